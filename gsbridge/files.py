@@ -1,0 +1,117 @@
+"""Files that appear whole or not at all, and the JSON record that each stage leaves."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsbridge import __version__
+from gsbridge.errors import InputError
+
+
+@contextlib.contextmanager
+def atomic_file(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary path beside `path`; move it there only when the block ends without an error."""
+    target = Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    temporary = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix}")
+    try:
+        yield temporary
+        os.replace(temporary, target)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def atomic_directory(path: str | Path) -> Iterator[Path]:
+    """Yield an empty temporary folder; it replaces `path` only when the block ends without an error."""
+    target = Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
+    shutil.rmtree(temporary, ignore_errors=True)
+    temporary.mkdir()
+    try:
+        yield temporary
+        shutil.rmtree(target, ignore_errors=True)
+        os.replace(temporary, target)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _plain(value: Any) -> Any:
+    """Turn numpy values and paths into JSON ones; not-a-number becomes null, which JSON can hold."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, Sequence) and not isinstance(value, (str, bytes)):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, Path):
+        return str(value)
+    return value
+
+
+def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
+    """Write a JSON file whole; numpy values are accepted, non-finite numbers become null."""
+    with atomic_file(path) as temporary:
+        temporary.write_text(json.dumps(_plain(content), indent=2) + "\n", encoding="utf-8")
+
+
+def read_json(path: str | Path) -> dict[str, Any]:
+    """Read a JSON object.
+
+    Raises:
+        InputError: The file is missing or is no JSON object.
+    """
+    source = Path(path)
+    try:
+        content = json.loads(source.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise InputError(source, "the file does not exist", "Check the path, or run the stage that makes it") from error
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise InputError(source, f"this is not valid JSON ({error})", "Delete it and run the stage again") from error
+    if not isinstance(content, dict):
+        raise InputError(source, "the JSON file holds no object", "Delete it and run the stage again")
+    return content
+
+
+def versions(*packages: str) -> dict[str, str]:
+    """Versions of gsbridge and of the named distributions, for a stage's record."""
+    return {"gsbridge": __version__, **{name: metadata.version(name) for name in packages}}
+
+
+def write_stage(
+    path: str | Path, *, reasons: Sequence[str] = (), seed: int | None = None, packages: Sequence[str] = (), **numbers: Any
+) -> None:
+    """Write the record `{stage}.json` of a stage.
+
+    Args:
+        path: The record, beside the stage's data.
+        reasons: Why the result is degraded; empty for a pass.
+        seed: Random seed the stage used, if any.
+        packages: Distributions whose versions matter for the result.
+        **numbers: The stage's own figures.
+    """
+    write_json(
+        path,
+        {
+            "status": "degraded" if reasons else "pass",
+            "reasons": list(reasons),
+            **numbers,
+            "seed": seed,
+            "versions": versions(*packages),
+        },
+    )

@@ -1,0 +1,140 @@
+"""Reading, writing, encoding and comparing images.
+
+Images are float32 RGB, H x W x 3, 0..1, sRGB-encoded as in the file; `linear_from_srgb` where light must add up. Values are
+clamped before any 8-bit store.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_file
+from gsbridge.geometry import Array
+
+SSIM_SIGMA = 1.5
+SSIM_RADIUS = 5
+
+
+def read_image(path: str | Path) -> Array:
+    """Read an image as float32 RGB in 0..1. [H, W, 3].
+
+    Raises:
+        InputError: The file is missing or no image.
+    """
+    return read_image_u8(path).astype(np.float32) / 255.0
+
+
+def read_image_u8(path: str | Path) -> Array:
+    """Read an image as uint8 RGB. [H, W, 3].
+
+    Raises:
+        InputError: The file is missing or no image.
+    """
+    if not Path(path).is_file():
+        raise InputError(path, "the image does not exist", "Check the path")
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if image is None:
+        raise InputError(path, "this is not a readable image", "Replace or remove it; JPEG and PNG work")
+    return np.ascontiguousarray(image[..., ::-1])
+
+
+def read_mask(path: str | Path) -> Array:
+    """Read an 8-bit mask as float32 in 0..1. [H, W].
+
+    Raises:
+        InputError: The file is missing or no image.
+    """
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if Path(path).is_file() else None
+    if image is None:
+        raise InputError(path, "the mask is missing or not a readable image", "Run the masks stage again")
+    return image.astype(np.float32) / 255.0
+
+
+def to_u8(image: Array) -> Array:
+    """Clamp to 0..1 and round to 8 bits."""
+    return np.rint(np.clip(image, 0.0, 1.0) * 255.0).astype(np.uint8)
+
+
+def write_image(path: str | Path, image: Array) -> None:
+    """Write RGB [H, W, 3] or grey [H, W], float 0..1 or uint8, whole or not at all; the format follows the suffix.
+
+    Raises:
+        OSError: The file could not be written.
+    """
+    data = image if image.dtype == np.uint8 else to_u8(image)
+    if data.ndim == 3:
+        data = np.ascontiguousarray(data[..., ::-1])
+    # PNG at its lowest effort: photos hardly shrink further and writing is several times faster.
+    options = [cv2.IMWRITE_PNG_COMPRESSION, 1] if str(path).lower().endswith(".png") else [cv2.IMWRITE_JPEG_QUALITY, 95]
+    ok, buffer = cv2.imencode(Path(path).suffix, data, options)
+    if not ok:
+        raise OSError(f"{path}: the image could not be encoded")
+    with atomic_file(path) as temporary:
+        temporary.write_bytes(buffer.tobytes())
+
+
+def linear_from_srgb(image: Array) -> Array:
+    """Decode sRGB to linear light (IEC 61966-2-1)."""
+    x = np.asarray(image)
+    return np.where(x <= 0.04045, x / 12.92, ((np.maximum(x, 0.0) + 0.055) / 1.055) ** 2.4).astype(x.dtype)
+
+
+def srgb_from_linear(image: Array) -> Array:
+    """Encode linear light as sRGB (IEC 61966-2-1); values above 1 are kept for the caller to clamp."""
+    x = np.asarray(image)
+    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 1e-12) ** (1 / 2.4) - 0.055).astype(x.dtype)
+
+
+def psnr(image: Array, reference: Array, weight: Array | None = None) -> float:
+    """Peak signal-to-noise ratio, dB, peak 1.
+
+    Args:
+        image, reference: [H, W, 3].
+        weight: Weight of each pixel, for example a mask. [H, W].
+
+    Returns:
+        The ratio; infinity for equal images, NaN where no pixel counts.
+    """
+    error = ((np.asarray(image, dtype=np.float64) - reference) ** 2).mean(-1)
+    if weight is None:
+        mse = float(error.mean())
+    else:
+        total = float(np.sum(weight, dtype=np.float64))
+        if total <= 0:
+            return float("nan")
+        mse = float((error * weight).sum() / total)
+    return float("inf") if mse == 0 else float(-10 * np.log10(mse))
+
+
+def ssim_map(image: Array, reference: Array) -> Array:
+    """Structural similarity per pixel, mean over channels, Gaussian window of 11 px and sigma 1.5. [H, W, 3] -> [H, W].
+
+    Source: Wang et al., IEEE TIP 13(4), 2004, with K1 = 0.01, K2 = 0.03 and peak 1.
+    """
+    a = np.asarray(image, dtype=np.float64)
+    b = np.asarray(reference, dtype=np.float64)
+
+    def blur(x: Array) -> Array:
+        size = (2 * SSIM_RADIUS + 1, 2 * SSIM_RADIUS + 1)
+        return cv2.GaussianBlur(x, size, SSIM_SIGMA, borderType=cv2.BORDER_REFLECT)
+
+    mean_a, mean_b = blur(a), blur(b)
+    var_a = blur(a * a) - mean_a**2
+    var_b = blur(b * b) - mean_b**2
+    cov = blur(a * b) - mean_a * mean_b
+    c1, c2 = 0.01**2, 0.03**2
+    values = ((2 * mean_a * mean_b + c1) * (2 * cov + c2)) / ((mean_a**2 + mean_b**2 + c1) * (var_a + var_b + c2))
+    return values.mean(-1)
+
+
+def ssim(image: Array, reference: Array, weight: Array | None = None) -> float:
+    """Mean structural similarity, over the pixels that `weight` counts. NaN where none does."""
+    values = ssim_map(image, reference)
+    if weight is None:
+        return float(values.mean())
+    total = float(np.sum(weight, dtype=np.float64))
+    return float((values * weight).sum() / total) if total > 0 else float("nan")

@@ -1,0 +1,130 @@
+"""Logging, thread limits and progress of one process."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+import time
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import TypeVar
+
+from gsbridge.errors import GsbridgeError
+
+logger = logging.getLogger("gsbridge")
+
+T = TypeVar("T")
+
+_THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+)
+
+_threads = 1
+
+
+def start(threads: int, log: str | Path | None) -> None:
+    """Prepare a job's process: thread limits of every library, logging, readable last words.
+
+    Snakemake limits OMP and MKL only; numba, OpenCV, torch and Mitsuba each have their own switch. Call it before the
+    heavy imports of the job: the environment variables are read when those libraries load.
+
+    Args:
+        threads: Threads the job may use, at least 1.
+        log: File that receives the log beside stderr; None for stderr only.
+    """
+    global _threads
+    _threads = max(1, int(threads))
+    for variable in _THREAD_VARIABLES:
+        os.environ[variable] = str(_threads)
+    _limit_loaded_libraries(_threads)
+    handlers: list[logging.Handler] = [logging.StreamHandler(sys.stderr)]
+    if log is not None:
+        Path(log).parent.mkdir(parents=True, exist_ok=True)
+        handlers.append(logging.FileHandler(log, mode="w", encoding="utf-8"))
+    logging.basicConfig(
+        level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s", datefmt="%H:%M:%S", handlers=handlers, force=True
+    )
+    sys.excepthook = _log_exception
+
+
+def threads() -> int:
+    """Threads this process may use, as given to `start` (1 before it is called)."""
+    return _threads
+
+
+def _limit_loaded_libraries(count: int) -> None:
+    """Set the limits of libraries that were imported before `start`, which no longer read the environment."""
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(count)
+    if "cv2" in sys.modules:
+        sys.modules["cv2"].setNumThreads(count)
+    if "numba" in sys.modules:
+        numba = sys.modules["numba"]
+        numba.set_num_threads(min(count, numba.config.NUMBA_NUM_THREADS))
+
+
+def _log_exception(kind: type[BaseException], value: BaseException, trace: TracebackType | None) -> None:
+    """Last words of a job: one line for a user's mistake, a traceback for ours."""
+    if issubclass(kind, KeyboardInterrupt):
+        logger.error("interrupted; run the same command again to go on")
+    elif issubclass(kind, GsbridgeError):
+        logger.error("%s", value)
+    elif issubclass(kind, OSError) and getattr(value, "errno", None) == 28:
+        logger.error(
+            "no space left on the disk while writing %s; free some room and run the same command again", value.filename
+        )
+    else:
+        logger.critical("unexpected error", exc_info=(kind, value, trace))
+
+
+class Progress:
+    """Count of done items with a rate and the time left: one live line on a terminal, plain lines in a log.
+
+    Args:
+        total: Number of items.
+        label: What is being done, for example "train soft".
+        every_s: Seconds between two lines in a log.
+    """
+
+    def __init__(self, total: int, label: str, every_s: float = 10.0) -> None:
+        self.total = total
+        self.label = label
+        self.done = 0
+        self._begin = time.monotonic()
+        self._last = self._begin
+        self._terminal = sys.stderr.isatty()
+        self._every = 0.2 if self._terminal else every_s
+
+    def update(self, note: str = "", count: int = 1) -> None:
+        """Count `count` finished items and report when it is time; `note` is appended (a loss, a file name)."""
+        self.done += count
+        now = time.monotonic()
+        if now - self._last < self._every and self.done < self.total:
+            return
+        self._last = now
+        rate = self.done / max(now - self._begin, 1e-9)
+        left = (self.total - self.done) / rate if rate > 0 else float("inf")
+        line = f"{self.label}: {self.done}/{self.total}, {rate:.3g}/s, {left:.0f} s left"
+        line = f"{line}, {note}" if note else line
+        if self._terminal:
+            end = "\n" if self.done >= self.total else ""
+            sys.stderr.write(f"\r\x1b[K{line}{end}")
+            sys.stderr.flush()
+        else:
+            logger.info(line)
+
+
+def track(items: Iterable[T], label: str, total: int | None = None) -> Iterator[T]:
+    """Iterate over `items` with a `Progress` line."""
+    count = total if total is not None else len(items)  # type: ignore[arg-type]
+    progress = Progress(count, label)
+    for item in items:
+        yield item
+        progress.update()
