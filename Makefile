@@ -5,19 +5,16 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 SNAKEMAKE := $(BIN)/snakemake
 
-.PHONY: tables toy study test lint format benchmarks clean-toy setup
+.PHONY: tables toy results test lint format clean-toy setup
 
 tables: $(INSTALLED)
-	$(SNAKEMAKE) results/tables
+	$(SNAKEMAKE)
 
 toy: $(INSTALLED)
-	$(SNAKEMAKE) --directory toy --config preset=toy -- results/tables
+	$(SNAKEMAKE) --directory toy --config preset=toy
 
-study: $(INSTALLED)
-	$(SNAKEMAKE) results/study
-
-benchmarks: $(INSTALLED)
-	$(SNAKEMAKE) results/benchmarks/rasterizer.json
+results: $(INSTALLED)
+	$(SNAKEMAKE) benchmarks/RESULTS.md
 
 test: lint
 	$(BIN)/python -m pytest tests/unit

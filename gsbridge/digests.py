@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import functools
 import hashlib
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -116,3 +117,15 @@ def package_digest(package: str) -> str:
         digest.update(module.encode())
         digest.update(ast.dump(_tree(module)).encode())
     return digest.hexdigest()[:12]
+
+
+def kernel_modules() -> list[Path]:
+    """Modules of the package that define compiled kernels."""
+    pattern = re.compile(r"^from gsbridge\.kernels import", re.MULTILINE)
+    return sorted(path for path in PACKAGE.rglob("*.py") if pattern.search(path.read_text(encoding="utf-8")))
+
+
+def kernel_digest() -> str:
+    """Digest of all kernel modules and of what they import: a constant from another module is compiled into a kernel."""
+    names = (".".join([NAME, *path.relative_to(PACKAGE).with_suffix("").parts]) for path in kernel_modules())
+    return code_digest(*(name.removesuffix(".__init__") for name in names))

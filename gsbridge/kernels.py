@@ -6,28 +6,11 @@ that defines kernels: an edit starts a fresh folder. Import `njit` from here, ne
 
 from __future__ import annotations
 
-import hashlib
 import os
-import re
 from pathlib import Path
 from typing import Any
 
-PACKAGE = Path(__file__).resolve().parent
-
-
-def kernel_modules() -> list[Path]:
-    """Modules of the package that define compiled kernels."""
-    pattern = re.compile(r"^from gsbridge\.kernels import", re.MULTILINE)
-    return sorted(path for path in PACKAGE.rglob("*.py") if pattern.search(path.read_text(encoding="utf-8")))
-
-
-def kernel_digest() -> str:
-    """Digest of all kernel modules."""
-    digest = hashlib.sha256()
-    for path in kernel_modules():
-        digest.update(path.relative_to(PACKAGE).as_posix().encode())
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:12]
+from gsbridge.digests import kernel_digest
 
 
 def cache_folder() -> Path:
@@ -50,4 +33,4 @@ def njit(*args: Any, **options: Any) -> Any:
     return numba.njit(**options) if not args else numba.njit(**options)(*args)
 
 
-__all__ = ["cache_folder", "kernel_digest", "kernel_modules", "njit", "prange"]
+__all__ = ["cache_folder", "njit", "prange"]

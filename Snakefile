@@ -1,0 +1,35 @@
+"""gsbridge: photos or a video in, a metric scene of mesh-bound Gaussians out. A table of contents; see rules/."""
+
+from snakemake.utils import min_version, validate
+
+min_version("9.19")
+
+
+configfile: f"{workflow.basedir}/config.yaml"
+
+
+validate(config, "rules/schemas/config.schema.yaml")
+
+
+report: "rules/captions/workflow.rst"
+
+
+include: "rules/common.smk"
+include: "rules/film.smk"
+include: "rules/capture.smk"
+include: "rules/sfm.smk"
+include: "rules/align.smk"
+include: "rules/masks.smk"
+include: "rules/mesh.smk"
+include: "rules/splats.smk"
+include: "rules/report.smk"
+include: "rules/recordings.smk"
+include: "rules/scores.smk"
+
+
+rule all:
+    default_target: True
+    input:
+        "results/tables",
+        recordings,
+    localrule: True

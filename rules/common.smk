@@ -1,0 +1,211 @@
+"""Functions and wildcard constraints shared by the rules; no rule stands here."""
+
+import os
+import sys
+from pathlib import Path
+
+ROOT = Path(workflow.basedir)
+sys.path.insert(0, str(ROOT))
+
+from gsbridge.configuration import check_configuration
+from gsbridge.digests import code_digest, kernel_digest, package_digest
+
+check_configuration(config)
+
+PRESET = config["presets"][config["preset"]]
+SEED = config["seed"]
+BINDINGS = ["games", "soft", "refined", "unbound"]
+
+
+def names(kind):
+    """Names of all configured scenes of one kind."""
+    return [name for name, scene in config["scenes"].items() if scene["kind"] == kind]
+
+
+def one_of(choices):
+    """Regular expression for one of some names; matches nothing where there are none."""
+    return "|".join(sorted(choices)) or "(?!)"
+
+
+def films():
+    """Names of the scenes that the mirror's film studio films."""
+    return [
+        name for name, scene in config["scenes"].items() if "film" in scene["source"]
+    ]
+
+
+def preset_scenes(kind):
+    """Scenes of the preset of one kind."""
+    return [name for name in SCENES if config["scenes"][name]["kind"] == kind]
+
+
+def settings(section):
+    """Settings of one stage: the section of the config, overridden by the preset."""
+    return {**config[section], **PRESET.get(section, {})}
+
+
+def capture_path(path):
+    """A capture's file or folder: absolute, or below the captures folder."""
+    root = Path(os.environ.get("GSBRIDGE_CAPTURES") or ROOT / config["captures"])
+    return str((root / Path(path).expanduser()).resolve())
+
+
+def mirrored_scenes():
+    """Scenes of the preset that the mirror films, and that therefore have a truth."""
+    return [name for name in SCENES if name in films()]
+
+
+def real_records():
+    """Records of the real captures of the preset, which have no truth."""
+    stages = {"keyframes": "capture/keyframes.json", "sfm": "sfm/sfm.json"}
+    real = [name for name in SCENES if name not in films()]
+    return {
+        name: {key: f"results/scenes/{name}/{file}" for key, file in stages.items()}
+        for name in real
+    }
+
+
+def scene_labels():
+    """Kind and origin of each scene of the preset, for the tables."""
+    origin = {name: "mirror" if name in films() else "real" for name in SCENES}
+    return {
+        name: {"kind": config["scenes"][name]["kind"], "origin": origin[name]}
+        for name in SCENES
+    }
+
+
+def is_present(scene):
+    """Whether a scene runs here: always, but for example captures whose files are not on this machine."""
+    kind, value = next(iter(config["scenes"][scene]["source"].items()))
+    return (
+        kind == "film"
+        or not config["scenes"][scene]["example"]
+        or Path(capture_path(value)).exists()
+    )
+
+
+def scene_source(wildcards):
+    """Files that a scene's keyframes are taken from."""
+    kind, value = next(iter(config["scenes"][wildcards.scene]["source"].items()))
+    return f"results/films/{value}/film.json" if kind == "film" else capture_path(value)
+
+
+def source_path(wildcards):
+    """The source as the keyframe stage takes it: a film's folder, or the capture itself."""
+    kind, value = next(iter(config["scenes"][wildcards.scene]["source"].items()))
+    return f"results/films/{value}" if kind == "film" else capture_path(value)
+
+
+def source_kind(wildcards):
+    """Kind of a scene's source: film, video, images, colmap or nerfstudio."""
+    return next(iter(config["scenes"][wildcards.scene]["source"]))
+
+
+def scene_camera(wildcards):
+    """Calibration of the camera that took a scene, where it is shared; nothing otherwise."""
+    camera = config["scenes"][wildcards.scene]["camera"]
+    return f"results/cameras/{camera}.json" if camera else []
+
+
+def calibration_keyframes(wildcards):
+    """Keyframes that calibrate a camera: those of its scenes in the preset, or of all its scenes if none is."""
+    scenes = config["cameras"][wildcards.camera]["calibrate_from"]
+    chosen = [scene for scene in scenes if scene in SCENES] or scenes
+    return collect("results/scenes/{scene}/capture/keyframes.json", scene=chosen)
+
+
+def scene_masks(wildcards):
+    """Masks of an object; a background has none."""
+    return (
+        f"results/scenes/{wildcards.scene}/masks/masks.json"
+        if wildcards.scene in names("object")
+        else []
+    )
+
+
+def scene_mask_images(wildcards):
+    """Folder of an object's masks; a background has none."""
+    return (
+        f"results/scenes/{wildcards.scene}/masks/images"
+        if wildcards.scene in names("object")
+        else []
+    )
+
+
+def splat_settings(wildcards):
+    """Budget of a training: objects and backgrounds have their own."""
+    return settings(f"{config['scenes'][wildcards.scene]['kind']}_splats")
+
+
+def comparison_runs(scene):
+    """Names of the extra trainings of one scene: more seeds, and the same bindings on the visual hull."""
+    plan = settings("comparison")
+    seeds = range(SEED + 1, SEED + plan["seeds"])
+    runs = [
+        f"visual-{binding}-seed{seed}"
+        for seed in seeds
+        for binding in ("games", "soft")
+    ]
+    if plan["hull"] and scene in names("object"):
+        runs += [f"hull-{binding}-seed{SEED}" for binding in ("games", "soft")]
+    return runs
+
+
+def comparison_surface(wildcards):
+    """Mesh that a comparison run binds its splats to."""
+    mesh = {"visual": "visual.ply", "hull": "collision.ply"}[wildcards.surface]
+    return f"results/scenes/{wildcards.scene}/mesh/{mesh}"
+
+
+def stage_records(wildcards):
+    """Records of all stages of the preset's scenes, for the page that names what is degraded."""
+    records = collect(
+        "results/scenes/{scene}/{stage}.json",
+        scene=SCENES,
+        stage=["capture/keyframes", "sfm/sfm", "align/align"],
+    )
+    records += collect("results/scenes/{scene}/mesh/mesh.json", scene=SCENES)
+    return records + collect(
+        "results/scenes/{scene}/masks/masks.json", scene=preset_scenes("object")
+    )
+
+
+def recordings(wildcards):
+    """The rerun recordings of all stages of the preset's scenes."""
+    every = collect(
+        "results/rerun/{stage}/{scene}.rrd",
+        stage=["capture", "sfm", "align", "mesh"],
+        scene=SCENES,
+    )
+    every += collect("results/rerun/masks/{scene}.rrd", scene=preset_scenes("object"))
+    return every + collect(
+        "results/rerun/splats/{scene}-{binding}.rrd",
+        scene=SCENES,
+        binding=["games", "soft", "refined"],
+    )
+
+
+def splat_records(wildcards):
+    """Records of all trainings that the rendering table shows."""
+    main = collect(
+        "results/scenes/{scene}/splats/{binding}/splats.json",
+        scene=SCENES,
+        binding=BINDINGS,
+    )
+    extra = [
+        f"results/scenes/{scene}/comparison/{run}/splats.json"
+        for scene in SCENES
+        for run in comparison_runs(scene)
+    ]
+    return main + extra
+
+
+SCENES = [scene for scene in PRESET["scenes"] if is_present(scene)]
+
+
+wildcard_constraints:
+    scene=one_of(config["scenes"]),
+    camera=one_of(config["cameras"]),
+    binding=one_of(BINDINGS),
+    surface="visual|hull",
+    seed=r"\d+",

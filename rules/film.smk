@@ -1,0 +1,25 @@
+rule film_scene:
+    output:
+        frames=directory("results/films/{scene}/frames"),
+        film="results/films/{scene}/film.json",
+        truth=directory("results/truth/{scene}"),
+    log:
+        "results/logs/film_scene/{scene}.log",
+    benchmark:
+        "results/benchmarks/film_scene/{scene}.jsonl"
+    conda:
+        "../envs/mirror.yaml"
+    threads: 1
+    resources:
+        mem_mb=2500,
+        runtime="60m",
+    params:
+        # The studio alone: a film outlives changes in the stages that look at it.
+        code=package_digest("gsbridge.reality.mirror"),
+        settings=settings("films"),
+        seed=SEED,
+        state=lambda wildcards: f"results/.state/film_scene/{wildcards.scene}",
+    message:
+        "Film {wildcards.scene} in the mirror"
+    script:
+        "../scripts/film_scene.py"

@@ -1,0 +1,29 @@
+rule segment_object:
+    input:
+        align="results/scenes/{scene}/align/align.json",
+        views="results/scenes/{scene}/align/views.json",
+        points="results/scenes/{scene}/align/points.npz",
+        images="results/scenes/{scene}/sfm/images",
+    output:
+        images=directory("results/scenes/{scene}/masks/images"),
+        masks="results/scenes/{scene}/masks/masks.json",
+    log:
+        "results/logs/segment_object/{scene}.log",
+    benchmark:
+        "results/benchmarks/segment_object/{scene}.jsonl"
+    wildcard_constraints:
+        scene=one_of(names("object")),
+    conda:
+        "../envs/mesh.yaml"
+    threads: 1
+    resources:
+        mem_mb=3000,
+        runtime="20m",
+    params:
+        code=code_digest("gsbridge.masks.segment"),
+        settings=settings("masks"),
+        seed=SEED,
+    message:
+        "Segment the object of {wildcards.scene}"
+    script:
+        "../scripts/segment_object.py"

@@ -1,0 +1,147 @@
+rule record_capture:
+    input:
+        keyframes="results/scenes/{scene}/capture/keyframes.json",
+        frames="results/scenes/{scene}/capture/frames",
+    output:
+        recording="results/rerun/capture/{scene}.rrd",
+    log:
+        "results/logs/record_capture/{scene}.log",
+    benchmark:
+        "results/benchmarks/record_capture/{scene}.jsonl"
+    conda:
+        "../envs/report.yaml"
+    resources:
+        mem_mb=2000,
+    params:
+        code=code_digest("gsbridge.report.recordings.capture"),
+    message:
+        "Record the keyframes of {wildcards.scene}"
+    script:
+        "../scripts/record_capture.py"
+
+
+rule record_sfm:
+    input:
+        model="results/scenes/{scene}/sfm/model",
+        images="results/scenes/{scene}/sfm/images",
+        sfm="results/scenes/{scene}/sfm/sfm.json",
+    output:
+        recording="results/rerun/sfm/{scene}.rrd",
+    log:
+        "results/logs/record_sfm/{scene}.log",
+    benchmark:
+        "results/benchmarks/record_sfm/{scene}.jsonl"
+    conda:
+        "../envs/report.yaml"
+    resources:
+        mem_mb=2000,
+    params:
+        code=code_digest("gsbridge.report.recordings.sfm"),
+    message:
+        "Record the cameras of {wildcards.scene}"
+    script:
+        "../scripts/record_sfm.py"
+
+
+rule record_align:
+    input:
+        align="results/scenes/{scene}/align/align.json",
+        views="results/scenes/{scene}/align/views.json",
+        images="results/scenes/{scene}/sfm/images",
+        points="results/scenes/{scene}/align/points.npz",
+        tags="results/scenes/{scene}/sfm/tags.json",
+    output:
+        recording="results/rerun/align/{scene}.rrd",
+    log:
+        "results/logs/record_align/{scene}.log",
+    benchmark:
+        "results/benchmarks/record_align/{scene}.jsonl"
+    conda:
+        "../envs/report.yaml"
+    resources:
+        mem_mb=2000,
+    params:
+        code=code_digest("gsbridge.report.recordings.align"),
+        board=lambda wildcards: config["scenes"][wildcards.scene]["board"],
+    message:
+        "Record the alignment of {wildcards.scene}"
+    script:
+        "../scripts/record_align.py"
+
+
+rule record_masks:
+    input:
+        views="results/scenes/{scene}/align/views.json",
+        images="results/scenes/{scene}/sfm/images",
+        record="results/scenes/{scene}/masks/masks.json",
+        masks="results/scenes/{scene}/masks/images",
+    output:
+        recording="results/rerun/masks/{scene}.rrd",
+    log:
+        "results/logs/record_masks/{scene}.log",
+    benchmark:
+        "results/benchmarks/record_masks/{scene}.jsonl"
+    wildcard_constraints:
+        scene=one_of(names("object")),
+    conda:
+        "../envs/report.yaml"
+    resources:
+        mem_mb=2000,
+    params:
+        code=code_digest("gsbridge.report.recordings.masks"),
+    message:
+        "Record the masks of {wildcards.scene}"
+    script:
+        "../scripts/record_masks.py"
+
+
+rule record_mesh:
+    input:
+        record="results/scenes/{scene}/mesh/mesh.json",
+        visual="results/scenes/{scene}/mesh/visual.ply",
+        collision="results/scenes/{scene}/mesh/collision.ply",
+    output:
+        recording="results/rerun/mesh/{scene}.rrd",
+    log:
+        "results/logs/record_mesh/{scene}.log",
+    benchmark:
+        "results/benchmarks/record_mesh/{scene}.jsonl"
+    conda:
+        "../envs/report.yaml"
+    resources:
+        mem_mb=2000,
+    params:
+        code=code_digest("gsbridge.report.recordings.mesh"),
+    message:
+        "Record the meshes of {wildcards.scene}"
+    script:
+        "../scripts/record_mesh.py"
+
+
+rule record_splats:
+    input:
+        record="results/scenes/{scene}/splats/{binding}/splats.json",
+        splats="results/scenes/{scene}/splats/{binding}/splats.ply",
+        views="results/scenes/{scene}/splats/{binding}/views",
+    output:
+        recording="results/rerun/splats/{scene}-{binding}.rrd",
+    log:
+        "results/logs/record_splats/{scene}-{binding}.log",
+    benchmark:
+        "results/benchmarks/record_splats/{scene}-{binding}.jsonl"
+    conda:
+        "../envs/report.yaml"
+    resources:
+        mem_mb=2000,
+    params:
+        code=code_digest("gsbridge.report.recordings.splats"),
+    message:
+        "Record the {wildcards.binding} splats of {wildcards.scene}"
+    script:
+        "../scripts/record_splats.py"
+
+
+rule recordings:
+    input:
+        recordings,
+    localrule: True

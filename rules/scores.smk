@@ -1,0 +1,105 @@
+rule score_scene:
+    input:
+        truth="results/truth/{scene}",
+        keyframes="results/scenes/{scene}/capture/keyframes.json",
+        sfm="results/scenes/{scene}/sfm/sfm.json",
+        align="results/scenes/{scene}/align/align.json",
+        views="results/scenes/{scene}/align/views.json",
+        masks=scene_masks,
+        mask_images=scene_mask_images,
+        images="results/scenes/{scene}/sfm/images",
+        mesh="results/scenes/{scene}/mesh/mesh.json",
+        visual="results/scenes/{scene}/mesh/visual.ply",
+        collision="results/scenes/{scene}/mesh/collision.ply",
+    output:
+        scores="results/scores/scenes/{scene}.json",
+    log:
+        "results/logs/score_scene/{scene}.log",
+    benchmark:
+        "results/benchmarks/score_scene/{scene}.jsonl"
+    wildcard_constraints:
+        scene=one_of(films()),
+    conda:
+        "../envs/report.yaml"
+    resources:
+        mem_mb=2000,
+    params:
+        code=code_digest("gsbridge.report.score_real2sim"),
+        kind=lambda wildcards: config["scenes"][wildcards.scene]["kind"],
+        seed=SEED,
+    message:
+        "Score {wildcards.scene} against the mirror's truth"
+    script:
+        "../scripts/score_scene.py"
+
+
+rule benchmark_rasterizer:
+    output:
+        benchmark="results/benchmarks/rasterizer.json",
+    log:
+        "results/logs/benchmark_rasterizer.log",
+    conda:
+        "../envs/splats.yaml"
+    # Alone on the machine: the figures are times.
+    threads: workflow.cores
+    params:
+        code=code_digest("gsbridge.splats.rasterize", "gsbridge.splats.losses"),
+        program=f"{workflow.basedir}/benchmarks/rasterizer.py",
+    message:
+        "Time the rasteriser"
+    shell:
+        "python {params.program} --json > {output.benchmark} 2> {log}"
+
+
+rule score_real2sim:
+    input:
+        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
+        scenes=collect("results/scores/scenes/{scene}.json", scene=mirrored_scenes()),
+        films=collect("results/films/{scene}/film.json", scene=mirrored_scenes()),
+        rendering="results/rows/rendering.csv",
+        real=[path for paths in real_records().values() for path in paths.values()],
+        rasterizer="results/benchmarks/rasterizer.json",
+    output:
+        measured="results/scores/measured/real2sim.json",
+        scores="results/scores/real2sim.json",
+    log:
+        "results/logs/score_real2sim.log",
+    conda:
+        "../envs/report.yaml"
+    params:
+        code=code_digest("gsbridge.report.score", "gsbridge.report.measured"),
+        preset=config["preset"],
+        films={
+            scene: f"results/films/{scene}/film.json"
+            for scene in preset_scenes("object")
+            if scene in films()
+        },
+        real=real_records(),
+    message:
+        "Compare what was measured with the floors"
+    script:
+        "../scripts/score_real2sim.py"
+
+
+rule write_results_page:
+    input:
+        scores="results/scores/real2sim.json",
+    output:
+        page="benchmarks/RESULTS.md",
+    log:
+        "results/logs/write_results_page.log",
+    localrule: True
+    conda:
+        "../envs/report.yaml"
+    params:
+        code=code_digest("gsbridge.report.results_page"),
+    message:
+        "Write the page of results"
+    script:
+        "../scripts/write_results_page.py"
+
+
+rule score_scenes:
+    input:
+        collect("results/scores/scenes/{scene}.json", scene=mirrored_scenes()),
+    localrule: True

@@ -1,0 +1,96 @@
+rule compile_kernels:
+    output:
+        touch("results/.state/compile_kernels.done"),
+    log:
+        "results/logs/compile_kernels.log",
+    benchmark:
+        "results/benchmarks/compile_kernels/all.jsonl"
+    conda:
+        "../envs/splats.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime="10m",
+    params:
+        kernels=kernel_digest(),
+    message:
+        "Compile the rasteriser's kernels once, before jobs run side by side"
+    script:
+        "../scripts/compile_kernels.py"
+
+
+rule train_splats:
+    input:
+        mesh_record="results/scenes/{scene}/mesh/mesh.json",
+        mesh="results/scenes/{scene}/mesh/visual.ply",
+        masks=scene_masks,
+        mask_images=scene_mask_images,
+        views="results/scenes/{scene}/align/views.json",
+        images="results/scenes/{scene}/sfm/images",
+        kernels=ancient("results/.state/compile_kernels.done"),
+    output:
+        views=directory("results/scenes/{scene}/splats/{binding}/views"),
+        splats="results/scenes/{scene}/splats/{binding}/splats.ply",
+        binding="results/scenes/{scene}/splats/{binding}/binding.npz",
+        record="results/scenes/{scene}/splats/{binding}/splats.json",
+    log:
+        "results/logs/train_splats/{scene}-{binding}.log",
+    benchmark:
+        "results/benchmarks/train_splats/{scene}-{binding}.jsonl"
+    conda:
+        "../envs/splats.yaml"
+    threads: 1
+    resources:
+        mem_mb=3000,
+        runtime="60m",
+    params:
+        code=code_digest("gsbridge.splats.stage"),
+        settings=splat_settings,
+        kind=lambda wildcards: config["scenes"][wildcards.scene]["kind"],
+        surface="visual",
+        seed=SEED,
+        state=lambda wildcards: f"results/.state/train_splats/{wildcards.scene}-{wildcards.binding}",
+    message:
+        "Train the {wildcards.binding} splats of {wildcards.scene}"
+    script:
+        "../scripts/train_splats.py"
+
+
+rule train_comparison:
+    input:
+        mesh_record="results/scenes/{scene}/mesh/mesh.json",
+        mesh=comparison_surface,
+        masks=scene_masks,
+        mask_images=scene_mask_images,
+        views="results/scenes/{scene}/align/views.json",
+        images="results/scenes/{scene}/sfm/images",
+        kernels=ancient("results/.state/compile_kernels.done"),
+    output:
+        views=directory(
+            "results/scenes/{scene}/comparison/{surface}-{binding}-seed{seed}/views"
+        ),
+        splats="results/scenes/{scene}/comparison/{surface}-{binding}-seed{seed}/splats.ply",
+        binding="results/scenes/{scene}/comparison/{surface}-{binding}-seed{seed}/binding.npz",
+        record="results/scenes/{scene}/comparison/{surface}-{binding}-seed{seed}/splats.json",
+    log:
+        "results/logs/train_comparison/{scene}-{surface}-{binding}-seed{seed}.log",
+    benchmark:
+        "results/benchmarks/train_comparison/{scene}-{surface}-{binding}-seed{seed}.jsonl"
+    conda:
+        "../envs/splats.yaml"
+    threads: 1
+    resources:
+        mem_mb=3000,
+        runtime="60m",
+    params:
+        code=code_digest("gsbridge.splats.stage"),
+        settings=splat_settings,
+        kind=lambda wildcards: config["scenes"][wildcards.scene]["kind"],
+        surface=lambda wildcards: wildcards.surface,
+        seed=lambda wildcards: int(wildcards.seed),
+        state=lambda wildcards: "results/.state/train_comparison/"
+        f"{wildcards.scene}-{wildcards.surface}-{wildcards.binding}-seed{wildcards.seed}",
+    message:
+        "Train the {wildcards.binding} splats of {wildcards.scene} on its {wildcards.surface} mesh, seed {wildcards.seed}"
+    script:
+        "../scripts/train_splats.py"

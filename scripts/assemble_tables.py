@@ -1,0 +1,17 @@
+"""Assemble rows and figures into tables and the page."""
+
+from typing import TYPE_CHECKING
+
+from gsbridge.logs import start
+from gsbridge.report.tables import write_tables
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+write_tables(
+    rows=[snakemake.input.rendering, snakemake.input.timing],
+    figures=[snakemake.input.figure],
+    out_dir=snakemake.output.tables,
+    preset=snakemake.params.preset,
+)

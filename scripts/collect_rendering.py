@@ -1,0 +1,12 @@
+"""Collect the rows of the rendering table."""
+
+from typing import TYPE_CHECKING
+
+from gsbridge.logs import start
+from gsbridge.report.rendering_table import write_rendering_rows
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+write_rendering_rows(snakemake.input.splats, snakemake.output.rows, scenes=snakemake.params.scenes)

@@ -1,0 +1,27 @@
+"""Compare the figures of Real2Sim with their floors."""
+
+from typing import TYPE_CHECKING
+
+from gsbridge.logs import start
+from gsbridge.report.measured import write_real2sim_figures
+from gsbridge.report.score import current_commit, write_scores
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+write_real2sim_figures(
+    snakemake.output.measured,
+    scene_scores=snakemake.input.scenes,
+    rendering_csv=snakemake.input.rendering,
+    films=snakemake.params.films,
+    real=snakemake.params.real,
+)
+write_scores(
+    snakemake.input.floors,
+    [snakemake.output.measured, snakemake.input.rasterizer],
+    snakemake.output.scores,
+    area="real2sim",
+    preset=snakemake.params.preset,
+    commit=current_commit(),
+)

@@ -1,0 +1,19 @@
+"""Select the keyframes of one capture."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gsbridge.capture.keyframes import KeyframeSettings, select_keyframes
+from gsbridge.capture.sources import Source
+from gsbridge.logs import start
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+select_keyframes(
+    source=Source(snakemake.params.kind, Path(snakemake.params.path)),
+    out_frames=Path(snakemake.output.frames),
+    out_json=Path(snakemake.output.keyframes),
+    settings=KeyframeSettings(**snakemake.params.settings),
+)

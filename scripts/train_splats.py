@@ -1,0 +1,30 @@
+"""Train the Gaussians of one scene with one binding."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gsbridge.cameras import read_views
+from gsbridge.logs import start
+from gsbridge.splats.stage import train_splats
+from gsbridge.splats.train import SplatSettings
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+train_splats(
+    views=read_views(snakemake.input.views, snakemake.input.images),
+    masks_dir=snakemake.input.get("mask_images") or None,
+    mesh_path=snakemake.input.mesh,
+    out_ply=snakemake.output.splats,
+    out_binding=snakemake.output.binding,
+    out_views=snakemake.output.views,
+    out_json=snakemake.output.record,
+    settings=SplatSettings(**snakemake.params.settings),
+    binding=snakemake.wildcards.binding,
+    seed=snakemake.params.seed,
+    threads=snakemake.threads,
+    state=Path(snakemake.params.state),
+    kind=snakemake.params.kind,
+    surface=snakemake.params.surface,
+)

@@ -1,0 +1,12 @@
+"""Write the page of measured figures and their floors."""
+
+from typing import TYPE_CHECKING
+
+from gsbridge.logs import start
+from gsbridge.report.results_page import write_results_page
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+write_results_page(snakemake.input.scores, snakemake.output.page)

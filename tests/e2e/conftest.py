@@ -1,0 +1,42 @@
+"""The real workflow, run as a user runs it, once for all end-to-end tests."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def call_snakemake(folder: Path, *arguments: str, timeout: float = 1800) -> subprocess.CompletedProcess[str]:
+    """Run snakemake with the project's Snakefile in a folder of its own."""
+    command = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--directory", str(folder)]
+    return subprocess.run(
+        [*command, "--workflow-profile", str(ROOT / "profiles/default"), *arguments],
+        cwd=ROOT,
+        env=dict(os.environ),
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="session")
+def toy(tmp_path_factory):
+    """Folder of a finished toy run: every stage on one object and one background, scores included."""
+    folder = tmp_path_factory.mktemp("toy")
+    process = call_snakemake(folder, "--config", "preset=toy", "--", "all", "score_scenes")
+    assert process.returncode == 0, process.stdout[-4000:] + process.stderr[-8000:]
+    return folder
+
+
+@pytest.fixture(scope="session")
+def captures():
+    """Folder of the real captures."""
+    folder = os.environ.get("GSBRIDGE_CAPTURES")
+    if not folder or not Path(folder).is_dir():
+        pytest.skip("GSBRIDGE_CAPTURES names no folder: the real captures banana/ and apple_video/ are not tested")
+    return Path(folder)

@@ -1,0 +1,52 @@
+"""Running snakemake as a user does."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="session")
+def snakemake():
+    """Call snakemake in the project's root; returns the finished process."""
+
+    def call(*arguments: str, cwd: Path = ROOT, check: bool = True, **environment: str) -> subprocess.CompletedProcess[str]:
+        process = subprocess.run(
+            [sys.executable, "-m", "snakemake", *arguments],
+            cwd=cwd,
+            env={**os.environ, **environment},
+            capture_output=True,
+            text=True,
+            timeout=600,
+            check=False,
+        )
+        if check:
+            assert process.returncode == 0, process.stdout + process.stderr
+        return process
+
+    return call
+
+
+@pytest.fixture
+def config():
+    """The project's own configuration, to be changed by a test."""
+    import yaml
+
+    return yaml.safe_load((ROOT / "config.yaml").read_text())
+
+
+@pytest.fixture
+def write_config(tmp_path):
+    """Write a configuration and return the arguments that make snakemake use it alone."""
+    import yaml
+
+    def write(content: dict) -> list[str]:
+        path = tmp_path / "config.yaml"
+        path.write_text(yaml.safe_dump(content))
+        return ["--snakefile", str(ROOT / "Snakefile"), "--configfile", str(path), "--replace-workflow-config"]
+
+    return write

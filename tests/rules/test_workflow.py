@@ -1,0 +1,129 @@
+"""The workflow as its users meet it: lint, dry runs, configuration."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+RULE_FILES = sorted((ROOT / "rules").glob("*.smk"))
+
+
+def rules() -> dict[str, str]:
+    """Text of each rule."""
+    found = {}
+    for path in RULE_FILES:
+        for text in re.split(r"^rule ", path.read_text(), flags=re.MULTILINE)[1:]:
+            found[text.split(":")[0]] = text
+    return found
+
+
+def test_lint_is_clean(snakemake):
+    snakemake("--lint")
+
+
+def test_rule_files_are_formatted():
+    subprocess.run([sys.executable, "-m", "snakefmt", "--check", "Snakefile", "rules"], cwd=ROOT, check=True)
+
+
+@pytest.mark.parametrize(("name", "text"), rules().items())
+def test_each_rule_has_a_log_an_environment_and_a_script_of_its_name(name, text):
+    assert "log:" in text
+    assert "conda:" in text
+    assert "message:" in text
+    if "shell:" not in text:
+        script = re.search(r'"\.\./scripts/(\w+)\.py"', text)
+        assert script, f"{name} has no script"
+        assert (ROOT / "scripts" / f"{script.group(1)}.py").is_file()
+
+
+@pytest.mark.parametrize("preset", ["toy", "desktop", "paper"])
+def test_every_preset_plans(snakemake, tmp_path, preset):
+    plan = snakemake("--dry-run", "--directory", str(tmp_path), "--config", f"preset={preset}", "--", "results/tables").stdout
+    for rule in ("film_scene", "reconstruct_cameras", "align_scene", "segment_object", "mesh_object", "train_splats"):
+        assert rule in plan
+
+
+def test_stages_can_be_asked_for_alone(snakemake, tmp_path):
+    plan = snakemake("--dry-run", "--directory", str(tmp_path), "--", "results/scenes/cake/sfm/sfm.json").stdout
+    assert "reconstruct_cameras" in plan
+    assert "align_scene" not in plan
+
+
+def test_truth_is_read_by_scoring_rules_only():
+    readers = {name for name, text in rules().items() if "results/truth" in text.split("output:")[0]}
+    assert readers == {"score_scene"}
+
+
+def misspell(config):
+    config["spalts"] = {}
+    return "spalts"
+
+
+def wrong_type(config):
+    config["seed"] = "one"
+    return "seed"
+
+
+def out_of_range(config):
+    config["object_splats"] = {"steps": -5}
+    return "steps"
+
+
+def nested_misspelling(config):
+    config["scenes"]["cake"]["bord"] = "a4"
+    return "bord"
+
+
+def name_with_space(config):
+    config["scenes"]["my cake"] = config["scenes"]["cake"]
+    return "my cake"
+
+
+def name_with_slash(config):
+    config["scenes"]["a/b"] = config["scenes"]["cake"]
+    return "a/b"
+
+
+def two_sources(config):
+    config["scenes"]["cake"]["source"] = {"film": "cake", "video": "a.mp4"}
+    return "source"
+
+
+@pytest.mark.parametrize(
+    "spoil", [misspell, wrong_type, out_of_range, nested_misspelling, name_with_space, name_with_slash, two_sources]
+)
+def test_bad_configuration_stops_before_any_job_and_names_the_key(snakemake, config, write_config, tmp_path, spoil):
+    key = spoil(config)
+    process = snakemake(*write_config(config), "--dry-run", "--directory", str(tmp_path / "run"), check=False)
+    assert process.returncode != 0
+    assert key in process.stdout + process.stderr
+    assert not (tmp_path / "run" / "results").exists()
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value", "named"),
+    [("scenes", "cake", {"camera": "none"}, "none"), ("presets", "desktop", {"scenes": ["cake", "cupcake"]}, "cupcake")],
+)
+def test_names_that_point_nowhere_are_refused(snakemake, config, write_config, tmp_path, section, key, value, named):
+    config[section][key].update(value)
+    process = snakemake(*write_config(config), "--dry-run", "--directory", str(tmp_path / "run"), check=False)
+    assert process.returncode != 0
+    assert named in process.stdout + process.stderr
+
+
+def test_missing_capture_is_named(snakemake, config, write_config, tmp_path):
+    config["scenes"]["mug"] = {"kind": "object", "source": {"video": "mug.mp4"}}
+    process = snakemake(
+        *write_config(config),
+        "--dry-run",
+        "--directory",
+        str(tmp_path / "run"),
+        "--",
+        "results/scenes/mug/sfm/sfm.json",
+        check=False,
+    )
+    assert process.returncode != 0
+    assert "mug.mp4" in process.stdout + process.stderr
