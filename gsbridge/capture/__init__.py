@@ -1,0 +1,1 @@
+"""Capture: sources of photos, keyframes, and the printable board."""

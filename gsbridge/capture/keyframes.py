@@ -1,0 +1,316 @@
+"""Choice of keyframes: equal arcs of image motion, the sharpest frame of each."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from gsbridge.cameras import split_of
+from gsbridge.capture.motion import FrameMotion, measure, sharpness_of, small_grey
+from gsbridge.capture.sources import (
+    KnownView,
+    Photo,
+    PhotoSequence,
+    Source,
+    Video,
+    list_photos,
+    read_colmap,
+    read_film,
+    read_nerfstudio,
+)
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_directory, write_stage
+from gsbridge.geometry import Array
+from gsbridge.images import read_image_u8, write_image
+from gsbridge.logs import track
+
+logger = logging.getLogger("gsbridge")
+
+MIN_KEYFRAMES = 3
+ADVISED_KEYFRAMES = 40
+"""Steps of 5 to 9 degrees over an orbit and more: enough for a complete model, see `docs/capture.md`."""
+
+
+@dataclass(frozen=True)
+class KeyframeSettings:
+    """Limits of the choice.
+
+    Args:
+        count: Keyframes wanted from a video.
+        min_sharpness: Variance of the Laplacian below which a frame is dropped, grey levels squared, at 640 px width.
+        min_step: Least image motion between two keyframes of a video, as a share of the image's width.
+        min_motion: Least image motion over a whole video, as a share of the image's width.
+        min_brightness: Mean grey level below which a frame counts as black, 0..255.
+        max_side: Longer side of the stored frames, px; larger photos are scaled down.
+    """
+
+    count: int = 50
+    min_sharpness: float = 10.0
+    min_step: float = 0.008
+    min_motion: float = 0.15
+    min_brightness: float = 8.0
+    max_side: int = 1600
+
+
+@dataclass(frozen=True)
+class _Chosen:
+    """One keyframe before it is written."""
+
+    name: str
+    index: int
+    time_s: float | None
+    sharpness: float
+    motion_px: float | None
+    known: KnownView | None = None
+
+
+def select_keyframes(source: Source, out_frames: Path, out_json: Path, settings: KeyframeSettings) -> None:
+    """Choose keyframes of a capture and write them with their record.
+
+    Args:
+        source: The capture.
+        out_frames: Folder of the chosen frames, made new.
+        out_json: Record `keyframes.json`.
+        settings: Limits.
+
+    Raises:
+        InputError: The source cannot be read, or too few frames are fit for reconstruction.
+    """
+    if source.kind == "video":
+        _from_frames(source, Video(source.path), out_frames, out_json, settings)
+    elif source.kind == "film":
+        content, photos = read_film(source.path)
+        if content.get("kind") == "dense":
+            _from_frames(source, PhotoSequence(source.path, photos), out_frames, out_json, settings)
+        else:
+            _from_photos(source, photos, out_frames, out_json, settings)
+    elif source.kind == "images":
+        _from_photos(source, list_photos(source.path), out_frames, out_json, settings)
+    elif source.kind == "colmap":
+        _from_photos(source, read_colmap(source.path, source.images), out_frames, out_json, settings)
+    else:
+        _from_photos(source, read_nerfstudio(source.path), out_frames, out_json, settings)
+
+
+def choose(motions: list[FrameMotion], settings: KeyframeSettings, width: int) -> list[int]:
+    """Positions of the keyframes among a video's frames.
+
+    Args:
+        motions: Sharpness and path of each frame, in order.
+        settings: Limits.
+        width: Width of the images, px.
+
+    Returns:
+        Rising positions: the sharpest frame of each of equal arcs of image motion; arcs without a sharp frame have none.
+    """
+    path = np.array([motion.path_px for motion in motions])
+    total = float(path[-1])
+    arcs = int(np.clip(total / max(settings.min_step * width, 1e-9), 1, settings.count))
+    # The last frame lies on the far edge of the last arc, not in one of its own.
+    arc = np.minimum((path / max(total, 1e-9) * arcs).astype(int), arcs - 1)
+    chosen = []
+    for number in range(arcs):
+        members = [i for i in np.flatnonzero(arc == number) if motions[i].sharpness >= settings.min_sharpness]
+        if members:
+            chosen.append(max(members, key=lambda i: motions[i].sharpness))
+    return [int(i) for i in chosen]
+
+
+def _from_frames(
+    source: Source, frames: Video | PhotoSequence, out_frames: Path, out_json: Path, settings: KeyframeSettings
+) -> None:
+    """Choose and write the keyframes of a video."""
+    motions, (height, width) = measure(frames)
+    frames.check(len(motions))
+    _refuse_unfit_video(source.path, motions, settings, width)
+    positions = choose(motions, settings, width)
+    if len(positions) < MIN_KEYFRAMES:
+        raise InputError(
+            source.path,
+            f"only {len(positions)} frames are sharp enough and differ enough; at least {MIN_KEYFRAMES} are needed",
+            f"Film again, slowly, round the object in good light; {ADVISED_KEYFRAMES} or more keyframes are advised",
+        )
+    wanted = {position: rank for rank, position in enumerate(positions)}
+    scale = _scale(width, height, settings)
+    last = 0.0
+    chosen = []
+    with atomic_directory(out_frames) as folder:
+        for position, (time_s, image) in enumerate(track(frames, "write keyframes", len(motions))):
+            if position not in wanted:
+                continue
+            name = f"{wanted[position]:04d}.png"
+            write_image(folder / name, _resized(image, scale)[..., ::-1])
+            motion = motions[position]
+            chosen.append(_Chosen(name, position, time_s, motion.sharpness, (motion.path_px - last) * scale))
+            last = motion.path_px
+        reasons = _few(len(chosen))
+        size = round(width * scale), round(height * scale)
+        _write_record(source, out_json, settings, chosen, size, (frames.declared, len(motions)), reasons, None)
+
+
+def _refuse_unfit_video(path: Path, motions: list[FrameMotion], settings: KeyframeSettings, width: int) -> None:
+    """Name the fault of a video that is black, static or blurred."""
+    if max(motion.brightness for motion in motions) < settings.min_brightness:
+        raise InputError(path, "the video is black", "Film again in better light")
+    total = motions[-1].path_px / width
+    sharp = sum(motion.sharpness >= settings.min_sharpness for motion in motions)
+    if sharp < MIN_KEYFRAMES:
+        best = max(motion.sharpness for motion in motions)
+        raise InputError(
+            path,
+            f"the video is blurred: {sharp} of {len(motions)} frames are sharp "
+            f"(best sharpness {best:.1f}, {settings.min_sharpness:g} is needed)",
+            "Film again, slowly, in good light, with the focus locked on the object",
+        )
+    if total < settings.min_motion:
+        raise InputError(
+            path,
+            f"the video is static: the image moves by {100 * total:.1f} % of its width, "
+            f"{100 * settings.min_motion:g} % is needed",
+            "Walk round the object with the camera; turning the camera or the object on the spot does not do",
+        )
+
+
+def _from_photos(source: Source, photos: list[Photo], out_frames: Path, out_json: Path, settings: KeyframeSettings) -> None:
+    """Keep every photo above the sharpness floor."""
+    first: tuple[Path, tuple[int, int]] | None = None
+    chosen = []
+    dropped = []
+    focal: float | None = None
+    scale = 1.0
+    with atomic_directory(out_frames) as folder:
+        for index, photo in enumerate(track(photos, "read photos")):
+            # The decoder applies the EXIF orientation, so that all photos of one camera come out upright and of one size.
+            image = np.ascontiguousarray(read_image_u8(photo.path)[..., ::-1])
+            height, width = image.shape[:2]
+            if first is None:
+                first = photo.path, (width, height)
+                scale = _scale(width, height, settings)
+                focal = _exif_focal_px(photo.path) if photo.known is None else None
+            elif first[1] != (width, height):
+                raise InputError(
+                    photo.path,
+                    f"this photo has {width} x {height} pixels, {first[0].name} has {first[1][0]} x {first[1][1]}",
+                    "Use photos of one camera at one size and one orientation",
+                )
+            grey = small_grey(image)
+            sharpness = sharpness_of(grey)
+            if sharpness < settings.min_sharpness or grey.mean() < settings.min_brightness:
+                dropped.append(photo.path.name)
+                continue
+            name = f"{photo.path.stem}.png"
+            if scale == 1.0 and photo.path.suffix.lower() == ".png" and image.dtype == np.uint8:
+                (folder / name).write_bytes(photo.path.read_bytes())
+            else:
+                write_image(folder / name, _resized(image, scale)[..., ::-1])
+            chosen.append(_Chosen(name, index, photo.time_s, sharpness, None, _scaled_known(photo, (width, height), scale)))
+        if len({item.name for item in chosen}) < len(chosen):
+            raise InputError(source.path, "two photos carry the same name with different endings", "Rename one of them")
+        if len(chosen) < MIN_KEYFRAMES:
+            lost = f" ({len(dropped)} more are black or blurred)" if dropped else ""
+            raise InputError(
+                source.path,
+                f"{len(chosen)} usable photos{lost}; at least {MIN_KEYFRAMES} are needed",
+                f"Take photos all round the object; {ADVISED_KEYFRAMES} or more, 5 to 9 degrees apart, are advised",
+            )
+        reasons = _few(len(chosen))
+        if dropped:
+            reasons.append(f"{len(dropped)} of {len(photos)} photos dropped as black or blurred: {', '.join(dropped[:5])}")
+        assert first is not None
+        size = round(first[1][0] * scale), round(first[1][1] * scale)
+        counts = len(photos), len(photos)
+        _write_record(source, out_json, settings, chosen, size, counts, reasons, focal * scale if focal else None)
+
+
+def _few(count: int) -> list[str]:
+    """Reason of a degraded result when the keyframes are few."""
+    advised = ADVISED_KEYFRAMES // 2
+    return [f"{count} keyframes; {advised} or more are advised"] if count < advised else []
+
+
+def _scale(width: int, height: int, settings: KeyframeSettings) -> float:
+    """Factor that brings the longer side within the limit; never enlarges."""
+    return min(1.0, settings.max_side / max(width, height))
+
+
+def _resized(image: Array, scale: float) -> Array:
+    """Shrink by area averaging, which does not alias."""
+    if scale == 1.0:
+        return image
+    height, width = image.shape[:2]
+    return cv2.resize(image, (round(width * scale), round(height * scale)), interpolation=cv2.INTER_AREA)
+
+
+def _scaled_known(photo: Photo, size: tuple[int, int], scale: float) -> KnownView | None:
+    """Known camera of a photo at the stored size.
+
+    Raises:
+        InputError: The camera was given for another image size.
+    """
+    if photo.known is None:
+        return None
+    camera = photo.known.camera
+    if (camera.width, camera.height) != size:
+        raise InputError(
+            photo.path,
+            f"the photo has {size[0]} x {size[1]} pixels, its camera {camera.width} x {camera.height}",
+            "Use the photos that the camera file was made from",
+        )
+    return KnownView(camera.scaled(scale) if scale != 1.0 else camera, photo.known.cam_from_world)
+
+
+def _exif_focal_px(path: Path) -> float | None:
+    """Focal length from the photo's EXIF data, px at full size; None where it says nothing."""
+    from gsbridge.colmap import exif_focal_px
+
+    return exif_focal_px(path)
+
+
+def _write_record(
+    source: Source,
+    out_json: Path,
+    settings: KeyframeSettings,
+    chosen: list[_Chosen],
+    size: tuple[int, int],
+    counts: tuple[int, int],
+    reasons: list[str],
+    focal_prior_px: float | None,
+) -> None:
+    """Write `keyframes.json`."""
+    known: dict[str, Any] = {
+        item.name: {"camera": item.known.camera.to_json(), "cam_from_world": item.known.cam_from_world}
+        for item in chosen
+        if item.known is not None
+    }
+    frames = [
+        {
+            "name": item.name,
+            "index": item.index,
+            "time_s": item.time_s,
+            "sharpness": item.sharpness,
+            "motion_px": item.motion_px,
+            "split": split_of(position),
+        }
+        for position, item in enumerate(chosen)
+    ]
+    logger.info("%d keyframes of %d frames", len(chosen), counts[1])
+    write_stage(
+        out_json,
+        reasons=reasons,
+        packages=["opencv-python-headless"],
+        source={"kind": source.kind, "path": source.path.name},
+        ordered=source.kind in ("video", "film"),
+        declared=counts[0],
+        decoded=counts[1],
+        width=size[0],
+        height=size[1],
+        focal_prior_px=focal_prior_px,
+        settings=asdict(settings),
+        frames=frames,
+        known_cameras=known,
+    )

@@ -1,0 +1,245 @@
+"""Where photos come from: a video, a folder of photos, posed photos of other programs, or a film of the mirror."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from gsbridge.cameras import Camera
+from gsbridge.errors import InputError
+from gsbridge.files import read_json
+from gsbridge.geometry import Array
+from gsbridge.images import read_image_u8
+
+KINDS = ("video", "images", "colmap", "nerfstudio", "film")
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
+
+_DECODED_SHARE = 0.98
+
+
+@dataclass(frozen=True)
+class Source:
+    """One capture as the user gives it.
+
+    Args:
+        kind: One of `KINDS`.
+        path: Video file, photo folder, COLMAP model folder, `transforms.json`, or the mirror's film folder.
+        images: Folder of the photos of a COLMAP model.
+    """
+
+    kind: str
+    path: Path
+    images: Path | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise InputError("source", f"the kind of source '{self.kind}' is unknown", f"Use one of {', '.join(KINDS)}")
+        object.__setattr__(self, "path", Path(self.path))
+        if self.images is not None:
+            object.__setattr__(self, "images", Path(self.images))
+
+
+@dataclass(frozen=True)
+class KnownView:
+    """Camera and pose that came with a photo. `cam_from_world`: OpenCV axes, arbitrary unit. [4, 4]."""
+
+    camera: Camera
+    cam_from_world: Array
+
+
+@dataclass(frozen=True)
+class Photo:
+    """A photo on disk; `known` where its camera and pose came with it, `time_s` where it is a film's frame."""
+
+    path: Path
+    time_s: float | None = None
+    known: KnownView | None = None
+
+
+class Video:
+    """Frames of a video file, decoded in order.
+
+    Args:
+        path: The video.
+
+    Raises:
+        InputError: The file is missing, empty, or no video.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = Path(path)
+        if not self.path.is_file():
+            raise InputError(self.path, "the video does not exist", "Check the path in config.yaml")
+        if self.path.stat().st_size == 0:
+            raise InputError(self.path, "the video is empty (0 bytes)", "Copy it again from the phone")
+        capture = cv2.VideoCapture(str(self.path))
+        try:
+            opened, _ = capture.read() if capture.isOpened() else (False, None)
+            if not opened:
+                raise InputError(
+                    self.path,
+                    "this is not a video that can be decoded, or its end is cut off",
+                    "Copy it again from the phone, or convert it to H.264 MP4",
+                )
+            self.declared = max(0, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)))
+            self.fps = float(capture.get(cv2.CAP_PROP_FPS)) or 30.0
+        finally:
+            capture.release()
+
+    def __iter__(self) -> Iterator[tuple[float, Array]]:
+        """Time, s, and uint8 BGR image [H, W, 3] of each frame."""
+        capture = cv2.VideoCapture(str(self.path))
+        try:
+            index = 0
+            while True:
+                ok, frame = capture.read()
+                if not ok:
+                    return
+                yield index / self.fps, frame
+                index += 1
+        finally:
+            capture.release()
+
+    def check(self, decoded: int) -> None:
+        """Refuse a video of which many frames are lost: a decoder skips damage without an error.
+
+        Raises:
+            InputError: Fewer frames were decoded than the file declares.
+        """
+        if decoded < min(self.declared - 2, _DECODED_SHARE * self.declared):
+            raise InputError(
+                self.path,
+                f"only {decoded} of {self.declared} declared frames could be decoded: the file is damaged",
+                "Copy it again from the phone, or cut out the damaged part",
+            )
+
+
+class PhotoSequence:
+    """Frames of a film that lie as images in a folder, with the interface of `Video`."""
+
+    def __init__(self, path: Path, photos: list[Photo]) -> None:
+        self.path = path
+        self.photos = photos
+        self.declared = len(photos)
+
+    def __iter__(self) -> Iterator[tuple[float, Array]]:
+        for photo in self.photos:
+            yield photo.time_s or 0.0, np.ascontiguousarray(read_image_u8(photo.path)[..., ::-1])
+
+    def check(self, decoded: int) -> None:
+        """Nothing to compare: a missing image has already raised."""
+
+
+def list_photos(folder: Path) -> list[Photo]:
+    """Photos of a folder, in the order of their names.
+
+    Raises:
+        InputError: The folder is missing or holds no photos.
+    """
+    if not folder.is_dir():
+        raise InputError(folder, "the photo folder does not exist", "Check the path in config.yaml")
+    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith("."))
+    if not paths:
+        raise InputError(folder, "the folder holds no photos", f"Put photos there ({', '.join(IMAGE_SUFFIXES)})")
+    return [Photo(path) for path in paths]
+
+
+def read_film(folder: Path) -> tuple[dict[str, Any], list[Photo]]:
+    """Read `film.json` of the mirror and list its frames.
+
+    Raises:
+        InputError: The film is damaged or lacks frames.
+    """
+    record = folder / "film.json"
+    content = read_json(record)
+    try:
+        photos = [Photo(folder / "frames" / frame["name"], float(frame["time_s"])) for frame in content["frames"]]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            record, f"the film's record is damaged ({error})", "Delete the film's folder and film it again"
+        ) from error
+    missing = [photo.path.name for photo in photos if not photo.path.is_file()]
+    if missing or not photos:
+        what = (
+            f"{len(missing)} of {len(photos)} frames are missing, the first is {missing[0]}" if missing else "it has no frames"
+        )
+        raise InputError(record, f"the film is incomplete: {what}", "Delete the film's folder and film it again")
+    return content, photos
+
+
+def read_colmap(model: Path, images: Path | None) -> list[Photo]:
+    """Posed photos of an existing COLMAP model.
+
+    Raises:
+        InputError: The model is damaged, or photos are missing.
+    """
+    # pycolmap is loaded only here: videos and photo folders do not need it.
+    from gsbridge.colmap import camera_from_colmap, pose_matrix, read_model
+
+    reconstruction = read_model(model)
+    if images is None or not images.is_dir():
+        raise InputError(images or model, "the photo folder of the COLMAP model does not exist", "Set `images` of this source")
+    photos = []
+    for image_id in reconstruction.reg_image_ids():
+        image = reconstruction.image(image_id)
+        known = KnownView(camera_from_colmap(image.camera, model), pose_matrix(image))
+        photos.append(Photo(images / image.name, known=known))
+    return _existing(sorted(photos, key=lambda photo: photo.path.name), model)
+
+
+def read_nerfstudio(path: Path) -> list[Photo]:
+    """Posed photos of a nerfstudio `transforms.json`.
+
+    The file holds `world_from_cam` with OpenGL axes (y up, z backward); they become `cam_from_world` with OpenCV axes here.
+
+    Raises:
+        InputError: The file is damaged, or photos are missing.
+    """
+    content = read_json(path)
+    model = content.get("camera_model", "OPENCV")
+    if model not in ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE"):
+        raise InputError(path, f"the camera model {model} is not supported", "Use OPENCV or PINHOLE")
+    photos = []
+    try:
+        for frame in content["frames"]:
+            values = {**content, **frame}
+            if any(float(values.get(key, 0.0)) != 0.0 for key in ("k3", "k4")):
+                raise InputError(path, "the camera has distortion terms k3 or k4", "Use the OPENCV model with k1, k2, p1, p2")
+            matrix = np.array(frame["transform_matrix"], dtype=np.float64)
+            if matrix.shape not in ((4, 4), (3, 4)) or not np.isfinite(matrix).all():
+                raise ValueError("a transform_matrix is no 4 x 4 matrix")
+            world_from_cam = np.eye(4)
+            world_from_cam[: len(matrix)] = matrix
+            world_from_cam[:3, 1:3] *= -1.0
+            camera = Camera(
+                int(values["w"]),
+                int(values["h"]),
+                float(values["fl_x"]),
+                float(values.get("fl_y", values["fl_x"])),
+                float(values["cx"]),
+                float(values["cy"]),
+                tuple(float(values.get(key, 0.0)) for key in ("k1", "k2", "p1", "p2")),  # type: ignore[arg-type]
+            )
+            photos.append(Photo(path.parent / frame["file_path"], known=KnownView(camera, np.linalg.inv(world_from_cam))))
+    except (KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
+        raise InputError(path, f"the transforms file is damaged ({error})", "Export it again with ns-process-data") from error
+    return _existing(sorted(photos, key=lambda photo: photo.path.name), path)
+
+
+def _existing(photos: list[Photo], source: Path) -> list[Photo]:
+    """The same photos, all on disk and with names that differ."""
+    if not photos:
+        raise InputError(source, "no photo is listed", "Export it again with at least 3 photos")
+    missing = [photo.path for photo in photos if not photo.path.is_file()]
+    if missing:
+        raise InputError(missing[0], f"{len(missing)} of {len(photos)} listed photos do not exist", "Check the photo folder")
+    names = {photo.path.stem for photo in photos}
+    if len(names) < len(photos):
+        raise InputError(source, "two photos in different folders carry the same name", "Rename them")
+    return photos

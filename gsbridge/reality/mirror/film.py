@@ -1,0 +1,279 @@
+"""Filming: every frame of a scene, its truth, and the ceiling that the renderer's noise sets.
+
+A film is resumable: each finished frame is kept in a state folder that the caller keys by settings and code, so that a stop
+at any moment loses at most the frame in work.
+"""
+
+from __future__ import annotations
+
+import itertools
+import shutil
+import zlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsbridge.board import standard_board
+from gsbridge.cameras import Camera, split_of
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_directory, write_json, write_stage
+from gsbridge.geometry import Array
+from gsbridge.images import psnr, read_image, srgb_from_linear, write_image
+from gsbridge.logs import Progress
+from gsbridge.meshes import Mesh, write_mesh
+from gsbridge.reality.mirror.backgrounds import TABLE_SIZE_M
+from gsbridge.reality.mirror.lens import Lens, phone
+from gsbridge.reality.mirror.path import background_path, object_path, pan_path
+from gsbridge.reality.mirror.studio import SCENES, Studio, build_studio
+
+DENSE = "dense_pan"
+"""The film that tests keyframing: video rate, known motion, known blur."""
+
+_FPS = 30.0
+_VIDEO_FRAMES_PER_KEYFRAME = 12
+
+
+@dataclass(frozen=True)
+class FilmSettings:
+    """Size and quality of a film.
+
+    Samples are multi-jittered, so that few go far: measured at 640 x 480 on `bear` and `small_cube`, sensor noise included,
+    the ceiling is 36.6 dB at 9 samples per pixel, 41 dB at 16 and 47.7 dB at 64 (object alone: 36, 37 to 39, 43.5), where
+    independent samples give 31.9 dB at 16 and 34.1 dB at 32. Each film's own ceiling is in its record.
+
+    Args:
+        frames: Number of frames; except in the dense film they are the keyframes.
+        spp: Samples per pixel of a training frame; a square number wastes none.
+        held_out_spp: Samples per pixel of the held-out frames.
+        width, height: Film size, px.
+        sheet: Paper size of the board, `a4` or `letter`.
+    """
+
+    frames: int = 56
+    spp: int = 16
+    held_out_spp: int = 64
+    width: int = 640
+    height: int = 480
+    sheet: str = "a4"
+
+    @classmethod
+    def dense(cls) -> FilmSettings:
+        """Settings of the dense film: five seconds of small video at few samples."""
+        return cls(frames=150, spp=4, held_out_spp=4, width=320, height=240)
+
+
+@dataclass(frozen=True)
+class _Shot:
+    """One frame to take: a pose, or several that blur into one, and its samples per pixel."""
+
+    name: str
+    poses: Array
+    spp: int
+
+
+def film_scene(
+    scene: str,
+    settings: FilmSettings,
+    out_frames: Path,
+    out_json: Path,
+    out_truth: Path,
+    *,
+    state: Path,
+    threads: int,
+    seed: int,
+) -> None:
+    """Film one scene of the mirror.
+
+    Args:
+        scene: One of `studio.SCENES`.
+        settings: Size and quality.
+        out_frames: Folder of the frames, 8-bit PNG with the lens's distortion.
+        out_json: The film's record.
+        out_truth: Folder of the hidden truth: `truth.json`, `mesh.ply`, `masks/`.
+        state: Folder that keeps finished frames until the film is whole. The caller keys it by scene, settings, seed and
+            code, because frames found there are taken as they are.
+        threads: Threads to render with.
+        seed: Seed of the world (textures: the same in all films of one seed) and of this film's path and noise.
+
+    Raises:
+        InputError: Unknown scene, or settings that give no film.
+    """
+    if settings.frames < 2 or settings.spp < 1 or settings.held_out_spp < 1 or min(settings.width, settings.height) < 64:
+        raise InputError("film", f"these settings give no film: {settings}", "Ask for at least 2 frames of 64 px and 1 sample")
+    studio = build_studio(scene, settings.sheet, threads, seed)
+    lens = Lens.of(phone(settings.width, settings.height))
+    path_rng = np.random.default_rng([seed, zlib.crc32(scene.encode())])
+    height = float(studio.truth.vertices[:, 2].max())
+    extra: dict[str, Any] = {}
+    if scene == DENSE:
+        shots, extra = _dense_shots(settings, lens.film, height, path_rng)
+    else:
+        poses = (
+            object_path(settings.frames, height, path_rng) if SCENES[scene][0] else background_path(settings.frames, path_rng)
+        )
+        shots = [
+            _Shot(f"{k:04d}.png", pose[None], settings.held_out_spp if split_of(k) == "held_out" else settings.spp)
+            for k, pose in enumerate(poses)
+        ]
+    progress = Progress(len(shots), f"film {scene}")
+    for number, shot in enumerate(shots):
+        _take(studio, lens, shot, state, frame_seed=seed * 100_003 + number)
+        progress.update(shot.name)
+    ceilings = {} if scene == DENSE else _ceilings(studio, lens, shots, state, settings, seed)
+    _deliver(scene, settings, lens.film, shots, extra, ceilings, studio.truth, out_frames, out_json, out_truth, state, seed)
+
+
+def _take(studio: Studio, lens: Lens, shot: _Shot, state: Path, frame_seed: int) -> None:
+    """Render one frame and its mask into the state folder, unless they are there."""
+    photo, mask = state / "frames" / shot.name, state / "masks" / shot.name
+    if photo.is_file() and mask.is_file():
+        return
+    parts = [studio.render(lens.pinhole, pose, shot.spp, frame_seed * 16 + k) for k, pose in enumerate(shot.poses)]
+    covers = [studio.coverage(lens.pinhole, pose) for pose in shot.poses]
+    write_image(mask, np.clip(lens.warp(np.mean(covers, axis=0)), 0, 1))
+    write_image(photo, lens.expose(np.mean(parts, axis=0), np.random.default_rng(frame_seed)))
+
+
+def _ceilings(
+    studio: Studio, lens: Lens, shots: list[_Shot], state: Path, settings: FilmSettings, seed: int
+) -> dict[str, dict[str, float]]:
+    """PSNR that a perfect model reaches against the photos, by samples per pixel, in dB.
+
+    The same frame is taken again with other seeds; half the mean square difference of the two photos, sensor noise and
+    rounding included, is the noise of one. `masked` counts the object's pixels only.
+    """
+    full: dict[str, float] = {}
+    masked: dict[str, float] = {}
+    for spp in sorted({settings.spp, settings.held_out_spp}):
+        numbers = [number for number, shot in enumerate(shots) if shot.spp == spp]
+        if not numbers:
+            continue
+        number = numbers[len(numbers) // 2]
+        shot = shots[number]
+        again = replace(shot, name=f"again_{spp}.png")
+        _take(studio, lens, again, state, frame_seed=seed * 100_003 + number + 50_000)
+        one, two = read_image(state / "frames" / shot.name), read_image(state / "frames" / again.name)
+        cover = read_image(state / "masks" / shot.name)[..., 0]
+        full[str(spp)] = psnr(one, two) + 10 * np.log10(2)
+        if cover.any():
+            masked[str(spp)] = psnr(one, two, cover) + 10 * np.log10(2)
+    return {"ceiling_db": full, "ceiling_masked_db": masked}
+
+
+def _deliver(
+    scene: str,
+    settings: FilmSettings,
+    camera: Camera,
+    shots: list[_Shot],
+    extra: dict[str, Any],
+    ceilings: dict[str, Any],
+    mesh: Mesh,
+    out_frames: Path,
+    out_json: Path,
+    out_truth: Path,
+    state: Path,
+    seed: int,
+) -> None:
+    """Copy a whole film out of the state folder, then write truth and record; the record comes last."""
+    stride = 1 if scene == DENSE else _VIDEO_FRAMES_PER_KEYFRAME
+    board = standard_board(settings.sheet)
+    with atomic_directory(out_frames) as folder:
+        for shot in shots:
+            shutil.copyfile(state / "frames" / shot.name, folder / shot.name)
+    with atomic_directory(out_truth) as folder:
+        (folder / "masks").mkdir()
+        for shot in shots:
+            shutil.copyfile(state / "masks" / shot.name, folder / "masks" / shot.name)
+        shown = None if mesh.colours is None else srgb_from_linear(mesh.colours)
+        write_mesh(folder / "mesh.ply", replace(mesh, colours=shown))
+        frames = []
+        for k, shot in enumerate(shots):
+            frame: dict[str, Any] = {"name": shot.name, "cam_from_table": shot.poses[len(shot.poses) // 2]}
+            frames.append({**frame, **{key: values[k] for key, values in extra.items()}})
+        write_json(
+            folder / "truth.json",
+            {
+                "camera": camera.to_json(),
+                "frames": frames,
+                "object": SCENES[scene][0],
+                "background": SCENES[scene][1],
+                "table_size_m": TABLE_SIZE_M,
+                "board": {
+                    "sheet": board.sheet,
+                    "tag_size_m": board.tag_size,
+                    "ids": list(board.ids),
+                    "centres_m": board.centres.tolist(),
+                },
+            },
+        )
+    write_stage(
+        out_json,
+        seed=seed,
+        packages=("mitsuba",),
+        scene=scene,
+        kind="dense" if scene == DENSE else "object" if SCENES[scene][0] else "background",
+        width=camera.width,
+        height=camera.height,
+        fps=_FPS,
+        frames=[
+            {"name": shot.name, "index": k * stride, "time_s": k * stride / _FPS, "spp": shot.spp * len(shot.poses)}
+            for k, shot in enumerate(shots)
+        ],
+        **ceilings,
+    )
+
+
+def image_motion(camera: Camera, first: Array, second: Array) -> float:
+    """Mean distance, px, that the table seen in one view has moved in the other.
+
+    Args:
+        camera: The camera, distortion included.
+        first, second: cam_from_table. [4, 4] each.
+    """
+    x, y = np.meshgrid(np.linspace(-0.3, 0.3, 13), np.linspace(-0.2, 0.5, 15))
+    points = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=-1)
+    pixels = [camera.project(points @ pose[:3, :3].T + pose[:3, 3]) for pose in (first, second)]
+    inside = [((p > 0) & (p < [camera.width, camera.height])).all(-1) for p in pixels]
+    seen = inside[0] & inside[1]
+    return float(np.linalg.norm(pixels[1] - pixels[0], axis=-1)[seen].mean()) if seen.any() else float("nan")
+
+
+def _dense_shots(
+    settings: FilmSettings, camera: Camera, height: float, rng: np.random.Generator
+) -> tuple[list[_Shot], dict[str, list[Any]]]:
+    """Shots of the dense film: ten still frames, then motion of changing speed, about 40 % of the frames shaken.
+
+    A shaken frame is the mean of seven poses of a small turn of the camera during the exposure.
+
+    Returns:
+        The shots and, per frame, `motion_px` against the frame before, `blur_px` and `blurred`.
+    """
+    still = min(10, settings.frames // 4)
+    speed = 1 + 0.6 * np.sin(np.linspace(0, 4 * np.pi, settings.frames))
+    speed[:still] = 0
+    place = np.cumsum(speed)
+    poses = pan_path(rng, height)(place / place[-1])
+    shaken = rng.random(settings.frames) < 0.4
+    shaken[: still + 1] = False
+    shots, blur = [], []
+    for k, pose in enumerate(poses):
+        moments = pose[None]
+        if shaken[k]:
+            reach = rng.uniform(4, 9) * settings.width / 320 / camera.fx
+            heading = rng.uniform(0, 2 * np.pi)
+            moments = np.stack([_turned(pose, reach * s, heading) for s in np.linspace(-0.5, 0.5, 7)])
+        shots.append(_Shot(f"{k:04d}.png", moments, max(1, settings.spp // 2) if shaken[k] else settings.spp))
+        blur.append(image_motion(camera, moments[0], moments[-1]) if shaken[k] else 0.0)
+    motion = [0.0] + [image_motion(camera, a, b) for a, b in itertools.pairwise(poses)]
+    return shots, {"motion_px": motion, "blur_px": blur, "blurred": [bool(s) for s in shaken]}
+
+
+def _turned(cam_from_table: Array, angle: float, heading: float) -> Array:
+    """A pose turned by a small angle about an axis across the line of sight. -> [4, 4]."""
+    axis = np.array([np.cos(heading), np.sin(heading), 0.0])
+    k = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    turn = np.eye(4)
+    turn[:3, :3] += np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+    return turn @ cam_from_table

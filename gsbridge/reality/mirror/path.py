@@ -1,0 +1,110 @@
+"""Hand-held camera paths: orbits at rising height with smooth sway, no two frames alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from gsbridge.cameras import look_at
+from gsbridge.geometry import Array
+from gsbridge.reality.mirror.backgrounds import WORK_CENTRE_M
+
+OBJECT_SPOT_M = (0.0, 0.185)
+"""Where objects stand while they are filmed, table frame, m."""
+
+
+def _sway(rng: np.random.Generator, count: int) -> Callable[[Array], Array]:
+    """Smooth random motion of `count` channels with unit variance, a function of the place 0..1 along the path."""
+    waves = np.array([1.7, 3.1, 5.3, 8.9, 14.3])
+    strength = np.array([1.0, 0.8, 0.6, 0.45, 0.35])
+    phases = rng.uniform(0, 2 * np.pi, (count, len(waves)))
+    speeds = waves * rng.uniform(0.85, 1.15, (count, len(waves)))
+    norm = np.sqrt((strength**2).sum() / 2)
+
+    def motion(t: Array) -> Array:
+        angle = 2 * np.pi * speeds * np.asarray(t)[..., None, None] + phases
+        return (np.sin(angle) * strength).sum(-1) / norm
+
+    return motion
+
+
+def _poses(t: Array, rng: np.random.Generator, eye: Array, target: Array, sway_m: float) -> Array:
+    """Poses with sway of position (`sway_m`), aim (the same) and roll (1.5 degrees). -> cam_from_table [N, 4, 4]."""
+    sway = _sway(rng, 7)(t)
+    eye = eye + sway_m * sway[:, :3]
+    target = target + sway_m * sway[:, 3:6] * [1, 1, 0.5]
+    roll = np.radians(1.5) * sway[:, 6]
+    poses = []
+    for place, aim, lean in zip(eye, target, roll, strict=True):
+        turn = np.eye(4)
+        turn[:2, :2] = [[np.cos(lean), -np.sin(lean)], [np.sin(lean), np.cos(lean)]]
+        poses.append(turn @ look_at(place, aim))
+    return np.stack(poses)
+
+
+def _ring(azimuth: Array, elevation: Array, distance: Array) -> Array:
+    """Offsets from the aim in spherical coordinates. [N] each -> [N, 3]."""
+    return distance[:, None] * np.stack(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=-1
+    )
+
+
+def object_path(frames: int, height: float, rng: np.random.Generator) -> Array:
+    """1.25 orbits about the object and the board, elevation 28 to 55 degrees, 0.39 to 0.42 m away.
+
+    Args:
+        frames: Number of frames.
+        height: Height of the object, m.
+        rng: Random numbers.
+
+    Returns:
+        cam_from_table. [frames, 4, 4].
+    """
+    t = np.linspace(0, 1, frames)
+    azimuth = rng.uniform(0, 2 * np.pi) + 2 * np.pi * 1.25 * t
+    elevation = np.radians(28 + 27 * t)
+    distance = 0.405 + 0.015 * np.sin(2 * np.pi * 2.3 * t + rng.uniform(0, 6))
+    target = np.tile([OBJECT_SPOT_M[0], 0.66 * OBJECT_SPOT_M[1], 0.35 * height], (frames, 1))
+    return _poses(t, rng, target + _ring(azimuth, elevation, distance), target, 0.007)
+
+
+def background_path(frames: int, rng: np.random.Generator) -> Array:
+    """Two rings in one walk of 1.35 turns, so that 0.9 x 0.7 m of table round the working area is seen from several sides.
+
+    The low ring looks across the table. The high one leans outwards to its own side, which brings in the rim that the low one
+    sees only from afar.
+
+    Args:
+        frames: Number of frames.
+        rng: Random numbers.
+
+    Returns:
+        cam_from_table. [frames, 4, 4].
+    """
+    t = np.linspace(0, 1, frames)
+    rise = np.clip((t - 0.35) / 0.3, 0, 1)
+    rise = rise * rise * (3 - 2 * rise)
+    azimuth = rng.uniform(0, 2 * np.pi) + 2 * np.pi * 1.35 * t
+    elevation = np.radians(46 + 16 * rise + 2 * np.sin(2 * np.pi * 3 * t))
+    distance = 0.60 + 0.08 * rise + 0.02 * np.sin(2 * np.pi * 2.3 * t)
+    middle = np.array([WORK_CENTRE_M[0], 0.75 * WORK_CENTRE_M[1], 0.0])
+    lean = (0.20 * rise)[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth), 0 * t], axis=-1)
+    target = middle + lean
+    return _poses(t, rng, target + _ring(azimuth, elevation, distance), target, 0.010)
+
+
+def pan_path(rng: np.random.Generator, height: float) -> Callable[[Array], Array]:
+    """A third of an orbit at video rate, with pauses, as a function of the place 0..1 along it. -> cam_from_table [N, 4, 4]."""
+    begin = rng.uniform(0, 2 * np.pi)
+    seed = int(rng.integers(1 << 31))
+
+    def poses(t: Array) -> Array:
+        t = np.asarray(t, dtype=np.float64)
+        azimuth = begin + 2 * np.pi / 3 * t
+        elevation = np.radians(34 + 10 * t)
+        target = np.tile([OBJECT_SPOT_M[0], 0.66 * OBJECT_SPOT_M[1], 0.35 * height], (len(t), 1))
+        eye = target + _ring(azimuth, elevation, np.full(len(t), 0.41))
+        return _poses(t, np.random.default_rng(seed), eye, target, 0.004)
+
+    return poses

@@ -1,0 +1,153 @@
+"""Noise and paint: non-repeating textures in space and on the plane.
+
+Everything is a pure function of points, cell sizes (m) and integer seeds, so that a texture never depends on the order in
+which it is evaluated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+
+from gsbridge.geometry import Array
+
+
+def _hash(cells: Array, seed: int) -> Array:
+    """Uniform 0..1 of integer cells. [..., 3] int64 -> [...]. Source: the finaliser of SplitMix64 (Steele et al., 2014)."""
+    with np.errstate(over="ignore"):
+        c = cells.astype(np.int64).view(np.uint64)
+        h = c[..., 0] * np.uint64(0x9E3779B97F4A7C15) ^ c[..., 1] * np.uint64(0xC2B2AE3D27D4EB4F)
+        h = h ^ c[..., 2] * np.uint64(0x165667B19E3779F9) ^ np.uint64(seed * 0x2545F4914F6CDD1D % (1 << 64))
+        h = (h ^ (h >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        h = (h ^ (h >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        h ^= h >> np.uint64(31)
+    return (h >> np.uint64(11)).astype(np.float64) / float(1 << 53)
+
+
+def _turned(points: Array, cell: float, seed: int) -> Array:
+    """Points in cell units, turned at random so that no lattice lines up with a face. [..., 3]."""
+    rotation = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+    return np.asarray(points, dtype=np.float64) @ rotation.T / cell + 1000.0
+
+
+def value_noise(points: Array, cell: float, seed: int) -> Array:
+    """Smooth noise in -1..1 with features of about `cell` metres. [N, 3] -> [N]."""
+    p = _turned(points, cell, seed)
+    corner = np.floor(p).astype(np.int64)
+    f = p - corner
+    f = f * f * (3 - 2 * f)
+    total = np.zeros(len(p))
+    for offset in np.ndindex(2, 2, 2):
+        weight = np.prod(np.where(np.array(offset, bool), f, 1 - f), axis=-1)
+        total += weight * _hash(corner + np.array(offset), seed)
+    return 2 * total - 1
+
+
+def octaves(points: Array, coarsest: float, count: int, seed: int, fall: float = 0.7) -> Array:
+    """Sum of noises, each half as large in scale and `fall` times as strong; standard deviation about 1. [N, 3] -> [N]."""
+    total = np.zeros(len(points))
+    power = 0.0
+    for level in range(count):
+        strength = fall**level
+        total += strength * value_noise(points, coarsest / 2**level, seed + 101 * level)
+        power += strength**2
+    return total / (0.35 * np.sqrt(power))
+
+
+def cells(points: Array, cell: float, seed: int) -> tuple[Array, Array, Array]:
+    """Voronoi cells of one random point per lattice cell.
+
+    Returns:
+        Distances to the nearest and second nearest point in units of `cell`, and a number 0..1 of the nearest. [N] each.
+
+    Source: Worley, "A cellular texture basis function", SIGGRAPH 1996.
+    """
+    p = _turned(points, cell, seed)
+    corner = np.floor(p).astype(np.int64)
+    nearest = np.full(len(p), np.inf)
+    second = np.full(len(p), np.inf)
+    name = np.zeros(len(p))
+    for offset in np.ndindex(3, 3, 3):
+        c = corner + np.array(offset) - 1
+        spot = c + np.stack([_hash(c, seed + 1), _hash(c, seed + 2), _hash(c, seed + 3)], axis=-1)
+        distance = np.linalg.norm(p - spot, axis=-1)
+        closer = distance < nearest
+        second = np.where(closer, nearest, np.minimum(second, distance))
+        name = np.where(closer, _hash(c, seed + 4), name)
+        nearest = np.where(closer, distance, nearest)
+    return nearest, second, name
+
+
+def pick(palette: Sequence[Sequence[float]], name: Array) -> Array:
+    """Colours of numbers 0..1 from a palette. [N] -> [N, 3]."""
+    table = np.asarray(palette, dtype=np.float64)
+    return table[np.minimum((name * len(table)).astype(int), len(table) - 1)]
+
+
+def blend(below: Array, above: Array | Sequence[float], weight: Array) -> Array:
+    """Paint `above` over `below` with weights 0..1. [N, 3], [N, 3] or [3], [N] -> [N, 3]."""
+    w = np.clip(weight, 0, 1)[..., None]
+    return below * (1 - w) + np.asarray(above) * w
+
+
+def step(value: Array, edge: float, width: float) -> Array:
+    """Smooth step from 0 to 1 around `edge`, over `width`."""
+    t = np.clip((value - edge) / width + 0.5, 0, 1)
+    return t * t * (3 - 2 * t)
+
+
+def paint_strokes(
+    colours: Array,
+    vertices: Array,
+    normals: Array,
+    *,
+    count: int,
+    length: tuple[float, float],
+    width: tuple[float, float],
+    palette: Sequence[Sequence[float]],
+    rng: np.random.Generator,
+    where: Array | None = None,
+) -> Array:
+    """Paint short straight strokes (sprinkles, scratches) on a dense mesh.
+
+    Args:
+        colours: Vertex colours. [N, 3].
+        vertices, normals: [N, 3], m.
+        count: Number of strokes.
+        length, width: Ranges, m.
+        palette: Colours to draw from.
+        rng: Random numbers.
+        where: Vertices where a stroke may have its middle; all by default. [N] bool.
+
+    Returns:
+        New colours. [N, 3].
+    """
+    out = colours.copy()
+    tree = cKDTree(vertices)
+    places = np.arange(len(vertices)) if where is None else np.flatnonzero(where)
+    for middle in rng.choice(places, count):
+        reach, half_width = rng.uniform(*length) / 2, rng.uniform(*width) / 2
+        way = np.cross(normals[middle], rng.normal(size=3))
+        way /= max(float(np.linalg.norm(way)), 1e-12)
+        near = np.array(tree.query_ball_point(vertices[middle], reach + 2 * half_width), dtype=int)
+        away = vertices[near] - vertices[middle]
+        along = np.clip(away @ way, -reach, reach)
+        distance = np.linalg.norm(away - along[:, None] * way, axis=1)
+        colour = np.asarray(palette)[rng.integers(len(palette))]
+        out[near] = blend(out[near], colour, 1 - step(distance, half_width, 0.6e-3))
+    return out
+
+
+def plane_noise(shape: tuple[int, int], sigma: float, rng: np.random.Generator) -> Array:
+    """Gaussian noise of unit variance, smoothed over `sigma` pixels. [H, W] float32."""
+    if sigma > 8:  # broad noise is drawn coarse and enlarged: the same look at a fraction of the work
+        factor = int(sigma // 4)
+        small = plane_noise((shape[0] // factor + 8, shape[1] // factor + 8), sigma / factor, rng)
+        return cv2.resize(small, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)[: shape[0], : shape[1]]
+    noise = rng.standard_normal(shape, dtype=np.float32)
+    if sigma > 0:
+        noise = cv2.GaussianBlur(noise, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
+    return noise / noise.std()

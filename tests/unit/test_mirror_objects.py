@@ -1,0 +1,88 @@
+"""The mirror's objects: closed, of real size, standing on the table, richly coloured."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gsbridge.errors import InputError
+from gsbridge.reality.mirror.objects import OBJECTS, make_object, mesh_of
+
+# Extent in x, y, z, mm, and volume, cm3: what the real thing measures.
+SIZES = {
+    "small_cube": ((58, 58, 58), (185, 197)),
+    "cake": ((110, 110, 60), (420, 500)),
+    "banana": ((180, 55, 38), (100, 150)),
+    "bear": ((98, 90, 120), (300, 400)),
+}
+
+
+@pytest.fixture(scope="module", params=OBJECTS)
+def made(request):
+    return request.param, *make_object(request.param, 1, detail=3.0)
+
+
+def test_closed_in_one_piece(made):
+    _, mesh, _ = made
+    assert mesh.is_watertight()
+    assert mesh.trimesh().body_count == 1
+
+
+def test_real_size_and_stands_on_the_table(made):
+    name, mesh, _ = made
+    extent, (least, most) = SIZES[name]
+    assert np.allclose(np.ptp(mesh.vertices, axis=0) * 1e3, extent, atol=5)
+    assert abs(mesh.vertices[:, 2].min()) < 1e-6
+    assert least < mesh.volume() * 1e6 < most
+    middle = (mesh.vertices.min(0) + mesh.vertices.max(0))[:2] / 2
+    assert np.abs(middle).max() < 1e-9
+    # A flat foot, not a point: some of the surface lies on the table.
+    foot = mesh.areas()[(mesh.corners()[..., 2] < 1e-6).all(1)].sum()
+    assert foot > 2e-4
+
+
+def test_normals_point_outwards(made):
+    _, mesh, normals = made
+    assert np.allclose(np.linalg.norm(normals, axis=1), 1, atol=1e-6)
+    against = np.einsum("ij,ij->i", mesh.normals(), normals[mesh.faces[:, 0]])
+    assert (against > 0).mean() > 0.99
+
+
+def test_colours_are_reflectances_with_contrast(made):
+    _, mesh, _ = made
+    assert mesh.colours.shape == mesh.vertices.shape
+    assert mesh.colours.min() > 0
+    assert mesh.colours.max() < 0.8
+    grey = mesh.colours.mean(1)
+    assert grey.std() / grey.mean() > 0.15
+
+
+def test_texture_does_not_repeat_from_side_to_side():
+    mesh, _ = make_object("small_cube", 1, detail=2.0)
+    # Two opposite faces of the cube, sampled at the same places.
+    left = mesh.vertices[:, 0] < -0.0289
+    right = mesh.vertices[:, 0] > 0.0289
+    from scipy.spatial import cKDTree
+
+    match = cKDTree(mesh.vertices[right][:, 1:]).query(mesh.vertices[left][:, 1:])[1]
+    a, b = mesh.colours[left].mean(1), mesh.colours[right][match].mean(1)
+    assert abs(np.corrcoef(a, b)[0, 1]) < 0.2
+
+
+def test_meshing_matches_the_volume_of_a_cut_sphere():
+    def ball(p):
+        return np.linalg.norm(p - [0, 0, 10.0], axis=-1) - 20.0
+
+    vertices, normals, faces = mesh_of(ball, (-20, -20, 0), (20, 20, 30), 0.9)
+    tetrahedra = np.einsum("ij,ij->i", vertices[faces[:, 0]], np.cross(vertices[faces[:, 1]], vertices[faces[:, 2]])) / 6
+    height = 30.0  # of the cap above z = 0
+    assert tetrahedra.sum() * 1e9 == pytest.approx(np.pi * height**2 * (20 - height / 3), rel=5e-3)
+    upper = vertices[:, 2] > 2e-3
+    radial = (vertices - [0, 0, 0.01])[upper]
+    radial /= np.linalg.norm(radial, axis=1, keepdims=True)
+    assert np.einsum("ij,ij->i", radial, normals[upper]).min() > 0.95
+
+
+def test_unknown_object_is_refused():
+    with pytest.raises(InputError, match="unknown"):
+        make_object("teapot", 1)
