@@ -42,7 +42,9 @@ def start(threads: int, log: str | Path | None) -> None:
     global _threads
     _threads = max(1, int(threads))
     for variable in _THREAD_VARIABLES:
-        os.environ[variable] = str(_threads)
+        # numba refuses to compile when its variable changes after it was loaded; it is limited by a call instead.
+        if variable != "NUMBA_NUM_THREADS" or "numba" not in sys.modules:
+            os.environ[variable] = str(_threads)
     _limit_loaded_libraries(_threads)
     handlers: list[logging.Handler] = [logging.StreamHandler(sys.stderr)]
     if log is not None:

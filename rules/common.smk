@@ -1,5 +1,6 @@
 """Functions and wildcard constraints shared by the rules; no rule stands here."""
 
+import hashlib
 import os
 import sys
 from pathlib import Path
@@ -135,6 +136,35 @@ def scene_mask_images(wildcards):
 def splat_settings(wildcards):
     """Budget of a training: objects and backgrounds have their own."""
     return settings(f"{config['scenes'][wildcards.scene]['kind']}_splats")
+
+
+def state_folder(rule, item, *key):
+    """Undeclared folder of a long job's checkpoint: another code, setting or seed finds another folder."""
+    digest = hashlib.sha256(repr(key).encode()).hexdigest()[:12]
+    return f"results/.state/{rule}/{item}-{digest}"
+
+
+def film_state(wildcards):
+    """Where a film keeps its finished frames until it is whole."""
+    return state_folder(
+        "film_scene",
+        wildcards.scene,
+        package_digest("gsbridge.reality.mirror"),
+        settings("films"),
+        SEED,
+    )
+
+
+def training_state(wildcards):
+    """Where a training keeps its checkpoint."""
+    item = "-".join(wildcards)
+    return state_folder(
+        "train_splats",
+        item,
+        code_digest("gsbridge.splats.stage"),
+        splat_settings(wildcards),
+        SEED,
+    )
 
 
 def comparison_runs(scene):

@@ -18,7 +18,7 @@ rule film_scene:
         code=package_digest("gsbridge.reality.mirror"),
         settings=settings("films"),
         seed=SEED,
-        state=lambda wildcards: f"results/.state/film_scene/{wildcards.scene}",
+        state=film_state,
     message:
         "Film {wildcards.scene} in the mirror"
     script:

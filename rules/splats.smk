@@ -49,7 +49,7 @@ rule train_splats:
         kind=lambda wildcards: config["scenes"][wildcards.scene]["kind"],
         surface="visual",
         seed=SEED,
-        state=lambda wildcards: f"results/.state/train_splats/{wildcards.scene}-{wildcards.binding}",
+        state=training_state,
     message:
         "Train the {wildcards.binding} splats of {wildcards.scene}"
     script:
@@ -88,8 +88,7 @@ rule train_comparison:
         kind=lambda wildcards: config["scenes"][wildcards.scene]["kind"],
         surface=lambda wildcards: wildcards.surface,
         seed=lambda wildcards: int(wildcards.seed),
-        state=lambda wildcards: "results/.state/train_comparison/"
-        f"{wildcards.scene}-{wildcards.surface}-{wildcards.binding}-seed{wildcards.seed}",
+        state=training_state,
     message:
         "Train the {wildcards.binding} splats of {wildcards.scene} on its {wildcards.surface} mesh, seed {wildcards.seed}"
     script:

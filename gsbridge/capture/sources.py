@@ -30,7 +30,7 @@ class Source:
     Args:
         kind: One of `KINDS`.
         path: Video file, photo folder, COLMAP model folder, `transforms.json`, or the mirror's film folder.
-        images: Folder of the photos of a COLMAP model.
+        images: Folder of the photos of a COLMAP model; None for `images` in the model's folder or up to two above it.
     """
 
     kind: str
@@ -182,9 +182,18 @@ def read_colmap(model: Path, images: Path | None) -> list[Photo]:
     # pycolmap is loaded only here: videos and photo folders do not need it.
     from gsbridge.colmap import camera_from_colmap, pose_matrix, read_model
 
+    # A whole COLMAP project is as good as its model.
+    model = next((p for p in (model, model / "sparse" / "0", model / "sparse") if list(p.glob("cameras.*"))), model)
     reconstruction = read_model(model)
+    if images is None:
+        # COLMAP's own layout: project/images beside project/sparse/0.
+        images = next((p / "images" for p in (model, model.parent, model.parent.parent) if (p / "images").is_dir()), None)
     if images is None or not images.is_dir():
-        raise InputError(images or model, "the photo folder of the COLMAP model does not exist", "Set `images` of this source")
+        raise InputError(
+            images or model,
+            "the photo folder of the COLMAP model does not exist",
+            "Put the photos into a folder `images` beside the model, as COLMAP's projects have it",
+        )
     photos = []
     for image_id in reconstruction.reg_image_ids():
         image = reconstruction.image(image_id)

@@ -1,0 +1,97 @@
+"""Scale from a length that the user knows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from gsbridge.cameras import Camera
+from gsbridge.errors import InputError
+from gsbridge.geometry import Array, Similarity
+
+_FORM = (
+    "Write `{metres: 0.21, between: [[image, u, v], [image, u, v]]}` for two points on the table, in pixels of the keyframes, "
+    "or `{metres: 0.2, object: longest}` for the object's longest side"
+)
+
+
+@dataclass(frozen=True)
+class KnownLength:
+    """A known length.
+
+    Args:
+        metres: The length, m.
+        between: Two points *on the table*: keyframe name and pixel (u, v) each; None for the object's longest side.
+    """
+
+    metres: float
+    between: tuple[tuple[str, float, float], tuple[str, float, float]] | None
+
+    @classmethod
+    def parse(cls, content: Mapping[str, Any]) -> KnownLength:
+        """Read the setting.
+
+        Raises:
+            InputError: It has another form.
+        """
+        try:
+            metres = float(content["metres"])
+            if not 1e-4 < metres < 100.0:
+                raise InputError("known_length", f"{metres:g} m is no plausible length", _FORM)
+            if "between" in content:
+                (a, ua, va), (b, ub, vb) = content["between"]
+                return cls(metres, ((str(a), float(ua), float(va)), (str(b), float(ub), float(vb))))
+            if content.get("object") != "longest":
+                raise KeyError("between")
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError("known_length", f"the setting cannot be read ({error})", _FORM) from error
+        return cls(metres, None)
+
+
+def scale_from_length(
+    length: KnownLength,
+    table_from_sfm: Similarity,
+    views: Mapping[str, tuple[Camera, Array]],
+    distorted: Camera,
+    extents: Array,
+) -> float:
+    """Metres per unit.
+
+    Args:
+        length: What the user knows.
+        table_from_sfm: Table frame before scaling (scale 1).
+        views: Pinhole and `cam_from_sfm` [4, 4] by image name.
+        distorted: Camera of the keyframes as taken, in whose pixels the points are given.
+        extents: Size of the object, sfm units. [3].
+
+    Raises:
+        InputError: A named image is not registered, or the points do not lie on the table.
+    """
+    if length.between is None:
+        return length.metres / float(extents.max())
+    ends = []
+    for name, u, v in length.between:
+        if name not in views:
+            raise InputError("known_length", f"the keyframe {name} is not registered", "Name another keyframe of this scene")
+        ends.append(table_point(np.array([u, v]), distorted, table_from_sfm.move_pose(views[name][1])))
+    distance = float(np.linalg.norm(ends[1] - ends[0]))
+    if not np.isfinite(distance) or distance <= 0:
+        raise InputError("known_length", "the two pixels do not show two points of the table", _FORM)
+    return length.metres / distance
+
+
+def table_point(pixel: Array, camera: Camera, cam_from_table: Array) -> Array:
+    """Where the ray through a pixel meets the plane z = 0; NaN where it does not. [2] -> [3]."""
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 60, 1e-9)
+    xy = cv2.undistortPoints(
+        np.asarray(pixel, dtype=np.float64).reshape(1, 1, 2), camera.intrinsics, np.array(camera.distortion), criteria=criteria
+    )
+    rotation, translation = cam_from_table[:3, :3], cam_from_table[:3, 3]
+    direction = rotation.T @ np.array([*xy.ravel(), 1.0])
+    centre = -rotation.T @ translation
+    reach = -centre[2] / direction[2] if direction[2] != 0 else -1.0
+    return centre + reach * direction if reach > 0 else np.full(3, np.nan)

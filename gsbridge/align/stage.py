@@ -1,0 +1,267 @@
+"""The stage: sparse model in, everything in the table frame out."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsbridge.align.board_fit import BoardFit, fit_board
+from gsbridge.align.length import KnownLength, scale_from_length
+from gsbridge.align.plane import Attention, Plane, attention, find_table, object_points
+from gsbridge.board import Board
+from gsbridge.cameras import Camera, View, camera_centre, write_views
+from gsbridge.colmap import camera_from_colmap, pose_matrix, read_model
+from gsbridge.errors import InputError, StageError
+from gsbridge.files import atomic_file, read_json, write_stage
+from gsbridge.geometry import Array, Similarity, rotation_between
+
+logger = logging.getLogger("gsbridge")
+
+UNKNOWN_EXTENT = 0.1
+"""Longest side of the object where nothing tells the scale, m: a guess of the right order, said so in the record."""
+
+
+@dataclass(frozen=True)
+class AlignSettings:
+    """Limits of the alignment.
+
+    Args:
+        plane_threshold: Distance within which a point lies on the table, as a share of the cameras' distance.
+        require_scale: Fail where neither the board nor a known length gives the scale.
+        max_tilt_deg: Angle between the board and the points' plane above which the result is degraded.
+        max_scale_se: Standard error of the scale, as a share of it, above which the result is degraded.
+    """
+
+    plane_threshold: float = 0.006
+    require_scale: bool = False
+    max_tilt_deg: float = 1.0
+    max_scale_se: float = 0.005
+
+
+@dataclass(frozen=True)
+class _Model:
+    """What the stage reads of the sparse model."""
+
+    names: list[str]
+    cameras: list[Camera]
+    poses: Array
+    points: Array
+    colours: Array
+    errors: Array
+    view_index: Array
+    point_index: Array
+
+
+def align_scene(
+    *,
+    sfm_json: Path,
+    model: Path,
+    tags: Path,
+    out_json: Path,
+    out_views: Path,
+    out_points: Path,
+    settings: AlignSettings,
+    board: Board | None,
+    known_length: Mapping[str, Any] | None,
+    seed: int,
+) -> None:
+    """Find the table frame of a reconstruction and write cameras and points in it.
+
+    Args:
+        sfm_json: Record of the sfm stage.
+        model: Its undistorted COLMAP model.
+        tags: Its tag corners.
+        out_json: Record `align.json`.
+        out_views: Cameras in the table frame, `views.json`.
+        out_points: Sparse points in the table frame, `points.npz`.
+        settings: Limits.
+        board: Layout of the board, None where none was laid out.
+        known_length: A length the user knows, see `KnownLength`; used where the board gives no scale.
+        seed: Random seed.
+
+    Raises:
+        InputError: A file or the known length is damaged.
+        StageError: No table plane is found, or the scale is required and nothing gives it.
+    """
+    stage = f"align of {out_json.parent.parent.name}"
+    record = read_json(sfm_json)
+    sparse = _read(model)
+    looks = attention(sparse.poses)
+    plane = find_table(sparse.points, looks, threshold=settings.plane_threshold, seed=seed)
+    fit = None
+    if board is not None:
+        pairs = {name: (camera, pose) for name, camera, pose in zip(sparse.names, sparse.cameras, sparse.poses, strict=True)}
+        fit = fit_board(read_json(tags), pairs, board, seed)
+    if plane is None and fit is None:
+        raise StageError(
+            stage,
+            f"no table plane among {len(sparse.points)} points",
+            "Film with more of the table in view, on a patterned cloth or with the board on it",
+        )
+    length = KnownLength.parse(known_length) if known_length is not None else None
+    reasons: list[str] = []
+    numbers: dict[str, Any] = {}
+    if fit is not None:
+        table_from_sfm, source, numbers = _from_board(fit, plane, sparse, settings, reasons)
+    else:
+        assert plane is not None
+        if settings.require_scale and length is None:
+            sought = "no board" if board is None else "fewer than 3 tags of the board"
+            raise StageError(
+                stage,
+                f"the scale is required, but {sought} could be found and no known length is given",
+                "Print the board (`gsbridge board`) and film it beside the object, or set `known_length`",
+            )
+        table_from_sfm, source, numbers = _from_plane(plane, looks, sparse, record, length, board is not None, reasons)
+    _write(sparse, record, table_from_sfm, (out_views, out_points), sfm_json)
+    write_stage(
+        out_json,
+        reasons=reasons,
+        seed=seed,
+        packages=["pycolmap"],
+        table_from_sfm=table_from_sfm.matrix(),
+        scale=table_from_sfm.scale,
+        scale_source=source,
+        plane_inliers=0 if plane is None else int(plane.inliers.sum()),
+        points=len(sparse.points),
+        settings=asdict(settings),
+        **numbers,
+    )
+    logger.info("scale from %s: %.6g m per unit", source, table_from_sfm.scale)
+
+
+def _from_board(
+    fit: BoardFit, plane: Plane | None, sparse: _Model, settings: AlignSettings, reasons: list[str]
+) -> tuple[Similarity, str, dict[str, Any]]:
+    """Table frame of the board; the points' plane is compared with it."""
+    scale = fit.board_from_sfm.scale
+    numbers: dict[str, Any] = {
+        "scale_se": fit.scale_se,
+        "residual_mm": fit.residual_mm,
+        "tags": fit.tags,
+        "sightings": fit.observations,
+        "tilt_deg": None,
+        "height_mm": None,
+        "plane_residual_mm": None,
+    }
+    if plane is not None:
+        normal = fit.board_from_sfm.rotation @ plane.normal
+        tilt = float(np.rad2deg(np.arccos(np.clip(normal[2], -1.0, 1.0))))
+        on_plane = sparse.points[plane.inliers]
+        numbers["tilt_deg"] = tilt
+        numbers["height_mm"] = 1e3 * float(np.median(fit.board_from_sfm.apply(on_plane)[:, 2]))
+        numbers["plane_residual_mm"] = 1e3 * scale * plane.residual
+        if tilt > settings.max_tilt_deg:
+            reasons.append(f"the board is tilted by {tilt:.1f} degrees against the table's points; lay it flat")
+    if fit.scale_se / scale > settings.max_scale_se:
+        reasons.append(f"the scale is known to {100 * fit.scale_se / scale:.2f} % only; show the board in more photos")
+    return fit.board_from_sfm, "tags", numbers
+
+
+def _from_plane(
+    plane: Plane,
+    looks: Attention,
+    sparse: _Model,
+    record: dict[str, Any],
+    length: KnownLength | None,
+    board_expected: bool,
+    reasons: list[str],
+) -> tuple[Similarity, str, dict[str, Any]]:
+    """Table frame without a board: below the object, x towards the first camera's right, scale from a length or unknown."""
+    above = object_points(sparse.points, plane, looks)
+    centre = np.median(sparse.points[above], axis=0) if above.sum() >= 5 else looks.point
+    foot = centre - plane.heights(centre) * plane.normal
+    rotation = rotation_between(plane.normal, np.array([0.0, 0.0, 1.0]))
+    ahead = rotation @ (foot - camera_centre(sparse.poses[0]))
+    # The first camera looks along +y, so that its right is +x.
+    yaw = np.pi / 2 - np.arctan2(ahead[1], ahead[0])
+    c, s = np.cos(yaw), np.sin(yaw)
+    rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ rotation
+    unscaled = Similarity(1.0, rotation, -rotation @ foot)
+    source = "unknown"
+    if board_expected:
+        reasons.append("fewer than 3 tags of the board could be found, so the board does not give the scale")
+    extents = _extents(unscaled.apply(sparse.points[above])) if above.sum() >= 5 else np.full(3, 0.3 * looks.distance)
+    if length is not None:
+        cameras = dict(zip(sparse.names, zip(sparse.cameras, sparse.poses, strict=True), strict=True))
+        scale = scale_from_length(length, unscaled, cameras, Camera.from_json(record["camera"]), extents)
+        source = "known_length"
+    else:
+        scale = UNKNOWN_EXTENT / float(extents.max())
+        reasons.append(
+            f"the scale is unknown: lengths are in units in which the object's longest side is {UNKNOWN_EXTENT:g} m; "
+            "film the board, or set `known_length`"
+        )
+    numbers = {
+        "scale_se": None,
+        "residual_mm": 1e3 * scale * plane.residual,
+        "tags": 0,
+        "tilt_deg": None,
+        "object_points": int(above.sum()),
+        "object_extent": scale * extents,
+    }
+    return Similarity(scale, rotation, -scale * rotation @ foot), source, numbers
+
+
+def _extents(points: Array) -> Array:
+    """Length, width and height of a point cluster without its stragglers; length and width along its own axes. [3]."""
+    flat = points[:, :2] - np.median(points[:, :2], axis=0)
+    axes = np.linalg.svd(flat, full_matrices=False)[2]
+    low, high = np.quantile(flat @ axes.T, [0.02, 0.98], axis=0)
+    return np.array([*(high - low), np.quantile(points[:, 2], 0.98)])
+
+
+def _read(folder: Path) -> _Model:
+    """Read views in the order of their names, and points."""
+    model = read_model(folder)
+    images = sorted((model.image(i) for i in model.reg_image_ids()), key=lambda image: image.name)
+    place = {image.image_id: position for position, image in enumerate(images)}
+    ids = sorted(model.points3D)
+    view_index, point_index = [], []
+    for number, point_id in enumerate(ids):
+        # An image may see a point twice; it counts once.
+        seen = sorted({place[element.image_id] for element in model.points3D[point_id].track.elements})
+        view_index += seen
+        point_index += [number] * len(seen)
+    return _Model(
+        [image.name for image in images],
+        [camera_from_colmap(image.camera, folder) for image in images],
+        np.array([pose_matrix(image) for image in images]),
+        np.array([model.points3D[i].xyz for i in ids]).reshape(-1, 3),
+        np.array([model.points3D[i].color for i in ids], dtype=np.uint8).reshape(-1, 3),
+        np.array([model.points3D[i].error for i in ids], dtype=np.float64),
+        np.array(view_index, dtype=np.int32),
+        np.array(point_index, dtype=np.int32),
+    )
+
+
+def _write(
+    sparse: _Model, record: dict[str, Any], table_from_sfm: Similarity, paths: tuple[Path, Path], sfm_json: Path
+) -> None:
+    """Write `views.json` and `points.npz`.
+
+    Raises:
+        InputError: The record of the sfm stage does not belong to the model.
+    """
+    out_views, out_points = paths
+    try:
+        splits = [record["splits"][name] for name in sparse.names]
+    except KeyError as error:
+        raise InputError(sfm_json, f"it does not name the image {error} of the model", "Run the sfm stage again") from error
+    moved = table_from_sfm.move_pose(sparse.poses)
+    views = [View(*item) for item in zip(sparse.names, sparse.cameras, moved, splits, strict=True)]
+    write_views(out_views, views)
+    with atomic_file(out_points) as temporary:
+        np.savez_compressed(
+            temporary,
+            points=table_from_sfm.apply(sparse.points),
+            colours=sparse.colours,
+            errors=sparse.errors,
+            view_index=sparse.view_index,
+            point_index=sparse.point_index,
+        )

@@ -1,0 +1,55 @@
+"""Agreement of the masks of all views: their visual hull, and its outline in each view."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gsbridge.cameras import Camera, View
+from gsbridge.carving import Grid, Silhouette, carve, largest_component, mesh_depth, mesh_of_field, signed_distances
+from gsbridge.geometry import Array
+from gsbridge.masks.prompt import Prompt
+from gsbridge.meshes import Mesh
+
+_GROUND = 0.004
+"""The hull starts this share of the working distance above the table: a shadow, which lies on it, is no part of the hull."""
+
+
+def hull_of_masks(
+    views: Sequence[View], masks: Sequence[Array], prompt: Prompt, *, vote: float, voxels: int, threads: int
+) -> Mesh | None:
+    """Visual hull of masks (any size; cameras are scaled to them), grown to the table; None where the masks share no point.
+
+    The votes count only views that show anything: an empty mask is a failed one, not a proof that there is no object.
+    """
+    silhouettes = []
+    for view, mask in zip(views, masks, strict=True):
+        if mask.any():
+            camera = view.camera.scaled(mask.shape[1] / view.camera.width)
+            silhouettes.append(Silhouette(signed_distances(mask), camera, view.cam_from_table))
+    if len(silhouettes) < 2:
+        return None
+    spacing = float((prompt.high - prompt.low).max()) / voxels
+    ground = _GROUND * prompt.distance
+    grid = Grid.covering([prompt.low[0], prompt.low[1], ground], prompt.high, spacing)
+    field = carve(grid, silhouettes, vote=vote, min_views=min(3, len(silhouettes)), threads=threads)
+    field = largest_component(field, (prompt.points - grid.origin) / spacing)
+    mesh = mesh_of_field(grid, field)
+    if mesh is None:
+        return None
+    # Stretch the lowest layer down to the table, where the object stands.
+    vertices = mesh.vertices.copy()
+    vertices[vertices[:, 2] < ground + 0.25 * spacing, 2] = 0.0
+    return Mesh(vertices, mesh.faces)
+
+
+def outline(mesh: Mesh, camera: Camera, cam_from_table: Array) -> Array:
+    """Pixels that a mesh covers. [H, W] bool."""
+    return np.isfinite(mesh_depth(mesh.vertices, mesh.faces, camera, cam_from_table))
+
+
+def overlap(first: Array, second: Array) -> float:
+    """Intersection over union of two masks; 1 for two empty ones."""
+    union = np.logical_or(first, second).sum()
+    return float(np.logical_and(first, second).sum() / union) if union else 1.0

@@ -1,0 +1,239 @@
+"""The masks stage: one 8-bit mask of the object per registered photo."""
+
+from __future__ import annotations
+
+import logging
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from gsbridge.cameras import Camera, View, Views
+from gsbridge.errors import InputError, StageError
+from gsbridge.files import atomic_directory, write_stage
+from gsbridge.geometry import Array
+from gsbridge.images import read_image_u8, write_image
+from gsbridge.logs import Progress
+from gsbridge.masks import flatness, grabcut, sam2
+from gsbridge.masks.colours import SharedColours
+from gsbridge.masks.consistency import hull_of_masks, outline, overlap
+from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop
+from gsbridge.masks.prompt import Prompt, SparsePoints, find_object, read_points
+from gsbridge.masks.settings import MaskSettings
+from gsbridge.meshes import Mesh
+
+logger = logging.getLogger("gsbridge")
+
+_HULL_WIDTH = 640
+"""Masks are shrunk to this width for the hull."""
+
+
+def _pixels(view: View, points: Array) -> Array:
+    """Pixels of table points in a view; NaN behind the camera. [N, 3] -> [N, 2]."""
+    return view.camera.project(points @ view.cam_from_table[:3, :3].T + view.cam_from_table[:3, 3])
+
+
+def _first_labels(view: View, index: int, crop: Crop, prompt: Prompt, sparse: SparsePoints) -> Array:
+    """GrabCut labels from the sparse points alone. [h, w] uint8."""
+    labels = np.full(crop.size[::-1], BACK, np.uint8)
+    box = crop.pixels(_pixels(view, prompt.box_corners()))
+    object_pixels = crop.pixels(_pixels(view, prompt.points))
+    if np.isfinite(box).all():
+        cv2.fillConvexPoly(labels, cv2.convexHull(box.astype(np.int32)), int(UNSURE_BACK))
+    hull = cv2.convexHull(object_pixels[np.isfinite(object_pixels).all(axis=1)].astype(np.int32))
+    cv2.fillConvexPoly(labels, hull, int(UNSURE_FRONT))
+    _stamp_points(labels, view, index, crop, prompt, sparse)
+    return labels
+
+
+def _band_labels(hull: Array, width: float) -> Array:
+    """GrabCut labels from the hull's outline: sure beyond `width` px of it. [h, w] bool -> [h, w] uint8."""
+    size = 2 * max(1, round(width)) + 1
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    mask = hull.astype(np.uint8)
+    labels = np.where(hull, UNSURE_FRONT, UNSURE_BACK).astype(np.uint8)
+    labels[cv2.erode(mask, kernel) > 0] = FRONT
+    labels[cv2.dilate(mask, kernel) == 0] = BACK
+    return labels
+
+
+def _stamp_points(labels: Array, view: View, index: int, crop: Crop, prompt: Prompt, sparse: SparsePoints) -> None:
+    """Mark what the sparse points say: table points that this view saw, and all object points, in place.
+
+    Object points lie within the outline in every view, seen there or not.
+    """
+    radius = max(2, round(0.012 * max(crop.size)))
+    seen = np.intersect1d(sparse.seen_by(index), prompt.table)
+    grabcut.stamp(labels, crop.pixels(_pixels(view, sparse.points[seen])), radius, BACK)
+    grabcut.stamp(labels, crop.pixels(_pixels(view, prompt.points)), radius, FRONT)
+
+
+def _crop_camera(view: View, crop: Crop) -> Camera:
+    """Pinhole of the resized part of a photo."""
+    return view.camera.cropped(crop.left, crop.top, crop.width, crop.height).scaled(crop.scale)
+
+
+def _flat_pixels(
+    views: Views, crops: list[Crop | None], photos: list[Array | None], prompt: Prompt, threads: int
+) -> list[Array]:
+    """Pixels of each crop that lie on the table, from parallax. [h, w] bool each (empty where there is no crop)."""
+    greys = [None if photo is None else flatness.fine_detail(photo) for photo in photos]
+    cameras = [view.camera if crop is None else _crop_camera(view, crop) for view, crop in zip(views, crops, strict=True)]
+    poses = [view.cam_from_table for view in views]
+    others = flatness.choose_others(np.stack([view.centre for view in views]), prompt.points.mean(0))
+
+    def work(index: int) -> Array:
+        if greys[index] is None:
+            return np.zeros((0, 0), bool)
+        return flatness.table_pixels(index, greys, cameras, poses, others[index])
+
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(work, range(len(views))))
+
+
+def _grabcut_masks(
+    views: Views, prompt: Prompt, sparse: SparsePoints, settings: MaskSettings, seed: int, threads: int
+) -> tuple[list[Array], Mesh]:
+    """Masks of all views by GrabCut, hull, GrabCut within a band of the hull. -> list of [H, W] float32 0..1, last hull."""
+    crops = [
+        Crop.around(_pixels(view, prompt.box_corners()), (view.camera.width, view.camera.height), settings.crop_px)
+        for view in views
+    ]
+    photos = [None if crop is None else crop.cut(read_image_u8(views.path(view))) for view, crop in zip(views, crops, strict=True)]
+    flat = _flat_pixels(views, crops, photos, prompt, threads)
+    progress = Progress(len(views) * (1 + settings.passes), "masks")
+
+    def cut(index: int, hull: Mesh | None, share: float) -> Array:
+        view, crop, photo = views[index], crops[index], photos[index]
+        if crop is None or photo is None:
+            return np.zeros((view.camera.height, view.camera.width), np.float32)
+        object_pixels = crop.pixels(_pixels(view, prompt.points))
+        if hull is None:
+            labels = _first_labels(view, index, crop, prompt, sparse)
+        else:
+            covered = outline(hull, _crop_camera(view, crop), view.cam_from_table)
+            labels = _band_labels(covered, share * np.sqrt(max(covered.sum(), 1.0)))
+            if colours is not None:
+                labels[colours.backness(photo) & (labels != FRONT)] = BACK
+        labels[flat[index] & ((labels == UNSURE_BACK) if hull is None else (labels != FRONT))] = BACK
+        mask = grabcut.cut_out(photo, labels, settings.iterations, seed + index)
+        mask = grabcut.tidy(mask, object_pixels)
+        return crop.paste(mask, (view.camera.width, view.camera.height))
+
+    hull: Mesh | None = None
+    colours: SharedColours | None = None
+    masks: list[Array] = []
+    with ThreadPoolExecutor(threads) as pool:
+        for number in range(1 + settings.passes):
+            share = 0.12 / 2 ** max(number - 1, 0)
+            shown = [index for index, crop in enumerate(crops) if crop is not None and number > 0]
+            if shown:
+                # One colour model for all views: what is table in most of them is table in the few that took it for object.
+                colours = SharedColours.learn(
+                    [photos[index] for index in shown], [crops[index].cut(masks[index]) > 0.5 for index in shown]
+                )
+            jobs = [pool.submit(cut, index, hull, share) for index in range(len(views))]
+            masks = []
+            for job in jobs:
+                masks.append(job.result())
+                progress.update()
+            hull = _agree(views, masks, prompt, settings, threads)
+    return masks, hull
+
+
+def _agree(views: Views, masks: list[Array], prompt: Prompt, settings: MaskSettings, threads: int) -> Mesh:
+    """Hull of the masks, with a vote that yields where the views agree on nothing."""
+    small = [_shrunk(mask) for mask in masks]
+    for vote in (settings.hull_vote, 0.85 * settings.hull_vote, 0.7 * settings.hull_vote):
+        hull = hull_of_masks(views, small, prompt, vote=vote, voxels=settings.hull_voxels, threads=threads)
+        if hull is not None:
+            return hull
+        logger.warning("masks: no hull at vote %.2f", vote)
+    raise StageError(
+        "masks",
+        "the outlines of the object found in the photos share no common volume",
+        "Check the poses of the sfm stage, film the object on a table of another colour, or use the sam2 backend with weights",
+    )
+
+
+def _shrunk(mask: Array) -> Array:
+    """The mask at hull size. [H, W] float -> [h, w] bool."""
+    scale = min(1.0, _HULL_WIDTH / mask.shape[1])
+    if scale == 1.0:
+        return mask > 0.5
+    return cv2.resize(mask, (round(mask.shape[1] * scale), round(mask.shape[0] * scale)), interpolation=cv2.INTER_AREA) > 0.5
+
+
+def segment_object(
+    views: Views,
+    points_npz: str | Path,
+    out_images: str | Path,
+    out_json: str | Path,
+    settings: MaskSettings | None = None,
+    seed: int = 0,
+    threads: int = 1,
+) -> None:
+    """Cut the object out of every registered photo.
+
+    Args:
+        views: Posed, undistorted photos.
+        points_npz: Sparse points of the align stage.
+        out_images: Folder of the 8-bit masks, one PNG per photo with the photo's stem; made new.
+        out_json: Record of the stage.
+        settings: See `MaskSettings`.
+        seed: Random seed.
+        threads: Threads to use.
+
+    Raises:
+        InputError: A file or setting cannot be used.
+        StageError: No object is found, or its masks come out empty.
+    """
+    settings = settings or MaskSettings()
+    if settings.backend not in ("grabcut", "sam2"):
+        raise InputError("masks.backend", f"'{settings.backend}' is unknown", "Use grabcut or sam2")
+    if len(views) < 3:
+        raise StageError("masks", f"{len(views)} photos are registered, 3 are needed", "Film again with more overlap")
+    sparse = read_points(points_npz)
+    prompt = find_object(views, sparse, settings.height_share, settings.min_points)
+    if settings.backend == "sam2":
+        masks = sam2.propagate(views, prompt, settings.sam2_weights, threads)
+        hull = _agree(views, masks, prompt, settings, threads)
+    else:
+        masks, hull = _grabcut_masks(views, prompt, sparse, settings, seed, threads)
+    shares = [float((mask > 0.5).mean()) for mask in masks]
+    agreement = []
+    for view, mask in zip(views, masks, strict=True):
+        small = _shrunk(mask)
+        camera = view.camera.scaled(small.shape[1] / view.camera.width)
+        agreement.append(overlap(small, outline(hull, camera, view.cam_from_table)))
+    empty = [view.name for view, share in zip(views, shares, strict=True) if share == 0.0]
+    if len(empty) > 0.2 * len(views):
+        raise StageError(
+            "masks",
+            f"the mask is empty in {len(empty)} of {len(views)} photos, for example {empty[0]}",
+            "Keep the whole object in the picture and use a table of another colour, or use the sam2 backend with weights",
+        )
+    reasons = [f"the mask of {name} is empty" for name in empty]
+    mean = float(np.mean(agreement))
+    if mean < settings.min_consistency:
+        reasons.append(f"masks and their common hull agree to {mean:.2f} only (IoU; {settings.min_consistency:.2f} is good)")
+    with atomic_directory(out_images) as folder:
+        for view, mask in zip(views, masks, strict=True):
+            write_image(folder / f"{Path(view.name).stem}.png", mask)
+    write_stage(
+        out_json,
+        reasons=reasons,
+        seed=seed,
+        packages=("opencv-python-headless", "numba"),
+        backend=settings.backend,
+        object_points=len(prompt.points),
+        views={
+            view.name: {"area": share, "consistency": value}
+            for view, share, value in zip(views, shares, agreement, strict=True)
+        },
+        area={"mean": float(np.mean(shares)), "min": float(np.min(shares)), "max": float(np.max(shares))},
+        consistency={"mean": mean, "min": float(np.min(agreement))},
+        box={"low": prompt.low, "high": prompt.high},
+    )
+    logger.info("masks: %d photos, object %.1f %% of the picture, consistency %.3f", len(views), 100 * np.mean(shares), mean)

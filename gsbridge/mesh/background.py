@@ -1,0 +1,395 @@
+"""The mesh stage for backgrounds: the table as an open height field, and a slab below it for collisions."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scipy import ndimage
+from scipy.spatial import Delaunay
+
+from gsbridge.cameras import Views
+from gsbridge.errors import StageError
+from gsbridge.files import write_stage
+from gsbridge.geometry import Array
+from gsbridge.images import read_image
+from gsbridge.mesh.fuse import vertex_colours
+from gsbridge.mesh.objects import load_points
+from gsbridge.mesh.relief import agreement, smooth_heights
+from gsbridge.mesh.repair import largest_part
+from gsbridge.mesh.settings import MeshSettings
+from gsbridge.meshes import Mesh, write_mesh
+
+logger = logging.getLogger("gsbridge")
+
+_CELLS_PER_DISTANCE = 110
+"""Map cells per working distance: about 4 mm at 0.45 m."""
+_STEPS_PER_DISTANCE = 400
+"""Heights per working distance: about 1 mm at 0.45 m."""
+_REACH = 2.2
+"""A view counts for parts of the table up to this many working distances away."""
+_MIN_FALL = 0.17
+"""Lines of sight that meet the table flatter than 10 degrees show too little of it."""
+_PATCH_VIEWS = 10
+_FLAT_SHARE = 0.006
+"""Relief lower than this share of the working distance is noise."""
+_TEXTURE = 0.006
+
+
+@dataclass(frozen=True)
+class TableMap:
+    """A map of the table with heights.
+
+    Args:
+        xs, ys: Cell centres. [nx], [ny].
+        filmed: Cells that enough views see. [ny, nx] bool.
+        heights: Height of the surface. [ny, nx].
+    """
+
+    xs: Array
+    ys: Array
+    filmed: Array
+    heights: Array
+
+
+def working_distance(views: Views) -> float:
+    """Median distance from the cameras to where their axes meet the table."""
+    distances = []
+    for view in views:
+        axis = view.cam_from_table[2, :3]
+        if axis[2] < -0.05:
+            distances.append(view.centre[2] / -axis[2])
+    if len(distances) < 3:
+        raise StageError("mesh", "hardly any photo looks down at the table", "Look at the align stage's plane")
+    return float(np.median(distances))
+
+
+def filmed_region(views: Views, sparse: Array, distance: float, settings: MeshSettings) -> TableMap:
+    """Cells of the table that enough views see from near enough.
+
+    Args:
+        views: Posed photos.
+        sparse: Sparse points; ground far below the table shows where the table ends. [N, 3].
+        distance: Working distance.
+        settings: See `MeshSettings`.
+
+    Raises:
+        StageError: No part of the table is seen by enough views.
+    """
+    cell = distance / _CELLS_PER_DISTANCE
+    targets = np.stack([v.centre - v.cam_from_table[2, :3] * v.centre[2] / min(v.cam_from_table[2, 2], -0.05) for v in views])
+    middle = np.median(targets[:, :2], axis=0)
+    half = np.array([1.6 * distance] * 2) if settings.table_size is None else 0.5 * np.asarray(settings.table_size)
+    count = np.ceil(2 * half / cell).astype(int)
+    xs = middle[0] - half[0] + cell * (np.arange(count[0]) + 0.5)
+    ys = middle[1] - half[1] + cell * (np.arange(count[1]) + 0.5)
+    x, y = np.meshgrid(xs, ys)
+    cells = np.stack([x, y, np.zeros_like(x)], axis=-1)
+    seen = sum(_visible(view, cells, distance).astype(int) for view in views)
+    filmed = seen >= settings.min_views
+    filmed &= ~_beyond_edge(views, sparse, xs, ys, distance)
+    filmed = ndimage.binary_opening(filmed, iterations=2)
+    labels, number = ndimage.label(filmed)
+    if number == 0:
+        raise StageError(
+            "mesh", f"no part of the table is seen by {settings.min_views} photos", "Film more slowly, with the table in view"
+        )
+    best = 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
+    filmed = ndimage.binary_fill_holes(labels == best)
+    return TableMap(xs, ys, filmed, np.zeros(filmed.shape))
+
+
+def _visible(view, cells: Array, distance: float) -> Array:  # type: ignore[no-untyped-def]
+    """Cells in the picture of a view, near and steep enough. [ny, nx, 3] -> [ny, nx] bool."""
+    camera = view.camera
+    local = cells @ view.cam_from_table[:3, :3].T + view.cam_from_table[:3, 3]
+    pixels = camera.project(local)
+    rays = view.centre - cells
+    length = np.linalg.norm(rays, axis=-1)
+    border = 6
+    with np.errstate(invalid="ignore"):
+        inside = (pixels > border).all(-1) & (pixels[..., 0] < camera.width - border)
+        inside &= pixels[..., 1] < camera.height - border
+    return inside & (length < _REACH * distance) & (rays[..., 2] > _MIN_FALL * length)
+
+
+def _beyond_edge(views: Views, sparse: Array, xs: Array, ys: Array, distance: float) -> Array:
+    """Cells through which several lines of sight reach ground far below the table: the table is not there. [ny, nx] bool."""
+    below = sparse[(sparse[:, 2] < -0.15 * distance) & (np.linalg.norm(sparse, axis=1) < 6 * distance)]
+    hits = np.zeros((len(ys), len(xs)))
+    if len(below) < 20:
+        return hits > 0
+    cell = xs[1] - xs[0]
+    for view in views:
+        local = below @ view.cam_from_table[:3, :3].T + view.cam_from_table[:3, 3]
+        pixels = view.camera.project(local)
+        inside = np.isfinite(pixels).all(1) & (pixels > 0).all(1)
+        inside &= (pixels < (view.camera.width, view.camera.height)).all(1)
+        points = below[inside]
+        t = view.centre[2] / (view.centre[2] - points[:, 2])
+        cross = view.centre[:2] + t[:, None] * (points[:, :2] - view.centre[:2])
+        index = np.floor((cross - (xs[0], ys[0])) / cell + 0.5).astype(int)
+        valid = (index >= 0).all(1) & (index[:, 0] < len(xs)) & (index[:, 1] < len(ys))
+        np.add.at(hits, (index[valid, 1], index[valid, 0]), 1)
+    # Points that were matched wrongly are rare and scattered; ground seen past an edge is dense.
+    return ndimage.gaussian_filter(hits, 3) > 0.5
+
+
+def _choose_views(views: Views, table: TableMap, distance: float) -> Array:
+    """Views of each cell: near ones, spread around it. [ny, nx, K] int, -1 for none."""
+    x, y = np.meshgrid(table.xs, table.ys)
+    cells = np.stack([x, y, np.zeros_like(x)], axis=-1)
+    visible = np.stack([_visible(view, cells, distance) for view in views])
+    lengths = np.stack([np.linalg.norm(view.centre - cells, axis=-1) for view in views])
+    # Sorting by distance prefers sharp views; the steps through the list below spread them over the orbit.
+    cost = np.where(visible & table.filmed, lengths, np.inf)
+    order = np.argsort(cost, axis=0)
+    number = np.isfinite(cost).sum(0)
+    out = np.full((*x.shape, _PATCH_VIEWS), -1, np.int64)
+    kept = np.minimum(number, np.maximum(2 * number // 3, _PATCH_VIEWS))
+    for k in range(_PATCH_VIEWS):
+        place = np.where(kept > _PATCH_VIEWS, (k * kept) // _PATCH_VIEWS, k)
+        pick = np.take_along_axis(order, np.minimum(place, len(views) - 1)[None], axis=0)[0]
+        out[..., k] = np.where(place < kept, pick, -1)
+    return out
+
+
+def measure_relief(views: Views, table: TableMap, distance: float, settings: MeshSettings, threads: int) -> TableMap:
+    """Heights of the table's cells from the photos; exactly 0 where nothing stands.
+
+    Args:
+        views: Posed photos.
+        table: The filmed cells.
+        distance: Working distance.
+        settings: See `MeshSettings`.
+        threads: Threads to use.
+    """
+    from concurrent.futures import ThreadPoolExecutor
+
+    step = distance / _STEPS_PER_DISTANCE
+    heights = step * np.arange(-6, int(settings.relief * distance / step) + 1)
+    cameras, greys = [], []
+    for view in views:
+        camera = view.camera.scaled(min(1.0, settings.image_width / view.camera.width))
+        grey = cv2.cvtColor(np.ascontiguousarray(read_image(views.path(view))), cv2.COLOR_RGB2GRAY)
+        greys.append(cv2.resize(grey, (camera.width, camera.height), interpolation=cv2.INTER_AREA))
+        cameras.append(camera)
+    sizes = np.array([grey.shape[::-1] for grey in greys])
+    images = np.zeros((len(greys), sizes[:, 1].max(), sizes[:, 0].max()), np.float32)
+    for image, grey in zip(images, greys, strict=True):
+        image[: grey.shape[0], : grey.shape[1]] = grey
+    projections = np.stack([c.intrinsics @ v.cam_from_table[:3] for c, v in zip(cameras, views, strict=True)])
+    chosen = _choose_views(views, table, distance)
+    # Patch points about 1.6 px apart in the photo.
+    pitch = 1.6 * distance / float(np.median([c.fx for c in cameras]))
+    score = np.zeros((*table.filmed.shape, len(heights)), np.float32)
+    rows = np.linspace(0, len(table.ys), 8 * threads + 1).astype(int)
+
+    def part(a: int, b: int) -> None:
+        agreement(
+            images, sizes, projections, chosen[a:b], table.xs, table.ys[a:b], heights, pitch, 3, _TEXTURE, score[a:b]
+        )
+
+    with ThreadPoolExecutor(threads) as pool:
+        for job in [pool.submit(part, a, b) for a, b in zip(rows[:-1], rows[1:], strict=True) if b > a]:
+            job.result()
+    # A slight preference for the table itself settles plain areas.
+    bias = 0.06 * (1 - np.exp(-((heights / (2 * step)) ** 2)))
+    found, level = smooth_heights(1.0 - score + bias, table.filmed, heights, slope=0.12, limit=1.2)
+    zero = int(np.argmin(np.abs(heights)))
+    gain = np.take_along_axis(score, level[..., None], axis=2)[..., 0] - score[..., zero - 1 : zero + 2].max(2)
+    return replace(table, heights=_significant(found, gain, table, distance))
+
+
+def _significant(found: Array, gain: Array, table: TableMap, distance: float) -> Array:
+    """Heights of parts that clearly stand above the table; 0 elsewhere. [ny, nx].
+
+    Args:
+        found: Measured heights. [ny, nx].
+        gain: How much better the views agree there than at the table. [ny, nx].
+        table: The filmed cells.
+        distance: Working distance.
+    """
+    smooth = ndimage.median_filter(found, 5)
+    stands = (smooth > _FLAT_SHARE * distance) & table.filmed
+    stands = ndimage.binary_opening(stands, iterations=2)
+    labels, number = ndimage.label(stands, structure=np.ones((3, 3)))
+    keep = np.zeros(found.shape, bool)
+    for label in range(1, number + 1):
+        part = labels == label
+        # 120 cells are about 4 x 5 cm; smaller parts and parts whose views do not agree better than at 0 are noise.
+        if part.sum() >= 120 and gain[part].mean() > 0.08:
+            keep |= part
+    if not keep.any():
+        return np.zeros(found.shape)
+    # Fall to the table within two cells round each part, along the measured heights.
+    ring = ndimage.binary_dilation(keep, iterations=2)
+    keep = ndimage.binary_fill_holes(keep)
+    out = np.where(keep | ring, np.maximum(smooth, 0.0), 0.0)
+    return np.where(keep | ring, ndimage.gaussian_filter(out, 0.7), 0.0)
+
+
+def table_mesh(table: TableMap, faces: int) -> Mesh:
+    """Open mesh of a map with about `faces` even triangles, three times as dense where the map has relief.
+
+    Raises:
+        StageError: The filmed part is too small for a mesh.
+    """
+    cell = float(table.xs[1] - table.xs[0])
+    raised = ndimage.binary_dilation(table.heights > 0, iterations=2)
+    flat_area = float((table.filmed & ~raised).sum()) * cell**2
+    raised_area = float((table.filmed & raised).sum()) * cell**2
+    fine = 3.0
+    spacing = np.sqrt(2.0 * (flat_area + fine**2 * raised_area) / (0.97 * faces))
+    points = []
+    for pitch, wanted in ((spacing, ~raised), (max(spacing / fine, 0.5 * cell), raised)):
+        x = np.arange(table.xs[0], table.xs[-1] + 1e-9, pitch)
+        y = np.arange(table.ys[0], table.ys[-1] + 1e-9, pitch)
+        gx, gy = np.meshgrid(x, y)
+        i, j = _cell_of(table, gx, gy)
+        inside = table.filmed[i, j] & wanted[i, j]
+        points.append(np.stack([gx[inside], gy[inside]], axis=-1))
+    flat = np.concatenate(points)
+    if len(flat) < 16:
+        raise StageError("mesh", "the filmed part of the table is too small for a mesh", "Film the table from farther away")
+    # Delaunay of an exact lattice has ties; a shift far below the map's accuracy settles them.
+    jitter = np.random.default_rng(0).uniform(-1e-3, 1e-3, flat.shape) * spacing
+    triangles = Delaunay(flat + jitter).simplices.astype(np.int64)
+    corners = flat[triangles]
+    centres = corners.mean(axis=1)
+    i, j = _cell_of(table, centres[:, 0], centres[:, 1])
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(1)
+    edge_a, edge_b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    doubled = edge_a[:, 0] * edge_b[:, 1] - edge_a[:, 1] * edge_b[:, 0]
+    good = table.filmed[i, j] & (longest < 3.0 * spacing) & (np.abs(doubled) > 1e-2 * longest**2)
+    triangles, doubled = triangles[good], doubled[good]
+    triangles = np.where(doubled[:, None] > 0, triangles, triangles[:, ::-1])
+    index = np.stack([(flat[:, 1] - table.ys[0]) / cell, (flat[:, 0] - table.xs[0]) / cell])
+    heights = ndimage.map_coordinates(table.heights, index, order=1, mode="nearest")
+    return largest_part(Mesh(np.c_[flat, heights], triangles))
+
+
+def _cell_of(table: TableMap, x: Array, y: Array) -> tuple[Array, Array]:
+    """Row and column of the cells that hold points."""
+    cell = float(table.xs[1] - table.xs[0])
+    i = np.clip(np.rint((y - table.ys[0]) / cell).astype(int), 0, len(table.ys) - 1)
+    j = np.clip(np.rint((x - table.xs[0]) / cell).astype(int), 0, len(table.xs) - 1)
+    return i, j
+
+
+def slab(table: TableMap, thickness: float, faces: int) -> Mesh:
+    """Watertight slab under the map's height field, on a regular grid of the filmed cells. Bottom at `-thickness`."""
+    step = 1
+    while 4 * (table.filmed.sum() / step**2) > faces and step < 64:
+        step += 1
+    rows, columns = np.arange(0, len(table.ys), step), np.arange(0, len(table.xs), step)
+    filmed = ndimage.binary_opening(table.filmed[np.ix_(rows, columns)])
+    heights = ndimage.maximum_filter(table.heights, step)[np.ix_(rows, columns)]
+    # A cell (square between four samples) takes part when its samples do; a pinch between two squares that touch at a
+    # corner only would share a wall edge four times, so the opening above and the largest part below remove them.
+    square = filmed[:-1, :-1] & filmed[1:, :-1] & filmed[:-1, 1:] & filmed[1:, 1:]
+    labels, number = ndimage.label(square)
+    if number == 0:
+        raise StageError("mesh", "the filmed part of the table is too small for a slab", "Film the table from farther away")
+    square = ndimage.binary_fill_holes(labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:])))
+    for _ in range(square.size):
+        a, b, c, d = square[:-1, :-1], square[:-1, 1:], square[1:, :-1], square[1:, 1:]
+        pinch = (a & d & ~b & ~c) | (b & c & ~a & ~d)
+        if not pinch.any():
+            break
+        square[:-1, :-1] |= pinch
+        square[:-1, 1:] |= pinch
+        square[1:, :-1] |= pinch
+        square[1:, 1:] |= pinch
+    number_of = np.arange(filmed.size).reshape(filmed.shape)
+    i, j = np.nonzero(square)
+    p00, p01, p10, p11 = number_of[i, j], number_of[i, j + 1], number_of[i + 1, j], number_of[i + 1, j + 1]
+    top = np.concatenate([np.stack([p00, p01, p11], 1), np.stack([p00, p11, p10], 1)])
+    x, y = np.meshgrid(table.xs[columns], table.ys[rows])
+    upper = np.stack([x.ravel(), y.ravel(), heights.ravel()], 1)
+    lower = np.stack([x.ravel(), y.ravel(), np.full(x.size, -thickness)], 1)
+    edges = np.concatenate([top[:, [0, 1]], top[:, [1, 2]], top[:, [2, 0]]])
+    codes = edges[:, 0] * filmed.size + edges[:, 1]
+    border = edges[~np.isin(codes, edges[:, 1] * filmed.size + edges[:, 0])]
+    under = filmed.size
+    walls = np.concatenate(
+        [
+            np.stack([border[:, 1], border[:, 0], border[:, 0] + under], 1),
+            np.stack([border[:, 1], border[:, 0] + under, border[:, 1] + under], 1),
+        ]
+    )
+    return largest_part(Mesh(np.concatenate([upper, lower]), np.concatenate([top, top[:, ::-1] + under, walls])))
+
+
+def mesh_background(
+    views: Views,
+    points_npz: str | Path,
+    out_visual: str | Path,
+    out_collision: str | Path,
+    out_json: str | Path,
+    settings: MeshSettings | None = None,
+    seed: int = 0,
+    threads: int = 1,
+) -> None:
+    """Meshes of a table without object.
+
+    Args:
+        views: Posed, undistorted photos.
+        points_npz: Sparse points of the align stage.
+        out_visual: Open mesh of the filmed table with its relief and vertex colours.
+        out_collision: Watertight slab under the same heights.
+        out_json: Record of the stage.
+        settings: See `MeshSettings`.
+        seed: Random seed, for the record; nothing here is random.
+        threads: Threads to use.
+
+    Raises:
+        InputError: A file cannot be used.
+        StageError: No part of the table is seen by enough views.
+    """
+    settings = settings or MeshSettings()
+    sparse = load_points(points_npz)
+    distance = working_distance(views)
+    table = filmed_region(views, sparse, distance, settings)
+    if settings.relief > 0:
+        table = measure_relief(views, table, distance, settings, threads)
+    visual = table_mesh(table, settings.background_faces)
+    collision = slab(table, 0.05 * distance, settings.collision_faces)
+    colours = _colours(visual, views, settings.image_width)
+    write_mesh(out_visual, Mesh(visual.vertices, visual.faces, colours))
+    write_mesh(out_collision, collision)
+    raised = table.heights > 0
+    cell = float(table.xs[1] - table.xs[0])
+    write_stage(
+        out_json,
+        reasons=[],
+        seed=seed,
+        packages=("scipy", "numba"),
+        kind="background",
+        method="height field" if raised.any() else "plane",
+        visual={
+            "watertight": False,
+            "faces": len(visual.faces),
+            "extents": np.ptp(visual.vertices, axis=0),
+            "low": visual.vertices.min(0),
+            "high": visual.vertices.max(0),
+        },
+        collision={"watertight": collision.is_watertight(), "volume": collision.volume(), "faces": len(collision.faces)},
+        coverage={"area": float(table.filmed.sum()) * cell**2, "raised_area": float((raised & table.filmed).sum()) * cell**2},
+        relief={"highest": float(table.heights.max()), "mean_raised": float(table.heights[raised].mean()) if raised.any() else 0.0},
+    )
+    logger.info("mesh: table of %d faces, highest relief %.4f", len(visual.faces), table.heights.max())
+
+
+def _colours(mesh: Mesh, views: Views, width: int) -> Array:
+    """Vertex colours of the table. [V, 3] float32."""
+    small, photos = [], []
+    for view in views:
+        camera = view.camera.scaled(min(1.0, width / view.camera.width))
+        photos.append(cv2.resize(read_image(views.path(view)), (camera.width, camera.height), interpolation=cv2.INTER_AREA))
+        small.append(replace(view, camera=camera))
+    return vertex_colours(mesh, small, photos)

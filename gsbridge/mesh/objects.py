@@ -1,0 +1,165 @@
+"""The mesh stage for objects: collision shape from the hull, visual shape from depth and hull."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from gsbridge.cameras import Views
+from gsbridge.carving import Grid
+from gsbridge.errors import InputError, StageError
+from gsbridge.files import write_stage
+from gsbridge.geometry import Array
+from gsbridge.images import read_image
+from gsbridge.mesh.backends import choose_backend, external_points
+from gsbridge.mesh.depth import Cloud, depth_cloud
+from gsbridge.mesh.fuse import fuse, vertex_colours
+from gsbridge.mesh.hull import Hull, build_hull, read_masks
+from gsbridge.mesh.repair import closed_surface
+from gsbridge.mesh.settings import MeshSettings
+from gsbridge.meshes import Mesh, write_mesh
+
+logger = logging.getLogger("gsbridge")
+
+_FULL_ORBIT_DEG = 200.0
+"""Views spread over less than this leave a side of the object unseen."""
+
+
+def azimuth_coverage(views: Views, middle: Array) -> float:
+    """Angle round the object that the views cover, degrees: 360 less the widest gap beyond 45 degrees."""
+    centres = np.stack([view.centre for view in views]) - middle
+    angles = np.sort(np.degrees(np.arctan2(centres[:, 1], centres[:, 0])) % 360.0)
+    gap = float(np.diff(np.r_[angles, angles[0] + 360.0]).max())
+    return 360.0 if gap <= 45.0 else 360.0 - gap
+
+
+def load_points(path: str | Path) -> Array:
+    """Sparse points of the align stage. [N, 3].
+
+    Raises:
+        InputError: The file is missing or damaged.
+    """
+    if not Path(path).is_file():
+        raise InputError(path, "the sparse points do not exist", "Run the align stage")
+    try:
+        with np.load(path) as content:
+            points = content["points"].astype(np.float64)
+    except Exception as error:  # a damaged archive raises many kinds (zip, pickle, key, value); the user needs one line
+        raise InputError(path, f"the file is damaged ({error})", "Delete it and run the align stage again") from error
+    return points.reshape(-1, 3)
+
+
+def _solid(
+    views: Views, masks: Sequence[Array], hull: Hull, sparse: Array, settings: MeshSettings, narrow: bool, seed: int, threads: int
+) -> tuple[Grid, Array, dict[str, Any]]:
+    """Signed distance of the object by the chosen depth backend, and figures."""
+    backend = choose_backend(settings.backend)
+    if backend == "sweep":
+        cloud = depth_cloud(views, masks, hull, settings, seed, threads)
+        kept = sum(int(item.sum()) for item in cloud.confirmed)
+        share = kept / max(cloud.tried, 1)
+    else:
+        low, high = hull.mesh.vertices.min(0), hull.mesh.vertices.max(0)
+        inside = ((sparse > low) & (sparse < high)).all(axis=1)
+        points, normals = external_points(backend, views, masks, sparse[inside], threads)
+        above = points[:, 2] > 0.5 * hull.grid.spacing
+        # These points were checked by their program; near ones stand in for the pixel-wise test of hull samples.
+        cloud, share = Cloud(points[above], normals[above], (), (), 0), float("nan")
+    logger.info("mesh: %d depth points (%s), %.0f %% of the object's pixels confirmed", len(cloud.points), backend, 100 * share)
+    grid, field, figures = fuse(hull, cloud, views, settings, narrow=narrow, seed=seed, threads=threads)
+    return grid, field, {"backend": backend, "confirmed_share": share, **figures}
+
+
+def _figures(mesh: Mesh) -> dict[str, Any]:
+    """Figures of one mesh for the record."""
+    return {
+        "watertight": mesh.is_watertight(),
+        "volume": mesh.volume(),
+        "faces": len(mesh.faces),
+        "extents": np.ptp(mesh.vertices, axis=0),
+        "low": mesh.vertices.min(0),
+        "high": mesh.vertices.max(0),
+    }
+
+
+def mesh_object(
+    views: Views,
+    masks_dir: str | Path,
+    points_npz: str | Path,
+    out_visual: str | Path,
+    out_collision: str | Path,
+    out_json: str | Path,
+    settings: MeshSettings | None = None,
+    seed: int = 0,
+    threads: int = 1,
+) -> None:
+    """Meshes of an object in the table frame.
+
+    Args:
+        views: Posed, undistorted photos.
+        masks_dir: Masks of the masks stage.
+        points_npz: Sparse points of the align stage.
+        out_visual: Watertight mesh with vertex colours, to which splats are bound.
+        out_collision: Watertight visual hull.
+        out_json: Record of the stage.
+        settings: See `MeshSettings`.
+        seed: Random seed.
+        threads: Threads to use.
+
+    Raises:
+        InputError: A file or setting cannot be used.
+        StageError: The masks share no volume, or no closed mesh comes out.
+    """
+    settings = settings or MeshSettings()
+    masks = read_masks(views, masks_dir)
+    sparse = load_points(points_npz)
+    hull = build_hull(
+        views, masks, vote=settings.hull_vote, voxels=settings.hull_voxels, width=settings.image_width, threads=threads
+    )
+    coverage = azimuth_coverage(views, 0.5 * (hull.mesh.vertices.min(0) + hull.mesh.vertices.max(0)))
+    narrow = coverage < _FULL_ORBIT_DEG
+    grid, field, figures = _solid(views, masks, hull, sparse, settings, narrow, seed, threads)
+    visual = closed_surface(grid, field, settings.faces)
+    collision = closed_surface(hull.grid, hull.field, settings.collision_faces)
+    reasons = []
+    if narrow:
+        reasons.append(f"the views cover {coverage:.0f} degrees round the object; its unseen side is a guess")
+    if visual is None:
+        reasons.append("the surface of the depth could not be closed; the visual mesh is the hull")
+        visual, figures["method"] = closed_surface(hull.grid, hull.field, settings.faces), "hull"
+    else:
+        figures["method"] = "depth and hull, Poisson"
+    if narrow and figures["method"] != "hull":
+        # A hull of one side is a pair of cones; the fitted solid is the better body for contacts too.
+        collision = closed_surface(grid, field, settings.collision_faces) or collision
+    if visual is None or collision is None:
+        raise StageError("mesh", "no closed mesh comes out of the masks", "Look at the masks and at the poses")
+    if figures.get("hull_share", 0.0) > 0.6:
+        reasons.append(f"{100 * figures['hull_share']:.0f} % of the surface has no depth and comes from the outlines alone")
+    photos, small = [], []
+    for view in views:
+        camera = view.camera.scaled(min(1.0, settings.image_width / view.camera.width))
+        image = read_image(views.path(view))
+        photos.append(cv2.resize(image, (camera.width, camera.height), interpolation=cv2.INTER_AREA))
+        small.append(replace(view, camera=camera))
+    visual = Mesh(visual.vertices, visual.faces, vertex_colours(visual, small, photos))
+    write_mesh(out_visual, visual)
+    write_mesh(out_collision, collision)
+    write_stage(
+        out_json,
+        reasons=reasons,
+        seed=seed,
+        packages=("open3d", "pymeshlab", "scikit-image", "numba"),
+        kind="object",
+        visual=_figures(visual),
+        collision=_figures(collision),
+        coverage_deg=coverage,
+        **figures,
+    )
+    logger.info("mesh: visual %d faces, collision %d faces, %s", len(visual.faces), len(collision.faces), figures["method"])

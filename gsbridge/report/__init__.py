@@ -1,0 +1,1 @@
+"""What a person reads: rows, tables, figures, recordings, and scores against the hidden truth."""

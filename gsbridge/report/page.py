@@ -1,0 +1,132 @@
+"""Template of the page (jinja2): one self-contained HTML file, light CSS, no script.
+
+It is a module, not a data file: it is installed with the code, and its digest counts for the rule that writes the page.
+"""
+
+# ruff: noqa: E501  (markup)
+
+PAGE = """\
+{% macro show(table) %}
+<figure class="table">
+<figcaption>{{ table.title }}</figcaption>
+<div class="scroll"><table>
+<thead><tr>{% for name in table.columns %}<th>{{ name }}</th>{% endfor %}</tr></thead>
+<tbody>
+{% for row in table.rows %}
+{% set line = loop.index0 %}
+<tr>{% for text in row %}
+<td{% if (line, loop.index0) in table.best %} class="best"{% elif table.columns[loop.index0] == "paper" or table.columns[loop.index0].startswith("paper's") %} class="paper"{% endif %}>{% if table.columns[loop.index0] == "status" %}<span class="label {{ text }}">{{ text }}</span>{% elif loop.first %}<b>{{ text }}</b>{% else %}{{ text }}{% endif %}</td>
+{% endfor %}</tr>
+{% endfor %}
+</tbody></table></div>
+{% for note in table.notes %}<p class="note">{{ note }}</p>
+{% endfor %}
+</figure>
+{% endmacro %}
+{% macro draw(picture) %}
+<figure class="picture"><img src="{{ picture.data }}" alt="{{ picture.name }}"><figcaption>{{ picture.caption }}</figcaption></figure>
+{% endmacro %}
+<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>gsbridge: tables</title>
+<style>
+:root { --ink: #1d2733; --soft: #5b6b7b; --line: #dde3ea; --paper: #7a5a1e; --accent: #1f6f8b; --good: #2c7a4b; --warn: #a6611a; --back: #fbfcfd; }
+* { box-sizing: border-box; }
+body { margin: 0 auto; max-width: 80rem; padding: 2.5rem 1.5rem 4rem; color: var(--ink); background: var(--back);
+  font: 16px/1.55 system-ui, -apple-system, "Segoe UI", Roboto, "Helvetica Neue", sans-serif; }
+h1 { font-size: 1.9rem; margin: 0 0 .3rem; letter-spacing: -.01em; }
+h2 { font-size: 1.35rem; margin: 3rem 0 .5rem; padding-top: 1rem; border-top: 2px solid var(--line); }
+p { max-width: 46rem; }
+.lede { font-size: 1.1rem; margin: .4rem 0; }
+nav { margin: 1rem 0 0; }
+nav a { color: var(--accent); margin-right: 1.2rem; }
+figure { margin: 1.5rem 0 2.2rem; }
+figure.table > figcaption { font-weight: 600; margin-bottom: .5rem; }
+figure.picture > figcaption { color: var(--soft); font-size: .92rem; margin-top: .5rem; max-width: 46rem; }
+img { max-width: 100%; border-radius: 4px; border: 1px solid var(--line); }
+.scroll { overflow-x: auto; background: white; border: 1px solid var(--line); border-radius: 6px; }
+table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; font-size: .9rem; }
+th, td { padding: .42rem .6rem; text-align: right; white-space: nowrap; border-bottom: 1px solid var(--line); }
+th { font-weight: 600; color: var(--soft); font-size: .84rem; background: #f3f6f9; }
+th:first-child, td:first-child { text-align: left; position: sticky; left: 0; }
+td:first-child { background: inherit; }
+tbody tr { background: white; }
+tbody tr:last-child td { border-bottom: 0; }
+tbody tr:hover { background: #f3f8fa; }
+td.best { font-weight: 700; color: var(--accent); }
+td.paper { color: var(--paper); font-style: italic; }
+.note { color: var(--soft); font-size: .88rem; margin: .35rem 0 0; max-width: 60rem; }
+.label { display: inline-block; border-radius: 1em; padding: 0 .6em; font-size: .82rem; border: 1px solid; }
+.label.pass { color: var(--good); }
+.label.degraded { color: var(--warn); background: #fdf5ea; }
+.bar { display: inline-block; height: .7em; background: var(--accent); opacity: .65; border-radius: 2px; min-width: 2px; }
+td.barcell { text-align: left; width: 40%; }
+@media print { body { max-width: none; } .scroll { overflow: visible; } }
+</style>
+</head>
+<body>
+<header>
+<h1>Real2Sim: how well the splats show the photos</h1>
+{% for sentence in headline %}<p class="lede">{{ sentence }}</p>
+{% endfor %}
+<p class="note">PSNR in dB, SSIM and alpha IoU: higher is better; LPIPS: lower. Held-out photos (every 8th) were never trained on.
+The best bound model of each scene is <b style="color: var(--accent)">bold</b>, the paper's values are <i style="color: var(--paper)">in italics</i>.
+“Mirror” scenes are filmed by a path tracer and have a hidden truth; they are not the real world.{% if preset %} Preset: {{ preset }}.{% endif %}</p>
+<nav>{% if mirror %}<a href="#mirror">Mirrored scenes</a>{% endif %}{% if real %}<a href="#real">Real captures</a>{% endif %}{% if stages %}<a href="#stages">Reconstruction</a>{% endif %}{% if degraded %}<a href="#degraded">Degraded results</a>{% endif %}{% for table in others %}<a href="#{{ table.title | replace(' ', '-') }}">{{ table.title }}</a>{% endfor %}{% if times %}<a href="#time">Time per stage</a>{% endif %}</nav>
+</header>
+{% if mirror %}
+<h2 id="mirror">Mirrored scenes</h2>
+{% for table in mirror %}
+{{ show(table) }}
+{% endfor %}
+{% for item in pictures if not item.name.endswith("_real") %}
+{{ draw(item) }}
+{% endfor %}
+{% endif %}
+{% if real %}
+<h2 id="real">Real captures</h2>
+<p>Photos and films of the real world. There is no truth to score against and no value in the paper: held-out photos are the only judge.</p>
+{% for table in real %}
+{{ show(table) }}
+{% endfor %}
+{% for item in pictures if item.name.endswith("_real") %}
+{{ draw(item) }}
+{% endfor %}
+{% endif %}
+{% if stages %}
+<h2 id="stages">Reconstruction</h2>
+<p>What the stages before the splats say of themselves. “unknown” scale: lengths are in arbitrary units.</p>
+{{ show(stages) }}
+{% endif %}
+{% if degraded %}
+<h2 id="degraded">Degraded results</h2>
+<p>These runs finished, but something about them should be known before they are used.</p>
+<ul>
+{% for scene, reasons in degraded.items() %}
+{% for reason in reasons %}
+<li><b>{{ scene }}</b>: {{ reason }}</li>
+{% endfor %}
+{% endfor %}
+</ul>
+{% endif %}
+{% for table in others %}
+<h2 id="{{ table.title | replace(' ', '-') }}">{{ table.title }}</h2>
+{{ show(table) }}
+{% endfor %}
+{% if times %}
+<h2 id="time">Time per stage</h2>
+<p class="note">Sums over the jobs of each rule; jobs run side by side, so the sum is more than the time you waited.</p>
+<div class="scroll"><table>
+<thead><tr><th>rule</th><th>jobs</th><th>wall s</th><th>CPU s</th><th>peak MB</th><th></th></tr></thead>
+<tbody>
+{% for stage in times %}
+<tr><td><b>{{ stage.rule }}</b></td><td>{{ stage.jobs }}</td><td>{{ "%.1f" | format(stage.wall_s) }}</td><td>{{ "%.1f" | format(stage.cpu_s) }}</td><td>{{ "%.0f" | format(stage.max_rss_mb) }}</td><td class="barcell"><span class="bar" style="width: {{ "%.1f" | format(stage.share) }}%"></span></td></tr>
+{% endfor %}
+</tbody></table></div>
+{% endif %}
+</body>
+</html>
+"""

@@ -1,0 +1,198 @@
+"""Opening, closing and reading back of rerun recordings, and what several stages log."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.chunk import RrdReader
+
+from gsbridge.cameras import Camera, View
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_file
+from gsbridge.geometry import Array
+from gsbridge.images import read_image_u8
+from gsbridge.meshes import Mesh
+
+IMAGE_SIDE_PX = 640
+"""Longer side of logged images, px: recordings stay small enough to mail."""
+JPEG_QUALITY = 80
+
+
+@contextlib.contextmanager
+def recording(out: str | Path, stage: str, scene: str, layout: rrb.Container) -> Iterator[rr.RecordingStream]:
+    """Yield a stream that writes to `out`; the file appears only when the block ends without an error.
+
+    Args:
+        out: The `.rrd`.
+        stage: Stage, the recording's application.
+        scene: Scene, the recording's name.
+        layout: Views of the viewer.
+    """
+    with atomic_file(out) as temporary:
+        # A fixed id: two recordings of the same files differ in their log times only.
+        stream = rr.RecordingStream(f"gsbridge_{stage}", recording_id=f"{stage}-{scene}")
+        stream.save(str(temporary), default_blueprint=_blueprint(layout))
+        stream.send_recording_name(scene)
+        try:
+            yield stream
+            stream.flush()
+        finally:
+            stream.disconnect()
+
+
+def _blueprint(layout: rrb.Container) -> rrb.Blueprint:
+    """The layout with the panels of the viewer small, so that the data has the room."""
+    panels = rrb.BlueprintPanel(state="collapsed"), rrb.SelectionPanel(state="collapsed"), rrb.TimePanel(state="collapsed")
+    return rrb.Blueprint(layout, *panels)
+
+
+def figures_text(record: Mapping[str, Any], names: Sequence[str]) -> str:
+    """Status, reasons and the named figures of a record, as a Markdown table."""
+    lines = [f"status **{record['status']}**", "", *(f"- {reason}" for reason in record["reasons"]), "", "| | |", "|---|---|"]
+    for name in names:
+        value = record.get(name)
+        if value is not None:
+            lines.append(f"| {name} | {f'{value:.4g}' if isinstance(value, float) else value} |")
+    return "\n".join(lines)
+
+
+def read_recording(path: str | Path) -> dict[str, dict[str, Any]]:
+    """Read back what a recording holds.
+
+    Args:
+        path: The `.rrd`.
+
+    Returns:
+        For each entity path: `rows` (logged rows), `timelines` (names), `static` (True if some of it is timeless), and
+        `components` ({component: list of values of all rows, in the order of the file}).
+
+    Raises:
+        InputError: The file is missing or no recording.
+    """
+    if not Path(path).is_file():
+        raise InputError(path, "the recording does not exist", "Run the rule that records this stage")
+    try:
+        chunks = RrdReader(str(path)).stream().to_chunks()
+    except (ValueError, RuntimeError, OSError) as error:
+        raise InputError(path, f"the recording cannot be read ({error})", "Delete it and record the stage again") from error
+    out: dict[str, dict[str, Any]] = {}
+    for chunk in chunks:
+        found = out.setdefault(str(chunk.entity_path), {"rows": 0, "timelines": set(), "static": False, "components": {}})
+        found["rows"] += chunk.num_rows
+        found["timelines"] |= set(chunk.timeline_names)
+        found["static"] |= chunk.is_static
+        batch = chunk.to_record_batch()
+        for field, column in zip(batch.schema, batch.columns, strict=True):
+            kind = (field.metadata or {}).get(b"rerun:kind", b"")
+            if kind not in (b"control", b"index"):
+                found["components"].setdefault(field.name, []).extend(value for value in column if value.is_valid)
+    return out
+
+
+def log_scene_axes(stream: rr.RecordingStream, length: float, entity: str = "table/axes") -> None:
+    """Log a right-handed frame with z up and its axes (x red, y green, z blue)."""
+    stream.log("table", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    stream.log(
+        entity,
+        rr.Arrows3D(
+            origins=np.zeros((3, 3)),
+            vectors=np.eye(3) * length,
+            colors=[[220, 50, 50], [50, 180, 50], [60, 90, 230]],
+            labels=["x", "y", "z"],
+        ),
+        static=True,
+    )
+
+
+def log_camera(
+    stream: rr.RecordingStream, entity: str, camera: Camera, cam_from_parent: Array, *, plane: float, static: bool
+) -> None:
+    """Log pose and intrinsics of a camera below its parent frame.
+
+    Args:
+        stream: Recording.
+        entity: Path of the camera.
+        camera: Pinhole.
+        cam_from_parent: View matrix. [4, 4].
+        plane: Distance at which the viewer draws the image, in units of the parent.
+        static: True for a pose that holds at all times.
+    """
+    pose = np.asarray(cam_from_parent)
+    stream.log(
+        entity,
+        rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3], relation=rr.TransformRelation.ChildFromParent),
+        rr.Pinhole(
+            image_from_camera=camera.intrinsics,
+            resolution=[camera.width, camera.height],
+            camera_xyz=rr.ViewCoordinates.RDF,
+            image_plane_distance=plane,
+        ),
+        static=static,
+    )
+
+
+def small_image(path: str | Path) -> Array:
+    """An image, scaled down to the size of logged images. [H, W, 3] uint8."""
+    image = read_image_u8(path)
+    factor = IMAGE_SIDE_PX / max(image.shape[:2])
+    if factor >= 1:
+        return image
+    return cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+
+
+def log_photo(stream: rr.RecordingStream, entity: str, image: Array, *, static: bool = False) -> None:
+    """Log an 8-bit image as JPEG. [H, W, 3]."""
+    stream.log(entity, rr.Image(image).compress(jpeg_quality=JPEG_QUALITY), static=static)
+
+
+def log_views(
+    stream: rr.RecordingStream, views: Sequence[View], images: str | Path, *, parent: str, timeline: str, plane: float
+) -> None:
+    """Log all views: a small frustum each, and one camera with its photo that moves along the timeline.
+
+    Args:
+        stream: Recording.
+        views: Poses and cameras.
+        images: Folder of the photos.
+        parent: Entity whose frame the poses belong to.
+        timeline: Name of the sequence.
+        plane: Distance at which images are drawn.
+    """
+    for index, view in enumerate(views):
+        stem = rr.escape_entity_path_part(Path(view.name).stem)
+        log_camera(stream, f"{parent}/cameras/{stem}", view.camera, view.cam_from_table, plane=0.2 * plane, static=True)
+        stream.set_time(timeline, sequence=index)
+        photo = small_image(Path(images) / view.name)
+        camera = view.camera.scaled(photo.shape[1] / view.camera.width)
+        log_camera(stream, f"{parent}/view", camera, view.cam_from_table, plane=plane, static=False)
+        log_photo(stream, f"{parent}/view/photo", photo)
+        stream.log("name", rr.TextLog(f"{view.name} ({view.split})"))
+
+
+def log_mesh(stream: rr.RecordingStream, entity: str, mesh: Mesh, colour: Sequence[int]) -> None:
+    """Log a mesh with its vertex colours, or in one colour (RGB 0..255) where it has none."""
+    normals = np.zeros_like(mesh.vertices)
+    corners = mesh.corners()
+    weighted = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    for corner in range(3):
+        np.add.at(normals, mesh.faces[:, corner], weighted)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    colours = None if mesh.colours is None else np.rint(mesh.colours * 255).astype(np.uint8)
+    stream.log(
+        entity,
+        rr.Mesh3D(
+            vertex_positions=mesh.vertices,
+            triangle_indices=mesh.faces,
+            vertex_normals=normals,
+            vertex_colors=colours,
+            albedo_factor=None if colours is not None else [*colour, 255],
+        ),
+        static=True,
+    )

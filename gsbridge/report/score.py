@@ -1,0 +1,141 @@
+"""The one generic score: measured figures against the floors that the issues ask for."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from gsbridge.errors import InputError
+from gsbridge.files import read_json, write_json
+
+DIRECTIONS = ("at_least", "at_most")
+ANY_PRESET = "any"
+_KEYS = {"what", "area", "floor", "direction", "unit", "preset", "where", "needs", "stretch"}
+_REQUIRED = _KEYS - {"needs", "stretch"}
+
+
+def read_floors(path: str | Path) -> dict[str, dict[str, Any]]:
+    """Read `floors.yaml`: {figure: {what, area, floor, direction, unit, preset, where, needs?, stretch?}}.
+
+    `needs` gives the smallest counts behind a figure, for example `{n: 4, seeds: 3}`; `stretch` is a further, voluntary aim. A
+    figure whose floor is null has a stretch aim only: it is never unmet for its value.
+
+    Raises:
+        InputError: The file is missing or an entry is malformed.
+    """
+    try:
+        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise InputError(path, "the file does not exist", "Check the path") from error
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(path, f"this is no YAML ({error})", "Correct it") from error
+    if not isinstance(content, dict) or not content:
+        raise InputError(path, "no figure is listed", "List figures as name: {floor, direction, unit, …}")
+    for name, entry in content.items():
+        keys = set(entry) if isinstance(entry, dict) else set()
+        if keys - _KEYS or _REQUIRED - keys:
+            wrong = sorted(keys - _KEYS) or sorted(_REQUIRED - keys)
+            raise InputError(path, f"figure {name!r}: unknown or missing keys {', '.join(wrong)}", "Correct the entry")
+        aims = [entry["floor"], entry.get("stretch")]
+        numbers = [isinstance(aim, (int, float)) or aim is None for aim in aims]
+        if entry["direction"] not in DIRECTIONS or not all(numbers) or aims == [None, None]:
+            raise InputError(path, f"figure {name!r}: direction or floor is wrong", f"Use one of {', '.join(DIRECTIONS)}")
+    return content
+
+
+def reaches(value: float, floor: float, direction: str) -> bool:
+    """True if `value` is on the good side of `floor`, or on it."""
+    return value >= floor if direction == "at_least" else value <= floor
+
+
+def score_figure(floor: Mapping[str, Any], measured: Mapping[str, Any] | None, preset: str) -> dict[str, Any]:
+    """One entry of `scores/{area}.json`, without the commit.
+
+    Args:
+        floor: Entry of `floors.yaml`.
+        measured: {value, n, interval, …}, or None where nothing was measured.
+        preset: Preset that the measurement ran with.
+
+    Returns:
+        {what, value, floor, direction, unit, n, interval, met, reason, where, preset, …}; `reason` says why a figure is
+        unmet, and is empty for one that is met.
+    """
+    measured = measured or {}
+    value = measured.get("value")
+    reason = ""
+    if value is None:
+        reason = "not measured"
+    elif floor["preset"] not in (ANY_PRESET, preset):
+        reason = f"measured with preset {preset}, asked for preset {floor['preset']}"
+    elif lacking := [
+        f"{measured.get(name, 0)} of {count} {'scenes' if name == 'n' else name}"
+        for name, count in floor.get("needs", {}).items()
+        if measured.get(name, 0) < count
+    ]:
+        reason = f"measured on {' and '.join(lacking)} only"
+    elif floor["floor"] is not None and not reaches(value, floor["floor"], floor["direction"]):
+        reason = "outside the floor"
+    stretch = floor.get("stretch")
+    return {
+        "what": floor["what"],
+        "value": value,
+        "floor": floor["floor"],
+        "direction": floor["direction"],
+        "unit": floor["unit"],
+        "n": measured.get("n", 0),
+        "seeds": measured.get("seeds"),
+        "interval": measured.get("interval"),
+        "interval_of": measured.get("interval_of"),
+        "by_scene": measured.get("by_scene"),
+        "beside": measured.get("beside"),
+        "met": not reason,
+        "reason": reason,
+        "stretch": stretch,
+        "stretch_met": None if stretch is None else bool(not reason and reaches(value, stretch, floor["direction"])),
+        "where": measured.get("where") or floor["where"],
+        "preset": floor["preset"],
+    }
+
+
+def current_commit() -> str:
+    """Commit of the code that runs, with `-dirty` for edits on top; `unknown` outside a git checkout."""
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+    try:
+        found = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+    return found.stdout.strip()
+
+
+def write_scores(
+    floors: str | Path, measured_json: Sequence[str | Path], out: str | Path, *, area: str, preset: str, commit: str
+) -> None:
+    """Compare all figures of one area with their floors and write `scores/{area}.json`.
+
+    Args:
+        floors: `benchmarks/floors.yaml`.
+        measured_json: Files `{"figures": {name: {value, n, interval, where}}}`; a later file wins.
+        out: The scores.
+        area: Area of the figures to compare.
+        preset: Preset that the measurement ran with.
+        commit: Commit of the code that was measured.
+
+    Raises:
+        InputError: A file is damaged, or no floor belongs to the area.
+    """
+    wanted = {name: entry for name, entry in read_floors(floors).items() if entry["area"] == area}
+    if not wanted:
+        raise InputError(floors, f"no figure belongs to the area {area!r}", "Check the area's name")
+    measured: dict[str, Any] = {}
+    for path in measured_json:
+        content = read_json(path).get("figures")
+        if not isinstance(content, dict):
+            raise InputError(path, "the file holds no measured figures", "Delete it and run the rule that makes it")
+        measured |= content
+    write_json(
+        out, {name: {**score_figure(entry, measured.get(name), preset), "commit": commit} for name, entry in wanted.items()}
+    )

@@ -1,0 +1,140 @@
+"""Intrinsics shared by the captures of one camera, from the board's tags."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from gsbridge.board import Board, find_tags
+from gsbridge.cameras import Camera
+from gsbridge.errors import InputError, StageError
+from gsbridge.files import read_json, write_stage
+from gsbridge.geometry import Array
+from gsbridge.images import read_image_u8
+from gsbridge.logs import Progress
+
+logger = logging.getLogger("gsbridge")
+
+MIN_VIEWS = 6
+GOOD_VIEWS = 20
+MIN_TAGS = 3
+MAX_VIEWS = 100
+"""The solver's cost grows with the cube of the views, its precision with their root."""
+
+Match = tuple[Array, Array]
+"""Corners of one view: board frame, m [N, 3], and image, px with pixel centres at +0.5 [N, 2]."""
+
+
+def calibrate_camera(keyframe_folders: Sequence[tuple[Path, Path]], board: Board, out_json: Path) -> None:
+    """Estimate the intrinsics, with distortion, of a camera that filmed several captures with the board.
+
+    A flat background alone does not determine its camera; the captures of one camera together do.
+
+    Args:
+        keyframe_folders: For each capture, its folder of keyframes and its `keyframes.json`.
+        board: Layout of the tags.
+        out_json: Record of the camera.
+
+    Raises:
+        InputError: The captures differ in image size.
+        StageError: The board is seen in too few views.
+    """
+    matches, size = _find_matches(keyframe_folders, board)
+    if len(matches) < MIN_VIEWS:
+        raise StageError(
+            "calibration",
+            f"the board is seen with {MIN_TAGS} or more tags in {len(matches)} photos, {MIN_VIEWS} are needed",
+            "Lay the board in view while filming, flat and well lit, or leave the camera of these scenes unset",
+        )
+    camera, rms, kept = solve(matches, size)
+    reasons = [] if kept >= GOOD_VIEWS else [f"{kept} views of the board; {GOOD_VIEWS} or more are advised"]
+    logger.info("camera from %d of %d views: focal %.1f px, residual %.3f px", kept, len(matches), camera.fx, rms)
+    write_stage(
+        out_json,
+        reasons=reasons,
+        packages=["opencv-python-headless"],
+        camera=camera.to_json(),
+        rms_px=rms,
+        views=kept,
+        views_found=len(matches),
+        captures=len(keyframe_folders),
+    )
+
+
+def solve(matches: Sequence[Match], size: tuple[int, int]) -> tuple[Camera, float, int]:
+    """Fit a camera to views of a flat target, leaving out views that do not fit.
+
+    Args:
+        matches: Corners of each view.
+        size: Width and height of the images, px.
+
+    Returns:
+        The camera, the residual of the kept views (root mean square, px), and their number.
+
+    Source: Zhang, IEEE PAMI 22(11), 2000, as in OpenCV.
+    """
+    kept = [matches[i] for i in np.unique(np.linspace(0, len(matches) - 1, min(len(matches), MAX_VIEWS)).round().astype(int))]
+    while True:
+        boards = [b.astype(np.float32) for b, _ in kept]
+        # OpenCV has pixel centres at integers, we at +0.5.
+        pixels = [(p - 0.5).astype(np.float32) for _, p in kept]
+        criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-10)
+        rms, k, distortion, _, _, _, _, errors = cv2.calibrateCameraExtended(
+            boards, pixels, size, None, None, flags=cv2.CALIB_FIX_K3, criteria=criteria
+        )
+        errors = errors.ravel()
+        good = errors <= 3.0 * np.median(errors) + 1e-3
+        if good.all() or good.sum() < MIN_VIEWS:
+            break
+        kept = [match for match, ok in zip(kept, good, strict=True) if ok]
+    k1, k2, p1, p2 = (float(value) for value in distortion.ravel()[:4])
+    camera = Camera(*size, float(k[0, 0]), float(k[1, 1]), float(k[0, 2]) + 0.5, float(k[1, 2]) + 0.5, (k1, k2, p1, p2))
+    return camera, float(rms), len(kept)
+
+
+def _find_matches(keyframe_folders: Sequence[tuple[Path, Path]], board: Board) -> tuple[list[Match], tuple[int, int]]:
+    """Corners of the board in all photos that show enough of it, and the image size."""
+    layout = board.corners()
+    matches: list[Match] = []
+    size: tuple[int, int] | None = None
+    names = [(Path(folder), [frame["name"] for frame in read_json(record)["frames"]]) for folder, record in keyframe_folders]
+    progress = Progress(sum(len(frames) for _, frames in names), "find the board")
+    for folder, frames in names:
+        for name in frames:
+            image = read_image_u8(folder / name)
+            here = (image.shape[1], image.shape[0])
+            size = size or here
+            if here != size:
+                raise InputError(
+                    folder / name,
+                    f"this photo has {here[0]} x {here[1]} pixels, others of the same camera {size[0]} x {size[1]}",
+                    "Give captures at another size or zoom a camera of their own in config.yaml",
+                )
+            tags = find_tags(image, board)
+            progress.update()
+            if len(tags) >= MIN_TAGS:
+                ids = sorted(tags)
+                matches.append((np.concatenate([layout[i] for i in ids]), np.concatenate([tags[i] for i in ids])))
+    return matches, size or (0, 0)
+
+
+def read_camera(path: str | Path) -> Camera:
+    """Read the record of `calibrate_camera`.
+
+    Raises:
+        InputError: The file is damaged.
+    """
+    content = read_json(path)
+    try:
+        return Camera.from_json(content["camera"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(path, f"the camera is damaged ({error})", "Delete it and run the calibration again") from error
+
+
+def optional_camera(path: str | Path | None) -> Camera | None:
+    """The calibrated camera of a scene, or None where the scene names no shared camera."""
+    return read_camera(path) if path else None

@@ -1,0 +1,348 @@
+"""Features, matches and models: one attempt after the other until enough images register."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2  # noqa: F401  (must be loaded before pycolmap)
+import numpy as np
+import pycolmap
+
+from gsbridge.cameras import Camera
+from gsbridge.colmap import colmap_params
+from gsbridge.geometry import Array
+from gsbridge.logs import Progress
+from gsbridge.sfm.settings import SfmSettings
+
+logger = logging.getLogger("gsbridge")
+
+REMATCH_PX = 4.0
+"""Largest distance of a match from its epipolar line once the poses are known, px."""
+
+MIN_IMAGE_POINTS = 30
+"""Observed points below which the pose of an image is not trusted."""
+
+
+@dataclass(frozen=True)
+class Photos:
+    """Input of a reconstruction.
+
+    Args:
+        folder: Folder of the images.
+        names: Images to use, in the order of the capture.
+        ordered: Neighbours in `names` are neighbours on the camera's path.
+        camera: Calibrated camera, kept fixed; None to find it.
+        focal_prior_px: Focal length from EXIF data, px.
+        size: Width and height, px.
+    """
+
+    folder: Path
+    names: list[str]
+    ordered: bool
+    camera: Camera | None
+    focal_prior_px: float | None
+    size: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One rung of the ladder."""
+
+    name: str
+    exhaustive: bool
+    relaxed: bool
+    mapper: str = "incremental"
+
+
+@dataclass
+class Outcome:
+    """Best model so far. `tried`: what was tried, with the images registered by each."""
+
+    model: pycolmap.Reconstruction | None
+    mapper: str
+    attempt: str
+    tried: list[dict[str, Any]]
+
+
+def ladder(photos: Photos, settings: SfmSettings) -> list[Attempt]:
+    """Attempts in order of cost and trust; the global mapper is last."""
+    sequential = photos.ordered and len(photos.names) > settings.overlap
+    attempts = [Attempt("sequential" if sequential else "exhaustive", not sequential, False)]
+    attempts.append(Attempt(f"{attempts[0].name}, relaxed", not sequential, True))
+    wide = sequential and len(photos.names) <= settings.exhaustive_up_to
+    if wide:
+        attempts += [Attempt("exhaustive", True, False), Attempt("exhaustive, relaxed", True, True)]
+    attempts.append(Attempt("global", wide or not sequential, False, "global"))
+    return attempts
+
+
+def map_photos(
+    photos: Photos,
+    settings: SfmSettings,
+    workspace: Path,
+    seed: int,
+    threads: int,
+    confirm: Callable[[pycolmap.Reconstruction], str | None],
+) -> Outcome:
+    """Climb the ladder until enough images register.
+
+    Args:
+        photos: Input.
+        settings: Limits.
+        workspace: Empty folder for the database.
+        seed: Random seed.
+        threads: Threads to use.
+        confirm: Says why a *global* model must not be trusted, or None when the board's layout confirms it.
+
+    Returns:
+        The model with most images; `model` is None when nothing was found.
+    """
+    database = workspace / "database.db"
+    extract(database, photos, settings, threads)
+    outcome = Outcome(None, "incremental", "", [])
+    matched: set[bool] = set()
+    for attempt in ladder(photos, settings):
+        if outcome.model is not None and outcome.model.num_reg_images() >= settings.pass_share * len(photos.names):
+            break
+        enough = outcome.model is not None and outcome.model.num_reg_images() >= settings.degraded_share * len(photos.names)
+        if attempt.mapper == "global" and enough:
+            break
+        if attempt.exhaustive not in matched:
+            match(database, photos, settings, seed, threads, exhaustive=attempt.exhaustive)
+            matched.add(attempt.exhaustive)
+        model = _map(database, photos, attempt, workspace, seed, threads)
+        count = 0 if model is None else model.num_reg_images()
+        record: dict[str, Any] = {"attempt": attempt.name, "registered": count}
+        outcome.tried.append(record)
+        logger.info("%s: %d of %d images registered", attempt.name, count, len(photos.names))
+        if model is None or count < 3:
+            continue
+        if attempt.mapper == "global":
+            doubt = confirm(model)
+            if doubt is not None:
+                record["refused"] = doubt
+                logger.warning("the global model is refused: %s", doubt)
+                continue
+        if outcome.model is None or count > outcome.model.num_reg_images():
+            outcome.model, outcome.mapper, outcome.attempt = model, attempt.mapper, attempt.name
+    return outcome
+
+
+def extract(database: Path, photos: Photos, settings: SfmSettings, threads: int, *, per_image: bool = False) -> None:
+    """Find SIFT features of all photos; their camera is one, or one per image."""
+    logger.info("find features in %d images", len(photos.names))
+    options = pycolmap.FeatureExtractionOptions()
+    options.use_gpu = False
+    options.num_threads = threads
+    options.sift.max_num_features = settings.max_features
+    options.sift.peak_threshold = settings.peak_threshold
+    reader = pycolmap.ImageReaderOptions()
+    width, height = photos.size
+    if photos.camera is not None:
+        # OPENCV also without distortion, so that one model holds every case.
+        reader.camera_model = "OPENCV"
+        params = [*colmap_params(photos.camera.undistorted()), *photos.camera.distortion]
+        reader.camera_params = ",".join(repr(float(value)) for value in params)
+    elif photos.focal_prior_px is not None:
+        reader.camera_model = "SIMPLE_RADIAL"
+        reader.camera_params = f"{photos.focal_prior_px!r},{width / 2!r},{height / 2!r},0.0"
+    pycolmap.extract_features(
+        database,
+        photos.folder,
+        image_names=photos.names,
+        camera_mode=pycolmap.CameraMode.PER_IMAGE if per_image else pycolmap.CameraMode.SINGLE,
+        reader_options=reader,
+        extraction_options=options,
+        device=pycolmap.Device.cpu,
+    )
+
+
+def match(database: Path, photos: Photos, settings: SfmSettings, seed: int, threads: int, *, exhaustive: bool) -> None:
+    """Match and verify pairs of images; pairs matched before are kept."""
+    logger.info("match images, %s", "exhaustive" if exhaustive else f"{settings.overlap} neighbours and powers of two")
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.use_gpu = False
+    matching.num_threads = threads
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = seed
+    if exhaustive:
+        pycolmap.match_exhaustive(
+            database, matching_options=matching, verification_options=verification, device=pycolmap.Device.cpu
+        )
+        return
+    pairing = pycolmap.SequentialPairingOptions()
+    pairing.overlap = settings.overlap
+    pairing.quadratic_overlap = True
+    pairing.num_threads = threads
+    pycolmap.match_sequential(
+        database,
+        matching_options=matching,
+        pairing_options=pairing,
+        verification_options=verification,
+        device=pycolmap.Device.cpu,
+    )
+
+
+def incremental_options(photos: Photos, seed: int, threads: int, *, relaxed: bool) -> pycolmap.IncrementalPipelineOptions:
+    """Options of the incremental mapper; `relaxed` accepts weaker pairs and poses."""
+    options = pycolmap.IncrementalPipelineOptions()
+    options.num_threads = threads
+    options.random_seed = seed
+    options.mapper.random_seed = seed
+    options.triangulation.random_seed = seed
+    options.mapper.num_threads = threads
+    options.min_model_size = 3
+    if photos.camera is not None:
+        options.ba_refine_focal_length = False
+        options.ba_refine_extra_params = False
+        options.mapper.abs_pose_refine_focal_length = False
+        options.mapper.abs_pose_refine_extra_params = False
+    if relaxed:
+        options.min_num_matches = 10
+        options.mapper.init_min_num_inliers = 40
+        options.mapper.init_min_tri_angle = 8.0
+        options.mapper.abs_pose_min_num_inliers = 15
+        options.mapper.abs_pose_min_inlier_ratio = 0.15
+        options.mapper.max_reg_trials = 6
+    return options
+
+
+def _map(
+    database: Path, photos: Photos, attempt: Attempt, workspace: Path, seed: int, threads: int
+) -> pycolmap.Reconstruction | None:
+    """Run one mapper; the model with most images, or None."""
+    pycolmap.set_random_seed(seed)
+    out = workspace / "models" / attempt.name.replace(", ", "_")
+    out.mkdir(parents=True, exist_ok=True)
+    if attempt.mapper == "global":
+        options = pycolmap.GlobalPipelineOptions()
+        options.num_threads = threads
+        options.random_seed = seed
+        options.mapper.random_seed = seed
+        options.mapper.num_threads = threads
+        options.mapper.global_positioning.use_gpu = False
+        options.mapper.global_positioning.random_seed = seed
+        options.mapper.rotation_averaging.random_seed = seed
+        options.mapper.bundle_adjustment.ceres.use_gpu = False
+        if photos.camera is not None:
+            options.mapper.bundle_adjustment.refine_focal_length = False
+            options.mapper.bundle_adjustment.refine_extra_params = False
+        models = pycolmap.global_mapping(database, photos.folder, out, options=options)
+    else:
+        progress = Progress(len(photos.names), "register images")
+        models = pycolmap.incremental_mapping(
+            database,
+            photos.folder,
+            out,
+            options=incremental_options(photos, seed, threads, relaxed=attempt.relaxed),
+            next_image_callback=lambda: progress.update() if progress.done < progress.total else None,
+        )
+    if not models:
+        return None
+    for key in sorted(models):
+        drop_weak_images(models[key])
+    # Ties go to the first model, so that the choice does not hang on the order of a mapping.
+    return max((models[key] for key in sorted(models)), key=lambda model: model.num_reg_images())
+
+
+def drop_weak_images(model: pycolmap.Reconstruction) -> None:
+    """Take back poses that hang on few points: relaxed thresholds let images in that land metres off."""
+    for image_id in sorted(model.reg_image_ids()):
+        image = model.image(image_id)
+        if image.num_points3D < MIN_IMAGE_POINTS:
+            logger.info("%s is left out: its pose hangs on %d points", image.name, image.num_points3D)
+            model.deregister_frame(image.frame_id)
+
+
+def rematch(
+    model: pycolmap.Reconstruction, photos: Photos, workspace: Path, seed: int, threads: int
+) -> pycolmap.Reconstruction:
+    """Verify all matches again with the poses now known, triangulate afresh and adjust.
+
+    The first verification takes a table for the whole scene: where one homography explains most matches it drops the others as
+    outliers, and with them every point of a plain object that stands on the table.
+
+    Args:
+        model: Posed model of `photos`.
+        photos: Input.
+        workspace: Folder that holds the database.
+        seed: Random seed.
+        threads: Threads to use.
+
+    Returns:
+        The model with new points; the old one where it has more.
+    """
+    logger.info("verify the matches again with the poses found")
+    database = workspace / "database.db"
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = seed
+    verification.ransac.max_error = REMATCH_PX
+    pycolmap.guided_geometric_verification(model, database, two_view_geometry_options=verification, num_threads=threads)
+    out = workspace / "models" / "rematched"
+    out.mkdir(parents=True, exist_ok=True)
+    options = incremental_options(photos, seed, threads, relaxed=False)
+    fresh = pycolmap.triangulate_points(
+        pycolmap.Reconstruction(model), database, photos.folder, out, clear_points=True, options=options
+    )
+    if fresh.num_points3D() < model.num_points3D():
+        return model
+    adjust(fresh, threads, intrinsics=photos.camera is None)
+    return fresh
+
+
+def adjust(model: pycolmap.Reconstruction, threads: int, *, intrinsics: bool) -> None:
+    """Robust bundle adjustment of poses and points, in place."""
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    options.refine_focal_length = intrinsics
+    options.refine_extra_params = intrinsics
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
+    options.ceres.solver_options.num_threads = threads
+    options.ceres.solver_options.max_num_iterations = 30
+    options.ceres.solver_options.function_tolerance = 1e-6
+    pycolmap.bundle_adjustment(model, options)
+    model.update_point_3d_errors()
+
+
+def triangulate_known(
+    photos: Photos, known: dict[str, tuple[Camera, Array]], settings: SfmSettings, workspace: Path, seed: int, threads: int
+) -> pycolmap.Reconstruction:
+    """Triangulate points with cameras and poses that came with the photos.
+
+    Args:
+        photos: Input; its own camera is not used.
+        known: Camera and `cam_from_world` [4, 4] by image name.
+        settings: Limits.
+        workspace: Empty folder for the database.
+        seed: Random seed.
+        threads: Threads to use.
+    """
+    database_path = workspace / "database.db"
+    first = next(iter(known.values()))[0]
+    base = Photos(photos.folder, photos.names, photos.ordered, first, None, photos.size)
+    extract(database_path, base, settings, threads, per_image=True)
+    model = pycolmap.Reconstruction()
+    database = pycolmap.Database.open(database_path)
+    try:
+        for image in database.read_all_images():
+            camera, cam_from_world = known[image.name]
+            stored = database.read_camera(image.camera_id)
+            stored.params = [*colmap_params(camera.undistorted()), *camera.distortion]
+            stored.has_prior_focal_length = True
+            database.update_camera(stored)
+            model.add_camera_with_trivial_rig(stored)
+            keypoints = database.read_keypoints(image.image_id)[:, :2].astype(np.float64)
+            copy = pycolmap.Image(image.name, keypoints, image.camera_id, image.image_id)
+            model.add_image_with_trivial_frame(copy, pycolmap.Rigid3d(np.asarray(cam_from_world)[:3]))
+    finally:
+        database.close()
+    exhaustive = len(photos.names) <= settings.exhaustive_up_to and not photos.ordered
+    match(database_path, photos, settings, seed, threads, exhaustive=exhaustive)
+    out = workspace / "models" / "known"
+    out.mkdir(parents=True, exist_ok=True)
+    options = incremental_options(base, seed, threads, relaxed=False)
+    return pycolmap.triangulate_points(model, database_path, photos.folder, out, clear_points=True, options=options)

@@ -1,0 +1,130 @@
+"""Bundle adjustment with the board's tag corners as points of known layout."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+import cv2  # noqa: F401  (must be loaded before pycolmap)
+import numpy as np
+import pycolmap
+
+from gsbridge.board import Board
+from gsbridge.colmap import pose_matrix
+from gsbridge.geometry import Array, align_similarity
+from gsbridge.sfm.gates import model_corners
+from gsbridge.sfm.tags import MIN_TAGS, Tags, layout_error
+
+logger = logging.getLogger("gsbridge")
+
+MAX_WORSENING = 1.05
+"""Growth of the natural features' residual up to which the refined model is kept: a bent or misprinted board pulls more."""
+
+TAG_COPIES = 8
+"""How often a corner counts: corners of a tag are found several times more precisely than natural features."""
+
+LAYOUT_SLACK = 2e-4
+"""Growth of the layout's residual that is no objection, as a share of the board's width (0.06 mm on A4)."""
+
+FLAT_BOARD = 0.005
+"""Layout residual above which the board is taken for bent or the model for wrong, as a share of the board's width (1.5 mm)."""
+
+MIN_IMAGES_INTRINSICS = 15
+"""Images from which the intrinsics are refined too; fewer do not tell the principal point from a turn of the camera."""
+
+
+def refine_with_tags(
+    model: pycolmap.Reconstruction, raw_tags: Tags, board: Board, threads: int
+) -> tuple[pycolmap.Reconstruction, dict[str, Any]]:
+    """Adjust intrinsics, poses and points together with the tag corners, which stay at the printed layout.
+
+    A calibration from the board alone leaves the principal point uncertain by pixels, which shifts the cameras by millimetres;
+    natural features all over the image settle it.
+
+    Args:
+        model: Model with distorted cameras; not changed.
+        raw_tags: Corners in distorted pixels.
+        board: Layout.
+        threads: Threads to use.
+
+    Returns:
+        The refined model, in metres and in the board's frame, and a record of what was done; the old model where the tags are
+        too few or do not fit.
+    """
+    corners = model_corners(model, raw_tags)
+    before = layout_error(corners, board)
+    if before is None:
+        return model, {"used": False, "why": f"fewer than {MIN_TAGS} tags could be triangulated"}
+    if before > FLAT_BOARD:
+        return model, {"used": False, "why": "the tags do not fit their layout; is the board flat?", "layout_before": before}
+    layout = board.corners()
+    ids = [tag for tag in corners if tag in layout]
+    fit = align_similarity(np.concatenate([corners[i] for i in ids]), np.concatenate([layout[i] for i in ids]))
+    metric = pycolmap.Reconstruction(model)
+    metric.transform(pycolmap.Sim3d(fit.scale, pycolmap.Rotation3d(fit.rotation), fit.translation))
+    joint, tag_points = _with_tag_points(metric, raw_tags, {i: layout[i] for i in ids})
+    _adjust(joint, tag_points, threads)
+    for point_id in tag_points:
+        joint.delete_point3D(point_id)
+    joint.update_point_3d_errors()
+    model.update_point_3d_errors()
+    old, new = model.compute_mean_reprojection_error(), joint.compute_mean_reprojection_error()
+    after = layout_error(model_corners(joint, raw_tags), board)
+    record = {"layout_before": before, "layout_after": after, "reprojection_before_px": old, "reprojection_after_px": new}
+    if new > MAX_WORSENING * old or after is None or after > before + LAYOUT_SLACK:
+        return model, {"used": False, "why": "the natural features fit worse with the tags; is the board flat?", **record}
+    logger.info(
+        "tags refine the model: layout residual %.2f -> %.2f mm", 1e3 * before * board.size[0], 1e3 * after * board.size[0]
+    )
+    return joint, {"used": True, **record}
+
+
+def _with_tag_points(
+    model: pycolmap.Reconstruction, raw_tags: Tags, layout: dict[int, Array]
+) -> tuple[pycolmap.Reconstruction, list[int]]:
+    """Copy of a model with the tag corners appended to its observations, and the ids of their points."""
+    out = pycolmap.Reconstruction()
+    for camera in model.cameras.values():
+        out.add_camera_with_trivial_rig(camera)
+    tracks: dict[tuple[int, int, int], pycolmap.Track] = {}
+    for image_id in sorted(model.reg_image_ids()):
+        image = model.image(image_id)
+        pixels = [np.array([point.xy for point in image.points2D]).reshape(-1, 2)]
+        index = len(pixels[0])
+        for tag, corners in sorted(raw_tags.get(image.name, {}).items()):
+            if tag not in layout:
+                continue
+            for copy in range(TAG_COPIES):
+                pixels.append(corners)
+                for k in range(4):
+                    tracks.setdefault((tag, k, copy), pycolmap.Track()).add_element(image_id, index + k)
+                index += 4
+        moved = pycolmap.Image(image.name, np.concatenate(pixels), image.camera_id, image_id)
+        out.add_image_with_trivial_frame(moved, pycolmap.Rigid3d(pose_matrix(image)[:3]))
+    for point_id, point in model.points3D.items():
+        out.add_point3D_with_id(point_id, point)
+    points = [out.add_point3D(layout[tag][k], track) for (tag, k, _), track in sorted(tracks.items(), key=lambda item: item[0])]
+    return out, points
+
+
+def _adjust(model: pycolmap.Reconstruction, constant: list[int], threads: int) -> None:
+    """Robust bundle adjustment with some points held, in place."""
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    free = model.num_reg_images() >= MIN_IMAGES_INTRINSICS
+    options.refine_focal_length = free
+    options.refine_principal_point = free
+    options.refine_extra_params = free
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
+    options.ceres.solver_options.num_threads = threads
+    options.ceres.solver_options.max_num_iterations = 50
+    options.ceres.solver_options.function_tolerance = 1e-7
+    config = pycolmap.BundleAdjustmentConfig()
+    for image_id in model.reg_image_ids():
+        config.add_image(image_id)
+    if not free:
+        for camera_id in model.cameras:
+            config.set_constant_cam_intrinsics(camera_id)
+    for point_id in constant:
+        config.add_constant_point(point_id)
+    pycolmap.create_default_bundle_adjuster(options, config, model).solve()

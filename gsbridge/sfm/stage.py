@@ -1,0 +1,202 @@
+"""The stage: keyframes in, undistorted and posed photos out."""
+
+from __future__ import annotations
+
+import logging
+import shutil
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+
+from gsbridge.board import Board
+from gsbridge.cameras import Camera, split_of
+from gsbridge.colmap import camera_from_colmap, pose_matrix, quiet
+from gsbridge.errors import InputError, StageError
+from gsbridge.files import atomic_directory, read_json, write_json, write_stage
+from gsbridge.geometry import Array
+from gsbridge.sfm import gates
+from gsbridge.sfm.mapping import Outcome, Photos, map_photos, rematch, triangulate_known
+from gsbridge.sfm.refine import refine_with_tags
+from gsbridge.sfm.settings import SfmSettings
+from gsbridge.sfm.tags import Tags, corner_points, find_all, layout_error
+from gsbridge.sfm.undistort import pinhole_of, undistort_photos, undistort_pixels, undistorted_model
+
+logger = logging.getLogger("gsbridge")
+
+
+def reconstruct(
+    *,
+    frames: Path,
+    keyframes_json: Path,
+    out_model: Path,
+    out_images: Path,
+    out_json: Path,
+    out_tags: Path,
+    settings: SfmSettings,
+    camera: Camera | None,
+    board: Board | None,
+    workspace: Path,
+    seed: int,
+    threads: int,
+) -> None:
+    """Reconstruct cameras and sparse points from keyframes, and undistort the photos.
+
+    Args:
+        frames: Folder of the keyframes.
+        keyframes_json: Their record.
+        out_model: Folder of the undistorted COLMAP model (binary).
+        out_images: Folder of the undistorted photos.
+        out_json: Record `sfm.json`.
+        out_tags: Tag corners in undistorted pixels, `tags.json`.
+        settings: Limits.
+        camera: Calibrated camera of the keyframes, from `calibrate_camera`; None to find it from these photos alone.
+        board: Layout of the board, None where none was laid out.
+        workspace: Folder for the database and raw models; emptied first.
+        seed: Random seed.
+        threads: Threads to use.
+
+    Raises:
+        InputError: The record is damaged, or the camera is of another size.
+        StageError: Too few images register.
+    """
+    record = read_json(keyframes_json)
+    photos, known = _read_input(record, keyframes_json, frames, camera)
+    shutil.rmtree(workspace, ignore_errors=True)
+    workspace.mkdir(parents=True)
+    raw_tags = find_all(frames, photos.names, board) if board is not None else {name: {} for name in photos.names}
+    with quiet(workspace / "colmap.log"):
+        if known:
+            outcome = Outcome(triangulate_known(photos, known, settings, workspace, seed, threads), "known", "known poses", [])
+        else:
+            outcome = map_photos(photos, settings, workspace, seed, threads, lambda model: gates.doubt(model, raw_tags, board))
+        stage = f"sfm of {keyframes_json.parent.parent.name}"
+        reasons = gates.check(outcome, photos, settings, stage)
+        model = outcome.model
+        assert model is not None
+        if not known:
+            model = rematch(model, photos, workspace, seed, threads)
+        refinement: dict[str, Any] = {"used": False}
+        if settings.tag_refinement and board is not None and not known:
+            model, refinement = refine_with_tags(model, raw_tags, board, threads)
+    _write(
+        model,
+        outcome,
+        photos,
+        raw_tags,
+        board,
+        reasons,
+        refinement,
+        settings,
+        seed,
+        (frames, out_model, out_images, out_json, out_tags),
+    )
+
+
+def _read_input(
+    record: dict[str, Any], source: Path, frames: Path, camera: Camera | None
+) -> tuple[Photos, dict[str, tuple[Camera, Array]]]:
+    """Photos to reconstruct and what is known of them."""
+    try:
+        names = [frame["name"] for frame in record["frames"]]
+        size = (int(record["width"]), int(record["height"]))
+        known = {
+            name: (Camera.from_json(item["camera"]), np.array(item["cam_from_world"], dtype=np.float64))
+            for name, item in record["known_cameras"].items()
+        }
+        ordered = record["source"]["kind"] in ("video", "film")
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(source, f"the record of the keyframes is damaged ({error})", "Delete it and run again") from error
+    missing = [name for name in names if not (frames / name).is_file()]
+    if missing:
+        raise InputError(frames / missing[0], "a keyframe is missing", "Delete the capture folder of this scene and run again")
+    if camera is not None and (camera.width, camera.height) != size:
+        raise InputError(
+            source,
+            f"the keyframes have {size[0]} x {size[1]} pixels, the calibrated camera {camera.width} x {camera.height}",
+            "Give this scene another camera in config.yaml",
+        )
+    return Photos(frames, names, ordered, camera, record.get("focal_prior_px"), size), known
+
+
+def pinhole_poses(model: pycolmap.Reconstruction) -> dict[str, tuple[Camera, Array]]:
+    """Uncropped pinhole and `cam_from_world` of each registered image by name."""
+    out = {}
+    for image_id in sorted(model.reg_image_ids()):
+        image = model.image(image_id)
+        out[image.name] = (camera_from_colmap(image.camera, image.name).undistorted(), pose_matrix(image))
+    return out
+
+
+def _write(
+    model: pycolmap.Reconstruction,
+    outcome: Outcome,
+    photos: Photos,
+    raw_tags: Tags,
+    board: Board | None,
+    reasons: list[str],
+    refinement: dict[str, Any],
+    settings: SfmSettings,
+    seed: int,
+    paths: tuple[Path, Path, Path, Path, Path],
+) -> None:
+    """Write all outputs of the stage, the record last."""
+    frames, out_model, out_images, out_json, out_tags = paths
+    cameras = {
+        model.image(i).camera_id: camera_from_colmap(model.image(i).camera, model.image(i).name) for i in model.reg_image_ids()
+    }
+    pinholes = {camera_id: pinhole_of(camera) for camera_id, camera in cameras.items()}
+    by_name = {
+        model.image(i).name: (cameras[model.image(i).camera_id], pinholes[model.image(i).camera_id])
+        for i in sorted(model.reg_image_ids(), key=lambda i: model.image(i).name)
+    }
+    tags: Tags = {}
+    for name, (camera, pinhole) in by_name.items():
+        shift = np.array([pinhole.cx - camera.cx, pinhole.cy - camera.cy])
+        tags[name] = {tag: undistort_pixels(corners, camera) + shift for tag, corners in raw_tags[name].items()}
+    undistorted = undistorted_model(model, pinholes)
+    undistorted.update_point_3d_errors()
+    with atomic_directory(out_images) as folder:
+        undistort_photos(frames, by_name, folder)
+    with atomic_directory(out_model) as folder:
+        undistorted.write_binary(folder)
+    write_json(out_tags, tags)
+    poses = {model_name: (by_name[model_name][1], pose) for model_name, (_, pose) in pinhole_poses(model).items()}
+    error = layout_error(corner_points(tags, poses), board) if board is not None else None
+    first = next(iter(by_name.values()))
+    write_stage(
+        out_json,
+        reasons=reasons,
+        seed=seed,
+        packages=["pycolmap", "opencv-python-headless"],
+        registered=len(by_name),
+        total=len(photos.names),
+        missing=[name for name in photos.names if name not in by_name],
+        splits={name: split_of(position) for position, name in enumerate(photos.names) if name in by_name},
+        reprojection_px=undistorted.compute_mean_reprojection_error(),
+        points=undistorted.num_points3D(),
+        track_length=undistorted.compute_mean_track_length(),
+        mapper=outcome.mapper,
+        attempt=outcome.attempt,
+        retries=max(0, len(outcome.tried) - 1),
+        tried=outcome.tried,
+        camera=first[0].to_json(),
+        pinhole=first[1].to_json(),
+        calibrated=photos.camera is not None,
+        images_with_tags=sum(bool(found) for found in tags.values()),
+        layout_error=error,
+        tag_refinement=refinement,
+        settings=asdict(settings),
+    )
+    logger.info(
+        "%d of %d images, %d points, %.2f px",
+        len(by_name),
+        len(photos.names),
+        undistorted.num_points3D(),
+        undistorted.compute_mean_reprojection_error(),
+    )
+
+
+__all__ = ["StageError", "reconstruct"]

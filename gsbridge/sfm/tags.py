@@ -1,0 +1,45 @@
+"""Tag corners in space: triangulated with the estimated poses, compared with the board's layout."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from gsbridge.board import Board, find_tags
+from gsbridge.geometry import Array, align_similarity
+from gsbridge.images import read_image_u8
+from gsbridge.logs import track
+from gsbridge.tags import Tags, corner_points, triangulate
+
+MIN_TAGS = 3
+MAX_LAYOUT_ERROR = 0.02
+"""Largest layout residual of a trusted model, as a share of the board's width: a wrong model is off by its own size."""
+
+
+def find_all(frames: Path, names: list[str], board: Board) -> Tags:
+    """Find the board in all photos, in their own (distorted) pixels."""
+    return {name: find_tags(read_image_u8(frames / name), board) for name in track(names, "find tags")}
+
+
+def layout_error(corners: dict[int, Array], board: Board) -> float | None:
+    """How badly triangulated corners fit the printed layout.
+
+    Args:
+        corners: Corners by tag, world frame. [4, 3] each.
+        board: Layout.
+
+    Returns:
+        Residual after the best similarity (root mean square) as a share of the sheet's width; None below three tags.
+    """
+    layout = board.corners()
+    ids = [tag for tag in corners if tag in layout]
+    if len(ids) < MIN_TAGS:
+        return None
+    target = np.concatenate([layout[tag] for tag in ids])
+    source = np.concatenate([corners[tag] for tag in ids])
+    fit = align_similarity(source, target)
+    return float(np.sqrt(((fit.apply(source) - target) ** 2).sum(-1).mean()) / board.size[0])
+
+
+__all__ = ["MIN_TAGS", "Tags", "corner_points", "find_all", "layout_error", "triangulate"]

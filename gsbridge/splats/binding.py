@@ -1,0 +1,253 @@
+"""How splats hang on a mesh: hard (GaMeS), soft (the paper's equation 2), refined, or not at all.
+
+A bound splat belongs to one face with corners v1, v2, v3 and unit normal n. Its centre is
+
+    w1 v1 + w2 v2 + w3 v3 + band * tanh(b) * n,    w = relu(a) / sum(relu(a)),
+
+with learned `a` and `b`. The paper bounds the offset by one unit of the reconstruction; here the band is metric (10 mm by
+default), because that unit is arbitrary: with the released scales it is about 100 mm. `games` keeps b = 0.
+
+Shape: the axes are (n, e1, e2), e1 from the face's centroid to its second corner and e2 across it in the face; the standard
+deviations (0, |e1| / 2, (v3 - centroid) . e2 / 2) times one learned factor. `refined` turns each splat freely in its face's
+frame and scales its axes one by one. Everything but `unbound` can be evaluated on a deformed mesh.
+
+Source: Wu et al., RL-GSBridge, 2024, equations 1 and 2; Waczynska et al., GaMeS, 2024.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_file
+from gsbridge.geometry import Array, quat_from_rotation
+from gsbridge.meshes import Mesh
+from gsbridge.splats.cloud import Cloud
+
+BINDINGS = ("games", "soft", "refined", "unbound")
+
+START_OPACITY = 0.5
+"""The paper starts at 0.1 and trains 15 times as long."""
+
+FLATNESS = 1e-6
+"""Standard deviation along the normal, m: the paper's discs are flat."""
+
+REFINED_FLATNESS = 0.1
+"""Standard deviation along the normal at the start of `refined`, as a part of the smaller one in the face."""
+
+
+class Shape(NamedTuple):
+    """Geometry of all splats: means [N, 3] m, quats [N, 4] wxyz, scales [N, 3] m."""
+
+    means: Tensor
+    quats: Tensor
+    scales: Tensor
+
+
+class Frames(NamedTuple):
+    """Face frames: corners [F, 3, 3], normals [F, 3], quats of the axes (n, e1, e2) [F, 4], standard deviations [F, 2], m."""
+
+    corners: Tensor
+    normals: Tensor
+    quats: Tensor
+    spreads: Tensor
+
+
+def face_frames(vertices: Array, faces: Array) -> Frames:
+    """Frames of all faces, float32; degenerate faces get a spread of zero. [V, 3], [F, 3]."""
+    corners = np.asarray(vertices, dtype=np.float64)[faces]
+    first, second, third = np.moveaxis(corners, 1, 0)
+    cross = np.cross(second - first, third - first)
+    length = np.linalg.norm(cross, axis=1, keepdims=True)
+    # A face without area has no normal; any direction does, as its splats have no size.
+    normals = np.where(length > 0, cross / np.maximum(length, 1e-300), [0.0, 0.0, 1.0])
+    centroid = corners.mean(1)
+    along = second - centroid
+    reach = np.linalg.norm(along, axis=1, keepdims=True)
+    along = np.where(reach > 0, along / np.maximum(reach, 1e-300), [1.0, 0.0, 0.0])
+    across = np.cross(normals, along)
+    spreads = np.stack([reach[:, 0], np.abs(((third - centroid) * across).sum(1))], axis=1) / 2
+    quats = quat_from_rotation(np.stack([normals, along, across], axis=-1))
+    return Frames(*(torch.as_tensor(x.astype(np.float32)) for x in (corners, normals, quats, spreads)))
+
+
+@dataclass
+class Binding:
+    """Splats and how they hang on a mesh. The parameters are what training changes.
+
+    Args:
+        kind: `games`, `soft`, `refined` or `unbound`.
+        vertices: Rest position of the mesh, table frame, m. [V, 3] float64.
+        faces: [F, 3] int64.
+        face_index: Face of each splat. [N] int64.
+        band: Largest offset along the normal, m.
+        parameters: Raw values: `colour` [N, 3] and `opacity` [N] (a logit); bound splats have `weights` [N, 3], `offset` [N]
+            and `multiplier` [N]; refined also `turn` [N, 4] and `stretch` [N, 3] (logarithms); unbound has `means`, `quats`
+            and `stretch` (logarithms of the scales) instead of the binding.
+    """
+
+    kind: str
+    vertices: Array
+    faces: Array
+    face_index: Array
+    band: float
+    parameters: dict[str, Tensor]
+
+    def __len__(self) -> int:
+        return len(self.face_index)
+
+    def frames(self, vertices: Array | None = None) -> Frames:
+        """Frame of each splat's face, on the rest mesh or a deformed one. Rows follow the splats."""
+        frames = face_frames(self.vertices if vertices is None else vertices, self.faces)
+        index = torch.as_tensor(self.face_index)
+        return Frames(*(item[index] for item in frames))
+
+    def offsets(self) -> Tensor:
+        """Offset along the normal, m; zero for splats that have none. [N]."""
+        if "offset" not in self.parameters:
+            return torch.zeros(len(self))
+        return self.band * torch.tanh(self.parameters["offset"])
+
+    def shape(self, frames: Frames) -> Shape:
+        """Geometry of the splats in given face frames; differentiable with respect to the parameters."""
+        p = self.parameters
+        if self.kind == "unbound":
+            return Shape(p["means"], p["quats"], torch.exp(p["stretch"]))
+        weights = torch.relu(p["weights"]) + 1e-8
+        weights = weights / weights.sum(1, keepdim=True)
+        means = torch.bmm(weights[:, None, :], frames.corners)[:, 0]
+        if self.kind != "games":
+            means = means + self.offsets()[:, None] * frames.normals
+        if self.kind == "refined":
+            turn = torch.nn.functional.normalize(p["turn"], dim=1)
+            spreads = torch.cat([frames.spreads.amin(1, keepdim=True) * REFINED_FLATNESS, frames.spreads], dim=1)
+            return Shape(means, _multiply(frames.quats, turn), spreads * torch.exp(p["stretch"]))
+        factor = torch.relu(p["multiplier"])[:, None]
+        flat = torch.full_like(factor, FLATNESS)
+        return Shape(means, frames.quats, torch.cat([flat, frames.spreads * factor + 1e-8], dim=1))
+
+    def evaluate(self, vertices: Array | None = None) -> Cloud:
+        """The splats on the rest mesh, or on a deformed one: centres, orientations and sizes follow its faces.
+
+        Args:
+            vertices: Deformed positions of the binding's own vertices, m; normals are computed anew. [V, 3].
+
+        Raises:
+            ValueError: The splats are unbound, or the number of vertices differs.
+        """
+        if vertices is not None and self.kind == "unbound":
+            raise ValueError("unbound splats do not follow a mesh")
+        if vertices is not None and np.shape(vertices) != self.vertices.shape:
+            raise ValueError(f"the deformed mesh must have {len(self.vertices)} vertices, not {len(vertices)}")
+        with torch.no_grad():
+            shape = self.shape(self.frames(vertices))
+            quats = torch.nn.functional.normalize(shape.quats, dim=1)
+            return Cloud(
+                shape.means.numpy(),
+                quats.numpy(),
+                shape.scales.numpy(),
+                torch.sigmoid(self.parameters["opacity"]).numpy(),
+                self.parameters["colour"].clamp(0, 1).numpy(),
+            )
+
+
+def create_binding(kind: str, mesh: Mesh, splats_per_face: int, *, band: float, seed: int) -> Binding:
+    """Splats at their start: the same places, sizes, opacities and colours for every kind.
+
+    Args:
+        kind: `games`, `soft`, `refined` or `unbound`.
+        mesh: Evenly meshed surface, table frame, m.
+        splats_per_face: Splats on each face.
+        band: Largest offset along the normal, m.
+        seed: Seed of the places inside the faces.
+
+    Raises:
+        ValueError: The kind is unknown, or the band is not positive.
+    """
+    if kind not in BINDINGS or not band > 0:
+        raise ValueError(f"a binding is one of {', '.join(BINDINGS)}, with a positive band; got {kind!r}, {band}")
+    face_index = np.repeat(np.arange(len(mesh.faces)), splats_per_face)
+    count = len(face_index)
+    rng = np.random.default_rng(seed)
+    parameters = {
+        "weights": torch.as_tensor(rng.random((count, 3), dtype=np.float32)),
+        "offset": torch.zeros(count),
+        "multiplier": torch.ones(count),
+        "opacity": torch.full((count,), float(np.log(START_OPACITY / (1 - START_OPACITY)))),
+        "colour": torch.full((count, 3), 0.5),
+    }
+    start = Binding("soft", mesh.vertices, mesh.faces, face_index, band, parameters)
+    if kind == "games":
+        del parameters["offset"]
+    elif kind == "refined":
+        del parameters["multiplier"]
+        parameters["turn"] = torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1)
+        parameters["stretch"] = torch.zeros(count, 3)
+    elif kind == "unbound":
+        shape = start.shape(start.frames())
+        scales = shape.scales.clone()
+        scales[:, 0] = scales[:, 1:].amin(1) * REFINED_FLATNESS
+        for name in ("weights", "offset", "multiplier"):
+            del parameters[name]
+        parameters |= {"means": shape.means, "quats": shape.quats, "stretch": torch.log(scales.clamp_min(1e-8))}
+    return Binding(kind, mesh.vertices, mesh.faces, face_index, band, parameters)
+
+
+def _multiply(left: Tensor, right: Tensor) -> Tensor:
+    """Hamilton product (wxyz), differentiable. [N, 4]."""
+    lw, lx, ly, lz = left.unbind(1)
+    rw, rx, ry, rz = right.unbind(1)
+    return torch.stack(
+        [
+            lw * rw - lx * rx - ly * ry - lz * rz,
+            lw * rx + lx * rw + ly * rz - lz * ry,
+            lw * ry - lx * rz + ly * rw + lz * rx,
+            lw * rz + lx * ry - ly * rx + lz * rw,
+        ],
+        dim=1,
+    )
+
+
+def write_binding(path: str | Path, binding: Binding) -> None:
+    """Write a binding with its rest mesh, whole or not at all."""
+    with atomic_file(path) as temporary, temporary.open("wb") as stream:
+        np.savez_compressed(
+            stream,
+            kind=np.array(binding.kind),
+            vertices=binding.vertices,
+            faces=binding.faces.astype(np.int32),
+            face_index=binding.face_index.astype(np.int32),
+            band=np.array(binding.band),
+            **{f"parameter_{name}": value.detach().numpy() for name, value in binding.parameters.items()},
+        )
+
+
+def read_binding(path: str | Path) -> Binding:
+    """Read a binding.
+
+    Raises:
+        InputError: The file is missing or damaged.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as content:
+            items = {name: content[name] for name in content.files}
+        binding = Binding(
+            str(items["kind"]),
+            items["vertices"],
+            items["faces"].astype(np.int64),
+            items["face_index"].astype(np.int64),
+            float(items["band"]),
+            {name.removeprefix("parameter_"): torch.as_tensor(items[name]) for name in items if name.startswith("parameter_")},
+        )
+        binding.evaluate()
+    except FileNotFoundError as error:
+        raise InputError(path, "the binding does not exist", "Check the path, or run the splats stage") from error
+    except Exception as error:  # numpy and zipfile raise many kinds for damaged files; the user needs one clear line
+        raise InputError(path, f"the binding cannot be read ({error})", "Delete it and run the splats stage again") from error
+    return binding

@@ -1,0 +1,137 @@
+"""The standard 3DGS PLY file, which SuperSplat and other viewers open.
+
+Per splat, 32-bit little-endian: `x y z nx ny nz f_dc_0..2 opacity scale_0..2 rot_0..3`, where colour is the constant spherical
+harmonic, opacity a logit, scale a natural logarithm and rot a quaternion wxyz.
+
+Source: Kerbl et al., 3D Gaussian Splatting, 2023 (file layout of the reference implementation).
+"""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import numpy as np
+
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_file
+from gsbridge.geometry import Array
+from gsbridge.splats.cloud import SH_C0, Cloud
+
+logger = logging.getLogger("gsbridge")
+
+PROPERTIES = (
+    *("x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"),
+    *("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
+)
+
+SMALLEST_SCALE = 1e-9
+"""Scales are stored as logarithms, so that zero is not possible, m."""
+
+OPACITY_MARGIN = 1e-6
+"""Opacities are stored as logits, so that exactly 0 and 1 are not possible."""
+
+_TYPES = {
+    **{
+        "char": "i1",
+        "int8": "i1",
+        "uchar": "u1",
+        "uint8": "u1",
+        "short": "<i2",
+        "int16": "<i2",
+        "ushort": "<u2",
+        "uint16": "<u2",
+    },
+    **{"int": "<i4", "int32": "<i4", "uint": "<u4", "uint32": "<u4", "float": "<f4", "float32": "<f4"},
+    **{"double": "<f8", "float64": "<f8"},
+}
+
+_REMEDY = "Delete it and run the splats stage again, or export it again from the program that wrote it"
+
+
+def write_ply(path: str | Path, cloud: Cloud) -> None:
+    """Write a cloud, whole or not at all.
+
+    Raises:
+        ValueError: A value is not finite.
+    """
+    opacity = np.clip(cloud.opacities.astype(np.float64), OPACITY_MARGIN, 1 - OPACITY_MARGIN)
+    table = np.zeros((len(cloud), len(PROPERTIES)), dtype="<f4")
+    table[:, 0:3] = cloud.means
+    table[:, 6:9] = (cloud.colours - 0.5) / SH_C0
+    table[:, 9] = np.log(opacity / (1 - opacity))
+    table[:, 10:13] = np.log(np.maximum(cloud.scales, SMALLEST_SCALE))
+    table[:, 13:17] = cloud.quats
+    if not np.isfinite(table).all():
+        raise ValueError("a splat holds a value that is not finite")
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(cloud)}"]
+    header += [f"property float {name}" for name in PROPERTIES]
+    with atomic_file(path) as temporary:
+        temporary.write_bytes(("\n".join([*header, "end_header"]) + "\n").encode("ascii") + table.tobytes())
+
+
+def read_ply(path: str | Path) -> Cloud:
+    """Read a cloud. Higher spherical harmonics (`f_rest_*`) are left out with a warning: colour here has no direction.
+
+    Raises:
+        InputError: The file is missing, damaged, or no 3DGS PLY.
+    """
+    source = Path(path)
+    try:
+        content = source.read_bytes()
+    except OSError as error:
+        raise InputError(source, "the splat file cannot be read", "Check the path, or run the splats stage") from error
+    table = _vertices(source, content)
+    missing = [name for name in PROPERTIES if name not in (table.dtype.names or ()) and name not in ("nx", "ny", "nz")]
+    if missing:
+        raise InputError(source, f"the PLY is no Gaussian splat file: {', '.join(missing)} missing", _REMEDY)
+    if any(name.startswith("f_rest_") for name in table.dtype.names or ()):
+        logger.warning("%s: view-dependent colour (f_rest_*) is left out", source)
+
+    def columns(*names: str) -> Array:
+        return np.stack([table[name].astype(np.float64) for name in names], axis=-1)
+
+    quats = columns("rot_0", "rot_1", "rot_2", "rot_3")
+    length = np.linalg.norm(quats, axis=1, keepdims=True)
+    numbers = np.concatenate([columns(*PROPERTIES[:3], *PROPERTIES[6:13]), quats], axis=1)
+    if not np.isfinite(numbers).all() or np.any(length == 0):
+        raise InputError(source, "a splat holds a value that is no number", _REMEDY)
+    return Cloud(
+        columns("x", "y", "z"),
+        quats / np.maximum(length, 1e-30),
+        np.exp(np.clip(columns("scale_0", "scale_1", "scale_2"), -60, 60)),
+        1 / (1 + np.exp(-np.clip(table["opacity"].astype(np.float64), -60, 60))),
+        columns("f_dc_0", "f_dc_1", "f_dc_2") * SH_C0 + 0.5,
+    )
+
+
+def _vertices(source: Path, content: bytes) -> Array:
+    """Vertex table of a binary little-endian PLY. [N] structured."""
+    begin = content.find(b"end_header")
+    end = content.find(b"\n", begin) + 1
+    if not content.startswith(b"ply") or begin < 0 or end == 0:
+        raise InputError(source, "this is no PLY file, or its header is cut off", _REMEDY)
+    lines = [line.split() for line in content[:begin].decode("ascii", errors="replace").splitlines()]
+    if ["format", "binary_little_endian", "1.0"] not in lines:
+        raise InputError(source, "only binary little-endian PLY files are read", _REMEDY)
+    fields: list[tuple[str, str]] = []
+    count, element = 0, ""
+    for words in lines:
+        if words[:1] == ["element"] and len(words) == 3:
+            if not element and words[1] != "vertex":
+                raise InputError(source, "the PLY does not begin with its vertices", _REMEDY)
+            element = words[1]
+            if element == "vertex":
+                if not words[2].isdigit():
+                    raise InputError(source, f"the number of vertices reads {words[2]!r}", _REMEDY)
+                count = int(words[2])
+        elif words[:1] == ["property"] and element == "vertex":
+            if len(words) != 3 or words[1] not in _TYPES or words[2] in dict(fields):
+                raise InputError(source, f"the header line {' '.join(words)!r} is not understood", _REMEDY)
+            fields.append((words[2], _TYPES[words[1]]))
+    row = np.dtype(fields)
+    if count == 0 or not fields:
+        raise InputError(source, "the PLY holds no splat", _REMEDY)
+    if len(content) - end < count * row.itemsize:
+        raise InputError(source, f"the file is cut off: {count} splats announced, fewer there", _REMEDY)
+    return np.frombuffer(content, row, count, end)

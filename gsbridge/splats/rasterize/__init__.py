@@ -1,0 +1,99 @@
+"""Differentiable rendering of 3D Gaussians: one interface, three backends.
+
+`cpu` runs anywhere, `cuda` needs gsplat and an NVIDIA device, `reference` is plain torch for tests.
+
+A splat's covariance goes through the projection's slope at its centre (EWA), 0.3 px^2 is added on the screen, alpha is clipped at
+0.99 and cut below 1/255, and a pixel is finished once less than 1e-4 of the light behind it would pass. Splats blend front to back
+by the camera z of their centres, ties by their number.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+
+from gsbridge.cameras import Camera
+from gsbridge.errors import InputError
+from gsbridge.geometry import Array
+
+BACKENDS = ("cpu", "cuda", "reference")
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """Images of one view.
+
+    Args:
+        colours: RGB over the background. [H, W, 3].
+        alphas: Share of light from the splats, 0..1. [H, W].
+        depths: Alpha-weighted sum of camera z, m; divide by `alphas` for a mean depth. [H, W].
+    """
+
+    colours: torch.Tensor
+    alphas: torch.Tensor
+    depths: torch.Tensor
+
+
+def rasterize(
+    means: torch.Tensor,
+    quats: torch.Tensor,
+    scales: torch.Tensor,
+    opacities: torch.Tensor,
+    colours: torch.Tensor,
+    *,
+    camera: Camera,
+    cam_from_table: Array,
+    background: torch.Tensor | None = None,
+    backend: str = "cpu",
+    near: float = 0.01,
+) -> Rendering:
+    """Render splats; gradients flow to the five tensors, not to camera or background.
+
+    Splats with a number that is not finite are left out.
+
+    Args:
+        means: Centres, table frame, m. [N, 3].
+        quats: Orientations wxyz, of any length but zero. [N, 4].
+        scales: Standard deviations along the splat's axes, m. [N, 3].
+        opacities: Opacity at the centre, 0..1. [N].
+        colours: RGB 0..1. [N, 3].
+        camera: Pinhole camera.
+        cam_from_table: Pose of the camera. [4, 4].
+        background: Colour behind the splats, black when None. [3].
+        backend: `cpu`, `cuda` or `reference`.
+        near: Smallest camera z of a centre, m.
+
+    Returns:
+        Colour, alpha and depth images.
+
+    Raises:
+        InputError: The backend is unknown or not available on this machine.
+        ValueError: Shapes do not fit together, or the camera has distortion.
+    """
+    count = len(means)
+    for name, tensor, shape in (
+        ("means", means, (count, 3)),
+        ("quats", quats, (count, 4)),
+        ("scales", scales, (count, 3)),
+        ("opacities", opacities, (count,)),
+        ("colours", colours, (count, 3)),
+    ):
+        if tuple(tensor.shape) != shape:
+            raise ValueError(f"{name} has shape {tuple(tensor.shape)}, expected {shape}")
+    if not camera.is_pinhole:
+        raise ValueError("the rasteriser needs a camera without distortion")
+    arguments = (means, quats, scales, opacities, colours, camera, cam_from_table, background, near)
+    if backend == "cpu":
+        from gsbridge.splats.rasterize import cpu
+
+        return Rendering(*cpu.rasterize(*arguments))
+    if backend == "cuda":
+        from gsbridge.splats.rasterize import cuda
+
+        return Rendering(*cuda.rasterize(*arguments))
+    if backend == "reference":
+        from gsbridge.splats.rasterize import reference
+
+        return Rendering(*reference.rasterize(*arguments))
+    raise InputError("splats.backend", f"unknown backend '{backend}'", f"Use one of {', '.join(BACKENDS)}")

@@ -1,0 +1,300 @@
+"""The rasteriser on the processor: compiled kernels, work space used again, autograd.
+
+Project and cull, sort by depth, list the splats of every 4x4 block, blend. One thread runs plain kernels; several share the rows
+of blocks.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import torch
+
+from gsbridge import logs
+from gsbridge.cameras import Camera
+from gsbridge.geometry import Array
+from gsbridge.splats.rasterize import binning, blending, projection
+from gsbridge.splats.rasterize.layout import BLOCK, RECORD, TABLE
+from gsbridge.splats.rasterize.lanes import WIDTH
+
+_KEYS = 2 * 4096
+
+
+@dataclass
+class Workspace:
+    """Arrays of one rendering. They grow when needed and are never shared by two renderings that may still need gradients."""
+
+    records: Array = field(default_factory=lambda: np.empty(0, np.float32))
+    sources: Array = field(default_factory=lambda: np.empty(0, np.int32))
+    order: Array = field(default_factory=lambda: np.empty(0, np.int32))
+    pairs: Array = field(default_factory=lambda: np.empty(0, np.int64))
+    more_pairs: Array = field(default_factory=lambda: np.empty(0, np.int64))
+    boxes: Array = field(default_factory=lambda: np.empty(0, np.int64))
+    counts: Array = field(default_factory=lambda: np.empty(_KEYS, np.int32))
+    capacity: Array = field(default_factory=lambda: np.zeros(0, np.int32))
+    running: Array = field(default_factory=lambda: np.empty(0, np.int32))
+    starts: Array = field(default_factory=lambda: np.empty(0, np.int32))
+    ends: Array = field(default_factory=lambda: np.empty(0, np.int32))
+    entries: Array = field(default_factory=lambda: np.empty(0, np.int32))
+    states: Array = field(default_factory=lambda: np.empty(0, np.float32))
+    sums: Array = field(default_factory=lambda: np.empty((1, 0), np.float32))
+
+    def fit(self, splats: int, rows: int, columns: int) -> None:
+        """Make room for a number of splats and blocks."""
+        if len(self.sources) < splats:
+            size = splats + splats // 8 + WIDTH
+            self.records = _aligned(size * RECORD)
+            self.sources, self.order = np.empty(size, np.int32), np.empty(size, np.int32)
+            self.pairs, self.more_pairs, self.boxes = (np.empty(size, np.int64) for _ in range(3))
+        if len(self.capacity) != (rows + 1) * (columns + 1) or len(self.running) != columns + 1:
+            self.capacity = np.zeros((rows + 1) * (columns + 1), np.int32)
+            self.running = np.empty(columns + 1, np.int32)
+            self.states = _aligned(rows * columns * blending.STATE)
+            self.starts, self.ends = np.empty(rows * columns + 1, np.int32), np.empty(rows * columns + 1, np.int32)
+
+    def fit_entries(self, entries: int) -> None:
+        """Make room for a number of entries in the lists."""
+        if len(self.entries) < entries + 1:
+            self.entries = np.empty(entries + entries // 4 + 1, np.int32)
+
+    def zero_sums(self, bands: int, visible: int) -> Array:
+        """Zeroed gradient sums. [bands, visible * RECORD]."""
+        if self.sums.size < bands * visible * RECORD:
+            self.sums = _aligned(bands * (visible + visible // 8) * RECORD).reshape(1, -1)
+        out = self.sums.reshape(-1)[: bands * visible * RECORD].reshape(bands, -1)
+        out.fill(0.0)
+        return out
+
+
+def _aligned(size: int) -> Array:
+    """Uninitialised float32 array on a cache line's edge, so that each record is one line."""
+    raw = np.empty(4 * size + 64, np.uint8)
+    offset = -raw.ctypes.data % 64
+    return raw[offset : offset + 4 * size].view(np.float32)
+
+
+class _Pool(threading.local):
+    """Work spaces of one thread that no rendering holds."""
+
+    def __init__(self) -> None:
+        self.free: list[Workspace] = []
+
+    def take(self) -> Workspace:
+        return self.free.pop() if self.free else Workspace()
+
+
+_pool = _Pool()
+
+
+class _Lease:
+    """Holds a work space until the last reference to a rendering's gradients is gone."""
+
+    def __init__(self) -> None:
+        self._pool = _pool.free
+        self.space = _pool.take()
+
+    def __del__(self) -> None:
+        self._pool.append(self.space)
+
+
+@dataclass(frozen=True)
+class _View:
+    """What the kernels know of a camera."""
+
+    numbers: Array
+    width: int
+    height: int
+    rows: int
+    columns: int
+    near: np.float32
+
+    @classmethod
+    def of(cls, camera: Camera, cam_from_table: Array, near: float) -> _View:
+        pose = np.asarray(cam_from_table, dtype=np.float32)
+        numbers = np.concatenate([[camera.fx, camera.fy, camera.cx, camera.cy], pose[:3, :3].reshape(-1), pose[:3, 3]])
+        rows, columns = -(-camera.height // BLOCK), -(-camera.width // BLOCK)
+        return cls(numbers.astype(np.float32), camera.width, camera.height, rows, columns, np.float32(near))
+
+
+@dataclass(frozen=True)
+class _Splats:
+    """Flat float32 arrays with room for a multiple of `WIDTH` splats."""
+
+    count: int
+    means: Array
+    quats: Array
+    scales: Array
+    opacities: Array
+    colours: Array
+
+    @classmethod
+    def of(cls, means: Array, quats: Array, scales: Array, opacities: Array, colours: Array) -> _Splats:
+        return cls(len(means), *(_flat(array) for array in (means, quats, scales, opacities, colours)))
+
+
+def _flat(array: Array) -> Array:
+    """Flat float32 copy padded to a multiple of `WIDTH` rows, or the array itself where that holds already."""
+    array = np.ascontiguousarray(array, dtype=np.float32)
+    missing = -len(array) % WIDTH
+    if missing:
+        array = np.concatenate([array, np.zeros((missing, *array.shape[1:]), np.float32)])
+    return array.reshape(-1)
+
+
+def _blocks(space: Workspace, view: _View, background: Array) -> tuple[Any, ...]:
+    """Arguments that the blending kernels share."""
+    lists = (TABLE, space.records, space.entries, space.starts, space.ends)
+    return (*lists, view.rows, view.columns, view.width, view.height, background, space.states)
+
+
+def _forward(
+    splats: _Splats, view: _View, background: Array, space: Workspace, threads: int
+) -> tuple[int, tuple[Array, Array, Array]]:
+    """Render into new arrays; returns the number of visible splats and colour, alpha, depth (flat)."""
+    space.fit(splats.count, view.rows, view.columns)
+    visible = projection.project(
+        splats.means,
+        splats.quats,
+        splats.scales,
+        splats.opacities,
+        splats.colours,
+        splats.count,
+        view.numbers,
+        view.near,
+        view.width,
+        view.height,
+        space.records,
+        space.sources,
+        space.boxes,
+        space.capacity,
+    )
+    binning.sort_by_depth(space.records, space.records.view(np.int32), visible, space.counts, space.pairs, space.more_pairs, space.order)
+    space.fit_entries(binning.reserve(space.capacity, view.rows, view.columns, space.starts, space.running))
+    space.ends[:] = space.starts
+    binning.fill(space.records, space.boxes, space.order, visible, view.columns, space.ends, space.entries)
+    pixels = view.width * view.height
+    out = np.empty(3 * pixels, np.float32), np.empty(pixels, np.float32), np.empty(pixels, np.float32)
+    blend = blending.blend
+    if threads > 1:
+        blending.use_threads(threads)
+        blend = blending.blend_parallel
+    blend(*_blocks(space, view, background), *out)
+    return visible, out
+
+
+def _backward(
+    splats: _Splats,
+    view: _View,
+    background: Array,
+    space: Workspace,
+    visible: int,
+    gradients: tuple[Array, Array, Array],
+    threads: int,
+) -> tuple[Array, ...]:
+    """Gradients of means, quats, scales, opacities and colours."""
+    if threads > 1:
+        blending.use_threads(threads)
+        sums = space.zero_sums(threads, visible)
+        blending.blend_backward_parallel(*_blocks(space, view, background), *gradients, sums)
+    else:
+        sums = space.zero_sums(1, visible)
+        blending.blend_backward(*_blocks(space, view, background), *gradients, sums[0])
+    n = splats.count
+    out = tuple(np.zeros(shape, np.float32) for shape in ((n, 3), (n, 4), (n, 3), (n,), (n, 3)))
+    projection.project_backward(
+        splats.means,
+        splats.quats,
+        splats.scales,
+        splats.opacities,
+        view.numbers,
+        view.width,
+        view.height,
+        space.records,
+        space.sources,
+        visible,
+        sums[0],
+        *(array.reshape(-1) for array in out),
+    )
+    return out
+
+
+def render(
+    means: Array,
+    quats: Array,
+    scales: Array,
+    opacities: Array,
+    colours: Array,
+    *,
+    camera: Camera,
+    cam_from_table: Array,
+    background: Array | None = None,
+    near: float = 0.01,
+    threads: int | None = None,
+) -> tuple[Array, Array, Array]:
+    """Image of splats, without gradients. Arguments as in `rasterize`, numpy float32 arrays.
+
+    Args:
+        threads: Threads; as many as the job may use when None.
+
+    Returns:
+        Colour [H, W, 3], alpha [H, W], and the alpha-weighted sum of camera z, m. [H, W].
+    """
+    behind = np.zeros(3, np.float32) if background is None else np.asarray(background, dtype=np.float32)
+    space = _pool.take()
+    view = _View.of(camera, cam_from_table, near)
+    try:
+        _, images = _forward(
+            _Splats.of(means, quats, scales, opacities, colours),
+            view,
+            behind,
+            space,
+            logs.threads() if threads is None else threads,
+        )
+    finally:
+        _pool.free.append(space)
+    return _shape(images, view)
+
+
+def _shape(images: tuple[Array, Array, Array], view: _View) -> tuple[Array, Array, Array]:
+    size = (view.height, view.width)
+    return images[0].reshape(*size, 3), images[1].reshape(size), images[2].reshape(size)
+
+
+class _Rasterize(torch.autograd.Function):
+    """Autograd around the kernels."""
+
+    @staticmethod
+    def forward(ctx: Any, means, quats, scales, opacities, colours, view: _View, background: Array, threads: int):  # type: ignore[no-untyped-def]
+        splats = _Splats.of(*(tensor.detach().numpy() for tensor in (means, quats, scales, opacities, colours)))
+        lease = _Lease()
+        visible, images = _forward(splats, view, background, lease.space, threads)
+        ctx.state = (splats, view, background, lease, visible, threads)
+        return tuple(torch.from_numpy(image) for image in _shape(images, view))
+
+    @staticmethod
+    def backward(ctx: Any, *gradients):  # type: ignore[no-untyped-def]
+        splats, view, background, lease, visible, threads = ctx.state
+        flat = tuple(gradient.contiguous().numpy().reshape(-1) for gradient in gradients)
+        out = _backward(splats, view, background, lease.space, visible, flat, threads)
+        return (*(torch.from_numpy(array) for array in out), None, None, None)
+
+
+def rasterize(
+    means: torch.Tensor,
+    quats: torch.Tensor,
+    scales: torch.Tensor,
+    opacities: torch.Tensor,
+    colours: torch.Tensor,
+    camera: Camera,
+    cam_from_table: Array,
+    background: torch.Tensor | None,
+    near: float,
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """See `gsbridge.splats.rasterize.rasterize`."""
+    behind = np.zeros(3, np.float32) if background is None else background.detach().numpy().astype(np.float32)
+    view = _View.of(camera, cam_from_table, near)
+    groups = (group.float() for group in (means, quats, scales, opacities, colours))
+    return _Rasterize.apply(*groups, view, behind, logs.threads())  # type: ignore[no-any-return]

@@ -1,0 +1,347 @@
+"""Kernels that project splats to the screen, eight at a time, and take gradients back.
+
+EWA splatting: a 3D Gaussian's covariance goes through the projection's slope at its centre.
+
+Source: Zwicker et al., "EWA volume splatting", 2001; Kerbl et al., "3D Gaussian splatting", 2023.
+"""
+
+from __future__ import annotations
+
+from gsbridge.kernels import njit  # isort: skip  (first: it sets numba's cache folder)
+
+import numpy as np
+
+from gsbridge.splats.rasterize import layout
+from gsbridge.splats.rasterize.lanes import (
+    WIDTH,
+    at,
+    bits_between,
+    exponent_and_mantissa,
+    larger,
+    load,
+    load_strided,
+    lowest_bit,
+    mask_bits,
+    put,
+    round_down,
+    select,
+    smaller,
+    square_root,
+    store,
+    store_rows,
+    store_whole,
+)
+
+RECORD = layout.RECORD
+BLUR = layout.BLUR
+CUT = layout.CUT
+SCALE = layout.SCALE
+_FALLOFF_PER_SIGMA2 = 2.0 / SCALE
+_FARTHEST = 1e9  # px or px^2: beyond it a float32 has no sub-pixel digits left and the splat is dropped
+
+
+@njit(error_model="numpy", forceinline=True)
+def _axes(w, x, y, z):
+    """Rotation matrix of a unit quaternion, row by row."""
+    return (
+        1.0 - 2.0 * (y * y + z * z),
+        2.0 * (x * y - w * z),
+        2.0 * (x * z + w * y),
+        2.0 * (x * y + w * z),
+        1.0 - 2.0 * (x * x + z * z),
+        2.0 * (y * z - w * x),
+        2.0 * (x * z - w * y),
+        2.0 * (y * z + w * x),
+        1.0 - 2.0 * (x * x + y * y),
+    )
+
+
+@njit(error_model="numpy", forceinline=True)
+def _log2(value):
+    """Binary logarithm of positive lanes, absolute error about 1e-7: series of atanh."""
+    exponent, mantissa = exponent_and_mantissa(value)
+    s = (mantissa - 1.0) / (mantissa + 1.0)
+    t = s * s
+    return exponent + s * (2.88539008 + t * (0.961796694 + t * (0.577078016 + t * (0.412198583 + t * 0.320598898))))
+
+
+@njit(error_model="numpy", forceinline=True)
+def _bits_of_row(near, tilt, level, curve, xy, scale, origin, wide):
+    """Blocks that an ellipse meets in one row of blocks, as bits."""
+    far = near + 3.0
+    dy = smaller(larger(tilt, near), far)
+    end = origin + (square_root(larger(level - curve * dy * dy, 0.0)) - xy * dy) * scale + 1.0
+    dy = smaller(larger(-tilt, near), far)
+    begin = origin - (square_root(larger(level - curve * dy * dy, 0.0)) + xy * dy) * scale + 0.2475
+    return bits_between(smaller(larger(begin, 0.0), wide), smaller(larger(end, 0.0), wide))
+
+
+@njit(error_model="numpy")
+def project(means, quats, scales, opacities, colours, count, view, near, width, height, records, sources, boxes, capacity):
+    """Project splats, drop those outside the view, pack the others.
+
+    Args:
+        means, quats, scales, opacities, colours: Flat arrays, room for a multiple of eight splats.
+        count: Splats.
+        view: fx, fy, cx, cy, then the rotation and the translation `cam_from_table`. [16].
+        near: Smallest camera z, m.
+        width, height: Image, px.
+        records: Filled with one record per visible splat, in the order of the splats. [N * RECORD].
+        sources: Filled with the number of the splat of each record. [N].
+        boxes: Filled, per record, with the first block of its box (high half) and its `MASK` (low half). [N] int64.
+        capacity: Added to: upper bound of the entries in the list of each block, as second difference. [(rows + 1) * (columns + 1)].
+
+    Returns:
+        Visible splats.
+    """
+    fx, fy, cx, cy = view[0], view[1], view[2], view[3]
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = (
+        view[4],
+        view[5],
+        view[6],
+        view[7],
+        view[8],
+        view[9],
+        view[10],
+        view[11],
+        view[12],
+    )
+    t0, t1, t2 = view[13], view[14], view[15]
+    margin_x, margin_y = np.float32(0.5 * layout.MARGIN) * width / fx, np.float32(0.5 * layout.MARGIN) * height / fy
+    right, left = (width - cx) / fx + margin_x, -cx / fx - margin_x
+    bottom, top = (height - cy) / fy + margin_y, -cy / fy - margin_y
+    columns = (width + layout.BLOCK - 1) // layout.BLOCK + 1
+    rows, cells = np.empty(RECORD * WIDTH, np.float32), np.empty(6 * WIDTH, np.int32)
+    visible = 0
+    for first in range(0, count, WIDTH):
+        mx, my, mz = (
+            load_strided(means, 3 * first, 3),
+            load_strided(means, 3 * first + 1, 3),
+            load_strided(means, 3 * first + 2, 3),
+        )
+        z = mx * r20 + my * r21 + mz * r22 + t2
+        inverse = 1.0 / z
+        u = (mx * r00 + my * r01 + mz * r02 + t0) * inverse
+        v = (mx * r10 + my * r11 + mz * r12 + t1) * inverse
+        x, y = u * fx + cx, v * fy + cy
+        opacity = load(opacities, first)
+
+        ju, jv = inverse * fx, inverse * fy
+        su, sv = ju * smaller(larger(u, left), right), jv * smaller(larger(v, top), bottom)
+        a0, a1, a2 = ju * r00 - su * r20, ju * r01 - su * r21, ju * r02 - su * r22
+        b0, b1, b2 = jv * r10 - sv * r20, jv * r11 - sv * r21, jv * r12 - sv * r22
+        qw, qx = load_strided(quats, 4 * first, 4), load_strided(quats, 4 * first + 1, 4)
+        qy, qz = load_strided(quats, 4 * first + 2, 4), load_strided(quats, 4 * first + 3, 4)
+        norm = 1.0 / square_root(qw * qw + qx * qx + qy * qy + qz * qz)
+        m00, m01, m02, m10, m11, m12, m20, m21, m22 = _axes(qw * norm, qx * norm, qy * norm, qz * norm)
+        s0, s1, s2 = (
+            load_strided(scales, 3 * first, 3),
+            load_strided(scales, 3 * first + 1, 3),
+            load_strided(scales, 3 * first + 2, 3),
+        )
+        v00 = (a0 * m00 + a1 * m10 + a2 * m20) * s0
+        v01 = (a0 * m01 + a1 * m11 + a2 * m21) * s1
+        v02 = (a0 * m02 + a1 * m12 + a2 * m22) * s2
+        v10 = (b0 * m00 + b1 * m10 + b2 * m20) * s0
+        v11 = (b0 * m01 + b1 * m11 + b2 * m21) * s1
+        v12 = (b0 * m02 + b1 * m12 + b2 * m22) * s2
+        cxx = v00 * v00 + v01 * v01 + v02 * v02 + BLUR
+        cxy = v00 * v10 + v01 * v11 + v02 * v12
+        cyy = v10 * v10 + v11 * v11 + v12 * v12 + BLUR
+        factor = SCALE / (cxx * cyy - cxy * cxy)
+
+        log = _log2(larger(opacity, 1e-6)) * 0.125
+        reach = log - CUT
+        half_x = square_root(reach * cxx * _FALLOFF_PER_SIGMA2)
+        half_y = square_root(reach * cyy * _FALLOFF_PER_SIGMA2)
+        # Pixels whose centres the ellipse's box holds, a thousandth wider against rounding; ceil(v) = -floor(-v).
+        x0, x1 = larger(-round_down(half_x - x + 0.499), 0.0), smaller(round_down(x + half_x - 0.499), width - 1.0)
+        y0, y1 = larger(-round_down(half_y - y + 0.499), 0.0), smaller(round_down(y + half_y - 0.499), height - 1.0)
+        red = load_strided(colours, 3 * first, 3)
+        green = load_strided(colours, 3 * first + 1, 3)
+        blue = load_strided(colours, 3 * first + 2, 3)
+        # Every comparison with NaN is false, and so is that of 0 * inf: a damaged splat is dropped here.
+        seen = (x0 <= x1) & (y0 <= y1) & (z >= near) & (reach > 0.0) & (half_x < _FARTHEST) & (half_y < _FARTHEST)
+        seen = seen & ((red + green + blue + x + y + z) * 0.0 >= 0.0) & (factor > 0.0) & (opacity < 1e6)
+        bits = mask_bits(seen)
+        if bits == 0:
+            continue
+
+        block_left, block_top = round_down(x0 * 0.25), round_down(y0 * 0.25)
+        block_right, block_bottom = round_down(x1 * 0.25) + 1.0, round_down(y1 * 0.25) + 1.0
+        xx, xy, yy = cyy * factor * 0.5, -(cxy * factor), cxx * factor * 0.5
+        # Per row of blocks: the ellipse's edge is furthest right at its tip or at the first or last row of pixel centres, which
+        # span near..far. Edges are in blocks from the left one on; the reach is a thousandth wider against rounding.
+        tilt, level, curve, scale = cxy / cxx * half_x, 4.004 * xx * reach, 4.0 * xx * yy - xy * xy, 0.125 / xx
+        origin, wide, high = (x - 0.5) * 0.25 - block_left, smaller(block_right - block_left, 4.0), block_bottom - block_top
+        above = block_top * 4.0 + 0.5 - y
+        mask = _bits_of_row(above, tilt, level, curve, xy, scale, origin, wide)
+        mask = mask + select(high > 1.0, _bits_of_row(above + 4.0, tilt, level, curve, xy, scale, origin, wide), 0.0) * 16.0
+        mask = mask + select(high > 2.0, _bits_of_row(above + 8.0, tilt, level, curve, xy, scale, origin, wide), 0.0) * 256.0
+        mask = mask + select(high > 3.0, _bits_of_row(above + 12.0, tilt, level, curve, xy, scale, origin, wide), 0.0) * 4096.0
+        mask = select((block_right - block_left <= 4.0) & (high <= 4.0), mask, -1.0)
+        store_rows(rows, 0, RECORD, x, y, xx, xy, yy, log, red, green)
+        store_rows(rows, 8, RECORD, blue, z, reach, block_left, block_top, block_right, block_bottom, mask)
+        # Whole numbers below 2**24 are exact in float32.
+        store_whole(cells, 0, block_top * columns + block_left)
+        store_whole(cells, 8, block_top * columns + block_right)
+        store_whole(cells, 16, block_bottom * columns + block_left)
+        store_whole(cells, 24, block_bottom * columns + block_right)
+        store_whole(cells, 32, block_top * (columns - 1.0) + block_left)
+        store_whole(cells, 40, mask)
+        while bits:
+            lane = lowest_bit(bits)
+            bits &= bits - 1
+            base = visible * RECORD
+            store(records, base, load(rows, lane * RECORD))
+            store(records, base + 8, load(rows, lane * RECORD + 8))
+            put(sources, visible, first + lane)
+            put(boxes, visible, (np.int64(at(cells, 32 + lane)) << 32) | np.int64(np.uint32(at(cells, 40 + lane))))
+            visible += 1
+            corner = at(cells, lane)
+            put(capacity, corner, at(capacity, corner) + 1)
+            corner = at(cells, 8 + lane)
+            put(capacity, corner, at(capacity, corner) - 1)
+            corner = at(cells, 16 + lane)
+            put(capacity, corner, at(capacity, corner) - 1)
+            corner = at(cells, 24 + lane)
+            put(capacity, corner, at(capacity, corner) + 1)
+    return visible
+
+
+@njit(error_model="numpy")
+def project_backward(
+    means,
+    quats,
+    scales,
+    opacities,
+    view,
+    width,
+    height,
+    records,
+    sources,
+    visible,
+    sums,
+    g_means,
+    g_quats,
+    g_scales,
+    g_opacities,
+    g_colours,
+):
+    """Gradients of the splats from the sums over their pixels.
+
+    Args:
+        means, quats, scales, opacities: As in `project`.
+        view, width, height: As in `project`.
+        records, sources, visible: What `project` gave.
+        sums: Per record, over its pixels, of `g = alpha * dL/dalpha`: g, g dx, g dy, g dx dx, g dx dy, g dy dy, then the gradients
+            of red, green, blue and depth. [N * RECORD].
+        g_means, g_quats, g_scales, g_opacities, g_colours: Filled for the visible splats; the others must be zero already.
+    """
+    fx, fy, cx, cy = view[0], view[1], view[2], view[3]
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = (
+        view[4],
+        view[5],
+        view[6],
+        view[7],
+        view[8],
+        view[9],
+        view[10],
+        view[11],
+        view[12],
+    )
+    t0, t1, t2 = view[13], view[14], view[15]
+    margin_x, margin_y = np.float32(0.5 * layout.MARGIN) * width / fx, np.float32(0.5 * layout.MARGIN) * height / fy
+    right, left = (width - cx) / fx + margin_x, -cx / fx - margin_x
+    bottom, top = (height - cy) / fy + margin_y, -cy / fy - margin_y
+    gathered = np.zeros(24 * WIDTH, np.float32)
+    for start in range(0, visible, WIDTH):
+        lanes = min(WIDTH, visible - start)
+        for lane in range(lanes):
+            source, base = sources[start + lane], (start + lane) * RECORD
+            for k in range(3):
+                gathered[k * WIDTH + lane] = means[3 * source + k]
+                gathered[(7 + k) * WIDTH + lane] = scales[3 * source + k]
+            for k in range(4):
+                gathered[(3 + k) * WIDTH + lane] = quats[4 * source + k]
+            gathered[10 * WIDTH + lane] = opacities[source]
+            for k in range(6):
+                gathered[(11 + k) * WIDTH + lane] = sums[base + k]
+            gathered[17 * WIDTH + lane] = sums[base + 9]
+            for k in range(3):
+                gathered[(18 + k) * WIDTH + lane] = records[base + layout.XX + k]
+                g_colours[3 * source + k] = sums[base + 6 + k]
+        mx, my, mz = load(gathered, 0), load(gathered, 8), load(gathered, 16)
+        x, y = mx * r00 + my * r01 + mz * r02 + t0, mx * r10 + my * r11 + mz * r12 + t1
+        inverse = 1.0 / (mx * r20 + my * r21 + mz * r22 + t2)
+        u, v = x * inverse, y * inverse
+        uc, vc = smaller(larger(u, left), right), smaller(larger(v, top), bottom)
+        ju, jv = inverse * fx, inverse * fy
+        su, sv = ju * uc, jv * vc
+        a0, a1, a2 = ju * r00 - su * r20, ju * r01 - su * r21, ju * r02 - su * r22
+        b0, b1, b2 = jv * r10 - sv * r20, jv * r11 - sv * r21, jv * r12 - sv * r22
+        qw, qx, qy, qz = load(gathered, 24), load(gathered, 32), load(gathered, 40), load(gathered, 48)
+        norm = 1.0 / square_root(qw * qw + qx * qx + qy * qy + qz * qz)
+        qw, qx, qy, qz = qw * norm, qx * norm, qy * norm, qz * norm
+        m00, m01, m02, m10, m11, m12, m20, m21, m22 = _axes(qw, qx, qy, qz)
+        s0, s1, s2 = load(gathered, 56), load(gathered, 64), load(gathered, 72)
+        u00, u01, u02 = a0 * m00 + a1 * m10 + a2 * m20, a0 * m01 + a1 * m11 + a2 * m21, a0 * m02 + a1 * m12 + a2 * m22
+        u10, u11, u12 = b0 * m00 + b1 * m10 + b2 * m20, b0 * m01 + b1 * m11 + b2 * m21, b0 * m02 + b1 * m12 + b2 * m22
+
+        # Through the falloff: q = (A dx dx + 2 B dx dy + C dy dy) / 2 with the inverse covariance (A B; B C).
+        unit = 1.0 / SCALE
+        ca, cb, cc = load(gathered, 144) * (2.0 * unit), load(gathered, 152) * unit, load(gathered, 160) * (2.0 * unit)
+        g, gx, gy = load(gathered, 88), load(gathered, 96), load(gathered, 104)
+        gxx, gxy, gyy = load(gathered, 112) * 0.5, load(gathered, 120) * 0.5, load(gathered, 128) * 0.5
+        dx, dy = ca * gx + cb * gy, cb * gx + cc * gy
+        # dL/dcov = Q S Q, with S the halved second moments (their sign cancels against that of the inverse's derivative).
+        h00, h01 = ca * gxx + cb * gxy, ca * gxy + cb * gyy
+        h10, h11 = cb * gxx + cc * gxy, cb * gxy + cc * gyy
+        k00, k01, k11 = h00 * ca + h01 * cb, h00 * cb + h01 * cc, h10 * cb + h11 * cc
+
+        # cov = V V^T + blur, V = U diag(s), U = (a; b) M.
+        v00, v01, v02, v10, v11, v12 = u00 * s0, u01 * s1, u02 * s2, u10 * s0, u11 * s1, u12 * s2
+        d00, d10 = 2.0 * (k00 * v00 + k01 * v10), 2.0 * (k01 * v00 + k11 * v10)
+        d01, d11 = 2.0 * (k00 * v01 + k01 * v11), 2.0 * (k01 * v01 + k11 * v11)
+        d02, d12 = 2.0 * (k00 * v02 + k01 * v12), 2.0 * (k01 * v02 + k11 * v12)
+        gs0, gs1, gs2 = d00 * u00 + d10 * u10, d01 * u01 + d11 * u11, d02 * u02 + d12 * u12
+        d00, d01, d02, d10, d11, d12 = d00 * s0, d01 * s1, d02 * s2, d10 * s0, d11 * s1, d12 * s2
+        n00, n01, n02 = a0 * d00 + b0 * d10, a0 * d01 + b0 * d11, a0 * d02 + b0 * d12
+        n10, n11, n12 = a1 * d00 + b1 * d10, a1 * d01 + b1 * d11, a1 * d02 + b1 * d12
+        n20, n21, n22 = a2 * d00 + b2 * d10, a2 * d01 + b2 * d11, a2 * d02 + b2 * d12
+        gw = 2.0 * (qx * (n21 - n12) + qy * (n02 - n20) + qz * (n10 - n01))
+        gqx = 2.0 * (qy * (n01 + n10) + qz * (n02 + n20) + qw * (n21 - n12) - 2.0 * qx * (n11 + n22))
+        gqy = 2.0 * (qx * (n01 + n10) + qz * (n12 + n21) + qw * (n02 - n20) - 2.0 * qy * (n00 + n22))
+        gqz = 2.0 * (qx * (n02 + n20) + qy * (n12 + n21) + qw * (n10 - n01) - 2.0 * qz * (n00 + n11))
+        along = gw * qw + gqx * qx + gqy * qy + gqz * qz
+
+        # Slope of the projection, and the centre itself.
+        ga0, ga1, ga2 = d00 * m00 + d01 * m01 + d02 * m02, d00 * m10 + d01 * m11 + d02 * m12, d00 * m20 + d01 * m21 + d02 * m22
+        gb0, gb1, gb2 = d10 * m00 + d11 * m01 + d12 * m02, d10 * m10 + d11 * m11 + d12 * m12, d10 * m20 + d11 * m21 + d12 * m22
+        gju, gsu = ga0 * r00 + ga1 * r01 + ga2 * r02, -(ga0 * r20 + ga1 * r21 + ga2 * r22)
+        gjv, gsv = gb0 * r10 + gb1 * r11 + gb2 * r12, -(gb0 * r20 + gb1 * r21 + gb2 * r22)
+        gju, gjv = gju + gsu * uc, gjv + gsv * vc
+        gu = dx * fx + select((u >= left) & (u <= right), gsu * ju, 0.0)
+        gv = dy * fy + select((v >= top) & (v <= bottom), gsv * jv, 0.0)
+        g_inverse = gju * fx + gjv * fy + gu * x + gv * y
+        gcx, gcy, gcz = gu * inverse, gv * inverse, load(gathered, 136) - g_inverse * inverse * inverse
+
+        store(gathered, 0, gcx * r00 + gcy * r10 + gcz * r20)
+        store(gathered, 8, gcx * r01 + gcy * r11 + gcz * r21)
+        store(gathered, 16, gcx * r02 + gcy * r12 + gcz * r22)
+        store(gathered, 24, (gw - along * qw) * norm)
+        store(gathered, 32, (gqx - along * qx) * norm)
+        store(gathered, 40, (gqy - along * qy) * norm)
+        store(gathered, 48, (gqz - along * qz) * norm)
+        store(gathered, 56, gs0)
+        store(gathered, 64, gs1)
+        store(gathered, 72, gs2)
+        store(gathered, 80, g / load(gathered, 80))
+        for lane in range(lanes):
+            source = sources[start + lane]
+            for k in range(3):
+                g_means[3 * source + k] = gathered[k * WIDTH + lane]
+                g_scales[3 * source + k] = gathered[(7 + k) * WIDTH + lane]
+            for k in range(4):
+                g_quats[4 * source + k] = gathered[(3 + k) * WIDTH + lane]
+            g_opacities[source] = gathered[10 * WIDTH + lane]

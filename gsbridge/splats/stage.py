@@ -1,0 +1,132 @@
+"""The splats stage: a mesh and photos in, a Gaussian model bound to the mesh out."""
+
+from __future__ import annotations
+
+import logging
+import shutil
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from gsbridge.cameras import Views
+from gsbridge.errors import InputError
+from gsbridge.files import write_stage
+from gsbridge.meshes import read_mesh
+from gsbridge.splats.binding import BINDINGS, Binding, create_binding, write_binding
+from gsbridge.splats.evaluate import evaluate_cloud, write_pictures
+from gsbridge.splats.lpips import Lpips
+from gsbridge.splats.ply import write_ply
+from gsbridge.splats.remesh import remesh_isotropic
+from gsbridge.splats.targets import background_targets, object_targets
+from gsbridge.splats.train import SplatSettings, train
+
+logger = logging.getLogger("gsbridge")
+
+VISIBLE_OPACITY = 0.3
+"""Splats below this opacity hardly show; their offsets are left out of the statistics."""
+
+
+def train_splats(
+    views: Views,
+    masks_dir: str | Path | None,
+    mesh_path: str | Path,
+    out_ply: str | Path,
+    out_binding: str | Path,
+    out_views: str | Path,
+    out_json: str | Path,
+    settings: SplatSettings,
+    binding: str,
+    seed: int,
+    threads: int,
+    state: str | Path,
+    kind: str,
+    *,
+    surface: str = "visual",
+    scene_unit: float | None = None,
+) -> None:
+    """Train the splats of one object or background and measure them against its photos.
+
+    Args:
+        views: Registered views with undistorted photos, table frame.
+        masks_dir: Folder of the masks; None for backgrounds.
+        mesh_path: Surface to bind to, table frame, m.
+        out_ply, out_binding, out_views, out_json: `splats.ply`, `binding.npz`, the folder `views/`, `splats.json`.
+        settings: Budget and step sizes.
+        binding: `games`, `soft`, `refined` or `unbound`.
+        seed: Seed of places, order and colours.
+        threads: Threads the job may use.
+        state: Folder of the checkpoint; removed at the end.
+        kind: `object` or `background`.
+        surface: Name of the mesh in the record (`visual`, `hull`).
+        scene_unit: Metres per unit of the reconstruction; needed for `offset_band: scene` only.
+
+    Raises:
+        InputError: A setting or file cannot be used.
+        StageError: There is nothing to train on, or the training failed.
+    """
+    torch.set_num_threads(threads)
+    if kind == "object" and masks_dir is None:
+        raise InputError("splats", "an object needs masks", "Give the folder of the masks stage")
+    if binding not in BINDINGS:
+        raise InputError("splats: binding", f"{binding!r} is unknown", f"Use one of {', '.join(BINDINGS)}")
+    lpips = Lpips(settings.lpips_weights) if settings.lpips_weights else None
+    surface_mesh = read_mesh(mesh_path)
+    if kind == "object":
+        targets = object_targets(views, masks_dir, settings.margin_px)
+    else:
+        targets = background_targets(views, surface_mesh)
+    mesh = remesh_isotropic(surface_mesh, settings.max_splats // settings.splats_per_face)
+    model = create_binding(binding, mesh, settings.splats_per_face, band=_band(settings, scene_unit), seed=seed)
+    logger.info("%s: %d splats on %d faces, %d photos", binding, len(model), len(mesh.faces), len(targets))
+    curve = train(model, targets, settings, kind=kind, seed=seed, state=Path(state))
+    cloud = model.evaluate()
+    metrics = evaluate_cloud(cloud, targets, kind=kind, lpips=lpips)
+    write_ply(out_ply, cloud)
+    write_binding(out_binding, model)
+    pictures = write_pictures(out_views, cloud, targets, kind=kind, count=settings.pictures)
+    reasons = []
+    if len(targets) < len(views):
+        what = "an empty mask" if kind == "object" else "no pixel on the mesh"
+        reasons.append(f"{len(views) - len(targets)} of {len(views)} views have {what} and were left out")
+    if metrics["held_out"]["full"]["views"] == 0:
+        reasons.append("no view is held out: the metrics of the training views flatter the model")
+    write_stage(
+        out_json,
+        reasons=reasons,
+        seed=seed,
+        packages=("torch", "numba", "pymeshlab"),
+        binding=binding,
+        kind=kind,
+        surface=surface,
+        splats=len(model),
+        faces=len(mesh.faces),
+        steps=settings.steps,
+        metrics=metrics,
+        lpips_reason=None if lpips else "no weights file is configured (splats: lpips_weights)",
+        offset_mm=_offsets_mm(model),
+        offset_band_mm=1e3 * model.band,
+        pictures=pictures,
+        curve=curve,
+    )
+    shutil.rmtree(state, ignore_errors=True)
+
+
+def _band(settings: SplatSettings, scene_unit: float | None) -> float:
+    """Largest offset along the normal, m."""
+    if settings.offset_band != "scene":
+        return float(settings.offset_band)
+    if scene_unit is None:
+        raise InputError(
+            "splats: offset_band", "the band 'scene' needs the scale of the reconstruction", "Give a band in metres"
+        )
+    return scene_unit
+
+
+def _offsets_mm(model: Binding) -> dict[str, float]:
+    """Statistics of the size of the offsets of splats that show, mm."""
+    visible = torch.sigmoid(model.parameters["opacity"]) > VISIBLE_OPACITY
+    offsets = 1e3 * model.offsets()[visible].abs().numpy().astype(np.float64)
+    if len(offsets) == 0:
+        return {"mean": 0.0, "p95": 0.0, "max": 0.0}
+    return {"mean": float(offsets.mean()), "p95": float(np.percentile(offsets, 95)), "max": float(offsets.max())}

@@ -1,0 +1,131 @@
+"""What a training compares its renderings with: photos, and which of their pixels count."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from gsbridge.cameras import Camera, View, Views, camera_centre
+from gsbridge.errors import InputError, StageError
+from gsbridge.geometry import Array
+from gsbridge.images import read_image_u8, read_mask, to_u8
+from gsbridge.libraries import import_open3d
+from gsbridge.meshes import Mesh
+
+
+@dataclass(frozen=True)
+class Target:
+    """A photo, or the part of it that training looks at.
+
+    Args:
+        name: Image name of the view.
+        split: `train` or `held_out`.
+        camera: Pinhole of this part of the photo.
+        cam_from_table: Pose. [4, 4].
+        photo: [H, W, 3] uint8.
+        weight: Objects: the mask, used as alpha. Backgrounds: 255 where the pixel's ray meets the table mesh. [H, W] uint8.
+        left, top: Place of this part in the whole photo, px.
+        whole: Camera of the whole photo.
+    """
+
+    name: str
+    split: str
+    camera: Camera
+    cam_from_table: Array
+    photo: Array
+    weight: Array
+    left: int
+    top: int
+    whole: Camera
+
+    def halved(self) -> Target:
+        """The same part at half the size (area means)."""
+        camera = self.camera.scaled(0.5)
+        size = (camera.width, camera.height)
+        photo = cv2.resize(self.photo, size, interpolation=cv2.INTER_AREA)
+        # A pixel that is only partly covered would pull in what lies outside, so it does not count.
+        weight = np.where(cv2.resize(self.weight, size, interpolation=cv2.INTER_AREA) >= 254, 255, 0).astype(np.uint8)
+        return Target(self.name, self.split, camera, self.cam_from_table, photo, weight, 0, 0, camera)
+
+
+def object_targets(views: Views, masks: str | Path, margin_px: int) -> list[Target]:
+    """Photos cropped to their masks; views whose mask is empty are left out.
+
+    Args:
+        views: Registered views.
+        masks: Folder of the masks, `{image stem}.png`.
+        margin_px: Pixels around the mask's bounding box, where nothing of the object may show.
+
+    Raises:
+        InputError: A mask is missing or has another size than its photo.
+        StageError: No training view has a mask.
+    """
+    targets = []
+    for view in views:
+        path = Path(masks) / f"{Path(view.name).stem}.png"
+        mask = to_u8(read_mask(path))
+        photo = read_image_u8(views.path(view))
+        _check_size(path, mask, view)
+        _check_size(views.path(view), photo, view)
+        if not (mask > 127).any():
+            continue
+        rows, columns = np.flatnonzero(mask.max(1)), np.flatnonzero(mask.max(0))
+        top, bottom = max(0, rows[0] - margin_px), min(view.camera.height, rows[-1] + 1 + margin_px)
+        left, right = max(0, columns[0] - margin_px), min(view.camera.width, columns[-1] + 1 + margin_px)
+        part = np.s_[top:bottom, left:right]
+        camera = view.camera.cropped(int(left), int(top), int(right - left), int(bottom - top))
+        targets.append(
+            Target(
+                view.name,
+                view.split,
+                camera,
+                view.cam_from_table,
+                np.ascontiguousarray(photo[part]),
+                np.ascontiguousarray(mask[part]),
+                int(left),
+                int(top),
+                view.camera,
+            )
+        )
+    if not any(target.split == "train" for target in targets):
+        raise StageError("splats", "every training view has an empty mask", "Look at the masks stage and its images")
+    return targets
+
+
+def background_targets(views: Views, mesh: Mesh) -> list[Target]:
+    """Whole photos, in which only pixels count whose ray meets the mesh.
+
+    Raises:
+        InputError: A photo has another size than its camera.
+        StageError: No training view sees the mesh.
+    """
+    open3d = import_open3d()
+    scene = open3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
+    targets = []
+    for view in views:
+        photo = read_image_u8(views.path(view))
+        _check_size(views.path(view), photo, view)
+        directions = view.camera.pixel_rays() @ view.cam_from_table[:3, :3]
+        origins = np.broadcast_to(camera_centre(view.cam_from_table), directions.shape)
+        rays = np.concatenate([origins, directions], axis=-1).astype(np.float32)
+        hit = np.isfinite(scene.cast_rays(open3d.core.Tensor(rays), nthreads=1)["t_hit"].numpy())
+        if hit.any():
+            weight = np.where(hit, 255, 0).astype(np.uint8)
+            targets.append(Target(view.name, view.split, view.camera, view.cam_from_table, photo, weight, 0, 0, view.camera))
+    if not any(target.split == "train" for target in targets):
+        raise StageError("splats", "no training view sees the mesh", "Look at the mesh stage and at the alignment")
+    return targets
+
+
+def _check_size(path: Path, image: Array, view: View) -> None:
+    """Refuse an image whose size differs from its camera's."""
+    height, width = image.shape[:2]
+    if (width, height) != (view.camera.width, view.camera.height):
+        size = f"{view.camera.width}x{view.camera.height}"
+        raise InputError(
+            path, f"the image has {width}x{height} pixels, its camera {size}", "Run the sfm and masks stages again"
+        )

@@ -1,0 +1,246 @@
+"""Training of the splats of one model: one trainer for every binding, object or background.
+
+Objects are composited over a random colour in each step, with the mask as alpha, so that a splat outside the mask is wrong
+whatever lies behind it. Backgrounds count only where the table mesh is seen, before a random colour too: a hole would show.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from gsbridge.errors import StageError
+from gsbridge.files import atomic_file
+from gsbridge.logs import Progress
+from gsbridge.splats.binding import Binding
+from gsbridge.splats.losses import l1_ssim
+from gsbridge.splats.rasterize import rasterize
+from gsbridge.splats.targets import Target
+
+logger = logging.getLogger("gsbridge")
+
+CURVE_EVERY = 50
+"""Steps between two points of the training curve."""
+
+CHECKPOINT_EVERY = 250
+"""Steps between two checkpoints."""
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Step sizes of Adam at the start, per parameter; all decay to `SplatSettings.decay` of this.
+
+    Args:
+        weights: Raw weights inside the face.
+        offset: Offset along the normal, m per step.
+        multiplier: Common factor of the standard deviations.
+        opacity: Logit.
+        colour: sRGB.
+        turn: Quaternion in the face's frame (`refined`), or free (`unbound`).
+        stretch: Logarithm of each standard deviation (`refined`, `unbound`).
+        means: Centre, m per step (`unbound`).
+    """
+
+    weights: float = 0.01
+    offset: float = 60e-6
+    multiplier: float = 0.02
+    opacity: float = 0.1
+    colour: float = 0.02
+    turn: float = 0.01
+    stretch: float = 0.01
+    means: float = 60e-6
+
+
+@dataclass(frozen=True)
+class SplatSettings:
+    """What a training may cost and how it learns.
+
+    Args:
+        max_splats: Upper limit of the number of splats.
+        splats_per_face: Splats on each face; the mesh is remeshed to meet the limit.
+        steps: Optimiser steps, one photo each.
+        half_size: Part of the steps that use photos of half the size, first.
+        offset_band: Largest offset along the normal, m; `scene` for one unit of the reconstruction, as the paper's code.
+        offset_penalty: Weight of the mean squared relative offset in the loss.
+        ssim_weight: Part of 1 - SSIM in the loss; the rest is L1.
+        margin_px: Pixels around an object's mask that training looks at.
+        decay: Step sizes at the end, relative to the start (exponential).
+        rates: Step sizes.
+        lpips_weights: File with the weights of LPIPS, or None.
+        pictures: Held-out views that are stored as pictures.
+        backend: Rasteriser of the training: `cpu`, or `cuda` where a GPU and gsplat are.
+    """
+
+    max_splats: int = 12_000
+    splats_per_face: int = 1
+    steps: int = 2000
+    half_size: float = 0.0
+    offset_band: float | str = 0.010
+    offset_penalty: float = 0.0
+    ssim_weight: float = 0.2
+    margin_px: int = 12
+    decay: float = 0.1
+    rates: Rates = field(default_factory=Rates)
+    lpips_weights: str | None = None
+    pictures: int = 4
+    backend: str = "cpu"
+
+
+def train(
+    binding: Binding, targets: Sequence[Target], settings: SplatSettings, *, kind: str, seed: int, state: Path
+) -> list[list[float]]:
+    """Fit the binding's parameters to the training targets, in place.
+
+    A killed job that is called again with the same arguments goes on from its last checkpoint and ends with the same result.
+
+    Args:
+        binding: Splats at their start.
+        targets: Photos; only those of the split `train` are used.
+        settings: Budget and step sizes.
+        kind: `object` or `background`.
+        seed: Seed of the order of photos and of the colours behind the splats.
+        state: Folder of the checkpoint, one per training.
+
+    Returns:
+        Training curve: step, mean loss, mean PSNR (dB, over the pixels that count) since the point before. [[3], ...].
+
+    Raises:
+        StageError: The loss became infinite or no number.
+    """
+    photos = [target for target in targets if target.split == "train"]
+    halves = [target.halved() for target in photos] if settings.half_size > 0 else photos
+    optimizer, starts = _optimizer(binding, settings.rates)
+    checkpoint = Path(state) / "checkpoint.pt"
+    begin, curve, recent = _resume(checkpoint, binding, optimizer)
+    frames = binding.frames()
+    progress = Progress(settings.steps - begin, f"train {binding.kind}")
+    for step in range(begin, settings.steps):
+        order = np.random.default_rng([seed, 1, step // len(photos)]).permutation(len(photos))
+        index = order[step % len(photos)]
+        target = (halves if step < settings.half_size * settings.steps else photos)[index]
+        behind = torch.as_tensor(np.random.default_rng([seed, 2, step]).random(3, dtype=np.float32))
+        for group, rate in zip(optimizer.param_groups, starts, strict=True):
+            group["lr"] = rate * settings.decay ** (step / settings.steps)
+        optimizer.zero_grad(set_to_none=True)
+        loss, error = _loss(binding, frames, target, behind, settings, kind)
+        loss.backward()
+        optimizer.step()
+        with torch.no_grad():
+            binding.parameters["colour"].clamp_(0, 1)
+        recent.append([loss.item(), error])
+        if not np.isfinite(recent[-1][0]):
+            raise StageError("splats", f"the loss is no number at step {step}", "Lower the step sizes in splats: rates")
+        if (step + 1) % CURVE_EVERY == 0 or step + 1 == settings.steps:
+            mean_loss, mean_error = np.mean(recent, axis=0)
+            curve.append([step + 1, float(mean_loss), float(-10 * np.log10(max(mean_error, 1e-12)))])
+            recent.clear()
+        if (step + 1) % CHECKPOINT_EVERY == 0:
+            _save(checkpoint, binding, optimizer, step + 1, curve, recent)
+        progress.update(f"loss {curve[-1][1]:.4f}" if curve else "")
+    for value in binding.parameters.values():
+        value.requires_grad_(False)
+        value.grad = None
+    return curve
+
+
+def _loss(
+    binding: Binding, frames: tuple[Tensor, ...], target: Target, behind: Tensor, settings: SplatSettings, kind: str
+) -> tuple[Tensor, float]:
+    """Loss of one photo, and the mean squared error of the pixels that count."""
+    shape = binding.shape(frames)  # type: ignore[arg-type]
+    # Parameters stay on the CPU: their arithmetic is small beside the rendering, wherever that runs.
+    device = "cuda" if settings.backend == "cuda" else "cpu"
+    splats = (*shape, torch.sigmoid(binding.parameters["opacity"]), binding.parameters["colour"])
+    rendering = rasterize(
+        *(item.to(device) for item in splats),
+        camera=target.camera,
+        cam_from_table=target.cam_from_table,
+        background=behind.to(device),
+        backend=settings.backend,
+    )
+    colours = rendering.colours.cpu()
+    photo = torch.as_tensor(target.photo).float().div_(255)
+    weight = torch.as_tensor(target.weight).float().div_(255)
+    if kind == "object":
+        alpha = weight[..., None]
+        photo = photo * alpha + behind * (1 - alpha)
+        loss = l1_ssim(colours, photo, ssim_weight=settings.ssim_weight)
+    else:
+        loss = l1_ssim(colours, photo, weight=weight, ssim_weight=settings.ssim_weight)
+    with torch.no_grad():
+        squared = (colours.detach() - photo).square_().mean(-1)
+        error = float((squared * weight).sum() / weight.sum().clamp_min(1e-6))
+    if settings.offset_penalty > 0 and "offset" in binding.parameters:
+        loss = loss + settings.offset_penalty * torch.tanh(binding.parameters["offset"]).square().mean()
+    return loss, error
+
+
+def _optimizer(binding: Binding, rates: Rates) -> tuple[torch.optim.Adam, list[float]]:
+    """Adam over all parameters, and the step size of each group at the start."""
+    steps = {
+        "weights": rates.weights,
+        # tanh has slope 1 / band at its centre in metres, so that this moves a splat by `rates.offset` per step.
+        "offset": rates.offset / binding.band,
+        "multiplier": rates.multiplier,
+        "opacity": rates.opacity,
+        "colour": rates.colour,
+        "turn": rates.turn,
+        "quats": rates.turn,
+        "stretch": rates.stretch,
+        "means": rates.means,
+    }
+    starts = [steps[name] for name in binding.parameters]
+    groups = [
+        {"params": [value.requires_grad_(True)], "lr": rate}
+        for value, rate in zip(binding.parameters.values(), starts, strict=True)
+    ]
+    return torch.optim.Adam(groups, eps=1e-15, fused=True), starts
+
+
+def _save(
+    path: Path,
+    binding: Binding,
+    optimizer: torch.optim.Adam,
+    step: int,
+    curve: list[list[float]],
+    recent: list[list[float]],
+) -> None:
+    """Write a checkpoint, whole or not at all."""
+    content = {
+        "step": step,
+        "parameters": {name: value.detach() for name, value in binding.parameters.items()},
+        "optimizer": optimizer.state_dict(),
+        "curve": curve,
+        "recent": recent,
+    }
+    with atomic_file(path) as temporary:
+        torch.save(content, temporary)
+
+
+def _resume(path: Path, binding: Binding, optimizer: torch.optim.Adam) -> tuple[int, list[list[float]], list[list[float]]]:
+    """Step, curve and pending losses of a checkpoint, whose values go into binding and optimiser; nothing without one."""
+    if not path.is_file():
+        return 0, [], []
+    try:
+        content = torch.load(path, weights_only=True)
+        saved = content["parameters"]
+        fits = {name: value.shape for name, value in saved.items()} == {
+            name: value.shape for name, value in binding.parameters.items()
+        }
+        if not fits:
+            raise ValueError("it belongs to another model")
+        optimizer.load_state_dict(content["optimizer"])
+    except Exception as error:  # torch raises many kinds for a damaged file; starting anew is always right
+        logger.warning("%s is not used (%s); training starts anew", path, error)
+        return 0, [], []
+    with torch.no_grad():
+        for name, value in binding.parameters.items():
+            value.copy_(saved[name])
+    logger.info("training goes on from step %d", content["step"])
+    return content["step"], content["curve"], content["recent"]

@@ -1,0 +1,161 @@
+"""Masks of a ball whose outline is known from a formula."""
+
+import json
+
+import numpy as np
+import pytest
+from table_scene import CENTRE, RADIUS, ball_scene
+
+from gsbridge.cameras import View, Views
+from gsbridge.errors import InputError, StageError
+from gsbridge.images import read_mask
+from gsbridge.masks import MaskSettings, grabcut, segment_object
+from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop, cut_out, tidy
+from gsbridge.masks.prompt import SparsePoints, find_object, focus_point, read_points
+
+SMALL = MaskSettings(crop_px=160, hull_voxels=48, iterations=2, passes=1)
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    return ball_scene(tmp_path_factory.getbasetemp() / "ball")
+
+
+def test_masks_follow_the_ball(scene, tmp_path):
+    segment_object(scene.views, scene.points_npz, tmp_path / "images", tmp_path / "masks.json", SMALL, seed=0, threads=2)
+    scores = []
+    for view, true in zip(scene.views, scene.inside, strict=True):
+        mask = read_mask(tmp_path / "images" / view.name) > 0.5
+        scores.append((mask & true).sum() / (mask | true).sum())
+    assert np.mean(scores) > 0.95 and min(scores) > 0.9
+    record = json.loads((tmp_path / "masks.json").read_text())
+    assert record["status"] == "pass" and record["backend"] == "grabcut"
+    assert record["area"]["mean"] == pytest.approx(np.mean([true.mean() for true in scene.inside]), rel=0.05)
+    assert set(record["views"]) == {view.name for view in scene.views}
+
+
+def test_seed_repeats_and_threads_do_not_matter(scene, tmp_path):
+    for name, threads in (("one", 1), ("two", 2)):
+        segment_object(scene.views, scene.points_npz, tmp_path / name, tmp_path / f"{name}.json", SMALL, seed=3, threads=threads)
+    for view in scene.views:
+        assert np.array_equal(read_mask(tmp_path / "one" / view.name), read_mask(tmp_path / "two" / view.name))
+
+
+def test_prompt_lies_on_the_ball(scene):
+    prompt = find_object(scene.views, read_points(scene.points_npz), 0.008, 8)
+    assert np.abs(np.linalg.norm(prompt.points - CENTRE, axis=1) - RADIUS).max() < 0.002
+    assert (prompt.low[:2] < CENTRE[:2] - RADIUS).all() and (prompt.high > CENTRE + RADIUS).all() and prompt.low[2] == 0
+    assert np.linalg.norm(focus_point(scene.views) - CENTRE) < 1e-3
+
+
+def test_larger_things_beside_the_focus_are_left_alone(scene):
+    sparse = read_points(scene.points_npz)
+    lamp = np.random.default_rng(0).normal([0.35, 0.1, 0.1], 0.02, (3000, 3))
+    crowded = SparsePoints(np.concatenate([sparse.points, lamp]), sparse.view_index, sparse.point_index)
+    assert np.abs(find_object(scene.views, crowded, 0.008, 8).points).max() < 0.1
+
+
+def test_scale_does_not_matter(scene):
+    """A scene without known scale, here a hundred times larger, gives the same prompt."""
+    sparse = read_points(scene.points_npz)
+    large = []
+    for view in scene.views:
+        pose = view.cam_from_table.copy()
+        pose[:3, 3] *= 100
+        large.append(View(view.name, view.camera, pose))
+    near = find_object(scene.views, sparse, 0.008, 8)
+    far = find_object(large, SparsePoints(100 * sparse.points, sparse.view_index, sparse.point_index), 0.008, 8)
+    assert len(near.points) == len(far.points)
+    np.testing.assert_allclose(far.high, 100 * near.high, rtol=1e-6)
+
+
+def _rewrite(scene, path, keep):
+    with np.load(scene.points_npz) as content:
+        index = np.flatnonzero(keep(content["points"]))
+        number = np.full(len(content["points"]), -1)
+        number[index] = np.arange(len(index))
+        held = number[content["point_index"]] >= 0
+        np.savez(
+            path,
+            points=content["points"][index],
+            view_index=content["view_index"][held],
+            point_index=number[content["point_index"][held]],
+        )
+
+
+def test_too_few_points_stop_with_advice(scene, tmp_path):
+    counter = np.zeros(1)
+
+    def keep(points):
+        above = points[:, 2] > 0.004
+        counter[0] = above.sum()
+        return ~above | (np.cumsum(above) <= 5)
+
+    _rewrite(scene, tmp_path / "points.npz", keep)
+    with pytest.raises(StageError, match="points (stand above the table|lie on the object), 8 are needed.*sam2"):
+        segment_object(scene.views, tmp_path / "points.npz", tmp_path / "images", tmp_path / "masks.json", SMALL)
+    assert not (tmp_path / "images").exists() and not (tmp_path / "masks.json").exists()
+
+
+@pytest.mark.parametrize("lost", [1, 2])
+def test_empty_masks_are_an_error(scene, tmp_path, monkeypatch, lost):
+    """All masks empty: nothing in common. Every second one empty: too many, whatever the others say."""
+    cut = grabcut.cut_out
+
+    def blind(image, labels, iterations, seed):
+        return cut(image, labels, iterations, seed) & (seed % lost != 0)
+
+    monkeypatch.setattr(grabcut, "cut_out", blind)
+    with pytest.raises(StageError, match="share no common volume" if lost == 1 else "empty in 7 of 14 photos.*sam2"):
+        segment_object(scene.views, scene.points_npz, tmp_path / "images", tmp_path / "masks.json", SMALL)
+    assert not (tmp_path / "images").exists() and not (tmp_path / "masks.json").exists()
+
+
+@pytest.mark.parametrize("content", [b"", b"not an archive", b"PK\x03\x04broken"])
+def test_damaged_points_are_named(scene, tmp_path, content):
+    (tmp_path / "points.npz").write_bytes(content)
+    with pytest.raises(InputError, match=r"points\.npz.*damaged"):
+        segment_object(scene.views, tmp_path / "points.npz", tmp_path / "images", tmp_path / "masks.json", SMALL)
+
+
+def test_missing_points_and_unknown_backend(scene, tmp_path):
+    with pytest.raises(InputError, match="do not exist"):
+        segment_object(scene.views, tmp_path / "none.npz", tmp_path / "images", tmp_path / "masks.json", SMALL)
+    with pytest.raises(InputError, match="grabcut or sam2"):
+        segment_object(scene.views, scene.points_npz, tmp_path / "i", tmp_path / "m.json", MaskSettings(backend="magic"))
+
+
+def test_two_photos_are_too_few(scene, tmp_path):
+    views = Views(scene.views.images, scene.views.views[:2])
+    with pytest.raises(StageError, match="3 are needed"):
+        segment_object(views, scene.points_npz, tmp_path / "images", tmp_path / "masks.json", SMALL)
+
+
+def test_crop_keeps_pixel_coordinates():
+    crop = Crop.around(np.array([[100.0, 50.0], [300.0, 150.0]]), (640, 480), 120)
+    assert max(crop.size) == 120 and crop.left == 50 and crop.top == 0
+    np.testing.assert_allclose(crop.pixels(np.array([[crop.left, crop.top], [crop.left + crop.width, crop.top]]))[:, 0], [0, 120])
+    image = np.zeros((480, 640), np.float32)
+    image[80:120, 150:250] = 1
+    back = crop.paste(crop.cut(image), (640, 480))
+    assert abs(back.sum() / image.sum() - 1) < 0.05
+    assert Crop.around(np.array([[-50.0, -50.0], [-10.0, -10.0]]), (640, 480), 120) is None
+
+
+def test_grabcut_without_a_front_or_back_does_not_fail():
+    image = np.zeros((20, 20, 3), np.uint8)
+    assert not cut_out(image, np.full((20, 20), BACK, np.uint8), 1, 0).any()
+    assert cut_out(image, np.full((20, 20), FRONT, np.uint8), 1, 0).all()
+    assert not cut_out(image, np.full((20, 20), UNSURE_BACK, np.uint8), 1, 0).any()
+    assert not cut_out(image, np.full((20, 20), UNSURE_FRONT, np.uint8), 1, 0).any()
+
+
+def test_tidy_keeps_the_wanted_part_and_large_holes():
+    mask = np.zeros((60, 60), bool)
+    mask[5:40, 5:40] = True
+    mask[15:25, 15:25] = False
+    mask[30, 30] = False
+    mask[50:55, 50:55] = True
+    out = tidy(mask)
+    assert not out[52, 52] and out[30, 30] and not out[20, 20]
+    assert tidy(mask, np.array([[52.5, 52.5]]))[52, 52]

@@ -1,0 +1,258 @@
+"""Calibration, undistortion, gates and refinement against models whose truth is known."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from posed_scene import BOARD, LENS, cloud, local, model_of, moved, names, orbit, sightings
+
+from gsbridge.cameras import Camera, camera_centre
+from gsbridge.colmap import camera_from_colmap, pose_matrix, quiet, read_model
+from gsbridge.errors import InputError, StageError
+from gsbridge.files import write_json
+from gsbridge.geometry import Array, Similarity, align_similarity
+from gsbridge.images import write_image
+from gsbridge.sfm import gates
+from gsbridge.sfm.calibrate import MIN_VIEWS, calibrate_camera, solve
+from gsbridge.sfm.mapping import Outcome, Photos, drop_weak_images, ladder
+from gsbridge.sfm.refine import refine_with_tags
+from gsbridge.sfm.settings import SfmSettings
+from gsbridge.sfm.undistort import pinhole_of, undistort_image, undistort_pixels, undistorted_model
+
+POSES = orbit(24)
+AWAY = Similarity(7.3, np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([1.0, -2.0, 0.5]))
+
+
+def centre_errors(model: pycolmap.Reconstruction, poses: list[Array]) -> Array:
+    """Distance of camera centres from the truth, m."""
+    truth = dict(zip(names(len(poses)), poses, strict=True))
+    images = [model.image(i) for i in model.reg_image_ids()]
+    return np.array([np.linalg.norm(camera_centre(pose_matrix(i)) - camera_centre(truth[i.name])) for i in images])
+
+
+def matches(poses: list[Array], noise: float) -> list[tuple[Array, Array]]:
+    layout = BOARD.corners()
+    seen = sightings(LENS, poses, noise)
+    return [(np.concatenate([layout[i] for i in tags]), np.concatenate(list(tags.values()))) for tags in seen.values()]
+
+
+def test_calibration_recovers_the_camera() -> None:
+    camera, rms, kept = solve(matches(POSES, 0.0), (640, 480))
+    assert kept == len(POSES)
+    assert rms < 1e-3
+    for key in ("fx", "fy", "cx", "cy"):
+        assert getattr(camera, key) == pytest.approx(getattr(LENS, key), abs=0.02)
+    np.testing.assert_allclose(camera.distortion, LENS.distortion, atol=2e-4)
+
+
+def test_calibration_leaves_out_a_view_that_does_not_fit() -> None:
+    views = matches(POSES, 0.05)
+    views[5] = (views[5][0], views[5][1] + np.random.default_rng(0).normal(0, 6, views[5][1].shape))
+    camera, rms, kept = solve(views, (640, 480))
+    assert kept == len(POSES) - 1
+    assert rms < 0.1
+    assert camera.fx == pytest.approx(LENS.fx, rel=0.005)
+
+
+def blank_capture(folder: Path, count: int, size: tuple[int, int] = (64, 48)) -> tuple[Path, Path]:
+    for name in names(count):
+        write_image(folder / "frames" / name, np.full((size[1], size[0], 3), 0.5, np.float32))
+    write_json(folder / "keyframes.json", {"frames": [{"name": name} for name in names(count)]})
+    return folder / "frames", folder / "keyframes.json"
+
+
+def test_calibration_says_what_is_missing(tmp_path: Path) -> None:
+    with pytest.raises(StageError, match=f"{MIN_VIEWS} are needed"):
+        calibrate_camera([blank_capture(tmp_path / "a", 4)], BOARD, tmp_path / "camera.json")
+    assert not (tmp_path / "camera.json").exists()
+
+
+def test_calibration_refuses_captures_of_two_sizes(tmp_path: Path) -> None:
+    folders = [blank_capture(tmp_path / "a", 2), blank_capture(tmp_path / "b", 2, (80, 48))]
+    with pytest.raises(InputError, match=r"0000\.png.*80 x 48"):
+        calibrate_camera(folders, BOARD, tmp_path / "camera.json")
+
+
+def test_undistortion_undoes_the_lens() -> None:
+    rng = np.random.default_rng(0)
+    points = np.c_[rng.uniform(-0.5, 0.5, 200), rng.uniform(-0.38, 0.38, 200), np.ones(200)]
+    seen = undistort_pixels(LENS.project(points), LENS)
+    np.testing.assert_allclose(seen, LENS.undistorted().project(points), atol=1e-5)
+
+
+@pytest.mark.parametrize("k1", [0.08, 0.0, -0.15])
+def test_undistorted_image_has_no_border(k1: float) -> None:
+    camera = Camera(320, 240, 300.0, 300.0, 165.0, 118.0, (k1, 0.0, 0.001, -0.001))
+    pinhole = pinhole_of(camera)
+    assert pinhole.is_pinhole
+    assert (pinhole.fx, pinhole.fy) == (camera.fx, camera.fy)
+    source = camera.project(pinhole.pixel_rays())
+    assert (source > -0.5).all()
+    assert (source < [320.5, 240.5]).all()
+    assert pinhole.width * pinhole.height > 0.9 * 320 * 240
+
+
+def test_undistorted_image_shows_each_ray_where_the_pinhole_sees_it() -> None:
+    camera = Camera(320, 240, 300.0, 300.0, 165.0, 118.0, (-0.15, 0.02, 0.001, -0.001))
+    # A photo whose value is its own column lets every resampled pixel tell where it came from.
+    ramp = np.tile((np.arange(320) + 0.5).astype(np.float32), (240, 1))
+    pinhole = pinhole_of(camera)
+    out = undistort_image(ramp, camera, pinhole)
+    expected = camera.project(pinhole.pixel_rays())[..., 0]
+    inner = (slice(4, -4), slice(4, -4))
+    np.testing.assert_allclose(out[inner], expected[inner], atol=0.05)
+
+
+def test_undistorted_model_has_the_same_residuals() -> None:
+    model = model_of(LENS, POSES, cloud(), noise=0.5)
+    model.update_point_3d_errors()
+    out = undistorted_model(model, {1: pinhole_of(LENS)})
+    out.update_point_3d_errors()
+    assert out.num_points3D() == model.num_points3D()
+    assert out.compute_mean_reprojection_error() == pytest.approx(model.compute_mean_reprojection_error(), rel=0.03)
+    image = out.image(3)
+    point = next(p for p in image.points2D if p.has_point3D())
+    assert np.linalg.norm(image.project_point(out.points3D[point.point3D_id].xyz) - point.xy) < 3.0
+
+
+def photos_of(count: int, *, ordered: bool = True) -> Photos:
+    return Photos(Path("frames"), names(count), ordered, LENS, None, (640, 480))
+
+
+def test_ladder_begins_cheap_and_ends_with_the_global_mapper() -> None:
+    film = ladder(photos_of(60), SfmSettings())
+    assert [a.exhaustive for a in film] == [False, False, True, True, True]
+    assert [a.mapper for a in film] == ["incremental"] * 4 + ["global"]
+    assert not [a for a in ladder(photos_of(400), SfmSettings()) if a.exhaustive]
+    assert all(a.exhaustive for a in ladder(photos_of(60, ordered=False), SfmSettings()))
+
+
+def outcome(registered: int, total: int) -> tuple[Outcome, Photos]:
+    model = model_of(LENS, orbit(total)[:registered], cloud()) if registered else None
+    return Outcome(model, "incremental", "sequential", []), photos_of(total)
+
+
+def test_gate_passes_degrades_and_fails() -> None:
+    assert gates.check(*outcome(20, 20), SfmSettings(), "sfm") == []
+    assert gates.check(*outcome(19, 20), SfmSettings(), "sfm") == []
+    reasons = gates.check(*outcome(15, 20), SfmSettings(), "sfm")
+    assert "15 of 20 images registered (75 %)" in reasons[0]
+    assert "0015.png to 0019.png (5 images)" in reasons[0]
+    with pytest.raises(StageError, match=r"sfm of x: 8 of 20 .*60 % are needed.*film that part again"):
+        gates.check(*outcome(8, 20), SfmSettings(), "sfm of x")
+    with pytest.raises(StageError, match="0 of 20"):
+        gates.check(*outcome(0, 20), SfmSettings(), "sfm")
+
+
+def test_gaps() -> None:
+    assert gates.gaps(list("abcdef"), {"a", "d"}) == [("b", "c", 2), ("e", "f", 2)]
+    assert gates.gaps(list("ab"), {"a", "b"}) == []
+
+
+def test_board_confirms_a_right_model_and_refuses_a_wrong_one() -> None:
+    tags = sightings(LENS, POSES, noise=0.2)
+    model = moved(model_of(LENS, POSES, cloud()), AWAY)
+    assert gates.doubt(model, tags, BOARD) is None
+    assert gates.doubt(model, tags, None) is not None
+    assert "fewer than 3 tags" in str(gates.doubt(model, {}, BOARD))
+    # Half of the cameras in the wrong place, as global mappers leave them: each residual of SIFT may still be small.
+    wrong = [pose if i < 12 else POSES[(i + 7) % 24] for i, pose in enumerate(POSES)]
+    assert "miss their layout" in str(gates.doubt(model_of(LENS, wrong, cloud()), tags, BOARD))
+
+
+def test_weak_images_lose_their_pose() -> None:
+    points = cloud()
+    model = model_of(LENS, POSES, points)
+    image = model.image(3)
+    for index in [k for k, p in enumerate(image.points2D) if p.has_point3D()][20:]:
+        model.delete_observation(3, index)
+    drop_weak_images(model)
+    assert model.num_reg_images() == len(POSES) - 1
+    assert not model.image(3).has_pose
+
+
+def test_tags_mend_intrinsics_and_bring_metres() -> None:
+    tags = sightings(LENS, POSES, noise=0.05)
+    points = cloud()
+    # What a calibration from the board alone leaves: a principal point that is off, with poses that fit it.
+    off = Camera(640, 480, 599.0, 600.0, 323.0, 238.5, LENS.distortion)
+    model = model_of(LENS, POSES, points, noise=0.3)
+    model.cameras[1].params = [off.fx, off.fy, off.cx, off.cy, *off.distortion]
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    options.refine_focal_length = options.refine_extra_params = False
+    pycolmap.bundle_adjustment(model, options)
+    model = moved(model, AWAY)
+    refined, record = refine_with_tags(model, tags, BOARD, 1)
+    assert record["used"]
+    camera = camera_from_colmap(refined.cameras[1], "test")
+    assert camera.cy == pytest.approx(LENS.cy, abs=0.9)
+    assert camera.fx == pytest.approx(LENS.fx, abs=0.6)
+    errors = 1e3 * centre_errors(refined, POSES)
+    assert errors.mean() < 0.6
+    # Before, aligned by the same tags, the cameras were farther off.
+    corners, layout = gates.model_corners(model, tags), BOARD.corners()
+    fit = align_similarity(np.concatenate([corners[i] for i in corners]), np.concatenate([layout[i] for i in corners]))
+    assert errors.mean() < 0.5 * 1e3 * centre_errors(moved(model, fit), POSES).mean()
+
+
+def test_a_bent_board_does_not_bend_the_model() -> None:
+    model = model_of(LENS, POSES, cloud(), noise=0.3)
+    layout = BOARD.corners()
+    tags = {}
+    for name, pose in zip(names(len(POSES)), POSES, strict=True):
+        tags[name] = {}
+        for tag, corners in layout.items():
+            lift = np.array([0.0, 0.0, 0.02 if tag % 4 == 0 else 0.0])
+            tags[name][tag] = LENS.project(local(pose, corners + lift))
+    refined, record = refine_with_tags(model, tags, BOARD, 1)
+    assert not record["used"]
+    assert refined is model
+
+
+def test_too_few_tags_leave_the_model_as_it_is() -> None:
+    model = model_of(LENS, POSES, cloud())
+    refined, record = refine_with_tags(model, {}, BOARD, 1)
+    assert refined is model
+    assert not record["used"]
+
+
+@pytest.mark.parametrize(
+    ("model", "params", "expected"),
+    [
+        ("SIMPLE_PINHOLE", [500.0, 320.0, 240.0], Camera(640, 480, 500.0, 500.0, 320.0, 240.0)),
+        ("RADIAL", [500.0, 320.0, 240.0, 0.1, 0.2], Camera(640, 480, 500.0, 500.0, 320.0, 240.0, (0.1, 0.2, 0.0, 0.0))),
+        ("OPENCV", [500.0, 501.0, 320.0, 240.0, 0.1, 0.2, 0.01, 0.02], None),
+    ],
+)
+def test_colmap_cameras_project_as_ours(model: str, params: list[float], expected: Camera | None) -> None:
+    theirs = pycolmap.Camera(camera_id=1, model=model, width=640, height=480, params=params)
+    ours = camera_from_colmap(theirs, "test")
+    if expected is not None:
+        assert ours == expected
+    points = np.random.default_rng(0).uniform([-0.3, -0.2, 0.9], [0.3, 0.2, 1.5], (20, 3))
+    np.testing.assert_allclose(ours.project(points), theirs.img_from_cam(points), atol=1e-9)
+
+
+def test_fisheye_is_refused() -> None:
+    camera = pycolmap.Camera(camera_id=1, model="OPENCV_FISHEYE", width=64, height=48, params=[50, 50, 32, 24, 0, 0, 0, 0])
+    with pytest.raises(InputError, match="OPENCV_FISHEYE is not supported"):
+        camera_from_colmap(camera, "model")
+
+
+def test_model_survives_the_disk(tmp_path: Path) -> None:
+    model = model_of(LENS, POSES, cloud())
+    model.write_binary(tmp_path)
+    back = read_model(tmp_path)
+    np.testing.assert_allclose(pose_matrix(back.image(5)), POSES[4], atol=1e-12)
+
+
+def test_quiet_sends_the_libraries_words_to_a_file(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    with quiet(tmp_path / "log" / "colmap.log"):
+        pycolmap.logging.warning("a word of COLMAP")
+    assert "a word of COLMAP" in (tmp_path / "log" / "colmap.log").read_text()
+    pycolmap.logging.warning("a second word")
+    assert "a word of COLMAP" not in capfd.readouterr().err
