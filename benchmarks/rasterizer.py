@@ -17,17 +17,13 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+import numpy as np
 
-from gsbridge import logs  # noqa: E402
-
-import numpy as np  # noqa: E402  (after logs: `main` sets the thread limits before the heavy imports)
-
-from gsbridge.cameras import Camera, look_at  # noqa: E402
-from gsbridge.geometry import Array  # noqa: E402
+from gsbridge import logs
+from gsbridge.cameras import Camera, look_at
+from gsbridge.geometry import Array
 
 
 @dataclass(frozen=True)
@@ -109,7 +105,7 @@ def make_view(size_px: int) -> tuple[Camera, Array]:
 
 
 def cpu_times_ms(call: Callable[[], Any], repeats: int, synchronise: Callable[[], None] | None = None) -> dict[str, float]:
-    """Minimum and median of the process's CPU time of a call (wall time where a device does the work), after two warm-up calls."""
+    """Minimum and median CPU time of a call (wall time where a device does the work), after two calls to warm up."""
     clock = time.perf_counter if synchronise else time.process_time
     times = []
     for k in range(repeats + 2):
@@ -130,7 +126,7 @@ def measure(name: str, backend: str, compare: bool) -> dict[str, Any]:
         backend: `cpu`, `cuda` or `reference` (the torch tile loop).
         compare: Time the torch tile loop in this process too.
     """
-    import torch
+    import torch  # here, because libraries read the thread limits that `main` sets when they load
 
     from gsbridge.splats.rasterize import cpu, rasterize, reference
 

@@ -45,6 +45,8 @@ def start(threads: int, log: str | Path | None) -> None:
         # numba refuses to compile when its variable changes after it was loaded; it is limited by a call instead.
         if variable != "NUMBA_NUM_THREADS" or "numba" not in sys.modules:
             os.environ[variable] = str(_threads)
+    # Waiting threads sleep: by default they spin, and on cores shared with other jobs that made two threads slower than one.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     _limit_loaded_libraries(_threads)
     handlers: list[logging.Handler] = [logging.StreamHandler(sys.stderr)]
     if log is not None:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from gsbridge.cameras import Camera
-from gsbridge.geometry import Array
+from gsbridge.geometry import Array, align_similarity
 
 Tags = dict[str, dict[int, Array]]
 """Corners, px [4, 2], by image name and tag id."""
@@ -80,3 +80,29 @@ def _corner(pixels: list[Array], cameras: list[tuple[Camera, Array]]) -> Array |
         return (focal * local[:, :2] / np.maximum(local[:, 2:], 1e-9) + centre - target).ravel()
 
     return least_squares(residual, start, loss="soft_l1", f_scale=0.5).x
+
+
+def scale_standard_error(source: Array, target: Array, seed: int, rounds: int = 200) -> float:
+    """Standard error of the scale between triangulated tags and their layout, as a share of the scale.
+
+    Whole tags are resampled, because errors of one tag (a blurred edge, a bent corner) go together.
+
+    Args:
+        source: Triangulated corners, any unit. [T, 4, 3].
+        target: Printed corners, m. [T, 4, 3].
+        seed: Random seed.
+        rounds: Resamplings.
+
+    Returns:
+        The relative standard error; NaN with fewer than four tags, of which resampling says nothing.
+    """
+    if len(source) < 4:
+        return float("nan")
+    rng = np.random.default_rng(seed)
+    scales = []
+    while len(scales) < rounds:
+        pick = rng.integers(0, len(source), len(source))
+        # Two tags fix a scale, but three keep one of them from deciding alone.
+        if len(np.unique(pick)) >= 3:
+            scales.append(align_similarity(source[pick].reshape(-1, 3), target[pick].reshape(-1, 3)).scale)
+    return float(np.std(scales, ddof=1) / np.mean(scales))

@@ -75,6 +75,34 @@ def scene_labels():
     }
 
 
+def scenes_from(origin):
+    """Scenes of the preset from the mirror or from real captures."""
+    return [name for name, label in scene_labels().items() if label["origin"] == origin]
+
+
+def film_records():
+    """Record of each mirrored scene's film, which tells the noise of its photos."""
+    return {scene: f"results/films/{scene}/film.json" for scene in mirrored_scenes()}
+
+
+def comparison_figures(wildcards):
+    """One comparison figure for the mirror's scenes, one for real ones, where there are any."""
+    return [
+        f"results/figures/rendering_comparison_{origin}.png"
+        for origin in ("mirror", "real")
+        if scenes_from(origin)
+    ]
+
+
+def compared_splats(wildcards):
+    """Records of the splats that a comparison figure shows."""
+    return collect(
+        "results/scenes/{scene}/splats/{binding}/splats.json",
+        scene=scenes_from(wildcards.origin),
+        binding=["games", "soft", "refined"],
+    )
+
+
 def is_present(scene):
     """Whether a scene runs here: always, but for example captures whose files are not on this machine."""
     kind, value = next(iter(config["scenes"][scene]["source"].items()))
@@ -170,14 +198,19 @@ def training_state(wildcards):
 def comparison_runs(scene):
     """Names of the extra trainings of one scene: more seeds, and the same bindings on the visual hull."""
     plan = settings("comparison")
-    seeds = range(SEED + 1, SEED + plan["seeds"])
+    seeds = range(SEED, SEED + plan["seeds"])
     runs = [
         f"visual-{binding}-seed{seed}"
         for seed in seeds
+        if seed != SEED
         for binding in ("games", "soft")
     ]
     if plan["hull"] and scene in names("object"):
-        runs += [f"hull-{binding}-seed{SEED}" for binding in ("games", "soft")]
+        runs += [
+            f"hull-{binding}-seed{seed}"
+            for seed in seeds
+            for binding in ("games", "soft")
+        ]
     return runs
 
 
@@ -239,3 +272,4 @@ wildcard_constraints:
     binding=one_of(BINDINGS),
     surface="visual|hull",
     seed=r"\d+",
+    origin="mirror|real",

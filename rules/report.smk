@@ -15,6 +15,7 @@ rule collect_rendering:
     params:
         code=code_digest("gsbridge.report.rendering_table"),
         scenes=scene_labels(),
+        films=film_records(),
     message:
         "Collect the rendering table"
     script:
@@ -41,30 +42,28 @@ rule collect_timing:
 
 rule compare_renderings:
     input:
-        rows="results/rows/rendering.csv",
-        splats=collect(
-            "results/scenes/{scene}/splats/{binding}/splats.json",
-            scene=SCENES,
-            binding=["games", "soft", "refined"],
-        ),
+        splats=compared_splats,
     output:
         figure=report(
-            "results/figures/rendering_comparison.png",
+            "results/figures/rendering_comparison_{origin}.png",
             caption="captions/rendering_comparison.rst",
             category="Rendering",
-            labels={"figure": "photo, soft, GaMeS, difference"},
+            labels={
+                "figure": "photo, soft, GaMeS, refined, difference",
+                "scenes": "{origin}",
+            },
         ),
     log:
-        "results/logs/compare_renderings.log",
+        "results/logs/compare_renderings/{origin}.log",
     benchmark:
-        "results/benchmarks/compare_renderings/all.jsonl"
+        "results/benchmarks/compare_renderings/{origin}.jsonl"
     conda:
         "../envs/report.yaml"
     params:
         code=code_digest("gsbridge.report.figures"),
-        scenes=SCENES,
+        scenes=lambda wildcards: scenes_from(wildcards.origin),
     message:
-        "Draw photo, soft, GaMeS and refined side by side"
+        "Draw photo, soft, GaMeS and refined of the {wildcards.origin} scenes side by side"
     script:
         "../scripts/compare_renderings.py"
 
@@ -73,7 +72,7 @@ rule assemble_tables:
     input:
         rendering="results/rows/rendering.csv",
         timing="results/rows/timing.csv",
-        figure="results/figures/rendering_comparison.png",
+        figures=comparison_figures,
         records=stage_records,
     output:
         tables=report(

@@ -11,7 +11,8 @@ if TYPE_CHECKING:
 start(snakemake.threads, snakemake.log[0])
 write_tables(
     rows=[snakemake.input.rendering, snakemake.input.timing],
-    figures=[snakemake.input.figure],
+    figures=snakemake.input.figures,
     out_dir=snakemake.output.tables,
     preset=snakemake.params.preset,
+    records=snakemake.input.records,
 )

@@ -9,4 +9,9 @@ if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake
 
 start(snakemake.threads, snakemake.log[0])
-write_rendering_rows(snakemake.input.splats, snakemake.output.rows, scenes=snakemake.params.scenes)
+write_rendering_rows(
+    snakemake.input.splats,
+    snakemake.output.rows,
+    scenes=snakemake.params.scenes,
+    films=snakemake.params.films,
+)

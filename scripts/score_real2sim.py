@@ -16,10 +16,12 @@ write_real2sim_figures(
     rendering_csv=snakemake.input.rendering,
     films=snakemake.params.films,
     real=snakemake.params.real,
+    rasterizer=snakemake.input.rasterizer,
+    preset=snakemake.params.preset,
 )
 write_scores(
     snakemake.input.floors,
-    [snakemake.output.measured, snakemake.input.rasterizer],
+    [snakemake.output.measured],
     snakemake.output.scores,
     area="real2sim",
     preset=snakemake.params.preset,

@@ -11,10 +11,9 @@ from scipy.optimize import least_squares
 from gsbridge.board import Board
 from gsbridge.cameras import Camera
 from gsbridge.geometry import Array, Similarity, align_similarity
-from gsbridge.tags import Tags, corner_points
+from gsbridge.tags import Tags, corner_points, scale_standard_error
 
 MIN_TAGS = 3
-_ROUNDS = 200
 
 
 @dataclass(frozen=True)
@@ -82,13 +81,7 @@ def fit_board(
     seen = _gather({name: {tag: here[tag] for tag in here if tag in corners} for name, here in found.items()}, poses)
     start = _robust_similarity(source, target)
     fit = _fit_reprojection(seen, layout, start)
-    rng = np.random.default_rng(seed)
-    scales = []
-    for _ in range(_ROUNDS):
-        pick = rng.integers(0, len(kept), len(kept))
-        if len(np.unique(pick)) >= MIN_TAGS:
-            scales.append(align_similarity(source[pick].reshape(-1, 3), target[pick].reshape(-1, 3)).scale)
-    se = float(np.std(scales, ddof=1)) if len(scales) > 10 else float("nan")
+    se = fit.scale * scale_standard_error(source, target, seed)
     residual = 1e3 * float(np.sqrt(((fit.apply(source) - target) ** 2).sum(-1).mean()))
     return BoardFit(fit, se, residual, len(kept), len(seen.tag) // 4)
 

@@ -8,6 +8,9 @@ import numpy as np
 
 from gsbridge.geometry import Array, fit_plane
 
+BELOW = 4.0
+"""How much a point below a plane counts against it, as a multiple of a point on it."""
+
 LINK = 0.04
 """Distance within which two points belong together, as a share of the cameras' distance."""
 
@@ -125,7 +128,7 @@ def _score(
     support = float(weights[np.abs(heights) < limit].sum())
     below = float(weights[heights < -3.0 * limit].sum())
     # Points below a table are mirror images and mismatches; a plane through an object's top has all the table below it.
-    return support - 2.0 * below, normal, offset
+    return support - BELOW * below, normal, offset
 
 
 def _refit(points: Array, normal: Array, offset: float, limit: float, looks: Attention) -> Plane | None:

@@ -107,7 +107,7 @@ def align_scene(
     reasons: list[str] = []
     numbers: dict[str, Any] = {}
     if fit is not None:
-        table_from_sfm, source, numbers = _from_board(fit, plane, sparse, settings, reasons)
+        table_from_sfm, source, numbers = _from_board(fit, plane, sparse, record, settings, reasons)
     else:
         assert plane is not None
         if settings.require_scale and length is None:
@@ -136,12 +136,20 @@ def align_scene(
 
 
 def _from_board(
-    fit: BoardFit, plane: Plane | None, sparse: _Model, settings: AlignSettings, reasons: list[str]
+    fit: BoardFit,
+    plane: Plane | None,
+    sparse: _Model,
+    record: Mapping[str, Any],
+    settings: AlignSettings,
+    reasons: list[str],
 ) -> tuple[Similarity, str, dict[str, Any]]:
     """Table frame of the board; the points' plane is compared with it."""
     scale = fit.board_from_sfm.scale
+    # A model adjusted to the tags fits them better than it knows its scale; the error is that of the model before.
+    stated = [fit.scale_se / scale, record.get("tag_refinement", {}).get("scale_se")]
+    relative = max((value for value in stated if value is not None and np.isfinite(value)), default=float("nan"))
     numbers: dict[str, Any] = {
-        "scale_se": fit.scale_se,
+        "scale_se": relative * scale,
         "residual_mm": fit.residual_mm,
         "tags": fit.tags,
         "sightings": fit.observations,
@@ -158,8 +166,8 @@ def _from_board(
         numbers["plane_residual_mm"] = 1e3 * scale * plane.residual
         if tilt > settings.max_tilt_deg:
             reasons.append(f"the board is tilted by {tilt:.1f} degrees against the table's points; lay it flat")
-    if fit.scale_se / scale > settings.max_scale_se:
-        reasons.append(f"the scale is known to {100 * fit.scale_se / scale:.2f} % only; show the board in more photos")
+    if relative > settings.max_scale_se:
+        reasons.append(f"the scale is known to {100 * relative:.2f} % only; show the board in more photos")
     return fit.board_from_sfm, "tags", numbers
 
 

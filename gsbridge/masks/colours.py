@@ -27,17 +27,17 @@ class SharedColours:
     odds: Array
 
     @classmethod
-    def learn(cls, photos: Sequence[Array], masks: Sequence[Array]) -> SharedColours:
+    def learn(cls, photos: Sequence[Array], fronts: Sequence[Array], backs: Sequence[Array]) -> SharedColours:
         """Count colours over all views, each view with the same weight.
 
         Args:
             photos: RGB, 8-bit, the part round the object. [h, w, 3] each.
-            masks: True on the object. [h, w] bool each.
+            fronts, backs: True where a photo surely shows the object, and the table. [h, w] bool each.
         """
         front, back = np.zeros(_BINS), np.zeros(_BINS)
-        for photo, mask in zip(photos, masks, strict=True):
+        for photo, on, off in zip(photos, fronts, backs, strict=True):
             bins = _bins(photo)
-            for total, chosen in ((front, mask), (back, ~mask)):
+            for total, chosen in ((front, on), (back, off)):
                 if chosen.any():
                     counts = np.bincount(bins[chosen], minlength=total.size).reshape(_BINS)
                     # A view's vote on a colour saturates: a large wrong patch in one view counts little more than a small one.

@@ -15,14 +15,14 @@ from gsbridge.cameras import Camera
 from gsbridge.geometry import Array
 
 _WINDOW = 9
-_MATCH = .6
+_MATCH = 0.7
 _BEST_DEG = 28.0
 _LEAST_DEG = 10.0
 _OTHERS = 8
 _NEEDED = 2
 _SHARE = 0.4
 """A pixel must match at least two others, and this share of those that show the place: one match may be chance."""
-_TEXTURE = 0.010
+_TEXTURE = 0.006
 """Least standard deviation of a window, 0..1; below it sensor noise decides the correlation."""
 _SPECK = 40
 """Smaller matching patches, px, are chance."""

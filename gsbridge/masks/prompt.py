@@ -20,6 +20,9 @@ _REACH = 0.8
 _LINK = 0.07
 """Points nearer to each other than this share of the working distance belong together."""
 
+_TALL = 0.3
+"""Points above this share of the object's height choose the object; lower ones join it only right beside them."""
+
 
 @dataclass(frozen=True)
 class SparsePoints:
@@ -138,15 +141,24 @@ def find_object(views: Sequence[View], sparse: SparsePoints, height_share: float
     )
     if len(above) < min_points:
         raise StageError("masks", f"only {len(above)} points stand above the table, {min_points} are needed", advice)
-    labels = _clusters(points[above], _LINK * distance)
+    # Wrong heights of the table reach over the threshold in places, so the tall points decide what the object is.
+    central = above[np.linalg.norm(points[above, :2] - focus[:2], axis=1) < 0.3 * distance]
+    height_of = float(np.percentile(height[central if len(central) >= min_points else above], 95))
+    tall = above[height[above] > _TALL * height_of]
+    labels = _clusters(points[tall], _LINK * distance)
     best, score = -1, -1.0
     for label in np.unique(labels):
-        members = points[above[labels == label]]
+        members = points[tall[labels == label]]
         away = np.linalg.norm(np.median(members, axis=0)[:2] - focus[:2]) / distance
         value = len(members) * np.exp(-((away / 0.25) ** 2))
         if value > score:
             best, score = int(label), value
-    chosen = points[above[labels == best]]
+    group = tall[labels == best]
+    low_ones = np.setdiff1d(above, tall)
+    if len(low_ones):
+        beside = cKDTree(points[group, :2]).query(points[low_ones, :2])[0] < 0.02 * distance
+        group = np.concatenate([group, low_ones[beside]])
+    chosen = points[group]
     if len(chosen) > 30:
         # Lone points (wrong matches) would stretch the box: a good point has company.
         company = cKDTree(chosen).query(chosen, k=4)[0][:, -1]

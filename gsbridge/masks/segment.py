@@ -41,32 +41,35 @@ def _first_labels(view: View, index: int, crop: Crop, prompt: Prompt, sparse: Sp
     object_pixels = crop.pixels(_pixels(view, prompt.points))
     if np.isfinite(box).all():
         cv2.fillConvexPoly(labels, cv2.convexHull(box.astype(np.int32)), int(UNSURE_BACK))
-    hull = cv2.convexHull(object_pixels[np.isfinite(object_pixels).all(axis=1)].astype(np.int32))
-    cv2.fillConvexPoly(labels, hull, int(UNSURE_FRONT))
-    _stamp_points(labels, view, index, crop, prompt, sparse)
+    hull = np.zeros(labels.shape, np.uint8)
+    cv2.fillConvexPoly(hull, cv2.convexHull(object_pixels[np.isfinite(object_pixels).all(axis=1)].astype(np.int32)), 1)
+    labels[hull > 0] = UNSURE_FRONT
+    # Object points lie within the outline in every view, seen there or not; the outermost ones may be off by their noise.
+    border = 2 * round(0.08 * np.sqrt(hull.sum())) + 1
+    inner = cv2.erode(hull, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (border, border))) > 0
+    radius = max(2, round(0.012 * max(crop.size)))
+    front = labels.copy()
+    grabcut.stamp(front, object_pixels, radius, FRONT)
+    seen = np.intersect1d(sparse.seen_by(index), prompt.table)
+    grabcut.stamp(labels, crop.pixels(_pixels(view, sparse.points[seen])), radius, BACK)
+    labels[(front == FRONT) & inner] = FRONT
+    if not (labels == FRONT).any():
+        grabcut.stamp(labels, object_pixels, 1, FRONT)
     return labels
 
 
-def _band_labels(hull: Array, width: float) -> Array:
-    """GrabCut labels from the hull's outline: sure beyond `width` px of it. [h, w] bool -> [h, w] uint8."""
+def _band_labels(hull: Array, before: Array, width: float) -> Array:
+    """GrabCut labels from the hull's outline: sure beyond `width` px of it, the inside only where the mask before agrees.
+
+    At the ends of a path the hull is loose, because all other views look from one side.
+    """
     size = 2 * max(1, round(width)) + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     mask = hull.astype(np.uint8)
     labels = np.where(hull, UNSURE_FRONT, UNSURE_BACK).astype(np.uint8)
-    labels[cv2.erode(mask, kernel) > 0] = FRONT
+    labels[(cv2.erode(mask, kernel) > 0) & before] = FRONT
     labels[cv2.dilate(mask, kernel) == 0] = BACK
     return labels
-
-
-def _stamp_points(labels: Array, view: View, index: int, crop: Crop, prompt: Prompt, sparse: SparsePoints) -> None:
-    """Mark what the sparse points say: table points that this view saw, and all object points, in place.
-
-    Object points lie within the outline in every view, seen there or not.
-    """
-    radius = max(2, round(0.012 * max(crop.size)))
-    seen = np.intersect1d(sparse.seen_by(index), prompt.table)
-    grabcut.stamp(labels, crop.pixels(_pixels(view, sparse.points[seen])), radius, BACK)
-    grabcut.stamp(labels, crop.pixels(_pixels(view, prompt.points)), radius, FRONT)
 
 
 def _crop_camera(view: View, crop: Crop) -> Camera:
@@ -92,6 +95,12 @@ def _flat_pixels(
         return list(pool.map(work, range(len(views))))
 
 
+def _shared_colours(crops: list[Crop | None], photos: list[Array | None], masks: list[Array], shown: list[int]) -> SharedColours:
+    """One colour model for all views: what is table in most of them is table in the few that took it for object."""
+    fronts = [crops[index].cut(masks[index]) > 0.5 for index in shown]
+    return SharedColours.learn([photos[index] for index in shown], fronts, [~front for front in fronts])
+
+
 def _grabcut_masks(
     views: Views, prompt: Prompt, sparse: SparsePoints, settings: MaskSettings, seed: int, threads: int
 ) -> tuple[list[Array], Mesh]:
@@ -113,7 +122,7 @@ def _grabcut_masks(
             labels = _first_labels(view, index, crop, prompt, sparse)
         else:
             covered = outline(hull, _crop_camera(view, crop), view.cam_from_table)
-            labels = _band_labels(covered, share * np.sqrt(max(covered.sum(), 1.0)))
+            labels = _band_labels(covered, crop.cut(masks[index]) > 0.5, share * np.sqrt(max(covered.sum(), 1.0)))
             if colours is not None:
                 labels[colours.backness(photo) & (labels != FRONT)] = BACK
         labels[flat[index] & ((labels == UNSURE_BACK) if hull is None else (labels != FRONT))] = BACK
@@ -129,15 +138,13 @@ def _grabcut_masks(
             share = 0.12 / 2 ** max(number - 1, 0)
             shown = [index for index, crop in enumerate(crops) if crop is not None and number > 0]
             if shown:
-                # One colour model for all views: what is table in most of them is table in the few that took it for object.
-                colours = SharedColours.learn(
-                    [photos[index] for index in shown], [crops[index].cut(masks[index]) > 0.5 for index in shown]
-                )
+                colours = _shared_colours(crops, photos, masks, shown)
             jobs = [pool.submit(cut, index, hull, share) for index in range(len(views))]
-            masks = []
+            found = []
             for job in jobs:
-                masks.append(job.result())
+                found.append(job.result())
                 progress.update()
+            masks = found
             hull = _agree(views, masks, prompt, settings, threads)
     return masks, hull
 

@@ -28,7 +28,10 @@ def read_ceilings(film_json: str | Path) -> Ceilings:
     try:
         samples = [int(frame["spp"]) for frame in film["frames"]]
         chosen = {"held_out": str(max(samples)), "train": str(min(samples))}
-        regions = {"masked": film.get("ceiling_masked_db") or {}, "full": film.get("ceiling_db") or {}}
+        full = film.get("ceiling_db") or {}
+        # A background's masked region is the table, which fills its photos: there the ceiling of the whole frame counts.
+        masked = film.get("ceiling_masked_db") or (full if film.get("kind") == "background" else {})
+        regions = {"masked": masked, "full": full}
         return {
             (split, region): float(ceilings[count])
             for split, count in chosen.items()

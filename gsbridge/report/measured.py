@@ -197,6 +197,7 @@ def write_real2sim_figures(
     films: Mapping[str, str | Path],
     real: Mapping[str, Mapping[str, str | Path]],
     rasterizer: str | Path | None = None,
+    preset: str | None = None,
 ) -> None:
     """Gather all figures of the area and write them.
 
@@ -207,6 +208,7 @@ def write_real2sim_figures(
         films: `film.json` of each mirrored object.
         real: Files of each real capture, as in `real_figures`.
         rasterizer: Output of `benchmarks/rasterizer.py --json`; None where it was not run.
+        preset: Preset that ran, so that figures of several presets can be scored together.
     """
     rows = read_rows(rendering_csv, COLUMNS)
     ceilings = {scene: read_ceilings(path).get(("held_out", "masked")) for scene, path in films.items()}
@@ -217,7 +219,8 @@ def write_real2sim_figures(
         **real_figures(real),
         **(rasterizer_figures(rasterizer) if rasterizer is not None else {}),
     }
-    write_json(out, {"figures": {name: {**figure, "value": _finite(figure["value"])} for name, figure in figures.items()}})
+    shown = {name: {**figure, "value": _finite(figure["value"])} for name, figure in figures.items()}
+    write_json(out, {"preset": preset, "figures": shown})
 
 
 def _finite(value: float) -> float | None:

@@ -92,7 +92,7 @@ The best bound model of each scene is <b style="color: var(--accent)">bold</b>, 
 {% for table in real %}
 {{ show(table) }}
 {% endfor %}
-{% for item in pictures if item.name.endswith("_real") %}
+{% for item in pictures if item.name.endswith("_real") or not mirror %}
 {{ draw(item) }}
 {% endfor %}
 {% endif %}

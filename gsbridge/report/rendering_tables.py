@@ -85,9 +85,9 @@ def quality_table(
         )
     notes = [MASKED_NOTE, GAIN_NOTE, *([CEILING_NOTE] if with_ceiling else [])] if explained else []
     for kind, name in (("object", "objects"), ("background", "backgrounds")):
-        mean = mean_gain([line for line in lines if line.kind == kind])
-        if mean is not None:
-            notes.append(f"Mean soft − GaMeS over the {name}: {decibel(mean, signed=True)} dB.")
+        mine = [line for line in lines if line.kind == kind and line.gain is not None]
+        if len(mine) > 1:
+            notes.append(f"Mean soft − GaMeS over the {name}: {decibel(mean_gain(mine), signed=True)} dB.")
     if any(line.suspect and line.paper for line in lines):
         notes.append(f"{MARK} {SUSPECT_NOTE}")
     return Table(title, tuple(columns), tuple(body), tuple(notes), frozenset(best), tuple(line.status for line in lines))

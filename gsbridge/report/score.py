@@ -111,6 +111,28 @@ def current_commit() -> str:
     return found.stdout.strip()
 
 
+def read_measured(paths: Sequence[str | Path], preset: str) -> dict[str, dict[str, Any]]:
+    """Read measured figures: {figure: {preset: {value, n, …}}}.
+
+    Args:
+        paths: Files `{"figures": {name: {value, n, interval, where}}}`, with `preset` beside `figures` where a file was
+            measured with another preset than the others; a later file wins.
+        preset: Preset of files that name none.
+
+    Raises:
+        InputError: A file is damaged.
+    """
+    out: dict[str, dict[str, Any]] = {}
+    for path in paths:
+        content = read_json(path)
+        figures = content.get("figures")
+        if not isinstance(figures, dict):
+            raise InputError(path, "the file holds no measured figures", "Delete it and run the rule that makes it")
+        for name, figure in figures.items():
+            out.setdefault(name, {})[content.get("preset") or preset] = figure
+    return out
+
+
 def write_scores(
     floors: str | Path, measured_json: Sequence[str | Path], out: str | Path, *, area: str, preset: str, commit: str
 ) -> None:
@@ -118,7 +140,7 @@ def write_scores(
 
     Args:
         floors: `benchmarks/floors.yaml`.
-        measured_json: Files `{"figures": {name: {value, n, interval, where}}}`; a later file wins.
+        measured_json: Measured figures, as in `read_measured`.
         out: The scores.
         area: Area of the figures to compare.
         preset: Preset that the measurement ran with.
@@ -130,12 +152,10 @@ def write_scores(
     wanted = {name: entry for name, entry in read_floors(floors).items() if entry["area"] == area}
     if not wanted:
         raise InputError(floors, f"no figure belongs to the area {area!r}", "Check the area's name")
-    measured: dict[str, Any] = {}
-    for path in measured_json:
-        content = read_json(path).get("figures")
-        if not isinstance(content, dict):
-            raise InputError(path, "the file holds no measured figures", "Delete it and run the rule that makes it")
-        measured |= content
-    write_json(
-        out, {name: {**score_figure(entry, measured.get(name), preset), "commit": commit} for name, entry in wanted.items()}
-    )
+    measured = read_measured(measured_json, preset)
+    scores = {}
+    for name, entry in wanted.items():
+        found = measured.get(name, {})
+        used = entry["preset"] if entry["preset"] in found else next(iter(found), preset)
+        scores[name] = {**score_figure(entry, found.get(used), used), "commit": commit}
+    write_json(out, scores)

@@ -93,4 +93,4 @@ def _digits(value: float | None, digits: int) -> str:
 def _relative_scale_error(align: Mapping[str, Any]) -> str:
     """Standard error of the scale in percent of it, or a dash."""
     scale, error = align.get("scale"), align.get("scale_se")
-    return DASH if not scale or error is None else f"{100 * error / scale:.2f}"
+    return DASH if not scale or error is None else f"{100 * error / scale:.3f}"

@@ -24,13 +24,14 @@ from gsbridge.report.stages_table import degraded_reasons, read_records, stages_
 
 EMBEDDED_JPEG_QUALITY = 90
 
+_COMPARISON = (
+    "Held-out views of {what}: photo, renderings of the bindings, and five times the absolute difference to the photo. The "
+    "second line of each scene is the framed part, enlarged. Good looks like a sharp texture and a dark difference without a "
+    "bright rim."
+)
 CAPTIONS = {
-    "rendering_comparison": (
-        "Held-out views of the mirrored scenes: photo, renderings of the bindings, and five times the absolute difference "
-        "to the photo; the lower half of each pair is the framed part, enlarged. Good looks like a sharp texture and a dark "
-        "difference without a bright rim."
-    ),
-    "rendering_comparison_real": "The same for captures of the real world, for which there is no truth.",
+    "rendering_comparison": _COMPARISON.format(what="the scenes"),
+    "rendering_comparison_real": _COMPARISON.format(what="the real captures"),
 }
 
 
@@ -149,7 +150,10 @@ def write_tables(
     named = {Path(path).stem: Path(path) for path in rows}
     rendering = read_rows(named["rendering"], rendering_table.COLUMNS) if "rendering" in named else []
     timing = read_rows(named["timing"], timing_table.COLUMNS) if "timing" in named else []
-    by_origin, known = rendering_tables(rendering), read_records(records)
+    known = read_records(records)
+    degraded = degraded_reasons(known) if records else _degraded(rendering)
+    # A scene is as sound as its weakest stage, whatever the training itself says.
+    by_origin = rendering_tables([{**row, "status": "degraded"} if row["scene"] in degraded else row for row in rendering])
     printed: dict[str, list[Table]] = {}
     others: list[Table] = []
     for name, path in named.items():
@@ -166,7 +170,7 @@ def write_tables(
         mirror=by_origin["mirror"],
         real=by_origin["real"],
         stages=stages_table(known),
-        degraded=degraded_reasons(known) if records else _degraded(rendering),
+        degraded=degraded,
         times=stage_times(timing),
         others=others,
         pictures=[picture(path) for path in figures],

@@ -20,6 +20,9 @@ from gsbridge.sfm.settings import SfmSettings
 
 logger = logging.getLogger("gsbridge")
 
+DOUBLED_UP_TO_PX = 1000
+"""Longer side up to which images are doubled before the search for features; in large ones the finest are mostly noise."""
+
 REMATCH_PX = 4.0
 """Largest distance of a match from its epipolar line once the poses are known, px."""
 
@@ -140,6 +143,8 @@ def extract(database: Path, photos: Photos, settings: SfmSettings, threads: int,
     options.num_threads = threads
     options.sift.max_num_features = settings.max_features
     options.sift.peak_threshold = settings.peak_threshold
+    if max(photos.size) > DOUBLED_UP_TO_PX:
+        options.sift.first_octave = 0
     reader = pycolmap.ImageReaderOptions()
     width, height = photos.size
     if photos.camera is not None:

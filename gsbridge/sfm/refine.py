@@ -14,6 +14,7 @@ from gsbridge.colmap import pose_matrix
 from gsbridge.geometry import Array, align_similarity
 from gsbridge.sfm.gates import model_corners
 from gsbridge.sfm.tags import MIN_TAGS, Tags, layout_error
+from gsbridge.tags import scale_standard_error
 
 logger = logging.getLogger("gsbridge")
 
@@ -34,7 +35,7 @@ MIN_IMAGES_INTRINSICS = 15
 
 
 def refine_with_tags(
-    model: pycolmap.Reconstruction, raw_tags: Tags, board: Board, threads: int
+    model: pycolmap.Reconstruction, raw_tags: Tags, board: Board, seed: int, threads: int
 ) -> tuple[pycolmap.Reconstruction, dict[str, Any]]:
     """Adjust intrinsics, poses and points together with the tag corners, which stay at the printed layout.
 
@@ -45,6 +46,7 @@ def refine_with_tags(
         model: Model with distorted cameras; not changed.
         raw_tags: Corners in distorted pixels.
         board: Layout.
+        seed: Random seed of the scale's error.
         threads: Threads to use.
 
     Returns:
@@ -59,7 +61,8 @@ def refine_with_tags(
         return model, {"used": False, "why": "the tags do not fit their layout; is the board flat?", "layout_before": before}
     layout = board.corners()
     ids = [tag for tag in corners if tag in layout]
-    fit = align_similarity(np.concatenate([corners[i] for i in ids]), np.concatenate([layout[i] for i in ids]))
+    source, target = np.array([corners[i] for i in ids]), np.array([layout[i] for i in ids])
+    fit = align_similarity(source.reshape(-1, 3), target.reshape(-1, 3))
     metric = pycolmap.Reconstruction(model)
     metric.transform(pycolmap.Sim3d(fit.scale, pycolmap.Rotation3d(fit.rotation), fit.translation))
     joint, tag_points = _with_tag_points(metric, raw_tags, {i: layout[i] for i in ids})
@@ -70,7 +73,13 @@ def refine_with_tags(
     model.update_point_3d_errors()
     old, new = model.compute_mean_reprojection_error(), joint.compute_mean_reprojection_error()
     after = layout_error(model_corners(joint, raw_tags), board)
-    record = {"layout_before": before, "layout_after": after, "reprojection_before_px": old, "reprojection_after_px": new}
+    record = {
+        "scale_se": scale_standard_error(source, target, seed),
+        "layout_before": before,
+        "layout_after": after,
+        "reprojection_before_px": old,
+        "reprojection_after_px": new,
+    }
     if new > MAX_WORSENING * old or after is None or after > before + LAYOUT_SLACK:
         return model, {"used": False, "why": "the natural features fit worse with the tags; is the board flat?", **record}
     logger.info(

@@ -80,7 +80,7 @@ def reconstruct(
             model = rematch(model, photos, workspace, seed, threads)
         refinement: dict[str, Any] = {"used": False}
         if settings.tag_refinement and board is not None and not known:
-            model, refinement = refine_with_tags(model, raw_tags, board, threads)
+            model, refinement = refine_with_tags(model, raw_tags, board, seed, threads)
     _write(
         model,
         outcome,

@@ -18,7 +18,8 @@ import torch
 from gsbridge import logs
 from gsbridge.geometry import Array
 from gsbridge.splats.rasterize.blending import use_threads
-from gsbridge.splats.rasterize.lanes import WIDTH, load, select, spread, store
+from gsbridge.splats.rasterize.lanes import WIDTH, select, spread
+from gsbridge.splats.rasterize.memory import load, load_spread, store
 
 RADIUS = 5
 SIGMA_PX = 1.5
@@ -36,25 +37,35 @@ def window() -> Array:
     return (taps / (taps[0] + 2.0 * taps[1:].sum())).astype(np.float32)
 
 
-W0, W1, W2, W3, W4, W5 = (float(tap) for tap in window())
+TAPS = window()
 
 
-@njit(error_model="numpy", forceinline=True)
-def _blur_along(row, at):
-    """Window along a padded, interleaved row, for eight values from `at` on."""
-    out = W0 * load(row, at) + W1 * (load(row, at - 3) + load(row, at + 3))
-    out = out + W2 * (load(row, at - 6) + load(row, at + 6)) + W3 * (load(row, at - 9) + load(row, at + 9))
-    return out + W4 * (load(row, at - 12) + load(row, at + 12)) + W5 * (load(row, at - 15) + load(row, at + 15))
+@njit(error_model="numpy")
+def _blur_along(taps, source, start, target, to, stride):
+    """Window along a padded, interleaved row."""
+    w0, w1, w2 = load_spread(taps, 0), load_spread(taps, 1), load_spread(taps, 2)
+    w3, w4, w5 = load_spread(taps, 3), load_spread(taps, 4), load_spread(taps, 5)
+    for i in range(0, stride, WIDTH):
+        at = start + i
+        out = w0 * load(source, at) + w1 * (load(source, at - 3) + load(source, at + 3))
+        out = out + w2 * (load(source, at - 6) + load(source, at + 6)) + w3 * (load(source, at - 9) + load(source, at + 9))
+        out = out + w4 * (load(source, at - 12) + load(source, at + 12)) + w5 * (load(source, at - 15) + load(source, at + 15))
+        store(target, to + i, out)
 
 
-@njit(error_model="numpy", forceinline=True)
-def _blur_across(ring, rows, at):
+@njit(error_model="numpy")
+def _blur_across(taps, ring, rows, offset, target, to, stride):
     """Window across eleven rows of the ring, `rows` holding their starts from the top."""
-    out = W0 * load(ring, rows[5] + at) + W1 * (load(ring, rows[4] + at) + load(ring, rows[6] + at))
-    out = out + W2 * (load(ring, rows[3] + at) + load(ring, rows[7] + at))
-    out = out + W3 * (load(ring, rows[2] + at) + load(ring, rows[8] + at))
-    out = out + W4 * (load(ring, rows[1] + at) + load(ring, rows[9] + at))
-    return out + W5 * (load(ring, rows[0] + at) + load(ring, rows[10] + at))
+    w0, w1, w2 = load_spread(taps, 0), load_spread(taps, 1), load_spread(taps, 2)
+    w3, w4, w5 = load_spread(taps, 3), load_spread(taps, 4), load_spread(taps, 5)
+    a5, a4, a3, a2, a1 = rows[0] + offset, rows[1] + offset, rows[2] + offset, rows[3] + offset, rows[4] + offset
+    b1, b2, b3, b4, b5 = rows[6] + offset, rows[7] + offset, rows[8] + offset, rows[9] + offset, rows[10] + offset
+    centre = rows[5] + offset
+    for i in range(0, stride, WIDTH):
+        out = w0 * load(ring, centre + i) + w1 * (load(ring, a1 + i) + load(ring, b1 + i))
+        out = out + w2 * (load(ring, a2 + i) + load(ring, b2 + i)) + w3 * (load(ring, a3 + i) + load(ring, b3 + i))
+        out = out + w4 * (load(ring, a4 + i) + load(ring, b4 + i)) + w5 * (load(ring, a5 + i) + load(ring, b5 + i))
+        store(target, to + i, out)
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -63,30 +74,24 @@ def _size(values):
 
 
 @njit(error_model="numpy")
-def _compare_band(
-    image, target, weights, first, last, height, length, stride, l1_factor, ssim_factor, maps, gradient, l1, ssim
-):
+def _compare_band(taps, images, weights, weight_step, first, last, height, stride, factors, maps, gradient, sums):
     """Compare rows first..last: fill the rows' sums, the L1 gradient and the three maps that `_gather_band` blurs back."""
-    padded = np.zeros(5 * (stride + 2 * _PAD), np.float32)
+    image, target = images
     span = stride + 2 * _PAD
-    ring = np.zeros(_ROWS * 5 * stride, np.float32)
-    rows = np.zeros(_ROWS, np.int64)
-    one_l1, one_ssim, weight_row = np.zeros(stride, np.float32), np.zeros(stride, np.float32), np.zeros(stride, np.float32)
-    l1_row = np.zeros(stride, np.float32)
-    pixels_x, pixels_y = np.zeros(stride, np.float32), np.zeros(stride, np.float32)
+    padded, ring = np.zeros(5 * span, np.float32), np.zeros(_ROWS * 5 * stride, np.float32)
+    means, totals, rows = np.zeros(5 * stride, np.float32), np.zeros(2 * WIDTH, np.float32), np.zeros(_ROWS, np.int64)
     for row in range(first - RADIUS, last + RADIUS):
         slot = (row + _ROWS) % _ROWS * 5 * stride
         if 0 <= row < height:
-            for i in range(length):
-                x, y = image[row * length + i], target[row * length + i]
-                padded[_PAD + i] = x
-                padded[span + _PAD + i] = y
-                padded[2 * span + _PAD + i] = x * x
-                padded[3 * span + _PAD + i] = y * y
-                padded[4 * span + _PAD + i] = x * y
+            for i in range(0, stride, WIDTH):
+                x, y = load(image, row * stride + i), load(target, row * stride + i)
+                store(padded, _PAD + i, x)
+                store(padded, span + _PAD + i, y)
+                store(padded, 2 * span + _PAD + i, x * x)
+                store(padded, 3 * span + _PAD + i, y * y)
+                store(padded, 4 * span + _PAD + i, x * y)
             for quantity in range(5):
-                for i in range(0, stride, WIDTH):
-                    store(ring, slot + quantity * stride + i, _blur_along(padded, quantity * span + _PAD + i))
+                _blur_along(taps, padded, quantity * span + _PAD, ring, slot + quantity * stride, stride)
         else:
             ring[slot : slot + 5 * stride] = 0.0
         out = row - RADIUS
@@ -94,54 +99,47 @@ def _compare_band(
             continue
         for k in range(_ROWS):
             rows[k] = (out - RADIUS + k + _ROWS) % _ROWS * 5 * stride
-        for i in range(length):
-            weight_row[i] = weights[out * length // 3 + i // 3]
-            pixels_x[i], pixels_y[i] = image[out * length + i], target[out * length + i]
+        for quantity in range(5):
+            _blur_across(taps, ring, rows, quantity * stride, means, quantity * stride, stride)
+        sum_l1, sum_ssim = spread(0.0), spread(0.0)
         for i in range(0, stride, WIDTH):
-            mx, my = _blur_across(ring, rows, i), _blur_across(ring, rows, stride + i)
-            xx, yy = _blur_across(ring, rows, 2 * stride + i), _blur_across(ring, rows, 3 * stride + i)
-            xy = _blur_across(ring, rows, 4 * stride + i)
-            weight = load(weight_row, i)
+            mx, my, xx = load(means, i), load(means, stride + i), load(means, 2 * stride + i)
+            yy, xy = load(means, 3 * stride + i), load(means, 4 * stride + i)
+            weight = load(weights, out * weight_step + i)
             a1, a2 = 2.0 * mx * my + C1, 2.0 * (xy - mx * my) + C2
             mean2 = mx * mx + my * my
             b1, b2 = mean2 + C1, xx + yy - mean2 + C2
             r1, r2 = 1.0 / b1, 1.0 / b2
             both = r1 * r2
             value = a1 * a2 * both
-            scale = weight * ssim_factor
+            scale = weight * factors[1]
             at = out * stride + i
             store(maps, at, scale * 2.0 * (my * (a2 - a1) * both - value * mx * (r1 - r2)))
             store(maps, height * stride + at, -(scale * value * r2))
             store(maps, 2 * height * stride + at, scale * 2.0 * a1 * both)
-            difference = load(pixels_x, i) - load(pixels_y, i)
-            store(one_ssim, i, weight * value)
-            store(one_l1, i, weight * _size(difference))
-            slope = weight * l1_factor
-            store(l1_row, i, select(difference > 0.0, slope, select(difference < 0.0, -slope, spread(0.0))))
-        total_l1, total_ssim = 0.0, 0.0
-        for i in range(length):
-            total_l1 += one_l1[i]
-            total_ssim += one_ssim[i]
-            gradient[out * length + i] = l1_row[i]
-        l1[out], ssim[out] = total_l1, total_ssim
+            difference = load(image, at) - load(target, at)
+            sum_ssim, sum_l1 = sum_ssim + weight * value, sum_l1 + weight * _size(difference)
+            slope = weight * factors[0]
+            store(gradient, at, select(difference > 0.0, slope, select(difference < 0.0, -slope, spread(0.0))))
+        store(totals, 0, sum_l1)
+        store(totals, WIDTH, sum_ssim)
+        sums[0, out], sums[1, out] = totals[:WIDTH].sum(), totals[WIDTH:].sum()
 
 
 @njit(error_model="numpy")
-def _gather_band(image, target, first, last, height, length, stride, maps, gradient):
+def _gather_band(taps, images, first, last, height, stride, maps, gradient):
     """Blur the three maps back (the window is symmetric) and add them to the gradient of rows first..last."""
+    image, target = images
     span = stride + 2 * _PAD
-    padded = np.zeros(3 * span, np.float32)
-    ring = np.zeros(_ROWS * 3 * stride, np.float32)
-    rows = np.zeros(_ROWS, np.int64)
-    result = np.zeros(3 * stride, np.float32)
+    padded, ring = np.zeros(span, np.float32), np.zeros(_ROWS * 3 * stride, np.float32)
+    result, rows = np.zeros(3 * stride, np.float32), np.zeros(_ROWS, np.int64)
     for row in range(first - RADIUS, last + RADIUS):
         slot = (row + _ROWS) % _ROWS * 3 * stride
         if 0 <= row < height:
             for quantity in range(3):
-                base = (quantity * height + row) * stride
-                padded[quantity * span + _PAD : quantity * span + _PAD + length] = maps[base : base + length]
                 for i in range(0, stride, WIDTH):
-                    store(ring, slot + quantity * stride + i, _blur_along(padded, quantity * span + _PAD + i))
+                    store(padded, _PAD + i, load(maps, (quantity * height + row) * stride + i))
+                _blur_along(taps, padded, _PAD, ring, slot + quantity * stride, stride)
         else:
             ring[slot : slot + 3 * stride] = 0.0
         out = row - RADIUS
@@ -149,36 +147,43 @@ def _gather_band(image, target, first, last, height, length, stride, maps, gradi
             continue
         for k in range(_ROWS):
             rows[k] = (out - RADIUS + k + _ROWS) % _ROWS * 3 * stride
+        for quantity in range(3):
+            _blur_across(taps, ring, rows, quantity * stride, result, quantity * stride, stride)
         for i in range(0, stride, WIDTH):
-            for quantity in range(3):
-                store(result, quantity * stride + i, _blur_across(ring, rows, quantity * stride + i))
-        for i in range(length):
-            at = out * length + i
-            gradient[at] += result[i] + 2.0 * image[at] * result[stride + i] + target[at] * result[2 * stride + i]
+            at = out * stride + i
+            ssim = (
+                load(result, i)
+                + 2.0 * load(image, at) * load(result, stride + i)
+                + load(target, at) * load(result, 2 * stride + i)
+            )
+            store(gradient, at, load(gradient, at) + ssim)
 
 
 @njit(error_model="numpy")
-def _compare(image, target, weights, height, length, stride, l1_factor, ssim_factor, with_gradient, maps, gradient, l1, ssim):
+def _compare(taps, images, weights, weight_step, height, stride, factors, with_gradient, maps, gradient, sums):
     """Loss and gradient on one thread."""
-    _compare_band(image, target, weights, 0, height, height, length, stride, l1_factor, ssim_factor, maps, gradient, l1, ssim)
+    _compare_band(taps, images, weights, weight_step, 0, height, height, stride, factors, maps, gradient, sums)
     if with_gradient:
-        _gather_band(image, target, 0, height, height, length, stride, maps, gradient)
+        _gather_band(taps, images, 0, height, height, stride, maps, gradient)
 
 
 @njit(error_model="numpy", parallel=True)
-def _compare_parallel(
-    image, target, weights, height, length, stride, l1_factor, ssim_factor, with_gradient, maps, gradient, l1, ssim, bands
-):
+def _compare_parallel(taps, images, weights, weight_step, height, stride, factors, with_gradient, maps, gradient, sums, bands):
     """`_compare` in bands of rows; every row is computed in the same way, so the result is the same to the last bit."""
     for band in prange(bands):
         first, last = height * band // bands, height * (band + 1) // bands
-        _compare_band(
-            image, target, weights, first, last, height, length, stride, l1_factor, ssim_factor, maps, gradient, l1, ssim
-        )
+        _compare_band(taps, images, weights, weight_step, first, last, height, stride, factors, maps, gradient, sums)
     if with_gradient:
         for band in prange(bands):
             first, last = height * band // bands, height * (band + 1) // bands
-            _gather_band(image, target, first, last, height, length, stride, maps, gradient)
+            _gather_band(taps, images, first, last, height, stride, maps, gradient)
+
+
+def _rows(image: Array, stride: int) -> Array:
+    """Image as flat rows of `stride` values, zero beyond the image; the same memory where nothing is missing."""
+    rows = np.ascontiguousarray(image, dtype=np.float32).reshape(len(image), -1)
+    missing = stride - rows.shape[1]
+    return (np.pad(rows, ((0, 0), (0, missing))) if missing else rows).reshape(-1)
 
 
 def _evaluate(
@@ -186,34 +191,26 @@ def _evaluate(
 ) -> tuple[float, float, Array]:
     """Weighted mean of L1 and SSIM, and the gradient of the mixed loss. [H, W, 3] -> float, float, [H, W, 3]."""
     height, width = image.shape[:2]
-    weights = np.ones(height * width, np.float32) if weights is None else weights
-    total = 3.0 * float(weights.sum(dtype=np.float64))
-    share = 1.0 / total if total > 0.0 else 0.0
-    length = 3 * width
+    length = _STEP * width
     stride = -(-length // WIDTH) * WIDTH
-    out, maps = np.empty(height * length, np.float32), np.empty(3 * height * stride, np.float32)
-    l1, ssim = np.empty(height), np.empty(height)
+    if weights is None:
+        spaced, step, total = _rows(np.ones((1, length)), stride), 0, float(height * length)
+    else:
+        spaced, step = _rows(np.repeat(weights, _STEP, axis=1), stride), stride
+        total = _STEP * float(weights.sum(dtype=np.float64))
+    share = 1.0 / total if total > 0.0 else 0.0
+    out, maps = np.empty(height * stride, np.float32), np.empty(3 * height * stride, np.float32)
+    sums = np.empty((2, height))
     factors = np.float32((1.0 - ssim_weight) * share), np.float32(-ssim_weight * share)
-    arguments = (
-        image.reshape(-1),
-        target.reshape(-1),
-        weights,
-        height,
-        length,
-        stride,
-        *factors,
-        gradient,
-        maps,
-        out,
-        l1,
-        ssim,
-    )
+    images = _rows(image, stride), _rows(target, stride)
+    arguments = (TAPS, images, spaced, step, height, stride, factors, gradient, maps, out, sums)
     if logs.threads() > 1:
         use_threads(logs.threads())
         _compare_parallel(*arguments, logs.threads())
     else:
         _compare(*arguments)
-    return float(l1.sum()) * share, float(ssim.sum()) * share, out.reshape(image.shape)
+    l1, ssim = sums.sum(axis=1) * share
+    return float(l1), float(ssim), out.reshape(height, stride)[:, :length].reshape(image.shape)
 
 
 class _L1Ssim(torch.autograd.Function):
@@ -221,8 +218,8 @@ class _L1Ssim(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, image, target, weight, ssim_weight: float):  # type: ignore[no-untyped-def]
-        arrays = [np.ascontiguousarray(tensor.detach().numpy(), dtype=np.float32) for tensor in (image, target)]
-        weights = None if weight is None else np.ascontiguousarray(weight.detach().numpy(), dtype=np.float32).reshape(-1)
+        arrays = [tensor.detach().numpy() for tensor in (image, target)]
+        weights = None if weight is None else weight.detach().numpy()
         l1, ssim, gradient = _evaluate(*arrays, weights, ssim_weight, ctx.needs_input_grad[0])
         ctx.gradient = torch.from_numpy(gradient)
         inside = 1.0 if weights is None or weights.any() else 0.0

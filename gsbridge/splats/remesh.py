@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gsbridge.geometry import Array
 from gsbridge.meshes import Mesh
+
+if TYPE_CHECKING:
+    import pymeshlab
 
 logger = logging.getLogger("gsbridge")
 
@@ -15,11 +20,16 @@ ITERATIONS = 6
 FEATURE_DEG = 60.0
 """Edges sharper than this stay where they are."""
 
+UNSEEN = 3.0
+"""Edge length where no camera looks, relative to the rest."""
+
 DENSE = 4
 """A mesh with more faces than this many times the budget is decimated first: that is faster and changes nothing visible."""
 
 
-def remesh_isotropic(mesh: Mesh, max_faces: int, *, attempts: int = 6) -> Mesh:
+def remesh_isotropic(
+    mesh: Mesh, max_faces: int, *, seen: Callable[[Mesh], Array] | None = None, attempts: int = 8
+) -> Mesh:
     """The same surface with nearly equilateral faces of one size, at most `max_faces` of them.
 
     Open meshes keep their border. Colours are dropped: splats learn their own.
@@ -27,6 +37,7 @@ def remesh_isotropic(mesh: Mesh, max_faces: int, *, attempts: int = 6) -> Mesh:
     Args:
         mesh: Surface, table frame, m.
         max_faces: Upper limit of the number of faces.
+        seen: Tells which faces of a mesh any camera sees; the others get larger triangles, as no photo will miss detail there.
         attempts: How often the edge length is corrected to meet the limit.
 
     Returns:
@@ -42,9 +53,12 @@ def remesh_isotropic(mesh: Mesh, max_faces: int, *, attempts: int = 6) -> Mesh:
         raise ValueError("remeshing needs a surface with an area and a limit of at least 4 faces")
     edge = float(np.sqrt(4 * area / (np.sqrt(3) * max_faces)))
     best: Mesh | None = None
+    prepared = _prepared(mesh, max_faces)
     short, long = 0.0, np.inf
     for _ in range(attempts):
-        candidate = _remesh(mesh, edge, max_faces)
+        candidate = _remesh(prepared, edge)
+        if seen is not None:
+            candidate = _remesh(candidate, UNSEEN * edge, ~seen(candidate))
         count = len(candidate.faces)
         if count > max_faces:
             short = max(short, edge)
@@ -63,8 +77,8 @@ def remesh_isotropic(mesh: Mesh, max_faces: int, *, attempts: int = 6) -> Mesh:
     return best
 
 
-def _remesh(mesh: Mesh, edge: float, max_faces: int) -> Mesh:
-    """One pass at a fixed edge length, m."""
+def _prepared(mesh: Mesh, max_faces: int) -> Mesh:
+    """The surface without faulty faces, and with no more faces than is useful."""
     import pymeshlab
 
     work = pymeshlab.MeshSet(verbose=False)
@@ -75,17 +89,34 @@ def _remesh(mesh: Mesh, edge: float, max_faces: int) -> Mesh:
         work.meshing_decimation_quadric_edge_collapse(
             targetfacenum=DENSE * max_faces, preserveboundary=True, preservenormal=True, preservetopology=True
         )
+    return _mesh(work)
+
+
+def _remesh(mesh: Mesh, edge: float, chosen: Array | None = None) -> Mesh:
+    """Nearly equilateral faces of edge length `edge`, m, everywhere or in the chosen faces only ([F] bool)."""
+    import pymeshlab
+
+    marks = np.ones(len(mesh.faces)) if chosen is None else chosen.astype(np.float64)
+    work = pymeshlab.MeshSet(verbose=False)
+    work.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces.astype(np.int32), f_scalar_array=marks))
+    # MeshLab keeps "selected only" for later calls in the process, so it is always on and the selection made here.
+    work.compute_selection_by_condition_per_face(condselect="fq > 0.5")
     # The default tolerance (1 % of the bounding box) stops large edges; half an edge is what a coarse mesh may stray.
     work.meshing_isotropic_explicit_remeshing(
         iterations=ITERATIONS,
         targetlen=pymeshlab.PureValue(edge),
         featuredeg=FEATURE_DEG,
+        selectedonly=True,
         checksurfdist=True,
         maxsurfdist=pymeshlab.PureValue(0.5 * edge),
     )
+    result = _mesh(work)
+    keep = result.areas() > 1e-4 * edge**2
+    return result if chosen is not None or keep.all() else Mesh(result.vertices, result.faces[keep])
+
+
+def _mesh(work: pymeshlab.MeshSet) -> Mesh:
+    """The mesh of a MeshLab document."""
     work.meshing_remove_unreferenced_vertices()
     out = work.current_mesh()
-    faces: Array = np.asarray(out.face_matrix(), np.int64)
-    result = Mesh(np.asarray(out.vertex_matrix(), np.float64), faces)
-    keep = result.areas() > 1e-4 * edge**2
-    return result if keep.all() else Mesh(result.vertices, faces[keep])
+    return Mesh(np.asarray(out.vertex_matrix(), np.float64), np.asarray(out.face_matrix(), np.int64))

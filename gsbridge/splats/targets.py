@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,14 +42,27 @@ class Target:
     top: int
     whole: Camera
 
-    def halved(self) -> Target:
-        """The same part at half the size (area means)."""
-        camera = self.camera.scaled(0.5)
+    def reduced(self, factor: float, *, kind: str) -> Target:
+        """The same part at a smaller size (area means).
+
+        Args:
+            factor: New width over old width, at most 1.
+            kind: `object` keeps partly covered pixels, with the colour of what is covered; `background` drops them.
+        """
+        if factor >= 1:
+            return self
+        camera = self.camera.scaled(factor)
         size = (camera.width, camera.height)
-        photo = cv2.resize(self.photo, size, interpolation=cv2.INTER_AREA)
-        # A pixel that is only partly covered would pull in what lies outside, so it does not count.
-        weight = np.where(cv2.resize(self.weight, size, interpolation=cv2.INTER_AREA) >= 254, 255, 0).astype(np.uint8)
-        return Target(self.name, self.split, camera, self.cam_from_table, photo, weight, 0, 0, camera)
+        weight = self.weight.astype(np.float32) / 255
+        colour = self.photo * weight[..., None] if kind == "object" else self.photo
+        colour = cv2.resize(colour, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+        weight = cv2.resize(weight, size, interpolation=cv2.INTER_AREA)
+        if kind == "object":
+            colour /= np.maximum(weight, 1e-3)[..., None]
+        else:
+            weight = (weight > 0.999).astype(np.float32)
+        photo = np.rint(np.clip(colour, 0, 255)).astype(np.uint8)
+        return Target(self.name, self.split, camera, self.cam_from_table, photo, to_u8(weight), 0, 0, camera)
 
 
 def object_targets(views: Views, masks: str | Path, margin_px: int) -> list[Target]:
@@ -119,6 +133,31 @@ def background_targets(views: Views, mesh: Mesh) -> list[Target]:
     if not any(target.split == "train" for target in targets):
         raise StageError("splats", "no training view sees the mesh", "Look at the mesh stage and at the alignment")
     return targets
+
+
+def seen_faces(mesh: Mesh, targets: Sequence[Target]) -> Array:
+    """Which faces some training photo shows: centroid in the frame, facing the camera, nothing in between. [F] bool."""
+    open3d = import_open3d()
+    scene = open3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
+    centroids, normals = mesh.corners().mean(1), mesh.normals()
+    seen = np.zeros(len(mesh.faces), bool)
+    for target in targets:
+        if target.split != "train":
+            continue
+        pose, whole = target.cam_from_table, target.whole
+        eye = camera_centre(pose)
+        pixels = whole.project(centroids @ pose[:3, :3].T + pose[:3, 3])
+        inside = (pixels >= 0).all(1) & (pixels[:, 0] < whole.width) & (pixels[:, 1] < whole.height)
+        chosen = np.flatnonzero(~seen & inside & (((eye - centroids) * normals).sum(1) > 0))
+        if len(chosen) == 0:
+            continue
+        directions = centroids[chosen] - eye
+        rays = np.concatenate([np.broadcast_to(eye, directions.shape), directions], axis=1).astype(np.float32)
+        reach = scene.cast_rays(open3d.core.Tensor(rays), nthreads=1)["t_hit"].numpy()
+        # The ray ends on the face itself at 1; what is nearer hides it.
+        seen[chosen[reach > 0.995]] = True
+    return seen
 
 
 def _check_size(path: Path, image: Array, view: View) -> None:

@@ -65,6 +65,7 @@ class SplatSettings:
         max_splats: Upper limit of the number of splats.
         splats_per_face: Splats on each face; the mesh is remeshed to meet the limit.
         steps: Optimiser steps, one photo each.
+        max_pixels: Pixels of a photo, or of an object's part of it, in training; larger ones are reduced. Metrics are not.
         half_size: Part of the steps that use photos of half the size, first.
         offset_band: Largest offset along the normal, m; `scene` for one unit of the reconstruction, as the paper's code.
         offset_penalty: Weight of the mean squared relative offset in the loss.
@@ -80,6 +81,7 @@ class SplatSettings:
     max_splats: int = 12_000
     splats_per_face: int = 1
     steps: int = 2000
+    max_pixels: int = 120_000
     half_size: float = 0.0
     offset_band: float | str = 0.010
     offset_penalty: float = 0.0
@@ -113,8 +115,8 @@ def train(
     Raises:
         StageError: The loss became infinite or no number.
     """
-    photos = [target for target in targets if target.split == "train"]
-    halves = [target.halved() for target in photos] if settings.half_size > 0 else photos
+    photos = [_affordable(target, settings.max_pixels, kind) for target in targets if target.split == "train"]
+    halves = [target.reduced(0.5, kind=kind) for target in photos] if settings.half_size > 0 else photos
     optimizer, starts = _optimizer(binding, settings.rates)
     checkpoint = Path(state) / "checkpoint.pt"
     begin, curve, recent = _resume(checkpoint, binding, optimizer)
@@ -147,6 +149,12 @@ def train(
         value.requires_grad_(False)
         value.grad = None
     return curve
+
+
+def _affordable(target: Target, max_pixels: int, kind: str) -> Target:
+    """The photo, reduced where it has more pixels than a training step may cost."""
+    pixels = target.camera.width * target.camera.height
+    return target.reduced(min(1.0, (max_pixels / pixels) ** 0.5), kind=kind)
 
 
 def _loss(

@@ -45,22 +45,22 @@ def test_object_is_cut_out_and_meshed(toy):
     assert score["collision_watertight"]
 
 
-def test_soft_binding_is_no_worse_than_hard_and_near_the_noise(toy):
-    film = read(toy / "results/films/small_cube/film.json")
-    ceiling = film["ceiling_db"][str(max(frame["spp"] for frame in film["frames"]))]
+@pytest.mark.parametrize("scene", ["small_cube", "foam_pad"])
+def test_soft_binding_beats_hard_and_refined_beats_soft(toy, scene):
     psnr = {
-        binding: float(rendering(toy, scene="small_cube", binding=binding, split="held_out", region="masked")[0]["psnr"])
+        binding: float(rendering(toy, scene=scene, binding=binding, split="held_out", region="masked")[0]["psnr"])
         for binding in ("games", "soft", "refined")
     }
-    assert psnr["soft"] >= psnr["games"]
-    assert psnr["soft"] >= ceiling - 4
-    assert psnr["refined"] >= psnr["soft"] - 0.1
+    # A guard against regressions at the toy's budget; the floors to reach stand in benchmarks/floors.yaml.
+    assert psnr["soft"] >= 25.0
+    assert psnr["soft"] >= psnr["games"] + 0.3
+    assert psnr["refined"] >= psnr["soft"]
 
 
 def test_page_figures_and_recordings_are_there(toy):
     page = (toy / "results/tables/index.html").read_text()
     assert "small_cube" in page
-    assert (toy / "results/figures/rendering_comparison.png").stat().st_size > 10_000
+    assert (toy / "results/figures/rendering_comparison_mirror.png").stat().st_size > 10_000
     for stage in ("capture", "sfm", "align", "mesh"):
         assert (toy / f"results/rerun/{stage}/small_cube.rrd").stat().st_size > 1_000
 

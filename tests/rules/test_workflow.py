@@ -28,8 +28,12 @@ def test_rule_files_are_formatted():
     subprocess.run([sys.executable, "-m", "snakefmt", "--check", "Snakefile", "rules"], cwd=ROOT, check=True)
 
 
-@pytest.mark.parametrize(("name", "text"), rules().items())
-def test_each_rule_has_a_log_an_environment_and_a_script_of_its_name(name, text):
+WORKING_RULES = {name: text for name, text in rules().items() if "output:" in text}
+
+
+@pytest.mark.parametrize("name", WORKING_RULES)
+def test_each_rule_has_a_log_an_environment_and_a_script_of_its_name(name):
+    text = WORKING_RULES[name]
     assert "log:" in text
     assert "conda:" in text
     assert "message:" in text

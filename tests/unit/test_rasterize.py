@@ -101,7 +101,8 @@ def test_the_nearer_splat_covers_and_ties_go_by_number() -> None:
     for pair, first in (((far, near), 0), ((near, far), 0)):
         both = [torch.cat(parts) for parts in zip(*pair, strict=True)]
         pixel = draw(both, camera=camera, pose=np.eye(4))[0][4, 4]
-        assert pixel[first] > 0.85 and pixel[1 - first] < 0.1
+        assert pixel[first] > 0.85
+        assert pixel[1 - first] < 0.1
     tie = [torch.cat(parts) for parts in zip(one_splat(colour=(1, 0, 0)), one_splat(colour=(0, 1, 0)), strict=True)]
     pixel = draw(tie, camera=camera, pose=np.eye(4))[0][4, 4]
     assert pixel[0] > pixel[1] + 0.2
@@ -132,7 +133,8 @@ def test_extreme_splats_stay_finite_and_inside_the_image() -> None:
         splats[0][30:40] = eye * 1.5  # behind it
     images = draw(splats)
     assert all(bool(torch.isfinite(image).all()) for image in images)
-    assert 0.0 <= float(images[1].min()) and float(images[1].max()) <= 1.0
+    assert float(images[1].min()) >= 0.0
+    assert float(images[1].max()) <= 1.0
     found = gradients(splats, images)
     assert all(bool(torch.isfinite(gradient).all()) for gradient in found)
     assert not bool(found[0][30:40].any())
@@ -142,7 +144,8 @@ def test_extreme_splats_stay_finite_and_inside_the_image() -> None:
 def test_nothing_in_view_gives_the_background(mean: tuple[float, float, float]) -> None:
     colours, alphas, depths = draw(one_splat(mean), pose=np.eye(4))
     assert torch.equal(colours, torch.tensor(BACKGROUND).expand_as(colours))
-    assert not bool(alphas.any()) and not bool(depths.any())
+    assert not bool(alphas.any())
+    assert not bool(depths.any())
 
 
 def test_no_splats_at_all() -> None:

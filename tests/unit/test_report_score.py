@@ -304,6 +304,22 @@ def test_scores_and_page_from_files(tmp_path: Path, scored: dict) -> None:
     assert all(f"`{name}`" in text for name in read_floors(FLOORS))
 
 
+def test_each_floor_takes_the_figure_of_its_own_preset(tmp_path: Path) -> None:
+    figures = {"soft_below_ceiling_max": {"value": 9.0, "n": 4}, "soft_psnr_objects_min": {"value": 31.0, "n": 4}}
+    write_json(tmp_path / "desktop.json", {"figures": figures})
+    figures = {"soft_below_ceiling_max": {"value": 3.0, "n": 1}, "soft_psnr_objects_min": {"value": 28.0, "n": 1}}
+    write_json(tmp_path / "toy.json", {"preset": "toy", "figures": figures})
+    for files in (["desktop.json", "toy.json"], ["toy.json", "desktop.json"]):
+        paths = [tmp_path / name for name in files]
+        write_scores(FLOORS, paths, tmp_path / "s.json", area="real2sim", preset="desktop", commit="abc")
+        scores = read_json(tmp_path / "s.json")
+        assert (scores["soft_below_ceiling_max"]["value"], scores["soft_below_ceiling_max"]["met"]) == (3.0, True)
+        assert (scores["soft_psnr_objects_min"]["value"], scores["soft_psnr_objects_min"]["met"]) == (31.0, True)
+    write_json(tmp_path / "bad.json", {"value": 1})
+    with pytest.raises(InputError, match="no measured figures"):
+        write_scores(FLOORS, [tmp_path / "bad.json"], tmp_path / "s.json", area="real2sim", preset="toy", commit="abc")
+
+
 def test_floors_hold_every_figure_of_the_issue() -> None:
     floors = read_floors(FLOORS)
     wanted = {

@@ -174,7 +174,7 @@ def test_stage_records_fill_the_page(tmp_path: Path) -> None:
     write_json(scene / "align" / "align.json", {**record, "residual_mm": 0.5})
     paths = [scene / name for name in ("capture/keyframes.json", "sfm/sfm.json", "align/align.json")]
     table = stages_table(read_records(paths))
-    assert table.rows == (("banana_photos", "16", "14 of 16", "0.67", "unknown", "0.50", "0.50", "–", "degraded"),)
+    assert table.rows == (("banana_photos", "16", "14 of 16", "0.67", "unknown", "0.500", "0.50", "–", "degraded"),)
     write_tables([], [], tmp_path / "tables", records=paths)
     page = (tmp_path / "tables" / "index.html").read_text()
     assert "sfm: 14 of 16 images registered" in page

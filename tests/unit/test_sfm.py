@@ -186,7 +186,7 @@ def test_tags_mend_intrinsics_and_bring_metres() -> None:
     options.refine_focal_length = options.refine_extra_params = False
     pycolmap.bundle_adjustment(model, options)
     model = moved(model, AWAY)
-    refined, record = refine_with_tags(model, tags, BOARD, 1)
+    refined, record = refine_with_tags(model, tags, BOARD, 0, 1)
     assert record["used"]
     camera = camera_from_colmap(refined.cameras[1], "test")
     assert camera.cy == pytest.approx(LENS.cy, abs=0.9)
@@ -208,14 +208,14 @@ def test_a_bent_board_does_not_bend_the_model() -> None:
         for tag, corners in layout.items():
             lift = np.array([0.0, 0.0, 0.02 if tag % 4 == 0 else 0.0])
             tags[name][tag] = LENS.project(local(pose, corners + lift))
-    refined, record = refine_with_tags(model, tags, BOARD, 1)
+    refined, record = refine_with_tags(model, tags, BOARD, 0, 1)
     assert not record["used"]
     assert refined is model
 
 
 def test_too_few_tags_leave_the_model_as_it_is() -> None:
     model = model_of(LENS, POSES, cloud())
-    refined, record = refine_with_tags(model, {}, BOARD, 1)
+    refined, record = refine_with_tags(model, {}, BOARD, 0, 1)
     assert refined is model
     assert not record["used"]
 

@@ -186,11 +186,23 @@ def test_background_pixels_count_where_their_ray_meets_the_mesh(scene):
     assert area == pytest.approx(np.pi * 16.5**2, rel=0.04)
 
 
-def test_halving_keeps_rays_and_drops_partly_covered_pixels():
+def test_reducing_a_background_keeps_rays_and_drops_partly_covered_pixels():
     camera = Camera(8, 6, 10.0, 10.0, 4.0, 3.0)
     weight = np.zeros((6, 8), np.uint8)
     weight[:, :5] = 255
-    target = Target("a.png", "train", camera, np.eye(4), np.zeros((6, 8, 3), np.uint8), weight, 0, 0, camera)
-    half = target.halved()
+    target = Target("a.png", "train", camera, np.eye(4), np.full((6, 8, 3), 90, np.uint8), weight, 0, 0, camera)
+    half = target.reduced(0.5, kind="background")
     assert (half.camera.width, half.camera.height, half.camera.fx, half.camera.cx) == (4, 3, 5.0, 2.0)
     np.testing.assert_array_equal(half.weight[0], [255, 255, 0, 0])
+    assert target.reduced(1.5, kind="background") is target
+
+
+def test_reducing_an_object_keeps_its_outline_free_of_the_background():
+    camera = Camera(8, 6, 10.0, 10.0, 4.0, 3.0)
+    weight = np.zeros((6, 8), np.uint8)
+    weight[:, :5] = 255
+    photo = np.full((6, 8, 3), 255, np.uint8)
+    photo[:, :5] = 40
+    half = Target("a.png", "train", camera, np.eye(4), photo, weight, 0, 0, camera).reduced(0.5, kind="object")
+    np.testing.assert_array_equal(half.weight[0], [255, 255, 128, 0])
+    np.testing.assert_array_equal(half.photo[0, :3], 40)

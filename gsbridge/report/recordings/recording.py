@@ -138,10 +138,10 @@ def log_camera(
     )
 
 
-def small_image(path: str | Path) -> Array:
-    """An image, scaled down to the size of logged images. [H, W, 3] uint8."""
+def small_image(path: str | Path, side_px: int = IMAGE_SIDE_PX) -> Array:
+    """An image, scaled down until its longer side is at most `side_px`. [H, W, 3] uint8."""
     image = read_image_u8(path)
-    factor = IMAGE_SIDE_PX / max(image.shape[:2])
+    factor = side_px / max(image.shape[:2])
     if factor >= 1:
         return image
     return cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)

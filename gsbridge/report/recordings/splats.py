@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.report.places import scene_of
-from gsbridge.report.recordings.recording import log_photo, log_scene_axes, recording, small_image
+from gsbridge.report.recordings.recording import IMAGE_SIDE_PX, log_photo, log_scene_axes, recording, small_image
 from gsbridge.splats.ply import read_ply
 
 
@@ -19,7 +19,7 @@ def record_splats(splats_ply: str | Path, splats_json: str | Path, views_dir: st
     """Record the Gaussian model of one scene and binding.
 
     Entities: `table/axes`, `table/splats` (rerun's Gaussian splats), `table/centres` (the same as points, for viewers
-    that do not draw splats), `picture` (photo, rendering, difference side by side) on the timeline `picture`,
+    that do not draw splats), `pictures/*` (photo, rendering, difference side by side),
     `curve/loss` and `curve/psnr` on the timeline `step`, `summary`.
 
     Args:
@@ -34,14 +34,20 @@ def record_splats(splats_ply: str | Path, splats_json: str | Path, views_dir: st
     cloud, record = read_ply(splats_ply), read_json(splats_json)
     rgb = np.clip(cloud.colours, 0, 1)
     rgba = np.rint(np.c_[rgb, cloud.opacities] * 255).astype(np.uint8)
+    pictures = sorted(Path(views_dir).glob("*.png"))
+    shown = [(path.stem, f"pictures/{rr.escape_entity_path_part(path.stem)}") for path in pictures]
     layout = rrb.Horizontal(
         rrb.Tabs(
             rrb.Spatial3DView(origin="table", name="Splats", contents=["table/axes", "table/splats"]),
             rrb.Spatial3DView(origin="table", name="Centres", contents=["table/axes", "table/centres"]),
         ),
         rrb.Vertical(
-            rrb.Spatial2DView(origin="picture", name="Photo, rendering, difference"),
-            rrb.TimeSeriesView(origin="curve", name="Training"),
+            rrb.Tabs(
+                *(rrb.Spatial2DView(origin=entity, name=f"Photo, rendering, difference: {name}") for name, entity in shown)
+            ),
+            rrb.Horizontal(
+                rrb.TimeSeriesView(origin="curve/loss", name="Loss"), rrb.TimeSeriesView(origin="curve/psnr", name="PSNR (dB)")
+            ),
             rrb.TextDocumentView(origin="summary", name="Summary"),
         ),
     )
@@ -56,10 +62,8 @@ def record_splats(splats_ply: str | Path, splats_json: str | Path, views_dir: st
         radii = np.clip(np.sort(cloud.scales, axis=1)[:, 1], 2e-4, 5e-3)
         stream.log("table/centres", rr.Points3D(cloud.means, colors=rgba[:, :3], radii=radii), static=True)
         stream.log("summary", rr.TextDocument(_summary(record), media_type="text/markdown"), static=True)
-        for index, path in enumerate(sorted(Path(views_dir).glob("*.png"))):
-            stream.set_time("picture", sequence=index)
-            log_photo(stream, "picture", small_image(path))
-        stream.reset_time()
+        for path, (_, entity) in zip(pictures, shown, strict=True):
+            log_photo(stream, entity, small_image(path, 3 * IMAGE_SIDE_PX), static=True)
         _log_curve(stream, record, splats_json)
 
 

@@ -2,9 +2,9 @@
 
 `cpu` runs anywhere, `cuda` needs gsplat and an NVIDIA device, `reference` is plain torch for tests.
 
-A splat's covariance goes through the projection's slope at its centre (EWA), 0.3 px^2 is added on the screen, alpha is clipped at
-0.99 and cut below 1/255, and a pixel is finished once less than 1e-4 of the light behind it would pass. Splats blend front to back
-by the camera z of their centres, ties by their number.
+A splat's covariance goes through the projection's slope at its centre (EWA), 0.3 px^2 is added on the screen, alpha is clipped
+at 0.99 and cut below 1/255, and a pixel is finished once less than 1e-4 of the light behind it would pass. Splats blend front
+to back by the camera z of their centres, ties by their number.
 """
 
 from __future__ import annotations

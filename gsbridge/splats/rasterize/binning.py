@@ -7,23 +7,25 @@ from gsbridge.kernels import njit  # isort: skip  (first: it sets numba's cache 
 import numpy as np
 
 from gsbridge.splats.rasterize import layout
-from gsbridge.splats.rasterize.lanes import at, lowest_bit, put
+from gsbridge.splats.rasterize.lanes import WIDTH, larger, lowest_bit, smaller, square_root
+from gsbridge.splats.rasterize.memory import at, load, load_spread, put, store_whole
+from gsbridge.splats.rasterize.projection import row_span
 
 RECORD = layout.RECORD
+EIGHT = layout.EIGHT
 _DIGIT = 12
 _KEY = 2 * _DIGIT
 
 
 @njit(error_model="numpy")
-def sort_by_depth(records, bits, visible, counts, pairs, more_pairs, order):
+def sort_by_depth(depths, visible, counts, pairs, more_pairs, order):
     """Order the records by camera z; equal depths keep the order of the splats.
 
-    Two passes of a radix sort over the float's own bits, less those of the nearest splat. 24 bits of key hold the exact order as
-    long as the farthest splat is at most four times as far as the nearest, and 2**-20 of the depth over twelve octaves.
+    Two passes of a radix sort over the float's own bits, less those of the nearest splat. 24 bits of key hold the exact order
+    while the farthest splat is at most four times as far as the nearest, and 2**-21 of the depth over eight octaves.
 
     Args:
-        records: Records. [N * RECORD].
-        bits: The same memory as int32.
+        depths: Camera z of the records, positive, as the int32 with the same bits. [N].
         visible: Records in use.
         counts: Work space. [2 * 4096] int32.
         pairs, more_pairs: Work space. [N] int64.
@@ -31,10 +33,9 @@ def sort_by_depth(records, bits, visible, counts, pairs, more_pairs, order):
     """
     if visible == 0:
         return
-    low = bits[layout.DEPTH]
-    high = low
+    low = high = depths[0]
     for i in range(visible):
-        key = at(bits, i * RECORD + layout.DEPTH)
+        key = at(depths, i)
         low, high = min(low, key), max(high, key)
     shift = 0
     while ((high - low) >> shift) >= (1 << _KEY):
@@ -42,7 +43,7 @@ def sort_by_depth(records, bits, visible, counts, pairs, more_pairs, order):
     size = 1 << _DIGIT
     counts[:] = 0
     for i in range(visible):
-        key = np.int64((at(bits, i * RECORD + layout.DEPTH) - low) >> shift)
+        key = np.int64((at(depths, i) - low) >> shift)
         put(pairs, i, (key << 32) | i)
         digit = key & (size - 1)
         put(counts, digit, at(counts, digit) + 1)
@@ -99,30 +100,27 @@ def reserve(capacity, rows, columns, starts, running):
 
 
 @njit(error_model="numpy")
-def _append_large(records, number, columns, ends, entries):
-    """Append a record to the lists of the blocks that its ellipse meets; `project` does the same for small boxes."""
+def _append_large(records, number, columns, edges, ends, entries):
+    """Append a record to the lists of the blocks that its ellipse meets, eight rows of blocks at a time."""
     base = np.int64(number) * RECORD
-    half = np.float32(0.5)
-    top, bottom = int(records[base + layout.TOP]), int(records[base + layout.BOTTOM])
-    left, right = int(records[base + layout.LEFT]), int(records[base + layout.RIGHT])
-    x, y = records[base + layout.X], records[base + layout.Y]
-    xx, xy, yy = records[base + layout.XX], records[base + layout.XY], records[base + layout.YY]
-    reach = records[base + layout.REACH] * np.float32(1.001)
-    curve, level, scale = np.float32(4.0) * xx * yy - xy * xy, np.float32(4.0) * xx * reach, half / xx
-    tilt = -half * xy / yy * np.sqrt(np.float32(4.0) * yy * reach / curve)
-    for row in range(top, bottom):
-        # The rows' pixel centres span near..far; the ellipse's right edge there is furthest right at its tip or at an end.
-        near = row * np.float32(layout.BLOCK) + half - y
-        far = near + np.float32(layout.BLOCK - 1)
-        dy = min(max(tilt, near), far)
-        edge = x - half + (np.sqrt(max(level - curve * dy * dy, np.float32(0.0))) - xy * dy) * scale
-        end = min(right, (int(np.floor(max(edge, np.float32(-1.0)))) >> 2) + 1)
-        dy = min(max(-tilt, near), far)
-        edge = x - half - (np.sqrt(max(level - curve * dy * dy, np.float32(0.0))) + xy * dy) * scale
-        begin = max(left, int(np.ceil(max(edge, np.float32(0.0)))) >> 2)
-        for block in range(row * columns + begin, row * columns + end):
-            entries[ends[block]] = number
-            ends[block] += 1
+    top, bottom = int(at(records, base + layout.TOP)), int(at(records, base + layout.BOTTOM))
+    xx, xy = load_spread(records, base + layout.XX), load_spread(records, base + layout.XY)
+    yy, reach = load_spread(records, base + layout.YY), load_spread(records, base + layout.REACH) * 1.001
+    left, right = load_spread(records, base + layout.LEFT), load_spread(records, base + layout.RIGHT)
+    curve, level, scale = 4.0 * xx * yy - xy * xy, 4.0 * xx * reach, 0.125 / xx
+    tilt = -(0.5 * xy / yy) * square_root(4.0 * yy * reach / curve)
+    origin = (load_spread(records, base + layout.X) - 0.5) * 0.25
+    rows_below = load(EIGHT, 0) * 4.0 + 0.5 - load_spread(records, base + layout.Y)
+    for first in range(top, bottom, WIDTH):
+        begin, end = row_span(rows_below + float(first * layout.BLOCK), tilt, level, curve, xy, scale, origin)
+        store_whole(edges, 0, smaller(larger(begin, left), right))
+        store_whole(edges, WIDTH, smaller(larger(end, left), right))
+        for row in range(first, min(first + WIDTH, bottom)):
+            start = row * columns
+            for block in range(start + at(edges, row - first), start + at(edges, WIDTH + row - first)):
+                last = at(ends, block)
+                put(entries, last, number)
+                put(ends, block, last + 1)
 
 
 @njit(error_model="numpy")
@@ -136,7 +134,7 @@ def fill(records, boxes, order, visible, columns, ends, entries):
         ends: The start of each list; moved to its end. [rows * columns].
         entries: Filled with record numbers.
     """
-    steps = np.empty(layout.SQUARE * layout.SQUARE, np.int64)
+    steps, edges = np.empty(layout.SQUARE * layout.SQUARE, np.int64), np.empty(2 * WIDTH, np.int32)
     for bit in range(len(steps)):
         steps[bit] = bit // layout.SQUARE * columns + bit % layout.SQUARE
     for i in range(visible):
@@ -144,7 +142,7 @@ def fill(records, boxes, order, visible, columns, ends, entries):
         box = at(boxes, number)
         mask, first = box & 0xFFFFFFFF, box >> 32
         if mask == 0xFFFFFFFF:
-            _append_large(records, number, columns, ends, entries)
+            _append_large(records, number, columns, edges, ends, entries)
             continue
         while mask:
             block = first + at(steps, lowest_bit(mask))

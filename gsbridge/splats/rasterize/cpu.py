@@ -1,7 +1,7 @@
 """The rasteriser on the processor: compiled kernels, work space used again, autograd.
 
-Project and cull, sort by depth, list the splats of every 4x4 block, blend. One thread runs plain kernels; several share the rows
-of blocks.
+Project and cull, sort by depth, list the splats of every 4x4 block, blend. One thread runs plain kernels; several share the
+rows of blocks.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from gsbridge import logs
 from gsbridge.cameras import Camera
 from gsbridge.geometry import Array
 from gsbridge.splats.rasterize import binning, blending, projection
-from gsbridge.splats.rasterize.layout import BLOCK, RECORD, TABLE
+from gsbridge.splats.rasterize import gradients as backward_kernels
 from gsbridge.splats.rasterize.lanes import WIDTH
+from gsbridge.splats.rasterize.layout import BLOCK, RECORD, STATE, TABLE
 
 _KEYS = 2 * 4096
 
@@ -29,6 +30,7 @@ class Workspace:
 
     records: Array = field(default_factory=lambda: np.empty(0, np.float32))
     sources: Array = field(default_factory=lambda: np.empty(0, np.int32))
+    depths: Array = field(default_factory=lambda: np.empty(0, np.float32))
     order: Array = field(default_factory=lambda: np.empty(0, np.int32))
     pairs: Array = field(default_factory=lambda: np.empty(0, np.int64))
     more_pairs: Array = field(default_factory=lambda: np.empty(0, np.int64))
@@ -47,16 +49,23 @@ class Workspace:
         if len(self.sources) < splats:
             size = splats + splats // 8 + WIDTH
             self.records = _aligned(size * RECORD)
+            self.depths = np.empty(size, np.float32)
             self.sources, self.order = np.empty(size, np.int32), np.empty(size, np.int32)
             self.pairs, self.more_pairs, self.boxes = (np.empty(size, np.int64) for _ in range(3))
         if len(self.capacity) != (rows + 1) * (columns + 1) or len(self.running) != columns + 1:
             self.capacity = np.zeros((rows + 1) * (columns + 1), np.int32)
             self.running = np.empty(columns + 1, np.int32)
-            self.states = _aligned(rows * columns * blending.STATE)
+            self.states = _aligned(rows * columns * STATE)
             self.starts, self.ends = np.empty(rows * columns + 1, np.int32), np.empty(rows * columns + 1, np.int32)
 
     def fit_entries(self, entries: int) -> None:
-        """Make room for a number of entries in the lists."""
+        """Make room for a number of entries in the lists.
+
+        Raises:
+            ValueError: More than an int32 can number.
+        """
+        if entries >= 2**31:
+            raise ValueError("the splats cover the image too many times over; are their scales in metres?")
         if len(self.entries) < entries + 1:
             self.entries = np.empty(entries + entries // 4 + 1, np.int32)
 
@@ -168,10 +177,12 @@ def _forward(
         view.height,
         space.records,
         space.sources,
+        space.depths,
         space.boxes,
         space.capacity,
     )
-    binning.sort_by_depth(space.records, space.records.view(np.int32), visible, space.counts, space.pairs, space.more_pairs, space.order)
+    keys = space.depths.view(np.int32)
+    binning.sort_by_depth(keys, visible, space.counts, space.pairs, space.more_pairs, space.order)
     space.fit_entries(binning.reserve(space.capacity, view.rows, view.columns, space.starts, space.running))
     space.ends[:] = space.starts
     binning.fill(space.records, space.boxes, space.order, visible, view.columns, space.ends, space.entries)
@@ -181,7 +192,7 @@ def _forward(
     if threads > 1:
         blending.use_threads(threads)
         blend = blending.blend_parallel
-    blend(*_blocks(space, view, background), *out)
+    blend(_blocks(space, view, background), out)
     return visible, out
 
 
@@ -198,10 +209,10 @@ def _backward(
     if threads > 1:
         blending.use_threads(threads)
         sums = space.zero_sums(threads, visible)
-        blending.blend_backward_parallel(*_blocks(space, view, background), *gradients, sums)
+        backward_kernels.sum_gradients_parallel(_blocks(space, view, background), gradients, sums)
     else:
         sums = space.zero_sums(1, visible)
-        blending.blend_backward(*_blocks(space, view, background), *gradients, sums[0])
+        backward_kernels.sum_gradients(_blocks(space, view, background), gradients, sums[0])
     n = splats.count
     out = tuple(np.zeros(shape, np.float32) for shape in ((n, 3), (n, 4), (n, 3), (n,), (n, 3)))
     projection.project_backward(

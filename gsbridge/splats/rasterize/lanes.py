@@ -1,8 +1,8 @@
 """Eight float32 values that a kernel handles as one: a SIMD type for numba.
 
-numba leaves vectorisation to LLVM, which gives up silently on loops with masks and reductions. Here a kernel says what it wants:
-`Lanes` lowers to LLVM's `<8 x float>`, which becomes one AVX register (or two of SSE or NEON), so the same source runs on every
-processor. Arithmetic works between lanes and between lanes and a float32. Comparisons give a `Mask` for `select`.
+numba leaves vectorisation to LLVM, which gives up silently on loops with masks and reductions. Here a kernel says what it
+wants: `Lanes` lowers to LLVM's `<8 x float>`, which becomes one AVX register (or two of SSE or NEON), so the same source runs
+on every processor. Arithmetic works between lanes and between lanes and a float32. Comparisons give a `Mask` for `select`.
 
 Multiplications and additions may fuse (one rounding instead of two); nothing else is relaxed, so NaN compares false.
 """
@@ -22,9 +22,9 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 from numba.extending import intrinsic, lower_builtin, models, register_model  # isort: skip
 
 WIDTH = 8
-_FLAGS = ("contract", "nsz")
-_FLOATS = ir.VectorType(ir.FloatType(), WIDTH)
-_INTS = ir.VectorType(ir.IntType(32), WIDTH)
+FLAGS = ("contract", "nsz")
+FLOATS = ir.VectorType(ir.FloatType(), WIDTH)
+INTS = ir.VectorType(ir.IntType(32), WIDTH)
 _BITS = ir.VectorType(ir.IntType(1), WIDTH)
 
 
@@ -45,7 +45,7 @@ Mask = _MaskType()
 @register_model(_LanesType)
 class _LanesModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, _FLOATS)
+        super().__init__(manager, kind, FLOATS)
 
 
 @register_model(_MaskType)
@@ -54,17 +54,17 @@ class _MaskModel(models.PrimitiveModel):
         super().__init__(manager, kind, _BITS)
 
 
-def _spread(builder: ir.IRBuilder, value: ir.Value) -> ir.Value:
+def spread_scalar(builder: ir.IRBuilder, value: ir.Value) -> ir.Value:
     """A scalar copied to all lanes."""
     zero = ir.Constant(ir.IntType(32), 0)
-    one = builder.insert_element(ir.Constant(_FLOATS, ir.Undefined), value, zero)
-    return builder.shuffle_vector(one, ir.Constant(_FLOATS, ir.Undefined), ir.Constant(_INTS, [0] * WIDTH))
+    one = builder.insert_element(ir.Constant(FLOATS, ir.Undefined), value, zero)
+    return builder.shuffle_vector(one, ir.Constant(FLOATS, ir.Undefined), ir.Constant(INTS, [0] * WIDTH))
 
 
 def _as_lanes(context: Any, builder: ir.IRBuilder, value: ir.Value, kind: types.Type) -> ir.Value:
     if isinstance(kind, _LanesType):
         return value
-    return _spread(builder, context.cast(builder, value, kind, types.float32))
+    return spread_scalar(builder, context.cast(builder, value, kind, types.float32))
 
 
 def _binary(function: Callable[..., Any], emit: Callable[..., ir.Value], result: types.Type) -> None:
@@ -73,10 +73,8 @@ def _binary(function: Callable[..., Any], emit: Callable[..., ir.Value], result:
     @infer_global(function)
     class _Typing(AbstractTemplate):
         def generic(self, args: tuple[types.Type, ...], kws: dict[str, Any]) -> Any:
-            if len(args) == 2 and any(isinstance(kind, _LanesType) for kind in args):
-                if all(isinstance(kind, _LanesType | types.Number) for kind in args):
-                    return signature(result, *args)
-            return None
+            fits = len(args) == 2 and all(isinstance(kind, _LanesType | types.Number) for kind in args)
+            return signature(result, *args) if fits and Lanes in args else None
 
     for pair in ((_LanesType, _LanesType), (_LanesType, types.Number), (types.Number, _LanesType)):
 
@@ -86,10 +84,10 @@ def _binary(function: Callable[..., Any], emit: Callable[..., ir.Value], result:
             return emit(builder, left, right)
 
 
-_binary(operator.add, lambda b, x, y: b.fadd(x, y, flags=_FLAGS), Lanes)
-_binary(operator.sub, lambda b, x, y: b.fsub(x, y, flags=_FLAGS), Lanes)
-_binary(operator.mul, lambda b, x, y: b.fmul(x, y, flags=_FLAGS), Lanes)
-_binary(operator.truediv, lambda b, x, y: b.fdiv(x, y, flags=_FLAGS), Lanes)
+_binary(operator.add, lambda b, x, y: b.fadd(x, y, flags=FLAGS), Lanes)
+_binary(operator.sub, lambda b, x, y: b.fsub(x, y, flags=FLAGS), Lanes)
+_binary(operator.mul, lambda b, x, y: b.fmul(x, y, flags=FLAGS), Lanes)
+_binary(operator.truediv, lambda b, x, y: b.fdiv(x, y, flags=FLAGS), Lanes)
 _binary(operator.lt, lambda b, x, y: b.fcmp_ordered("<", x, y), Mask)
 _binary(operator.le, lambda b, x, y: b.fcmp_ordered("<=", x, y), Mask)
 _binary(operator.gt, lambda b, x, y: b.fcmp_ordered(">", x, y), Mask)
@@ -124,20 +122,11 @@ def _lower_neg(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.V
     return builder.fneg(args[0])
 
 
-def _call(builder: ir.IRBuilder, name: str, result: ir.Type, args: list[ir.Value]) -> ir.Value:
+def call_llvm(builder: ir.IRBuilder, name: str, result: ir.Type, args: list[ir.Value]) -> ir.Value:
     """Call an LLVM intrinsic."""
     kind = ir.FunctionType(result, [value.type for value in args])
     function = builder.module.globals.get(name) or ir.Function(builder.module, kind, name)
     return builder.call(function, args)
-
-
-def _address(context: Any, builder: ir.IRBuilder, array_type: Any, array: ir.Value, index: ir.Value) -> ir.Value:
-    """Address of an element of a flat, contiguous array."""
-    return builder.gep(context.make_array(array_type)(context, builder, array).data, [index])
-
-
-def _is_flat(kind: Any, dtype: Any) -> bool:
-    return isinstance(kind, types.Array) and kind.ndim == 1 and kind.layout == "C" and kind.dtype == dtype
 
 
 @intrinsic
@@ -145,107 +134,9 @@ def spread(typing: Any, value: Any) -> Any:
     """A number in all lanes."""
 
     def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-        return _spread(builder, context.cast(builder, args[0], sig.args[0], types.float32))
+        return spread_scalar(builder, context.cast(builder, args[0], sig.args[0], types.float32))
 
     return Lanes(value), generate
-
-
-@intrinsic
-def at(typing: Any, array: Any, index: Any) -> Any:
-    """An element of a flat array, without numba's detour for negative indices."""
-    if not (isinstance(array, types.Array) and array.ndim == 1 and array.layout == "C"):
-        return None
-
-    def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-        return builder.load(_address(context, builder, sig.args[0], args[0], args[1]))
-
-    return array.dtype(array, types.intp), generate
-
-
-@intrinsic
-def put(typing: Any, array: Any, index: Any, value: Any) -> Any:
-    """Write an element of a flat array, without numba's detour for negative indices."""
-    if not (isinstance(array, types.Array) and array.ndim == 1 and array.layout == "C"):
-        return None
-
-    def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-        builder.store(args[2], _address(context, builder, sig.args[0], args[0], args[1]))
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp, array.dtype), generate
-
-
-@intrinsic
-def load(typing: Any, array: Any, index: Any) -> Any:
-    """Lanes from a flat float32 array, from `index` on."""
-    if not _is_flat(array, types.float32):
-        return None
-
-    def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-        address = _address(context, builder, sig.args[0], args[0], args[1])
-        out = builder.load(builder.bitcast(address, _FLOATS.as_pointer()))
-        out.align = 4
-        return out
-
-    return Lanes(array, types.intp), generate
-
-
-@intrinsic
-def load_spread(typing: Any, array: Any, index: Any) -> Any:
-    """One element of a flat float32 array in all lanes."""
-    if not _is_flat(array, types.float32):
-        return None
-
-    def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-        return _spread(builder, builder.load(_address(context, builder, sig.args[0], args[0], args[1])))
-
-    return Lanes(array, types.intp), generate
-
-
-@intrinsic
-def load_strided(typing: Any, array: Any, index: Any, stride: Any) -> Any:
-    """Lanes from the elements `index`, `index + stride`, ... of a flat float32 array."""
-    if not _is_flat(array, types.float32):
-        return None
-
-    def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-        data = context.make_array(sig.args[0])(context, builder, args[0]).data
-        out, position = ir.Constant(_FLOATS, ir.Undefined), args[1]
-        for lane in range(WIDTH):
-            out = builder.insert_element(out, builder.load(builder.gep(data, [position])), ir.Constant(ir.IntType(32), lane))
-            position = builder.add(position, args[2])
-        return out
-
-    return Lanes(array, types.intp, types.intp), generate
-
-
-@intrinsic
-def store(typing: Any, array: Any, index: Any, value: Any) -> Any:
-    """Write lanes into a flat float32 array, from `index` on."""
-    if not _is_flat(array, types.float32) or value != Lanes:
-        return None
-
-    def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-        address = _address(context, builder, sig.args[0], args[0], args[1])
-        builder.store(args[2], builder.bitcast(address, _FLOATS.as_pointer()), align=4)
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp, Lanes), generate
-
-
-@intrinsic
-def prefetch(typing: Any, array: Any, index: Any) -> Any:
-    """Ask for the cache line of an element that will be read soon."""
-    if not _is_flat(array, types.float32):
-        return None
-
-    def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-        address = builder.bitcast(_address(context, builder, sig.args[0], args[0], args[1]), ir.IntType(8).as_pointer())
-        flags = [ir.Constant(ir.IntType(32), number) for number in (0, 3, 1)]  # read, keep in all levels, data
-        _call(builder, "llvm.prefetch.p0", ir.VoidType(), [address, *flags])
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp), generate
 
 
 @intrinsic
@@ -265,7 +156,7 @@ def _unary(name: str, doc: str) -> Any:
     @intrinsic
     def function(typing: Any, value: Any) -> Any:
         def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-            return _call(builder, f"llvm.{name}.v{WIDTH}f32", _FLOATS, [args[0]])
+            return call_llvm(builder, f"llvm.{name}.v{WIDTH}f32", FLOATS, [args[0]])
 
         return (Lanes(value), generate) if value == Lanes else None
 
@@ -319,14 +210,14 @@ def exponent_and_mantissa(typing: Any, value: Any) -> Any:
 
     def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
         def constant(number: int) -> ir.Value:
-            return ir.Constant(_INTS, [number] * WIDTH)
+            return ir.Constant(INTS, [number] * WIDTH)
 
-        bits = builder.bitcast(args[0], _INTS)
+        bits = builder.bitcast(args[0], INTS)
         # Subtracting the bits of 2/3 puts the change of exponent at mantissa 4/3 instead of 2.
         shifted = builder.sub(bits, constant(0x3F2AAAAB))
         exponent = builder.ashr(shifted, constant(23))
-        mantissa = builder.bitcast(builder.sub(bits, builder.shl(exponent, constant(23))), _FLOATS)
-        return context.make_tuple(builder, sig.return_type, [builder.sitofp(exponent, _FLOATS), mantissa])
+        mantissa = builder.bitcast(builder.sub(bits, builder.shl(exponent, constant(23))), FLOATS)
+        return context.make_tuple(builder, sig.return_type, [builder.sitofp(exponent, FLOATS), mantissa])
 
     return types.UniTuple(Lanes, 2)(value), generate
 
@@ -337,8 +228,8 @@ def sums_of_eight(typing: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g
 
     def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
         def pair(x: ir.Value, y: ir.Value, low: list[int], high: list[int]) -> ir.Value:
-            first = builder.shuffle_vector(x, y, ir.Constant(_INTS, low))
-            return builder.fadd(first, builder.shuffle_vector(x, y, ir.Constant(_INTS, high)), flags=_FLAGS)
+            first = builder.shuffle_vector(x, y, ir.Constant(INTS, low))
+            return builder.fadd(first, builder.shuffle_vector(x, y, ir.Constant(INTS, high)), flags=FLAGS)
 
         # Within each half of four lanes, then across the halves, so that no early step leaves its half (cheap shuffles).
         even, odd = [0, 8, 2, 10, 4, 12, 6, 14], [1, 9, 3, 11, 5, 13, 7, 15]
@@ -352,57 +243,14 @@ def sums_of_eight(typing: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g
 
 
 @intrinsic
-def store_rows(
-    typing: Any, array: Any, index: Any, stride: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any, h: Any
-) -> Any:
-    """Write the k-th lanes of eight arguments side by side at `index + k * stride`: a transposition."""
-    columns = (a, b, c, d, e, f, g, h)
-    if not _is_flat(array, types.float32) or any(kind != Lanes for kind in columns):
-        return None
-
-    def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-        def pick(x: ir.Value, y: ir.Value, lanes: list[int]) -> ir.Value:
-            return builder.shuffle_vector(x, y, ir.Constant(_INTS, lanes))
-
-        data, position, step, *values = (context.make_array(sig.args[0])(context, builder, args[0]).data, *args[1:])
-        low, high = [0, 8, 1, 9, 4, 12, 5, 13], [2, 10, 3, 11, 6, 14, 7, 15]
-        twos = [pick(values[k], values[k + 1], lanes) for k in (0, 2, 4, 6) for lanes in (low, high)]
-        low, high = [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]
-        fours = [pick(twos[k + half], twos[k + 2 + half], lanes) for k in (0, 4) for half in (0, 1) for lanes in (low, high)]
-        low, high = [0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]
-        for lanes in (low, high):
-            for k in range(4):
-                address = builder.bitcast(builder.gep(data, [position]), _FLOATS.as_pointer())
-                builder.store(pick(fours[k], fours[k + 4], lanes), address, align=4)
-                position = builder.add(position, step)
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp, types.intp, *columns), generate
-
-
-@intrinsic
-def store_whole(typing: Any, array: Any, index: Any, value: Any) -> Any:
-    """Write lanes, cut to whole numbers, into a flat int32 array, from `index` on."""
-    if not _is_flat(array, types.int32) or value != Lanes:
-        return None
-
-    def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-        address = _address(context, builder, sig.args[0], args[0], args[1])
-        builder.store(builder.fptosi(args[2], _INTS), builder.bitcast(address, _INTS.as_pointer()), align=4)
-        return context.get_dummy_value()
-
-    return types.void(array, types.intp, Lanes), generate
-
-
-@intrinsic
 def bits_between(typing: Any, first: Any, last: Any) -> Any:
     """The bits from `first` to before `last` as a whole number, both cut to whole numbers 0..15; 0 where there are none."""
 
     def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-        low, high = (builder.fptosi(value, _INTS) for value in args)
+        low, high = (builder.fptosi(value, INTS) for value in args)
         high = builder.select(builder.icmp_signed("<", high, low), low, high)
-        one = ir.Constant(_INTS, [1] * WIDTH)
-        return builder.sitofp(builder.sub(builder.shl(one, high), builder.shl(one, low)), _FLOATS)
+        one = ir.Constant(INTS, [1] * WIDTH)
+        return builder.sitofp(builder.sub(builder.shl(one, high), builder.shl(one, low)), FLOATS)
 
     return (Lanes(first, last), generate) if (first, last) == (Lanes, Lanes) else None
 
@@ -412,6 +260,6 @@ def lowest_bit(typing: Any, bits: Any) -> Any:
     """Number of the lowest set bit of an int64 that is not zero."""
 
     def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-        return _call(builder, "llvm.cttz.i64", ir.IntType(64), [args[0], ir.Constant(ir.IntType(1), 1)])
+        return call_llvm(builder, "llvm.cttz.i64", ir.IntType(64), [args[0], ir.Constant(ir.IntType(1), 1)])
 
     return types.int64(types.int64), generate

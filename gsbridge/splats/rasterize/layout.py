@@ -1,8 +1,8 @@
 """Sizes and constants that all kernels of the rasteriser share.
 
-A *record* is one visible splat after projection: a cache line of 16 float32. A *block* is 4x4 pixels, held as two `Lanes`: rows 0-1
-and rows 2-3. With `p(d) = log - (xx dx dx + xy dx dy + yy dy dy)` a splat's alpha at offset `d` px is `2**(8 p)`: opacity and
-falloff share one exponent, and an eighth of it stays in -1..0, where a short polynomial does.
+A *record* is one visible splat after projection: a cache line of 16 float32. A *block* is 4x4 pixels, held as two `Lanes`: rows
+0-1 and rows 2-3. With `p(d) = log - (xx dx dx + xy dx dy + yy dy dy)` a splat's alpha at offset `d` px is `2**(8 p)`: opacity
+and falloff share one exponent, and an eighth of it stays in -1..0, where a short polynomial does.
 """
 
 from __future__ import annotations
@@ -14,6 +14,11 @@ import numpy as np
 
 BLOCK: Final = 4
 """Edge of a block, px."""
+
+PIXELS: Final = BLOCK * BLOCK
+
+STATE: Final = 5 * PIXELS
+"""float32 per block of its pixels: red, green, blue, alpha, depth."""
 
 RECORD: Final = 16
 """float32 per record and per row of gradient sums."""
@@ -55,10 +60,12 @@ MARGIN: Final = 0.3
 """Beyond this share of the field of view outside the image, the projection's slope is frozen (as in gsplat)."""
 
 TABLE: Final = np.array(
-    [0.999999925, 0.693142253, 0.240172189, 0.0552797228, 0.00918861185, 0.000938788335, CUT, ALPHA_MAX, LIGHT_MIN], dtype=np.float32
+    [0.999999925, 0.693142253, 0.240172189, 0.0552797228, 0.00918861185, 0.000938788335, CUT, ALPHA_MAX, LIGHT_MIN],
+    dtype=np.float32,
 )
-"""Constants of the blending kernels: 2**t for t in -1..0 as a polynomial, constant term first (minimax, relative error 1e-7), then
-the cut in eighths of a power of two, the clip of alpha, and the light at which a pixel is finished."""
+"""Constants of the blending kernels: 2**t for t in -1..0 as a polynomial, constant term first (minimax, relative error 1e-7),
+then the cut in eighths of a power of two, the clip of alpha, and the light at which a pixel is finished."""
 
 LANE_X: Final = np.array([0, 1, 2, 3, 0, 1, 2, 3], dtype=np.float32)
 LANE_Y: Final = np.array([0, 0, 0, 0, 1, 1, 1, 1], dtype=np.float32)
+EIGHT: Final = np.arange(8, dtype=np.float32)

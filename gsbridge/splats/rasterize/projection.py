@@ -14,23 +14,17 @@ import numpy as np
 from gsbridge.splats.rasterize import layout
 from gsbridge.splats.rasterize.lanes import (
     WIDTH,
-    at,
     bits_between,
     exponent_and_mantissa,
     larger,
-    load,
-    load_strided,
     lowest_bit,
     mask_bits,
-    put,
     round_down,
     select,
     smaller,
     square_root,
-    store,
-    store_rows,
-    store_whole,
 )
+from gsbridge.splats.rasterize.memory import at, load, load_quads, load_triples, put, store, store_rows, store_whole
 
 RECORD = layout.RECORD
 BLUR = layout.BLUR
@@ -66,18 +60,39 @@ def _log2(value):
 
 
 @njit(error_model="numpy", forceinline=True)
-def _bits_of_row(near, tilt, level, curve, xy, scale, origin, wide):
-    """Blocks that an ellipse meets in one row of blocks, as bits."""
+def row_span(near, tilt, level, curve, xy, scale, origin):
+    """First block, and one past the last, that an ellipse meets in a row of blocks, before rounding down.
+
+    The edge is furthest out at the ellipse's tip, or at the first or last row of pixel centres if the tip lies elsewhere.
+
+    Args:
+        near: First row of pixel centres from the splat's centre, px.
+        tilt: dy of the ellipse's right tip, px; the left tip is opposite.
+        level, curve: `4 xx reach` and `4 xx yy - xy^2`: the ellipse is `xx dx dx + xy dx dy + yy dy dy = reach`.
+        xy: As above.
+        scale: `1 / (8 xx)`: half widths in blocks.
+        origin: The splat's x from half a pixel into the block that counts as 0, in blocks.
+    """
     far = near + 3.0
     dy = smaller(larger(tilt, near), far)
     end = origin + (square_root(larger(level - curve * dy * dy, 0.0)) - xy * dy) * scale + 1.0
     dy = smaller(larger(-tilt, near), far)
+    # A quarter less a little: a block's last pixel centre decides, and rounding down follows.
     begin = origin - (square_root(larger(level - curve * dy * dy, 0.0)) + xy * dy) * scale + 0.2475
+    return begin, end
+
+
+@njit(error_model="numpy", forceinline=True)
+def _bits_of_row(near, tilt, level, curve, xy, scale, origin, wide):
+    """Blocks that an ellipse meets in one row of blocks, as bits."""
+    begin, end = row_span(near, tilt, level, curve, xy, scale, origin)
     return bits_between(smaller(larger(begin, 0.0), wide), smaller(larger(end, 0.0), wide))
 
 
 @njit(error_model="numpy")
-def project(means, quats, scales, opacities, colours, count, view, near, width, height, records, sources, boxes, capacity):
+def project(
+    means, quats, scales, opacities, colours, count, view, near, width, height, records, sources, depths, boxes, capacity
+):
     """Project splats, drop those outside the view, pack the others.
 
     Args:
@@ -88,8 +103,10 @@ def project(means, quats, scales, opacities, colours, count, view, near, width, 
         width, height: Image, px.
         records: Filled with one record per visible splat, in the order of the splats. [N * RECORD].
         sources: Filled with the number of the splat of each record. [N].
+        depths: Filled with the camera z of each record. [N].
         boxes: Filled, per record, with the first block of its box (high half) and its `MASK` (low half). [N] int64.
-        capacity: Added to: upper bound of the entries in the list of each block, as second difference. [(rows + 1) * (columns + 1)].
+        capacity: Added to: upper bound of the entries in each block's list, as a second difference over rows and columns of
+            blocks. [(rows + 1) * (columns + 1)].
 
     Returns:
         Visible splats.
@@ -114,11 +131,7 @@ def project(means, quats, scales, opacities, colours, count, view, near, width, 
     rows, cells = np.empty(RECORD * WIDTH, np.float32), np.empty(6 * WIDTH, np.int32)
     visible = 0
     for first in range(0, count, WIDTH):
-        mx, my, mz = (
-            load_strided(means, 3 * first, 3),
-            load_strided(means, 3 * first + 1, 3),
-            load_strided(means, 3 * first + 2, 3),
-        )
+        mx, my, mz = load_triples(means, 3 * first)
         z = mx * r20 + my * r21 + mz * r22 + t2
         inverse = 1.0 / z
         u = (mx * r00 + my * r01 + mz * r02 + t0) * inverse
@@ -130,15 +143,10 @@ def project(means, quats, scales, opacities, colours, count, view, near, width, 
         su, sv = ju * smaller(larger(u, left), right), jv * smaller(larger(v, top), bottom)
         a0, a1, a2 = ju * r00 - su * r20, ju * r01 - su * r21, ju * r02 - su * r22
         b0, b1, b2 = jv * r10 - sv * r20, jv * r11 - sv * r21, jv * r12 - sv * r22
-        qw, qx = load_strided(quats, 4 * first, 4), load_strided(quats, 4 * first + 1, 4)
-        qy, qz = load_strided(quats, 4 * first + 2, 4), load_strided(quats, 4 * first + 3, 4)
+        qw, qx, qy, qz = load_quads(quats, 4 * first)
         norm = 1.0 / square_root(qw * qw + qx * qx + qy * qy + qz * qz)
         m00, m01, m02, m10, m11, m12, m20, m21, m22 = _axes(qw * norm, qx * norm, qy * norm, qz * norm)
-        s0, s1, s2 = (
-            load_strided(scales, 3 * first, 3),
-            load_strided(scales, 3 * first + 1, 3),
-            load_strided(scales, 3 * first + 2, 3),
-        )
+        s0, s1, s2 = load_triples(scales, 3 * first)
         v00 = (a0 * m00 + a1 * m10 + a2 * m20) * s0
         v01 = (a0 * m01 + a1 * m11 + a2 * m21) * s1
         v02 = (a0 * m02 + a1 * m12 + a2 * m22) * s2
@@ -157,9 +165,7 @@ def project(means, quats, scales, opacities, colours, count, view, near, width, 
         # Pixels whose centres the ellipse's box holds, a thousandth wider against rounding; ceil(v) = -floor(-v).
         x0, x1 = larger(-round_down(half_x - x + 0.499), 0.0), smaller(round_down(x + half_x - 0.499), width - 1.0)
         y0, y1 = larger(-round_down(half_y - y + 0.499), 0.0), smaller(round_down(y + half_y - 0.499), height - 1.0)
-        red = load_strided(colours, 3 * first, 3)
-        green = load_strided(colours, 3 * first + 1, 3)
-        blue = load_strided(colours, 3 * first + 2, 3)
+        red, green, blue = load_triples(colours, 3 * first)
         # Every comparison with NaN is false, and so is that of 0 * inf: a damaged splat is dropped here.
         seen = (x0 <= x1) & (y0 <= y1) & (z >= near) & (reach > 0.0) & (half_x < _FARTHEST) & (half_y < _FARTHEST)
         seen = seen & ((red + green + blue + x + y + z) * 0.0 >= 0.0) & (factor > 0.0) & (opacity < 1e6)
@@ -170,8 +176,7 @@ def project(means, quats, scales, opacities, colours, count, view, near, width, 
         block_left, block_top = round_down(x0 * 0.25), round_down(y0 * 0.25)
         block_right, block_bottom = round_down(x1 * 0.25) + 1.0, round_down(y1 * 0.25) + 1.0
         xx, xy, yy = cyy * factor * 0.5, -(cxy * factor), cxx * factor * 0.5
-        # Per row of blocks: the ellipse's edge is furthest right at its tip or at the first or last row of pixel centres, which
-        # span near..far. Edges are in blocks from the left one on; the reach is a thousandth wider against rounding.
+        # The reach is taken a thousandth wider against rounding; spans count from the left block on.
         tilt, level, curve, scale = cxy / cxx * half_x, 4.004 * xx * reach, 4.0 * xx * yy - xy * xy, 0.125 / xx
         origin, wide, high = (x - 0.5) * 0.25 - block_left, smaller(block_right - block_left, 4.0), block_bottom - block_top
         above = block_top * 4.0 + 0.5 - y
@@ -196,6 +201,7 @@ def project(means, quats, scales, opacities, colours, count, view, near, width, 
             store(records, base, load(rows, lane * RECORD))
             store(records, base + 8, load(rows, lane * RECORD + 8))
             put(sources, visible, first + lane)
+            put(depths, visible, at(rows, lane * RECORD + layout.DEPTH))
             put(boxes, visible, (np.int64(at(cells, 32 + lane)) << 32) | np.int64(np.uint32(at(cells, 40 + lane))))
             visible += 1
             corner = at(cells, lane)
@@ -234,8 +240,8 @@ def project_backward(
         means, quats, scales, opacities: As in `project`.
         view, width, height: As in `project`.
         records, sources, visible: What `project` gave.
-        sums: Per record, over its pixels, of `g = alpha * dL/dalpha`: g, g dx, g dy, g dx dx, g dx dy, g dy dy, then the gradients
-            of red, green, blue and depth. [N * RECORD].
+        sums: Per record, over its pixels, of `g = alpha * dL/dalpha`: g, g dx, g dy, g dx dx, g dx dy, g dy dy, then the
+            gradients of red, green, blue and depth. [N * RECORD].
         g_means, g_quats, g_scales, g_opacities, g_colours: Filled for the visible splats; the others must be zero already.
     """
     fx, fy, cx, cy = view[0], view[1], view[2], view[3]
@@ -258,19 +264,18 @@ def project_backward(
     for start in range(0, visible, WIDTH):
         lanes = min(WIDTH, visible - start)
         for lane in range(lanes):
-            source, base = sources[start + lane], (start + lane) * RECORD
+            source, base = np.int64(at(sources, start + lane)), (start + lane) * RECORD
             for k in range(3):
-                gathered[k * WIDTH + lane] = means[3 * source + k]
-                gathered[(7 + k) * WIDTH + lane] = scales[3 * source + k]
+                put(gathered, k * WIDTH + lane, at(means, 3 * source + k))
+                put(gathered, (7 + k) * WIDTH + lane, at(scales, 3 * source + k))
+                put(gathered, (18 + k) * WIDTH + lane, at(records, base + layout.XX + k))
+                put(g_colours, 3 * source + k, at(sums, base + 6 + k))
             for k in range(4):
-                gathered[(3 + k) * WIDTH + lane] = quats[4 * source + k]
-            gathered[10 * WIDTH + lane] = opacities[source]
+                put(gathered, (3 + k) * WIDTH + lane, at(quats, 4 * source + k))
             for k in range(6):
-                gathered[(11 + k) * WIDTH + lane] = sums[base + k]
-            gathered[17 * WIDTH + lane] = sums[base + 9]
-            for k in range(3):
-                gathered[(18 + k) * WIDTH + lane] = records[base + layout.XX + k]
-                g_colours[3 * source + k] = sums[base + 6 + k]
+                put(gathered, (11 + k) * WIDTH + lane, at(sums, base + k))
+            put(gathered, 10 * WIDTH + lane, at(opacities, source))
+            put(gathered, 17 * WIDTH + lane, at(sums, base + 9))
         mx, my, mz = load(gathered, 0), load(gathered, 8), load(gathered, 16)
         x, y = mx * r00 + my * r01 + mz * r02 + t0, mx * r10 + my * r11 + mz * r12 + t1
         inverse = 1.0 / (mx * r20 + my * r21 + mz * r22 + t2)
@@ -338,10 +343,10 @@ def project_backward(
         store(gathered, 72, gs2)
         store(gathered, 80, g / load(gathered, 80))
         for lane in range(lanes):
-            source = sources[start + lane]
+            source = np.int64(at(sources, start + lane))
             for k in range(3):
-                g_means[3 * source + k] = gathered[k * WIDTH + lane]
-                g_scales[3 * source + k] = gathered[(7 + k) * WIDTH + lane]
+                put(g_means, 3 * source + k, at(gathered, k * WIDTH + lane))
+                put(g_scales, 3 * source + k, at(gathered, (7 + k) * WIDTH + lane))
             for k in range(4):
-                g_quats[4 * source + k] = gathered[(3 + k) * WIDTH + lane]
-            g_opacities[source] = gathered[10 * WIDTH + lane]
+                put(g_quats, 4 * source + k, at(gathered, (3 + k) * WIDTH + lane))
+            put(g_opacities, source, at(gathered, 10 * WIDTH + lane))

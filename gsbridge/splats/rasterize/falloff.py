@@ -1,0 +1,72 @@
+"""What the blending kernels share: the pixels of a block, and a splat's alpha there."""
+
+from __future__ import annotations
+
+from gsbridge.kernels import njit  # isort: skip  (first: it sets numba's cache folder)
+
+from gsbridge.splats.rasterize import layout
+from gsbridge.splats.rasterize.lanes import select
+from gsbridge.splats.rasterize.memory import load, load_spread
+
+BLOCK, PIXELS = layout.BLOCK, layout.PIXELS
+LANE_X, LANE_Y = layout.LANE_X, layout.LANE_Y
+AHEAD = 8
+"""Entries between a record's prefetch and its use."""
+TILE = 4
+"""Edge, in blocks, of the tiles in which blocks are visited: a tile's records stay in the nearest cache."""
+
+
+@njit(error_model="numpy", forceinline=True)
+def read_table(table):
+    """`layout.TABLE` as lanes. Read from memory, or the compiler would set each constant up again in every turn of a loop."""
+    return (
+        load_spread(table, 0),
+        load_spread(table, 1),
+        load_spread(table, 2),
+        load_spread(table, 3),
+        load_spread(table, 4),
+        load_spread(table, 5),
+        load_spread(table, 6),
+        load_spread(table, 7),
+        load_spread(table, 8),
+    )
+
+
+@njit(error_model="numpy", forceinline=True)
+def power(p, constants):
+    """`2**(8 p)` for lanes in -1..0; anything finite, infinite or NaN elsewhere."""
+    c0, c1, c2, c3, c4, c5, _, _, _ = constants
+    e = c0 + p * (c1 + p * (c2 + p * (c3 + p * (c4 + p * c5))))
+    e = e * e
+    e = e * e
+    return e * e
+
+
+@njit(error_model="numpy", forceinline=True)
+def exponents(records, base, x_lanes, y_lanes):
+    """Offsets dx and dy (upper half of the block), and an eighth of the binary logarithm of alpha in both halves."""
+    dx = x_lanes - load_spread(records, base + layout.X)
+    dy0 = y_lanes - load_spread(records, base + layout.Y)
+    dy1 = dy0 + 2.0
+    xy, yy = load_spread(records, base + layout.XY), load_spread(records, base + layout.YY)
+    log = load_spread(records, base + layout.LOG)
+    along = load_spread(records, base + layout.XX) * dx
+    p0 = log - dx * (along + xy * dy0) - (yy * dy0) * dy0
+    p1 = log - dx * (along + xy * dy1) - (yy * dy1) * dy1
+    return dx, dy0, p0, p1
+
+
+@njit(error_model="numpy", forceinline=True)
+def falloff(records, base, x_lanes, y_lanes, constants):
+    """Offsets dx and dy (upper half of the block), and alpha before its clip, zero below the cut, in both halves."""
+    dx, dy0, p0, p1 = exponents(records, base, x_lanes, y_lanes)
+    cut = constants[6]
+    return dx, dy0, select(p0 >= cut, power(p0, constants), 0.0), select(p1 >= cut, power(p1, constants), 0.0)
+
+
+@njit(error_model="numpy", forceinline=True)
+def pixels_of(row, column, width, height):
+    """Pixel centres of a block (the lower half lies 2 px further down), and 1 where its halves are inside the image."""
+    x = load(LANE_X, 0) + (column * BLOCK + 0.5)
+    y = load(LANE_Y, 0) + (row * BLOCK + 0.5)
+    return x, y, select((x < width) & (y < height), 1.0, 0.0), select((x < width) & (y + 2.0 < height), 1.0, 0.0)

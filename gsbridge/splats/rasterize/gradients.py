@@ -1,0 +1,168 @@
+"""Kernels that walk each block's list again, front to back, for the gradients of its records.
+
+No second state is kept: what a pixel still receives from behind a splat is its final value less what it has got so far. A unit
+of weight is worth the gradient along its colour and depth, plus that of alpha, less that of the background it hides.
+"""
+
+from __future__ import annotations
+
+from gsbridge.kernels import njit, prange  # isort: skip  (first: it sets numba's cache folder)
+
+import numpy as np
+
+from gsbridge.splats.rasterize import layout
+from gsbridge.splats.rasterize.falloff import AHEAD, TILE, falloff, pixels_of, read_table
+from gsbridge.splats.rasterize.lanes import select, smaller, sums_of_eight
+from gsbridge.splats.rasterize.memory import at, load, load_halves, load_pixels, load_spread, prefetch, store
+
+RECORD, BLOCK, PIXELS, STATE = layout.RECORD, layout.BLOCK, layout.PIXELS, layout.STATE
+
+
+@njit(error_model="numpy")
+def _gather(gradients, row, column, width, height, scratch):
+    """Copy the images' gradients of a block: red, green, blue, depth, alpha. Pixels outside the image keep what was there."""
+    colours, alphas, depths = gradients
+    if (row + 1) * BLOCK <= height and (column + 1) * BLOCK <= width:
+        for half in range(2):
+            pixel = (row * BLOCK + 2 * half) * width + column * BLOCK
+            red, green, blue = load_pixels(colours, 3 * pixel, 3 * width)
+            store(scratch, 8 * half, red)
+            store(scratch, PIXELS + 8 * half, green)
+            store(scratch, 2 * PIXELS + 8 * half, blue)
+            store(scratch, 3 * PIXELS + 8 * half, load_halves(depths, pixel, width))
+            store(scratch, 4 * PIXELS + 8 * half, load_halves(alphas, pixel, width))
+        return
+    for j in range(min(BLOCK, height - row * BLOCK)):
+        for i in range(min(BLOCK, width - column * BLOCK)):
+            lane, pixel = j * BLOCK + i, (row * BLOCK + j) * width + column * BLOCK + i
+            for k in range(3):
+                scratch[k * PIXELS + lane] = colours[3 * pixel + k]
+            scratch[3 * PIXELS + lane] = depths[pixel]
+            scratch[4 * PIXELS + lane] = alphas[pixel]
+
+
+@njit(error_model="numpy", forceinline=True)
+def _worth(scratch, half, background, states, state):
+    """Worth of a unit of weight apart from colour and depth, and what all weights of a pixel are worth together."""
+    red, green, blue = load(scratch, half), load(scratch, half + 16), load(scratch, half + 32)
+    depth, alpha = load(scratch, half + 48), load(scratch, half + 64)
+    behind = red * background[0] + green * background[1] + blue * background[2]
+    total = red * load(states, state + half) + green * load(states, state + half + 16) + blue * load(states, state + half + 32)
+    total = total + alpha * load(states, state + half + 48) + depth * load(states, state + half + 64) - behind
+    return alpha - behind, total
+
+
+@njit(error_model="numpy")
+def _backward_block(table, records, entries, first, last, row, column, width, height, background, states, state, scratch, sums):
+    """Add a block's gradient sums to those of its records; `scratch` holds the gradients of its pixels."""
+    x_lanes, y_lanes, light0, light1 = pixels_of(row, column, width, height)
+    constants = read_table(table)
+    alpha_max, light_min = constants[7], constants[8]
+    plain0, rest0 = _worth(scratch, 0, background, states, state)
+    plain1, rest1 = _worth(scratch, 8, background, states, state)
+    store(scratch, 64, plain0)
+    store(scratch, 72, plain1)
+    after = np.int64(at(entries, first)) * RECORD
+    next_dx, next_dy, next_raw0, next_raw1 = falloff(records, after, x_lanes, y_lanes, constants)
+    for entry in range(first, last):
+        # The falloff of the next entry is computed beside the sums of this one: two short chains instead of a long one.
+        base, dx, dy0, raw0, raw1 = after, next_dx, next_dy, next_raw0, next_raw1
+        dy1 = dy0 + 2.0
+        ahead = np.int64(at(entries, min(entry + AHEAD, last - 1))) * RECORD
+        prefetch(records, ahead)
+        prefetch(sums, ahead)
+        after = np.int64(at(entries, min(entry + 1, last - 1))) * RECORD
+        next_dx, next_dy, next_raw0, next_raw1 = falloff(records, after, x_lanes, y_lanes, constants)
+        alpha0 = select(light0 >= light_min, smaller(raw0, alpha_max), 0.0)
+        alpha1 = select(light1 >= light_min, smaller(raw1, alpha_max), 0.0)
+        weight0, weight1 = alpha0 * light0, alpha1 * light1
+        light0, light1 = light0 - weight0, light1 - weight1
+
+        red, green = load_spread(records, base + layout.RED), load_spread(records, base + layout.GREEN)
+        blue, depth = load_spread(records, base + layout.BLUE), load_spread(records, base + layout.DEPTH)
+        worth0 = red * load(scratch, 0) + green * load(scratch, 16) + blue * load(scratch, 32)
+        worth1 = red * load(scratch, 8) + green * load(scratch, 24) + blue * load(scratch, 40)
+        worth0 = worth0 + (depth * load(scratch, 48) + load(scratch, 64))
+        worth1 = worth1 + (depth * load(scratch, 56) + load(scratch, 72))
+        gain0, gain1 = weight0 * worth0, weight1 * worth1
+        rest0, rest1 = rest0 - gain0, rest1 - gain1
+        # alpha dL/dalpha; zero where the clip holds alpha.
+        g0 = select(raw0 < alpha_max, gain0 - rest0 * (alpha0 / (1.0 - alpha0)), 0.0)
+        g1 = select(raw1 < alpha_max, gain1 - rest1 * (alpha1 / (1.0 - alpha1)), 0.0)
+
+        gy0, gy1 = g0 * dy0, g1 * dy1
+        g, gy = g0 + g1, gy0 + gy1
+        gx = g * dx
+        moments = sums_of_eight(
+            g,
+            gx,
+            gy,
+            gx * dx,
+            gy * dx,
+            gy0 * dy0 + gy1 * dy1,
+            weight0 * load(scratch, 0) + weight1 * load(scratch, 8),
+            weight0 * load(scratch, 16) + weight1 * load(scratch, 24),
+        )
+        blue = weight0 * load(scratch, 32) + weight1 * load(scratch, 40)
+        depth = weight0 * load(scratch, 48) + weight1 * load(scratch, 56)
+        others = sums_of_eight(blue, depth, blue, depth, blue, depth, blue, depth)
+        store(sums, base, load(sums, base) + moments)
+        store(sums, base + 8, load(sums, base + 8) + others)
+
+
+@njit(error_model="numpy")
+def _backward_rows(blocks, gradients, first_row, last_row, sums):
+    """Add the gradient sums of rows of blocks to the sums of the records, tile by tile."""
+    table, records, entries, starts, ends, _, columns, width, height, background, states = blocks
+    scratch = np.zeros(STATE, np.float32)
+    for top in range(first_row, last_row, TILE):
+        for tile in range(0, columns, TILE):
+            for row in range(top, min(top + TILE, last_row)):
+                for column in range(tile, min(tile + TILE, columns)):
+                    block = row * columns + column
+                    first, last, state = starts[block], ends[block], block * STATE
+                    if first < last:
+                        _gather(gradients, row, column, width, height, scratch)
+                        _backward_block(
+                            table,
+                            records,
+                            entries,
+                            first,
+                            last,
+                            row,
+                            column,
+                            width,
+                            height,
+                            background,
+                            states,
+                            state,
+                            scratch,
+                            sums,
+                        )
+
+
+@njit(error_model="numpy")
+def sum_gradients(blocks, gradients, sums):
+    """Gradient sums of all records, see `projection.project_backward`.
+
+    Args:
+        blocks: As in `blending.blend`, after it ran.
+        gradients: Gradients of the loss with respect to colours, alphas and depths.
+        sums: Added to. [N * RECORD].
+    """
+    _backward_rows(blocks, gradients, 0, blocks[5], sums)
+
+
+@njit(error_model="numpy", parallel=True)
+def sum_gradients_parallel(blocks, gradients, parts):
+    """`sum_gradients` in bands of rows, each with its own sums, added in the order of the bands: no race, no atomics.
+
+    Args:
+        parts: Sums of each band, zero on entry; the first holds the result. [bands, N * RECORD].
+    """
+    bands = len(parts)
+    for band in prange(bands):
+        _backward_rows(blocks, gradients, blocks[5] * band // bands, blocks[5] * (band + 1) // bands, parts[band])
+    for band in range(1, bands):
+        for k in range(parts.shape[1]):
+            parts[0, k] += parts[band, k]
