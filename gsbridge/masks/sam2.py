@@ -160,7 +160,9 @@ def propagate(views: Views, prompt: Prompt, weights: str | Path | None, threads:
             model(inference_session=session, frame_idx=frame)
             prompted.append(frame)
         if not prompted:
-            raise InputError(views.images, "no prompted photo shows the object", "Check the poses and points of the align stage")
+            raise InputError(
+                views.images, "no prompted photo shows the object", "Check the poses and points of the align stage"
+            )
         for reverse in (False, True):
             # Forwards from the first prompt; the frames before it, if any, backwards.
             if reverse and prompted[0] == 0:

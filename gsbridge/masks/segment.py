@@ -95,7 +95,9 @@ def _flat_pixels(
         return list(pool.map(work, range(len(views))))
 
 
-def _shared_colours(crops: list[Crop | None], photos: list[Array | None], masks: list[Array], shown: list[int]) -> SharedColours:
+def _shared_colours(
+    crops: list[Crop | None], photos: list[Array | None], masks: list[Array], shown: list[int]
+) -> SharedColours:
     """One colour model for all views: what is table in most of them is table in the few that took it for object."""
     fronts = [crops[index].cut(masks[index]) > 0.5 for index in shown]
     return SharedColours.learn([photos[index] for index in shown], fronts, [~front for front in fronts])
@@ -109,7 +111,9 @@ def _grabcut_masks(
         Crop.around(_pixels(view, prompt.box_corners()), (view.camera.width, view.camera.height), settings.crop_px)
         for view in views
     ]
-    photos = [None if crop is None else crop.cut(read_image_u8(views.path(view))) for view, crop in zip(views, crops, strict=True)]
+    photos = [
+        None if crop is None else crop.cut(read_image_u8(views.path(view))) for view, crop in zip(views, crops, strict=True)
+    ]
     flat = _flat_pixels(views, crops, photos, prompt, threads)
     progress = Progress(len(views) * (1 + settings.passes), "masks")
 

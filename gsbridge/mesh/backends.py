@@ -14,7 +14,7 @@ import numpy as np
 
 from gsbridge.cameras import Views
 from gsbridge.errors import InputError, StageError
-from gsbridge.geometry import Array
+from gsbridge.geometry import Array, quat_from_rotation
 from gsbridge.images import read_image_u8, write_image
 
 logger = logging.getLogger("gsbridge")
@@ -83,9 +83,7 @@ def write_colmap_workspace(views: Views, masks: Sequence[Array], folder: Path, p
         grown = cv2.dilate((mask > 0.5).astype(np.uint8), np.ones((9, 9), np.uint8))
         write_image(folder / "images" / view.name, photo * grown[..., None])
         c = view.camera
-        cameras.append(f"{number} PINHOLE {c.width} {c.height} {c.fx!r} {c.fy!r} {c.cx!r} {c.cy!r}")
-        from gsbridge.geometry import quat_from_rotation
-
+        cameras.append(f"{number} PINHOLE {c.width} {c.height} {c.fx:.17g} {c.fy:.17g} {c.cx:.17g} {c.cy:.17g}")
         pose = " ".join(repr(float(v)) for v in [*quat_from_rotation(view.cam_from_table[:3, :3]), *view.cam_from_table[:3, 3]])
         pixels = c.project(points @ view.cam_from_table[:3, :3].T + view.cam_from_table[:3, 3])
         seen = np.isfinite(pixels).all(axis=1) & (pixels > 0).all(axis=1) & (pixels < (c.width, c.height)).all(axis=1)
@@ -99,7 +97,7 @@ def write_colmap_workspace(views: Views, masks: Sequence[Array], folder: Path, p
     for point, (position, track) in enumerate(zip(points, tracks, strict=True), start=1):
         if track:
             places = " ".join(f"{image} {place}" for image, place in track)
-            lines.append(f"{point} {position[0]!r} {position[1]!r} {position[2]!r} 128 128 128 0.5 {places}")
+            lines.append(f"{point} {position[0]:.17g} {position[1]:.17g} {position[2]:.17g} 128 128 128 0.5 {places}")
     (folder / "sparse" / "cameras.txt").write_text("\n".join(cameras) + "\n", encoding="utf-8")
     (folder / "sparse" / "images.txt").write_text("\n".join(images) + "\n", encoding="utf-8")
     (folder / "sparse" / "points3D.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")

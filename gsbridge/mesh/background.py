@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -190,9 +189,7 @@ def measure_relief(views: Views, table: TableMap, distance: float, settings: Mes
     rows = np.linspace(0, len(table.ys), 8 * threads + 1).astype(int)
 
     def part(a: int, b: int) -> None:
-        agreement(
-            images, sizes, projections, chosen[a:b], table.xs, table.ys[a:b], heights, pitch, 3, _TEXTURE, score[a:b]
-        )
+        agreement(images, sizes, projections, chosen[a:b], table.xs, table.ys[a:b], heights, pitch, 3, _TEXTURE, score[a:b])
 
     with ThreadPoolExecutor(threads) as pool:
         for job in [pool.submit(part, a, b) for a, b in zip(rows[:-1], rows[1:], strict=True) if b > a]:
@@ -243,6 +240,8 @@ def table_mesh(table: TableMap, faces: int) -> Mesh:
     raised = ndimage.binary_dilation(table.heights > 0, iterations=2)
     flat_area = float((table.filmed & ~raised).sum()) * cell**2
     raised_area = float((table.filmed & raised).sum()) * cell**2
+    if flat_area + raised_area == 0:
+        raise StageError("mesh", "the filmed part of the table is too small for a mesh", "Film the table from farther away")
     fine = 3.0
     spacing = np.sqrt(2.0 * (flat_area + fine**2 * raised_area) / (0.97 * faces))
     points = []
@@ -380,7 +379,10 @@ def mesh_background(
         },
         collision={"watertight": collision.is_watertight(), "volume": collision.volume(), "faces": len(collision.faces)},
         coverage={"area": float(table.filmed.sum()) * cell**2, "raised_area": float((raised & table.filmed).sum()) * cell**2},
-        relief={"highest": float(table.heights.max()), "mean_raised": float(table.heights[raised].mean()) if raised.any() else 0.0},
+        relief={
+            "highest": float(table.heights.max()),
+            "mean_raised": float(table.heights[raised].mean()) if raised.any() else 0.0,
+        },
     )
     logger.info("mesh: table of %d faces, highest relief %.4f", len(visual.faces), table.heights.max())
 

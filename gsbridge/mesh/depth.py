@@ -120,9 +120,7 @@ def _lattice_camera(camera: Camera, stride: int) -> Camera:
     """Camera whose pixel centres are exactly the lattice pixels' centres."""
     shift = (stride // 2 + 0.5) / stride - 0.5
     width, height = camera.width // stride, camera.height // stride
-    return Camera(
-        width, height, camera.fx / stride, camera.fy / stride, camera.cx / stride - shift, camera.cy / stride - shift
-    )
+    return Camera(width, height, camera.fx / stride, camera.fy / stride, camera.cx / stride - shift, camera.cy / stride - shift)
 
 
 def _normals_of_depth(depth: Array, camera: Camera) -> Array:
@@ -140,9 +138,7 @@ def _normals_of_depth(depth: Array, camera: Camera) -> Array:
     return np.where(np.isfinite(normals).all(-1, keepdims=True), normals, np.array([0.0, 0.0, -1.0])).astype(np.float32)
 
 
-def depth_cloud(
-    views: Views, masks: Sequence[Array], hull: Hull, settings: MeshSettings, seed: int, threads: int
-) -> Cloud:
+def depth_cloud(views: Views, masks: Sequence[Array], hull: Hull, settings: MeshSettings, seed: int, threads: int) -> Cloud:
     """Points on the object from depth maps that agree.
 
     Args:
@@ -210,7 +206,12 @@ def depth_cloud(
 
 
 def _merge(
-    photos: Sequence[_Photo], lattice: Sequence[Camera], depths: Sequence[Array], middle: Array, settings: MeshSettings, tried: int
+    photos: Sequence[_Photo],
+    lattice: Sequence[Camera],
+    depths: Sequence[Array],
+    middle: Array,
+    settings: MeshSettings,
+    tried: int,
 ) -> Cloud:
     """Keep depths that other maps confirm, as points with normals."""
     stride = settings.stride
@@ -242,7 +243,7 @@ def _merge(
 
 
 def _oriented(cloud: Array) -> tuple[Array, Array]:
-    """Thin a cloud of points with their cameras, drop lone points and give normals towards the cameras. [N, 6] -> [M, 3] x 2."""
+    """Thin points with their cameras, drop lone ones and give normals towards the cameras. [N, 6] -> [M, 3] x 2."""
     if len(cloud) < 50:
         return np.zeros((0, 3)), np.zeros((0, 3))
     from scipy.spatial import cKDTree

@@ -105,9 +105,7 @@ def object_box(outlines: Sequence[Silhouette]) -> tuple[Array, Array]:
     return low, high
 
 
-def build_hull(
-    views: Sequence[View], masks: Sequence[Array], *, vote: float, voxels: int, width: int, threads: int
-) -> Hull:
+def build_hull(views: Sequence[View], masks: Sequence[Array], *, vote: float, voxels: int, width: int, threads: int) -> Hull:
     """Visual hull of the masks, cut at the table.
 
     Args:

@@ -56,7 +56,14 @@ def load_points(path: str | Path) -> Array:
 
 
 def _solid(
-    views: Views, masks: Sequence[Array], hull: Hull, sparse: Array, settings: MeshSettings, narrow: bool, seed: int, threads: int
+    views: Views,
+    masks: Sequence[Array],
+    hull: Hull,
+    sparse: Array,
+    settings: MeshSettings,
+    narrow: bool,
+    seed: int,
+    threads: int,
 ) -> tuple[Grid, Array, dict[str, Any]]:
     """Signed distance of the object by the chosen depth backend, and figures."""
     backend = choose_backend(settings.backend)

@@ -25,9 +25,7 @@ def signed_field(mesh: Mesh, grid: Grid) -> Array:
     """
     open3d = import_open3d()
     scene = open3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        open3d.core.Tensor(mesh.vertices.astype(np.float32)), open3d.core.Tensor(mesh.faces.astype(np.uint32))
-    )
+    scene.add_triangles(open3d.core.Tensor(mesh.vertices.astype(np.float32)), open3d.core.Tensor(mesh.faces.astype(np.uint32)))
 
     def distances(points: Array) -> Array:
         return -scene.compute_signed_distance(open3d.core.Tensor(points.astype(np.float32))).numpy()
@@ -114,7 +112,11 @@ def closed_surface(grid: Grid, field: Array, faces: int) -> Mesh | None:
     # The remesher is slow on meshes far finer than its target.
     start = _decimated(dense, 4 * faces) if len(dense.faces) > 6 * faces else dense
     start = start if is_good(start) else dense
-    for name, make, target in (("isotropic", _isotropic, 0.93), ("isotropic", _isotropic, 0.8), ("decimated", _decimated, 0.98)):
+    for name, make, target in (
+        ("isotropic", _isotropic, 0.93),
+        ("isotropic", _isotropic, 0.8),
+        ("decimated", _decimated, 0.98),
+    ):
         mesh = make(start, int(target * faces))
         if is_good(mesh) and len(mesh.faces) <= faces:
             return _seated(mesh)

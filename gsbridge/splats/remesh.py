@@ -27,9 +27,7 @@ DENSE = 4
 """A mesh with more faces than this many times the budget is decimated first: that is faster and changes nothing visible."""
 
 
-def remesh_isotropic(
-    mesh: Mesh, max_faces: int, *, seen: Callable[[Mesh], Array] | None = None, attempts: int = 8
-) -> Mesh:
+def remesh_isotropic(mesh: Mesh, max_faces: int, *, seen: Callable[[Mesh], Array] | None = None, attempts: int = 8) -> Mesh:
     """The same surface with nearly equilateral faces of one size, at most `max_faces` of them.
 
     Open meshes keep their border. Colours are dropped: splats learn their own.
@@ -56,9 +54,10 @@ def remesh_isotropic(
     prepared = _prepared(mesh, max_faces)
     short, long = 0.0, np.inf
     for _ in range(attempts):
-        candidate = _remesh(prepared, edge)
+        # MeshLab's own tolerance, 1 % of the bounding box, forbids the large edges of a small budget.
+        candidate = _remesh(prepared, edge, 0.5 * edge)
         if seen is not None:
-            candidate = _remesh(candidate, UNSEEN * edge, ~seen(candidate))
+            candidate = _remesh(candidate, UNSEEN * edge, 0.5 * edge, ~seen(candidate))
         count = len(candidate.faces)
         if count > max_faces:
             short = max(short, edge)
@@ -92,8 +91,15 @@ def _prepared(mesh: Mesh, max_faces: int) -> Mesh:
     return _mesh(work)
 
 
-def _remesh(mesh: Mesh, edge: float, chosen: Array | None = None) -> Mesh:
-    """Nearly equilateral faces of edge length `edge`, m, everywhere or in the chosen faces only ([F] bool)."""
+def _remesh(mesh: Mesh, edge: float, tolerance: float, chosen: Array | None = None) -> Mesh:
+    """Nearly equilateral faces, everywhere or in the chosen faces only.
+
+    Args:
+        mesh: Surface.
+        edge: Edge length, m.
+        tolerance: How far the new surface may stray from the old one, m.
+        chosen: [F] bool, or None for all.
+    """
     import pymeshlab
 
     marks = np.ones(len(mesh.faces)) if chosen is None else chosen.astype(np.float64)
@@ -101,14 +107,13 @@ def _remesh(mesh: Mesh, edge: float, chosen: Array | None = None) -> Mesh:
     work.add_mesh(pymeshlab.Mesh(mesh.vertices, mesh.faces.astype(np.int32), f_scalar_array=marks))
     # MeshLab keeps "selected only" for later calls in the process, so it is always on and the selection made here.
     work.compute_selection_by_condition_per_face(condselect="fq > 0.5")
-    # The default tolerance (1 % of the bounding box) stops large edges; half an edge is what a coarse mesh may stray.
     work.meshing_isotropic_explicit_remeshing(
         iterations=ITERATIONS,
         targetlen=pymeshlab.PureValue(edge),
         featuredeg=FEATURE_DEG,
         selectedonly=True,
         checksurfdist=True,
-        maxsurfdist=pymeshlab.PureValue(0.5 * edge),
+        maxsurfdist=pymeshlab.PureValue(tolerance),
     )
     result = _mesh(work)
     keep = result.areas() > 1e-4 * edge**2

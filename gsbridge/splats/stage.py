@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from gsbridge.cameras import Views
-from gsbridge.errors import InputError
+from gsbridge.errors import InputError, StageError
 from gsbridge.files import write_stage
 from gsbridge.meshes import read_mesh
 from gsbridge.splats.binding import BINDINGS, Binding, create_binding, write_binding
@@ -18,7 +18,7 @@ from gsbridge.splats.evaluate import evaluate_cloud, write_pictures
 from gsbridge.splats.lpips import Lpips
 from gsbridge.splats.ply import write_ply
 from gsbridge.splats.remesh import remesh_isotropic
-from gsbridge.splats.targets import background_targets, object_targets
+from gsbridge.splats.targets import background_targets, object_targets, seen_faces
 from gsbridge.splats.train import SplatSettings, train
 
 logger = logging.getLogger("gsbridge")
@@ -76,7 +76,11 @@ def train_splats(
         targets = object_targets(views, masks_dir, settings.margin_px)
     else:
         targets = background_targets(views, surface_mesh)
-    mesh = remesh_isotropic(surface_mesh, settings.max_splats // settings.splats_per_face)
+    faces = settings.max_splats // settings.splats_per_face
+    try:
+        mesh = remesh_isotropic(surface_mesh, faces, seen=lambda candidate: seen_faces(candidate, targets))
+    except ValueError as error:
+        raise StageError("splats", f"{mesh_path}: {error}", "Raise max_splats, or look at the mesh stage") from error
     model = create_binding(binding, mesh, settings.splats_per_face, band=_band(settings, scene_unit), seed=seed)
     logger.info("%s: %d splats on %d faces, %d photos", binding, len(model), len(mesh.faces), len(targets))
     curve = train(model, targets, settings, kind=kind, seed=seed, state=Path(state))

@@ -1,4 +1,4 @@
-"""A ball on a table, drawn from formulas: photos, masks, depth and sparse points with known truth for the tests of masks and meshes."""
+"""A ball on a table, drawn from formulas: photos, masks, depth and sparse points with known truth."""
 
 from __future__ import annotations
 

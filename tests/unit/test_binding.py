@@ -164,6 +164,22 @@ def test_remeshing_a_closed_surface():
     assert np.percentile(edges, 95) / np.percentile(edges, 5) < 2.2
 
 
+def test_unseen_parts_get_larger_faces_and_the_rest_smaller_ones():
+    ball = trimesh.creation.icosphere(4, 0.05)
+    surface = Mesh(np.asarray(ball.vertices), np.asarray(ball.faces))
+
+    def upper(mesh: Mesh) -> np.ndarray:
+        return mesh.corners().mean(1)[:, 2] > 0
+
+    even, mesh = remesh_isotropic(surface, 1000), remesh_isotropic(surface, 1000, seen=upper)
+    assert len(mesh.faces) <= 1000
+    assert mesh.is_watertight()
+    assert mesh.volume() == pytest.approx(surface.volume(), rel=0.04)
+    assert upper(mesh).sum() > 1.3 * upper(even).sum()
+    again = remesh_isotropic(surface, 1000)
+    np.testing.assert_array_equal(again.faces, even.faces)
+
+
 def test_remeshing_an_open_surface_keeps_its_border():
     x, y = np.meshgrid(np.linspace(-0.5, 0.5, 12), np.linspace(-0.4, 0.4, 10))
     index = np.arange(x.size).reshape(x.shape)

@@ -82,7 +82,8 @@ def test_surface_of_a_field_is_a_closed_sphere():
     grid = Grid.covering([-0.05] * 3, [0.05] * 3, 0.002)
     mesh = mesh_of_field(grid, sphere_field(grid, np.zeros(3), 0.04))
     reference = mesh.trimesh()
-    assert reference.is_watertight and reference.is_winding_consistent
+    assert reference.is_watertight
+    assert reference.is_winding_consistent
     assert reference.volume == pytest.approx(4 / 3 * np.pi * 0.04**3, rel=0.01)
     # A solid that leaves the grid is closed at the grid's border.
     cut = mesh_of_field(grid, sphere_field(grid, np.array([0.05, 0, 0]), 0.04))
@@ -95,7 +96,8 @@ def test_component_with_the_seeds_is_kept():
     seeds = (np.array([[-0.04, 0, 0.0]]) - grid.origin) / grid.spacing
     big, small = largest_component(field), largest_component(field, seeds)
     x = grid.points().reshape(*grid.shape, 3)[..., 0]
-    assert (x[big > 0] > 0).all() and (x[small > 0] < 0).all()
+    assert (x[big > 0] > 0).all()
+    assert (x[small > 0] < 0).all()
 
 
 def test_mesh_depth_is_the_depth_of_the_ball():

@@ -7,7 +7,14 @@ import pytest
 from gsbridge.configuration import check_configuration
 from gsbridge.errors import InputError
 
-SCENE = {"kind": "object", "source": {"film": "cake"}, "camera": "phone", "board": "a4", "require_scale": True, "known_length": None}
+SCENE = {
+    "kind": "object",
+    "source": {"film": "cake"},
+    "camera": "phone",
+    "board": "a4",
+    "require_scale": True,
+    "known_length": None,
+}
 CONFIG = {
     "preset": "toy",
     "presets": {"toy": {"scenes": ["cake"]}},

@@ -27,16 +27,20 @@ def test_masks_follow_the_ball(scene, tmp_path):
     for view, true in zip(scene.views, scene.inside, strict=True):
         mask = read_mask(tmp_path / "images" / view.name) > 0.5
         scores.append((mask & true).sum() / (mask | true).sum())
-    assert np.mean(scores) > 0.95 and min(scores) > 0.9
+    assert np.mean(scores) > 0.95
+    assert min(scores) > 0.9
     record = json.loads((tmp_path / "masks.json").read_text())
-    assert record["status"] == "pass" and record["backend"] == "grabcut"
+    assert record["status"] == "pass"
+    assert record["backend"] == "grabcut"
     assert record["area"]["mean"] == pytest.approx(np.mean([true.mean() for true in scene.inside]), rel=0.05)
     assert set(record["views"]) == {view.name for view in scene.views}
 
 
 def test_seed_repeats_and_threads_do_not_matter(scene, tmp_path):
     for name, threads in (("one", 1), ("two", 2)):
-        segment_object(scene.views, scene.points_npz, tmp_path / name, tmp_path / f"{name}.json", SMALL, seed=3, threads=threads)
+        segment_object(
+            scene.views, scene.points_npz, tmp_path / name, tmp_path / f"{name}.json", SMALL, seed=3, threads=threads
+        )
     for view in scene.views:
         assert np.array_equal(read_mask(tmp_path / "one" / view.name), read_mask(tmp_path / "two" / view.name))
 
@@ -44,7 +48,9 @@ def test_seed_repeats_and_threads_do_not_matter(scene, tmp_path):
 def test_prompt_lies_on_the_ball(scene):
     prompt = find_object(scene.views, read_points(scene.points_npz), 0.008, 8)
     assert np.abs(np.linalg.norm(prompt.points - CENTRE, axis=1) - RADIUS).max() < 0.002
-    assert (prompt.low[:2] < CENTRE[:2] - RADIUS).all() and (prompt.high > CENTRE + RADIUS).all() and prompt.low[2] == 0
+    assert (prompt.low[:2] < CENTRE[:2] - RADIUS).all()
+    assert (prompt.high > CENTRE + RADIUS).all()
+    assert prompt.low[2] == 0
     assert np.linalg.norm(focus_point(scene.views) - CENTRE) < 1e-3
 
 
@@ -92,9 +98,10 @@ def test_too_few_points_stop_with_advice(scene, tmp_path):
         return ~above | (np.cumsum(above) <= 5)
 
     _rewrite(scene, tmp_path / "points.npz", keep)
-    with pytest.raises(StageError, match="points (stand above the table|lie on the object), 8 are needed.*sam2"):
+    with pytest.raises(StageError, match=r"points (stand above the table|lie on the object), 8 are needed.*sam2"):
         segment_object(scene.views, tmp_path / "points.npz", tmp_path / "images", tmp_path / "masks.json", SMALL)
-    assert not (tmp_path / "images").exists() and not (tmp_path / "masks.json").exists()
+    assert not (tmp_path / "images").exists()
+    assert not (tmp_path / "masks.json").exists()
 
 
 @pytest.mark.parametrize("lost", [1, 2])
@@ -108,7 +115,8 @@ def test_empty_masks_are_an_error(scene, tmp_path, monkeypatch, lost):
     monkeypatch.setattr(grabcut, "cut_out", blind)
     with pytest.raises(StageError, match="share no common volume" if lost == 1 else "empty in 7 of 14 photos.*sam2"):
         segment_object(scene.views, scene.points_npz, tmp_path / "images", tmp_path / "masks.json", SMALL)
-    assert not (tmp_path / "images").exists() and not (tmp_path / "masks.json").exists()
+    assert not (tmp_path / "images").exists()
+    assert not (tmp_path / "masks.json").exists()
 
 
 @pytest.mark.parametrize("content", [b"", b"not an archive", b"PK\x03\x04broken"])
@@ -133,8 +141,12 @@ def test_two_photos_are_too_few(scene, tmp_path):
 
 def test_crop_keeps_pixel_coordinates():
     crop = Crop.around(np.array([[100.0, 50.0], [300.0, 150.0]]), (640, 480), 120)
-    assert max(crop.size) == 120 and crop.left == 50 and crop.top == 0
-    np.testing.assert_allclose(crop.pixels(np.array([[crop.left, crop.top], [crop.left + crop.width, crop.top]]))[:, 0], [0, 120])
+    assert max(crop.size) == 120
+    assert crop.left == 50
+    assert crop.top == 0
+    np.testing.assert_allclose(
+        crop.pixels(np.array([[crop.left, crop.top], [crop.left + crop.width, crop.top]]))[:, 0], [0, 120]
+    )
     image = np.zeros((480, 640), np.float32)
     image[80:120, 150:250] = 1
     back = crop.paste(crop.cut(image), (640, 480))
@@ -157,5 +169,7 @@ def test_tidy_keeps_the_wanted_part_and_large_holes():
     mask[30, 30] = False
     mask[50:55, 50:55] = True
     out = tidy(mask)
-    assert not out[52, 52] and out[30, 30] and not out[20, 20]
+    assert not out[52, 52]
+    assert out[30, 30]
+    assert not out[20, 20]
     assert tidy(mask, np.array([[52.5, 52.5]]))[52, 52]

@@ -70,7 +70,9 @@ def test_every_frame_gets_a_mask(scene, prompt, weights):
     assert len(masks) == len(scene.views)
     for mask, view in zip(masks, scene.views, strict=True):
         assert mask.shape == (view.camera.height, view.camera.width)
-        assert np.isfinite(mask).all() and 0 <= mask.min() and mask.max() <= 1
+        assert np.isfinite(mask).all()
+        assert mask.min() >= 0
+        assert mask.max() <= 1
 
 
 def test_propagation_repeats(scene, prompt, weights):
@@ -88,13 +90,16 @@ def test_prompt_points_lie_on_the_object(scene, prompt):
         rows, columns = np.nonzero(true)
         low, high = np.array([columns.min(), rows.min()]), np.array([columns.max(), rows.max()])
         size = (high - low).max()
-        assert np.abs(pixels[0] - low).max() < 0.3 * size and np.abs(pixels[1] - high).max() < 0.3 * size
+        assert np.abs(pixels[0] - low).max() < 0.3 * size
+        assert np.abs(pixels[1] - high).max() < 0.3 * size
 
 
 def test_frames_are_normalised_as_in_training():
     tensor = frame_tensor(np.full((6, 8, 3), 255, np.uint8), 4)
     assert tensor.shape == (3, 4, 4)
-    np.testing.assert_allclose(tensor[:, 0, 0], (1 - np.array([0.485, 0.456, 0.406])) / np.array([0.229, 0.224, 0.225]), rtol=1e-5)
+    np.testing.assert_allclose(
+        tensor[:, 0, 0], (1 - np.array([0.485, 0.456, 0.406])) / np.array([0.229, 0.224, 0.225]), rtol=1e-5
+    )
 
 
 @pytest.mark.parametrize("case", ["none", "missing", "empty", "damaged", "other"])

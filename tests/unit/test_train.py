@@ -16,7 +16,7 @@ from gsbridge.splats.binding import create_binding, read_binding
 from gsbridge.splats.evaluate import evaluate_cloud, render_cloud
 from gsbridge.splats.ply import read_ply
 from gsbridge.splats.stage import train_splats
-from gsbridge.splats.targets import Target, background_targets, object_targets
+from gsbridge.splats.targets import Target, background_targets, object_targets, seen_faces
 from gsbridge.splats.train import Rates, SplatSettings
 
 SIZE = 48
@@ -184,6 +184,23 @@ def test_background_pixels_count_where_their_ray_meets_the_mesh(scene):
     # The silhouette of a ball of 50 mm at 277 mm: a cone of 10.4 degrees, here 90 tan(10.4 deg) = 16.5 px in radius.
     area = (target.weight > 0).sum()
     assert area == pytest.approx(np.pi * 16.5**2, rel=0.04)
+
+
+def test_faces_are_seen_from_the_front_and_where_nothing_hides_them():
+    camera = Camera(40, 40, 60.0, 60.0, 20.0, 20.0)
+    ball = ball_mesh()
+    shade = np.array([[-1, -1, 0.06], [1, -1, 0.06], [1, 0.0, 0.06], [-1, 0.0, 0.06]])
+    both = Mesh(np.r_[ball.vertices, shade], np.r_[ball.faces, np.array([[0, 1, 2], [0, 2, 3]]) + len(ball.vertices)])
+    pose = look_at(np.array([0.0, 0.0, 0.3]), np.zeros(3), up=(0.0, 1.0, 0.0))
+    photo, weight = np.zeros((40, 40, 3), np.uint8), np.zeros((40, 40), np.uint8)
+    target = Target("a.png", "train", camera, pose, photo, weight, 0, 0, camera)
+    centroids = ball.corners().mean(1)
+    facing = ((np.array([0, 0, 0.3]) - centroids) * ball.normals()).sum(1) > 0
+    # The shade covers the half y < 0, seen from above; keep clear of its edge, which perspective shifts.
+    np.testing.assert_array_equal(seen_faces(ball, [target]), facing)
+    clear = np.abs(centroids[:, 1]) > 0.01
+    seen = seen_faces(both, [target])[: len(ball.faces)]
+    np.testing.assert_array_equal(seen[clear], (facing & (centroids[:, 1] > 0))[clear])
 
 
 def test_reducing_a_background_keeps_rays_and_drops_partly_covered_pixels():
