@@ -16,7 +16,6 @@ from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8, write_image
 from gsbridge.logs import Progress
 from gsbridge.masks import flatness, grabcut, sam2
-from gsbridge.masks.colours import SharedColours
 from gsbridge.masks.consistency import hull_of_masks, outline, overlap
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop
 from gsbridge.masks.prompt import Prompt, SparsePoints, find_object, read_points
@@ -63,13 +62,18 @@ def _band_labels(hull: Array, before: Array, width: float) -> Array:
 
     At the ends of a path the hull is loose, because all other views look from one side.
     """
-    size = 2 * max(1, round(width)) + 1
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     mask = hull.astype(np.uint8)
     labels = np.where(hull, UNSURE_FRONT, UNSURE_BACK).astype(np.uint8)
-    labels[(cv2.erode(mask, kernel) > 0) & before] = FRONT
-    labels[cv2.dilate(mask, kernel) == 0] = BACK
+    labels[(cv2.erode(mask, _disc(width)) > 0) & before] = FRONT
+    # A hull errs to the outside, where views are missing, so less is open there.
+    labels[cv2.dilate(mask, _disc(0.5 * width)) == 0] = BACK
     return labels
+
+
+def _disc(radius: float) -> Array:
+    """Round structuring element of at least one pixel's radius."""
+    size = 2 * max(1, round(radius)) + 1
+    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
 
 
 def _crop_camera(view: View, crop: Crop) -> Camera:
@@ -93,14 +97,6 @@ def _flat_pixels(
 
     with ThreadPoolExecutor(threads) as pool:
         return list(pool.map(work, range(len(views))))
-
-
-def _shared_colours(
-    crops: list[Crop | None], photos: list[Array | None], masks: list[Array], shown: list[int]
-) -> SharedColours:
-    """One colour model for all views: what is table in most of them is table in the few that took it for object."""
-    fronts = [crops[index].cut(masks[index]) > 0.5 for index in shown]
-    return SharedColours.learn([photos[index] for index in shown], fronts, [~front for front in fronts])
 
 
 def _grabcut_masks(
@@ -127,36 +123,32 @@ def _grabcut_masks(
         else:
             covered = outline(hull, _crop_camera(view, crop), view.cam_from_table)
             labels = _band_labels(covered, crop.cut(masks[index]) > 0.5, share * np.sqrt(max(covered.sum(), 1.0)))
-            if colours is not None:
-                labels[colours.backness(photo) & (labels != FRONT)] = BACK
         labels[flat[index] & ((labels == UNSURE_BACK) if hull is None else (labels != FRONT))] = BACK
         mask = grabcut.cut_out(photo, labels, settings.iterations, seed + index)
         mask = grabcut.tidy(mask, object_pixels)
         return crop.paste(mask, (view.camera.width, view.camera.height))
 
     hull: Mesh | None = None
-    colours: SharedColours | None = None
     masks: list[Array] = []
     with ThreadPoolExecutor(threads) as pool:
         for number in range(1 + settings.passes):
             share = 0.12 / 2 ** max(number - 1, 0)
-            shown = [index for index, crop in enumerate(crops) if crop is not None and number > 0]
-            if shown:
-                colours = _shared_colours(crops, photos, masks, shown)
             jobs = [pool.submit(cut, index, hull, share) for index in range(len(views))]
             found = []
             for job in jobs:
                 found.append(job.result())
                 progress.update()
             masks = found
-            hull = _agree(views, masks, prompt, settings, threads)
+            # The first masks err in many views; later ones must agree better.
+            vote = settings.hull_vote if number == 0 else settings.strict_vote
+            hull = _agree(views, masks, prompt, settings, vote, threads)
     return masks, hull
 
 
-def _agree(views: Views, masks: list[Array], prompt: Prompt, settings: MaskSettings, threads: int) -> Mesh:
+def _agree(views: Views, masks: list[Array], prompt: Prompt, settings: MaskSettings, wanted: float, threads: int) -> Mesh:
     """Hull of the masks, with a vote that yields where the views agree on nothing."""
     small = [_shrunk(mask) for mask in masks]
-    for vote in (settings.hull_vote, 0.85 * settings.hull_vote, 0.7 * settings.hull_vote):
+    for vote in (wanted, 0.85 * wanted, 0.7 * wanted):
         hull = hull_of_masks(views, small, prompt, vote=vote, voxels=settings.hull_voxels, threads=threads)
         if hull is not None:
             return hull
@@ -209,7 +201,7 @@ def segment_object(
     prompt = find_object(views, sparse, settings.height_share, settings.min_points)
     if settings.backend == "sam2":
         masks = sam2.propagate(views, prompt, settings.sam2_weights, threads)
-        hull = _agree(views, masks, prompt, settings, threads)
+        hull = _agree(views, masks, prompt, settings, settings.hull_vote, threads)
     else:
         masks, hull = _grabcut_masks(views, prompt, sparse, settings, seed, threads)
     shares = [float((mask > 0.5).mean()) for mask in masks]

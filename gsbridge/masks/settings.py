@@ -15,7 +15,8 @@ class MaskSettings:
         crop_px: Longest side of the image part on which GrabCut runs, px.
         iterations: GrabCut iterations of each pass.
         passes: Passes after the first: each cuts again within a band round the hull of the masks before.
-        hull_vote: Share of the views that must agree on a point of the hull.
+        hull_vote: Share of the views that must agree on a point of the first hull.
+        strict_vote: The same for the hulls of later passes.
         hull_voxels: Samples along the longest side of the hull's grid.
         height_share: Least height of an object point above the table.
         min_points: Fewest object points for a prompt.
@@ -28,6 +29,7 @@ class MaskSettings:
     iterations: int = 4
     passes: int = 2
     hull_vote: float = 0.84
+    strict_vote: float = 0.93
     hull_voxels: int = 96
     height_share: float = 0.008
     min_points: int = 8

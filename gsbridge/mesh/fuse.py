@@ -10,7 +10,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from gsbridge.cameras import View
-from gsbridge.carving import Grid, mesh_depth
+from gsbridge.carving import Grid, largest_component, mesh_depth, mesh_of_field
 from gsbridge.geometry import Array
 from gsbridge.libraries import import_open3d
 from gsbridge.mesh.depth import Cloud
@@ -20,11 +20,6 @@ from gsbridge.mesh.settings import MeshSettings
 from gsbridge.meshes import Mesh
 
 logger = logging.getLogger("gsbridge")
-
-_MIN_FACING = 0.45
-"""Cosine at which a view must face a hull point for it to count as seen."""
-_FIELD_VOXELS = 128
-"""Samples along the longest side of the grid on which the surface is closed."""
 
 
 def surface_samples(mesh: Mesh, spacing: float, seed: int) -> tuple[Array, Array]:
@@ -41,17 +36,13 @@ def surface_samples(mesh: Mesh, spacing: float, seed: int) -> tuple[Array, Array
     return points, mesh.normals()[picked]
 
 
-def unexplained(points: Array, normals: Array, hull: Hull, cloud: Cloud, views: Sequence[View], spacing: float) -> Array:
-    """Hull points that some view faces and no confirmed depth replaces. [N, 3], [N, 3] -> [N] bool.
+def unexplained(points: Array, hull: Hull, cloud: Cloud, spacing: float) -> Array:
+    """Hull points that no confirmed depth replaces. [N, 3] -> [N] bool.
 
     A hull point that a view sees where that view has a confirmed depth is either confirmed or, in a hollow, refuted by it; it
     is needed only where no view that sees it measured anything, and no measured point is near.
     """
     measured = np.zeros(len(points), np.int32)
-    facing = np.full(len(points), -1.0)
-    for view in views:
-        rays = view.centre - points
-        facing = np.maximum(facing, (rays * normals).sum(1) / np.linalg.norm(rays, axis=1))
     for view, confirmed in zip(cloud.views, cloud.confirmed, strict=True):
         camera = view.camera
         lattice = camera.scaled(confirmed.shape[1] / camera.width)
@@ -64,8 +55,7 @@ def unexplained(points: Array, normals: Array, hull: Hull, cloud: Cloud, views: 
         columns, rows = index[valid, 0], index[valid, 1]
         visible = local[valid, 2] < front[rows, columns] + 2 * hull.grid.spacing
         measured[np.flatnonzero(valid)[visible & closed[rows, columns]]] += 1
-    # The back of a hull that no view faces is the far end of the viewing cones, not a surface; the fit closes it better.
-    free = (measured < 2) & (facing > _MIN_FACING)
+    free = measured < 2
     if len(cloud.points):
         free &= cKDTree(cloud.points).query(points, distance_upper_bound=2.5 * spacing)[0] > 2.5 * spacing
     return free
@@ -96,6 +86,28 @@ def poisson(points: Array, normals: Array, depth: int, threads: int) -> Mesh:
     return Mesh(np.asarray(surface.vertices).copy(), np.asarray(surface.triangles).astype(np.int64))
 
 
+def trimmed(hull: Hull, cloud: Cloud, views: Sequence[View]) -> Hull:
+    """Hull of an object that was seen from one side only, without the far ends of its viewing cones.
+
+    The unseen side is unknown; the trimmed hull is as deep as it is wide, and no higher than the measured points.
+    """
+    middle = np.median(cloud.points, axis=0)
+    ahead = np.mean([view.centre for view in views], axis=0)[:2] - middle[:2]
+    ahead /= np.linalg.norm(ahead)
+    across = np.array([-ahead[1], ahead[0]])
+    left, right = np.percentile(cloud.points[:, :2] @ across, [1, 99])
+    front = np.percentile(cloud.points[:, :2] @ ahead, 99)
+    radius = 0.5 * (right - left)
+    centre = 0.5 * (left + right) * across + (front - radius) * ahead
+    top = np.percentile(cloud.points[:, 2], 99.5) + 0.02 * hull.size
+    x, y, z = (hull.grid.axis(index) for index in range(3))
+    limit = 1.05 * radius - np.hypot(x[:, None] - centre[0], y[None, :] - centre[1])
+    solid = np.minimum(np.minimum(hull.uncut, limit[:, :, None]), (top - z)[None, None, :]).astype(np.float32)
+    field = np.minimum(solid, z[None, None, :]).astype(np.float32)
+    mesh = mesh_of_field(hull.grid, largest_component(field))
+    return hull if mesh is None else Hull(hull.grid, field, solid, mesh)
+
+
 def fuse(
     hull: Hull, cloud: Cloud, views: Sequence[View], settings: MeshSettings, *, narrow: bool, seed: int, threads: int
 ) -> tuple[Grid, Array, dict[str, float]]:
@@ -113,23 +125,21 @@ def fuse(
     Returns:
         Grid, signed distance (positive inside, cut at the table) [nx, ny, nz], and figures: points from depth and hull.
     """
+    if narrow and len(cloud.points):
+        hull = trimmed(hull, cloud, views)
     spacing = 0.009 * hull.size
     samples, normals = surface_samples(hull.mesh, spacing, seed)
     side = samples[:, 2] > 0.5 * hull.grid.spacing
     samples, normals = samples[side], normals[side]
-    needed = unexplained(samples, normals, hull, cloud, views, spacing)
+    needed = unexplained(samples, hull, cloud, spacing)
     foot, down = bottom_samples(hull, spacing)
-    if narrow and len(cloud.points):
-        # The foot of a hull seen from one side reaches far behind the object.
-        close = cKDTree(cloud.points[:, :2]).query(foot[:, :2])[0] < 0.08 * hull.size
-        foot, down = foot[close], down[close]
     points = np.concatenate([cloud.points, samples[needed], foot])
     directions = np.concatenate([cloud.normals, normals[needed], down])
     figures = {"depth_points": len(cloud.points), "hull_points": int(needed.sum()), "hull_share": float(needed.mean())}
     surface = poisson(points, directions, settings.poisson_depth, threads)
     low = np.array([*hull.mesh.vertices.min(0)[:2], 0.0])
     high = hull.mesh.vertices.max(0)
-    step = float((high - low).max()) / _FIELD_VOXELS
+    step = float((high - low).max()) / settings.solid_voxels
     low, high = low - 3 * step, high + 3 * step
     grid = Grid.covering(np.array([low[0], low[1], -2 * step]), high, step)
     field = signed_field(surface, grid)

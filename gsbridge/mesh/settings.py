@@ -24,6 +24,7 @@ class MeshSettings:
         min_score: Least mean correlation of a depth that counts, -1..1.
         min_agree: Other depth maps that must agree with a depth.
         poisson_depth: Octree depth of the surface fit.
+        solid_voxels: Samples along the longest side of the grid on which the surface is closed.
         table_size: Width and depth of a background's mesh, at most; None is as large as the views see, m.
         min_views: Views that must see a part of the table.
         relief: Largest height of a background's relief above the table, as a share of the working distance; 0 gives a plane.
@@ -42,6 +43,7 @@ class MeshSettings:
     min_score: float = 0.5
     min_agree: int = 2
     poisson_depth: int = 7
+    solid_voxels: int = 128
     table_size: tuple[float, float] | None = None
     min_views: int = 4
     relief: float = 0.12

@@ -9,7 +9,7 @@ from gsbridge.errors import InputError
 from gsbridge.images import srgb_from_linear, to_u8
 
 
-def photo_of_board(camera, cam_from_board, board, samples=3):
+def photo_of_board(camera, cam_from_board, board, samples=4):
     """Analytic photo: every pixel averages the light of samples x samples rays that hit the sheet, then is encoded."""
     offsets = (np.arange(samples) + 0.5) / samples - 0.5
     light = np.zeros((camera.height, camera.width))
@@ -17,7 +17,7 @@ def photo_of_board(camera, cam_from_board, board, samples=3):
     rotation, eye = cam_from_board[:3, :3], camera_centre(cam_from_board)
     for dv in offsets:
         for du in offsets:
-            directions = ([*rays, du / camera.fx, dv / camera.fy, 0.0]) @ rotation
+            directions = (rays + np.array([du / camera.fx, dv / camera.fy, 0.0])) @ rotation
             hit = eye[:2] - directions[..., :2] * (eye[2] / directions[..., 2:])
             value = np.full(light.shape, 0.8)
             value[(np.abs(hit) > np.array(board.size) / 2).any(-1)] = 0.3

@@ -43,22 +43,22 @@ def weights(tmp_path_factory):
         },
         backbone_channel_list=[64, 32, 16, 8],
         backbone_feature_sizes=[[16, 16], [8, 8], [4, 4]],
-        fpn_hidden_size=64,
+        fpn_hidden_size=256,
     )
     config = transformers.Sam2VideoConfig(
         vision_config=vision,
-        prompt_encoder_config={"hidden_size": 64, "image_size": 64, "patch_size": 16},
-        mask_decoder_config={"hidden_size": 64, "mlp_dim": 32, "num_attention_heads": 2, "iou_head_hidden_dim": 16},
+        prompt_encoder_config={"hidden_size": 256, "image_size": 64, "patch_size": 16},
+        mask_decoder_config={"hidden_size": 256, "mlp_dim": 32, "num_attention_heads": 2, "iou_head_hidden_dim": 16},
         image_size=64,
-        memory_attention_hidden_size=64,
+        memory_attention_hidden_size=256,
         memory_attention_num_layers=1,
         memory_attention_feed_forward_hidden_size=32,
         memory_attention_rope_feat_sizes=[4, 4],
-        memory_encoder_hidden_size=64,
+        memory_encoder_hidden_size=256,
         memory_encoder_output_channels=64,
-        mask_downsampler_embed_dim=64,
-        memory_fuser_embed_dim=64,
-        memory_fuser_intermediate_dim=32,
+        mask_downsampler_embed_dim=256,
+        memory_fuser_embed_dim=256,
+        memory_fuser_intermediate_dim=64,
     )
     folder = tmp_path_factory.mktemp("sam2")
     transformers.Sam2VideoModel(config).save_pretrained(folder)

@@ -19,7 +19,7 @@ from gsbridge.mesh.objects import azimuth_coverage
 from gsbridge.mesh.repair import closed_surface, components, largest_part, signed_field
 from gsbridge.meshes import Mesh, read_mesh
 
-SMALL = MeshSettings(backend="sweep", faces=3000, collision_faces=1500, hull_voxels=64, poisson_depth=6)
+SMALL = MeshSettings(backend="sweep", faces=3000, collision_faces=1500, hull_voxels=64, poisson_depth=6, solid_voxels=64)
 
 
 @pytest.fixture(scope="module")
