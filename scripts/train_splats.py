@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsbridge.cameras import read_views
+from gsbridge.files import read_json
 from gsbridge.logs import start
 from gsbridge.splats.stage import train_splats
 from gsbridge.splats.train import SplatSettings
@@ -27,4 +28,5 @@ train_splats(
     state=Path(snakemake.params.state),
     kind=snakemake.params.kind,
     surface=snakemake.params.surface,
+    scene_unit=read_json(snakemake.input.align)["scale"],
 )

@@ -66,7 +66,7 @@ def _band_labels(hull: Array, before: Array, width: float) -> Array:
     labels = np.where(hull, UNSURE_FRONT, UNSURE_BACK).astype(np.uint8)
     labels[(cv2.erode(mask, _disc(width)) > 0) & before] = FRONT
     # A hull errs to the outside, where views are missing, so less is open there.
-    labels[cv2.dilate(mask, _disc(0.5 * width)) == 0] = BACK
+    labels[cv2.dilate(mask, _disc(0.6 * width)) == 0] = BACK
     return labels
 
 
@@ -132,7 +132,7 @@ def _grabcut_masks(
     masks: list[Array] = []
     with ThreadPoolExecutor(threads) as pool:
         for number in range(1 + settings.passes):
-            share = 0.12 / 2 ** max(number - 1, 0)
+            share = 0.12 / 1.6 ** max(number - 1, 0)
             jobs = [pool.submit(cut, index, hull, share) for index in range(len(views))]
             found = []
             for job in jobs:

@@ -26,10 +26,10 @@ class MaskSettings:
     backend: str = "grabcut"
     sam2_weights: str | None = None
     crop_px: int = 360
-    iterations: int = 4
-    passes: int = 2
+    iterations: int = 3
+    passes: int = 3
     hull_vote: float = 0.84
-    strict_vote: float = 0.93
+    strict_vote: float = 0.94
     hull_voxels: int = 96
     height_share: float = 0.008
     min_points: int = 8

@@ -81,7 +81,7 @@ class SplatSettings:
     max_splats: int = 12_000
     splats_per_face: int = 1
     steps: int = 2000
-    max_pixels: int = 120_000
+    max_pixels: int = 80_000
     half_size: float = 0.0
     offset_band: float | str = 0.010
     offset_penalty: float = 0.0

@@ -8,8 +8,8 @@ from table_scene import CENTRE, RADIUS, ball_scene
 
 from gsbridge.cameras import View, Views
 from gsbridge.errors import InputError, StageError
-from gsbridge.images import read_mask
-from gsbridge.masks import MaskSettings, grabcut, segment_object
+from gsbridge.images import read_image_u8, read_mask
+from gsbridge.masks import MaskSettings, flatness, grabcut, segment_object
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop, cut_out, tidy
 from gsbridge.masks.prompt import SparsePoints, find_object, focus_point, read_points
 
@@ -173,3 +173,42 @@ def test_tidy_keeps_the_wanted_part_and_large_holes():
     assert out[30, 30]
     assert not out[20, 20]
     assert tidy(mask, np.array([[52.5, 52.5]]))[52, 52]
+
+
+def test_table_homography_joins_pixels_of_one_table_point(scene):
+    first, second = scene.views[0], scene.views[3]
+    points = np.array([[0.05, 0.02, 0.0], [-0.06, 0.04, 0.0], [0.01, -0.07, 0.0]])
+
+    def pixels(view):
+        return view.camera.project(points @ view.cam_from_table[:3, :3].T + view.cam_from_table[:3, 3])
+
+    onto = flatness.table_homography(first.camera, first.cam_from_table, second.camera, second.cam_from_table)
+    # The homography speaks of integer-centred pixels, as OpenCV's warps do.
+    moved = np.c_[pixels(first) - 0.5, np.ones(3)] @ onto.T
+    np.testing.assert_allclose(moved[:, :2] / moved[:, 2:] + 0.5, pixels(second), atol=1e-6)
+
+
+def test_parallax_tells_the_table_from_the_ball(scene):
+    greys = [flatness.fine_detail(read_image_u8(scene.views.path(view))) for view in scene.views]
+    views = scene.views
+    others = flatness.choose_others(np.stack([view.centre for view in views]), CENTRE)
+    found, wrong = [], []
+    for index, true in enumerate(scene.inside):
+        flat = flatness.table_pixels(
+            index, greys, [view.camera for view in views], [view.cam_from_table for view in views], others[index]
+        )
+        found.append((flat & ~true).sum() / (~true).sum())
+        wrong.append((flat & true).sum() / true.sum())
+    assert np.mean(found) > 0.1
+    assert max(wrong) < 0.01
+
+
+def test_bumps_of_the_table_do_not_join_the_object(scene):
+    """Where the model of the table is warped, its points reach over the threshold round the object."""
+    sparse = read_points(scene.points_npz)
+    rng = np.random.default_rng(0)
+    angle, reach = rng.uniform(0, 2 * np.pi, 400), rng.uniform(0.045, 0.14, 400)
+    bumps = np.c_[reach * np.cos(angle), reach * np.sin(angle), rng.uniform(0.003, 0.009, 400)]
+    warped = SparsePoints(np.concatenate([sparse.points, bumps]), sparse.view_index, sparse.point_index)
+    chosen = find_object(scene.views, warped, 0.008, 8).points
+    assert np.hypot(chosen[:, 0], chosen[:, 1]).max() < RADIUS + 0.01

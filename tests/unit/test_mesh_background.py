@@ -11,7 +11,8 @@ from gsbridge.cameras import Camera, View, Views
 from gsbridge.errors import InputError, StageError
 from gsbridge.images import write_image
 from gsbridge.mesh import MeshSettings, mesh_background
-from gsbridge.mesh.background import TableMap, slab, table_mesh
+from gsbridge.mesh.background import slab, table_mesh
+from gsbridge.mesh.region import TableMap
 from gsbridge.mesh.relief import smooth_heights
 
 SMALL = MeshSettings(background_faces=3000, collision_faces=1500, table_size=(0.24, 0.2))
