@@ -33,6 +33,10 @@ FLAT_BOARD = 0.005
 MIN_IMAGES_INTRINSICS = 15
 """Images from which the intrinsics are refined too; fewer do not tell the principal point from a turn of the camera."""
 
+FLAT_HEIGHT = 0.006
+FLAT_SHARE = 0.03
+"""A scene of which less than this share of points stands more than this off the table, m, is flat."""
+
 
 def refine_with_tags(
     model: pycolmap.Reconstruction, raw_tags: Tags, board: Board, seed: int, threads: int
@@ -40,7 +44,8 @@ def refine_with_tags(
     """Adjust intrinsics, poses and points together with the tag corners, which stay at the printed layout.
 
     A calibration from the board alone leaves the principal point uncertain by pixels, which shifts the cameras by millimetres;
-    natural features all over the image settle it.
+    natural features all over the image settle it, where they do not all lie on the table: a flat scene trades the principal
+    point for the cameras' tilt and height, so there the intrinsics stay as they are.
 
     Args:
         model: Model with distorted cameras; not changed.
@@ -66,7 +71,8 @@ def refine_with_tags(
     metric = pycolmap.Reconstruction(model)
     metric.transform(pycolmap.Sim3d(fit.scale, pycolmap.Rotation3d(fit.rotation), fit.translation))
     joint, tag_points = _with_tag_points(metric, raw_tags, {i: layout[i] for i in ids})
-    _adjust(joint, tag_points, threads)
+    flat = is_flat(metric)
+    _adjust(joint, tag_points, threads, free=not flat and joint.num_reg_images() >= MIN_IMAGES_INTRINSICS)
     for point_id in tag_points:
         joint.delete_point3D(point_id)
     joint.update_point_3d_errors()
@@ -74,6 +80,7 @@ def refine_with_tags(
     old, new = model.compute_mean_reprojection_error(), joint.compute_mean_reprojection_error()
     after = layout_error(model_corners(joint, raw_tags), board)
     record = {
+        "flat": flat,
         "scale_se": scale_standard_error(source, target, seed),
         "layout_before": before,
         "layout_after": after,
@@ -86,6 +93,12 @@ def refine_with_tags(
         "tags refine the model: layout residual %.2f -> %.2f mm", 1e3 * before * board.size[0], 1e3 * after * board.size[0]
     )
     return joint, {"used": True, **record}
+
+
+def is_flat(model: pycolmap.Reconstruction) -> bool:
+    """Whether hardly any point of a model in the board's frame stands off the table."""
+    heights = np.array([abs(point.xyz[2]) for point in model.points3D.values()])
+    return bool(np.mean(heights > FLAT_HEIGHT) < FLAT_SHARE)
 
 
 def _with_tag_points(
@@ -116,11 +129,10 @@ def _with_tag_points(
     return out, points
 
 
-def _adjust(model: pycolmap.Reconstruction, constant: list[int], threads: int) -> None:
-    """Robust bundle adjustment with some points held, in place."""
+def _adjust(model: pycolmap.Reconstruction, constant: list[int], threads: int, *, free: bool) -> None:
+    """Robust bundle adjustment with some points held, in place; the intrinsics move only where `free`."""
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False
-    free = model.num_reg_images() >= MIN_IMAGES_INTRINSICS
     options.refine_focal_length = free
     options.refine_principal_point = free
     options.refine_extra_params = free

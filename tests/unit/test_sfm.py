@@ -18,7 +18,7 @@ from gsbridge.images import write_image
 from gsbridge.sfm import gates
 from gsbridge.sfm.calibrate import MIN_VIEWS, calibrate_camera, solve
 from gsbridge.sfm.mapping import Outcome, Photos, drop_weak_images, ladder
-from gsbridge.sfm.refine import refine_with_tags
+from gsbridge.sfm.refine import is_flat, refine_with_tags
 from gsbridge.sfm.settings import SfmSettings
 from gsbridge.sfm.undistort import pinhole_of, undistort_image, undistort_pixels, undistorted_model
 
@@ -256,3 +256,13 @@ def test_quiet_sends_the_libraries_words_to_a_file(tmp_path: Path, capfd: pytest
     assert "a word of COLMAP" in (tmp_path / "log" / "colmap.log").read_text()
     pycolmap.logging.warning("a second word")
     assert "a word of COLMAP" not in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(("raised", "flat"), [(0, True), (2, True), (10, False)])
+def test_a_table_with_little_on_it_is_flat(raised, flat):
+    """100 points within a millimetre of the table, the last `raised` of them 20 mm above it."""
+    model = pycolmap.Reconstruction()
+    for index in range(100):
+        height = 0.02 if index >= 100 - raised else 0.001 * (index % 2)
+        model.add_point3D(np.array([0.01 * index, 0.0, height]), pycolmap.Track())
+    assert is_flat(model) is flat
