@@ -46,7 +46,7 @@ def results_markdown(scores: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> s
     lines = [
         "# Results",
         "",
-        "Generated from `results/scores/*.json` by the rule `write_results`; do not edit by hand. Floors are listed in",
+        "Generated from `results/scores/*.json` by the rule `write_results_page`; do not edit by hand. Floors are listed in",
         "`benchmarks/floors.yaml`. A figure that was not measured, or was measured on less than the floor asks for, is unmet.",
     ]
     for area, figures in scores.items():
