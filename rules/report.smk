@@ -75,12 +75,8 @@ rule assemble_tables:
         figures=comparison_figures,
         records=stage_records,
     output:
-        tables=report(
-            directory("results/tables"),
-            caption="captions/tables.rst",
-            category="Tables",
-            htmlindex="index.html",
-        ),
+        # Not marked for snakemake's report: a folder would force the report into a zip file.
+        tables=directory("results/tables"),
     log:
         "results/logs/assemble_tables.log",
     benchmark:
