@@ -19,7 +19,8 @@ _MIN_COSINE = 0.15
 """Planes seen flatter than this (about 81 degrees) are not tried: their patches shrink to a line."""
 
 
-@njit(nogil=True, fastmath=True)
+# No fastmath: each compilation may order the sums differently, and the mesh would depend on the state of the kernels' cache.
+@njit(nogil=True)
 def _score(patch, count, mean, spread, reach, u0, v0, images, maps, shifts, nx, ny, nz, offset, fx, fy, cx, cy):  # type: ignore[no-untyped-def]
     """Mean of the two best correlations of a patch under the plane `n . x = offset` (camera frame).
 

@@ -72,7 +72,7 @@ def test_second_run_does_nothing(toy):
 
 def test_killed_job_resumes_and_leaves_nothing_half_written(toy):
     record = toy / "results/scenes/small_cube/mesh/mesh.json"
-    before = read(record)
+    before = record.read_bytes()
     record.unlink()
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--directory", str(toy)]
     command += ["--workflow-profile", str(ROOT / "profiles/default"), "--config", "preset=toy"]
@@ -83,9 +83,5 @@ def test_killed_job_resumes_and_leaves_nothing_half_written(toy):
     call_snakemake(toy, "--config", "preset=toy", "--unlock")
     again = call_snakemake(toy, "--config", "preset=toy", "--", str(record.relative_to(toy)))
     assert again.returncode == 0, again.stderr[-4000:]
-    after = read(record)
-    assert after["status"] == before["status"]
-    for shape in ("visual", "collision"):
-        assert after[shape]["watertight"]
-        # The surface fit is not bit-repeatable yet; the shape is.
-        assert after[shape]["volume"] == pytest.approx(before[shape]["volume"], rel=2e-3)
+    # Same seed, same machine: the same mesh.
+    assert record.read_bytes() == before
