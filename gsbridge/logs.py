@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import os
 import sys
@@ -25,6 +26,9 @@ _THREAD_VARIABLES = (
     "NUMEXPR_NUM_THREADS",
     "VECLIB_MAXIMUM_THREADS",
 )
+
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""A full disk, a used-up quota, a file beyond the process's limit: the user must make room."""
 
 _threads = 1
 
@@ -80,7 +84,7 @@ def _log_exception(kind: type[BaseException], value: BaseException, trace: Trace
         logger.error("interrupted; run the same command again to go on")
     elif issubclass(kind, GsbridgeError):
         logger.error("%s", value)
-    elif issubclass(kind, OSError) and getattr(value, "errno", None) == 28:
+    elif issubclass(kind, OSError) and getattr(value, "errno", None) in _NO_ROOM:
         logger.error(
             "no space left on the disk while writing %s; free some room and run the same command again", value.filename
         )

@@ -172,13 +172,19 @@ def state_folder(rule, item, *key):
     return f"results/.state/{rule}/{item}-{digest}"
 
 
+def film_settings(wildcards):
+    """Size and quality of a film; the dense one, which looks like a video, has its own."""
+    section = "dense_film" if wildcards.scene == "dense_pan" else "films"
+    return settings(section)
+
+
 def film_state(wildcards):
     """Where a film keeps its finished frames until it is whole."""
     return state_folder(
         "film_scene",
         wildcards.scene,
         package_digest("gsbridge.reality.mirror"),
-        settings("films"),
+        film_settings(wildcards),
         SEED,
     )
 

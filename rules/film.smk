@@ -16,7 +16,7 @@ rule film_scene:
     params:
         # The studio alone: a film outlives changes in the stages that look at it.
         code=package_digest("gsbridge.reality.mirror"),
-        settings=settings("films"),
+        settings=film_settings,
         seed=SEED,
         state=film_state,
     message:

@@ -33,6 +33,24 @@ rule score_scene:
         "../scripts/score_scene.py"
 
 
+rule score_keyframes:
+    input:
+        truth="results/truth/dense_pan",
+        keyframes="results/scenes/dense_pan/capture/keyframes.json",
+    output:
+        scores="results/scores/keyframes.json",
+    log:
+        "results/logs/score_keyframes.log",
+    conda:
+        "../envs/report.yaml"
+    params:
+        code=code_digest("gsbridge.report.score_keyframes"),
+    message:
+        "Score the choice of keyframes on the film whose motion and blur are known"
+    script:
+        "../scripts/score_keyframes.py"
+
+
 rule benchmark_rasterizer:
     output:
         benchmark="results/benchmarks/rasterizer.json",
@@ -102,4 +120,5 @@ rule write_results_page:
 rule score_scenes:
     input:
         collect("results/scores/scenes/{scene}.json", scene=mirrored_scenes()),
+        "results/scores/keyframes.json",
     localrule: True

@@ -1,6 +1,7 @@
 """The real workflow, run as a user runs it, once for all end-to-end tests."""
 
 import os
+import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -10,8 +11,10 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def call_snakemake(folder: Path, *arguments: str, timeout: float = 1800) -> subprocess.CompletedProcess[str]:
-    """Run snakemake with the project's Snakefile in a folder of its own."""
+def call_snakemake(
+    folder: Path, *arguments: str, timeout: float = 1800, file_limit: int | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run snakemake with the project's Snakefile in a folder of its own; no file may outgrow `file_limit` bytes."""
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--directory", str(folder)]
     return subprocess.run(
         [*command, "--workflow-profile", str(ROOT / "profiles/default"), *arguments],
@@ -21,6 +24,7 @@ def call_snakemake(folder: Path, *arguments: str, timeout: float = 1800) -> subp
         text=True,
         timeout=timeout,
         check=False,
+        preexec_fn=None if file_limit is None else lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (file_limit, file_limit)),
     )
 
 

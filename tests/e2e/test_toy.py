@@ -70,18 +70,92 @@ def test_second_run_does_nothing(toy):
     assert "Nothing to be done" in process.stdout + process.stderr
 
 
-def test_killed_job_resumes_and_leaves_nothing_half_written(toy):
-    record = toy / "results/scenes/small_cube/mesh/mesh.json"
-    before = record.read_bytes()
+def test_keyframes_avoid_blur_and_follow_the_motion(toy):
+    score = read(toy / "results/scores/keyframes.json")
+    assert score["blurred_film_percent"] > 20
+    assert score["blurred_chosen_percent"] <= score["blurred_film_percent"] / 4
+    assert score["motion_error_percent"] <= 25
+    assert score["step_spread"] <= 0.6
+    assert score["still_chosen"] <= 1
+
+
+def contents(paths: list[Path]) -> dict[str, bytes]:
+    """Bytes of files and of all files in folders."""
+    files = [file for path in paths for file in ([path] if path.is_file() else sorted(path.rglob("*")))]
+    return {str(file): file.read_bytes() for file in files if file.is_file()}
+
+
+# In the order of the chain: a stage's rerun makes the next one's input newer.
+STAGES = {
+    "capture": ("select_keyframes/small_cube", ["capture/frames", "capture/keyframes.json"]),
+    "sfm": ("reconstruct_cameras/small_cube", ["sfm/images", "sfm/model", "sfm/sfm.json"]),
+    "align": ("align_scene/small_cube", ["align/views.json", "align/points.npz", "align/align.json"]),
+    "masks": ("segment_object/small_cube", ["masks/images", "masks/masks.json"]),
+    "mesh": ("mesh_object/small_cube", ["mesh/visual.ply", "mesh/collision.ply", "mesh/mesh.json"]),
+    "splats": (
+        "train_splats/small_cube-soft",
+        ["splats/soft/splats.ply", "splats/soft/binding.npz", "splats/soft/splats.json"],
+    ),
+}
+
+
+@pytest.fixture
+def sealed(toy):
+    """Hide the truth of the films: a stage that comes out the same without it cannot have looked at it."""
+    hidden = (toy / "results/truth").rename(toy / "sealed")
+    yield
+    hidden.rename(toy / "results/truth")
+
+
+@pytest.mark.usefixtures("sealed")
+@pytest.mark.parametrize("stage", STAGES)
+def test_stage_killed_at_work_is_made_again_to_the_byte_and_without_the_truth(toy, stage):
+    log_name, names = STAGES[stage]
+    outputs = [toy / "results/scenes/small_cube" / name for name in names]
+    record, log = outputs[-1], toy / f"results/logs/{log_name}.log"
+    before = contents(outputs)
+    assert len(before) >= len(names)
     record.unlink()
+    log.unlink(missing_ok=True)
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--directory", str(toy)]
     command += ["--workflow-profile", str(ROOT / "profiles/default"), "--config", "preset=toy"]
     process = subprocess.Popen([*command, "--", str(record.relative_to(toy))], cwd=ROOT, start_new_session=True)
-    time.sleep(12)
+    # Killed as soon as it writes its log: in the middle of its work, without a chance to clean up.
+    deadline = time.monotonic() + 240
+    while not (log.is_file() and log.stat().st_size) and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.05)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
-    call_snakemake(toy, "--config", "preset=toy", "--unlock")
+    assert not record.exists(), "the stage ended before it could be killed"
+    unlocked = call_snakemake(toy, "--config", "preset=toy", "--unlock")
+    assert unlocked.returncode == 0, unlocked.stderr[-4000:]
     again = call_snakemake(toy, "--config", "preset=toy", "--", str(record.relative_to(toy)))
     assert again.returncode == 0, again.stderr[-4000:]
-    # Same seed, same machine: the same mesh.
-    assert record.read_bytes() == before
+    after = contents(outputs)
+    assert set(after) == set(before)
+    # Same seed, same machine: the same bytes.
+    assert [name for name in before if after[name] != before[name]] == []
+
+
+@pytest.mark.parametrize(
+    ("record", "script"),
+    [
+        ("capture/keyframes.json", "select_keyframes"),
+        ("mesh/mesh.json", "mesh_background"),
+        ("splats/soft/splats.json", "train_splats"),
+    ],
+)
+def test_full_disk_ends_in_one_line_and_leaves_nothing_half_written(toy, record, script):
+    """The kernel refuses to let a file grow, as a full disk does, while the real stage runs."""
+    target = toy / "results/scenes/foam_pad" / record
+    target.unlink()
+    process = call_snakemake(toy, "--config", "preset=toy", "--", str(target.relative_to(toy)), file_limit=48 * 1024)
+    assert process.returncode != 0
+    words = process.stdout + process.stderr
+    assert "no space left" in words
+    assert f"rule {script}" in words or f"{script}.py" in words or script in words
+    assert "Traceback" not in words.split("no space left")[0][-400:]
+    assert not target.exists()
+    assert not list(target.parent.rglob("*.part*"))
+    again = call_snakemake(toy, "--config", "preset=toy", "--", str(target.relative_to(toy)))
+    assert again.returncode == 0, again.stderr[-4000:]

@@ -58,7 +58,7 @@ def test_stages_can_be_asked_for_alone(snakemake, tmp_path):
 
 def test_truth_is_read_by_scoring_rules_only():
     readers = {name for name, text in rules().items() if "results/truth" in text.split("output:")[0]}
-    assert readers == {"score_scene"}
+    assert readers == {"score_scene", "score_keyframes"}
 
 
 def misspell(config):

@@ -1,7 +1,8 @@
 """The mirror's objects: shapes as signed distances, meshed finely, painted per vertex.
 
 Each maker works in the object's own frame: metres, z up, resting on z = 0, footprint centre at the origin, front towards -y.
-Signed distances are in millimetres inside this module, because the shapes' sizes are.
+Signed distances are in millimetres inside this module, because the shapes' sizes are. No mark is finer than about 2 mm: a frame
+of 640 px shows 1 mm per pixel at half a metre, and what is smaller only turns into noise that no two views share.
 """
 
 from __future__ import annotations
@@ -84,7 +85,7 @@ def _small_cube(seed: int, detail: float) -> tuple[Array, Array, Array, Array]:
 
     v, n, f = mesh_of(distance, (-29, -29, 0), (29, 29, 58), 0.6 * detail)
     red = np.array([0.55, 0.07, 0.06])
-    colours = red * np.clip(1 + 0.28 * octaves(v, 8e-3, 5, seed), 0.2, 2)[:, None]
+    colours = red * np.clip(1 + 0.28 * octaves(v, 16e-3, 3, seed), 0.2, 2)[:, None]
     chips = [
         [0.72, 0.66, 0.52],
         [0.06, 0.05, 0.06],
@@ -93,11 +94,11 @@ def _small_cube(seed: int, detail: float) -> tuple[Array, Array, Array, Array]:
         [0.75, 0.74, 0.72],
         [0.30, 0.03, 0.05],
     ]
-    for size, reach, shift in ((9e-3, 0.40, 11), (5e-3, 0.36, 23), (2.6e-3, 0.33, 37)):
+    for size, reach, shift in ((17e-3, 0.40, 11), (10e-3, 0.36, 23), (6.5e-3, 0.30, 37)):
         near, _, name = cells(v, size, seed + shift)
-        wavy = near + 0.10 * octaves(v, size / 2, 2, seed + shift + 5)
-        chip = pick(chips, name) * np.clip(1 + 0.18 * octaves(v, 2e-3, 2, seed + shift + 7), 0.4, 1.6)[:, None]
-        colours = blend(colours, chip, 1 - step(wavy, reach, 0.10))
+        wavy = near + 0.08 * octaves(v, size / 1.5, 2, seed + shift + 5)
+        chip = pick(chips, name) * np.clip(1 + 0.15 * octaves(v, 7e-3, 2, seed + shift + 7), 0.4, 1.6)[:, None]
+        colours = blend(colours, chip, 1 - step(wavy, reach, 1.6e-3 / size))
     return v, n, f, colours
 
 
@@ -128,15 +129,15 @@ def _cake(seed: int, detail: float) -> tuple[Array, Array, Array, Array]:
     v, n, f = mesh_of(distance, (-56, -56, 0), (56, 56, 61), 0.7 * detail)
     mm = v * 1e3
     rho = np.hypot(mm[:, 0], mm[:, 1])
-    crumb = octaves(v, 5e-3, 4, seed + 1)
+    crumb = octaves(v, 12e-3, 3, seed + 1)
     sponge = np.array([0.50, 0.27, 0.09]) * np.clip(1 + 0.32 * crumb, 0.15, 2)[:, None]
-    hole, _, _ = cells(v, 2.8e-3, seed + 2)
-    sponge = blend(sponge, [0.16, 0.07, 0.02], 1 - step(hole + 0.06 * crumb, 0.30, 0.12))
-    layer = np.cos((mm[:, 2] + 1.2 * value_noise(v, 9e-3, seed + 3)) * 2 * np.pi / 15.0)
-    cream = np.array([0.72, 0.63, 0.47]) * (1 + 0.10 * octaves(v, 4e-3, 3, seed + 4))[:, None]
-    colours = blend(sponge, cream, step(layer, 0.62, 0.25))
-    frosting = np.array([0.66, 0.28, 0.33]) * np.clip(1 + 0.15 * octaves(v, 12e-3, 5, seed + 5), 0.5, 1.4)[:, None]
-    frosting = blend(frosting, [0.75, 0.66, 0.62], 0.7 * step(octaves(v, 9e-3, 3, seed + 6), 1.0, 0.5))
+    hole, _, _ = cells(v, 6.5e-3, seed + 2)
+    sponge = blend(sponge, [0.16, 0.07, 0.02], 1 - step(hole + 0.06 * crumb, 0.30, 0.24))
+    layer = np.cos((mm[:, 2] + 1.2 * value_noise(v, 12e-3, seed + 3)) * 2 * np.pi / 15.0)
+    cream = np.array([0.72, 0.63, 0.47]) * (1 + 0.10 * octaves(v, 10e-3, 2, seed + 4))[:, None]
+    colours = blend(sponge, cream, step(layer, 0.55, 0.5))
+    frosting = np.array([0.66, 0.28, 0.33]) * np.clip(1 + 0.15 * octaves(v, 16e-3, 3, seed + 5), 0.5, 1.4)[:, None]
+    frosting = blend(frosting, [0.75, 0.66, 0.62], 0.7 * step(octaves(v, 14e-3, 2, seed + 6), 1.0, 0.6))
     on_top = step(mm[:, 2] - drip(mm), 0.0, 0.8)
     colours = blend(colours, frosting, on_top)
     bright = [
@@ -148,13 +149,13 @@ def _cake(seed: int, detail: float) -> tuple[Array, Array, Array, Array]:
         [0.20, 0.07, 0.03],
     ]
     colours = paint_strokes(
-        colours, v, n, count=420, length=(3e-3, 6e-3), width=(1.2e-3, 1.8e-3), palette=bright, rng=rng, where=on_top > 0.9
+        colours, v, n, count=130, length=(6e-3, 10e-3), width=(2.6e-3, 3.6e-3), palette=bright, rng=rng, where=on_top > 0.9
     )
     for berry in berries:
         inside = np.linalg.norm((mm - berry) / [7.2, 7.2, 7.6], axis=1)
-        red = np.array([0.45, 0.02, 0.03]) * np.clip(1 + 0.25 * octaves(v, 3e-3, 2, seed + 8), 0.4, 1.6)[:, None]
-        seeds, _, _ = cells(v, 2.2e-3, seed + 9)
-        red = blend(red, [0.68, 0.52, 0.20], 1 - step(seeds, 0.22, 0.10))
+        red = np.array([0.45, 0.02, 0.03]) * np.clip(1 + 0.25 * octaves(v, 7e-3, 2, seed + 8), 0.4, 1.6)[:, None]
+        seeds, _, _ = cells(v, 5e-3, seed + 9)
+        red = blend(red, [0.68, 0.52, 0.20], 1 - step(seeds, 0.24, 0.25))
         colours = blend(colours, red, 1 - step(inside, 1.06, 0.05))
     swirl = (1 - step(rho, 13.5, 1.0)) * step(mm[:, 2], 53.5, 1.0)
     colours = blend(colours, cream * (1 + 0.2 * np.cos(5 * np.arctan2(mm[:, 1], mm[:, 0]) + 0.55 * rho))[:, None], swirl)
@@ -162,9 +163,9 @@ def _cake(seed: int, detail: float) -> tuple[Array, Array, Array, Array]:
         colours,
         v,
         n,
-        count=60,
-        length=(1e-3, 3e-3),
-        width=(0.9e-3, 1.4e-3),
+        count=22,
+        length=(3e-3, 5e-3),
+        width=(2e-3, 2.6e-3),
         palette=[[0.12, 0.05, 0.02]],
         rng=rng,
         where=swirl > 0.9,
@@ -204,29 +205,29 @@ def _banana(seed: int, detail: float) -> tuple[Array, Array, Array, Array]:
     v, n, f = mesh_of(distance, (-100, -50, 0), (100, 50, 40), 0.6 * detail)
     along, _, angle = _banana_frame(v * 1e3)
     yellow = np.array([0.66, 0.44, 0.035])
-    colours = yellow * np.clip(1 + 0.13 * octaves(v, 14e-3, 5, seed), 0.5, 1.35)[:, None]
+    colours = yellow * np.clip(1 + 0.13 * octaves(v, 24e-3, 3, seed), 0.5, 1.35)[:, None]
     stretched = np.stack([along * 0.19 * 0.18, 0.018 * np.cos(angle), 0.018 * np.sin(angle)], axis=-1)
-    colours *= np.clip(1 + 0.13 * octaves(stretched, 3e-3, 3, seed + 1), 0.5, 1.4)[:, None]
+    colours *= np.clip(1 + 0.13 * octaves(stretched, 6e-3, 2, seed + 1), 0.5, 1.4)[:, None]
     colours = blend(colours, [0.30, 0.36, 0.05], 0.7 * (1 - step(along, 0.17, 0.16)) + 0.4 * step(along, 0.93, 0.10))
     ridge = np.abs(np.sin(2.5 * angle + 0.2 + 0.10 * value_noise(v, 15e-3, seed + 2)))
-    colours = blend(colours, [0.34, 0.21, 0.03], 0.55 * (1 - step(ridge, 0.05, 0.08)))
-    for size, reach, share, shift in ((11e-3, 0.30, 0.55, 3), (5.5e-3, 0.27, 0.6, 7), (2.4e-3, 0.27, 0.6, 13)):
+    colours = blend(colours, [0.34, 0.21, 0.03], 0.55 * (1 - step(ridge, 0.10, 0.16)))
+    for size, reach, share, shift in ((19e-3, 0.30, 0.55, 3), (10e-3, 0.28, 0.6, 7), (6e-3, 0.30, 0.6, 13)):
         near, _, name = cells(v, size, seed + shift)
-        spot = near + 0.09 * octaves(v, size / 2.5, 3, seed + shift + 1)
+        spot = near + 0.08 * octaves(v, size / 1.6, 2, seed + shift + 1)
         brown = np.array([0.15, 0.065, 0.018]) * (0.6 + 1.1 * name)[:, None]
-        colours = blend(colours, brown, (1 - step(spot, reach * (0.5 + 0.8 * name), 0.12)) * (name < share))
+        colours = blend(colours, brown, (1 - step(spot, reach * (0.5 + 0.8 * name), 1.6e-3 / size)) * (name < share))
     rng = np.random.default_rng(seed)
     colours = paint_strokes(
         colours,
         v,
         n,
-        count=140,
-        length=(3e-3, 14e-3),
-        width=(0.5e-3, 1.0e-3),
+        count=45,
+        length=(8e-3, 24e-3),
+        width=(1.8e-3, 2.6e-3),
         palette=[[0.20, 0.10, 0.03], [0.42, 0.25, 0.03]],
         rng=rng,
     )
-    dark = np.array([0.055, 0.035, 0.02]) * np.clip(1 + 0.5 * octaves(v, 3e-3, 3, seed + 17), 0.3, 2.5)[:, None]
+    dark = np.array([0.055, 0.035, 0.02]) * np.clip(1 + 0.5 * octaves(v, 7e-3, 2, seed + 17), 0.3, 2.5)[:, None]
     ends = (1 - step(along + 0.006 * octaves(v, 5e-3, 2, seed + 18), 0.025, 0.02)) + step(along, 0.972, 0.02)
     return v, n, f, blend(colours, dark, ends)
 
@@ -262,11 +263,11 @@ def _bear(seed: int, detail: float) -> tuple[Array, Array, Array, Array]:
     mm = v * 1e3
     d = parts(mm)
     # Fur hangs down: noise stretched along z, on top of patches of lighter and darker pile.
-    hair = octaves(v * [1, 1, 0.35], 3.2e-3, 3, seed)
-    tone = 1 + 0.22 * octaves(v, 16e-3, 3, seed + 1) + 0.36 * hair
+    hair = octaves(v * [1, 1, 0.4], 8e-3, 2, seed)
+    tone = 1 + 0.24 * octaves(v, 22e-3, 3, seed + 1) + 0.26 * hair
     colours = np.array([0.30, 0.155, 0.06]) * np.clip(tone, 0.12, 2.4)[:, None]
-    colours = blend(colours, [0.46, 0.30, 0.14], 0.8 * step(octaves(v, 2.6e-3, 2, seed + 2), 1.2, 0.6))
-    pale = np.array([0.58, 0.43, 0.25]) * np.clip(1 + 0.25 * octaves(v, 3e-3, 3, seed + 3), 0.3, 1.6)[:, None]
+    colours = blend(colours, [0.46, 0.30, 0.14], 0.8 * step(octaves(v, 7e-3, 2, seed + 2), 1.2, 0.8))
+    pale = np.array([0.58, 0.43, 0.25]) * np.clip(1 + 0.22 * octaves(v, 8e-3, 2, seed + 3), 0.3, 1.6)[:, None]
     colours = blend(colours, pale, 1 - step(d["muzzle"], 0.4, 1.0))
     belly = np.hypot(mm[:, 0] / 20, (mm[:, 2] - 36) / 22) + 0.05 * octaves(v, 8e-3, 2, seed + 4)
     colours = blend(colours, pale, (1 - step(belly, 0.9, 0.12)) * (mm[:, 1] < -8) * (d["legs"] > 1.5))
@@ -282,9 +283,9 @@ def _bear(seed: int, detail: float) -> tuple[Array, Array, Array, Array]:
     colours = blend(
         colours, [0.05, 0.03, 0.02], (1 - step(np.abs(mouth - 4.5), 0.7, 0.7)) * (mm[:, 2] < 80.5) * (mm[:, 1] < -33)
     )
-    wool = np.array([0.07, 0.16, 0.34]) * np.clip(1 + 0.30 * octaves(v, 2.4e-3, 2, seed + 6), 0.3, 1.8)[:, None]
-    near, _, name = cells(v, 5e-3, seed + 7)
-    wool = blend(wool, pick([[0.72, 0.68, 0.58], [0.62, 0.10, 0.07], [0.68, 0.48, 0.08]], name), 1 - step(near, 0.33, 0.10))
+    wool = np.array([0.07, 0.16, 0.34]) * np.clip(1 + 0.22 * octaves(v, 7e-3, 2, seed + 6), 0.3, 1.8)[:, None]
+    near, _, name = cells(v, 9e-3, seed + 7)
+    wool = blend(wool, pick([[0.72, 0.68, 0.58], [0.62, 0.10, 0.07], [0.68, 0.48, 0.08]], name), 1 - step(near, 0.36, 0.20))
     colours = blend(colours, wool, 1 - step(d["scarf"], 0.35, 0.5))
     colours = blend(colours, [0.03, 0.025, 0.025], 1 - step(np.minimum(d["nose"], d["eyes"]), 0.4, 0.5))
     for x, y, z in _BEAR_EYES:
@@ -294,9 +295,9 @@ def _bear(seed: int, detail: float) -> tuple[Array, Array, Array, Array]:
         colours,
         v,
         n,
-        count=500,
-        length=(2e-3, 6e-3),
-        width=(0.5e-3, 0.9e-3),
+        count=160,
+        length=(6e-3, 14e-3),
+        width=(1.8e-3, 2.4e-3),
         palette=[[0.10, 0.045, 0.02], [0.52, 0.36, 0.18]],
         rng=np.random.default_rng(seed),
         where=(d["scarf"] > 2) & (d["eyes"] > 2) & (d["nose"] > 2),

@@ -137,7 +137,7 @@ def paint_strokes(
         along = np.clip(away @ way, -reach, reach)
         distance = np.linalg.norm(away - along[:, None] * way, axis=1)
         colour = np.asarray(palette)[rng.integers(len(palette))]
-        out[near] = blend(out[near], colour, 1 - step(distance, half_width, 0.6e-3))
+        out[near] = blend(out[near], colour, 1 - step(distance, half_width, 1.2e-3))
     return out
 
 
