@@ -20,6 +20,7 @@ from gsbridge.masks.consistency import hull_of_masks, outline, overlap
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop
 from gsbridge.masks.prompt import Prompt, SparsePoints, find_object, read_points
 from gsbridge.masks.settings import MaskSettings
+from gsbridge.matting import estimate_alpha
 from gsbridge.meshes import Mesh
 
 logger = logging.getLogger("gsbridge")
@@ -160,6 +161,35 @@ def _agree(views: Views, masks: list[Array], prompt: Prompt, settings: MaskSetti
     )
 
 
+def _smoothed(mask: Array, hull: Array) -> Array:
+    """A mask without bites and spurs of a few pixels: bites only where the hull says object, spurs only where it says none.
+
+    They come from marks on the object that have the table's colour, or the other way round. [H, W] -> [H, W] bool.
+    """
+    inside = mask > 0.5
+    brush = _disc(max(2.0, 0.04 * np.sqrt(inside.sum())))
+    closed = cv2.morphologyEx(inside.astype(np.uint8), cv2.MORPH_CLOSE, brush) > 0
+    filled = inside | (closed & hull)
+    opened = cv2.morphologyEx(filled.astype(np.uint8), cv2.MORPH_OPEN, brush) > 0
+    sure = cv2.erode(hull.astype(np.uint8), _disc(1)) > 0
+    return opened | (filled & sure)
+
+
+def _finished(views: Views, masks: list[Array], hull: Mesh, threads: int) -> list[Array]:
+    """Masks with smooth outlines and, on them, the share of the object in each pixel. -> list of [H, W] float32."""
+
+    def work(index: int) -> Array:
+        view = views[index]
+        if not (masks[index] > 0.5).any():
+            return masks[index]
+        covered = outline(hull, view.camera, view.cam_from_table)
+        smooth = _smoothed(masks[index], covered)
+        return estimate_alpha(read_image_u8(views.path(view)), smooth.astype(np.float32))
+
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(work, range(len(views))))
+
+
 def _shrunk(mask: Array) -> Array:
     """The mask at hull size. [H, W] float -> [h, w] bool."""
     scale = min(1.0, _HULL_WIDTH / mask.shape[1])
@@ -182,7 +212,8 @@ def segment_object(
     Args:
         views: Posed, undistorted photos.
         points_npz: Sparse points of the align stage.
-        out_images: Folder of the 8-bit masks, one PNG per photo with the photo's stem; made new.
+        out_images: Folder of the 8-bit masks, one PNG per photo with the photo's stem; made new. 255 on the object, 0
+            beside it, the object's share in pixels on its outline.
         out_json: Record of the stage.
         settings: See `MaskSettings`.
         seed: Random seed.
@@ -204,6 +235,7 @@ def segment_object(
         hull = _agree(views, masks, prompt, settings, settings.hull_vote, threads)
     else:
         masks, hull = _grabcut_masks(views, prompt, sparse, settings, seed, threads)
+    masks = _finished(views, masks, hull, threads)
     shares = [float((mask > 0.5).mean()) for mask in masks]
     agreement = []
     for view, mask in zip(views, masks, strict=True):

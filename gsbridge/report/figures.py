@@ -20,7 +20,8 @@ from gsbridge.cameras import View, read_views
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.geometry import Array
-from gsbridge.images import psnr, read_image, read_mask
+from gsbridge.images import psnr, read_image, read_image_u8, read_mask
+from gsbridge.matting import unmix
 from gsbridge.splats.evaluate import render_cloud
 from gsbridge.splats.ply import read_ply
 
@@ -156,6 +157,7 @@ def _panel(scene: ComparedScene, wanted: str | None) -> _Panel:
     weight = np.ones(photo.shape[:2], np.float32)
     if scene.masks is not None:
         weight = read_mask(scene.masks / f"{Path(view.name).stem}.png")
+        photo = unmix(read_image_u8(views.path(view)), weight).astype(np.float32) / 255
         photo = photo * weight[..., None] + GREY * (1 - weight[..., None])
     shown = {}
     covered = np.zeros(photo.shape[:2], np.float32)

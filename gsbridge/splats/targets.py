@@ -14,6 +14,7 @@ from gsbridge.errors import InputError, StageError
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8, read_mask, to_u8
 from gsbridge.libraries import import_open3d
+from gsbridge.matting import unmix
 from gsbridge.meshes import Mesh
 
 
@@ -26,7 +27,7 @@ class Target:
         split: `train` or `held_out`.
         camera: Pinhole of this part of the photo.
         cam_from_table: Pose. [4, 4].
-        photo: [H, W, 3] uint8.
+        photo: Objects: pixels on the outline show the object's own colour, without the table's share. [H, W, 3] uint8.
         weight: Objects: the mask, used as alpha. Backgrounds: 255 where the pixel's ray meets the table mesh. [H, W] uint8.
         left, top: Place of this part in the whole photo, px.
         whole: Camera of the whole photo.
@@ -86,6 +87,7 @@ def object_targets(views: Views, masks: str | Path, margin_px: int) -> list[Targ
         _check_size(views.path(view), photo, view)
         if not (mask > 127).any():
             continue
+        photo = unmix(photo, mask.astype(np.float32) / 255)
         rows, columns = np.flatnonzero(mask.max(1)), np.flatnonzero(mask.max(0))
         top, bottom = max(0, rows[0] - margin_px), min(view.camera.height, rows[-1] + 1 + margin_px)
         left, right = max(0, columns[0] - margin_px), min(view.camera.width, columns[-1] + 1 + margin_px)
