@@ -18,6 +18,7 @@ FLOORS = {
         "images",
         "meshes",
         "libraries",
+        "matting",
         "kernels",
         "board",
         "digests",
