@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
+
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors that the user mends by making room: a full disk, a used-up quota, a file beyond the process's limit."""
 
 
 class GsbridgeError(Exception):

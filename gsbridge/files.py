@@ -15,7 +15,18 @@ from typing import Any
 import numpy as np
 
 from gsbridge import __version__
-from gsbridge.errors import InputError
+from gsbridge.errors import NO_ROOM, InputError
+
+
+@contextlib.contextmanager
+def _named(target: Path) -> Iterator[None]:
+    """Give an error of a full disk the name of the file that was being written; writing itself does not know it."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in NO_ROOM:
+            raise OSError(error.errno, error.strerror, str(target)) from error
+        raise
 
 
 @contextlib.contextmanager
@@ -25,7 +36,8 @@ def atomic_file(path: str | Path) -> Iterator[Path]:
     target.parent.mkdir(parents=True, exist_ok=True)
     temporary = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix}")
     try:
-        yield temporary
+        with _named(target):
+            yield temporary
         os.replace(temporary, target)
     finally:
         temporary.unlink(missing_ok=True)
@@ -40,7 +52,8 @@ def atomic_directory(path: str | Path) -> Iterator[Path]:
     shutil.rmtree(temporary, ignore_errors=True)
     temporary.mkdir()
     try:
-        yield temporary
+        with _named(target):
+            yield temporary
         shutil.rmtree(target, ignore_errors=True)
         os.replace(temporary, target)
     finally:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import logging
 import os
 import sys
@@ -12,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TypeVar
 
-from gsbridge.errors import GsbridgeError
+from gsbridge.errors import NO_ROOM, GsbridgeError
 
 logger = logging.getLogger("gsbridge")
 
@@ -26,9 +25,6 @@ _THREAD_VARIABLES = (
     "NUMEXPR_NUM_THREADS",
     "VECLIB_MAXIMUM_THREADS",
 )
-
-_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""A full disk, a used-up quota, a file beyond the process's limit: the user must make room."""
 
 _threads = 1
 
@@ -84,7 +80,7 @@ def _log_exception(kind: type[BaseException], value: BaseException, trace: Trace
         logger.error("interrupted; run the same command again to go on")
     elif issubclass(kind, GsbridgeError):
         logger.error("%s", value)
-    elif issubclass(kind, OSError) and getattr(value, "errno", None) in _NO_ROOM:
+    elif issubclass(kind, OSError) and getattr(value, "errno", None) in NO_ROOM:
         logger.error(
             "no space left on the disk while writing %s; free some room and run the same command again", value.filename
         )

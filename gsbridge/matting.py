@@ -136,6 +136,23 @@ def unmix(photo: Array, alpha: Array) -> Array:
     return out
 
 
+def background_of(photo: Array, alpha: Array) -> Array:
+    """What stands behind the object's rim: the photo itself beside the object, the colours next to it on the outline.
+
+    Args:
+        photo: sRGB. [H, W, 3] uint8.
+        alpha: Share of the object, 0..1. [H, W].
+
+    Returns:
+        Linear light; black deep inside the object, where no photo tells. [H, W, 3] float32.
+    """
+    linear = linear_from_srgb(photo.astype(np.float32) / 255)
+    if not (alpha > 0).any():
+        return linear
+    back = sides_of(linear, _distance(alpha > 0.5)).back
+    return np.where((alpha > 0)[..., None], back, linear)
+
+
 def _around(inside: Array) -> tuple[slice, slice]:
     """Slices of the bounding box of true pixels with room for the windows."""
     margin = int(3 * _REACHES_PX[-1] + BAND_PX)

@@ -28,5 +28,5 @@ train_splats(
     state=Path(snakemake.params.state),
     kind=snakemake.params.kind,
     surface=snakemake.params.surface,
-    scene_unit=read_json(snakemake.input.align)["scale"],
+    scene_unit=read_json(snakemake.input.align)["metres_per_unit"],
 )

@@ -22,6 +22,15 @@ from gsbridge.geometry import Array, Similarity, rotation_between
 
 logger = logging.getLogger("gsbridge")
 
+MAX_BOARD_HEIGHT_MM = 3.0
+"""Height of the board over the table's points above which the table's z = 0 is in doubt: it lies on something."""
+
+MAX_BOARD_RESIDUAL_MM = 1.5
+"""Mean distance of the tags' corners from their printed places above which the board is bent, misprinted or wrong."""
+
+MIN_OBJECT_POINTS = 20
+"""Points above the table from which the object's longest side can be measured."""
+
 UNKNOWN_EXTENT = 0.1
 """Longest side of the object where nothing tells the scale, m: a guess of the right order, said so in the record."""
 
@@ -127,6 +136,9 @@ def align_scene(
         table_from_sfm=table_from_sfm.matrix(),
         scale=table_from_sfm.scale,
         scale_source=source,
+        metres_per_unit=table_from_sfm.scale * record.get("tag_refinement", {}).get("metres_per_unit", 1.0)
+        if record.get("tag_refinement", {}).get("used")
+        else table_from_sfm.scale,
         plane_inliers=0 if plane is None else int(plane.inliers.sum()),
         points=len(sparse.points),
         settings=asdict(settings),
@@ -166,7 +178,17 @@ def _from_board(
         numbers["plane_residual_mm"] = 1e3 * scale * plane.residual
         if tilt > settings.max_tilt_deg:
             reasons.append(f"the board is tilted by {tilt:.1f} degrees against the table's points; lay it flat")
-    if relative > settings.max_scale_se:
+        if abs(numbers["height_mm"]) > MAX_BOARD_HEIGHT_MM:
+            reasons.append(f"the table's points lie {-numbers['height_mm']:.1f} mm below the board; lay it on the table itself")
+    else:
+        reasons.append("the table shows too few points to check the board against; use a patterned table")
+    if fit.residual_mm > MAX_BOARD_RESIDUAL_MM:
+        reasons.append(
+            f"the board's tags are {fit.residual_mm:.1f} mm off their printed places; print it at 100 % and lay it flat"
+        )
+    if not np.isfinite(relative):
+        reasons.append("too few tags are seen to tell how well the scale is known; show the whole board")
+    elif relative > settings.max_scale_se:
         reasons.append(f"the scale is known to {100 * relative:.2f} % only; show the board in more photos")
     return fit.board_from_sfm, "tags", numbers
 
@@ -196,6 +218,14 @@ def _from_plane(
         reasons.append("fewer than 3 tags of the board could be found, so the board does not give the scale")
     extents = _extents(unscaled.apply(sparse.points[above])) if above.sum() >= 5 else np.full(3, 0.3 * looks.distance)
     if length is not None:
+        if length.between is None:
+            if above.sum() < MIN_OBJECT_POINTS:
+                raise StageError(
+                    "align",
+                    f"the object's longest side is to give the scale, but only {int(above.sum())} points lie on the object",
+                    "Give `known_length` as two points on the table (`between`), or film the board",
+                )
+            reasons.append("the scale rests on sparse points of the object's longest side, which is good to some 5 %")
         cameras = dict(zip(sparse.names, zip(sparse.cameras, sparse.poses, strict=True), strict=True))
         scale = scale_from_length(length, unscaled, cameras, Camera.from_json(record["camera"]), extents)
         source = "known_length"

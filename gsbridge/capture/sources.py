@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,10 +17,17 @@ from gsbridge.files import read_json
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8
 
+logger = logging.getLogger("gsbridge")
+
 KINDS = ("video", "images", "colmap", "nerfstudio", "film")
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
 
+_UNREAD_SUFFIXES = (".heic", ".heif", ".avif", ".jxl", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2")
+"""Formats of phones and cameras that OpenCV does not read."""
+
+_COUNTED_SUFFIXES = (".mp4", ".m4v", ".mov", ".avi")
+"""Containers that store their number of frames; others declare duration times frame rate, which may be far off."""
 _DECODED_SHARE = 0.98
 
 
@@ -109,10 +117,20 @@ class Video:
     def check(self, decoded: int) -> None:
         """Refuse a video of which many frames are lost: a decoder skips damage without an error.
 
+        Where the container only estimates its frames, as WebM and Matroska do, a sound video may lack some: a warning says so.
+
         Raises:
-            InputError: Fewer frames were decoded than the file declares.
+            InputError: Fewer frames were decoded than the file counts.
         """
         if decoded < min(self.declared - 2, _DECODED_SHARE * self.declared):
+            if self.path.suffix.lower() not in _COUNTED_SUFFIXES:
+                logger.warning(
+                    "%s: %d frames decoded, about %d expected; if the video stops early, convert it to H.264 MP4",
+                    self.path,
+                    decoded,
+                    self.declared,
+                )
+                return
             raise InputError(
                 self.path,
                 f"only {decoded} of {self.declared} declared frames could be decoded: the file is damaged",
@@ -137,14 +155,22 @@ class PhotoSequence:
 
 
 def list_photos(folder: Path) -> list[Photo]:
-    """Photos of a folder, in the order of their names.
+    """Photos of a folder, in the order of their names; a warning names photos whose format is not read.
 
     Raises:
         InputError: The folder is missing or holds no photos.
     """
     if not folder.is_dir():
         raise InputError(folder, "the photo folder does not exist", "Check the path in config.yaml")
-    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith("."))
+    files = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+    paths = [path for path in files if path.suffix.lower() in IMAGE_SUFFIXES]
+    unread = [path.name for path in files if path.suffix.lower() in _UNREAD_SUFFIXES]
+    if unread:
+        skipped = f"{len(unread)} photos are in a format that is not read: {', '.join(unread[:5])}"
+        skipped += ", ..." if len(unread) > 5 else ""
+        if not paths:
+            raise InputError(folder, skipped, "Convert them to JPEG; phones can also export or take JPEG")
+        logger.warning("%s: %s; they are left out, convert them to JPEG", folder, skipped)
     if not paths:
         raise InputError(folder, "the folder holds no photos", f"Put photos there ({', '.join(IMAGE_SUFFIXES)})")
     return [Photo(path) for path in paths]

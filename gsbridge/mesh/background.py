@@ -221,6 +221,10 @@ def slab(table: TableMap, thickness: float, faces: int) -> Mesh:
     return largest_part(Mesh(np.concatenate([upper, lower]), np.concatenate([top, top[:, ::-1] + under, walls])))
 
 
+MIN_TABLE_M = (0.9, 0.7)
+"""Longer and shorter side of the table that a robot's working area wants, m."""
+
+
 def mesh_background(
     views: Views,
     points_npz: str | Path,
@@ -260,9 +264,16 @@ def mesh_background(
     write_mesh(out_collision, collision)
     raised = table.heights > 0
     cell = float(table.xs[1] - table.xs[0])
+    size = np.ptp(visual.vertices, axis=0)[:2]
+    reasons = []
+    if settings.table_size is None and (size.max() < MIN_TABLE_M[0] or size.min() < MIN_TABLE_M[1]):
+        reasons.append(
+            f"the table was filmed over {size[0]:.2f} x {size[1]:.2f} m only; {MIN_TABLE_M[0]} x {MIN_TABLE_M[1]} m "
+            "are advised, so that the robot's camera never looks past its edge"
+        )
     write_stage(
         out_json,
-        reasons=[],
+        reasons=reasons,
         seed=seed,
         packages=("scipy", "numba"),
         kind="background",

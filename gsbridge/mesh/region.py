@@ -17,6 +17,8 @@ _CELLS_PER_DISTANCE = 110
 """Map cells per working distance: about 4 mm at 0.45 m."""
 _REACH = 2.2
 """A view counts for parts of the table up to this many working distances away."""
+_SURE = 0.5
+"""Within this many working distances of where the cameras look, the table needs no points to be believed in."""
 _MIN_FALL = 0.17
 """Lines of sight that meet the table flatter than 10 degrees show too little of it."""
 
@@ -87,7 +89,7 @@ def filmed_region(views: Views, sparse: Array, distance: float, settings: MeshSe
 
 def _supported(sparse: Array, middle: Array, x: Array, y: Array, distance: float) -> Array:
     """Cells between sparse points of the table, or near the middle; farther out the table may end. [ny, nx] bool."""
-    near = np.hypot(x - middle[0], y - middle[1]) < 1.05 * distance
+    near = np.hypot(x - middle[0], y - middle[1]) < _SURE * distance
     flat = sparse[np.abs(sparse[:, 2]) < 0.012 * distance][:, :2]
     if len(flat) >= 50:
         # A point of the table has others beside it; wrong matches and far ground at this height are lonely.

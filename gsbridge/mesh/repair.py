@@ -24,11 +24,11 @@ def signed_field(mesh: Mesh, grid: Grid) -> Array:
     near them.
     """
     open3d = import_open3d()
-    scene = open3d.t.geometry.RaycastingScene()
+    scene = open3d.t.geometry.RaycastingScene(nthreads=1)
     scene.add_triangles(open3d.core.Tensor(mesh.vertices.astype(np.float32)), open3d.core.Tensor(mesh.faces.astype(np.uint32)))
 
     def distances(points: Array) -> Array:
-        return -scene.compute_signed_distance(open3d.core.Tensor(points.astype(np.float32))).numpy()
+        return -scene.compute_signed_distance(open3d.core.Tensor(points.astype(np.float32)), nthreads=1).numpy()
 
     # Far from the surface a coarse grid, interpolated, is as good: a distance changes no faster than the position.
     shape = tuple(int(np.ceil((n - 1) / _COARSE)) + 1 for n in grid.shape)

@@ -81,6 +81,7 @@ def refine_with_tags(
     after = layout_error(model_corners(joint, raw_tags), board)
     record = {
         "flat": flat,
+        "metres_per_unit": fit.scale,
         "scale_se": scale_standard_error(source, target, seed),
         "layout_before": before,
         "layout_after": after,

@@ -81,6 +81,7 @@ def reconstruct(
         refinement: dict[str, Any] = {"used": False}
         if settings.tag_refinement and board is not None and not known:
             model, refinement = refine_with_tags(model, raw_tags, board, seed, threads)
+            reasons += _doubts(refinement, camera)
     _write(
         model,
         outcome,
@@ -93,6 +94,19 @@ def reconstruct(
         seed,
         (frames, out_model, out_images, out_json, out_tags),
     )
+
+
+def _doubts(refinement: dict[str, Any], camera: Camera | None) -> list[str]:
+    """Why a model with a board is less sure than it looks."""
+    reasons = []
+    if not refinement["used"] and "layout_before" in refinement:
+        reasons.append(f"the board does not fit the reconstruction: {refinement['why']}")
+    if refinement.get("flat") and camera is None:
+        reasons.append(
+            "the camera was calibrated from a flat scene alone, which leaves its focal length and tilt in doubt; "
+            "name a `camera` that is calibrated from several captures"
+        )
+    return reasons
 
 
 def _read_input(

@@ -13,7 +13,8 @@ import torch
 from gsbridge.cameras import Camera
 from gsbridge.files import atomic_directory
 from gsbridge.geometry import Array
-from gsbridge.images import SSIM_RADIUS, ssim_map, write_image
+from gsbridge.images import SSIM_RADIUS, linear_from_srgb, srgb_from_linear, ssim_map, write_image
+from gsbridge.matting import background_of
 from gsbridge.splats.cloud import Cloud
 from gsbridge.splats.lpips import Lpips
 from gsbridge.splats.rasterize import rasterize
@@ -43,8 +44,10 @@ def evaluate_cloud(
 ) -> dict[str, dict[str, dict[str, Any]]]:
     """Mean metrics over the views of each split and region.
 
-    `masked` counts the pixels of the mask (objects) or of the table mesh (backgrounds). `full` counts the whole frame, which
-    is the paper's protocol: objects stand on black outside their mask, backgrounds are compared with the bare photo.
+    `masked` counts the pixels of the mask (objects) or of the table mesh (backgrounds) and compares with the photo as it was
+    taken: an object's rendering is laid over the photo's own background, in linear light as a lens mixes them. `full` counts
+    the whole frame, which is the paper's protocol: objects stand on black, cut out and unmixed as in training; backgrounds
+    are compared with the bare photo.
 
     Args:
         cloud: Trained splats.
@@ -82,29 +85,49 @@ def _measure(cloud: Cloud, target: Target, kind: str, lpips: Lpips | None) -> li
     photo = np.zeros((whole.height, whole.width, 3), np.float32)
     photo[part] = target.photo.astype(np.float32) / 255
     iou = float("nan")
+    colours = np.clip(colours, 0, 1)
+    shown_in_place, photo_in_place = colours, photo
     if kind == "object":
-        photo *= weight[..., None]
+        photo = photo * weight[..., None]
+        photo_in_place = np.zeros_like(photo)
+        photo_in_place[part] = target.unedited.astype(np.float32) / 255
+        shown_in_place = photo_in_place.copy()
+        behind = background_of(target.unedited, weight[part])
+        shown_in_place[part] = _laid_over(colours[part], alphas[part], behind)
         inside, shown = weight > 0.5, alphas > 0.5
         iou = float((inside & shown).sum() / max((inside | shown).sum(), 1))
-    colours = np.clip(colours, 0, 1)
-    squared = ((colours - photo) ** 2).mean(-1, dtype=np.float64)
-    # Outside this window both images are black: there the error is 0 and the similarity 1.
+    # Outside this window both images are equal: there the error is 0 and the similarity 1.
     window = _window((alphas > 0) | (photo.max(-1) > 0), 2 * SSIM_RADIUS + 1)
-    similar = np.ones(squared.shape)
-    similar[window] = ssim_map(colours[window], photo[window])
-    perceived = [float("nan")] * 2
-    if lpips is not None:
-        covered = weight[..., None]
-        perceived = [lpips((colours * covered)[window], (photo * covered)[window]), lpips(colours, photo)]
-    return [
-        (
-            float(-10 * np.log10(max((squared * count).sum() / max(count.sum(), 1e-12), 1e-12))),
-            float((similar * count).sum() / max(count.sum(), 1e-12)),
-            distance,
-            iou,
+    rows = []
+    for region, image, reference, count in (
+        ("masked", shown_in_place, photo_in_place, weight),
+        ("full", colours, photo, np.ones_like(weight)),
+    ):
+        squared = ((image - reference) ** 2).mean(-1, dtype=np.float64)
+        similar = np.ones(squared.shape)
+        similar[window] = ssim_map(image[window], reference[window])
+        perceived = float("nan")
+        if lpips is not None:
+            covered = count[..., None]
+            where = window if region == "masked" else np.s_[:, :]
+            perceived = lpips((image * covered)[where], (reference * covered)[where])
+        total = max(count.sum(), 1e-12)
+        rows.append(
+            (
+                float(-10 * np.log10(max((squared * count).sum() / total, 1e-12))),
+                float((similar * count).sum() / total),
+                perceived,
+                iou,
+            )
         )
-        for count, distance in zip((weight, np.ones_like(weight)), perceived, strict=True)
-    ]
+    return rows
+
+
+def _laid_over(colours: Array, alphas: Array, behind: Array) -> Array:
+    """A rendering over a photo's background, mixed in linear light. [H, W, 3], [H, W], [H, W, 3] linear -> sRGB [H, W, 3]."""
+    own = linear_from_srgb(np.clip(colours / np.maximum(alphas, 1e-4)[..., None], 0, 1))
+    share = np.clip(alphas, 0, 1)[..., None]
+    return np.clip(srgb_from_linear(share * own + (1 - share) * behind), 0, 1)
 
 
 def _window(used: Array, margin: int) -> tuple[slice, slice]:

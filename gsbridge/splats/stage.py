@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +14,13 @@ import torch
 from gsbridge.cameras import Views
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import write_stage
-from gsbridge.meshes import read_mesh
+from gsbridge.meshes import Mesh, read_mesh
 from gsbridge.splats.binding import BINDINGS, Binding, create_binding, write_binding
 from gsbridge.splats.evaluate import evaluate_cloud, write_pictures
 from gsbridge.splats.lpips import Lpips
 from gsbridge.splats.ply import write_ply
 from gsbridge.splats.remesh import remesh_isotropic
-from gsbridge.splats.targets import background_targets, object_targets, seen_faces
+from gsbridge.splats.targets import Target, background_targets, object_targets, seen_faces
 from gsbridge.splats.train import SplatSettings, train
 
 logger = logging.getLogger("gsbridge")
@@ -83,7 +85,7 @@ def train_splats(
         raise StageError("splats", f"{mesh_path}: {error}", "Raise max_splats, or look at the mesh stage") from error
     model = create_binding(binding, mesh, settings.splats_per_face, band=_band(settings, scene_unit), seed=seed)
     logger.info("%s: %d splats on %d faces, %d photos", binding, len(model), len(mesh.faces), len(targets))
-    curve = train(model, targets, settings, kind=kind, seed=seed, state=Path(state))
+    curve = train(model, targets, settings, kind=kind, seed=seed, state=Path(state), inputs=_digest(mesh, targets))
     cloud = model.evaluate()
     metrics = evaluate_cloud(cloud, targets, kind=kind, lpips=lpips)
     write_ply(out_ply, cloud)
@@ -114,6 +116,18 @@ def train_splats(
         curve=curve,
     )
     shutil.rmtree(state, ignore_errors=True)
+
+
+def _digest(mesh: Mesh, targets: Sequence[Target]) -> str:
+    """Digest of all that a training learns from, so that a checkpoint is never continued on other inputs."""
+    digest = hashlib.sha256()
+    for array in (mesh.vertices, mesh.faces):
+        digest.update(np.ascontiguousarray(array))
+    for target in targets:
+        digest.update(repr((target.name, target.split, target.camera)).encode())
+        for array in (target.cam_from_table, target.photo, target.weight):
+            digest.update(np.ascontiguousarray(array))
+    return digest.hexdigest()
 
 
 def _band(settings: SplatSettings, scene_unit: float | None) -> float:

@@ -29,6 +29,7 @@ class Target:
         cam_from_table: Pose. [4, 4].
         photo: Objects: pixels on the outline show the object's own colour, without the table's share. [H, W, 3] uint8.
         weight: Objects: the mask, used as alpha. Backgrounds: 255 where the pixel's ray meets the table mesh. [H, W] uint8.
+        unedited: This part of the photo as it was taken, which metrics compare with. [H, W, 3] uint8.
         left, top: Place of this part in the whole photo, px.
         whole: Camera of the whole photo.
     """
@@ -39,6 +40,7 @@ class Target:
     cam_from_table: Array
     photo: Array
     weight: Array
+    unedited: Array
     left: int
     top: int
     whole: Camera
@@ -63,7 +65,8 @@ class Target:
         else:
             weight = (weight > 0.999).astype(np.float32)
         photo = np.rint(np.clip(colour, 0, 255)).astype(np.uint8)
-        return Target(self.name, self.split, camera, self.cam_from_table, photo, to_u8(weight), 0, 0, camera)
+        unedited = cv2.resize(self.unedited, size, interpolation=cv2.INTER_AREA)
+        return Target(self.name, self.split, camera, self.cam_from_table, photo, to_u8(weight), unedited, 0, 0, camera)
 
 
 def object_targets(views: Views, masks: str | Path, margin_px: int) -> list[Target]:
@@ -87,7 +90,7 @@ def object_targets(views: Views, masks: str | Path, margin_px: int) -> list[Targ
         _check_size(views.path(view), photo, view)
         if not (mask > 127).any():
             continue
-        photo = unmix(photo, mask.astype(np.float32) / 255)
+        clean = unmix(photo, mask.astype(np.float32) / 255)
         rows, columns = np.flatnonzero(mask.max(1)), np.flatnonzero(mask.max(0))
         top, bottom = max(0, rows[0] - margin_px), min(view.camera.height, rows[-1] + 1 + margin_px)
         left, right = max(0, columns[0] - margin_px), min(view.camera.width, columns[-1] + 1 + margin_px)
@@ -99,8 +102,9 @@ def object_targets(views: Views, masks: str | Path, margin_px: int) -> list[Targ
                 view.split,
                 camera,
                 view.cam_from_table,
-                np.ascontiguousarray(photo[part]),
+                np.ascontiguousarray(clean[part]),
                 np.ascontiguousarray(mask[part]),
+                np.ascontiguousarray(photo[part]),
                 int(left),
                 int(top),
                 view.camera,
@@ -131,7 +135,9 @@ def background_targets(views: Views, mesh: Mesh) -> list[Target]:
         hit = np.isfinite(scene.cast_rays(open3d.core.Tensor(rays), nthreads=1)["t_hit"].numpy())
         if hit.any():
             weight = np.where(hit, 255, 0).astype(np.uint8)
-            targets.append(Target(view.name, view.split, view.camera, view.cam_from_table, photo, weight, 0, 0, view.camera))
+            targets.append(
+                Target(view.name, view.split, view.camera, view.cam_from_table, photo, weight, photo, 0, 0, view.camera)
+            )
     if not any(target.split == "train" for target in targets):
         raise StageError("splats", "no training view sees the mesh", "Look at the mesh stage and at the alignment")
     return targets

@@ -6,6 +6,7 @@ whatever lies behind it. Backgrounds count only where the table mesh is seen, be
 
 from __future__ import annotations
 
+import io
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -95,7 +96,14 @@ class SplatSettings:
 
 
 def train(
-    binding: Binding, targets: Sequence[Target], settings: SplatSettings, *, kind: str, seed: int, state: Path
+    binding: Binding,
+    targets: Sequence[Target],
+    settings: SplatSettings,
+    *,
+    kind: str,
+    seed: int,
+    state: Path,
+    inputs: str = "",
 ) -> list[list[float]]:
     """Fit the binding's parameters to the training targets, in place.
 
@@ -108,6 +116,7 @@ def train(
         kind: `object` or `background`.
         seed: Seed of the order of photos and of the colours behind the splats.
         state: Folder of the checkpoint, one per training.
+        inputs: Digest of what is trained on; a checkpoint of other inputs is not used.
 
     Returns:
         Training curve: step, mean loss, mean PSNR (dB, over the pixels that count) since the point before. [[3], ...].
@@ -119,7 +128,7 @@ def train(
     halves = [target.reduced(0.5, kind=kind) for target in photos] if settings.half_size > 0 else photos
     optimizer, starts = _optimizer(binding, settings.rates)
     checkpoint = Path(state) / "checkpoint.pt"
-    begin, curve, recent = _resume(checkpoint, binding, optimizer)
+    begin, curve, recent = _resume(checkpoint, binding, optimizer, inputs)
     frames = binding.frames()
     progress = Progress(settings.steps - begin, f"train {binding.kind}")
     for step in range(begin, settings.steps):
@@ -143,7 +152,7 @@ def train(
             curve.append([step + 1, float(mean_loss), float(-10 * np.log10(max(mean_error, 1e-12)))])
             recent.clear()
         if (step + 1) % CHECKPOINT_EVERY == 0:
-            _save(checkpoint, binding, optimizer, step + 1, curve, recent)
+            _save(checkpoint, binding, optimizer, step + 1, curve, recent, inputs)
         progress.update(f"loss {curve[-1][1]:.4f}" if curve else "")
     for value in binding.parameters.values():
         value.requires_grad_(False)
@@ -218,20 +227,27 @@ def _save(
     step: int,
     curve: list[list[float]],
     recent: list[list[float]],
+    inputs: str,
 ) -> None:
     """Write a checkpoint, whole or not at all."""
     content = {
         "step": step,
+        "inputs": inputs,
         "parameters": {name: value.detach() for name, value in binding.parameters.items()},
         "optimizer": optimizer.state_dict(),
         "curve": curve,
         "recent": recent,
     }
+    # Through memory: torch turns a full disk into an error that does not say so.
+    buffer = io.BytesIO()
+    torch.save(content, buffer)
     with atomic_file(path) as temporary:
-        torch.save(content, temporary)
+        temporary.write_bytes(buffer.getbuffer())
 
 
-def _resume(path: Path, binding: Binding, optimizer: torch.optim.Adam) -> tuple[int, list[list[float]], list[list[float]]]:
+def _resume(
+    path: Path, binding: Binding, optimizer: torch.optim.Adam, inputs: str
+) -> tuple[int, list[list[float]], list[list[float]]]:
     """Step, curve and pending losses of a checkpoint, whose values go into binding and optimiser; nothing without one."""
     if not path.is_file():
         return 0, [], []
@@ -241,7 +257,7 @@ def _resume(path: Path, binding: Binding, optimizer: torch.optim.Adam) -> tuple[
         fits = {name: value.shape for name, value in saved.items()} == {
             name: value.shape for name, value in binding.parameters.items()
         }
-        if not fits:
+        if not fits or content["inputs"] != inputs:
             raise ValueError("it belongs to another model")
         optimizer.load_state_dict(content["optimizer"])
     except Exception as error:  # torch raises many kinds for a damaged file; starting anew is always right

@@ -13,7 +13,7 @@ import pytest
 from film_maker import pan, write_video
 
 from gsbridge.capture.keyframes import KeyframeSettings, select_keyframes
-from gsbridge.capture.sources import Source
+from gsbridge.capture.sources import Source, Video
 from gsbridge.errors import InputError
 
 
@@ -201,3 +201,32 @@ def test_damaged_film(tmp_path: Path) -> None:
     refuse(tmp_path, Source("film", tmp_path), "film.json", "does not exist")
     (tmp_path / "film.json").write_text(json.dumps({"frames": [{"name": "0000.png", "time_s": 0.0}]}))
     refuse(tmp_path, Source("film", tmp_path), "film.json", "1 of 1 frames are missing")
+
+
+def test_photos_in_a_format_that_is_not_read(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    folder = tmp_path / "phone"
+    folder.mkdir()
+    (folder / "IMG_1.HEIC").write_bytes(b"ftypheic")
+    refuse(tmp_path, Source("images", folder), "phone", "IMG_1.HEIC", "Convert them to JPEG")
+    for i, frame in enumerate(moving(4)):
+        cv2.imwrite(str(folder / f"{i}.png"), frame)
+    select_keyframes(Source("images", folder), tmp_path / "f", tmp_path / "k.json", KeyframeSettings())
+    assert "IMG_1.HEIC" in caplog.text
+
+
+def lossy(tmp_path: Path, name: str, codec: str, declared: int) -> Video:
+    """A sound video of 40 frames whose container declares another number."""
+    video = Video(write_video(tmp_path / name, moving(), codec=codec))
+    video.declared = declared
+    return video
+
+
+@pytest.mark.parametrize(("name", "codec"), [("guess.webm", "VP80"), ("guess.mkv", "mp4v")])
+def test_an_estimated_count_refuses_no_video(tmp_path: Path, caplog: pytest.LogCaptureFixture, name: str, codec: str) -> None:
+    lossy(tmp_path, name, codec, 1000).check(40)
+    assert "about 1000 expected" in caplog.text
+
+
+def test_a_stored_count_refuses_a_video(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="40 of 50 declared"):
+        lossy(tmp_path, "counted.mov", "mp4v", 50).check(40)

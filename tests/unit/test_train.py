@@ -111,6 +111,26 @@ def test_a_damaged_or_foreign_checkpoint_is_not_used(scene):
     assert curve[-1][0] == 2
 
 
+def test_a_checkpoint_of_other_photos_is_not_continued(scene, monkeypatch):
+    """The same number of splats does not make it the same training."""
+    folder, views = scene
+    targets = object_targets(views, folder / "masks", 4)
+    monkeypatch.setattr(trainer, "CHECKPOINT_EVERY", 2)
+    settings, steps = SplatSettings(steps=4), []
+    original = trainer.rasterize
+    monkeypatch.setattr(trainer, "rasterize", lambda *a, **k: steps.append(1) or original(*a, **k))
+
+    def run(inputs):
+        steps.clear()
+        binding = create_binding("games", ball_mesh(), 1, band=0.01, seed=0)
+        trainer.train(binding, targets, settings, kind="object", seed=0, state=folder / "state", inputs=inputs)
+        return len(steps)
+
+    assert run("these") == 4
+    assert run("these") == 0
+    assert run("those") == 4
+
+
 def test_metrics_of_a_known_error(scene):
     """A black frame, no splat in sight: the error is the photo itself."""
     folder, views = scene
@@ -118,12 +138,24 @@ def test_metrics_of_a_known_error(scene):
     far = create_binding("games", ball_mesh(), 1, band=0.01, seed=0).evaluate()
     far = type(far)(far.means + np.float32(100), far.quats, far.scales, far.opacities, far.colours)
     metrics = evaluate_cloud(far, [target], kind="object")["train"]
-    inside = target.weight > 127
-    squared = ((target.photo / 255.0) ** 2).mean(-1)[inside]
-    assert metrics["masked"]["psnr"] == pytest.approx(-10 * np.log10(squared.mean()), abs=1e-3)
+    squared = ((target.photo / 255.0) ** 2).mean(-1)[target.weight > 127]
     assert metrics["full"]["psnr"] == pytest.approx(-10 * np.log10(squared.sum() / SIZE**2), abs=1e-3)
     assert metrics["full"]["alpha_iou"] == 0
     assert metrics["full"]["lpips"] is None
+
+
+def test_masked_error_is_that_of_the_object_in_its_place():
+    """Where no splat shows, the photo's own background does, beside the object and through it."""
+    camera = Camera(40, 40, 60.0, 60.0, 20.0, 20.0)
+    photo = np.full((40, 40, 3), 60, np.uint8)
+    weight = np.zeros((40, 40), np.uint8)
+    weight[16:24, 16:24] = 255
+    photo[16:24, 16:24] = 200
+    target = Target("a.png", "held_out", camera, np.eye(4), photo, weight, photo, 0, 0, camera)
+    far = create_binding("games", ball_mesh(), 1, band=0.01, seed=0).evaluate()
+    far = type(far)(far.means - np.float32(100), far.quats, far.scales, far.opacities, far.colours)
+    masked = evaluate_cloud(far, [target], kind="object")["held_out"]["masked"]
+    assert masked["psnr"] == pytest.approx(-20 * np.log10(140 / 255), abs=0.05)
 
 
 def test_the_stage_leaves_its_files(scene):
@@ -193,7 +225,7 @@ def test_faces_are_seen_from_the_front_and_where_nothing_hides_them():
     both = Mesh(np.r_[ball.vertices, shade], np.r_[ball.faces, np.array([[0, 1, 2], [0, 2, 3]]) + len(ball.vertices)])
     pose = look_at(np.array([0.0, 0.0, 0.3]), np.zeros(3), up=(0.0, 1.0, 0.0))
     photo, weight = np.zeros((40, 40, 3), np.uint8), np.zeros((40, 40), np.uint8)
-    target = Target("a.png", "train", camera, pose, photo, weight, 0, 0, camera)
+    target = Target("a.png", "train", camera, pose, photo, weight, photo, 0, 0, camera)
     centroids = ball.corners().mean(1)
     facing = ((np.array([0, 0, 0.3]) - centroids) * ball.normals()).sum(1) > 0
     # The shade covers the half y < 0, seen from above; keep clear of its edge, which perspective shifts.
@@ -207,7 +239,8 @@ def test_reducing_a_background_keeps_rays_and_drops_partly_covered_pixels():
     camera = Camera(8, 6, 10.0, 10.0, 4.0, 3.0)
     weight = np.zeros((6, 8), np.uint8)
     weight[:, :5] = 255
-    target = Target("a.png", "train", camera, np.eye(4), np.full((6, 8, 3), 90, np.uint8), weight, 0, 0, camera)
+    grey = np.full((6, 8, 3), 90, np.uint8)
+    target = Target("a.png", "train", camera, np.eye(4), grey, weight, grey, 0, 0, camera)
     half = target.reduced(0.5, kind="background")
     assert (half.camera.width, half.camera.height, half.camera.fx, half.camera.cx) == (4, 3, 5.0, 2.0)
     np.testing.assert_array_equal(half.weight[0], [255, 255, 0, 0])
@@ -220,6 +253,6 @@ def test_reducing_an_object_keeps_its_outline_free_of_the_background():
     weight[:, :5] = 255
     photo = np.full((6, 8, 3), 255, np.uint8)
     photo[:, :5] = 40
-    half = Target("a.png", "train", camera, np.eye(4), photo, weight, 0, 0, camera).reduced(0.5, kind="object")
+    half = Target("a.png", "train", camera, np.eye(4), photo, weight, photo, 0, 0, camera).reduced(0.5, kind="object")
     np.testing.assert_array_equal(half.weight[0], [255, 255, 128, 0])
     np.testing.assert_array_equal(half.photo[0, :3], 40)
