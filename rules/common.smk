@@ -202,7 +202,9 @@ def training_state(wildcards):
 
 
 def comparison_runs(scene):
-    """Names of the extra trainings of one scene: more seeds, and the same bindings on the visual hull."""
+    """Names of the extra trainings of a mirrored scene: more seeds, and the same bindings on the visual hull."""
+    if scene not in films():
+        return []
     plan = settings("comparison")
     seeds = range(SEED, SEED + plan["seeds"])
     runs = [
