@@ -29,12 +29,38 @@ def _named(target: Path) -> Iterator[None]:
         raise
 
 
+def _sweep(folder: Path, start: str, end: str) -> None:
+    """Remove what killed processes left of earlier attempts at the same file; those of running ones stay."""
+    for left in folder.iterdir():
+        if not (left.name.startswith(start) and left.name.endswith(end)):
+            continue
+        writer = left.name[len(start) : len(left.name) - len(end)]
+        if not writer.isdigit() or _is_running(int(writer)):
+            continue
+        if left.is_dir():
+            shutil.rmtree(left, ignore_errors=True)
+        else:
+            left.unlink(missing_ok=True)
+
+
+def _is_running(process: int) -> bool:
+    """Whether a process of this machine is alive."""
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
 @contextlib.contextmanager
 def atomic_file(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; move it there only when the block ends without an error."""
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
     temporary = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix}")
+    _sweep(target.parent, f".{target.stem}.", f".part{target.suffix}")
     try:
         with _named(target):
             yield temporary
@@ -49,6 +75,7 @@ def atomic_directory(path: str | Path) -> Iterator[Path]:
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
     temporary = target.with_name(f".{target.name}.{os.getpid()}.part")
+    _sweep(target.parent, f".{target.name}.", ".part")
     shutil.rmtree(temporary, ignore_errors=True)
     temporary.mkdir()
     try:

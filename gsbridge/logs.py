@@ -105,6 +105,7 @@ class Progress:
         self._last = self._begin
         self._terminal = sys.stderr.isatty()
         self._every = 0.2 if self._terminal else every_s
+        self._logged, self._every_in_log = self._begin, every_s
 
     def update(self, note: str = "", count: int = 1) -> None:
         """Count `count` finished items and report when it is time; `note` is appended (a loss, a file name)."""
@@ -117,12 +118,23 @@ class Progress:
         left = (self.total - self.done) / rate if rate > 0 else float("inf")
         line = f"{self.label}: {self.done}/{self.total}, {rate:.3g}/s, {left:.0f} s left"
         line = f"{line}, {note}" if note else line
-        if self._terminal:
-            end = "\n" if self.done >= self.total else ""
-            sys.stderr.write(f"\r\x1b[K{line}{end}")
-            sys.stderr.flush()
-        else:
+        if not self._terminal:
             logger.info(line)
+            return
+        end = "\n" if self.done >= self.total else ""
+        sys.stderr.write(f"\r\x1b[K{line}{end}")
+        sys.stderr.flush()
+        if now - self._logged >= self._every_in_log or self.done >= self.total:
+            self._logged = now
+            _log_to_files(line)
+
+
+def _log_to_files(line: str) -> None:
+    """Write a line to the log files only: the terminal shows it already."""
+    record = logger.makeRecord(logger.name, logging.INFO, __file__, 0, line, (), None)
+    for handler in logging.getLogger().handlers:
+        if isinstance(handler, logging.FileHandler):
+            handler.handle(record)
 
 
 def track(items: Iterable[T], label: str, total: int | None = None) -> Iterator[T]:

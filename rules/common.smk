@@ -18,6 +18,11 @@ SEED = config["seed"]
 BINDINGS = ["games", "soft", "refined", "unbound"]
 
 
+def file_digest(path):
+    """Digest of a file of the project that a rule reads or runs beside its script."""
+    return hashlib.sha256((ROOT / path).read_bytes()).hexdigest()[:12]
+
+
 def names(kind):
     """Names of all configured scenes of one kind."""
     return [name for name, scene in config["scenes"].items() if scene["kind"] == kind]

@@ -1,9 +1,7 @@
 rule collect_rendering:
     input:
         splats=splat_records,
-        masks=collect(
-            "results/scenes/{scene}/masks/masks.json", scene=preset_scenes("object")
-        ),
+        records=stage_records,
     output:
         rows="results/rows/rendering.csv",
     log:

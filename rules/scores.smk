@@ -62,15 +62,19 @@ rule benchmark_rasterizer:
     threads: workflow.cores
     params:
         code=code_digest("gsbridge.splats.rasterize", "gsbridge.splats.losses"),
+        # The interpreter that runs snakemake: the one on the path may belong to another environment.
+        python=sys.executable,
         program=f"{workflow.basedir}/benchmarks/rasterizer.py",
+        program_digest=file_digest("benchmarks/rasterizer.py"),
     message:
         "Time the rasteriser"
     shell:
-        "python {params.program} --json > {output.benchmark} 2> {log}"
+        "{params.python} {params.program} --json > {output.benchmark} 2> {log}"
 
 
 rule score_real2sim:
     input:
+        # Its date changes with every checkout; its digest below tells whether it changed.
         floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
         scenes=collect("results/scores/scenes/{scene}.json", scene=mirrored_scenes()),
         films=collect("results/films/{scene}/film.json", scene=mirrored_scenes()),
@@ -86,6 +90,7 @@ rule score_real2sim:
         "../envs/report.yaml"
     params:
         code=code_digest("gsbridge.report.score", "gsbridge.report.measured"),
+        floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
         films={
             scene: f"results/films/{scene}/film.json"

@@ -14,4 +14,5 @@ write_rendering_rows(
     snakemake.output.rows,
     scenes=snakemake.params.scenes,
     films=snakemake.params.films,
+    records=snakemake.input.records,
 )

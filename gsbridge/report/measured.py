@@ -80,6 +80,9 @@ def reconstruction_figures(scores: Sequence[Mapping[str, Any]]) -> dict[str, Fig
     add("chamfer_visual_max", "visual_chamfer_mm", max)
     add("chamfer_visual_median", "visual_chamfer_mm", statistics.median)
     add("chamfer_collision_max", "collision_chamfer_mm", max)
+    add("background_long_side_min", "table_long_m", min)
+    add("background_short_side_min", "table_short_m", min)
+    add("background_outside_max", "table_outside_percent", max)
     closed = {
         score["scene"]: float(score["visual_watertight"] and score["collision_watertight"])
         for score in scores

@@ -12,6 +12,7 @@ from gsbridge.report.films import read_ceilings
 from gsbridge.report.paper import paper_values, scene_order
 from gsbridge.report.places import is_main_run, scene_of
 from gsbridge.report.rows import Row, number, write_rows
+from gsbridge.report.stages_table import degraded_reasons, read_records
 
 COLUMNS = (
     "scene",
@@ -50,6 +51,7 @@ def rendering_rows(
     splats_json: Sequence[str | Path],
     scenes: Mapping[str, Mapping[str, str]],
     films: Mapping[str, str | Path] | None = None,
+    records: Sequence[str | Path] = (),
 ) -> list[dict[str, Any]]:
     """Rows from the records of trained splats.
 
@@ -57,6 +59,7 @@ def rendering_rows(
         splats_json: Records `splats.json` below `scenes/{scene}/splats/` (main runs) or `scenes/{scene}/comparison/`.
         scenes: For each scene its `kind` (`object` or `background`) and `origin` (`mirror` or `real`).
         films: `film.json` of mirrored scenes, for the noise ceiling beside each score.
+        records: Records of the stages before: what one of them degraded, no later stage makes whole.
 
     Returns:
         Rows in a fixed order, whatever the order of the records.
@@ -65,12 +68,18 @@ def rendering_rows(
         InputError: A record is damaged or belongs to an unknown scene.
     """
     rows = []
+    before = degraded_reasons(read_records(records))
     ceilings = {scene: read_ceilings(path) for scene, path in (films or {}).items()}
     for path in splats_json:
         scene = scene_of(path)
         if scene not in scenes:
             raise InputError(path, f"the scene {scene!r} is not configured", "Add it to config.yaml or leave the record out")
         found = _record_rows(path, scene, scenes[scene]["kind"], scenes[scene]["origin"])
+        if scene in before:
+            found = [
+                {**row, "status": "degraded", "reasons": "; ".join(filter(None, [*before[scene], row["reasons"]]))}
+                for row in found
+            ]
         rows += [{**row, "ceiling_db": ceilings.get(scene, {}).get((row["split"], row["region"]))} for row in found]
     return sorted(rows, key=_order)
 
@@ -145,9 +154,10 @@ def write_rendering_rows(
     *,
     scenes: Mapping[str, Mapping[str, str]],
     films: Mapping[str, str | Path] | None = None,
+    records: Sequence[str | Path] = (),
 ) -> None:
     """Write `rows/rendering.csv`; arguments as in `rendering_rows`."""
-    write_rows(out_csv, COLUMNS, rendering_rows(splats_json, scenes, films))
+    write_rows(out_csv, COLUMNS, rendering_rows(splats_json, scenes, films, records))
 
 
 def values(rows: Sequence[Row], column: str, **fixed: str) -> dict[tuple[str, str], float]:

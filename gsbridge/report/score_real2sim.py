@@ -157,6 +157,25 @@ def mesh_scores(visual: Path, collision: Path, true_mesh: Path, seed: int) -> di
     return out
 
 
+def table_scores(visual: Path, true_mesh: Path) -> dict[str, float]:
+    """Size of a background's mesh, and how much of it lies where the true table has ended.
+
+    Returns:
+        table_long_m, table_short_m: sides of its bounding rectangle, m; table_outside_percent: share of its area beyond the
+        true table.
+    """
+    mesh, true = read_mesh(visual), read_mesh(true_mesh).vertices
+    sides = np.sort(np.ptp(mesh.vertices[:, :2], axis=0))
+    centroids, areas = mesh.corners().mean(1)[:, :2], mesh.areas()
+    slack = 0.005
+    beyond = ((centroids < true[:, :2].min(0) - slack) | (centroids > true[:, :2].max(0) + slack)).any(1)
+    return {
+        "table_long_m": float(sides[1]),
+        "table_short_m": float(sides[0]),
+        "table_outside_percent": 100 * float(areas[beyond].sum() / areas.sum()),
+    }
+
+
 def score_scene(
     *,
     scene: str,
@@ -209,6 +228,8 @@ def score_scene(
         out |= mask_scores(Path(masks), Path(true_masks), common, Camera.from_json(record["camera"]))
     if kind == "object" and visual is not None and collision is not None and true_mesh is not None:
         out |= mesh_scores(Path(visual), Path(collision), Path(true_mesh), seed)
+    if kind == "background" and visual is not None and true_mesh is not None:
+        out |= table_scores(Path(visual), Path(true_mesh))
     return out
 
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from gsbridge.errors import InputError
 from gsbridge.report.rows import write_rows
+
+logger = logging.getLogger("gsbridge")
 
 COLUMNS = ("rule", "item", "wall_s", "cpu_s", "max_rss_mb")
 
@@ -31,11 +34,7 @@ def name_of(path: str | Path) -> tuple[str, str]:
 
 
 def timing_rows(benchmarks: Sequence[str | Path]) -> list[dict[str, Any]]:
-    """Rows of all benchmark files; repeated measurements of one job are averaged, the memory is their largest.
-
-    Raises:
-        InputError: A file is no snakemake benchmark.
-    """
+    """Rows of all whole benchmark files; repeated measurements of one job are averaged, the memory is their largest."""
     rows = []
     for path in benchmarks:
         rule, item = name_of(path)
@@ -45,9 +44,11 @@ def timing_rows(benchmarks: Sequence[str | Path]) -> list[dict[str, Any]]:
             cpu = [_number(line.get("cpu_time")) for line in lines]
             memory = [_number(line.get("max_rss")) for line in lines]
         except (OSError, json.JSONDecodeError, KeyError, TypeError, ValueError, AttributeError) as error:
-            raise InputError(path, f"this is no snakemake benchmark ({error!r})", "Delete it and run the rule again") from error
+            # Jobs that run at the same time write theirs just now, and a killed one may have left half a line.
+            logger.warning("%s is left out of the timing table: this is no whole benchmark (%r)", path, error)
+            continue
         if not wall:
-            raise InputError(path, "the benchmark is empty", "Delete it and run the rule again")
+            continue
         known_cpu = [value for value in cpu if value is not None]
         known_memory = [value for value in memory if value is not None]
         rows.append(

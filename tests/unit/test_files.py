@@ -3,6 +3,8 @@
 import errno
 import json
 import logging
+import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -46,6 +48,28 @@ def test_stage_record_is_degraded_when_there_is_a_reason(tmp_path):
     assert (first["status"], first["registered"], first["seed"]) == ("pass", 5, 3)
     assert first["versions"]["numpy"] == np.__version__
     assert read_json(tmp_path / "b.json")["status"] == "degraded"
+
+
+def test_a_full_disk_names_the_file(tmp_path):
+    """The error of a write carries no name; that of a whole file does."""
+    with pytest.raises(OSError, match=r"cloud\.ply") as caught, atomic_file(tmp_path / "cloud.ply"):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert caught.value.errno == errno.ENOSPC
+    with pytest.raises(OSError, match="masks"), atomic_directory(tmp_path / "masks"):
+        raise OSError(errno.EDQUOT, "Quota exceeded")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_leftovers_of_killed_writers_are_swept(tmp_path):
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    (tmp_path / f".a.{dead.pid}.part.json").write_text("half")
+    (tmp_path / f".frames.{dead.pid}.part").mkdir()
+    (tmp_path / f".a.{os.getppid()}.part.json").write_text("of a running process")
+    write_json(tmp_path / "a.json", {})
+    with atomic_directory(tmp_path / "frames"):
+        pass
+    assert {path.name for path in tmp_path.iterdir()} == {"a.json", "frames", f".a.{os.getppid()}.part.json"}
 
 
 @pytest.mark.parametrize("text", ["{", "[1]", "\xff"])

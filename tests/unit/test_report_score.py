@@ -18,7 +18,7 @@ from gsbridge.report.rendering_table import COLUMNS
 from gsbridge.report.results_page import write_results_page
 from gsbridge.report.rows import write_rows
 from gsbridge.report.score import read_floors, score_figure, write_scores
-from gsbridge.report.score_real2sim import camera_scores, chamfer, sample_surface, score_scene, surface_distance
+from gsbridge.report.score_real2sim import camera_scores, chamfer, sample_surface, score_scene, surface_distance, table_scores
 from gsbridge.report.truth import mask_iou, undistort_mask
 
 FLOORS = Path(__file__).parents[2] / "benchmarks" / "floors.yaml"
@@ -189,6 +189,19 @@ def test_scene_score_by_hand(scored: dict) -> None:
     (scored["masks"] / "0002.png").unlink()
     with pytest.raises(InputError, match="mask is missing"):
         score_scene(**scored)
+
+
+def test_table_scores_by_hand(tmp_path: Path) -> None:
+    def rectangle(low: tuple[float, float], high: tuple[float, float], name: str) -> Path:
+        corners = np.array([[low[0], low[1], 0], [high[0], low[1], 0], [high[0], high[1], 0], [low[0], high[1], 0]])
+        mesh = trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3]], process=False).subdivide_to_size(0.02, max_iter=20)
+        mesh.export(tmp_path / name)
+        return tmp_path / name
+
+    true = rectangle((-0.6, -0.5), (0.6, 0.5), "true.ply")
+    scores = table_scores(rectangle((-0.5, -0.3), (0.7, 0.4), "visual.ply"), true)
+    assert (scores["table_long_m"], scores["table_short_m"]) == (pytest.approx(1.2), pytest.approx(0.7))
+    assert scores["table_outside_percent"] == pytest.approx(100 * 0.1 / 1.2, abs=1.5)
 
 
 def _rows(psnrs: dict[tuple[str, str, str, str], float]) -> list[dict]:
