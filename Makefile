@@ -4,6 +4,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 SNAKEMAKE := $(BIN)/snakemake
+PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
+# PyPI's torch for Linux brings gigabytes of CUDA; PyTorch's own index also has it without. Empty for a machine with a GPU.
+TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
+SUPPORTED := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 13))
 
 .PHONY: tables toy results test lint format clean-toy setup
 
@@ -37,9 +41,14 @@ clean-toy:
 
 setup: $(INSTALLED)
 
-# A half-made environment has no stamp, so that the next call finishes it.
+# A half-made environment has no stamp, so that the next call finishes it; one without pip or of another Python is made anew.
+# Without PyTorch's index the lock takes the torch that pip finds elsewhere.
 $(INSTALLED): requirements.lock pyproject.toml
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
+	@$(BIN)/python -c 'import pip; $(SUPPORTED)' 2>/dev/null || $(PYTHON) -c '$(SUPPORTED)' || \
+		{ echo "gsbridge needs Python 3.11 or 3.12, $(PYTHON) is not; name one: make PYTHON=python3.12" >&2; exit 1; }
+	@$(BIN)/python -c 'import pip; $(SUPPORTED)' 2>/dev/null || $(PYTHON) -m venv --clear $(VENV) || \
+		{ echo "$(PYTHON) cannot make an environment; on Debian and Ubuntu: sudo apt install python3-venv" >&2; exit 1; }
+	-$(if $(TORCH_INDEX),$(PIP) install --no-deps --retries 1 --timeout 15 --extra-index-url $(TORCH_INDEX) "$$(grep '^torch==' requirements.lock)")
+	$(PIP) install --requirement requirements.lock
+	$(PIP) install --no-deps --editable .
 	touch $(INSTALLED)

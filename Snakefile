@@ -1,5 +1,6 @@
 """gsbridge: photos or a video in, a metric scene of mesh-bound Gaussians out. A table of contents; see rules/."""
 
+from gsbridge.configuration import check_duplicates
 from snakemake.utils import min_version, validate
 
 min_version("9.19")
@@ -8,6 +9,7 @@ min_version("9.19")
 configfile: f"{workflow.basedir}/config.yaml"
 
 
+check_duplicates(workflow.configfiles)
 validate(config, "rules/schemas/config.schema.yaml")
 
 

@@ -51,9 +51,10 @@ def settings(section):
 
 
 def capture_path(path):
-    """A capture's file or folder: absolute, or below the captures folder."""
-    root = Path(os.environ.get("GSBRIDGE_CAPTURES") or ROOT / config["captures"])
-    return str((root / Path(path).expanduser()).resolve())
+    """A capture's file or folder: absolute, or below the captures folder, or below the project's."""
+    captures = Path(os.environ.get("GSBRIDGE_CAPTURES") or ROOT / config["captures"])
+    places = [folder / Path(path).expanduser() for folder in (captures, ROOT)]
+    return str(next((place for place in places if place.exists()), places[0]).resolve())
 
 
 def mirrored_scenes():
@@ -277,6 +278,11 @@ def splat_records(wildcards):
 
 
 SCENES = [scene for scene in PRESET["scenes"] if is_present(scene)]
+LEFT_OUT = [scene for scene in PRESET["scenes"] if scene not in SCENES]
+if LEFT_OUT and workflow.is_main_process:
+    logger.warning(
+        f"Example captures that are not on this machine are left out: {', '.join(LEFT_OUT)}"
+    )
 
 
 wildcard_constraints:

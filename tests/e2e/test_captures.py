@@ -14,9 +14,10 @@ pytestmark = [pytest.mark.capture, pytest.mark.slow]
 
 @pytest.fixture(scope="module")
 def run(captures, tmp_path_factory):
-    """Reconstruct both captures up to their meshes."""
+    """Both captures from photos to splats of both bindings, at the toy's budget."""
     folder = tmp_path_factory.mktemp("captures")
-    targets = [f"results/scenes/{scene}/mesh/mesh.json" for scene in ("banana_photos", "apple_video")]
+    bindings = ("games", "soft")
+    targets = [f"results/scenes/{scene}/splats/{b}/splats.json" for scene in ("banana_photos", "apple_video") for b in bindings]
     process = call_snakemake(folder, "--config", "preset=toy", "--", *targets)
     assert process.returncode == 0, process.stdout[-4000:] + process.stderr[-8000:]
     return folder / "results/scenes"
@@ -60,3 +61,16 @@ def test_apple_mask_agrees_with_the_one_that_came_with_it(run, captures):
 
         given = cv2.resize(given.astype(np.uint8), mask.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
     assert (mask & given).sum() / (mask | given).sum() > 0.75
+
+
+@pytest.mark.parametrize("scene", ["banana_photos", "apple_video"])
+def test_both_bindings_are_trained_and_measured_on_held_out_photos(run, scene):
+    psnr = {}
+    for binding in ("games", "soft"):
+        record = read(run / scene / f"splats/{binding}/splats.json")
+        figures = record["metrics"]["held_out"]["masked"]
+        assert figures["views"] >= 1
+        psnr[binding] = figures["psnr"]
+    # Guards against a broken chain; real photos have no floor.
+    assert psnr["soft"] > 15
+    assert psnr["soft"] > psnr["games"] - 0.5

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -99,6 +100,20 @@ STAGES = {
 }
 
 
+def start(toy: Path, record: Path) -> subprocess.Popen:
+    """Ask snakemake for a record, in a process group of its own, and do not wait."""
+    command = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--directory", str(toy)]
+    command += ["--workflow-profile", str(ROOT / "profiles/default"), "--config", "preset=toy"]
+    return subprocess.Popen([*command, "--", str(record.relative_to(toy))], cwd=ROOT, start_new_session=True)
+
+
+def wait_for(process: subprocess.Popen, happened: Callable[[], object]) -> None:
+    """Wait until something has happened or the process has ended."""
+    deadline = time.monotonic() + 240
+    while not happened() and process.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.05)
+
+
 @pytest.fixture
 def sealed(toy):
     """Hide the truth of the films: a stage that comes out the same without it cannot have looked at it."""
@@ -117,13 +132,9 @@ def test_stage_killed_at_work_is_made_again_to_the_byte_and_without_the_truth(to
     assert len(before) >= len(names)
     record.unlink()
     log.unlink(missing_ok=True)
-    command = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--directory", str(toy)]
-    command += ["--workflow-profile", str(ROOT / "profiles/default"), "--config", "preset=toy"]
-    process = subprocess.Popen([*command, "--", str(record.relative_to(toy))], cwd=ROOT, start_new_session=True)
+    process = start(toy, record)
     # Killed as soon as it writes its log: in the middle of its work, without a chance to clean up.
-    deadline = time.monotonic() + 240
-    while not (log.is_file() and log.stat().st_size) and process.poll() is None and time.monotonic() < deadline:
-        time.sleep(0.05)
+    wait_for(process, lambda: log.is_file() and log.stat().st_size)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     assert not record.exists(), "the stage ended before it could be killed"
@@ -139,6 +150,27 @@ def test_stage_killed_at_work_is_made_again_to_the_byte_and_without_the_truth(to
     # Alone on the machine, a job of one thread takes no more than one core.
     job = json.loads((toy / f"results/benchmarks/{log_name}.jsonl").read_text().splitlines()[-1])
     assert job["cpu_time"] <= 1.25 * job["s"] + 2
+
+
+def test_interrupted_training_says_so_and_goes_on_from_its_checkpoint(toy):
+    record = toy / "results/scenes/small_cube/splats/games/splats.json"
+    outputs = [record.parent / name for name in ("splats.ply", "binding.npz", "splats.json")]
+    before, log = contents(outputs), toy / "results/logs/train_splats/small_cube-games.log"
+    record.unlink()
+    log.unlink()
+    process = start(toy, record)
+    wait_for(process, lambda: list((toy / "results/.state/train_splats").glob("small_cube-games-*/checkpoint.pt")))
+    # Ctrl-C reaches every process of the terminal's group.
+    os.killpg(process.pid, signal.SIGINT)
+    process.wait(timeout=120)
+    assert process.returncode != 0
+    assert "interrupted" in log.read_text()
+    assert "Traceback" not in log.read_text()
+    assert not record.exists()
+    again = call_snakemake(toy, "--config", "preset=toy", "--", str(record.relative_to(toy)))
+    assert again.returncode == 0, again.stderr[-4000:]
+    assert "goes on from step" in log.read_text()
+    assert contents(outputs) == before
 
 
 @pytest.mark.parametrize(
