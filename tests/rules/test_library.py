@@ -28,6 +28,7 @@ FLOORS = {
         "tags",
     ],
     1: ["capture", "sfm", "align", "masks", "mesh", "splats", "robot", "tasks"],
+    1.5: ["asset"],  # bundles what the stages of floor 1 made, so it stands on splats; what simulates stands on it
     2: ["sim", "scene", "reality"],
     3: ["environment"],
     4: ["policy"],

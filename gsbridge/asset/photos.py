@@ -1,0 +1,77 @@
+"""Does the bundle look as the splats stage left it? Its splats against the photos at the registered cameras."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gsbridge.cameras import Views
+from gsbridge.errors import InputError
+from gsbridge.files import read_json
+from gsbridge.geometry import Array, Similarity
+from gsbridge.meshes import read_mesh
+from gsbridge.splats.cloud import Cloud
+from gsbridge.splats.evaluate import evaluate_cloud
+from gsbridge.splats.targets import background_targets, object_targets
+
+LOSS_DB = 0.05
+"""PSNR that rounding and the moves between frames may cost, dB."""
+
+
+@dataclass(frozen=True)
+class Photos:
+    """What the check needs.
+
+    Args:
+        views: Registered photos, table frame.
+        masks: Folder of the masks; None for backgrounds.
+        record: `splats.json` of the splats in the bundle.
+        margin_px: As in the splats stage's settings.
+    """
+
+    views: Views
+    masks: str | Path | None
+    record: str | Path
+    margin_px: int = 12
+
+
+def compare_with_photos(
+    cloud: Cloud, body_from_table: Array, photos: Photos, *, kind: str, visual: str | Path
+) -> dict[str, Any]:
+    """PSNR of the bundle's splats put back into the table frame, beside the splats stage's own.
+
+    Args:
+        cloud: Splats, body frame.
+        body_from_table: [4, 4].
+        photos: See `Photos`.
+        kind: `object` or `background`.
+        visual: Mesh of the mesh stage; says which pixels of a background count.
+
+    Returns:
+        `split`, `views`, `psnr` and `stage_psnr`, dB, inside the mask or on the table, and `kept`: at most `LOSS_DB` was lost.
+
+    Raises:
+        InputError: The record does not hold the figures, or a photo or mask cannot be used.
+    """
+    stored = read_json(photos.record)
+    try:
+        split = "held_out" if stored["metrics"]["held_out"]["masked"]["views"] else "train"
+        before = stored["metrics"][split]["masked"]["psnr"]
+    except (KeyError, TypeError) as error:
+        raise InputError(photos.record, f"the record holds no metrics ({error})", "Run the splats stage again") from error
+    if kind == "object":
+        if photos.masks is None:
+            raise InputError("asset", "an object's photos need masks", "Give the folder of the masks stage")
+        targets = object_targets(photos.views, photos.masks, photos.margin_px)
+    else:
+        targets = background_targets(photos.views, read_mesh(visual))
+    back = cloud.transformed(Similarity.from_matrix(body_from_table).inverse())
+    found = evaluate_cloud(back, [target for target in targets if target.split == split], kind=kind)[split]["masked"]
+    return {
+        "split": split,
+        "views": found["views"],
+        "psnr": found["psnr"],
+        "stage_psnr": before,
+        "kept": found["psnr"] is not None and before is not None and found["psnr"] >= before - LOSS_DB,
+    }

@@ -1,0 +1,316 @@
+"""The asset stage: meshes, splats and alignment in, a bundle for simulators out."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsbridge.asset.body import body_from_table, mass_properties, narrowest_width
+from gsbridge.asset.bullet import rest_check
+from gsbridge.asset.density import density_of
+from gsbridge.asset.hulls import decompose, hull_mesh, inset, seat, simplify
+from gsbridge.asset.photos import Photos, compare_with_photos
+from gsbridge.asset.settings import AssetSettings
+from gsbridge.asset.urdf import write_body_urdf, write_obj
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_directory, read_json, write_stage
+from gsbridge.geometry import Array, Similarity
+from gsbridge.meshes import Mesh, read_mesh, write_mesh
+from gsbridge.splats.cloud import Cloud
+from gsbridge.splats.ply import read_ply, write_ply
+
+logger = logging.getLogger("gsbridge")
+
+KINDS = ("object", "background")
+
+MAX_PENETRATION_MM = 0.5
+MAX_DRIFT_MM = 1.0
+MAX_DRIFT_DEG = 1.0
+SEATED = 1e-4
+"""Hulls stand on z = 0 within this, m."""
+
+_ON_TABLE = 1e-3
+"""A surface that ends this close to the table stands on it, m: the foot's own tolerance."""
+_LARGEST_BACKGROUND = 5.0
+_HULL_EXCESS_MM = 3.0
+"""The outlines' hull is larger than the surface in dents and under eaves; more than this on a whole side is worth a note."""
+
+
+@dataclass(frozen=True)
+class AssetInputs:
+    """Files of one scene that an asset is made of, all in the table frame.
+
+    Args:
+        visual: Mesh with colours.
+        collision: Watertight hull.
+        splats: Splats of the chosen binding.
+        align: Record of the align stage.
+    """
+
+    visual: str | Path
+    collision: str | Path
+    splats: str | Path
+    align: str | Path
+
+
+@dataclass(frozen=True)
+class AssetOutputs:
+    """Files of an asset. All lie in one folder, as `asset.json` and the URDF refer to the others by relative paths.
+
+    Args:
+        urdf: `body.urdf`.
+        hulls: Folder `hulls/` of all OBJ meshes.
+        visual: `visual.ply`, with colours.
+        splats: `splats.ply`.
+        record: `asset.json`.
+    """
+
+    urdf: str | Path
+    hulls: str | Path
+    visual: str | Path
+    splats: str | Path
+    record: str | Path
+
+
+def build_asset(
+    inputs: AssetInputs,
+    outputs: AssetOutputs,
+    settings: AssetSettings | None = None,
+    *,
+    name: str,
+    kind: str = "object",
+    seed: int = 0,
+    photos: Photos | None = None,
+) -> None:
+    """Bundle a scene for simulators.
+
+    Args:
+        inputs, outputs: Files.
+        settings: See `AssetSettings`.
+        name: Name of the scene, for the URDF.
+        kind: `object` or `background`.
+        seed: Seed of the convex decomposition.
+        photos: Compare the bundle's looks with the photos; None leaves that out.
+
+    Raises:
+        InputError: A file or setting cannot be used: mesh missing, not watertight, of the wrong scale, off the table; scale
+            unknown; splats elsewhere than the mesh; density unknown.
+    """
+    settings = settings or AssetSettings()
+    if kind not in KINDS:
+        raise InputError("asset: kind", f"{kind!r} is unknown", f"Use one of {', '.join(KINDS)}")
+    density = density_of(settings.density)
+    _check_scale_known(inputs.align)
+    visual, collision, cloud = read_mesh(inputs.visual), read_mesh(inputs.collision), read_ply(inputs.splats)
+    _check_size(visual, inputs.visual, settings, kind)
+    _check_place(cloud, visual, inputs)
+    if kind == "object":
+        pose, reasons, figures = _build_object(visual, collision, inputs, outputs, settings, name, density, seed)
+    else:
+        pose, reasons, figures = _build_background(visual, collision, inputs, outputs, name)
+    moved = Similarity.from_matrix(pose)
+    visual = Mesh(moved.apply(visual.vertices), visual.faces, visual.colours)
+    write_mesh(outputs.visual, visual)
+    write_ply(outputs.splats, cloud.transformed(moved))
+    looks = None
+    if photos is not None:
+        # What was written is what is checked.
+        looks = compare_with_photos(read_ply(outputs.splats), pose, photos, kind=kind, visual=inputs.visual)
+        if not looks["kept"]:
+            reasons.append(f"the bundle's PSNR is {looks['psnr']} dB, that of the splats stage {looks['stage_psnr']} dB")
+    record = Path(outputs.record)
+    files = {"urdf": outputs.urdf, "visual": outputs.visual, "splats": outputs.splats}
+    write_stage(
+        record,
+        reasons=reasons,
+        seed=seed,
+        packages=("coacd", "pybullet", "scipy"),
+        kind=kind,
+        files={
+            **{key: os.path.relpath(path, record.parent) for key, path in files.items()},
+            "hulls": [os.path.relpath(path, record.parent) for path in sorted(Path(outputs.hulls).glob("hull_*.obj"))],
+        },
+        body_from_table=pose,
+        height=float(visual.vertices[:, 2].max()),
+        width=narrowest_width(visual.vertices),
+        splats=len(cloud),
+        settings=asdict(settings),
+        photos=looks,
+        **figures,
+    )
+    logger.info("%s: asset of %d splats%s", name, len(cloud), f", degraded: {'; '.join(reasons)}" if reasons else "")
+
+
+def _check_scale_known(align: str | Path) -> None:
+    """Refuse a capture whose unit is not known."""
+    if read_json(align).get("scale_source", "unknown") == "unknown":
+        raise InputError(
+            align,
+            "the scale of the capture is unknown, so the body has no size or mass",
+            "Film it with the board, or give a length",
+        )
+
+
+def _check_size(mesh: Mesh, path: str | Path, settings: AssetSettings, kind: str) -> None:
+    """Refuse bodies that no table holds."""
+    longest = float(np.ptp(mesh.vertices, axis=0).max())
+    largest = settings.largest if kind == "object" else _LARGEST_BACKGROUND
+    if not settings.smallest <= longest <= largest:
+        raise InputError(
+            path,
+            f"the {kind} measures {longest:.4g} m; {settings.smallest:g} to {largest:g} m are plausible",
+            "Check the scale of the align stage (size of the board's tags, known length)",
+        )
+
+
+def _check_place(cloud: Cloud, visual: Mesh, inputs: AssetInputs) -> None:
+    """Refuse splats of another scene or frame."""
+    low, high = visual.vertices.min(0), visual.vertices.max(0)
+    slack = 0.25 * float((high - low).max())
+    inside = ((cloud.means > low - slack) & (cloud.means < high + slack)).all(1)
+    if inside.mean() < 0.9:
+        raise InputError(
+            inputs.splats,
+            f"{100 * (1 - inside.mean()):.0f} % of the splats lie away from the mesh {inputs.visual}",
+            "Take mesh and splats of the same scene, and run the splats stage again",
+        )
+
+
+def _solid(visual: Mesh, collision: Mesh, inputs: AssetInputs) -> tuple[str, Mesh, list[str]]:
+    """The mesh that is the body: the visual one where it is closed, else the hull of the outlines."""
+    if visual.is_watertight() and visual.volume() > 0:
+        excess = 1e3 * np.maximum(collision.vertices.max(0) - visual.vertices.max(0), 0)
+        if excess.max() > _HULL_EXCESS_MM:
+            logger.info("the outlines' hull stands out %s mm beyond the surface (x, y, z)", np.round(excess, 1))
+        return "visual", visual, []
+    if collision.is_watertight() and collision.volume() > 0:
+        return "collision", collision, ["the visual mesh is not watertight; the body is the hull of the outlines"]
+    raise InputError(
+        inputs.visual,
+        f"neither this mesh nor {inputs.collision} is watertight, so they have no volume",
+        "Run the mesh stage again",
+    )
+
+
+def _standing(solid: Mesh, path: str | Path, floating: float) -> tuple[Array, list[str]]:
+    """`body_from_table`, with a small gap to the table closed and noted."""
+    pose = body_from_table(solid)
+    lowest = float(solid.vertices[:, 2].min())
+    if abs(lowest) > floating:
+        raise InputError(
+            path, f"the object's lowest point is {1e3 * lowest:.1f} mm above the table", "Check the align and mesh stages"
+        )
+    if abs(lowest) <= _ON_TABLE:
+        return pose, []
+    pose[2, 3] = -lowest
+    return pose, [f"the object's lowest point was {1e3 * lowest:.1f} mm above the table; the body was moved there"]
+
+
+def _build_object(
+    visual: Mesh,
+    collision: Mesh,
+    inputs: AssetInputs,
+    outputs: AssetOutputs,
+    settings: AssetSettings,
+    name: str,
+    density: float,
+    seed: int,
+) -> tuple[Array, list[str], dict[str, Any]]:
+    """Hulls, URDF and figures of a rigid body; returns `body_from_table`, reasons and figures."""
+    which, solid, reasons = _solid(visual, collision, inputs)
+    pose, more = _standing(solid, inputs.visual if which == "visual" else inputs.collision, settings.floating)
+    reasons += more
+    solid = Mesh(solid.vertices + pose[:3, 3], solid.faces)
+    properties = mass_properties(solid, density)
+    parts = decompose(solid, concavity=settings.concavity, most=settings.most_hulls, seed=seed)
+    hulls = [simplify(part, settings.hull_tolerance, settings.hull_vertices) for part in seat(parts, settings.foot)]
+    shrunk, moves = _for_bullet(hulls, settings)
+    if min(moves) < 0.99 * settings.margin:
+        count = sum(move < 0.99 * settings.margin for move in moves)
+        reasons.append(f"{count} of {len(hulls)} hulls are too thin for the whole collision margin and stand out a little")
+    collisions = _write_meshes(outputs, {"hull": hulls, "bullet": shrunk}, _shifted(visual, pose))
+    write_body_urdf(outputs.urdf, name, properties, visual=collisions["visual"][0], collisions=collisions["bullet"])
+    lowest = min(float(hull[:, 2].min()) for hull in hulls)
+    if abs(lowest) > SEATED:
+        reasons.append(f"the hulls stand {1e3 * lowest:.2f} mm above the table")
+    rest = rest_check(outputs.urdf)
+    for value, limit, text in (
+        (rest.penetration_mm, MAX_PENETRATION_MM, "mm deep in the table at rest"),
+        (rest.drift_mm, MAX_DRIFT_MM, "mm moved while settling"),
+        (rest.drift_deg, MAX_DRIFT_DEG, "degrees turned while settling"),
+    ):
+        if value > limit:
+            reasons.append(f"{value:.2f} {text}; {limit:g} are allowed")
+    return (
+        pose,
+        reasons,
+        {
+            "solid": which,
+            "body": {**asdict(properties), "density": density},
+            "hulls": {
+                "count": len(hulls),
+                "vertices": sum(len(hull) for hull in hulls),
+                "volume": sum(hull_mesh(hull).volume() for hull in hulls),
+                "lowest_mm": 1e3 * lowest,
+            },
+            "outline_hull_volume": collision.volume(),
+            "rest": rest.to_json(),
+        },
+    )
+
+
+def _for_bullet(hulls: Sequence[Array], settings: AssetSettings) -> tuple[list[Array], list[float]]:
+    """Hulls with room for the margin, and how much room each got."""
+    out, moves = [], []
+    for hull in hulls:
+        smaller, moved = inset(hull, settings.margin) if settings.margin > 0 else (hull, 0.0)
+        foot = float(smaller[:, 2].min())
+        # Few vertices again, but the whole foot: what `simplify` keeps closely is at z = 0.
+        down = np.array([0.0, 0.0, foot])
+        out.append(
+            simplify(
+                np.where(np.abs(smaller - down) < 1e-9, 0.0, smaller - down), settings.hull_tolerance, settings.hull_vertices
+            )
+            + down
+        )
+        moves.append(moved)
+    return out, moves
+
+
+def _shifted(mesh: Mesh, pose: Array) -> Mesh:
+    return Mesh(mesh.vertices + pose[:3, 3], mesh.faces)
+
+
+def _write_meshes(outputs: AssetOutputs, hulls: dict[str, list[Array]], visual: Mesh) -> dict[str, list[str]]:
+    """Write the folder of OBJ meshes; returns their paths from the URDF, by kind."""
+    folder = os.path.relpath(outputs.hulls, Path(outputs.urdf).parent)
+    names: dict[str, list[str]] = {"visual": [f"{folder}/visual.obj"]}
+    with atomic_directory(outputs.hulls) as temporary:
+        write_obj(temporary / "visual.obj", visual)
+        for kind, parts in hulls.items():
+            names[kind] = [f"{folder}/{kind}_{index:02d}.obj" for index in range(len(parts))]
+            for path, part in zip(names[kind], parts, strict=True):
+                write_obj(temporary / Path(path).name, hull_mesh(part))
+    return names
+
+
+def _build_background(
+    visual: Mesh, collision: Mesh, inputs: AssetInputs, outputs: AssetOutputs, name: str
+) -> tuple[Array, list[str], dict[str, Any]]:
+    """Static concave body in the table frame."""
+    if not collision.is_watertight():
+        raise InputError(
+            inputs.collision, "the mesh is not watertight, so bodies could fall into it", "Run the mesh stage again"
+        )
+    folder = os.path.relpath(outputs.hulls, Path(outputs.urdf).parent)
+    with atomic_directory(outputs.hulls) as temporary:
+        write_obj(temporary / "visual.obj", visual)
+        write_obj(temporary / "concave.obj", collision)
+    write_body_urdf(outputs.urdf, name, None, visual=f"{folder}/visual.obj", collisions=[f"{folder}/concave.obj"])
+    return np.eye(4), [], {"solid": "collision", "body": None, "faces": len(collision.faces)}

@@ -1,0 +1,240 @@
+"""Kernels of kinematics: poses of all links, the tool's Jacobian and damped least squares, compiled for the control loop.
+
+A robot is a list of nodes with parents first. Node `k` hangs below `parents[k]` (-1: the base) by the transform `fixed[k]` and
+turns by `values[k]` about `axes[k]` (a zero axis for a fixed joint).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from gsbridge.geometry import Array
+from gsbridge.kernels import njit
+
+_LENGTH = 0.3
+"""Metres that weigh as much as one radian: about the lever of the wrist, so that both errors shrink together."""
+
+_MAX_STEP = 0.25
+"""Largest joint step of one iteration, rad: beyond it the linear model is worth nothing."""
+
+_POSTURE_GAIN = 0.5
+"""Share of the way to the rest posture taken per iteration, in the directions that leave the tool where it is."""
+
+
+@njit(nogil=True)
+def place_links(parents: Array, fixed: Array, axes: Array, values: Array, out: Array) -> None:
+    """Poses of all nodes in the base. parents [K], fixed [K, 4, 4], axes [K, 3], values [K] -> out [K, 4, 4]."""
+    for k in range(len(parents)):
+        x, y, z = axes[k, 0], axes[k, 1], axes[k, 2]
+        sine, cosine = math.sin(values[k]), math.cos(values[k])
+        rest = 1.0 - cosine
+        # Rodrigues' rotation; a zero axis has the value zero and gives the identity.
+        turn = np.empty((3, 3))
+        turn[0, 0], turn[0, 1], turn[0, 2] = cosine + x * x * rest, x * y * rest - z * sine, x * z * rest + y * sine
+        turn[1, 0], turn[1, 1], turn[1, 2] = y * x * rest + z * sine, cosine + y * y * rest, y * z * rest - x * sine
+        turn[2, 0], turn[2, 1], turn[2, 2] = z * x * rest - y * sine, z * y * rest + x * sine, cosine + z * z * rest
+        local = np.empty((3, 3))
+        for i in range(3):
+            for j in range(3):
+                local[i, j] = fixed[k, i, 0] * turn[0, j] + fixed[k, i, 1] * turn[1, j] + fixed[k, i, 2] * turn[2, j]
+        parent = parents[k]
+        for i in range(3):
+            if parent < 0:
+                for j in range(3):
+                    out[k, i, j] = local[i, j]
+                out[k, i, 3] = fixed[k, i, 3]
+            else:
+                a, b, c = out[parent, i, 0], out[parent, i, 1], out[parent, i, 2]
+                for j in range(3):
+                    out[k, i, j] = a * local[0, j] + b * local[1, j] + c * local[2, j]
+                out[k, i, 3] = a * fixed[k, 0, 3] + b * fixed[k, 1, 3] + c * fixed[k, 2, 3] + out[parent, i, 3]
+            out[k, 3, i] = 0.0
+        out[k, 3, 3] = 1.0
+
+
+@njit(nogil=True)
+def rotation_error(target: Array, current: Array, out: Array) -> float:
+    """Rotation vector that turns `current` into `target`, base frame; returns its angle. [4, 4], [4, 4] -> out [3]."""
+    delta = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                delta[i, j] += target[i, k] * current[j, k]
+    x, y, z = delta[2, 1] - delta[1, 2], delta[0, 2] - delta[2, 0], delta[1, 0] - delta[0, 1]
+    double_sine = math.sqrt(x * x + y * y + z * z)
+    angle = math.atan2(double_sine, delta[0, 0] + delta[1, 1] + delta[2, 2] - 1.0)
+    if double_sine > 1e-9:
+        scale = angle / double_sine
+    elif angle < 1.0:
+        scale = 0.5
+    else:
+        # Half a turn: the axis is the largest column of delta + 1; either sense does.
+        axis = 0
+        for k in range(1, 3):
+            if delta[k, k] > delta[axis, axis]:
+                axis = k
+        x, y, z = delta[0, axis], delta[1, axis], delta[2, axis]
+        if axis == 0:
+            x += 1.0
+        elif axis == 1:
+            y += 1.0
+        else:
+            z += 1.0
+        scale = angle / math.sqrt(x * x + y * y + z * z)
+    out[0], out[1], out[2] = scale * x, scale * y, scale * z
+    return angle
+
+
+@njit(nogil=True)
+def cholesky_solve(matrix: Array, right: Array) -> None:
+    """Solve a small symmetric positive definite system in place. matrix [N, N] (lower half used), right [N, M]."""
+    size = len(matrix)
+    for j in range(size):
+        for k in range(j):
+            matrix[j, j] -= matrix[j, k] * matrix[j, k]
+        matrix[j, j] = math.sqrt(max(matrix[j, j], 1e-300))
+        for i in range(j + 1, size):
+            for k in range(j):
+                matrix[i, j] -= matrix[i, k] * matrix[j, k]
+            matrix[i, j] /= matrix[j, j]
+    for m in range(right.shape[1]):
+        for i in range(size):
+            for k in range(i):
+                right[i, m] -= matrix[i, k] * right[k, m]
+            right[i, m] /= matrix[i, i]
+        for i in range(size - 1, -1, -1):
+            for k in range(i + 1, size):
+                right[i, m] -= matrix[k, i] * right[k, m]
+            right[i, m] /= matrix[i, i]
+
+
+@njit(nogil=True)
+def tool_jacobian(axes: Array, nodes: Array, poses: Array, tool: int, out: Array) -> None:
+    """Geometric Jacobian of a node for the joints `nodes` on the way to it, base frame: metres, then radians. -> out [6, N]."""
+    for column in range(len(nodes)):
+        k = nodes[column]
+        x = poses[k, 0, 0] * axes[k, 0] + poses[k, 0, 1] * axes[k, 1] + poses[k, 0, 2] * axes[k, 2]
+        y = poses[k, 1, 0] * axes[k, 0] + poses[k, 1, 1] * axes[k, 1] + poses[k, 1, 2] * axes[k, 2]
+        z = poses[k, 2, 0] * axes[k, 0] + poses[k, 2, 1] * axes[k, 1] + poses[k, 2, 2] * axes[k, 2]
+        dx, dy, dz = poses[tool, 0, 3] - poses[k, 0, 3], poses[tool, 1, 3] - poses[k, 1, 3], poses[tool, 2, 3] - poses[k, 2, 3]
+        out[0, column] = y * dz - z * dy
+        out[1, column] = z * dx - x * dz
+        out[2, column] = x * dy - y * dx
+        out[3, column], out[4, column], out[5, column] = x, y, z
+
+
+@njit(nogil=True)
+def damped_step(jacobian: Array, error: Array, pull: Array, free: Array, damping: float, step: Array) -> None:
+    """One joint step: towards the target by damped least squares, along `pull` where that leaves the tool in place.
+
+    Args:
+        jacobian: Weighted Jacobian. [6, N].
+        error: Weighted pose error. [6].
+        pull: Wanted joint motion that must not move the tool. [N].
+        free: Joints that may move. [N] bool.
+        damping: Added to the diagonal of J J^T.
+        step: Result. [N].
+    """
+    count = jacobian.shape[1]
+    normal, right = np.zeros((6, 6)), np.zeros((6, 2))
+    for i in range(6):
+        right[i, 0] = error[i]
+        normal[i, i] = damping
+        for k in range(count):
+            if free[k]:
+                right[i, 1] += jacobian[i, k] * pull[k]
+                for j in range(i + 1):
+                    normal[i, j] += jacobian[i, k] * jacobian[j, k]
+    cholesky_solve(normal, right)
+    for k in range(count):
+        step[k] = 0.0
+        if free[k]:
+            step[k] = pull[k]
+            for i in range(6):
+                step[k] += jacobian[i, k] * (right[i, 0] - right[i, 1])
+
+
+@njit(nogil=True)
+def solve_inverse(
+    parents: Array,
+    fixed: Array,
+    axes: Array,
+    nodes: Array,
+    tool: int,
+    target: Array,
+    rest: Array,
+    pull_weights: Array,
+    lower: Array,
+    upper: Array,
+    tolerance: float,
+    iterations: int,
+    q: Array,
+) -> tuple[float, float, int]:
+    """Damped least squares within joint limits; `q` [N] is the start and becomes the solution.
+
+    Returns:
+        Position error m, angle error rad, iterations done. It ends when both errors lie below `tolerance` (m, and rad times
+        0.3 m) and the posture no longer moves, so that the answer hardly depends on the start.
+    """
+    count = len(q)
+    values, poses = np.zeros(len(parents)), np.empty((len(parents), 4, 4))
+    jacobian, error, step = np.empty((6, count)), np.empty(6), np.empty(count)
+    pull, free, turn = np.empty(count), np.empty(count, np.bool_), np.empty(3)
+    best = q.copy()
+    best_error = np.inf
+    position, angle, done = np.inf, np.inf, 0
+    for round_ in range(iterations + 1):
+        for k in range(count):
+            values[nodes[k]] = q[k]
+        place_links(parents, fixed, axes, values, poses)
+        angle = rotation_error(target, poses[tool], turn)
+        position = 0.0
+        for i in range(3):
+            error[i] = target[i, 3] - poses[tool, i, 3]
+            error[3 + i] = _LENGTH * turn[i]
+            position += error[i] * error[i]
+        position = math.sqrt(position)
+        total = position * position + (_LENGTH * angle) ** 2
+        reached = max(position, _LENGTH * angle) <= tolerance
+        if total < best_error or reached:
+            best_error = total
+            best[:] = q
+        done = round_
+        if round_ == iterations:
+            break
+        tool_jacobian(axes, nodes, poses, tool, jacobian)
+        for k in range(count):
+            free[k] = True
+            pull[k] = _POSTURE_GAIN * pull_weights[k] * (rest[k] - q[k])
+            for i in range(3, 6):
+                jacobian[i, k] *= _LENGTH
+        # Damping in proportion to the error (Sugihara): quick near the target, calm where the target cannot be reached.
+        damping = 0.05 * total + 1e-10
+        for _ in range(count):
+            damped_step(jacobian, error, pull, free, damping, step)
+            blocked = False
+            for k in range(count):
+                if free[k] and ((q[k] <= lower[k] and step[k] < 0.0) or (q[k] >= upper[k] and step[k] > 0.0)):
+                    free[k] = False
+                    blocked = True
+            if not blocked:
+                break
+        largest = 0.0
+        for k in range(count):
+            largest = max(largest, abs(step[k]))
+        if reached and largest < 10.0 * tolerance:
+            break
+        shrink = min(1.0, _MAX_STEP / max(largest, 1e-300))
+        for k in range(count):
+            q[k] = min(max(q[k] + shrink * step[k], lower[k]), upper[k])
+    q[:] = best
+    for k in range(count):
+        values[nodes[k]] = q[k]
+    place_links(parents, fixed, axes, values, poses)
+    angle = rotation_error(target, poses[tool], turn)
+    position = 0.0
+    for i in range(3):
+        position += (target[i, 3] - poses[tool, i, 3]) ** 2
+    return math.sqrt(position), angle, done

@@ -1,0 +1,227 @@
+"""Forward and inverse kinematics of a robot's description, in double precision and independent of any physics engine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gsbridge.errors import InputError
+from gsbridge.geometry import Array
+from gsbridge.robot.chain import place_links, solve_inverse, tool_jacobian
+from gsbridge.robot.limits import JointLimits
+from gsbridge.robot.nominal import REST_POSTURE
+from gsbridge.robot.urdf import Tree, read_urdf
+
+TOLERANCE = 1e-7
+"""Error at which inverse kinematics stops, m (and rad times 0.3 m)."""
+
+ITERATIONS = 200
+
+REACHED_M, REACHED_RAD = 1e-4, 1e-3
+"""Errors up to which a pose counts as reached: a tenth of a millimetre is far below what the arm's control can follow."""
+
+
+@dataclass(frozen=True)
+class Inverse:
+    """Result of inverse kinematics.
+
+    Args:
+        q: Arm joints, within their limits, rad. [N].
+        position_error_m: Distance of the tool from the wanted point.
+        angle_error_rad: Angle between the tool's and the wanted axes.
+        converged: Both errors are small enough for the pose to count as reached.
+        iterations: Steps taken.
+    """
+
+    q: Array
+    position_error_m: float
+    angle_error_rad: float
+    converged: bool
+    iterations: int
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """A robot's tree, ready for computing. Its coordinates `q` are the independent joints; coupled ones follow.
+
+    Args:
+        tree: Links and joints.
+        rest: Posture the arm prefers among those with the same tool pose, rad. [N].
+        tip: Link that inverse kinematics places.
+    """
+
+    tree: Tree
+    rest: Array
+    tip: str = "tool"
+
+    @classmethod
+    def read(cls, urdf: str | Path, rest: Sequence[float] = REST_POSTURE, tip: str = "tool") -> Kinematics:
+        """Read a description.
+
+        Raises:
+            InputError: The file cannot be used, has no link `tip`, or the rest posture does not fit its arm.
+        """
+        tree = read_urdf(urdf)
+        if tip not in tree.links:
+            raise InputError(urdf, f"the description has no link '{tip}'", "Build the robot again")
+        out = cls(tree, np.asarray(rest, dtype=np.float64), tip)
+        limits = out.arm_limits
+        if out.rest.shape != limits.lower.shape or not limits.inside(out.rest).all():
+            raise InputError(
+                "rest posture", "it does not fit the arm's joints and their limits", "Give one angle per arm joint"
+            )
+        return out
+
+    def __post_init__(self) -> None:
+        joints, index = self.tree.joints, {name: k for k, name in enumerate(self.tree.links)}
+        names = [joint.name for joint in self.tree.independent]
+        arrays = {
+            "_index": index,
+            # Node 0 is the base; node k + 1 the child of joint k.
+            "_parents": np.array([-1, *(index[joint.parent] for joint in joints)], dtype=np.int64),
+            "_fixed": np.stack([np.eye(4), *(joint.parent_from_child for joint in joints)]),
+            "_axes": np.array([(0.0, 0.0, 0.0), *(j.axis if j.kind == "revolute" else (0.0, 0.0, 0.0) for j in joints)]),
+            "_source": np.array([-1, *(names.index(j.follows or j.name) if j.kind == "revolute" else -1 for j in joints)]),
+            "_factor": np.array([0.0, *(j.multiplier if j.kind == "revolute" else 0.0 for j in joints)]),
+        }
+        for key, value in arrays.items():
+            object.__setattr__(self, key, value)
+        object.__setattr__(self, "_arm_nodes", np.array(self._path(self.tip), dtype=np.int64))
+
+    def _path(self, link: str) -> list[int]:
+        """Nodes of the moving joints from the base to a link."""
+        node, path = self._node(link), []
+        while node > 0:
+            if self._source[node] >= 0:
+                path.append(node)
+            node = int(self._parents[node])
+        return path[::-1]
+
+    def _node(self, link: str) -> int:
+        """Index of a link."""
+        if link not in self._index:
+            raise InputError(f"link '{link}'", "the robot has no such link", f"Use one of: {', '.join(self.tree.links)}")
+        return self._index[link]
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the coordinates `q`: the arm's joints, then the gripper's driver."""
+        return tuple(joint.name for joint in self.tree.independent)
+
+    @property
+    def arm_joints(self) -> tuple[str, ...]:
+        """Names of the joints that move the tip."""
+        return tuple(self.tree.joints[node - 1].name for node in self._arm_nodes)
+
+    @property
+    def arm_limits(self) -> JointLimits:
+        """Limits of the joints that move the tip."""
+        return JointLimits.of([self.tree.joints[node - 1] for node in self._arm_nodes])
+
+    def joint_values(self, q: Array) -> dict[str, Array]:
+        """Value of every moving joint, coupled ones included, by name. q [..., Q] -> each [...]."""
+        q = self._checked(q)
+        return {
+            joint.name: self._factor[k + 1] * q[..., self._source[k + 1]]
+            for k, joint in enumerate(self.tree.joints)
+            if joint.kind == "revolute"
+        }
+
+    def _checked(self, q: Array) -> Array:
+        """All coordinates as float64; the arm's alone are completed by zeros (fingers parallel to the tool's axis)."""
+        out = np.asarray(q, dtype=np.float64)
+        count, arm = len(self.joints), len(self._arm_nodes)
+        if out.ndim == 0 or out.shape[-1] not in (count, arm):
+            raise ValueError(f"expected {count} joint values (or {arm} of the arm), got the shape {out.shape}")
+        if out.shape[-1] < count:
+            out = np.concatenate([out, np.zeros((*out.shape[:-1], count - arm))], axis=-1)
+        return out
+
+    def poses(self, q: Array) -> Array:
+        """Poses of all links in the order of `tree.links`, `base_from_link`. q [..., Q] -> [..., L, 4, 4]."""
+        q = self._checked(q)
+        values = np.where(self._source >= 0, q[..., self._source] * self._factor, 0.0)
+        # Indexing may leave another memory order, for which numba would compile its kernels a second time.
+        flat = np.ascontiguousarray(values.reshape(-1, values.shape[-1]))
+        out = np.empty((*flat.shape, 4, 4))
+        for row, place in zip(flat, out, strict=True):
+            place_links(self._parents, self._fixed, self._axes, row, place)
+        return out.reshape(*values.shape, 4, 4)
+
+    def fk(self, q: Array, links: Sequence[str] | None = None) -> dict[str, Array]:
+        """Forward kinematics.
+
+        Args:
+            q: Coordinates in the order of `joints`, rad; or the arm's alone. [..., Q].
+            links: Links to place; None for all.
+
+        Returns:
+            `base_from_link` by link name. Each [..., 4, 4].
+
+        Raises:
+            InputError: The robot has no such link.
+        """
+        nodes = {link: self._node(link) for link in (self.tree.links if links is None else links)}
+        poses = self.poses(q)
+        return {link: poses[..., node, :, :] for link, node in nodes.items()}
+
+    def jacobian(self, q: Array, link: str | None = None) -> Array:
+        """Geometric Jacobian of a link's origin.
+
+        Args:
+            q: Coordinates, or the arm's alone. [Q].
+            link: The link; None for the tip.
+
+        Returns:
+            Velocity of the origin (m/s, three rows) and angular velocity (rad/s, three rows) in the base frame per speed of
+            each coordinate; a coupled joint counts for the coordinate it follows. [6, number of coordinates].
+        """
+        poses = self.poses(q)
+        nodes = np.array(self._path(link or self.tip), dtype=np.int64)
+        parts = np.empty((6, len(nodes)))
+        tool_jacobian(self._axes, nodes, poses, self._node(link or self.tip), parts)
+        out = np.zeros((6, len(self.joints)))
+        for column, node in zip(parts.T, nodes, strict=True):
+            out[:, self._source[node]] += self._factor[node] * column
+        return out
+
+    def inverse(
+        self, base_from_tool: Array, start: Array | None = None, *, tolerance: float = TOLERANCE, iterations: int = ITERATIONS
+    ) -> Inverse:
+        """Arm joints that bring the tip to a pose; where several do, those near the rest posture.
+
+        Damped least squares on the whole pose, with joints that rest on a limit left out of the step. The elbow's freedom goes
+        to the rest posture until it no longer moves: the answer is a function of the pose, not of the way there.
+
+        Args:
+            base_from_tool: Wanted pose of the tip. [4, 4].
+            start: Arm joints to begin from, usually the last command; None for the rest posture. [N].
+            tolerance: Error at which to stop, m (and rad times 0.3 m).
+            iterations: Largest number of steps.
+
+        Returns:
+            The best joints found, whether or not the pose was reached.
+
+        Raises:
+            InputError: The wanted pose or the start is not finite.
+
+        Source: damping after Sugihara, IEEE T-RO 27(5), 2011.
+        """
+        target = np.array(base_from_tool, dtype=np.float64)
+        limits = self.arm_limits
+        q = np.array(self.rest if start is None else start, dtype=np.float64)
+        if target.shape != (4, 4) or q.shape != self.rest.shape or not (np.isfinite(target).all() and np.isfinite(q).all()):
+            raise InputError("inverse kinematics", "the pose or the start is no finite pose", "Check the command for NaN")
+        q = limits.clip(q)
+        weights = np.ones_like(q)
+        # The last joint only turns the hand: pulling it would trade the hand's yaw against the elbow.
+        weights[-1] = 0.0
+        position, angle, done = solve_inverse(
+            self._parents, self._fixed, self._axes, self._arm_nodes, self._node(self.tip), target, self.rest, weights,
+            limits.lower, limits.upper, tolerance, iterations, q,
+        )  # fmt: skip
+        reached = position <= REACHED_M and angle <= REACHED_RAD
+        return Inverse(q, float(position), float(angle), bool(reached), int(done))

@@ -1,0 +1,152 @@
+"""Limits of joints and of the room the tool may use."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from gsbridge.errors import InputError
+from gsbridge.geometry import Array
+from gsbridge.robot.links import Joint
+from gsbridge.robot.nominal import WORK_CENTRE
+from gsbridge.robot.urdf import read_urdf
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Limits of several joints, all [N].
+
+    Args:
+        names: Joint names.
+        lower: Smallest angles, rad.
+        upper: Largest angles, rad.
+        velocity: Largest speeds, rad/s.
+        effort: Largest torques, N m.
+    """
+
+    names: tuple[str, ...]
+    lower: Array
+    upper: Array
+    velocity: Array
+    effort: Array
+
+    @classmethod
+    def of(cls, joints: Sequence[Joint]) -> JointLimits:
+        """Limits of these joints."""
+        values = np.array([(j.lower, j.upper, j.velocity, j.effort) for j in joints], dtype=np.float64).reshape(-1, 4)
+        return cls(tuple(joint.name for joint in joints), *(np.ascontiguousarray(column) for column in values.T))
+
+    @classmethod
+    def read(cls, urdf: str | Path, names: Sequence[str] | None = None) -> JointLimits:
+        """Limits from a description, for the named joints or all moving ones.
+
+        Raises:
+            InputError: The file cannot be used, a joint is missing, or a limit makes no sense.
+        """
+        joints = {joint.name: joint for joint in read_urdf(urdf).moving}
+        for name in names or ():
+            if name not in joints:
+                raise InputError(urdf, f"the description has no moving joint '{name}'", f"Use one of: {', '.join(joints)}")
+        out = cls.of([joints[name] for name in (joints if names is None else names)])
+        for name, low, high, speed, effort in zip(out.names, out.lower, out.upper, out.velocity, out.effort, strict=True):
+            if not (low < high and speed > 0 and effort > 0):
+                raise InputError(urdf, f"joint '{name}' has an empty range, no speed or no torque", "Correct its limits")
+        return out
+
+    def inside(self, q: Array) -> Array:
+        """Whether each angle lies within its limits (a nanoradian of rounding is forgiven). [..., N] -> bool [..., N]."""
+        return (np.asarray(q) >= self.lower - 1e-9) & (np.asarray(q) <= self.upper + 1e-9)
+
+    def clip(self, q: Array) -> Array:
+        """Angles cut to their limits. [..., N]."""
+        return np.clip(q, self.lower, self.upper)
+
+    def margin(self, q: Array) -> Array:
+        """Distance to the nearer limit, rad; negative outside. [..., N]."""
+        return np.minimum(np.asarray(q) - self.lower, self.upper - np.asarray(q))
+
+    def follow(self, q: Array, wanted: Array, seconds: float) -> Array:
+        """Next command on the way to `wanted`: no joint faster than its speed limit, none outside its range. [..., N]."""
+        reach = self.velocity * seconds
+        return self.clip(np.asarray(q) + np.clip(np.asarray(wanted) - np.asarray(q), -reach, reach))
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """The box in which the tool point may be commanded, and the range of its yaw; table frame, m and rad.
+
+    Args:
+        lower: Smallest x, y, z. Half a pad is 32.5 mm long: 35 mm is where the fingertips just clear the table.
+        upper: Largest x, y, z.
+        yaw: Smallest and largest yaw about the table's z.
+    """
+
+    lower: tuple[float, float, float]
+    upper: tuple[float, float, float]
+    yaw: tuple[float, float] = (-0.5 * np.pi, 0.5 * np.pi)
+
+    @classmethod
+    def around(
+        cls, centre: tuple[float, float] = WORK_CENTRE, side: float = 0.34, heights: tuple[float, float] = (0.035, 0.35)
+    ) -> Workspace:
+        """A square column about a point of the table: the start region and 20 mm around it."""
+        half = side / 2
+        low, high = heights
+        return cls((centre[0] - half, centre[1] - half, low), (centre[0] + half, centre[1] + half, high))
+
+    def __post_init__(self) -> None:
+        low, high = np.array([*self.lower, self.yaw[0]]), np.array([*self.upper, self.yaw[1]])
+        fits = low.shape == high.shape == (4,)
+        if not (fits and np.isfinite(low).all() and np.isfinite(high).all() and (low < high).all()):
+            raise InputError(
+                "workspace", "a lower bound does not lie below its upper bound", "Give metres and radians, low < high"
+            )
+
+    def clip(self, position: Array, yaw: Array) -> tuple[Array, Array, Array]:
+        """Cut commands to the box.
+
+        Args:
+            position: Tool points, table frame, m. [..., 3].
+            yaw: rad. [...].
+
+        Returns:
+            Position [..., 3], yaw [...], and whether anything was cut [...].
+
+        Raises:
+            InputError: A command is not finite.
+        """
+        position, yaw = np.asarray(position, dtype=np.float64), np.asarray(yaw, dtype=np.float64)
+        if not (np.isfinite(position).all() and np.isfinite(yaw).all()):
+            raise InputError("action", "the commanded pose is not finite", "Check the policy's output for NaN")
+        inside, turn = np.clip(position, self.lower, self.upper), np.clip(yaw, *self.yaw)
+        return inside, turn, (inside != position).any(-1) | (turn != yaw)
+
+    def contains(self, position: Array) -> Array:
+        """Whether points lie in the box. [..., 3] -> bool [...]."""
+        position = np.asarray(position)
+        return ((position >= self.lower) & (position <= self.upper)).all(-1)
+
+
+@dataclass
+class ClippedCommands:
+    """A workspace that counts what it cuts, so that a policy that leans on the walls shows in the records.
+
+    Args:
+        workspace: The box.
+        commands: Commands seen.
+        clipped: Commands that had to be cut.
+    """
+
+    workspace: Workspace = field(default_factory=Workspace.around)
+    commands: int = 0
+    clipped: int = 0
+
+    def clip(self, position: Array, yaw: Array) -> tuple[Array, Array]:
+        """`Workspace.clip`, counted. [..., 3], [...] -> the same shapes."""
+        inside, turn, cut = self.workspace.clip(position, yaw)
+        self.commands += int(np.size(cut))
+        self.clipped += int(np.count_nonzero(cut))
+        return inside, turn

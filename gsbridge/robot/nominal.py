@@ -1,0 +1,58 @@
+"""Where the robot stands and where its camera sits when nothing was registered yet: the layout every default assumes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gsbridge.geometry import Array
+from gsbridge.robot.links import translation
+
+REST_POSTURE = (0.0, 0.763, 0.0, -1.493, 0.0, 0.886, 0.0)
+"""Arm joints with the tool pointing down 0.25 m above the middle of the nominal working area, elbow up, rad. [7]."""
+
+
+def flange_from_gripper() -> Array:
+    """How the gripper is bolted on: turned by half a turn about the flange's axis. [4, 4].
+
+    With the elbow up and the last joint at zero the iiwa's flange x points back to the base. Half a turn puts the camera on the
+    far side, as in the paper, and leaves the last joint its whole range: without it, yaw 0 would lie on the joint's limit.
+    """
+    return np.diag([-1.0, -1.0, 1.0, 1.0])
+
+
+WORK_CENTRE = (0.0, 0.265)
+"""Middle of the 30 x 30 cm working area in the table frame, m: the board, the frame's origin, lies beside it."""
+
+
+def base_from_table(centre: tuple[float, float] = WORK_CENTRE) -> Array:
+    """Nominal place of the table: the working area's middle 0.60 m in front of the robot and 0.18 m below its foot. [4, 4].
+
+    The robot stands on the table's -x side and looks along +x, so that the board lies to its right.
+
+    The elbow's limit keeps the wrist 0.41 m away from the shoulder, the arm's length keeps it within 0.82 m, and the hand is
+    0.34 m long. On a foot 0.18 m above the table top the wrist works at the height of the shoulder, where the room between the
+    two spheres is widest: a square of 0.34 m, 35 mm to 350 mm high, lies within reach with 3 degrees to spare on every joint,
+    the start region's 0.30 m with 6 degrees.
+
+    Args:
+        centre: Middle of the working area, table frame, m.
+    """
+    return translation(0.60 - centre[0], -centre[1], -0.18)
+
+
+def flange_from_camera(forward: float = 0.085, height: float = 0.020, tilt: float = np.deg2rad(12.0)) -> Array:
+    """Nominal place of the wrist camera: beside the gripper, looking along it and tilted towards the tool.
+
+    Args:
+        forward: Distance of the optical centre from the flange's axis along the gripper's +x, m.
+        height: Its height over the flange face towards the tool, m.
+        tilt: Angle of the optical axis towards the tool, rad.
+
+    Returns:
+        Camera frame with OpenCV axes (x right, y down, z forward); image up is the gripper's +x. [4, 4].
+    """
+    out = translation(forward, 0.0, height)
+    forward_axis = np.array([-np.sin(tilt), 0.0, np.cos(tilt)])
+    right_axis = np.array([0.0, 1.0, 0.0])
+    out[:3, :3] = np.stack([right_axis, np.cross(forward_axis, right_axis), forward_axis], axis=1)
+    return flange_from_gripper() @ out

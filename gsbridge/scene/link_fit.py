@@ -1,0 +1,88 @@
+"""Fitting splats on a known mesh to its silhouette: opaque inside, nothing outside.
+
+Discs spread over a surface stand out beyond its edges by about their own radius, which on a gripper's finger is as much as the
+finger is thick. Some seconds of training against renderings of the mesh itself move and shrink them; no photo is involved.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from gsbridge.cameras import Camera, look_at
+from gsbridge.geometry import Array
+from gsbridge.meshes import Mesh
+from gsbridge.scene.meshes import MeshComposition, uniform
+from gsbridge.splats.cloud import Cloud
+from gsbridge.splats.rasterize import rasterize
+
+STEPS = 250
+"""One random view each."""
+
+HOLES = 3.0
+"""A hole counts as much as this many times the same light outside the silhouette: what shines through is of another colour."""
+
+_IMAGE = 128
+_FILL = 0.9  # of the image by the mesh's bounding ball
+_NEAR, _FAR = 2.5, 5.0  # distances, in radii of that ball
+_RATES = {"shift": 0.02, "stretch": 0.02, "turn": 0.01, "opacity": 0.05}
+_LAST_RATE = 0.01  # of the first
+_THINNEST = 1e-4  # m: a disc of no thickness gets no gradient across
+
+
+def fit_to_mesh(cloud: Cloud, mesh: Mesh, *, steps: int = STEPS, seed: int = 0) -> Cloud:
+    """Move, turn, stretch and fade splats until their silhouette is the mesh's, from all sides.
+
+    Args:
+        cloud: Splats on the mesh, as from `splats_on_mesh`; colours stay.
+        mesh: The same surface, same frame.
+        steps: Gradient steps.
+        seed: Seed of the views; equal seeds give equal splats on one thread.
+
+    Returns:
+        As many splats, same order.
+    """
+    rng = np.random.default_rng(seed)
+    middle = 0.5 * (mesh.vertices.min(0) + mesh.vertices.max(0))
+    radius = float(np.linalg.norm(mesh.vertices - middle, axis=1).max())
+    target = MeshComposition({"mesh": uniform(mesh, (1.0, 1.0, 1.0))})
+    width = float(np.sqrt(mesh.areas().sum() / len(cloud)))
+    means, quats, colours = (torch.from_numpy(x) for x in (cloud.means, cloud.quats, cloud.colours))
+    change = {
+        "shift": torch.zeros(len(cloud), 3),
+        "stretch": torch.log(torch.from_numpy(cloud.scales).clamp_min(_THINNEST)),
+        "turn": torch.zeros(len(cloud), 4),
+        "opacity": torch.logit(torch.from_numpy(cloud.opacities).clamp(0.01, 0.95)),
+    }
+    for value in change.values():
+        value.requires_grad_()
+    groups = [{"params": [change[name]], "lr": rate} for name, rate in _RATES.items()]
+    optimizer = torch.optim.Adam(groups, betas=(0.9, 0.99))
+    schedule = torch.optim.lr_scheduler.ExponentialLR(optimizer, _LAST_RATE ** (1.0 / max(steps, 1)))
+
+    def shape() -> tuple[torch.Tensor, ...]:
+        shifted = means + width * change["shift"]
+        return shifted, quats + change["turn"], torch.exp(change["stretch"]), torch.sigmoid(change["opacity"]), colours
+
+    for _ in range(steps):
+        camera, pose = _random_view(middle, radius, rng)
+        wanted = torch.from_numpy(target.coverage(camera, pose, samples=3).astype(np.float32))
+        missing = wanted - rasterize(*shape(), camera=camera, cam_from_table=pose).alphas
+        loss = (HOLES * torch.relu(missing) + torch.relu(-missing)).mean()
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        schedule.step()
+    with torch.no_grad():
+        found = shape()
+    return Cloud(found[0].numpy(), torch.nn.functional.normalize(found[1], dim=1).numpy(), *(x.numpy() for x in found[2:]))
+
+
+def _random_view(middle: Array, radius: float, rng: np.random.Generator) -> tuple[Camera, Array]:
+    """A camera somewhere round a ball, which fills most of its image."""
+    direction = rng.normal(size=3)
+    direction /= np.linalg.norm(direction)
+    distance = radius * rng.uniform(_NEAR, _FAR)
+    focal = 0.5 * _FILL * _IMAGE * np.sqrt(distance**2 - radius**2) / radius
+    up = np.eye(3)[np.argmin(np.abs(direction))]
+    return Camera(_IMAGE, _IMAGE, focal, focal, _IMAGE / 2, _IMAGE / 2), look_at(middle + distance * direction, middle, up)

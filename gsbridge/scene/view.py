@@ -1,0 +1,100 @@
+"""Images of a composition: the eye-in-hand camera of the simulation."""
+
+from __future__ import annotations
+
+from gsbridge.kernels import njit  # isort: skip  (first: it sets numba's cache folder)
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gsbridge.cameras import Camera
+from gsbridge.geometry import Array
+from gsbridge.scene.editing import Composition
+from gsbridge.splats.rasterize import cpu
+
+BLACK = (0.0, 0.0, 0.0)
+
+
+@njit(error_model="numpy")
+def _bytes_of(values, out):  # type: ignore[no-untyped-def]
+    """Clamp to 0..1 and round to 8 bits; NaN becomes 0. Flat arrays."""
+    for i in range(values.shape[0]):
+        value = values[i] * np.float32(255.0) + np.float32(0.5)
+        # Overlapping splats may add up to more than white; without the clamp a byte would wrap round to black.
+        if not value > np.float32(0.0):
+            value = np.float32(0.0)
+        out[i] = np.uint8(min(value, np.float32(255.0)))
+
+
+def to_bytes(image: Array) -> Array:
+    """8-bit copy of a float32 image, clamped. Any shape."""
+    out = np.empty(image.shape, np.uint8)
+    _bytes_of(np.ascontiguousarray(image, np.float32).reshape(-1), out.reshape(-1))
+    return out
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One image with what the rasteriser knows besides colour.
+
+    Args:
+        pixels: sRGB. [H, W, 3] uint8.
+        alphas: Share of light from splats, 0..1. [H, W] float32.
+        depths: Alpha-weighted mean camera z, m; 0 where nothing is. [H, W] float32.
+    """
+
+    pixels: Array
+    alphas: Array
+    depths: Array
+
+    @property
+    def coverage(self) -> float:
+        """Mean alpha: 1 where no hole shows the background colour."""
+        return float(self.alphas.mean(dtype=np.float64))
+
+
+def shoot(
+    composition: Composition, camera: Camera, cam_from_world: Array, background: Sequence[float] = BLACK, threads: int = 1
+) -> Shot:
+    """Image, alpha and depth of a composition as it is posed now.
+
+    Args:
+        composition: Splats.
+        camera: Pinhole.
+        cam_from_world: Pose, OpenCV axes. [4, 4].
+        background: Colour where there are no splats, sRGB 0..1. [3].
+        threads: Threads; environments run side by side, so one each.
+
+    Raises:
+        ValueError: The camera has distortion.
+    """
+    colours, alphas, depths = _draw(composition, camera, cam_from_world, background, threads)
+    return Shot(to_bytes(colours), alphas, depths / np.maximum(alphas, np.float32(1e-6)))
+
+
+def render(
+    composition: Composition, camera: Camera, cam_from_world: Array, background: Sequence[float] = BLACK, threads: int = 1
+) -> Array:
+    """Image of a composition as it is posed now, sRGB. Arguments as in `shoot`. [H, W, 3] uint8."""
+    return to_bytes(_draw(composition, camera, cam_from_world, background, threads)[0])
+
+
+def _draw(
+    composition: Composition, camera: Camera, cam_from_world: Array, background: Sequence[float], threads: int
+) -> tuple[Array, Array, Array]:
+    if not camera.is_pinhole:
+        raise ValueError("splats are drawn by a camera without distortion")
+    splats = composition.splats
+    return cpu.render(
+        splats.means,
+        splats.quats,
+        splats.scales,
+        splats.opacities,
+        splats.colours,
+        camera=camera,
+        cam_from_table=cam_from_world,
+        background=np.asarray(background, np.float32),
+        threads=threads,
+    )

@@ -1,0 +1,100 @@
+"""What a task says about a state: reward, success, and the reason if the episode ended now."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from gsbridge.geometry import Array
+from gsbridge.tasks.state import State
+
+
+class Failure(StrEnum):
+    """Why an episode is no success; `none` for a success. The words stand in the trials' tables."""
+
+    NONE = "none"
+    NOT_FINITE = "not_finite"
+    """The world broke down: its state is not finite."""
+    NOT_GRASPED = "not_grasped"
+    """Both pads never held the object."""
+    NOT_LIFTED = "not_lifted"
+    """It was held, but never came off the table."""
+    DROPPED = "dropped"
+    """It was lifted and then lost."""
+    TIME_OUT = "time_out"
+    """On the right way, but not done in time."""
+    PUSHED_AWAY = "pushed_away"
+    """It left the area in which the robot can work."""
+    NOT_RELEASED = "not_released"
+    """It lies on the plate, still held."""
+    MISSED_PLATE = "missed_plate"
+    """It was set down beside the plate."""
+    EXCESS_CONTACT = "excess_contact"
+    """The gripper touched plate or table while placing, or the carried object was pressed on them."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What a task remembers of an episode, per world; everything else it reads off the state.
+
+    Args:
+        streak: Steps in a row in which the goal was met. int [N].
+        gripped: Both pads have held the object. bool [N].
+        lifted: The held object has come off the table. bool [N].
+        excess: There was excess contact. bool [N].
+    """
+
+    streak: Array
+    gripped: Array
+    lifted: Array
+    excess: Array
+
+    @classmethod
+    def start(cls, count: int) -> Progress:
+        """The begin of an episode in `count` worlds."""
+        return cls(np.zeros(count, dtype=np.int64), *(np.zeros(count, dtype=bool) for _ in range(3)))
+
+    def reset(self, rows: Array) -> Progress:
+        """The same, with some worlds at the begin of a new episode. rows: bool or int [N]."""
+        values = {name: getattr(self, name).copy() for name in ("streak", "gripped", "lifted", "excess")}
+        for value in values.values():
+            value[rows] = 0
+        return replace(self, **values)
+
+    def follow(self, state: State, *, grip_force: float, lift: float) -> Progress:
+        """The memory of grips and lifts, brought up to date with a state."""
+        held = state.gripped(grip_force)
+        return replace(self, gripped=self.gripped | held, lifted=self.lifted | (held & (state.object_clearance >= lift)))
+
+    def count(self, met: Array) -> Progress:
+        """The streak, continued where the goal is met and broken elsewhere. bool [N]."""
+        return replace(self, streak=np.where(met, self.streak + 1, 0))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Judgement of one step, per world.
+
+    Args:
+        reward: Sparse: 1 in the step of success, otherwise 0. [N].
+        success: The task is done by all its rules. bool [N].
+        success_tolerant: The same without the rule on excess contact; ends the episode. bool [N].
+        failure: `Failure` if the episode ended now. str [N].
+        terms: What the judgement rests on, for records and plots. Each [N].
+    """
+
+    reward: Array
+    success: Array
+    success_tolerant: Array
+    failure: Array
+    terms: Mapping[str, Array]
+
+
+def reasons(success: Array, *cases: tuple[Failure, Array]) -> Array:
+    """First reason that holds, `time_out` where none does, `none` for a success. bool [N] -> str [N]."""
+    conditions = [success, *(case for _, case in cases)]
+    names = [Failure.NONE.value, *(reason.value for reason, _ in cases)]
+    return np.select(conditions, names, default=Failure.TIME_OUT.value)

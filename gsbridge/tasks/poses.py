@@ -1,0 +1,157 @@
+"""Start poses of the object: uniform draws for training, two stratified sets for tests.
+
+A pose is (x, y, yaw) of the body frame on the table, table frame, m and rad. The square region has four quadrants, numbered as
+in the paper's tests: 1 far right (+x, -y), 2 far left (+x, +y), 3 near right (-x, -y), 4 near left (-x, +y).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gsbridge.errors import InputError
+from gsbridge.geometry import Array
+
+QUADRANTS = (1, 2, 3, 4)
+PER_QUADRANT = 8
+POSE_SETS = ("fixed", "unseen")
+
+_SIGNS = {1: (1.0, -1.0), 2: (1.0, 1.0), 3: (-1.0, -1.0), 4: (-1.0, 1.0)}
+
+_CELLS = 4
+"""Cells along one side of a quadrant; the two sets take the black and the white ones of this chessboard, 8 each."""
+
+_BORDER = 0.08
+"""Share of a cell left free on each side, so that poses of the two sets never come close."""
+
+_TRIES = 256
+
+
+@dataclass(frozen=True)
+class KeepOut:
+    """A disc in which no object may start, such as the plate with room for the object around it; table frame, m."""
+
+    x: float
+    y: float
+    radius: float
+
+
+@dataclass(frozen=True)
+class StartRegion:
+    """The square on the table in which objects start.
+
+    Args:
+        centre: Its middle, table frame, m.
+        side: Its edge, m.
+        yaw: Smallest and largest yaw of the object, rad.
+        keep_out: Discs inside it that stay free.
+    """
+
+    centre: tuple[float, float] = (0.0, 0.265)
+    side: float = 0.30
+    yaw: tuple[float, float] = (-0.25 * np.pi, 0.25 * np.pi)
+    keep_out: Sequence[KeepOut] = ()
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite([*self.centre, self.side, *self.yaw]).all() and self.side > 0 and self.yaw[0] <= self.yaw[1]):
+            raise InputError(
+                "start region", "its centre, side or yaw range makes no sense", "Give metres and radians, low <= high"
+            )
+
+    def contains(self, xy: Array) -> Array:
+        """Whether points lie in the square. [..., 2] -> bool [...]."""
+        return (np.abs(np.asarray(xy) - self.centre) <= 0.5 * self.side + 1e-12).all(-1)
+
+    def free(self, xy: Array) -> Array:
+        """Whether points lie in the square and outside every disc. [..., 2] -> bool [...]."""
+        xy = np.asarray(xy)
+        out = self.contains(xy)
+        for disc in self.keep_out:
+            out &= np.hypot(xy[..., 0] - disc.x, xy[..., 1] - disc.y) >= disc.radius
+        return out
+
+    def quadrant(self, xy: Array) -> Array:
+        """Quadrant 1 to 4 of points; the middle lines belong to the + sides. [..., 2] -> int [...]."""
+        offset = np.asarray(xy) - self.centre
+        return np.where(offset[..., 0] >= 0, 1, 3) + (offset[..., 1] >= 0)
+
+    def sample(self, rng: np.random.Generator, count: int) -> Array:
+        """Poses drawn uniformly from the free part of the region.
+
+        Args:
+            rng: Random generator.
+            count: Number of poses.
+
+        Returns:
+            x, y, yaw. [count, 3].
+
+        Raises:
+            InputError: The discs leave almost nothing of the region.
+        """
+        found = np.empty((0, 2))
+        for _ in range(_TRIES):
+            if len(found) >= count:
+                break
+            draw = np.asarray(self.centre) + self.side * rng.uniform(-0.5, 0.5, (max(count, 8), 2))
+            found = np.concatenate([found, draw[self.free(draw)]])
+        if len(found) < count:
+            raise _crowded("the region")
+        return np.c_[found[:count], rng.uniform(*self.yaw, count)]
+
+
+def pose_set(name: str, region: StartRegion, seed: int = 0) -> Array:
+    """One of the two test sets: 4 quadrants with 8 poses each, spread evenly over places and yaws.
+
+    Every quadrant is a chessboard of 4 x 4 cells; `fixed` has one pose in each black cell, `unseen` in each white one, so that
+    both cover each row and column of cells alike and no pose of one lies near a pose of the other. Yaws are stratified too:
+    every eighth of the range occurs once per quadrant. A cell that a disc covers gives its pose to the roomiest place among the
+    quadrant's other cells of its colour.
+
+    Args:
+        name: `fixed` or `unseen`.
+        region: The start region.
+        seed: Seed of the places within the cells.
+
+    Returns:
+        x, y, yaw, quadrant 1 first. [32, 3].
+
+    Raises:
+        InputError: Unknown set, or a quadrant without room.
+    """
+    if name not in POSE_SETS:
+        raise InputError("pose set", f"'{name}' is unknown", f"Use one of: {', '.join(POSE_SETS)}")
+    colour = POSE_SETS.index(name)
+    rng = np.random.default_rng([seed, colour])
+    poses = []
+    for quadrant in QUADRANTS:
+        xy = _places(region, quadrant, colour, rng)
+        bins = rng.permutation(PER_QUADRANT) + rng.uniform(size=PER_QUADRANT)
+        poses.append(np.c_[xy, region.yaw[0] + (region.yaw[1] - region.yaw[0]) * bins / PER_QUADRANT])
+    return np.concatenate(poses)
+
+
+def _places(region: StartRegion, quadrant: int, colour: int, rng: np.random.Generator) -> Array:
+    """Eight places in the cells of one colour of a quadrant. [8, 2]."""
+    edge = 0.5 * region.side / _CELLS
+    cells = [(i, j) for i in range(_CELLS) for j in range(_CELLS) if (i + j) % 2 == colour]
+    # Every cell draws the same number of candidates, free or not: a disc in one cell moves no pose in another.
+    inside = _BORDER + (1.0 - 2.0 * _BORDER) * rng.uniform(size=(len(cells), _TRIES, 2))
+    candidates = region.centre + edge * (np.array(cells)[:, None, :] + inside) * _SIGNS[quadrant]
+    free = region.free(candidates)
+    if not free.any():
+        raise _crowded(f"quadrant {quadrant}")
+    out = np.full((len(cells), 2), np.nan)
+    for cell in np.flatnonzero(free.any(1)):
+        out[cell] = candidates[cell][free[cell]][0]
+    spare = candidates[free]
+    for cell in np.flatnonzero(~free.any(1)):
+        placed = out[~np.isnan(out[:, 0])]
+        out[cell] = spare[np.argmax(np.linalg.norm(spare[:, None] - placed[None], axis=-1).min(1))]
+    return out
+
+
+def _crowded(where: str) -> InputError:
+    """Error for a region without room."""
+    return InputError("start region", f"{where} has no free place outside the keep-out discs", "Move the plate or the region")
