@@ -78,8 +78,10 @@ def _disc(radius: float) -> Array:
 
 
 def _crop_camera(view: View, crop: Crop) -> Camera:
-    """Pinhole of the resized part of a photo."""
-    return view.camera.cropped(crop.left, crop.top, crop.width, crop.height).scaled(crop.scale)
+    """Pinhole of the resized part of a photo: exactly its size, so a pixel may be a little wider than tall."""
+    part = view.camera.cropped(crop.left, crop.top, crop.width, crop.height)
+    (width, height), (x, y) = crop.size, (crop.size[0] / crop.width, crop.size[1] / crop.height)
+    return Camera(width, height, part.fx * x, part.fy * y, part.cx * x, part.cy * y)
 
 
 def _flat_pixels(

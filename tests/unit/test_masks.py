@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from table_scene import CENTRE, RADIUS, ball_scene
 
-from gsbridge.cameras import View, Views
+from gsbridge.cameras import Camera, View, Views
 from gsbridge.errors import InputError, StageError
 from gsbridge.images import read_image_u8, read_mask
 from gsbridge.masks import MaskSettings, flatness, grabcut, segment_object
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop, cut_out, tidy
 from gsbridge.masks.prompt import SparsePoints, find_object, focus_point, read_points
+from gsbridge.masks.segment import _crop_camera
 
 SMALL = MaskSettings(crop_px=160, hull_voxels=48, iterations=2, passes=1)
 
@@ -212,3 +213,15 @@ def test_bumps_of_the_table_do_not_join_the_object(scene):
     warped = SparsePoints(np.concatenate([sparse.points, bumps]), sparse.view_index, sparse.point_index)
     chosen = find_object(scene.views, warped, 0.008, 8).points
     assert np.hypot(chosen[:, 0], chosen[:, 1]).max() < RADIUS + 0.01
+
+
+@pytest.mark.parametrize(("width", "height"), [(539, 561), (361, 377), (401, 283), (90, 77)])
+def test_the_camera_of_a_part_has_exactly_its_pixels(width, height):
+    """Rounding one factor in both directions once gave 361 rows for 360."""
+    pixels = np.array([[20.0, 30.0], [20.0 + width / 1.5, 30.0 + height / 1.5]])
+    crop = Crop.around(pixels, (1280, 960), 360)
+    view = View("a.png", Camera(1280, 960, 900.0, 900.0, 640.0, 480.0), np.eye(4), "train")
+    camera = _crop_camera(view, crop)
+    assert crop.cut(np.zeros((960, 1280), np.uint8)).shape == (camera.height, camera.width)
+    point = np.array([[-0.5, -0.4, 1.0]])
+    np.testing.assert_allclose(camera.project(point), crop.pixels(view.camera.project(point)), atol=1e-9)
