@@ -200,7 +200,8 @@ def test_full_disk_ends_in_one_line_and_leaves_nothing_half_written(toy, record,
     assert process.returncode != 0
     words = process.stdout + process.stderr
     line = next(line for line in words.splitlines() if "no space left" in line)
-    assert str(target.parent.relative_to(toy)) in line
+    # A file of this scene: the output itself, or the checkpoint on the way to it.
+    assert "foam_pad" in line
     log = (toy / f"results/logs/{script}/foam_pad{suffix}.log").read_text()
     assert "no space left" in log
     assert "Traceback" not in log
