@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 
 from gsbridge.cameras import Camera, View
 from gsbridge.carving import Grid, Silhouette, carve, largest_component, mesh_depth, mesh_of_field, signed_distances
+from gsbridge.errors import StageError
 from gsbridge.geometry import Array
 from gsbridge.masks.prompt import Prompt
+from gsbridge.masks.settings import MaskSettings
 from gsbridge.meshes import Mesh
+
+logger = logging.getLogger("gsbridge")
+
+_HULL_WIDTH = 640
+"""Masks are shrunk to this width for the hull."""
 
 _GROUND = 0.004
 """The hull starts this share of the working distance above the table: a shadow, which lies on it, is no part of the hull."""
@@ -53,3 +62,28 @@ def overlap(first: Array, second: Array) -> float:
     """Intersection over union of two masks; 1 for two empty ones."""
     union = np.logical_or(first, second).sum()
     return float(np.logical_and(first, second).sum() / union) if union else 1.0
+
+
+def shrunk(mask: Array) -> Array:
+    """The mask at hull size. [H, W] float -> [h, w] bool."""
+    scale = min(1.0, _HULL_WIDTH / mask.shape[1])
+    if scale == 1.0:
+        return mask > 0.5
+    return cv2.resize(mask, (round(mask.shape[1] * scale), round(mask.shape[0] * scale)), interpolation=cv2.INTER_AREA) > 0.5
+
+
+def agreed_hull(
+    views: Sequence[View], masks: Sequence[Array], prompt: Prompt, settings: MaskSettings, wanted: float, threads: int
+) -> Mesh:
+    """Hull of the masks, with a vote that yields where the views agree on nothing."""
+    small = [shrunk(mask) for mask in masks]
+    for vote in (wanted, 0.85 * wanted, 0.7 * wanted):
+        hull = hull_of_masks(views, small, prompt, vote=vote, voxels=settings.hull_voxels, threads=threads)
+        if hull is not None:
+            return hull
+        logger.warning("masks: no hull at vote %.2f", vote)
+    raise StageError(
+        "masks",
+        "the outlines of the object found in the photos share no common volume",
+        "Check the poses of the sfm stage, film the object on a table of another colour, or use the sam2 backend with weights",
+    )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from gsbridge.cameras import Camera
 from gsbridge.geometry import Array
 
 UNSURE_BACK, UNSURE_FRONT = cv2.GC_PR_BGD, cv2.GC_PR_FGD
@@ -53,6 +54,12 @@ class Crop:
     def scale(self) -> float:
         """Pixels of the crop per pixel of the photo."""
         return self.size[0] / self.width
+
+    def camera(self, camera: Camera) -> Camera:
+        """Pinhole of the part, from the photo's: exactly its size, so a pixel may be a little wider than tall."""
+        part = camera.cropped(self.left, self.top, self.width, self.height)
+        (width, height), (x, y) = self.size, (self.size[0] / self.width, self.size[1] / self.height)
+        return Camera(width, height, part.fx * x, part.fy * y, part.cx * x, part.cy * y)
 
     def cut(self, image: Array) -> Array:
         """The resized part of an image."""

@@ -9,24 +9,22 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from gsbridge.cameras import Camera, View, Views
+from gsbridge.cameras import View, Views
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import atomic_directory, write_stage
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8, write_image
 from gsbridge.logs import Progress
 from gsbridge.masks import flatness, grabcut, sam2
-from gsbridge.masks.consistency import hull_of_masks, outline, overlap
+from gsbridge.masks.consistency import agreed_hull, outline, overlap, shrunk
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop
 from gsbridge.masks.prompt import Prompt, SparsePoints, find_object, read_points
 from gsbridge.masks.settings import MaskSettings
+from gsbridge.masks.subtraction import subtract_table
 from gsbridge.matting import estimate_alpha
 from gsbridge.meshes import Mesh
 
 logger = logging.getLogger("gsbridge")
-
-_HULL_WIDTH = 640
-"""Masks are shrunk to this width for the hull."""
 
 
 def _pixels(view: View, points: Array) -> Array:
@@ -77,19 +75,12 @@ def _disc(radius: float) -> Array:
     return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
 
 
-def _crop_camera(view: View, crop: Crop) -> Camera:
-    """Pinhole of the resized part of a photo: exactly its size, so a pixel may be a little wider than tall."""
-    part = view.camera.cropped(crop.left, crop.top, crop.width, crop.height)
-    (width, height), (x, y) = crop.size, (crop.size[0] / crop.width, crop.size[1] / crop.height)
-    return Camera(width, height, part.fx * x, part.fy * y, part.cx * x, part.cy * y)
-
-
 def _flat_pixels(
     views: Views, crops: list[Crop | None], photos: list[Array | None], prompt: Prompt, threads: int
 ) -> list[Array]:
     """Pixels of each crop that lie on the table, from parallax. [h, w] bool each (empty where there is no crop)."""
     greys = [None if photo is None else flatness.fine_detail(photo) for photo in photos]
-    cameras = [view.camera if crop is None else _crop_camera(view, crop) for view, crop in zip(views, crops, strict=True)]
+    cameras = [view.camera if crop is None else crop.camera(view.camera) for view, crop in zip(views, crops, strict=True)]
     poses = [view.cam_from_table for view in views]
     others = flatness.choose_others(np.stack([view.centre for view in views]), prompt.points.mean(0))
 
@@ -124,7 +115,7 @@ def _grabcut_masks(
         if hull is None:
             labels = _first_labels(view, index, crop, prompt, sparse)
         else:
-            covered = outline(hull, _crop_camera(view, crop), view.cam_from_table)
+            covered = outline(hull, crop.camera(view.camera), view.cam_from_table)
             labels = _band_labels(covered, crop.cut(masks[index]) > 0.5, share * np.sqrt(max(covered.sum(), 1.0)))
         labels[flat[index] & ((labels == UNSURE_BACK) if hull is None else (labels != FRONT))] = BACK
         mask = grabcut.cut_out(photo, labels, settings.iterations, seed + index)
@@ -144,23 +135,9 @@ def _grabcut_masks(
             masks = found
             # The first masks err in many views; later ones must agree better.
             vote = settings.hull_vote if number == 0 else settings.strict_vote
-            hull = _agree(views, masks, prompt, settings, vote, threads)
-    return masks, hull
-
-
-def _agree(views: Views, masks: list[Array], prompt: Prompt, settings: MaskSettings, wanted: float, threads: int) -> Mesh:
-    """Hull of the masks, with a vote that yields where the views agree on nothing."""
-    small = [_shrunk(mask) for mask in masks]
-    for vote in (wanted, 0.85 * wanted, 0.7 * wanted):
-        hull = hull_of_masks(views, small, prompt, vote=vote, voxels=settings.hull_voxels, threads=threads)
-        if hull is not None:
-            return hull
-        logger.warning("masks: no hull at vote %.2f", vote)
-    raise StageError(
-        "masks",
-        "the outlines of the object found in the photos share no common volume",
-        "Check the poses of the sfm stage, film the object on a table of another colour, or use the sam2 backend with weights",
-    )
+            hull = agreed_hull(views, masks, prompt, settings, vote, threads)
+    masks = subtract_table(views, masks, prompt, settings, threads)
+    return masks, agreed_hull(views, masks, prompt, settings, settings.strict_vote, threads)
 
 
 def _smoothed(mask: Array, hull: Array) -> Array:
@@ -190,14 +167,6 @@ def _finished(views: Views, masks: list[Array], hull: Mesh, threads: int) -> lis
 
     with ThreadPoolExecutor(threads) as pool:
         return list(pool.map(work, range(len(views))))
-
-
-def _shrunk(mask: Array) -> Array:
-    """The mask at hull size. [H, W] float -> [h, w] bool."""
-    scale = min(1.0, _HULL_WIDTH / mask.shape[1])
-    if scale == 1.0:
-        return mask > 0.5
-    return cv2.resize(mask, (round(mask.shape[1] * scale), round(mask.shape[0] * scale)), interpolation=cv2.INTER_AREA) > 0.5
 
 
 def segment_object(
@@ -234,14 +203,14 @@ def segment_object(
     prompt = find_object(views, sparse, settings.height_share, settings.min_points)
     if settings.backend == "sam2":
         masks = sam2.propagate(views, prompt, settings.sam2_weights, threads)
-        hull = _agree(views, masks, prompt, settings, settings.hull_vote, threads)
+        hull = agreed_hull(views, masks, prompt, settings, settings.hull_vote, threads)
     else:
         masks, hull = _grabcut_masks(views, prompt, sparse, settings, seed, threads)
     masks = _finished(views, masks, hull, threads)
     shares = [float((mask > 0.5).mean()) for mask in masks]
     agreement = []
     for view, mask in zip(views, masks, strict=True):
-        small = _shrunk(mask)
+        small = shrunk(mask)
         camera = view.camera.scaled(small.shape[1] / view.camera.width)
         agreement.append(overlap(small, outline(hull, camera, view.cam_from_table)))
     empty = [view.name for view, share in zip(views, shares, strict=True) if share == 0.0]

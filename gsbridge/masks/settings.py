@@ -17,6 +17,7 @@ class MaskSettings:
         passes: Passes after the first: each cuts again within a band round the hull of the masks before.
         hull_vote: Share of the views that must agree on a point of the first hull.
         strict_vote: The same for the hulls of later passes.
+        subtractions: Times the masks are compared with the bare table that the other photos show.
         hull_voxels: Samples along the longest side of the hull's grid.
         height_share: Least height of an object point above the table.
         min_points: Fewest object points for a prompt.
@@ -30,6 +31,7 @@ class MaskSettings:
     passes: int = 3
     hull_vote: float = 0.84
     strict_vote: float = 0.94
+    subtractions: int = 2
     hull_voxels: int = 96
     height_share: float = 0.008
     min_points: int = 8

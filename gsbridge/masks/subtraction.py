@@ -1,0 +1,230 @@
+"""Which pixels differ from the bare table: the table behind each pixel is known from photos in which nothing covers it.
+
+Colour models cannot tell a dark tip from a dark cloth. But the tip does not have the colour of the very spot of cloth behind
+it, and that spot is seen by other photos. Contact shadows lie on the table, are alike in all photos, and so belong to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from gsbridge.cameras import Camera, Views
+from gsbridge.geometry import Array
+from gsbridge.images import read_image_u8
+from gsbridge.masks import grabcut
+from gsbridge.masks.consistency import agreed_hull, outline
+from gsbridge.masks.flatness import table_homography
+from gsbridge.masks.grabcut import Crop
+from gsbridge.masks.prompt import Prompt
+from gsbridge.masks.settings import MaskSettings
+
+_OTHERS = 24
+"""Photos that the table is taken from; a median needs no more."""
+_NEEDED = 5
+"""Photos that must show a spot of the table before its colour is believed."""
+_MARGIN_PX = 3
+"""Pixels this near to a mask may show the object: no evidence of the table."""
+_USUAL = 4.0
+"""A pixel is strange from this many times the median difference of bare table on."""
+_LEAST_DIFFERENCE = 0.045
+"""And from this difference on, 0..1 sRGB, lest sensor noise and interpolation count."""
+_MISPLACED_PX = 0.5
+"""Error of pose and of linear interpolation that the pattern of the table may show."""
+_GAIN_PIXELS = 50
+_RIM = 0.15
+"""Plain pixels are taken off to this depth, as a share of the object's size."""
+_MAJORITY = 0.75
+"""Share of the views that must agree on a point before what they add there counts."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the bare table says about the pixels of one photo.
+
+    Args:
+        strange: The pixel does not have the table's colour of that spot. [h, w] bool.
+        plain: It has, clearly. [h, w] bool. Neither where too few photos see the spot.
+    """
+
+    strange: Array
+    plain: Array
+
+
+def disc(radius: int) -> Array:
+    """Round structuring element."""
+    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+
+
+def compare_with_table(
+    index: int,
+    photos: Sequence[Array | None],
+    masks: Sequence[Array],
+    cameras: Sequence[Camera],
+    poses: Sequence[Array],
+) -> Evidence:
+    """Compare one photo with the table behind it as the other photos show it, laid onto the plane z = 0.
+
+    A spot counts only in photos whose own mask leaves it free; the colour is their median, after a gain per photo and channel
+    for cameras that change their exposure.
+
+    Args:
+        index: The photo.
+        photos: RGB; None where a view does not show the place. [h, w, 3] uint8 each.
+        masks: The object as known so far, of the photos' sizes. [h, w] bool each.
+        cameras: Pinholes of the photos.
+        poses: `cam_from_table`. [4, 4] each.
+    """
+    photo = photos[index]
+    assert photo is not None
+    own = photo.astype(np.float32) / 255
+    away = cv2.dilate(masks[index].astype(np.uint8), disc(2 * _MARGIN_PX)) == 0
+    others = [i for i, other in enumerate(photos) if other is not None and i != index]
+    if len(others) > _OTHERS:
+        others = [others[i] for i in np.linspace(0, len(others) - 1, _OTHERS).round().astype(int)]
+    laid = [_laid(index, i, photos[i], masks[i], cameras, poses, own, away) for i in others]
+    nothing = np.zeros(away.shape, bool)
+    if len(laid) < _NEEDED:
+        return Evidence(nothing, nothing)
+    near = cv2.dilate(masks[index].astype(np.uint8), disc(round(0.25 * np.sqrt(masks[index].sum())))) > 0
+    table, known = _median(laid, near, own)
+    if not known.any():
+        return Evidence(nothing, nothing)
+    grey = cv2.GaussianBlur(table.mean(-1), (0, 0), 0.7)
+    slope = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.125), cv2.Sobel(grey, cv2.CV_32F, 0, 1, scale=0.125))
+    excess = np.maximum(np.abs(own - table).max(-1) - _MISPLACED_PX * slope, 0.0)
+    bare = known & away
+    usual = float(np.median(excess[bare])) if bare.any() else 0.0
+    least = max(_USUAL * usual, _LEAST_DIFFERENCE)
+    smooth = cv2.GaussianBlur(excess, (0, 0), 0.6)
+    # Pixels on the outline are of both: they are strange, but not yet the object.
+    strange = cv2.erode((known & (smooth > least)).astype(np.uint8), disc(1)) > 0
+    plain = cv2.morphologyEx((known & (smooth < 0.5 * least)).astype(np.uint8), cv2.MORPH_OPEN, disc(1)) > 0
+    return Evidence(strange, plain)
+
+
+def _median(laid: Sequence[Array], where: Array, fallback: Array) -> tuple[Array, Array]:
+    """Median of the layers at the pixels that enough of them show. -> [h, w, 3] (else `fallback`), [h, w] bool."""
+    stack = np.sort(np.stack([layer[where] for layer in laid]), axis=0)
+    count = np.isfinite(stack[..., 0]).sum(0)
+    # NaN are sorted to the end.
+    ranks = np.maximum((count - 1) // 2, 0), np.minimum(count // 2, len(stack) - 1)
+    low, high = (np.take_along_axis(stack, rank[None, :, None], axis=0)[0] for rank in ranks)
+    table, known = fallback.copy(), np.zeros(where.shape, bool)
+    known[where] = count >= _NEEDED
+    table[known] = (0.5 * (low + high))[count >= _NEEDED]
+    return table, known
+
+
+def _laid(
+    index: int,
+    other: int,
+    source: Array | None,
+    mask: Array,
+    cameras: Sequence[Camera],
+    poses: Sequence[Array],
+    own: Array,
+    away: Array,
+) -> Array:
+    """Another photo laid onto the table as photo `index` sees it; NaN where it does not show the table. [h, w, 3] float32."""
+    assert source is not None
+    onto = table_homography(cameras[index], poses[index], cameras[other], poses[other])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    size = own.shape[1::-1]
+    shown = cv2.warpPerspective(source, onto, size, flags=flags).astype(np.float32) / 255
+    free = 1.0 - cv2.dilate(mask.astype(np.uint8), disc(_MARGIN_PX)).astype(np.float32)
+    free = cv2.warpPerspective(free, onto, size, flags=flags) > 0.999
+    both = free & away
+    if both.sum() >= _GAIN_PIXELS:
+        shown = shown * (np.median(own[both], axis=0) / np.maximum(np.median(shown[both], axis=0), 1e-3))
+    shown[~free] = np.nan
+    return shown
+
+
+def amend(mask: Array, evidence: Evidence, allowed: Array | None = None) -> Array:
+    """A mask with what the bare table says: strange patches beside it are added, plain rims taken off.
+
+    Args:
+        mask: The object so far. [h, w] bool.
+        evidence: Of the same photo.
+        allowed: Where the object can be at all, from the other views; None: everywhere. [h, w] bool.
+
+    Returns:
+        [h, w] bool; may hold patches apart from the object.
+    """
+    added = cv2.morphologyEx((evidence.strange & ~mask).astype(np.uint8), cv2.MORPH_OPEN, disc(1)) > 0
+    if allowed is not None:
+        added &= allowed
+    depth = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
+    # Inside the object a spot may have the table's colour by chance; only the rim is judged.
+    rim = cv2.morphologyEx((evidence.plain & mask).astype(np.uint8), cv2.MORPH_OPEN, disc(1)) > 0
+    rim &= depth < _RIM * np.sqrt(max(mask.sum(), 1))
+    _, patches = cv2.connectedComponents((rim | ~mask).astype(np.uint8), connectivity=4)
+    rim &= np.isin(patches, np.unique(patches[~mask]))
+    return cv2.morphologyEx(((mask & ~rim) | added).astype(np.uint8), cv2.MORPH_OPEN, disc(1)) > 0
+
+
+def _round_mask(mask: Array, longest: int) -> Crop | None:
+    """The part of a photo round its mask; None where the mask is empty."""
+    rows, columns = np.nonzero(mask > 0.5)
+    if len(rows) == 0:
+        return None
+    corners = np.array([[columns.min(), rows.min()], [columns.max() + 1, rows.max() + 1]], float)
+    return Crop.around(corners, mask.shape[::-1], longest)
+
+
+def subtract_table(views: Views, masks: Sequence[Array], prompt: Prompt, settings: MaskSettings, threads: int) -> list[Array]:
+    """Masks corrected by the bare table, where the views agree on the correction.
+
+    Args:
+        views: Posed, undistorted photos.
+        masks: The object so far. [H, W] float32 each.
+        prompt: What the sparse model says.
+        settings: See `MaskSettings`.
+        threads: Threads to use.
+
+    Returns:
+        [H, W] float32 each.
+    """
+    masks = list(masks)
+    for _ in range(settings.subtractions):
+        # What one round finds no longer hides the table from the next.
+        masks = _subtract_once(views, masks, prompt, settings, threads)
+    return masks
+
+
+def _subtract_once(views: Views, masks: list[Array], prompt: Prompt, settings: MaskSettings, threads: int) -> list[Array]:
+    """One round of `subtract_table`."""
+    poses = [view.cam_from_table for view in views]
+    crops = [_round_mask(mask, settings.crop_px) for mask in masks]
+    cameras = [view.camera if crop is None else crop.camera(view.camera) for view, crop in zip(views, crops, strict=True)]
+    photos = [
+        None if crop is None else crop.cut(read_image_u8(views.path(view))) for view, crop in zip(views, crops, strict=True)
+    ]
+    parts = [np.zeros((0, 0), bool) if crop is None else crop.cut(mask) > 0.5 for mask, crop in zip(masks, crops, strict=True)]
+
+    def compare(index: int) -> Evidence | None:
+        return None if crops[index] is None else compare_with_table(index, photos, parts, cameras, poses)
+
+    def amended(index: int, allowed: Array | None = None) -> Array:
+        view, crop, evidence = views[index], crops[index], found[index]
+        if crop is None or evidence is None:
+            return masks[index]
+        pixels = view.camera.project(prompt.points @ poses[index][:3, :3].T + poses[index][:3, 3])
+        part = grabcut.tidy(amend(parts[index], evidence, allowed), crop.pixels(pixels))
+        return crop.paste(part, (view.camera.width, view.camera.height))
+
+    def agreed(index: int) -> Array:
+        covered = outline(hull, cameras[index], poses[index])
+        width = max(1, round(0.03 * np.sqrt(covered.sum())))
+        return amended(index, cv2.dilate(covered.astype(np.uint8), disc(width)) > 0)
+
+    with ThreadPoolExecutor(threads) as pool:
+        found = list(pool.map(compare, range(len(views))))
+        # A shadow that moved, or a thing beside the object that did, is strange too, but nowhere in space.
+        hull = agreed_hull(views, list(pool.map(amended, range(len(views)))), prompt, settings, _MAJORITY, threads)
+        return list(pool.map(agreed, range(len(views))))
