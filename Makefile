@@ -48,6 +48,7 @@ $(INSTALLED): requirements.lock pyproject.toml
 		{ echo "gsbridge needs Python 3.11 or 3.12, $(PYTHON) is not; name one: make PYTHON=python3.12" >&2; exit 1; }
 	@$(BIN)/python -c 'import pip; $(SUPPORTED)' 2>/dev/null || $(PYTHON) -m venv --clear $(VENV) || \
 		{ echo "$(PYTHON) cannot make an environment; on Debian and Ubuntu: sudo apt install python3-venv" >&2; exit 1; }
+	@echo "Installing into $(VENV): 5 GB, some minutes ..."
 	-$(if $(TORCH_INDEX),$(PIP) install --no-deps --retries 1 --timeout 15 --extra-index-url $(TORCH_INDEX) "$$(grep '^torch==' requirements.lock)")
 	$(PIP) install --requirement requirements.lock
 	$(PIP) install --no-deps --editable .

@@ -1,15 +1,21 @@
 """gsbridge: photos or a video in, a metric scene of mesh-bound Gaussians out. A table of contents; see rules/."""
 
-from gsbridge.configuration import check_duplicates
+from gsbridge.configuration import check_files
+from gsbridge.schema import check_schema
 from snakemake.utils import min_version, validate
 
 min_version("9.19")
 
 
+# Before snakemake reads them: it names no line.
+check_files([f"{workflow.basedir}/config.yaml", *workflow.configfiles])
+
+
 configfile: f"{workflow.basedir}/config.yaml"
 
 
-check_duplicates(workflow.configfiles)
+check_schema(config, f"{workflow.basedir}/rules/schemas/config.schema.yaml")
+# Fills in the defaults.
 validate(config, "rules/schemas/config.schema.yaml")
 
 

@@ -1,8 +1,11 @@
-"""Checks of the configuration that a JSON schema cannot express: names point somewhere, no key stands twice."""
+"""Checks of the configuration that a JSON schema cannot express: names and paths point somewhere, no key stands twice."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import difflib
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,23 +14,36 @@ import yaml
 from gsbridge.errors import InputError
 
 
-def check_duplicates(paths: Iterable[str | Path]) -> None:
-    """Refuse a configuration file in which one key stands twice: YAML would silently keep the last one alone.
+def check_files(paths: Iterable[str | Path]) -> None:
+    """Refuse configuration files that are no YAML, and those in which one key stands twice: YAML silently keeps the last.
 
     Args:
         paths: The configuration files in use.
 
     Raises:
-        InputError: A key stands twice in one block.
+        InputError: A file cannot be parsed, with the line, or a key stands twice in one block.
     """
     for path in paths:
         with open(path, encoding="utf-8") as file:
             try:
                 root = yaml.compose(file, Loader=yaml.SafeLoader)
-            except yaml.YAMLError:
-                # JSON that is no YAML; whoever loads the file names other faults.
-                continue
+            except yaml.YAMLError as error:
+                if _is_json(path):
+                    continue
+                mark = getattr(error, "problem_mark", None)
+                place = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+                problem = f"{place}{getattr(error, 'problem', None) or error}"
+                raise InputError(path, problem, "Indent with spaces, close brackets, quote special characters") from error
         _refuse_duplicates(root, Path(path), "")
+
+
+def _is_json(path: str | Path) -> bool:
+    """Whether a file is JSON; indented with tabs it is no YAML."""
+    try:
+        json.loads(Path(path).read_text(encoding="utf-8"))
+    except ValueError:
+        return False
+    return True
 
 
 def _refuse_duplicates(node: yaml.Node | None, path: Path, above: str) -> None:
@@ -68,9 +84,8 @@ def check_configuration(config: Mapping[str, Any]) -> None:
                 raise _unknown(f"config: presets.{name}.scenes", scene, scenes)
     for name, scene in scenes.items():
         _check_source(name, scene)
+        _check_camera(name, scene, scenes, cameras)
         _check_known_length(name, scene)
-        if scene["camera"] is not None and scene["camera"] not in cameras:
-            raise _unknown(f"config: scenes.{name}.camera", scene["camera"], cameras)
         if scene["require_scale"] and scene["board"] is None and scene["known_length"] is None:
             raise InputError(
                 f"config: scenes.{name}.require_scale",
@@ -106,6 +121,75 @@ def _check_source(name: str, scene: Mapping[str, Any]) -> None:
             f"the film '{film}' can only be the scene '{film}': film and truth are kept under one name",
             f"Name the scene '{film}'",
         )
+
+
+def _check_camera(
+    name: str, scene: Mapping[str, Any], scenes: Mapping[str, Mapping[str, Any]], cameras: Mapping[str, Mapping[str, Any]]
+) -> None:
+    """Refuse a shared camera that is not there, or that cannot have taken the scene."""
+    camera = scene["camera"]
+    if camera is None:
+        return
+    if camera not in cameras:
+        raise _unknown(f"config: scenes.{name}.camera", camera, cameras)
+    filmed = {("film" in scenes[other]["source"]) for other in cameras[camera]["calibrate_from"] if other in scenes}
+    if filmed == {"film" not in scene["source"]}:
+        mirror, real = "the mirror's virtual camera", "a real camera"
+        took, cannot = (mirror, "a real capture") if True in filmed else (real, "a film of the mirror")
+        raise InputError(
+            f"config: scenes.{name}.camera",
+            f"'{camera}' is {took}, which cannot have taken {cannot}",
+            "Leave the camera out (it is calibrated from the capture), or name one that is calibrated from your captures",
+        )
+
+
+def check_asked(arguments: Iterable[str], scenes: Iterable[str]) -> None:
+    """Refuse results of a scene that is not configured; snakemake would only say that no rule makes them.
+
+    Args:
+        arguments: Of the command line.
+        scenes: Names of the configured scenes.
+
+    Raises:
+        InputError: A result of another scene is asked for.
+    """
+    for argument in arguments:
+        found = re.match(r"(?:\./)?results/(?:scenes|films)/([^/]+)/", argument)
+        if found and found[1] not in scenes:
+            near = difflib.get_close_matches(found[1], list(scenes), 1)
+            hint = f"Did you mean '{near[0]}'? " if near else ""
+            raise InputError(argument, f"'{found[1]}' is no scene", f"{hint}Scenes of the config: {', '.join(sorted(scenes))}")
+
+
+_FORM = {"video": "file", "images": "folder", "colmap": "folder", "nerfstudio": "file"}
+
+
+def check_capture(name: str, source: Mapping[str, str], places: Sequence[str | Path]) -> None:
+    """Check that the files of a scene are there, before anything goes on with what an earlier file left behind.
+
+    Args:
+        name: The scene.
+        source: Kind and path of its source, as in the configuration.
+        places: Where it is looked for, in this order.
+
+    Raises:
+        InputError: Nothing is there, or a folder stands where a file is wanted, or the other way round.
+    """
+    kind, value = next(iter(source.items()))
+    key = f"config: scenes.{name}.source.{kind}"
+    found = next((Path(place) for place in places if Path(place).exists()), None)
+    if found is None:
+        looked = " nor ".join(dict.fromkeys(str(place) for place in places))
+        either = "neither " if " nor " in looked else "not "
+        raise InputError(key, f"{value} is there {either}as {looked}", "Correct the path, or put the capture there")
+    if _FORM[kind] == "file" and found.is_dir():
+        remedy = (
+            "Name the file inside it" if kind == "nerfstudio" else "Name the video, or write images: for a folder of photos"
+        )
+        raise InputError(key, f"{found} is a folder, a file is wanted", remedy)
+    if _FORM[kind] == "folder" and not found.is_dir():
+        remedy = "Name the folder that holds it" + (", or write video: for a film" if kind == "images" else "")
+        raise InputError(key, f"{found} is a file, a folder is wanted", remedy)
 
 
 def _check_known_length(name: str, scene: Mapping[str, Any]) -> None:

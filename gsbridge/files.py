@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import math
 import os
 import shutil
@@ -16,6 +17,8 @@ import numpy as np
 
 from gsbridge import __version__
 from gsbridge.errors import NO_ROOM, InputError
+
+logger = logging.getLogger("gsbridge")
 
 
 @contextlib.contextmanager
@@ -145,6 +148,8 @@ def write_stage(
         packages: Distributions whose versions matter for the result.
         **numbers: The stage's own figures.
     """
+    for reason in reasons:
+        logger.warning("%s is degraded: %s", Path(path).stem, reason)
     write_json(
         path,
         {

@@ -2,13 +2,18 @@
 
 import hashlib
 import os
+import re
 import sys
 from pathlib import Path
 
 ROOT = Path(workflow.basedir)
 sys.path.insert(0, str(ROOT))
 
-from gsbridge.configuration import check_configuration
+from gsbridge.configuration import (
+    check_asked,
+    check_capture,
+    check_configuration,
+)
 from gsbridge.digests import code_digest, kernel_digest, package_digest
 
 check_configuration(config)
@@ -50,11 +55,22 @@ def settings(section):
     return {**config[section], **PRESET.get(section, {})}
 
 
-def capture_path(path):
-    """A capture's file or folder: absolute, or below the captures folder, or below the project's."""
+def capture_places(path):
+    """Where a capture may lie: at its absolute path, or below the captures folder, or below the project's."""
     captures = Path(os.environ.get("GSBRIDGE_CAPTURES") or ROOT / config["captures"])
-    places = [folder / Path(path).expanduser() for folder in (captures, ROOT)]
-    return str(next((place for place in places if place.exists()), places[0]).resolve())
+    return [(folder / Path(path).expanduser()).resolve() for folder in (captures, ROOT)]
+
+
+def capture_path(path):
+    """A capture's file or folder."""
+    places = capture_places(path)
+    return str(next((place for place in places if place.exists()), places[0]))
+
+
+def asked_scenes():
+    """Scenes of the preset, and those that this call's arguments name."""
+    words = {word for argument in sys.argv[1:] for word in re.split(r"[/.-]", argument)}
+    return sorted({*SCENES, *words.intersection(config["scenes"])})
 
 
 def mirrored_scenes():
@@ -283,6 +299,13 @@ if LEFT_OUT and workflow.is_main_process:
     logger.warning(
         f"Example captures that are not on this machine are left out: {', '.join(LEFT_OUT)}"
     )
+if workflow.is_main_process:
+    check_asked(sys.argv[1:], config["scenes"])
+    # With results in place snakemake would go on without a missing source, and with an earlier capture's frames.
+    for scene in asked_scenes():
+        source = config["scenes"][scene]["source"]
+        if "film" not in source:
+            check_capture(scene, source, capture_places(*source.values()))
 
 
 wildcard_constraints:

@@ -25,6 +25,7 @@ FLOORS = {
         "carving",
         "colmap",
         "configuration",
+        "schema",
         "tags",
     ],
     1: ["capture", "sfm", "align", "masks", "mesh", "splats", "robot", "tasks"],

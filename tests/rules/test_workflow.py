@@ -165,6 +165,18 @@ def test_a_second_block_of_scenes_is_refused(snakemake, config, write_config, tm
     assert "the key 'scenes' stands twice" in process.stdout + process.stderr
 
 
+def test_a_capture_that_is_gone_stops_stages_whose_inputs_are_there(snakemake, config, write_config, tmp_path):
+    """Snakemake alone would go on with the frames of the capture before."""
+    config["scenes"]["mug"] = {"kind": "object", "source": {"video": "mug.mp4"}}
+    stage = tmp_path / "run" / "results" / "scenes" / "mug" / "capture"
+    (stage / "frames").mkdir(parents=True)
+    (stage / "keyframes.json").write_text("{}")
+    target = "results/scenes/mug/sfm/sfm.json"
+    process = snakemake(*write_config(config), "--dry-run", "--directory", str(tmp_path / "run"), "--", target, check=False)
+    assert process.returncode != 0
+    assert "config: scenes.mug.source.video: mug.mp4 is there neither as" in process.stdout + process.stderr
+
+
 def test_missing_capture_is_named(snakemake, config, write_config, tmp_path):
     config["scenes"]["mug"] = {"kind": "object", "source": {"video": "mug.mp4"}}
     process = snakemake(

@@ -6,10 +6,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from gsbridge.configuration import check_configuration, check_duplicates
+from gsbridge.configuration import check_asked, check_capture, check_configuration, check_files
 from gsbridge.errors import InputError
 from gsbridge.reality.mirror.film import DENSE
 from gsbridge.reality.mirror.studio import SCENES
+from gsbridge.schema import check_schema
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -102,7 +103,7 @@ def test_a_key_that_stands_twice_is_named(tmp_path, text, words):
     path = tmp_path / "config.yaml"
     path.write_text(text)
     with pytest.raises(InputError) as caught:
-        check_duplicates([path])
+        check_files([path])
     for word in ["config.yaml", *words]:
         assert word in str(caught.value)
 
@@ -110,7 +111,7 @@ def test_a_key_that_stands_twice_is_named(tmp_path, text, words):
 def test_configurations_without_duplicates_pass(tmp_path):
     (tmp_path / "config.json").write_text('{\n\t"seed": 1\n}')
     (tmp_path / "empty.yaml").touch()
-    check_duplicates([ROOT / "config.yaml", tmp_path / "config.json", tmp_path / "empty.yaml"])
+    check_files([ROOT / "config.yaml", tmp_path / "config.json", tmp_path / "empty.yaml"])
 
 
 def described(schema):
@@ -134,3 +135,82 @@ def test_the_reference_page_names_every_key_with_its_default():
         default = content.get("default")
         if section and isinstance(default, int | float) and not isinstance(default, bool):
             assert any(f"| {default} |" in line for line in row), f"docs/configuration.md: default of {section}.{name}"
+
+
+def test_broken_yaml_is_told_with_its_line(tmp_path):
+    path = tmp_path / "config.yaml"
+    path.write_text("seed: 1\nscenes:\n  mug: {kind: object\nboard: a4\n")
+    with pytest.raises(InputError, match=r"config\.yaml: line 4, column \d+"):
+        check_files([path])
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "said"),
+    [
+        (("scenes", "cake", "bord"), "a4", "scenes.cake: 'bord' is no key. Did you mean 'board'"),
+        (("scenes", "cake", "board"), "A4", "scenes.cake.board: 'A4' is not possible. Did you mean 'a4'"),
+        (("scenes", "cake", "known_length"), {"meters": 0.2}, "known_length: 'meters' is no key. Did you mean 'metres'"),
+        (("scenes", "cake", "known_length"), 0.2, "known_length: 0.2 is no block of keys"),
+        (("scenes", "cake", "source"), {"film": "cake", "video": "a.mp4"}, "source: exactly one of these is wanted"),
+        (("scenes", "cake", "source"), {}, "and none given. Keep one of: video"),
+        (("scenes", "cake", "source"), {"film": "bananna"}, "source.film: 'bananna' is not possible. Did you mean 'banana'"),
+        (("scenes", "my cake"), {"kind": "object"}, "scenes.my cake: the name becomes a folder"),
+        (
+            ("scenes", "cake"),
+            {"kind": "object"},
+            "scenes.cake: the key 'source' is missing. Add it: Where the photos",
+        ),
+        (("seed",), "one", "seed: 'one' is no integer. The one random seed"),
+        (("seed",), -1, "seed: -1 is less than the minimum of 0"),
+        (("spalts",), {}, "config: 'spalts' is no key"),
+    ],
+)
+def test_faults_of_the_schema_take_one_line(path, value, said):
+    config = yaml.safe_load((ROOT / "config.yaml").read_text())
+    block = config
+    for key in path[:-1]:
+        block = block[key]
+    block[path[-1]] = value
+    with pytest.raises(InputError) as raised:
+        check_schema(config, ROOT / "rules/schemas/config.schema.yaml")
+    assert said in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+def test_the_projects_own_configuration_fits_its_schema():
+    check_schema(yaml.safe_load((ROOT / "config.yaml").read_text()), ROOT / "rules/schemas/config.schema.yaml")
+
+
+def test_captures_are_looked_for_before_anything_runs(tmp_path):
+    (tmp_path / "mug").mkdir()
+    (tmp_path / "mug.mp4").write_bytes(b"x")
+    check_capture("mug", {"video": "mug.mp4"}, [tmp_path / "none" / "mug.mp4", tmp_path / "mug.mp4"])
+    check_capture("mug", {"images": "mug"}, [tmp_path / "mug"])
+    places = [tmp_path / "a" / "cup.mp4", tmp_path / "b" / "cup.mp4"]
+    with pytest.raises(InputError, match=r"mug\.source\.video: cup\.mp4 is there neither as .*a/cup.mp4 nor .*b/cup.mp4"):
+        check_capture("mug", {"video": "cup.mp4"}, places)
+    with pytest.raises(InputError, match=r"is a folder, a file is wanted. .*images:"):
+        check_capture("mug", {"video": "mug"}, [tmp_path / "mug"])
+    with pytest.raises(InputError, match=r"is a file, a folder is wanted. .*video:"):
+        check_capture("mug", {"images": "mug.mp4"}, [tmp_path / "mug.mp4"])
+
+
+def test_the_mirrors_camera_is_no_camera_of_real_captures():
+    config = copy.deepcopy(CONFIG)
+    config["scenes"]["mug"] = {**SCENE, "source": {"video": "mug.mp4"}}
+    with pytest.raises(InputError, match=r"scenes\.mug\.camera: 'phone' is the mirror's virtual camera"):
+        check_configuration(config)
+    config["scenes"]["mug"]["camera"] = None
+    check_configuration(config)
+    config["scenes"]["mug"]["camera"] = "mine"
+    config["cameras"]["mine"] = {"calibrate_from": ["mug"], "board": "a4"}
+    check_configuration(config)
+    config["scenes"]["cake"]["camera"] = "mine"
+    with pytest.raises(InputError, match="'mine' is a real camera, which cannot have taken a film of the mirror"):
+        check_configuration(config)
+
+
+def test_a_target_of_an_unknown_scene_is_refused():
+    check_asked(["-n", "results/scenes/cake/sfm/sfm.json", "results/tables"], ["cake"])
+    with pytest.raises(InputError, match=r"results/scenes/cakes/sfm/sfm.json: 'cakes' is no scene. Did you mean 'cake'"):
+        check_asked(["results/scenes/cakes/sfm/sfm.json"], ["cake", "bear"])
