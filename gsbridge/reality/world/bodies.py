@@ -1,0 +1,72 @@
+"""The true objects as rigid bodies: mesh, mass, contact pieces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gsbridge.geometry import Array
+from gsbridge.meshes import Mesh
+from gsbridge.reality.mirror.objects import make_object
+from gsbridge.reality.world.pieces import convex_pieces
+from gsbridge.robot.links import convex_hull
+
+DENSITIES = {"small_cube": 600.0, "cake": 350.0, "banana": 950.0, "bear": 120.0}
+"""Bulk densities of the true objects before the hidden factor, kg/m3: wood, sponge cake, fruit, plush."""
+
+_CONTACT_DETAIL, _MASS_DETAIL = 4.0, 2.0
+"""Spacing of the meshes behind contact and mass, of that in films: vertices lie on the surface, so few suffice."""
+
+
+@dataclass(frozen=True)
+class TrueBody:
+    """A true object in its own frame: footprint centre at the origin, standing on z = 0; m, kg.
+
+    Args:
+        name: Its name.
+        mass: kg.
+        centre: Centre of mass. [3].
+        inertia: About the centre of mass, kg m2. [3, 3].
+        hull: Vertices of its convex hull. [H, 3].
+        pieces: Vertices of its convex pieces. [N, 3] each.
+    """
+
+    name: str
+    mass: float
+    centre: Array
+    inertia: Array
+    hull: Array
+    pieces: list[Array]
+
+
+def true_body(name: str, seed: int, mass_factor: float, folder: str | Path) -> TrueBody:
+    """A true object, filled evenly.
+
+    Args:
+        name: One of the mirror's objects.
+        seed: Seed of the world's textures and shapes.
+        mass_factor: Hidden factor on its mass.
+        folder: Where convex pieces are kept.
+
+    Raises:
+        InputError: The name is unknown.
+    """
+    mesh, _ = make_object(name, seed, _MASS_DETAIL)
+    coarse, _ = make_object(name, seed, _CONTACT_DETAIL)
+    return body_of(name, mesh, DENSITIES[name] * mass_factor, convex_pieces(Mesh(coarse.vertices, coarse.faces), folder))
+
+
+def body_of(name: str, mesh: Mesh, density: float, pieces: list[Array]) -> TrueBody:
+    """A body of even density, kg/m3, from a closed mesh in its own frame and its convex pieces."""
+    solid = mesh.trimesh()
+    solid.density = density
+    return TrueBody(
+        name,
+        float(solid.mass),
+        np.array(solid.center_mass),
+        np.array(solid.moment_inertia),
+        convex_hull(mesh.vertices).vertices,
+        pieces,
+    )

@@ -1,0 +1,181 @@
+"""What the mirror hides: parameters drawn by seed from stated ranges, and further worlds by naming a few of them.
+
+Nothing that learns or diagnoses may read a `Hidden`; only the scores do.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gsbridge.errors import InputError
+
+Value = float | tuple[float, ...]
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """Hidden parameters of one world; the defaults are the nominal world, without any surprise.
+
+    Args:
+        mass: Factor on the object's mass.
+        friction_table: Sliding friction of the object on the table.
+        friction_plate: Sliding friction of the object on the plate.
+        friction_pad: Sliding friction of the rubber pads.
+        friction_spin: Torsional friction of every contact of the object, m.
+        contact_time: Time constant with which a contact pushes bodies apart, s.
+        stiffness: Factor on the servo gain of each arm joint.
+        damping: Factor on the servo damping of each arm joint.
+        inertia: Factor on the rotor inertia of each arm joint.
+        joint_friction: Coulomb friction as a share of the joint's largest torque.
+        grip_force: Force of each pad when closed on something, N.
+        latency: Time from a command to its effect, s.
+        encoder_noise: Standard deviation of measured joint angles, rad.
+        torque_noise: Standard deviation of measured joint torques, N m.
+        light_turn: Turn of the lamp about the vertical through the middle of the table, rad.
+        light_rise: Change of the lamp's height angle, rad.
+        light_power: Factor on all light.
+        light_cast: Factors on red, green and blue light.
+        robot_shade: Factors on the brightness of the arm's covers, its coloured covers, and the hand.
+        robot_tint: Factors on red, green and blue of the robot.
+        full_well: Electrons that saturate a pixel: shot noise is the square root of the electrons.
+        read_noise: Standard deviation of the readout, share of saturation, linear light.
+        exposure: Factor of the camera on the light, before it saturates.
+        tint: Factors of the camera on the encoded red, green and blue; no range draws it, worlds may set it.
+        pedestal: What the camera adds to the encoded value, 0..1; likewise.
+    """
+
+    mass: float = 1.0
+    friction_table: float = 0.6
+    friction_plate: float = 0.5
+    friction_pad: float = 0.9
+    friction_spin: float = 0.003
+    contact_time: float = 0.004
+    stiffness: tuple[float, ...] = (1.0,) * 7
+    damping: tuple[float, ...] = (1.0,) * 7
+    inertia: tuple[float, ...] = (1.0,) * 7
+    joint_friction: float = 0.002
+    grip_force: float = 40.0
+    latency: float = 0.0
+    encoder_noise: float = 0.0
+    torque_noise: float = 0.0
+    light_turn: float = 0.0
+    light_rise: float = 0.0
+    light_power: float = 1.0
+    light_cast: Triple = (1.0, 1.0, 1.0)
+    robot_shade: Triple = (1.0, 1.0, 1.0)
+    robot_tint: Triple = (1.0, 1.0, 1.0)
+    full_well: float = 1e9
+    read_noise: float = 0.0
+    exposure: float = 1.0
+    tint: Triple = (1.0, 1.0, 1.0)
+    pedestal: float = 0.0
+
+    def __post_init__(self) -> None:
+        for item in dataclasses.fields(self):
+            value = _checked(item.name, getattr(self, item.name), item.default)
+            object.__setattr__(self, item.name, value)
+
+    @classmethod
+    def draw(cls, seed: int, ranges: Ranges | None = None) -> Hidden:
+        """The hidden parameters of a seed.
+
+        Each parameter has a random stream of its own: a new parameter changes none of the others.
+
+        Args:
+            seed: Seed of the world.
+            ranges: Where to draw from; None for the stated ranges.
+        """
+        limits = ranges or Ranges()
+        values: dict[str, Value] = {}
+        for item in dataclasses.fields(limits):
+            low, high = getattr(limits, item.name)
+            default = getattr(cls, item.name)
+            count = len(default) if isinstance(default, tuple) else 1
+            drawn = np.random.default_rng([seed, zlib.crc32(item.name.encode())]).uniform(low, high, count)
+            values[item.name] = tuple(drawn.tolist()) if isinstance(default, tuple) else float(drawn[0])
+        return cls(**values)  # type: ignore[arg-type]
+
+    def changed(self, changes: Mapping[str, Any], source: str = "hidden parameters") -> Hidden:
+        """The same world with some parameters set: how further worlds are made.
+
+        Args:
+            changes: Values by name; a single number for a parameter of several values sets them all.
+            source: Where the names were written, for the message.
+
+        Raises:
+            InputError: Unknown name, or a value that makes no sense.
+        """
+        names = [item.name for item in dataclasses.fields(self)]
+        for name in changes:
+            if name not in names:
+                raise InputError(source, f"the parameter '{name}' is unknown", f"Use one of {', '.join(names)}")
+        try:
+            return dataclasses.replace(self, **changes)
+        except InputError as error:
+            raise InputError(source, error.problem, error.remedy) from error
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """Lowest and highest value of each hidden parameter that is drawn; uniform, components independent.
+
+    Mass, latency and the kinds of surprise are those of the specification; widths of the rest are what one meets between two
+    robots of a kind, between rubber, foam and cloth, and between two times of a day in one room.
+    """
+
+    mass: tuple[float, float] = (0.8, 1.2)
+    friction_table: tuple[float, float] = (0.40, 0.70)
+    friction_plate: tuple[float, float] = (0.30, 0.60)
+    friction_pad: tuple[float, float] = (0.7, 1.1)
+    friction_spin: tuple[float, float] = (0.001, 0.005)
+    contact_time: tuple[float, float] = (0.003, 0.006)
+    stiffness: tuple[float, float] = (0.8, 1.2)
+    damping: tuple[float, float] = (0.85, 1.15)
+    inertia: tuple[float, float] = (0.8, 1.2)
+    joint_friction: tuple[float, float] = (0.001, 0.006)
+    grip_force: tuple[float, float] = (30.0, 50.0)
+    latency: tuple[float, float] = (0.0, 0.060)
+    encoder_noise: tuple[float, float] = (1e-5, 5e-5)
+    torque_noise: tuple[float, float] = (0.05, 0.3)
+    light_turn: tuple[float, float] = (-0.20, 0.20)
+    light_rise: tuple[float, float] = (-0.12, 0.12)
+    light_power: tuple[float, float] = (0.90, 1.10)
+    light_cast: tuple[float, float] = (0.97, 1.03)
+    robot_shade: tuple[float, float] = (0.75, 1.15)
+    robot_tint: tuple[float, float] = (0.93, 1.07)
+    full_well: tuple[float, float] = (6000.0, 15000.0)
+    read_noise: tuple[float, float] = (0.0005, 0.0015)
+    exposure: tuple[float, float] = (0.96, 1.04)
+
+
+_MAY_BE_NEGATIVE = ("light_turn", "light_rise", "pedestal")
+_MUST_BE_POSITIVE = (
+    "mass", "contact_time", "stiffness", "inertia", "grip_force", "light_power", "full_well", "exposure",
+)  # fmt: skip
+
+
+def _checked(name: str, value: Any, default: Any) -> Value:
+    """One value in its field's form.
+
+    Raises:
+        InputError: Not a number, not finite, wrong count, or a sign that makes no sense.
+    """
+    wanted = len(default) if isinstance(default, tuple) else 0
+    parts = list(value) if isinstance(value, (list, tuple, np.ndarray)) else [value] * max(wanted, 1)
+    numbers = all(isinstance(part, (int, float, np.number)) and not isinstance(part, bool) for part in parts)
+    if not numbers or len(parts) != max(wanted, 1) or (not wanted and isinstance(value, (list, tuple, np.ndarray))):
+        form = f"{wanted} numbers, or one for all" if wanted else "one number"
+        raise InputError("hidden parameters", f"'{name}' is {value!r}", f"Give {form}")
+    parts = [float(part) for part in parts]
+    low = -math.inf if name in _MAY_BE_NEGATIVE else 0.0
+    if not all(math.isfinite(part) and part >= low and (part > 0 or name not in _MUST_BE_POSITIVE) for part in parts):
+        raise InputError("hidden parameters", f"'{name}' is {value!r}", "Give a finite value of the right sign")
+    return tuple(parts) if wanted else parts[0]

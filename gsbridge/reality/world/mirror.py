@@ -1,0 +1,77 @@
+"""The mirror as one world: physics and camera together."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from gsbridge.geometry import Array
+from gsbridge.reality.mirror.backgrounds import PLATE_CENTRE_M
+from gsbridge.reality.world.camera import MirrorCamera, Quality, Setting, wrist_camera
+from gsbridge.reality.world.hidden import Hidden
+from gsbridge.reality.world.model import Stand
+from gsbridge.reality.world.physics import MirrorPhysics, build_physics
+from gsbridge.robot.assembly import RobotFiles
+
+
+class MirrorWorld:
+    """Stand-in for reality; implements `gsbridge.tasks.world.SeeingWorld`.
+
+    Args:
+        physics: Its physics.
+        camera: Its camera.
+        quality: Samples and depth of its pictures.
+    """
+
+    def __init__(self, physics: MirrorPhysics, camera: MirrorCamera, quality: Quality | None = None) -> None:
+        self.physics, self.camera, self.quality = physics, camera, quality or Quality()
+        # Physics as it stands; only what concerns pictures is added here.
+        self.command, self.state, self.joints = physics.command, physics.state, physics.joints
+        self.body_poses, self.camera_pose = physics.body_poses, physics.camera_pose
+        self._seed, self._steps = 0, 0
+
+    def reset(self, object_pose: Array, seed: int) -> None:
+        """Begin an episode: see `World.reset`."""
+        self.physics.reset(object_pose, seed)
+        self._seed, self._steps = seed, 0
+
+    def step(self) -> None:
+        """Advance one control period."""
+        self.physics.step()
+        self._steps += 1
+
+    def image(self, size: int) -> Array:
+        """What the wrist camera sees now; asked twice, it is the same picture. uint8 [size, size, 3]."""
+        self.camera.move(self.body_poses())
+        seed = int(np.random.SeedSequence([self._seed, self._steps]).generate_state(1)[0])
+        return self.camera.photo(wrist_camera(size), self.camera_pose(), self.quality, seed)
+
+
+def build_mirror(
+    setting: Setting,
+    robot: RobotFiles,
+    base_from_table: Array,
+    hidden: Hidden,
+    *,
+    pieces: str | Path,
+    threads: int = 1,
+    quality: Quality | None = None,
+) -> MirrorWorld:
+    """A world of the mirror.
+
+    Args:
+        setting: Object, background, board, seed of textures.
+        robot: The robot with its true camera pose.
+        base_from_table: True place of the table. [4, 4].
+        hidden: Hidden parameters: `Hidden.draw(seed)`, or that `.changed(...)` for a further world.
+        pieces: Folder that keeps convex pieces from run to run.
+        threads: Threads to render with.
+        quality: Samples and depth of its pictures.
+
+    Raises:
+        InputError: Unknown object or background.
+    """
+    stand = Stand(np.asarray(base_from_table, dtype=np.float64), PLATE_CENTRE_M if setting.background == "plate" else None)
+    physics = build_physics(robot, stand, setting.object, hidden, pieces=pieces, seed=setting.seed)
+    return MirrorWorld(physics, MirrorCamera(setting, robot, hidden, threads), quality)

@@ -1,0 +1,256 @@
+"""The mirror's physics in the loop: commands of the tool in, state of robot and object out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from gsbridge.errors import InputError
+from gsbridge.geometry import Array, rotation_from_quat
+from gsbridge.reality.mirror.backgrounds import make_plate
+from gsbridge.reality.world.bodies import TrueBody, true_body
+from gsbridge.reality.world.hidden import Hidden
+from gsbridge.reality.world.model import OBJECT, PLATE, STEP, TABLE, Stand, build_model
+from gsbridge.reality.world.pieces import plate_pieces
+from gsbridge.robot.assembly import RobotFiles
+from gsbridge.robot.kinematics import Kinematics
+from gsbridge.robot.reach import tool_down
+from gsbridge.tasks.state import State, clearance
+
+CONTROL_HZ = 20
+"""Commands per second."""
+
+_GRIP_SPEED = 0.15
+"""Speed at which the pads are driven towards each other, m/s."""
+
+_PLATE_DETAIL = 2.0
+"""Spacing of the plate's mesh behind its pieces, of that in films."""
+
+_SETTLE = 0.05
+"""Time for the object to find its rest at the begin of an episode, s."""
+
+
+class MirrorPhysics:
+    """One robot, one table, one object; implements `gsbridge.tasks.world.World`. Table frame, SI units, quaternions wxyz.
+
+    Args:
+        robot: The robot's files.
+        stand: Places of table and plate.
+        body: The true object; None for a bare table (then `state` is not to be had).
+        hidden: Hidden parameters.
+        plate: Convex pieces of the plate.
+
+    Attributes:
+        missed: Commands that no posture of the arm reaches; it then holds the nearest one it found.
+    """
+
+    def __init__(
+        self, robot: RobotFiles, stand: Stand, body: TrueBody | None, hidden: Hidden, plate: list[Array] | None = None
+    ) -> None:
+        self.robot, self.stand, self.body, self.hidden = robot, stand, body, hidden
+        self.dimensions = robot.dimensions
+        self.kinematics = Kinematics.read(robot.urdf)
+        self.model = model = build_model(robot, stand, body, plate or [], hidden)
+        self.data = mujoco.MjData(model)
+        self.limits = self.kinematics.arm_limits
+        grip = robot.record["gripper"]
+        arm = tuple(robot.record["arm_joints"])
+        joints = [model.joint(name) for name in (*arm, grip["driver"])]
+        self._q = np.array([joint.qposadr[0] for joint in joints])
+        self._v = np.array([joint.dofadr[0] for joint in joints])
+        self._fingers = {model.joint(name).qposadr[0]: factor for name, factor in grip["joints"].items()}
+        knuckles = [name for name, factor in grip["joints"].items() if factor > 0]
+        self._knuckles = np.array([model.joint(name).qposadr[0] for name in knuckles])
+        self._links = {model.body(k).name: k for k in range(1, model.nbody)}
+        self._rows = _sides(model, grip["pads"])
+        self._pull = np.zeros(4)
+        self.missed = 0
+        self._period = round(1.0 / (CONTROL_HZ * STEP))
+        self._rng = np.random.default_rng(0)
+        self.place(self.kinematics.rest, self.dimensions.stroke)
+
+    def reset(self, object_pose: Array, seed: int) -> None:
+        """Begin an episode: see `World.reset`. The arm starts in its rest posture, the object has settled."""
+        pose = np.asarray(object_pose, dtype=np.float64)
+        if pose.shape != (3,) or not np.isfinite(pose).all():
+            raise InputError("object pose", f"{object_pose} is no x, y, yaw", "Give three finite numbers")
+        self._rng = np.random.default_rng([seed, 1])
+        self.missed = 0
+        self.place(self.kinematics.rest, self.dimensions.stroke, pose)
+        for _ in range(round(_SETTLE / STEP)):
+            mujoco.mj_step(self.model, self.data)
+        mujoco.mj_forward(self.model, self.data)
+        self._pull[:] = 0.0
+        self._feel()
+
+    def place(self, q: Array, aperture: float, object_pose: Array | None = None) -> None:
+        """Put everything somewhere at once, at rest and holding: for photos at chosen postures.
+
+        Args:
+            q: Arm joints, rad. [7].
+            aperture: Distance of the pads, m.
+            object_pose: x, y, yaw on the table; None puts the object out of sight. [3].
+        """
+        model, data = self.model, self.data
+        mujoco.mj_resetData(model, data)
+        angle = float(self.dimensions.angle(aperture))
+        data.qpos[self._q[:-1]] = self.limits.clip(q)
+        for address, factor in self._fingers.items():
+            data.qpos[address] = factor * angle
+        if self.body is not None:
+            x, y, yaw = (0.0, -3.0, 0.0) if object_pose is None else object_pose
+            start = model.joint(OBJECT).qposadr[0]
+            data.qpos[start : start + 7] = x, y, 0.0, np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)
+        self._point = np.append(data.qpos[self._q[:-1]], aperture)
+        self._goal = self._point.copy()
+        self._control(self._point, np.zeros(len(self._point)))
+        if self.hidden.latency >= 0.5 * STEP:
+            for index, value in enumerate(data.ctrl):
+                history = np.full((int(model.actuator_history[index, 0]), 1), value)
+                mujoco.mj_initCtrlHistory(model, data, index, None, history)
+        mujoco.mj_forward(model, data)
+
+    def command(self, position: Array, yaw: float, aperture: float) -> None:
+        """Set the target that `step` moves to and holds: see `World.command`."""
+        position = np.asarray(position, dtype=np.float64)
+        if position.shape != (3,) or not (np.isfinite(position).all() and np.isfinite(yaw) and np.isfinite(aperture)):
+            raise InputError(
+                "command", f"{position}, {yaw}, {aperture} is no finite target", "Check the policy's output for NaN"
+            )
+        found = self.kinematics.inverse(self.stand.base_from_table @ tool_down(position, yaw), self._goal[:-1])
+        self.missed += not found.converged
+        self._goal = np.append(found.q, np.clip(aperture, 0.0, self.dimensions.stroke))
+
+    def step(self) -> None:
+        """Advance one control period: the set point moves evenly, no faster than joints and gripper allow."""
+        start, seconds = self._point, self._period * STEP
+        reach = _GRIP_SPEED * seconds
+        opening = start[-1] + np.clip(self._goal[-1] - start[-1], -reach, reach)
+        self._point = np.append(self.limits.follow(start[:-1], self._goal[:-1], seconds), opening)
+        speed = (self._point - start) / seconds
+        self._pull[:] = 0.0
+        for number in range(self._period):
+            self._control(start + speed * (number + 1) * STEP, speed)
+            mujoco.mj_step(self.model, self.data)
+            self._feel()
+        self._pull /= self._period
+        # Poses that belong to the positions just reached; a step leaves those of its begin.
+        mujoco.mj_kinematics(self.model, self.data)
+
+    def _control(self, point: Array, speed: Array) -> None:
+        """Hand a set point to the servos. [8], [8]: arm joints and aperture."""
+        data, arm = self.data, len(point) - 1
+        data.ctrl[:arm] = point[:-1]
+        data.ctrl[arm : 2 * arm] = speed[:-1]
+        data.ctrl[-1] = self.dimensions.angle(point[-1])
+        # The motor's torque that presses the pads with the set force grows with the lever.
+        most = self.hidden.grip_force * float(self.dimensions.aperture_rate(data.qpos[self._q[-1]]))
+        self.model.actuator_forcelimited[-1] = 1
+        self.model.actuator_forcerange[-1] = -most, most
+
+    def _feel(self) -> None:
+        """Add up the normal forces: left pad, right pad, robot on table or plate, object on table or plate."""
+        contact = self.data.contact
+        if not self.data.ncon:
+            return
+        active = contact.efc_address >= 0
+        kinds = self._rows[contact.geom[active]]
+        pairs = kinds[:, 0] | kinds[:, 1]
+        # With elliptic cones the first entry of a contact is its normal force.
+        force = self.data.efc_force[contact.efc_address[active]]
+        for row, pair in enumerate(_PAIRS):
+            self._pull[row] += force[(pairs & pair) == pair].sum()
+
+    def _pose(self, body: int) -> Array:
+        """table_from_body. [4, 4]."""
+        out = np.eye(4)
+        out[:3, :3] = self.data.xmat[body].reshape(3, 3)
+        out[:3, 3] = self.data.xpos[body]
+        return out
+
+    def state(self) -> State:
+        """The true state: see `World.state`.
+
+        Raises:
+            InputError: The world has no object.
+        """
+        if self.body is None:
+            raise InputError("mirror", "this world has no object, so no task can judge it", "Name an object")
+        data, tool, body = self.data, self._links["tool"], self._links[OBJECT]
+        start = self.model.joint(OBJECT).dofadr[0]
+        quat = data.xquat[body]
+        return State(
+            tool_position=data.xpos[tool][None].copy(),
+            tool_quat=data.xquat[tool][None].copy(),
+            aperture=np.mean(self.dimensions.aperture(data.qpos[self._knuckles]))[None],
+            pad_forces=self._pull[None, :2].copy(),
+            object_position=data.xpos[body][None].copy(),
+            object_quat=quat[None].copy(),
+            object_velocity=data.qvel[None, start : start + 3].copy(),
+            # The speed of a free body's rotation is given in the body's axes.
+            object_spin=(rotation_from_quat(quat) @ data.qvel[start + 3 : start + 6])[None],
+            object_clearance=clearance(self.body.hull, data.xpos[body][None], quat[None]),
+            robot_contact=self._pull[2:3].copy(),
+            object_contact=self._pull[3:4].copy(),
+        )
+
+    def joints(self) -> tuple[Array, Array, Array]:
+        """What the robot measures, noise included: see `World.joints`."""
+        noise = self._rng.standard_normal((3, len(self._q)))
+        # Speed is the difference of two angles, so its noise is theirs over the time between.
+        speed_noise = self.hidden.encoder_noise * CONTROL_HZ
+        return (
+            self.data.qpos[self._q] + self.hidden.encoder_noise * noise[0],
+            self.data.qvel[self._v] + speed_noise * noise[1],
+            self.data.qfrc_actuator[self._v] + self.hidden.torque_noise * noise[2],
+        )
+
+    def body_poses(self) -> Mapping[str, Array]:
+        """`table_from_body` of the object, of every link of the robot, and of the plate where there is one. Each [4, 4]."""
+        return {name: self._pose(body) for name, body in self._links.items()}
+
+    def camera_pose(self) -> Array:
+        """True `cam_from_table` of the wrist camera. [4, 4]."""
+        return np.linalg.inv(self._pose(self._links["camera"]))
+
+
+_LEFT, _RIGHT, _ROBOT, _STATIC, _BODY = 1, 2, 4, 8, 16
+_PAIRS = (_LEFT | _BODY, _RIGHT | _BODY, _ROBOT | _STATIC, _BODY | _STATIC)
+
+
+def _sides(model: mujoco.MjModel, pads: list[str]) -> Array:
+    """Which side of a contact each geom is, as bits. [number of geoms]."""
+    out = np.full(model.ngeom, _ROBOT)
+    for index in range(model.ngeom):
+        geom, body = model.geom(index), model.body(model.geom_bodyid[index]).name
+        if geom.name == TABLE or body == PLATE:
+            out[index] = _STATIC
+        elif body == OBJECT:
+            out[index] = _BODY
+        elif body in pads:
+            out[index] = _ROBOT | (_LEFT, _RIGHT)[pads.index(body)]
+    return out
+
+
+def build_physics(
+    robot: RobotFiles, stand: Stand, name: str | None, hidden: Hidden, *, pieces: str | Path, seed: int
+) -> MirrorPhysics:
+    """The mirror's physics around one of its objects.
+
+    Args:
+        robot: The robot's files.
+        stand: Places of table and plate.
+        name: One of the mirror's objects, or None.
+        hidden: Hidden parameters.
+        pieces: Folder that keeps convex pieces from run to run.
+        seed: Seed of the world's textures and shapes, as in its films.
+
+    Raises:
+        InputError: Unknown object.
+    """
+    body = None if name is None else true_body(name, seed, hidden.mass, pieces)
+    plate = None if stand.plate is None else plate_pieces(make_plate(seed, _PLATE_DETAIL)[0])
+    return MirrorPhysics(robot, stand, body, hidden, plate)

@@ -1,0 +1,101 @@
+"""Convex pieces for contact: of the true objects by decomposition, kept on disk; of the plate by cutting it into sectors."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_file, versions
+from gsbridge.geometry import Array
+from gsbridge.meshes import Mesh
+
+CONCAVITY = 0.003
+"""Dents up to this depth are filled, m."""
+
+MOST = 16
+"""Pieces of one object, at most."""
+
+FOOT = 5e-5
+"""Vertices as near to z = 0 as this are put there, m: the objects are cut flat, the decomposition moves their feet a little."""
+
+_SEARCH = 60
+
+
+def convex_pieces(mesh: Mesh, folder: str | Path) -> list[Array]:
+    """Convex pieces that together fill a closed mesh. They are computed once and found again by the mesh's content.
+
+    Args:
+        mesh: Watertight, standing on z = 0, m.
+        folder: Where pieces are kept.
+
+    Returns:
+        Vertices of each piece, m. [N, 3] each.
+
+    Raises:
+        InputError: The mesh is not watertight.
+
+    Source: Wei et al., "Approximate convex decomposition for 3D meshes with collision-aware concavity and tree search", 2022.
+    """
+    if not mesh.is_watertight():
+        raise InputError("mirror", "an object's mesh is not watertight", "Mesh its shape again")
+    key = hashlib.sha256(repr((CONCAVITY, MOST, FOOT, _SEARCH, versions("coacd"))).encode())
+    for part in (mesh.vertices.astype("<f8"), mesh.faces.astype("<i8")):
+        key.update(np.ascontiguousarray(part).tobytes())
+    path = Path(folder) / f"pieces-{key.hexdigest()[:16]}.npz"
+    if not path.is_file():
+        pieces = _decompose(mesh)
+        with atomic_file(path) as temporary:
+            np.savez(temporary, points=np.concatenate(pieces), counts=[len(piece) for piece in pieces])
+    with np.load(path) as stored:
+        return np.split(stored["points"], np.cumsum(stored["counts"])[:-1])
+
+
+def _decompose(mesh: Mesh) -> list[Array]:
+    """Pieces of a closed mesh with a flat foot."""
+    import coacd
+
+    coacd.set_log_level("error")
+    parts = coacd.run_coacd(
+        coacd.Mesh(mesh.vertices, mesh.faces.astype(np.int32)),
+        threshold=CONCAVITY,
+        real_metric=True,
+        max_convex_hull=MOST,
+        mcts_iterations=_SEARCH,
+        preprocess_mode="off",  # the mesh is closed already, and resampling would move its foot
+        seed=0,
+    )
+    pieces = [np.array(vertices, dtype=np.float64) for vertices, _ in parts]
+    for piece in pieces:
+        piece[np.abs(piece[:, 2]) < FOOT, 2] = 0.0
+    return pieces
+
+
+def plate_pieces(mesh: Mesh, radii: tuple[float, ...] = (0.048, 0.063, 0.081), sectors: int = 32) -> list[Array]:
+    """Convex pieces of a plate: a disc, and rings around it cut into sectors.
+
+    A decomposition by search fills the well or takes minutes; a body of revolution needs neither. Thirty-two sectors replace
+    the rim's circle by chords that are at most 0.5 mm off.
+
+    Args:
+        mesh: The plate, own frame, m; its vertices no farther apart than 2 mm.
+        radii: Outer radius of the disc, and of each ring but the last, m; the section is nearly straight between them.
+        sectors: Sectors of a ring.
+
+    Returns:
+        Vertices of each piece, m. [N, 3] each.
+    """
+    rho = np.hypot(mesh.vertices[:, 0], mesh.vertices[:, 1])
+    angle = np.arctan2(mesh.vertices[:, 1], mesh.vertices[:, 0])
+    # Neighbours share a strip as wide as a cell of the mesh, so that no gap opens between them.
+    reach = 2e-3
+    turn = np.pi / sectors + 0.5 * reach / radii[-1]
+    pieces = [mesh.vertices[rho <= radii[0] + reach]]
+    for low, high in zip(radii, (*radii[1:], np.inf), strict=True):
+        ring = (rho >= low - reach) & (rho <= high + reach)
+        for sector in range(sectors):
+            off = np.angle(np.exp(1j * (angle - 2 * np.pi * (sector + 0.5) / sectors)))
+            pieces.append(mesh.vertices[ring & (np.abs(off) <= turn)])
+    return pieces
