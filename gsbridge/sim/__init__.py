@@ -1,0 +1,1 @@
+"""The simulated world: PyBullet physics driven by torque, described whole by one model file."""

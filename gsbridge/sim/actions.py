@@ -1,0 +1,95 @@
+"""Actions of a policy, 20 per second: steps of the tool's commanded pose and of the gripper's opening."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gsbridge.errors import InputError
+from gsbridge.geometry import Array
+from gsbridge.robot.limits import ClippedCommands, Workspace
+
+SIZE = 5
+"""Entries of an action: x, y, z, yaw, opening; each -1 to 1."""
+
+
+@dataclass(frozen=True)
+class ActionScale:
+    """What an entry of 1 means, per control step.
+
+    Args:
+        position: Step of the tool point along each axis of the table, m.
+        yaw: Turn, rad.
+        aperture: Change of the opening, m; positive opens.
+
+    Source: RL-GSBridge's code: three sub-steps of 8 mm, 0.05 rad and a tenth of the gripper's range.
+    """
+
+    position: float = 0.024
+    yaw: float = 0.15
+    aperture: float = 0.042
+
+    def __post_init__(self) -> None:
+        if not all(np.isfinite(value) and value > 0 for value in (self.position, self.yaw, self.aperture)):
+            raise InputError("action scale", "a step is not positive", "Give metres and radians per control step")
+
+
+@dataclass
+class ToolTarget:
+    """The commanded tool pose. Actions are added to the command, not to the measured pose, so that lag does not add up.
+
+    Args:
+        stroke: Largest opening of the gripper, m.
+        scale: What an entry of 1 means.
+        counted: Workspace that cuts positions and yaws, and counts.
+        position: Tool point, table frame, m. [3].
+        yaw: rad.
+        aperture: Opening, m.
+        saturated: Actions with an entry outside -1..1, which was cut.
+    """
+
+    stroke: float
+    scale: ActionScale = field(default_factory=ActionScale)
+    counted: ClippedCommands = field(default_factory=ClippedCommands)
+    position: Array = field(default_factory=lambda: np.zeros(3))
+    yaw: float = 0.0
+    aperture: float = 0.0
+    saturated: int = 0
+
+    @classmethod
+    def within(cls, workspace: Workspace, stroke: float, scale: ActionScale | None = None) -> ToolTarget:
+        """A target that keeps to a workspace."""
+        return cls(stroke, scale or ActionScale(), ClippedCommands(workspace))
+
+    def reset(self, position: Array, yaw: float, aperture: float) -> None:
+        """Begin an episode at a tool pose; the counters begin anew, too."""
+        self.position, self.yaw, self.aperture = np.array(position, dtype=np.float64), float(yaw), float(aperture)
+        self.counted.commands = self.counted.clipped = self.saturated = 0
+
+    def move(self, action: Array) -> tuple[Array, float, float]:
+        """Add one action.
+
+        Args:
+            action: x, y, z, yaw, opening, each -1..1 (cut, and counted, where it is not). [5].
+
+        Returns:
+            Position [3], yaw and aperture to give to a world's `command`.
+
+        Raises:
+            InputError: The action has another shape or is not finite.
+        """
+        action = np.asarray(action, dtype=np.float64)
+        if action.shape != (SIZE,):
+            raise InputError("action", f"it has the shape {action.shape}, expected ({SIZE},)", "Give x, y, z, yaw, opening")
+        if not np.isfinite(action).all():
+            raise InputError("action", "it is not finite", "Check the policy's output for NaN")
+        cut = np.clip(action, -1.0, 1.0)
+        self.saturated += int((cut != action).any())
+        # The cube of three equal steps, as in the paper: a diagonal action moves farther than one along an axis.
+        self.position, yaw = self.counted.clip(
+            self.position + self.scale.position * cut[:3], self.yaw + self.scale.yaw * cut[3]
+        )
+        self.yaw = float(yaw)
+        self.aperture = float(np.clip(self.aperture + self.scale.aperture * cut[4], 0.0, self.stroke))
+        return self.position, self.yaw, self.aperture

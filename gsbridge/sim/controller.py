@@ -1,0 +1,164 @@
+"""Joint controller of the simulated robot: set points on the way to a goal, their delay, and torques."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from gsbridge.errors import InputError
+from gsbridge.geometry import Array
+from gsbridge.robot.assembly import RobotFiles
+from gsbridge.robot.chain import place_links
+from gsbridge.robot.kinematics import Kinematics
+from gsbridge.robot.links import Joint, rotation_from_rpy
+from gsbridge.sim.dynamics import joint_torques
+from gsbridge.sim.model import Model
+
+
+def read_bodies(urdf: str | Path, links: tuple[str, ...]) -> Array:
+    """Mass properties from a description.
+
+    Args:
+        urdf: The description.
+        links: Names of links, in the order wanted.
+
+    Returns:
+        Mass, centre of mass (3), inertia about it (9) in the link frame; kg, m, kg m2. [L, 13].
+
+    Raises:
+        InputError: A link has no mass properties.
+    """
+    elements = {element.get("name"): element for element in ElementTree.parse(urdf).getroot().findall("link")}
+    out = np.zeros((len(links), 13))
+    for row, name in zip(out, links, strict=True):
+        try:
+            inertial = elements[name].find("inertial")
+            origin, tensor = inertial.find("origin"), inertial.find("inertia").attrib
+            row[0] = float(inertial.find("mass").get("value"))
+            row[1:4] = [float(value) for value in origin.get("xyz").split()]
+            turn = rotation_from_rpy([float(value) for value in origin.get("rpy").split()])
+            ixx, ixy, ixz, iyy, iyz, izz = (float(tensor[key]) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+        except (KeyError, AttributeError, ValueError) as error:
+            raise InputError(urdf, f"link {name} has no mass properties", "Build the robot again") from error
+        row[4:] = (turn @ [[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]] @ turn.T).ravel()
+    return out
+
+
+class Controller:
+    """Holds what the controller and the drives remember; knows no physics engine.
+
+    A goal is a posture of the arm and an opening of the gripper. Every control period the command moves towards the goal, all
+    joints in proportion, as far as the fastest may. The set point is the mean of that broken line over the last period: its
+    speed, which is fed forward, has no steps that would jerk the arm, at the price of lagging half a period.
+
+    Args:
+        robot: The robot's files.
+        kinematics: Its kinematics.
+        model: The simulation model.
+        gravity: Acceleration in the base frame, m/s2. [3].
+    """
+
+    def __init__(self, robot: RobotFiles, kinematics: Kinematics, model: Model, gravity: Array) -> None:
+        self.model, self.dimensions = model, robot.dimensions
+        tree = kinematics.tree
+        index = {name: k for k, name in enumerate(tree.links)}
+        self.limits = kinematics.arm_limits
+        arm = kinematics.arm_joints
+        moving = [-1, *(self._coordinate(joint, arm) for joint in tree.joints)]
+        parents = [-1, *(index[joint.parent] for joint in tree.joints)]
+        owner: list[int] = []
+        for source, parent in zip(moving, parents, strict=True):
+            owner.append(source if 0 <= source < len(arm) else -1 if parent < 0 else owner[parent])
+        turns = [joint.kind == "revolute" for joint in tree.joints]
+        d, a, g = self.dimensions, model.arm, model.gripper
+        self._chain = (
+            np.array(parents, dtype=np.int64),
+            np.stack([np.eye(4), *(joint.parent_from_child for joint in tree.joints)]),
+            np.array(
+                [(0.0, 0.0, 0.0), *(j.axis if turn else (0.0, 0.0, 0.0) for j, turn in zip(tree.joints, turns, strict=True))]
+            ),
+            np.array(moving, dtype=np.int64),
+            np.array([0.0, *(j.multiplier if turn else 0.0 for j, turn in zip(tree.joints, turns, strict=True))]),
+            read_bodies(robot.urdf, tree.links),
+            np.array(owner, dtype=np.int64),
+            np.array([moving.index(k) for k in range(len(arm))], dtype=np.int64),
+            np.asarray(gravity, dtype=np.float64),
+            np.array(
+                [
+                    a.stiffness,
+                    a.damping,
+                    a.armature,
+                    a.viscous_friction,
+                    self.limits.effort,
+                    [a.gravity_compensation] * len(arm),
+                ]
+            ),
+            np.array([d.knuckle_y - d.pad_inset, d.bar, g.stiffness, g.damping, g.force, model.time_step, model.period]),
+        )
+        width = len(arm) + 1
+        self._ring = np.zeros((round(a.delay / model.time_step) + 1, 2, width))
+        self._slot = np.zeros(1, dtype=np.int64)
+        self._plan = np.zeros((3, width))
+        self._memory = np.zeros((2, width))
+        self._inertia = np.zeros((len(arm), len(arm)))
+        self.torques = np.zeros((2, width))
+        self.reset(kinematics.rest, self.dimensions.stroke)
+
+    @staticmethod
+    def _coordinate(joint: Joint, arm: tuple[str, ...]) -> int:
+        """Column of the coordinate that moves a joint, -1 for a fixed one."""
+        if joint.kind != "revolute":
+            return -1
+        return arm.index(joint.name) if joint.name in arm else len(arm)
+
+    def reset(self, q: Array, aperture: float) -> None:
+        """Hold a posture and an opening, with nothing on its way from before. q [N]."""
+        self.point = np.append(q, aperture)
+        self.goal = self.point.copy()
+        self._ring[:] = 0.0
+        self._ring[:, 0] = self.point
+        self._slot[0] = 0
+        self._memory[:] = 0.0
+        self._plan[:] = self.point, 0.0 * self.point, 0.0 * self.point
+
+    def aim(self, q: Array, aperture: float) -> None:
+        """Set the goal. q [N], aperture in m."""
+        self.goal = np.append(q, np.clip(aperture, 0.0, self.dimensions.stroke))
+
+    def begin_period(self) -> None:
+        """Choose where the command stands at the end of the coming control period."""
+        period = self.model.period
+        way = (self.goal - self.point) / period
+        fastest = float(np.max(np.abs(way[:-1]) / self.limits.velocity))
+        way[:-1] /= max(1.0, fastest)
+        way[-1] = np.clip(way[-1], -self.model.gripper.speed, self.model.gripper.speed)
+        last = self._plan[1] + self._plan[2]
+        self._plan[0] = self.point - 0.5 * period * last
+        self._plan[1], self._plan[2] = last, way - last
+        self.point = self.point + period * way
+
+    def substep(self, number: int, measured: Array) -> Array:
+        """Torques of one physics step.
+
+        Args:
+            number: Step within the control period, from 0.
+            measured: Angles and speeds of the arm and of the gripper's driver. [2, N + 1].
+
+        Returns:
+            Torques for the engine and motor torques, N m; overwritten by the next call. [2, N + 1].
+        """
+        share = (number + 1) / self.model.substeps
+        joint_torques(
+            *self._chain, self._plan, share, self._ring, self._slot, measured, self._memory, self._inertia, self.torques
+        )
+        return self.torques
+
+    def place_links(self, measured: Array, table_from_base: Array) -> Array:
+        """`table_from_link` of all links in the tree's order. measured [2, N + 1], table_from_base [4, 4] -> [L, 4, 4]."""
+        parents, fixed, axes, sources, factors = self._chain[:5]
+        values = np.where(sources >= 0, factors * measured[0, sources], 0.0)
+        out = np.empty((len(parents), 4, 4))
+        place_links(parents, fixed, axes, values, out)
+        return table_from_base @ out

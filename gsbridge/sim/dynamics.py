@@ -1,0 +1,202 @@
+"""Kernels of the arm's controller: gravity torques, joint-space inertia and the torque law, once per physics step.
+
+The chain is that of `gsbridge.robot.chain`: nodes with parents first. Every node belongs to the last arm joint above it; what
+the hand's fingers do moves its mass, not the number of coordinates.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gsbridge.geometry import Array
+from gsbridge.kernels import njit
+from gsbridge.robot.chain import cholesky_solve, place_links
+
+
+@njit(nogil=True)
+def arm_inertia(
+    axes: Array, poses: Array, bodies: Array, owner: Array, nodes: Array, gravity: Array, inertia: Array, weight: Array
+) -> None:
+    """Joint-space inertia of the arm and the torques that hold its weight, by composite bodies about the base's origin.
+
+    Args:
+        axes: Joint axis of each node, node frame. [K, 3].
+        poses: `base_from_node`. [K, 4, 4].
+        bodies: Mass, centre of mass (3), inertia about it (9), node frame, kg, m, kg m2. [K, 13].
+        owner: Number of the last arm joint above each node, -1 for the base. [K].
+        nodes: Node that each arm joint moves. [N].
+        gravity: Acceleration, base frame, m/s2. [3].
+        inertia: Result, kg m2. [N, N].
+        weight: Result, N m. [N].
+
+    Source: Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.2.
+    """
+    count = len(nodes)
+    mass, moment, about = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3, 3))
+    centre, part = np.empty(3), np.empty((3, 3))
+    for k in range(len(bodies)):
+        joint, kilos = owner[k], bodies[k, 0]
+        if joint < 0 or kilos == 0.0:
+            continue
+        square = 0.0
+        for i in range(3):
+            centre[i] = poses[k, i, 3]
+            for j in range(3):
+                centre[i] += poses[k, i, j] * bodies[k, 1 + j]
+            square += centre[i] * centre[i]
+            for j in range(3):
+                part[i, j] = 0.0
+                for m in range(3):
+                    part[i, j] += poses[k, i, m] * bodies[k, 4 + 3 * m + j]
+        mass[joint] += kilos
+        for i in range(3):
+            moment[joint, i] += kilos * centre[i]
+            for j in range(3):
+                value = -kilos * centre[i] * centre[j]
+                for m in range(3):
+                    value += part[i, m] * poses[k, j, m]
+                if i == j:
+                    value += kilos * square
+                about[joint, i, j] += value
+    for joint in range(count - 2, -1, -1):
+        mass[joint] += mass[joint + 1]
+        for i in range(3):
+            moment[joint, i] += moment[joint + 1, i]
+            for j in range(3):
+                about[joint, i, j] += about[joint + 1, i, j]
+    turn, move = np.empty((count, 3)), np.empty((count, 3))
+    for joint in range(count):
+        k = nodes[joint]
+        for i in range(3):
+            turn[joint, i] = poses[k, i, 0] * axes[k, 0] + poses[k, i, 1] * axes[k, 1] + poses[k, i, 2] * axes[k, 2]
+        cross(poses[k, 0, 3], poses[k, 1, 3], poses[k, 2, 3], turn[joint], move[joint])
+    push, force, torque, spare = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for j in range(count):
+        h = moment[j]
+        # Momentum of everything behind joint j when it alone turns at unit speed.
+        cross(h[0], h[1], h[2], move[j], spare)
+        cross(h[0], h[1], h[2], turn[j], push)
+        for i in range(3):
+            force[i] = mass[j] * move[j, i] - push[i]
+            torque[i] = spare[i] + about[j, i, 0] * turn[j, 0] + about[j, i, 1] * turn[j, 1] + about[j, i, 2] * turn[j, 2]
+        for i in range(j + 1):
+            value = 0.0
+            for m in range(3):
+                value += turn[i, m] * torque[m] + move[i, m] * force[m]
+            inertia[i, j] = value
+            inertia[j, i] = value
+        cross(h[0], h[1], h[2], gravity, spare)
+        weight[j] = 0.0
+        for m in range(3):
+            weight[j] -= turn[j, m] * spare[m] + move[j, m] * mass[j] * gravity[m]
+
+
+@njit(nogil=True)
+def cross(x: float, y: float, z: float, b: Array, out: Array) -> None:
+    """Cross product (x, y, z) x b. -> out [3]."""
+    out[0] = y * b[2] - z * b[1]
+    out[1] = z * b[0] - x * b[2]
+    out[2] = x * b[1] - y * b[0]
+
+
+@njit(nogil=True)
+def solve_shifted(inertia: Array, shift: Array, right: Array, out: Array) -> None:
+    """Solve (inertia + diag(shift)) out = right. [N, N], [N], [N] -> out [N]."""
+    count = len(right)
+    matrix, column = inertia.copy(), np.empty((count, 1))
+    for i in range(count):
+        matrix[i, i] += shift[i]
+        column[i, 0] = right[i]
+    cholesky_solve(matrix, column)
+    for i in range(count):
+        out[i] = column[i, 0]
+
+
+@njit(nogil=True)
+def joint_torques(
+    parents: Array,
+    fixed: Array,
+    axes: Array,
+    sources: Array,
+    factors: Array,
+    bodies: Array,
+    owner: Array,
+    nodes: Array,
+    gravity: Array,
+    law: Array,
+    grip: Array,
+    plan: Array,
+    share: float,
+    ring: Array,
+    slot: Array,
+    measured: Array,
+    memory: Array,
+    known_inertia: Array,
+    out: Array,
+) -> None:
+    """Torques of one physics step for the arm's N joints and the gripper's driver.
+
+    Args:
+        parents, fixed, axes: The chain.
+        sources: Coordinate that each node follows, -1 for none. [K].
+        factors: Value of the node's joint per coordinate. [K].
+        bodies, owner, nodes, gravity: As in `arm_inertia`.
+        law: Rows stiffness, damping, armature, viscous friction, largest torque, share of gravity carried. [6, N].
+        grip: Rest half gap, bar length, stiffness, damping, largest force, time step, control period. [7].
+        plan: Set point of this control period: rows position and speed at its start, change of speed until its end; the last
+            column is the opening, m. [3, N + 1].
+        share: How much of the control period is over at the end of this step, 0..1.
+        ring: Set points that wait for the delay to pass: position and speed each. Updated. [L, 2, N + 1].
+        slot: Place of the next one in the ring. Updated. [1] int.
+        measured: Row of angles and row of speeds; the last column is the gripper's driver. [2, N + 1].
+        memory: Rows: speeds and engine torques of the step before; [0, N] is 0 at the start, then 1. Updated. [2, N + 1].
+        known_inertia: Joint-space inertia of the step before. Updated. [N, N].
+        out: Rows: torques for the engine, motor torques as the robot would report them. [2, N + 1].
+    """
+    count = len(nodes)
+    time = share * grip[6]
+    for i in range(count + 1):
+        ring[slot[0], 0, i] = plan[0, i] + time * (plan[1, i] + 0.5 * share * plan[2, i])
+        ring[slot[0], 1, i] = plan[1, i] + share * plan[2, i]
+    # The place after the newest holds the oldest.
+    slot[0] = (slot[0] + 1) % len(ring)
+    wanted = ring[slot[0]]
+    values, poses = np.zeros(len(parents)), np.empty((len(parents), 4, 4))
+    for k in range(len(parents)):
+        if sources[k] >= 0:
+            values[k] = factors[k] * measured[0, sources[k]]
+    place_links(parents, fixed, axes, values, poses)
+    inertia, weight = np.empty((count, count)), np.empty(count)
+    arm_inertia(axes, poses, bodies, owner, nodes, gravity, inertia, weight)
+    step, heavy = grip[5], False
+    for i in range(count):
+        motor = law[0, i] * (wanted[0, i] - measured[0, i]) + law[1, i] * (wanted[1, i] - measured[1, i])
+        motor = min(max(motor + law[5, i] * weight[i], -law[4, i]), law[4, i])
+        out[1, i] = motor
+        out[0, i] = motor - law[3, i] * measured[1, i]
+        heavy = heavy or law[2, i] > 0.0
+    if heavy:
+        # The engine knows no armature. What all other torques were in the step before follows from how the arm moved; from
+        # that, how it would accelerate with armature now, and the torque that makes the engine do so. This feels contacts, too.
+        load, acceleration = np.empty(count), np.empty(count)
+        for i in range(count):
+            load[i] = weight[i]
+            if memory[0, count] > 0.0:
+                load[i] = memory[1, i]
+                for j in range(count):
+                    load[i] -= known_inertia[i, j] * (measured[1, j] - memory[0, j]) / step
+        for i in range(count):
+            load[i] = out[0, i] - load[i]
+        solve_shifted(inertia, law[2], load, acceleration)
+        for i in range(count):
+            out[0, i] -= law[2, i] * acceleration[i]
+    for i in range(count):
+        memory[0, i], memory[1, i] = measured[1, i], out[0, i]
+    memory[0, count] = 1.0
+    known_inertia[:] = inertia
+    # The gripper's force acts between the pads; the driver feels it over the linkage's lever.
+    angle = measured[0, count]
+    opening, lever = 2.0 * (grip[0] + grip[1] * np.sin(angle)), 2.0 * grip[1] * np.cos(angle)
+    force = grip[2] * (wanted[0, count] - opening) + grip[3] * (wanted[1, count] - lever * measured[1, count])
+    force = min(max(force, -grip[4]), grip[4])
+    out[0, count] = out[1, count] = force * lever

@@ -1,0 +1,245 @@
+"""The bodies of one simulated world in PyBullet, with every coefficient set from the model. Every world has its own client."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pybullet
+from pybullet_utils.bullet_client import BulletClient
+
+from gsbridge.asset.bullet import body_from_inertial, load_body
+from gsbridge.asset.bundle import Asset
+from gsbridge.errors import InputError
+from gsbridge.geometry import Array, quat_from_rotation
+from gsbridge.meshes import read_mesh
+from gsbridge.robot.assembly import RobotFiles
+from gsbridge.sim.model import Model, Surface
+
+TABLE_SIZE = (0.90, 1.20, 0.05)
+"""Of the table's slab, x, y, thickness, m; its top is z = 0."""
+
+SOLVER_ITERATIONS = 100
+"""At most; free motion converges in a few. A gripped object never does, since Bullet starts every step from nothing: of a lift
+by 115 mm, 150 iterations lose 0.2 mm by slip, 100 lose 0.8 mm, 20 lose 7 mm; a step takes time in proportion."""
+
+_GEAR_FORCE = 1e4
+"""Torque the fingers' coupling may carry, N m: practically rigid."""
+
+
+@dataclass(frozen=True)
+class Item:
+    """The object a world handles.
+
+    Args:
+        urdf: One link, body frame.
+        points: Vertices of its convex hulls, body frame, m. [P, 3].
+        width: Narrowest horizontal width, m.
+    """
+
+    urdf: Path
+    points: Array
+    width: float
+
+    @classmethod
+    def of(cls, asset: Asset, source: str | Path = "object") -> Item:
+        """The object of an asset.
+
+        Raises:
+            InputError: The asset is a background.
+        """
+        if asset.properties is None:
+            raise InputError(source, "this asset is a background, no object", "Name an object's asset")
+        return cls(asset.urdf, np.concatenate([read_mesh(path).vertices for path in asset.hulls]), asset.width)
+
+
+class Engine:
+    """Bodies and constraints, loaded once; `rewind` brings all back to the start.
+
+    Args:
+        robot: The robot's files.
+        item: The object.
+        model: The simulation model.
+        table_from_base: Where the robot stands. [4, 4].
+        centre: Middle of the table's slab, m. [2].
+        plate: URDF of a static background, or None.
+        table_from_plate: Its pose. [4, 4].
+        q: Arm and gripper driver at the start. [8].
+
+    Raises:
+        InputError: A file cannot be loaded.
+    """
+
+    def __init__(
+        self,
+        robot: RobotFiles,
+        item: Item,
+        model: Model,
+        table_from_base: Array,
+        centre: tuple[float, float],
+        plate: Path | None,
+        table_from_plate: Array,
+        q: Array,
+    ) -> None:
+        self.client = client = BulletClient(pybullet.DIRECT)
+        client.setGravity(0.0, 0.0, -model.gravity)
+        client.setPhysicsEngineParameter(
+            fixedTimeStep=model.time_step,
+            numSubSteps=0,
+            numSolverIterations=SOLVER_ITERATIONS,
+            deterministicOverlappingPairs=1,
+            restitutionVelocityThreshold=0.05,
+        )
+        length, width, thickness = TABLE_SIZE
+        shape = client.createCollisionShape(client.GEOM_BOX, halfExtents=[length / 2, width / 2, thickness / 2])
+        self.table = client.createMultiBody(0.0, shape, basePosition=[*centre, -thickness / 2])
+        self.plate = None if plate is None else load_body(client, plate, table_from_plate, static=True)
+        self._load_robot(robot, table_from_base, q)
+        self.item = load_body(client, item.urdf)
+        self.body_from_inertial = body_from_inertial(client, self.item)
+        self.inertial_from_body = np.linalg.inv(self.body_from_inertial)
+        self._set_contacts(model)
+        self._bind()
+        self._start = client.saveState()
+
+    def close(self) -> None:
+        """Release the engine; the world cannot be used afterwards."""
+        self.client.disconnect()
+
+    def _load_robot(self, robot: RobotFiles, table_from_base: Array, q: Array) -> None:
+        """Robot with all motors and losses of the engine switched off and the fingers coupled."""
+        client, record = self.client, robot.record
+        try:
+            self.robot = client.loadURDF(
+                str(robot.urdf),
+                basePosition=table_from_base[:3, 3].tolist(),
+                baseOrientation=np.roll(quat_from_rotation(table_from_base[:3, :3]), -1).tolist(),
+                useFixedBase=True,
+                flags=client.URDF_USE_INERTIA_FROM_FILE,
+            )
+        except pybullet.error as error:
+            raise InputError(robot.urdf, f"PyBullet cannot load the robot ({error})", "Build the robot again") from error
+        information = [client.getJointInfo(self.robot, number) for number in range(client.getNumJoints(self.robot))]
+        joints = {item[1].decode(): item[0] for item in information}
+        self.links = {item[12].decode(): item[0] for item in information}
+        coupled, driver = record["gripper"]["joints"], record["gripper"]["driver"]
+        for number in joints.values():
+            # A velocity motor is on by default and would act as friction.
+            client.setJointMotorControl2(self.robot, number, client.VELOCITY_CONTROL, force=0.0)
+            client.changeDynamics(self.robot, number, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0)
+        client.changeDynamics(self.robot, -1, linearDamping=0.0, angularDamping=0.0)
+        for name, multiplier in coupled.items():
+            if name != driver:
+                gear = client.createConstraint(
+                    self.robot, joints[driver], self.robot, joints[name], client.JOINT_GEAR, [1, 0, 0], [0, 0, 0], [0, 0, 0]
+                )
+                client.changeConstraint(gear, gearRatio=-multiplier, maxForce=_GEAR_FORCE, erp=1.0)
+        values = {**dict(zip(record["arm_joints"], q[:-1], strict=True)), **{name: m * q[-1] for name, m in coupled.items()}}
+        for name, value in values.items():
+            client.resetJointState(self.robot, joints[name], float(value))
+        knuckles = [name for name, multiplier in coupled.items() if multiplier > 0]
+        self.measured_joints = [joints[name] for name in (*record["arm_joints"], driver)]
+        self.driven_joints = [joints[name] for name in (*record["arm_joints"], *knuckles)]
+        self.knuckles = len(knuckles)
+        self.pads = tuple(self.links[name] for name in record["gripper"]["pads"])
+
+    def _set_contacts(self, model: Model) -> None:
+        """Coefficients of every pair. Bullet multiplies friction and restitution of two bodies, so the object carries ones."""
+        client = self.client
+        self._set_surface(self.table, -1, model.contact.table)
+        if self.plate is not None:
+            self._set_surface(self.plate, -1, model.contact.plate)
+        for link in (-1, *self.links.values()):
+            self._set_surface(self.robot, link, model.contact.gripper)
+        self._set_surface(self.item, -1, Surface(1.0, 0.0, 0.0, 1.0))
+        mass, _, inertia, *_ = client.getDynamicsInfo(self.item, -1)
+        client.changeDynamics(
+            self.item,
+            -1,
+            mass=mass * model.object.mass,
+            localInertiaDiagonal=[model.object.mass * value for value in inertia],
+            linearDamping=model.object.linear_damping,
+            angularDamping=model.object.angular_damping,
+            contactStiffness=model.contact.stiffness,
+            contactDamping=model.contact.damping,
+            # By default Bullet brakes a body before it touches, by an amount that depends on where the last step ended:
+            # restitution would act by chance.
+            contactProcessingThreshold=0.0,
+            activationState=client.ACTIVATION_STATE_DISABLE_SLEEPING,
+        )
+
+    def _set_surface(self, body: int, link: int, surface: Surface) -> None:
+        """Coefficients of one link. A pair rolls and spins in Bullet with each one's value times the other's friction."""
+        self.client.changeDynamics(
+            body,
+            link,
+            lateralFriction=surface.friction,
+            rollingFriction=surface.rolling_friction,
+            spinningFriction=surface.spinning_friction,
+            restitution=surface.restitution,
+        )
+
+    def _bind(self) -> None:
+        """Look up the calls of the control loop once: the client's own look-up costs as much as the call."""
+        client = self.client
+        self._joint_states, self._set_torques = client.getJointStates, client.setJointMotorControlArray
+        self.advance = client.stepSimulation
+        self._contacts = client.getContactPoints
+        self._item_pose, self._item_velocity = client.getBasePositionAndOrientation, client.getBaseVelocity
+        self._torque_mode = client.TORQUE_CONTROL
+
+    def rewind(self, table_from_item: Array) -> None:
+        """Everything as it was loaded, contacts' memory included, and the object at a pose. [4, 4]."""
+        self.client.restoreState(self._start)
+        self.place(table_from_item)
+
+    def place(self, table_from_item: Array) -> None:
+        """Put the object, at rest, at a pose of its body frame. [4, 4]."""
+        pose = table_from_item @ self.body_from_inertial
+        quat = np.roll(quat_from_rotation(pose[:3, :3]), -1)
+        self.client.resetBasePositionAndOrientation(self.item, pose[:3, 3].tolist(), quat.tolist())
+        self.client.resetBaseVelocity(self.item, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+
+    def overlap(self) -> float:
+        """Deepest penetration of the object into table or plate, m, 0 without any."""
+        depth = 0.0
+        for body in (self.table, self.plate):
+            if body is not None:
+                points = self.client.getClosestPoints(self.item, body, 0.0)
+                depth = max(depth, *(-point[8] for point in points), 0.0) if points else depth
+        return depth
+
+    def measure(self, out: Array) -> None:
+        """Angles and speeds of the arm and the gripper's driver. -> out [2, 8]."""
+        states = self._joint_states(self.robot, self.measured_joints)
+        out[0] = [state[0] for state in states]
+        out[1] = [state[1] for state in states]
+
+    def drive(self, torques: Array) -> None:
+        """Torques of the arm and the gripper's driver, shared evenly between the knuckles. [8]."""
+        forces = torques.tolist()
+        share = forces.pop() / self.knuckles
+        self._set_torques(self.robot, self.driven_joints, self._torque_mode, forces=forces + [share] * self.knuckles)
+
+    def contact_forces(self) -> tuple[float, float, float, float]:
+        """Normal forces, N: left pad and right pad on the object, robot on table and plate, object on table and plate."""
+        left = right = resting = touching = 0.0
+        fixed = (self.table, self.plate)
+        for point in self._contacts(self.item):
+            body, link = (point[2], point[4]) if point[1] == self.item else (point[1], point[3])
+            if body == self.robot:
+                left += point[9] if link == self.pads[0] else 0.0
+                right += point[9] if link == self.pads[1] else 0.0
+            elif body in fixed:
+                resting += point[9]
+        for body in fixed:
+            if body is not None:
+                touching += sum(point[9] for point in self._contacts(self.robot, body))
+        return left, right, touching, resting
+
+    def item_motion(self) -> Array:
+        """Position (3) and quaternion xyzw (4) of the object's inertial frame, velocity (3) of its centre, spin (3). [13]."""
+        position, quat = self._item_pose(self.item)
+        velocity, spin = self._item_velocity(self.item)
+        return np.array((*position, *quat, *velocity, *spin))

@@ -1,0 +1,191 @@
+"""The simulated world: robot, table, plate and one object, a control period at a time: a `gsbridge.tasks.world.World`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsbridge.errors import InputError
+from gsbridge.geometry import Array
+from gsbridge.robot.assembly import RobotFiles, check_rigid
+from gsbridge.robot.kinematics import Kinematics
+from gsbridge.robot.limits import Workspace
+from gsbridge.robot.nominal import base_from_table as nominal_table
+from gsbridge.robot.reach import require_reach, tool_down
+from gsbridge.sim.controller import Controller
+from gsbridge.sim.engine import Engine, Item
+from gsbridge.sim.model import Model
+from gsbridge.sim.observe import object_state, quat_of, rigid_inverse
+from gsbridge.tasks.state import State
+
+CONTACT_SAMPLES = 5
+"""Times per control period at which contact forces are read; the state holds their mean."""
+
+SETTLE_SECONDS = 0.2
+"""Given to the object after it was set down, while the arm holds still."""
+
+
+class SimWorld:
+    """PyBullet world. Table frame; see `gsbridge.tasks.world.World` for the calls that both worlds share.
+
+    Args:
+        robot: The robot's files.
+        item: The object.
+        model: The simulation model.
+        base_from_table: Where the table stands, from the registration; None for the nominal place. [4, 4].
+        workspace: Room in which the tool may be commanded; its reach is checked here.
+        plate: URDF of the static background with the plate, or None for the bare table.
+        table_from_plate: Its pose; None for the identity. [4, 4].
+
+    Raises:
+        InputError: The object does not fit the gripper, the workspace is out of reach, or a file cannot be loaded.
+
+    Attributes:
+        refused: Commands that inverse kinematics could not reach and that were ignored, in this episode.
+    """
+
+    def __init__(
+        self,
+        robot: RobotFiles,
+        item: Item,
+        model: Model,
+        *,
+        base_from_table: Array | None = None,
+        workspace: Workspace | None = None,
+        plate: Path | None = None,
+        table_from_plate: Array | None = None,
+    ) -> None:
+        self.model, self.item, self.workspace = model, item, workspace or Workspace.around()
+        self.base_from_table = check_rigid(nominal_table() if base_from_table is None else base_from_table, "base_from_table")
+        self.table_from_base = np.linalg.inv(self.base_from_table)
+        self.dimensions = robot.dimensions
+        self.dimensions.check_object(item.width, str(item.urdf))
+        self.kinematics = Kinematics.read(robot.urdf, robot.record["rest_posture"])
+        require_reach(self.kinematics, self.base_from_table, self.workspace, "base_from_table")
+        self.controller = Controller(robot, self.kinematics, model, self.base_from_table[:3, :3] @ [0.0, 0.0, -model.gravity])
+        self._links = self.kinematics.tree.links
+        self._node = {name: k for k, name in enumerate(self._links)}
+        self._home = np.append(self.kinematics.rest, self.dimensions.open_angle)
+        centre = 0.5 * (np.array(self.workspace.lower) + self.workspace.upper)
+        self.engine = Engine(
+            robot, item, model, self.table_from_base, (float(centre[0]), float(centre[1])), plate,
+            check_rigid(np.eye(4) if table_from_plate is None else table_from_plate, "table_from_plate"), self._home,
+        )  # fmt: skip
+        self._measured = np.zeros((2, len(self._home)))
+        self.reset(np.array([*centre[:2], 0.0]), 0)
+
+    def close(self) -> None:
+        """Release the physics engine."""
+        self.engine.close()
+
+    def __enter__(self) -> SimWorld:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.close()
+
+    def reset(self, object_pose: Array, seed: int) -> None:
+        """Begin an episode; see the protocol. `seed` starts `rng`, which only what is random draws from."""
+        pose = np.asarray(object_pose, dtype=np.float64)
+        if pose.shape != (3,) or not np.isfinite(pose).all():
+            raise InputError("object pose", "it is no finite x, y, yaw", "Give metres and radians")
+        self.rng = np.random.default_rng(seed)
+        self.refused = 0
+        cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+        placed = np.eye(4)
+        placed[:2, :2] = [[cosine, -sine], [sine, cosine]]
+        placed[:2, 3] = pose[:2]
+        self.engine.rewind(placed)
+        # On a plate or an uneven background the object starts where it just touches.
+        for _ in range(4):
+            depth = self.engine.overlap()
+            if depth <= 0.0:
+                break
+            placed[2, 3] += depth
+            self.engine.place(placed)
+        self.controller.reset(self.kinematics.rest, self.dimensions.stroke)
+        for _ in range(max(1, round(SETTLE_SECONDS / self.model.period))):
+            self.step()
+
+    def push(self, velocity: Array, spin: Array) -> None:
+        """Give the object a velocity of its centre of mass and a spin, for experiments. [3] m/s, [3] rad/s."""
+        self.engine.client.resetBaseVelocity(self.engine.item, np.asarray(velocity).tolist(), np.asarray(spin).tolist())
+        self._look()
+
+    def place(self, table_from_object: Array) -> None:
+        """Put the object somewhere, at rest, for experiments. [4, 4]."""
+        self.engine.place(check_rigid(table_from_object, "object pose"))
+        self._look()
+
+    def command(self, position: Array, yaw: float, aperture: float) -> None:
+        """Set the target; see the protocol. One out of reach is ignored and counted."""
+        position = np.asarray(position, dtype=np.float64)
+        if position.shape != (3,) or not np.isfinite([*position, yaw, aperture]).all():
+            raise InputError("command", "the target is not finite", "Check the policy's output for NaN")
+        found = self.kinematics.inverse(self.base_from_table @ tool_down(position, yaw), self.controller.goal[:-1])
+        if found.converged:
+            self.controller.aim(found.q, aperture)
+        else:
+            self.refused += 1
+
+    def step(self) -> None:
+        """Advance one control period: torques and physics at 1 kHz, contact forces read a few times."""
+        engine, controller, measured = self.engine, self.controller, self._measured
+        substeps = self.model.substeps
+        every = max(1, substeps // CONTACT_SAMPLES)
+        controller.begin_period()
+        forces = np.zeros(4)
+        samples = 0
+        for number in range(substeps):
+            engine.measure(measured)
+            engine.drive(controller.substep(number, measured)[0])
+            engine.advance()
+            if (number + 1) % every == 0:
+                forces += engine.contact_forces()
+                samples += 1
+        engine.measure(measured)
+        self._forces = forces / samples
+        self._look()
+
+    def _look(self) -> None:
+        """Poses at the end of a control period."""
+        self._poses = self.controller.place_links(self._measured, self.table_from_base)
+        motion = self.engine.item_motion()
+        self._object, self._velocity, self._spin = np.empty((4, 4)), np.empty(3), motion[10:]
+        self._clearance = object_state(motion, self.engine.inertial_from_body, self.item.points, self._object, self._velocity)
+
+    def state(self) -> State:
+        """The world as the tasks see it; see the protocol."""
+        tool = self._poses[self._node[self.kinematics.tip]]
+        tool_quat, quat = np.empty((1, 4)), np.empty((1, 4))
+        quat_of(tool, tool_quat[0])
+        quat_of(self._object, quat[0])
+        return State(
+            tool_position=tool[None, :3, 3],
+            tool_quat=tool_quat,
+            aperture=np.atleast_1d(self.dimensions.aperture(self._measured[0, -1])),
+            pad_forces=self._forces[None, :2],
+            object_position=self._object[None, :3, 3],
+            object_quat=quat,
+            object_velocity=self._velocity[None],
+            object_spin=self._spin[None],
+            object_clearance=np.array([self._clearance]),
+            robot_contact=self._forces[None, 2],
+            object_contact=self._forces[None, 3],
+        )
+
+    def joints(self) -> tuple[Array, Array, Array]:
+        """Angles, speeds and motor torques; see the protocol."""
+        return self._measured[0].copy(), self._measured[1].copy(), self.controller.torques[1].copy()
+
+    def body_poses(self) -> dict[str, Array]:
+        """Poses of the object and of the robot's links; see the protocol."""
+        return {"object": self._object.copy(), **dict(zip(self._links, self._poses.copy(), strict=True))}
+
+    def camera_pose(self) -> Array:
+        """Pose of the wrist camera; see the protocol."""
+        out = np.empty((4, 4))
+        rigid_inverse(self._poses[self._node["camera"]], out)
+        return out
