@@ -20,6 +20,7 @@ check_configuration(config)
 
 PRESET = config["presets"][config["preset"]]
 SEED = config["seed"]
+ASSET = {**config["asset"], **PRESET.get("asset", {})}
 BINDINGS = ["games", "soft", "refined", "unbound"]
 
 
@@ -183,9 +184,19 @@ def scene_mask_images(wildcards):
     )
 
 
+def bundled_scenes():
+    """Scenes that become bodies for simulators: those that must have a metric scale."""
+    return [name for name in SCENES if config["scenes"][name]["require_scale"]]
+
+
 def splat_settings(wildcards):
     """Budget of a training: objects and backgrounds have their own."""
     return settings(f"{config['scenes'][wildcards.scene]['kind']}_splats")
+
+
+def asset_settings(wildcards):
+    """Settings of an asset; what an object is made of belongs to its scene."""
+    return {**ASSET, "density": config["scenes"][wildcards.scene]["density"]}
 
 
 def state_folder(rule, item, *key):
@@ -263,6 +274,12 @@ def stage_records(wildcards):
     )
 
 
+def page_records(wildcards):
+    """Records of all stages that the page of tables judges: also those behind the splats."""
+    assets = collect("results/scenes/{scene}/asset/asset.json", scene=bundled_scenes())
+    return stage_records(wildcards) + assets
+
+
 def recordings(wildcards):
     """The rerun recordings of all stages of the preset's scenes."""
     every = collect(
@@ -271,6 +288,7 @@ def recordings(wildcards):
         scene=SCENES,
     )
     every += collect("results/rerun/masks/{scene}.rrd", scene=preset_scenes("object"))
+    every += collect("results/rerun/asset/{scene}.rrd", scene=bundled_scenes())
     return every + collect(
         "results/rerun/splats/{scene}-{binding}.rrd",
         scene=SCENES,

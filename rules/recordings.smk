@@ -145,3 +145,27 @@ rule recordings:
     input:
         recordings,
     localrule: True
+
+
+rule record_asset:
+    input:
+        record="results/scenes/{scene}/asset/asset.json",
+        visual="results/scenes/{scene}/asset/visual.ply",
+        splats="results/scenes/{scene}/asset/splats.ply",
+        hulls="results/scenes/{scene}/asset/hulls",
+    output:
+        recording="results/rerun/asset/{scene}.rrd",
+    log:
+        "results/logs/record_asset/{scene}.log",
+    benchmark:
+        "results/benchmarks/record_asset/{scene}.jsonl"
+    conda:
+        "../envs/report.yaml"
+    resources:
+        mem_mb=2000,
+    params:
+        code=code_digest("gsbridge.report.recordings.asset"),
+    message:
+        "Record the asset of {wildcards.scene}"
+    script:
+        "../scripts/record_asset.py"

@@ -71,7 +71,7 @@ rule assemble_tables:
         rendering="results/rows/rendering.csv",
         timing="results/rows/timing.csv",
         figures=comparison_figures,
-        records=stage_records,
+        records=page_records,
     output:
         # Not marked for snakemake's report: a folder would force the report into a zip file.
         tables=directory("results/tables"),

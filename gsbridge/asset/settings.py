@@ -10,7 +10,8 @@ class AssetSettings:
     """How an object becomes a rigid body. Lengths in metres.
 
     Args:
-        density: kg/m3, or a material of `gsbridge.asset.density`.
+        binding: Binding of the splats that the bundle carries: `games`, `soft`, `refined` or `unbound`.
+        density: kg/m3, or a material of `gsbridge.asset.density`; set per scene.
         concavity: Dents up to this depth are filled by the convex hulls.
         most_hulls: Hulls, at most.
         hull_vertices: Vertices of a hull, at most: contacts cost time with each.
@@ -21,6 +22,7 @@ class AssetSettings:
         floating: Largest gap between table and lowest point that is mended by moving the body; more is an error.
     """
 
+    binding: str = "refined"
     density: float | str = "wood"
     concavity: float = 0.005
     most_hulls: int = 12

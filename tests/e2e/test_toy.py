@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import trimesh
 
 from tests.e2e.conftest import ROOT, call_snakemake
 
@@ -58,11 +59,24 @@ def test_soft_binding_beats_hard_and_refined_beats_soft(toy, scene):
     assert psnr["refined"] >= psnr["soft"]
 
 
+def test_the_body_rests_where_it_stood_and_looks_as_before(toy):
+    """Against the true mesh's volume, and at rest in PyBullet; the official code's bodies pop up by 3 to 8 mm."""
+    asset = read(toy / "results/scenes/small_cube/asset/asset.json")
+    assert asset["status"] == "pass", asset["reasons"]
+    assert asset["rest"]["penetration_mm"] <= 0.5
+    assert asset["rest"]["drift_mm"] <= 1.0
+    assert asset["rest"]["drift_deg"] <= 1.0
+    assert asset["photos"]["psnr"] >= asset["photos"]["stage_psnr"] - 0.05
+    true = trimesh.load_mesh(toy / "results/truth/small_cube/mesh.ply").volume
+    assert asset["body"]["volume"] == pytest.approx(true, rel=0.05)
+    assert asset["body"]["mass"] == pytest.approx(600 * asset["body"]["volume"])
+
+
 def test_page_figures_and_recordings_are_there(toy):
     page = (toy / "results/tables/index.html").read_text()
     assert "small_cube" in page
     assert (toy / "results/figures/rendering_comparison_mirror.png").stat().st_size > 10_000
-    for stage in ("capture", "sfm", "align", "mesh"):
+    for stage in ("capture", "sfm", "align", "mesh", "asset"):
         assert (toy / f"results/rerun/{stage}/small_cube.rrd").stat().st_size > 1_000
 
 

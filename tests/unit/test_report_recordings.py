@@ -8,12 +8,15 @@ import pycolmap
 import pytest
 import trimesh
 
+from gsbridge.asset.stage import AssetInputs, AssetOutputs, build_asset
 from gsbridge.board import standard_board
 from gsbridge.cameras import Camera, View, look_at, write_views
 from gsbridge.errors import InputError
 from gsbridge.files import write_json
 from gsbridge.images import write_image
+from gsbridge.meshes import Mesh, write_mesh
 from gsbridge.report.recordings.align import record_align, triangulate
+from gsbridge.report.recordings.asset import record_asset
 from gsbridge.report.recordings.capture import record_capture
 from gsbridge.report.recordings.masks import record_masks
 from gsbridge.report.recordings.mesh import record_mesh
@@ -23,6 +26,7 @@ from gsbridge.report.recordings.splats import record_splats
 from gsbridge.splats.cloud import Cloud
 from gsbridge.splats.ply import write_ply
 
+ASSET_FILES = ("body.urdf", "hulls", "visual.ply", "splats.ply", "asset.json")
 CAMERA = Camera(80, 60, 70.0, 70.0, 40.0, 30.0)
 
 
@@ -135,6 +139,27 @@ def test_meshes_keep_their_geometry(scene: Path) -> None:
     normals = _points(found["/table/collision"], "Mesh3D:vertex_normals")
     outward = ball.vertices / np.linalg.norm(ball.vertices, axis=1, keepdims=True)
     assert (normals * outward).sum(1).min() > 0.99
+
+
+def test_assets_keep_their_parts_in_the_body_frame(scene: Path) -> None:
+    folder = scene / "asset"
+    box = trimesh.creation.box((0.06, 0.05, 0.04)).subdivide().subdivide().subdivide()
+    vertices = np.asarray(box.vertices) + np.array([0.1, -0.2, 0.02])
+    mesh = Mesh(vertices, np.asarray(box.faces, np.int64), np.full(vertices.shape, 0.5, np.float32))
+    inputs = AssetInputs(*(scene / name for name in ("v.ply", "c.ply", "s.ply", "align.json")))
+    write_mesh(inputs.visual, mesh)
+    write_mesh(inputs.collision, mesh)
+    count, quats = len(vertices), np.tile([1.0, 0, 0, 0], (len(vertices), 1))
+    write_ply(inputs.splats, Cloud(vertices, quats, np.full((count, 3), 0.003), np.full(count, 0.8), np.full((count, 3), 0.5)))
+    write_json(inputs.align, {"scale_source": "tags"})
+    build_asset(inputs, AssetOutputs(*(folder / name for name in ASSET_FILES)), name="mug")
+    record_asset(folder / "asset.json", scene / "out.rrd")
+    found = read_recording(scene / "out.rrd")
+    surface = _points(found["/body/surface"], "Mesh3D:vertex_positions")
+    np.testing.assert_allclose(surface, vertices - [0.1, -0.2, 0.0], atol=1e-5)
+    hull = _points(found["/body/hulls/hull_00"], "Mesh3D:vertex_positions")
+    np.testing.assert_allclose(np.ptp(hull, axis=0), [0.06, 0.05, 0.04], atol=1e-3)
+    np.testing.assert_allclose(_points(found["/body/centre_of_mass"], "Points3D:positions"), [[0, 0, 0.02]], atol=1e-4)
 
 
 def test_splats_keep_shape_order_and_opacity(scene: Path) -> None:

@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from gsbridge.align.stage import AlignSettings
+from gsbridge.asset.settings import AssetSettings
 from gsbridge.capture.keyframes import KeyframeSettings
 from gsbridge.masks.settings import MaskSettings
 from gsbridge.mesh.settings import MeshSettings
@@ -19,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SCHEMA = yaml.safe_load((ROOT / "rules/schemas/config.schema.yaml").read_text())
 
 # Set per scene, not per experiment; step sizes are no knobs of an experiment either.
-ELSEWHERE = {AlignSettings: {"require_scale"}, SplatSettings: {"rates"}}
+ELSEWHERE = {AlignSettings: {"require_scale"}, AssetSettings: {"density"}, SplatSettings: {"rates"}}
 SECTIONS = {
     "films": FilmSettings,
     "capture": KeyframeSettings,
@@ -28,6 +29,7 @@ SECTIONS = {
     "masks": MaskSettings,
     "mesh": MeshSettings,
     "splats": SplatSettings,
+    "asset": AssetSettings,
 }
 
 
