@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -12,8 +11,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from gsbridge.cameras import View
-from gsbridge.errors import InputError, StageError
+from gsbridge.errors import StageError
 from gsbridge.geometry import Array
+from gsbridge.sparse import SparsePoints
 
 _REACH = 0.8
 """Points farther than this share of the working distance from the point the cameras look at are the room, not the object."""
@@ -22,24 +22,6 @@ _LINK = 0.07
 
 _TALL = 0.3
 """Points above this share of the object's height choose the object; lower ones join it only right beside them."""
-
-
-@dataclass(frozen=True)
-class SparsePoints:
-    """Sparse model of a scene in the table frame.
-
-    Args:
-        points: [N, 3].
-        view_index, point_index: One pair per observation: which view saw which point. [M] each.
-    """
-
-    points: Array
-    view_index: Array
-    point_index: Array
-
-    def seen_by(self, view: int) -> Array:
-        """Indices of the points that a view observes."""
-        return self.point_index[self.view_index == view]
 
 
 @dataclass(frozen=True)
@@ -63,27 +45,6 @@ class Prompt:
         """Corners of the box. [8, 3]."""
         return np.array([[x, y, z] for x in (self.low[0], self.high[0]) for y in (self.low[1], self.high[1]) for z in
                          (self.low[2], self.high[2])])  # fmt: skip
-
-
-def read_points(path: str | Path) -> SparsePoints:
-    """Read `points.npz` of the align stage.
-
-    Raises:
-        InputError: The file is missing or damaged.
-    """
-    if not Path(path).is_file():
-        raise InputError(path, "the sparse points do not exist", "Run the align stage")
-    try:
-        with np.load(path) as content:
-            out = SparsePoints(
-                content["points"].astype(np.float64), content["view_index"].astype(int), content["point_index"].astype(int)
-            )
-    except Exception as error:  # a damaged archive raises many kinds (zip, pickle, key, value); the user needs one line
-        raise InputError(path, f"the file is damaged ({error})", "Delete it and run the align stage again") from error
-    consistent = out.points.ndim == 2 and out.points.shape[1] == 3 and out.view_index.shape == out.point_index.shape
-    if not consistent or (len(out.point_index) and out.point_index.max() >= len(out.points)):
-        raise InputError(path, "points and observations do not fit together", "Delete it and run the align stage again")
-    return out
 
 
 def focus_point(views: Sequence[View]) -> Array:

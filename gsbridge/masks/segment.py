@@ -18,11 +18,12 @@ from gsbridge.logs import Progress
 from gsbridge.masks import flatness, grabcut, sam2
 from gsbridge.masks.consistency import agreed_hull, outline, overlap, shrunk
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop
-from gsbridge.masks.prompt import Prompt, SparsePoints, find_object, read_points
+from gsbridge.masks.prompt import Prompt, find_object
 from gsbridge.masks.settings import MaskSettings
 from gsbridge.masks.subtraction import subtract_table
 from gsbridge.matting import estimate_alpha
 from gsbridge.meshes import Mesh
+from gsbridge.sparse import SparsePoints, read_points
 
 logger = logging.getLogger("gsbridge")
 

@@ -17,12 +17,12 @@ from gsbridge.files import write_stage
 from gsbridge.geometry import Array
 from gsbridge.images import read_image
 from gsbridge.mesh.fuse import vertex_colours
-from gsbridge.mesh.objects import load_points
 from gsbridge.mesh.region import TableMap, filmed_region, visible, working_distance
 from gsbridge.mesh.relief import agreement, smooth_heights
 from gsbridge.mesh.repair import largest_part
 from gsbridge.mesh.settings import MeshSettings
 from gsbridge.meshes import Mesh, write_mesh
+from gsbridge.sparse import read_points
 
 logger = logging.getLogger("gsbridge")
 
@@ -252,7 +252,7 @@ def mesh_background(
         StageError: No part of the table is seen by enough views.
     """
     settings = settings or MeshSettings()
-    sparse = load_points(points_npz)
+    sparse = read_points(points_npz).points
     distance = working_distance(views)
     table = filmed_region(views, sparse, distance, settings)
     if settings.relief > 0:

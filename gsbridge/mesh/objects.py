@@ -13,7 +13,7 @@ import numpy as np
 
 from gsbridge.cameras import Views
 from gsbridge.carving import Grid
-from gsbridge.errors import InputError, StageError
+from gsbridge.errors import StageError
 from gsbridge.files import write_stage
 from gsbridge.geometry import Array
 from gsbridge.images import read_image
@@ -24,6 +24,7 @@ from gsbridge.mesh.hull import Hull, build_hull, read_masks
 from gsbridge.mesh.repair import closed_surface
 from gsbridge.mesh.settings import MeshSettings
 from gsbridge.meshes import Mesh, write_mesh
+from gsbridge.sparse import read_points
 
 logger = logging.getLogger("gsbridge")
 
@@ -37,22 +38,6 @@ def azimuth_coverage(views: Views, middle: Array) -> float:
     angles = np.sort(np.degrees(np.arctan2(centres[:, 1], centres[:, 0])) % 360.0)
     gap = float(np.diff(np.r_[angles, angles[0] + 360.0]).max())
     return 360.0 if gap <= 45.0 else 360.0 - gap
-
-
-def load_points(path: str | Path) -> Array:
-    """Sparse points of the align stage. [N, 3].
-
-    Raises:
-        InputError: The file is missing or damaged.
-    """
-    if not Path(path).is_file():
-        raise InputError(path, "the sparse points do not exist", "Run the align stage")
-    try:
-        with np.load(path) as content:
-            points = content["points"].astype(np.float64)
-    except Exception as error:  # a damaged archive raises many kinds (zip, pickle, key, value); the user needs one line
-        raise InputError(path, f"the file is damaged ({error})", "Delete it and run the align stage again") from error
-    return points.reshape(-1, 3)
 
 
 def _solid(
@@ -125,7 +110,7 @@ def mesh_object(
     """
     settings = settings or MeshSettings()
     masks = read_masks(views, masks_dir)
-    sparse = load_points(points_npz)
+    sparse = read_points(points_npz).points
     hull = build_hull(
         views, masks, vote=settings.hull_vote, voxels=settings.hull_voxels, width=settings.image_width, threads=threads
     )

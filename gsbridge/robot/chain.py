@@ -55,6 +55,16 @@ def place_links(parents: Array, fixed: Array, axes: Array, values: Array, out: A
 
 
 @njit(nogil=True)
+def offset(target: Array, current: Array, out: Array) -> float:
+    """Way from the current position to the target's, m, into the first three of `out`; returns its length. [4, 4] each."""
+    total = 0.0
+    for i in range(3):
+        out[i] = target[i, 3] - current[i, 3]
+        total += out[i] * out[i]
+    return math.sqrt(total)
+
+
+@njit(nogil=True)
 def rotation_error(target: Array, current: Array, out: Array) -> float:
     """Rotation vector that turns `current` into `target`, base frame; returns its angle. [4, 4], [4, 4] -> out [3]."""
     delta = np.zeros((3, 3))
@@ -190,12 +200,9 @@ def solve_inverse(
             values[nodes[k]] = q[k]
         place_links(parents, fixed, axes, values, poses)
         angle = rotation_error(target, poses[tool], turn)
-        position = 0.0
+        position = offset(target, poses[tool], error)
         for i in range(3):
-            error[i] = target[i, 3] - poses[tool, i, 3]
             error[3 + i] = _LENGTH * turn[i]
-            position += error[i] * error[i]
-        position = math.sqrt(position)
         total = position * position + (_LENGTH * angle) ** 2
         reached = max(position, _LENGTH * angle) <= tolerance
         if total < best_error or reached:
@@ -234,7 +241,4 @@ def solve_inverse(
         values[nodes[k]] = q[k]
     place_links(parents, fixed, axes, values, poses)
     angle = rotation_error(target, poses[tool], turn)
-    position = 0.0
-    for i in range(3):
-        position += (target[i, 3] - poses[tool, i, 3]) ** 2
-    return math.sqrt(position), angle, done
+    return offset(target, poses[tool], error), angle, done

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gsbridge.errors import InputError
-from gsbridge.tasks.outcome import Failure, Outcome, Progress, reasons
+from gsbridge.tasks.outcome import Failure, Outcome, Progress, reasons, strayed
 from gsbridge.tasks.state import State
 
 
@@ -57,8 +57,7 @@ def judge(state: State, progress: Progress, task: Grasp) -> tuple[Progress, Outc
     high = (state.object_clearance >= task.lift) & finite
     progress = progress.follow(state, grip_force=task.grip_force, lift=OFF_TABLE).count(held & high)
     success = progress.streak >= task.hold_steps
-    away = np.hypot(*(state.object_position[:, :2] - task.area_centre).T)
-    lost = (away > task.area_radius) & ~held
+    away, lost = strayed(state, held, task.area_centre, task.area_radius)
     failure = reasons(
         success,
         (Failure.NOT_FINITE, ~finite),

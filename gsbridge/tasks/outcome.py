@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -98,3 +98,19 @@ def reasons(success: Array, *cases: tuple[Failure, Array]) -> Array:
     conditions = [success, *(case for _, case in cases)]
     names = [Failure.NONE.value, *(reason.value for reason, _ in cases)]
     return np.select(conditions, names, default=Failure.TIME_OUT.value)
+
+
+def strayed(state: State, held: Array, centre: Sequence[float], radius: float) -> tuple[Array, Array]:
+    """Objects that left the working area without a hand on them.
+
+    Args:
+        state: N worlds.
+        held: Which objects are held. [N] bool.
+        centre: Middle of the area on the table, m. [2].
+        radius: Of the area, m.
+
+    Returns:
+        Distance from the middle, m, [N]; lost, [N] bool.
+    """
+    away = np.hypot(*(state.object_position[:, :2] - centre).T)
+    return away, (away > radius) & ~held

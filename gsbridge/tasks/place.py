@@ -13,7 +13,7 @@ import numpy as np
 
 from gsbridge.errors import InputError
 from gsbridge.tasks.grasp import OFF_TABLE
-from gsbridge.tasks.outcome import Failure, Outcome, Progress, reasons
+from gsbridge.tasks.outcome import Failure, Outcome, Progress, reasons, strayed
 from gsbridge.tasks.state import State
 
 
@@ -89,8 +89,7 @@ def judge(state: State, progress: Progress, task: Place) -> tuple[Progress, Outc
     tolerant = progress.streak >= task.settle_steps
     success = tolerant & ~progress.excess
 
-    away = np.hypot(*(state.object_position[:, :2] - task.area_centre).T)
-    lost = (away > task.area_radius) & ~held
+    _, lost = strayed(state, held, task.area_centre, task.area_radius)
     failure = reasons(
         success,
         (Failure.NOT_FINITE, ~finite),

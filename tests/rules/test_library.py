@@ -27,6 +27,7 @@ FLOORS = {
         "configuration",
         "schema",
         "tags",
+        "sparse",
     ],
     1: ["capture", "sfm", "align", "masks", "mesh", "splats", "robot", "tasks"],
     1.5: ["asset"],  # bundles what the stages of floor 1 made, so it stands on splats; what simulates stands on it

@@ -11,8 +11,9 @@ from gsbridge.errors import InputError, StageError
 from gsbridge.images import read_image_u8, read_mask
 from gsbridge.masks import MaskSettings, flatness, grabcut, segment_object
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop, cut_out, tidy
-from gsbridge.masks.prompt import SparsePoints, find_object, focus_point, read_points
+from gsbridge.masks.prompt import find_object, focus_point
 from gsbridge.masks.subtraction import amend, compare_with_table, subtract_table
+from gsbridge.sparse import SparsePoints, read_points
 
 SMALL = MaskSettings(crop_px=160, hull_voxels=48, iterations=2, passes=1)
 
