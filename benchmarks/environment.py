@@ -1,0 +1,203 @@
+"""Measure the environment: steps per second with Gaussian rendering, and where the time goes.
+
+    python benchmarks/environment.py --json
+    python benchmarks/environment.py --item small_cube/asset.json --background foam_pad/asset.json --robot-splats DIR
+
+Without assets the scene is synthetic, with the splats of the desktop budget: a cube of 58 mm with 12,000, a table of 1 m with
+24,000, the robot with 8,000, none of them fitted, which changes no cost. Actions are the baseline controller's, so that the
+hand comes near the object and grips it, which is what costs; episodes begin at poses of the set `fixed`.
+
+A step is measured in CPU time of this process, which leaves out the waiting for other jobs; `wall` is told beside it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from gsbridge import logs
+from gsbridge.geometry import Array
+
+ROOT = Path(__file__).resolve().parents[1]
+EDGE = 0.058
+MASS = 0.117
+OBJECT_SPLATS, BACKGROUND_SPLATS, ROBOT_SPLATS = 12_000, 24_000, 8_000
+SIZES_PX = (128, 64)
+EPISODES = 4
+
+
+class Stopwatch:
+    """Adds up the CPU time of one method of one object while `run` is set."""
+
+    def __init__(self, owner: Any, name: str) -> None:
+        self.seconds, self.run = 0.0, False
+        self._call = getattr(owner, name)
+        setattr(owner, name, self._timed)
+
+    def _timed(self, *args: Any, **options: Any) -> Any:
+        if not self.run:
+            return self._call(*args, **options)
+        start = time.process_time()
+        try:
+            return self._call(*args, **options)
+        finally:
+            self.seconds += time.process_time() - start
+
+
+def synthetic_item(folder: Path) -> Any:
+    """A cube as the world takes it: URDF, hull, width."""
+    from gsbridge.sim.engine import Item
+
+    inertia = MASS * EDGE**2 / 6
+    path = folder / "cube.urdf"
+    path.write_text(
+        f'<robot name="cube"><link name="body"><inertial><origin xyz="0 0 {EDGE / 2}"/><mass value="{MASS}"/>'
+        f'<inertia ixx="{inertia}" iyy="{inertia}" izz="{inertia}" ixy="0" ixz="0" iyz="0"/></inertial>'
+        f'<collision><origin xyz="0 0 {EDGE / 2}"/><geometry><box size="{EDGE} {EDGE} {EDGE}"/></geometry></collision>'
+        "</link></robot>",
+        encoding="utf-8",
+    )
+    points = np.array([(x, y, z) for x in (-EDGE / 2, EDGE / 2) for y in (-EDGE / 2, EDGE / 2) for z in (0, EDGE)])
+    return Item(path, points, EDGE)
+
+
+def sheet(count: int, width: float, depth: float) -> tuple[Array, float]:
+    """About `count` points in a grid over a rectangle round the origin, and their spacing. [N, 3]."""
+    spacing = np.sqrt(width * depth / count)
+    across, along = max(1, round(width / spacing)), max(1, round(depth / spacing))
+    x, y = np.meshgrid((np.arange(across) + 0.5) / across - 0.5, (np.arange(along) + 0.5) / along - 0.5)
+    return np.stack([width * x.ravel(), depth * y.ravel(), np.zeros(x.size)], axis=1), spacing
+
+
+def discs(points: Array, normal_axis: int, spacing: float) -> Any:
+    """Flat splats in a chequered colour, 0.8 of their spacing wide: as dense as trained ones."""
+    from gsbridge.splats.cloud import Cloud
+
+    count = len(points)
+    scales = np.full((count, 3), 0.8 * spacing)
+    scales[:, normal_axis] = 1e-5
+    return Cloud(points, np.tile([1.0, 0, 0, 0], (count, 1)), scales, np.full(count, 0.9), 0.5 + 0.4 * np.sin(40.0 * points))
+
+
+def synthetic_clouds() -> tuple[Any, Any, Any]:
+    """Splats of the cube and of the table, and the table's mesh."""
+    from gsbridge.meshes import Mesh
+    from gsbridge.splats.cloud import concatenate
+
+    face, spacing = sheet(OBJECT_SPLATS // 6, EDGE, EDGE)
+    sides = []
+    for axis in range(3):
+        for sign in (-0.5, 0.5):
+            # The sheet's third coordinate goes to the face's normal.
+            points = np.roll(face + np.array([0, 0, sign * EDGE]), axis - 2, axis=1)
+            sides.append(discs(points + np.array([0, 0, EDGE / 2]), axis, spacing))
+    ground, spacing = sheet(BACKGROUND_SPLATS, 1.0, 1.0)
+    corners = np.array([[-0.5, -0.25, 0], [0.5, -0.25, 0], [0.5, 0.75, 0], [-0.5, 0.75, 0]])
+    table = Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]))
+    return concatenate(sides), discs(ground + np.array([0, 0.25, 0]), 2, spacing), table
+
+
+def measure(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
+    """All figures, by image size."""
+    # Here, because libraries read the thread limits that `main` sets when they load.
+    from gsbridge.asset.bundle import read_asset
+    from gsbridge.environment.controllers import GraspController, grip_of
+    from gsbridge.environment.env import PickEnvironment, state_of
+    from gsbridge.environment.gaussian_renderer import GaussianRenderer
+    from gsbridge.environment.rendering import wrist_camera
+    from gsbridge.environment.robot_splats import read_robot_splats, robot_splats
+    from gsbridge.environment.settings import EnvironmentSettings
+    from gsbridge.robot.assembly import build_robot
+    from gsbridge.sim.engine import Item
+    from gsbridge.sim.model import read_model
+    from gsbridge.sim.world import SimWorld
+
+    robot = build_robot(folder / "robot")
+    model = read_model(ROOT / "models" / "nominal.yaml")
+    links = read_robot_splats(options.robot_splats) if options.robot_splats else robot_splats(robot, ROBOT_SPLATS, fit_steps=0)
+    if options.item and options.background:
+        asset, ground = read_asset(options.item), read_asset(options.background)
+        item, grip_centre = Item.of(asset), asset.properties.centre if asset.properties else None
+        cube, table, surface = asset.cloud(), ground.cloud(), ground.mesh()
+    else:
+        item, grip_centre = synthetic_item(folder), None
+        cube, table, surface = synthetic_clouds()
+    world = SimWorld(robot, item, model)
+    controller = GraspController(grip_of(item.points, grip_centre), stroke=robot.dimensions.stroke)
+    out: dict[str, Any] = {"splats": {"object": len(cube), "background": len(table), "robot": sum(map(len, links.values()))}}
+    clocks = {"sim_step": Stopwatch(world, "step"), "command": Stopwatch(world, "command")}
+    for size in SIZES_PX:
+        renderer = GaussianRenderer(cube, table, links, wrist_camera(size), surface=surface)
+        env = PickEnvironment(world, EnvironmentSettings(image_size=size), renderer, response=model.camera)
+        env.reset(seed=0, options={"pose_set": "fixed", "index": 0})
+        env.step(np.zeros(5))  # compiles what is not compiled yet
+        clocks["pose"], clocks["render"] = Stopwatch(renderer, "pose"), Stopwatch(renderer, "render")
+        whole = Stopwatch(env, "step")
+        wall, coverage, successes = 0.0, [], 0
+        for episode in range(options.episodes):
+            _, info = env.reset(seed=episode, options={"pose_set": "fixed", "index": (32 * episode) // options.episodes})
+            ended = False
+            while not ended:
+                action = controller(state_of(info))[0]
+                for clock in (whole, *clocks.values()):
+                    clock.run = True
+                begin = time.perf_counter()
+                *_, terminated, truncated, info = env.step(action)
+                wall += time.perf_counter() - begin
+                for clock in (whole, *clocks.values()):
+                    clock.run = False
+                coverage.append(renderer.coverage(world.body_poses(), world.camera_pose()))
+                ended = terminated or truncated
+            successes += info["success"]
+        count = len(coverage)
+        # Moving the splats is part of rendering; it is told apart here.
+        clocks["render"].seconds -= clocks["pose"].seconds
+        out[f"gs_{size}"] = {
+            "steps_per_second": count / whole.seconds,
+            "wall_steps_per_second": count / wall,
+            "steps": count,
+            "successes": successes,
+            "episodes": options.episodes,
+            "step_ms": 1e3 * whole.seconds / count,
+            **{f"{name}_ms": 1e3 * clock.seconds / count for name, clock in clocks.items()},
+            "other_ms": 1e3 * (whole.seconds - sum(clock.seconds for clock in clocks.values())) / count,
+            "coverage_min": float(np.min(coverage)),
+            "coverage_mean": float(np.mean(coverage)),
+        }
+        for clock in clocks.values():
+            clock.seconds = 0.0
+    return out
+
+
+def main() -> None:
+    """Read the options, measure, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
+    parser.add_argument("--episodes", type=int, default=EPISODES)
+    parser.add_argument("--item", type=Path, help="asset.json of an object; needs --background")
+    parser.add_argument("--background", type=Path, help="asset.json of a background; needs --item")
+    parser.add_argument("--robot-splats", type=Path, help="folder of the robot's splats")
+    options = parser.parse_args()
+    if (options.item is None) != (options.background is None):
+        parser.error("--item and --background go together")
+    if not 1 <= options.episodes <= 32:
+        parser.error("--episodes: 1 to 32")
+    logs.start(1, None)
+    with TemporaryDirectory() as folder:
+        result = measure(options, Path(folder))
+    if options.json:
+        sys.stdout.write(json.dumps(result, indent=2) + "\n")
+        return
+    for name, figures in result.items():
+        sys.stdout.write(f"{name}: " + ", ".join(f"{key} {value:.4g}" for key, value in figures.items()) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,140 @@
+"""From files to an environment: what a rule has at hand, put together; picklable, so that every process builds its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from gsbridge.asset.bundle import Asset, read_asset
+from gsbridge.environment.controllers import GraspController, PlaceController, grip_of
+from gsbridge.environment.env import PickEnvironment
+from gsbridge.environment.gaussian_renderer import GaussianRenderer
+from gsbridge.environment.mesh_renderer import MeshRenderer
+from gsbridge.environment.rendering import Renderer, wrist_camera
+from gsbridge.environment.robot_splats import link_meshes, read_robot_splats
+from gsbridge.environment.settings import EnvironmentSettings
+from gsbridge.errors import InputError
+from gsbridge.files import read_json
+from gsbridge.geometry import Array
+from gsbridge.robot.assembly import RobotFiles
+from gsbridge.sim.engine import Item
+from gsbridge.sim.model import read_model
+from gsbridge.sim.world import SimWorld
+from gsbridge.tasks.place import Place
+
+
+@dataclass(frozen=True)
+class StageFiles:
+    """Files that a simulated environment is made of.
+
+    Args:
+        robot: Folder of the robot's description.
+        item: `asset.json` of the object.
+        background: `asset.json` of the background; with `relief` its mesh is a body, too.
+        model: The simulation model, YAML.
+        robot_splats: Folder of the links' splats (`write_robot_splats`); only `gs` reads it.
+        registration: `registration.json` with `base_from_table`; None for the nominal place of the table.
+        relief: The background is more than a plane (it has the plate) and is a static body.
+        item_colour, background_colour: Mean colours of the photos inside their masks, sRGB 0..1; only `mesh` uses them; None
+            for the meshes' means. [3].
+    """
+
+    robot: str | Path
+    item: str | Path
+    background: str | Path
+    model: str | Path
+    robot_splats: str | Path | None = None
+    registration: str | Path | None = None
+    relief: bool = False
+    item_colour: tuple[float, float, float] | None = None
+    background_colour: tuple[float, float, float] | None = None
+
+
+def build_renderer(files: StageFiles, settings: EnvironmentSettings) -> Renderer:
+    """The renderer that the settings ask for.
+
+    Raises:
+        InputError: A file is missing or of the wrong kind.
+    """
+    item, background = _asset(files.item, "object"), _asset(files.background, "background")
+    camera = wrist_camera(settings.image_size)
+    if settings.renderer == "gs":
+        if files.robot_splats is None:
+            raise InputError("robot splats", "the renderer 'gs' draws the robot as splats", "Give their folder")
+        links = read_robot_splats(files.robot_splats)
+        return GaussianRenderer(item.cloud(), background.cloud(), links, camera, surface=background.mesh())
+    return MeshRenderer(
+        item.mesh(),
+        background.mesh(),
+        link_meshes(RobotFiles.read(files.robot)),
+        camera,
+        vertex_colours=settings.renderer == "mesh_vertex",
+        item_colour=files.item_colour,
+        background_colour=files.background_colour,
+    )
+
+
+def build_environment(files: StageFiles, settings: EnvironmentSettings) -> PickEnvironment:
+    """An environment in the simulated world.
+
+    Raises:
+        InputError: A file is missing, of the wrong kind or damaged; the object does not fit the gripper; the start region is
+            out of reach.
+    """
+    robot = RobotFiles.read(files.robot)
+    model = read_model(files.model)
+    background = _asset(files.background, "background")
+    world = SimWorld(
+        robot,
+        Item.of(_asset(files.item, "object"), files.item),
+        model,
+        base_from_table=_base_from_table(files.registration),
+        plate=background.urdf if files.relief else None,
+    )
+    return PickEnvironment(
+        world, settings, build_renderer(files, settings), stroke=robot.dimensions.stroke, response=model.camera
+    )
+
+
+def environment_makers(files: StageFiles, settings: EnvironmentSettings, count: int) -> Sequence[Callable[[], PickEnvironment]]:
+    """What gymnasium's vector environments take: one maker per process."""
+    return [partial(build_environment, files, settings) for _ in range(count)]
+
+
+def build_controller(item: str | Path, settings: EnvironmentSettings, stroke: float = 0.14) -> GraspController:
+    """The baseline controller of the settings' task for an object.
+
+    Args:
+        item: `asset.json` of the object.
+        settings: Task and action scale.
+        stroke: Largest opening of the gripper, m.
+    """
+    asset = _asset(item, "object")
+    assert asset.properties is not None
+    grip = grip_of(Item.of(asset, item).points, asset.properties.centre)
+    rules = settings.rules()
+    if isinstance(rules, Place):
+        return PlaceController(grip, settings.action_scale(), stroke=stroke, task=rules)
+    return GraspController(grip, settings.action_scale(), stroke=stroke)
+
+
+def _asset(path: str | Path, kind: str) -> Asset:
+    """An asset of one kind."""
+    asset = read_asset(path)
+    if asset.kind != kind:
+        raise InputError(path, f"this is the asset of a {asset.kind}, no {kind}", f"Name the asset of a {kind}")
+    return asset
+
+
+def _base_from_table(registration: str | Path | None) -> Array | None:
+    """Where the table stands. [4, 4] or None."""
+    if registration is None:
+        return None
+    try:
+        return np.array(read_json(registration)["base_from_table"], dtype=np.float64).reshape(4, 4)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(registration, f"it holds no base_from_table ({error})", "Run the registration again") from error

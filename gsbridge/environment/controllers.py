@@ -1,0 +1,253 @@
+"""Baseline controllers: pure functions of the privileged state, for N worlds at once, without memory.
+
+They are the teachers of the policies, which label states in any order, so that an action may depend on nothing but the state.
+What a phase-based program would remember is read off the state instead: an object that both pads press is held; open pads low
+around the object are about to close; pads that closed on nothing go up and open again.
+
+Commands are integrated by the environment, and the arm follows with a lag of up to three steps. Errors are therefore
+answered by `GAIN` per step, which is stable for that lag: the limit of `e' = e - k e_delayed` by 3 steps is k = 0.445.
+
+Source: the idea of a light controller from RL-GSBridge (SACwB); its hidden counters are not copied.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gsbridge.errors import InputError
+from gsbridge.geometry import Array, rotation_from_quat
+from gsbridge.sim.actions import ActionScale
+from gsbridge.tasks.place import Place
+from gsbridge.tasks.state import State
+
+GAIN = 0.3
+"""Share of an error that one step answers."""
+
+DESCENT = 2.0 / 3.0
+"""Share of that while going down on the object: with a lag of three steps the whole of it overshoots by 6 mm."""
+
+APERTURE_GAIN = 0.15
+"""The same for the opening: the fingers travel 7.5 mm per step at most, and the command must not run away from them."""
+
+HALF_PAD = 0.0325
+"""From the tool point down to the fingertips, m."""
+
+LOWEST_GRIP = 0.043
+"""Of the tool point over the foot of the object, m: fingertips 10 mm above the table, or the plate when it is set down."""
+
+
+@dataclass(frozen=True)
+class Grip:
+    """How an object is taken.
+
+    Args:
+        centre: Where, body frame, m. [3]; z is the tool point's height over the object's foot.
+        axes: Directions in the body's x-y plane along which the fingers may close, rad; each also means its opposite.
+        width: Extent of the object along the first of them, m.
+        top: Height of the object, m.
+    """
+
+    centre: tuple[float, float, float]
+    axes: tuple[float, ...]
+    width: float
+    top: float
+
+    def __post_init__(self) -> None:
+        if not (self.axes and np.isfinite([*self.centre, *self.axes]).all() and self.width > 0 and self.top > 0):
+            raise InputError("grip", f"{self} makes no sense", "Give a centre, an axis, a width and a height in metres")
+
+
+def grip_of(points: Array, centre: Sequence[float] | None = None, *, tolerance: float = 1.06) -> Grip:
+    """Take an object across its narrowest side.
+
+    Args:
+        points: Vertices of its hulls, body frame, m. [P, 3].
+        centre: Where to take it, x, y; None for the middle of its extent along the grip (best: the centre of mass).
+        tolerance: Directions in which it is wider than the narrowest by up to this factor do as well.
+
+    Returns:
+        The grip; z halfway up, but not below `LOWEST_GRIP`.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    angles = np.deg2rad(np.arange(180))
+    along = points[:, :2] @ np.stack([np.cos(angles), np.sin(angles)])
+    widths = np.ptp(along, axis=0)
+    narrow = widths <= tolerance * widths.min()
+    # The middle of every run of good directions, runs across 180 degrees joined; a round object is good all round.
+    axes: list[float] = []
+    if narrow.all():
+        axes = list(angles[::30])
+    else:
+        first = int(np.flatnonzero(~narrow)[0])
+        run: list[int] = []
+        for k in range(first, first + len(angles) + 1):
+            if narrow[k % 180]:
+                run.append(k)
+            elif run:
+                best = run[int(np.argmin([widths[j % 180] for j in run]))]
+                axes.append(float(angles[best % 180]))
+                run = []
+        axes.sort(key=lambda angle: widths[round(np.rad2deg(angle)) % 180])
+    middle = 0.5 * (points[:, :2].min(0) + points[:, :2].max(0)) if centre is None else np.asarray(centre, np.float64)[:2]
+    top = float(points[:, 2].max())
+    return Grip((float(middle[0]), float(middle[1]), max(0.5 * top, LOWEST_GRIP)), tuple(axes), float(widths.min()), top)
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Where tool and object stand to each other, for N worlds; the common part of both controllers.
+
+    Args:
+        offset: From the tool point to the grip's, horizontal, m. [N, 2].
+        turn: From the tool's yaw to the nearest that closes along one of the grip's axes, rad. [N].
+        height: Tool point over the grip's height, m. [N].
+        held: Both pads press. bool [N].
+    """
+
+    offset: Array
+    turn: Array
+    height: Array
+    held: Array
+
+
+@dataclass(frozen=True)
+class GraspController:
+    """Take the object from above and lift it.
+
+    Args:
+        grip: How it is taken.
+        scale: What an action of 1 means.
+        lift: Clearance to which the object is lifted, m.
+        opening: Opening beyond the object's width while approaching, m.
+        stroke: Largest opening, m.
+        hover: Fingertips over the object's top while moving sideways, m.
+        aligned: Horizontal error at which it may go down, m.
+        turned: Error in yaw at which it may go down, rad.
+        firm: Force of each pad from which the object counts as held, N.
+    """
+
+    grip: Grip
+    scale: ActionScale = field(default_factory=ActionScale)
+    lift: float = 0.125
+    opening: float = 0.045
+    stroke: float = 0.14
+    hover: float = 0.012
+    aligned: float = 0.006
+    turned: float = 0.08
+    firm: float = 5.0
+
+    def __call__(self, state: State) -> Array:
+        """Actions for N worlds. float32 [N, 5], each -1..1."""
+        reach = self._reach(state)
+        motion, opening = self._approach(state, reach)
+        up = np.zeros_like(motion)
+        up[:, 2] = _towards(self.lift - state.object_clearance, self.scale.position)
+        return _packed(np.where(reach.held[:, None], up, motion), np.where(reach.held, -1.0, opening))
+
+    def _reach(self, state: State) -> Reach:
+        turn = rotation_from_quat(state.object_quat)
+        tool = rotation_from_quat(state.tool_quat)
+        point = state.object_position + turn @ [self.grip.centre[0], self.grip.centre[1], 0.0]
+        yaw = np.arctan2(tool[:, 1, 0], tool[:, 0, 0])
+        body = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
+        # The fingers close along the tool's y, a quarter turn from its yaw, and it does not matter from which side.
+        wanted = body[:, None] + np.array(self.grip.axes) + 0.5 * np.pi
+        inside = (wanted + 0.5 * np.pi) % np.pi - 0.5 * np.pi
+        # At the ends of the range of yaw, the opposite direction is as near.
+        choices = np.concatenate([inside, inside - np.pi, inside + np.pi], axis=1)
+        away = np.where(np.abs(choices) <= 0.5 * np.pi + 0.05, choices - yaw[:, None], np.inf)
+        nearest = np.take_along_axis(away, np.abs(away).argmin(1)[:, None], axis=1)[:, 0]
+        return Reach(
+            point[:, :2] - state.tool_position[:, :2],
+            nearest,
+            state.tool_position[:, 2] - (state.object_clearance + self.grip.centre[2]),
+            state.gripped(self.firm),
+        )
+
+    def _approach(self, state: State, reach: Reach) -> tuple[Array, Array]:
+        """Motion [N, 4] and opening [N] while nothing is held: over the object, down, close; up again from an empty grip."""
+        free = min(self.grip.width + self.opening, self.stroke)
+        distance = np.hypot(*reach.offset.T)
+        hover = max(self.grip.top + HALF_PAD + self.hover - self.grip.centre[2], 0.04)
+        low = reach.height < 0.010
+        empty = state.aperture < 0.6 * self.grip.width
+        # Pads that go down must clear the object; pads on their way together may already touch it on one side.
+        centred = (distance < self.aligned) & (np.abs(reach.turn) < self.turned)
+        wide = state.aperture > free - 0.015
+        closing = low & (distance < 0.02) & ~empty
+        down = (centred & wide) | ((reach.height < hover - 0.015) & (distance < 2 * self.aligned) & ~empty)
+        goal = np.where(down & ~(empty & low), 0.0, hover)
+        rising = (goal > 0) & (reach.height < hover - 0.02)
+        motion = np.zeros((len(state), 4))
+        # Sideways only above the object, or as a small correction on the way down.
+        sideways = _towards(reach.offset, self.scale.position)
+        motion[:, :2] = np.where((rising & (distance > 0.03))[:, None], 0.0, sideways)
+        motion[:, 2] = _towards(goal - reach.height, self.scale.position) * np.where(goal > 0, 1.0, DESCENT)
+        motion[:, 3] = _towards(reach.turn, self.scale.yaw)
+        motion[closing] = 0.0
+        opening = np.clip(APERTURE_GAIN * (free - state.aperture) / self.scale.aperture, -1.0, 1.0)
+        return motion, np.where(closing, -1.0, opening)
+
+
+@dataclass(frozen=True)
+class PlaceController(GraspController):
+    """Take the object, carry it over the plate, set it down, let go, go up.
+
+    Args:
+        task: Rules of the task: where the plate is.
+        carry: Clearance of the object while it is carried, m.
+        drop: Clearance over the plate at which it is let go, m: it must not be pressed down.
+        near: Horizontal distance from the plate's middle at which it goes down, m.
+        retreat: How far the tool goes up afterwards, m.
+    """
+
+    task: Place = field(default_factory=lambda: Place((0.0, 0.265)))
+    carry: float = 0.055
+    drop: float = 0.003
+    near: float = 0.010
+    retreat: float = 0.10
+
+    def __call__(self, state: State) -> Array:
+        """Actions for N worlds. float32 [N, 5], each -1..1."""
+        reach = self._reach(state)
+        away = np.asarray(self.task.plate_centre) - state.object_position[:, :2]
+        distance = np.hypot(*away.T)
+        above = state.object_clearance - self.task.plate_height
+        over = distance < self.near
+        # Carrying: up first, then over, then down; slower near the plate, for the arm goes on for a step or two.
+        goal = np.where(over | ((distance < 2 * self.near) & (above < 0.5 * self.carry)), 0.5 * self.drop, self.carry)
+        carried = np.zeros((len(state), 4))
+        free_to_go = above > 0.7 * self.carry
+        carried[:, :2] = np.where((free_to_go | over)[:, None], _towards(away, self.scale.position), 0.0)
+        carried[:, 2] = _towards(goal - above, self.scale.position)
+        # On the way down every step is short enough that the arm's lag does not press the object on the plate.
+        lowering = goal < self.carry
+        slow = np.maximum(0.15 * above / self.scale.position, 0.03)
+        carried[:, 2] = np.where(lowering, np.maximum(carried[:, 2], -slow), carried[:, 2])
+        release = reach.held & lowering & (above < self.drop)
+
+        seated = (distance < self.task.tolerance) & (np.abs(above) < self.task.seat) & ~reach.held
+        motion, opening = self._approach(state, reach)
+        motion = np.where(reach.held[:, None], carried, motion)
+        opening = np.where(reach.held, -1.0, opening)
+        motion[release] = 0.0
+        # Let go: up only when the pads are clear of the object.
+        clear = state.aperture > np.minimum(self.grip.width + 0.015, 0.95 * self.stroke)
+        back = np.zeros_like(motion)
+        back[:, 2] = np.where(clear, _towards(self.retreat - reach.height, self.scale.position), 0.0)
+        motion = np.where(seated[:, None], back, motion)
+        spread = np.where(clear, 0.0, 1.0)
+        return _packed(motion, np.where(release, 1.0, np.where(seated, spread, opening)))
+
+
+def _towards(error: Array, step: float) -> Array:
+    """Action that answers an error by `GAIN` of it. Any shape."""
+    return np.clip(GAIN * np.asarray(error) / step, -1.0, 1.0)
+
+
+def _packed(motion: Array, opening: Array) -> Array:
+    """Actions from motion [N, 4] and opening [N]; a world that broke down gets none. float32 [N, 5]."""
+    return np.nan_to_num(np.clip(np.c_[motion, opening], -1.0, 1.0)).astype(np.float32)

@@ -1,0 +1,312 @@
+"""The gymnasium environment: one arm, one object, one wrist camera.
+
+**Action**, `Box(-1, 1, (5,))`: steps of the commanded tool pose, 20 per second; a diagonal may use every entry in full.
+
+| entry | meaning | of 1 |
+|---|---|---|
+| 0, 1, 2 | tool point along x, y, z of the table | 24 mm |
+| 3 | turn of the tool about the vertical | 0.15 rad |
+| 4 | opening of the gripper, positive opens | 42 mm |
+
+**Observation**, `Dict(image, proprio)`: the wrist camera's picture, uint8 [H, W, 3], and what an arm knows of itself, float32:
+
+| entry | meaning | unit |
+|---|---|---|
+| 0, 1, 2 | measured tool point | half the workspace, 0 in its middle |
+| 3, 4 | sine and cosine of the tool's yaw | |
+| 5 | measured opening | the stroke |
+| 6, 7, 8 | commanded minus measured tool point | an action of 1 |
+| 9 | commanded minus measured yaw | an action of 1 |
+| 10 | commanded minus measured opening; stays below zero on a gripped object | an action of 1 |
+
+**Reward** 1 in the step of success, else 0. **Terminated** on success, and when the world is no longer finite; **truncated** at
+time-out. Where the object is and what touches it is told in `info` only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any, Protocol, SupportsFloat
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from gsbridge.environment.rendering import Renderer
+from gsbridge.environment.settings import EnvironmentSettings
+from gsbridge.errors import InputError
+from gsbridge.geometry import Array, rotation_from_quat
+from gsbridge.robot.limits import Workspace
+from gsbridge.sim.actions import SIZE, ToolTarget
+from gsbridge.sim.camera import respond
+from gsbridge.sim.model import Camera as Response
+from gsbridge.tasks import grasp, place
+from gsbridge.tasks.outcome import Outcome, Progress
+from gsbridge.tasks.poses import POSE_SETS, pose_set
+from gsbridge.tasks.state import State
+from gsbridge.tasks.world import World
+
+PROPRIO = 11
+PROPRIO_BOUND = 10.0
+"""Entries of `proprio` are cut here; in an episode without mishap they stay below 5."""
+
+OPTIONS = ("pose", "pose_set", "index")
+
+
+class Eye(Protocol):
+    """Takes the wrist camera's picture of a world."""
+
+    size: int
+
+    def begin(self, seed: int) -> None:
+        """Begin an episode; `seed` of what is random in its pictures."""
+
+    def look(self, world: World) -> Array:
+        """uint8 [size, size, 3]."""
+
+
+class DrawnEye:
+    """Pictures drawn by a renderer and passed through the simulated camera's response.
+
+    Args:
+        renderer: See `Renderer`.
+        response: Response and noise of the sensor, from the simulation model; None leaves the picture as it was drawn.
+    """
+
+    def __init__(self, renderer: Renderer, response: Response | None = None) -> None:
+        self.renderer, self.response, self.size = renderer, response, renderer.camera.width
+        self._rng = np.random.default_rng(0)
+
+    def begin(self, seed: int) -> None:
+        """See `Eye`."""
+        self._rng = np.random.default_rng(seed)
+
+    def look(self, world: World) -> Array:
+        """See `Eye`."""
+        image = self.renderer.render(world.body_poses(), world.camera_pose())
+        return image if self.response is None else respond(image, self.response, self._rng)
+
+
+class OwnEye:
+    """Pictures of the world's own camera (`gsbridge.tasks.world.SeeingWorld`): the mirror, or a robot.
+
+    Args:
+        size: Edge of the picture, px.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+
+    def begin(self, seed: int) -> None:
+        """The world has its seed already."""
+
+    def look(self, world: World) -> Array:
+        """See `Eye`."""
+        return np.asarray(world.image(self.size))  # type: ignore[attr-defined]
+
+
+class PickEnvironment(gymnasium.Env):
+    """Grasping, or picking and placing; see the module for actions, observations and reward.
+
+    Args:
+        world: Any world.
+        settings: What an episode is.
+        renderer: Draws the pictures; None for a world with a camera of its own.
+        stroke: Largest opening of the gripper, m.
+        workspace: Room in which the tool may be commanded; None for the world's own, or the nominal one.
+        response: Response of the simulated camera.
+
+    Raises:
+        InputError: Neither renderer nor camera, or a renderer of another size than the settings'.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012  (gymnasium's own attribute)
+
+    def __init__(
+        self,
+        world: World,
+        settings: EnvironmentSettings,
+        renderer: Renderer | None = None,
+        *,
+        stroke: float = 0.14,
+        workspace: Workspace | None = None,
+        response: Response | None = None,
+    ) -> None:
+        self.world, self.settings = world, settings
+        self.workspace = workspace or getattr(world, "workspace", None) or Workspace.around()
+        self.eye = _eye(world, renderer, response, settings.image_size)
+        self.rules, self.region = settings.rules(), settings.region()
+        if not self.workspace.contains(np.array([*settings.start_centre, self.workspace.upper[2]])):
+            raise InputError("start region", "its middle lies outside the workspace", "Move the region or the workspace")
+        self.target = ToolTarget.within(self.workspace, stroke, settings.action_scale())
+        size = settings.image_size
+        self.action_space = spaces.Box(-1.0, 1.0, (SIZE,), np.float32)
+        self.observation_space = spaces.Dict(
+            {
+                "image": spaces.Box(0, 255, (size, size, 3), np.uint8),
+                "proprio": spaces.Box(-PROPRIO_BOUND, PROPRIO_BOUND, (PROPRIO,), np.float32),
+            }
+        )
+        self.render_mode = "rgb_array"
+        self._sets: dict[str, Array] = {}
+        self._low, self._high = np.array(self.workspace.lower), np.array(self.workspace.upper)
+        self._image: Array | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Array], dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            seed: Of this and the following episodes.
+            options: `pose` for a start pose x, y, yaw, m and rad; or `pose_set` (`fixed`, `unseen`) and `index` (0 to 31) for
+                one of a set; without them the pose is drawn.
+
+        Raises:
+            InputError: An option is unknown or makes no pose.
+        """
+        super().reset(seed=seed)
+        # Drawn in any case, so that naming one pose does not shift the random ones after it.
+        drawn = self.region.sample(self.np_random, 1)[0]
+        episode_seed = int(self.np_random.integers(2**31))
+        self.start_pose = self._chosen(options or {}, drawn)
+        self.world.reset(self.start_pose, episode_seed)
+        self.eye.begin(episode_seed)
+        state = self.world.state()
+        self.target.reset(state.tool_position[0], _yaw(state), float(state.aperture[0]))
+        self._progress, self._steps = Progress.start(1), 0
+        self._progress, outcome = self._judge(state, self._progress)
+        return self._observe(state), self._info(state, outcome)
+
+    def step(self, action: Array) -> tuple[dict[str, Array], SupportsFloat, bool, bool, dict[str, Any]]:
+        """Advance one control period.
+
+        Args:
+            action: See the module; entries outside -1..1 are cut and counted. [5].
+
+        Raises:
+            InputError: The action has another shape or is not finite.
+        """
+        self.world.command(*self.target.move(action))
+        self.world.step()
+        self._steps += 1
+        state = self.world.state()
+        self._progress, outcome = self._judge(state, self._progress)
+        finite = bool(state.finite()[0])
+        terminated = bool(outcome.success_tolerant[0]) or not finite
+        truncated = not terminated and self._steps >= self.settings.time_out
+        return self._observe(state), float(outcome.reward[0]), terminated, truncated, self._info(state, outcome)
+
+    def render(self) -> Array | None:
+        """The picture of the last observation. uint8 [H, W, 3]."""
+        return self._image
+
+    def close(self) -> None:
+        """Release the world."""
+        close = getattr(self.world, "close", None)
+        if close is not None:
+            close()
+
+    def _chosen(self, options: Mapping[str, Any], drawn: Array) -> Array:
+        """Start pose by the options of `reset`. [3]."""
+        unknown = [name for name in options if name not in OPTIONS]
+        if unknown or ("index" in options) != ("pose_set" in options) or ("pose" in options and len(options) > 1):
+            raise InputError(
+                "reset options",
+                f"{', '.join(sorted(options))} do not fit",
+                "Give `pose`, or `pose_set` and `index`, or nothing",
+            )
+        if "pose" in options:
+            pose = np.asarray(options["pose"], dtype=np.float64)
+            if pose.shape != (3,) or not np.isfinite(pose).all():
+                raise InputError(
+                    "reset options: pose", f"{options['pose']!r} is no pose", "Give x, y, yaw in metres and radians"
+                )
+            return pose
+        if "pose_set" in options:
+            name = options["pose_set"]
+            if name not in POSE_SETS:
+                raise InputError("reset options: pose_set", f"{name!r} is unknown", f"Use one of {', '.join(POSE_SETS)}")
+            poses = self._sets.setdefault(name, pose_set(name, self.region, self.settings.pose_seed))
+            index = options["index"]
+            if isinstance(index, bool) or not isinstance(index, int | np.integer) or not 0 <= index < len(poses):
+                raise InputError("reset options: index", f"{index!r} is out of range", f"Give 0 to {len(poses) - 1}")
+            return poses[index].copy()
+        return drawn
+
+    def _judge(self, state: State, progress: Progress) -> tuple[Progress, Outcome]:
+        if isinstance(self.rules, grasp.Grasp):
+            return grasp.judge(state, progress, self.rules)
+        return place.judge(state, progress, self.rules)
+
+    def _observe(self, state: State) -> dict[str, Array]:
+        """The observation of a state."""
+        self._image = self.eye.look(self.world)
+        return {"image": self._image, "proprio": self._proprio(state)}
+
+    def _proprio(self, state: State) -> Array:
+        """What the arm knows of itself; see the module. float32 [11]."""
+        scale, target = self.target.scale, self.target
+        position, yaw, aperture = state.tool_position[0], _yaw(state), float(state.aperture[0])
+        turn = (target.yaw - yaw + np.pi) % (2 * np.pi) - np.pi
+        values = np.concatenate(
+            [
+                (2.0 * position - self._low - self._high) / (self._high - self._low),
+                [np.sin(yaw), np.cos(yaw), aperture / target.stroke],
+                (target.position - position) / scale.position,
+                [turn / scale.yaw, (target.aperture - aperture) / scale.aperture],
+            ]
+        )
+        # A world that broke down ends its episode; its last observation must still be one.
+        return np.clip(np.nan_to_num(values), -PROPRIO_BOUND, PROPRIO_BOUND).astype(np.float32)
+
+    def _info(self, state: State, outcome: Outcome) -> dict[str, Any]:
+        """Privileged state and counts."""
+        counted = self.target.counted
+        return {
+            "state": {item.name: getattr(state, item.name)[0] for item in fields(State)},
+            "target": {
+                "position": self.target.position.copy(),
+                "yaw": float(self.target.yaw),
+                "aperture": float(self.target.aperture),
+            },
+            "start_pose": self.start_pose.copy(),
+            "success": bool(outcome.success[0]),
+            "success_tolerant": bool(outcome.success_tolerant[0]),
+            "failure": str(outcome.failure[0]),
+            "terms": {name: float(value[0]) for name, value in outcome.terms.items()},
+            "steps": self._steps,
+            "clipped": counted.clipped,
+            "saturated": self.target.saturated,
+            "refused": int(getattr(self.world, "refused", 0)),
+        }
+
+
+def state_of(info: Mapping[str, Any]) -> State:
+    """The privileged state in the `info` of one environment (N = 1) or of a vector of them."""
+    values = {item.name: np.asarray(info["state"][item.name], dtype=np.float64) for item in fields(State)}
+    if values["aperture"].ndim == 0:
+        values = {name: value[None] for name, value in values.items()}
+    return State(**values)
+
+
+def _eye(world: World, renderer: Renderer | None, response: Response | None, size: int) -> Eye:
+    """The eye that a world is seen with."""
+    if renderer is None:
+        if not hasattr(world, "image"):
+            raise InputError("environment", "the world has no camera of its own", "Give a renderer")
+        return OwnEye(size)
+    if (renderer.camera.width, renderer.camera.height) != (size, size):
+        raise InputError(
+            "environment",
+            f"the renderer draws {renderer.camera.width} x {renderer.camera.height} px, the settings ask for {size}",
+            "Make its camera with `wrist_camera(settings.image_size)`",
+        )
+    return DrawnEye(renderer, response)
+
+
+def _yaw(state: State) -> float:
+    """Turn of the tool about the vertical, rad; see `gsbridge.robot.reach.tool_down`."""
+    turn = rotation_from_quat(state.tool_quat)[0]
+    return float(np.arctan2(turn[1, 0], turn[0, 0]))

@@ -1,0 +1,84 @@
+"""The control without Gaussians (RL-sim): the same camera and poses, meshes in one colour each or with vertex colours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from gsbridge.cameras import Camera
+from gsbridge.environment.gaussian_renderer import OBJECT
+from gsbridge.environment.rendering import check_drawn
+from gsbridge.errors import InputError
+from gsbridge.geometry import Array
+from gsbridge.images import linear_from_srgb, srgb_from_linear
+from gsbridge.meshes import Mesh
+from gsbridge.scene.meshes import MeshComposition, uniform
+
+
+def mean_mesh_colour(mesh: Mesh) -> Array:
+    """Mean sRGB colour of a mesh by area, averaged as light: stands in where no photo and mask are at hand. [3].
+
+    Raises:
+        InputError: The mesh has no colours.
+    """
+    if mesh.colours is None:
+        raise InputError("mesh renderer", "the mesh has no vertex colours", "Give the mean colour of its photos")
+    corners = linear_from_srgb(np.asarray(mesh.colours, np.float64))[mesh.faces].mean(1)
+    areas = mesh.areas()
+    return np.asarray(srgb_from_linear(areas @ corners / max(float(areas.sum()), 1e-30)))
+
+
+class MeshRenderer:
+    """Renderer of meshes.
+
+    Args:
+        item: Mesh of the object, body frame.
+        background: Mesh of the background, table frame.
+        robot: Coloured meshes of the links, link frames.
+        camera: Pinhole.
+        vertex_colours: Draw object and background with their vertex colours; otherwise in one colour each.
+        item_colour: That colour of the object, sRGB 0..1: the mean of its photos inside the mask
+            (`gsbridge.scene.meshes.mean_colour`); None for the mesh's mean. [3].
+        background_colour: The same for the background. [3].
+    """
+
+    def __init__(
+        self,
+        item: Mesh,
+        background: Mesh,
+        robot: Mapping[str, Mesh],
+        camera: Camera,
+        *,
+        vertex_colours: bool = False,
+        item_colour: Sequence[float] | None = None,
+        background_colour: Sequence[float] | None = None,
+    ) -> None:
+        self.camera = camera
+        ground = mean_mesh_colour(background) if background_colour is None else np.asarray(background_colour, np.float64)
+        if not vertex_colours:
+            item = uniform(item, mean_mesh_colour(item) if item_colour is None else np.asarray(item_colour, np.float64))
+            background = uniform(background, ground)
+        elif item.colours is None or background.colours is None:
+            raise InputError("mesh renderer", "a mesh has no vertex colours", "Use the renderer 'mesh', or colour the mesh")
+        self.backdrop = (float(ground[0]), float(ground[1]), float(ground[2]))
+        self.composition = MeshComposition({OBJECT: item, **robot}, background)
+
+    def pose(self, body_poses: Mapping[str, Array]) -> None:
+        """Move the bodies without drawing. [4, 4] each.
+
+        Raises:
+            InputError: A drawn body has no pose.
+        """
+        check_drawn(self.composition.names, body_poses)
+        self.composition.pose({name: body_poses[name] for name in self.composition.names})
+
+    def render(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Array:
+        """The picture; see `Renderer`. [H, W, 3] uint8."""
+        self.pose(body_poses)
+        return self.composition.render(self.camera, cam_from_table, self.backdrop)
+
+    def coverage(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> float:
+        """Share of a view that meshes fill."""
+        self.pose(body_poses)
+        return float(self.composition.coverage(self.camera, cam_from_table).mean())

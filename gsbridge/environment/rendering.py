@@ -1,0 +1,64 @@
+"""What every renderer of the wrist camera has in common: the interface and the intrinsics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from gsbridge.cameras import Camera
+from gsbridge.errors import InputError
+from gsbridge.geometry import Array
+
+FIELD_OF_VIEW = np.deg2rad(42.5)
+"""Of the square picture, rad: the middle of a RealSense D435i's colour image. Source: RL-GSBridge's code."""
+
+
+def wrist_camera(size: int, field_of_view: float = FIELD_OF_VIEW) -> Camera:
+    """Intrinsics of the square wrist picture, principal point in the middle.
+
+    Args:
+        size: Edge, px.
+        field_of_view: rad.
+
+    Raises:
+        InputError: Size or angle make no picture.
+    """
+    if size < 1 or not 0.05 < field_of_view < 2.5:
+        raise InputError(
+            "wrist camera", f"{size} px and {field_of_view} rad make no picture", "Give at least 1 px and 0.05 to 2.5 rad"
+        )
+    focal = size / 2 / np.tan(field_of_view / 2)
+    return Camera(size, size, focal, focal, size / 2, size / 2)
+
+
+@runtime_checkable
+class Renderer(Protocol):
+    """Draws the wrist camera's picture of bodies at given poses."""
+
+    camera: Camera
+
+    def render(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Array:
+        """The picture.
+
+        Args:
+            body_poses: `table_from_body` by name; bodies without a look of their own (frames) are passed over. [4, 4] each.
+            cam_from_table: OpenCV axes. [4, 4].
+
+        Returns:
+            sRGB. [H, W, 3] uint8.
+        """
+
+
+def check_drawn(names: tuple[str, ...], body_poses: Mapping[str, Array]) -> None:
+    """Make sure that everything that is drawn has a pose.
+
+    Raises:
+        InputError: A body is missing: the splats or meshes belong to another robot.
+    """
+    missing = [name for name in names if name not in body_poses]
+    if missing:
+        raise InputError(
+            "renderer", f"the world has no pose of {', '.join(missing)}", "Build splats and world from the same robot"
+        )
