@@ -159,6 +159,14 @@ def scene_camera(wildcards):
     return f"results/cameras/{camera}.json" if camera else []
 
 
+def workspace_capture(wildcards):
+    """Folder of the board capture that registers the workspace; nothing where its poses are typed."""
+    kind, value = next(iter(config["workspace"]["source"].items()))
+    if kind == "mirror":
+        return "results/workspace/capture"
+    return capture_path(value) if kind == "capture" else []
+
+
 def calibration_keyframes(wildcards):
     """Keyframes that calibrate a camera: those of its scenes in the preset, or of all its scenes if none is."""
     scenes = config["cameras"][wildcards.camera]["calibrate_from"]

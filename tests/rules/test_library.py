@@ -30,7 +30,8 @@ FLOORS = {
         "sparse",
     ],
     1: ["capture", "sfm", "align", "masks", "mesh", "splats", "robot", "tasks"],
-    1.5: ["asset"],  # bundles what the stages of floor 1 made, so it stands on splats; what simulates stands on it
+    # Bundles what the stages of floor 1 made, so it stands on splats; what simulates stands on both.
+    1.5: ["asset", "registration"],
     2: ["sim", "scene", "reality"],
     3: ["environment"],
     4: ["policy"],

@@ -13,6 +13,8 @@ from gsbridge.capture.keyframes import KeyframeSettings
 from gsbridge.masks.settings import MaskSettings
 from gsbridge.mesh.settings import MeshSettings
 from gsbridge.reality.mirror.film import FilmSettings
+from gsbridge.reality.world.board_capture import BoardFilmSettings
+from gsbridge.registration.settings import RegistrationSettings
 from gsbridge.sfm.settings import SfmSettings
 from gsbridge.splats.train import SplatSettings
 
@@ -23,6 +25,8 @@ SCHEMA = yaml.safe_load((ROOT / "rules/schemas/config.schema.yaml").read_text())
 ELSEWHERE = {AlignSettings: {"require_scale"}, AssetSettings: {"density"}, SplatSettings: {"rates"}}
 SECTIONS = {
     "films": FilmSettings,
+    "board_film": BoardFilmSettings,
+    "registration": RegistrationSettings,
     "capture": KeyframeSettings,
     "sfm": SfmSettings,
     "align": AlignSettings,

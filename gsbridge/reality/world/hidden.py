@@ -19,6 +19,8 @@ from gsbridge.errors import InputError
 Value = float | tuple[float, ...]
 Triple = tuple[float, float, float]
 
+_ONE_DEGREE = math.radians(1.0)
+
 
 @dataclass(frozen=True)
 class Hidden:
@@ -39,6 +41,10 @@ class Hidden:
         latency: Time from a command to its effect, s.
         encoder_noise: Standard deviation of measured joint angles, rad.
         torque_noise: Standard deviation of measured joint torques, N m.
+        camera_shift: How far the wrist camera sits from its nominal place, along the flange's axes, m.
+        camera_turn: Its turn from the nominal axes, rotation vector in the flange frame, rad.
+        table_shift: How far the table stands from its nominal place, along the base's axes, m.
+        table_turn: Its turn from the nominal axes, rotation vector in the base frame, rad.
         light_turn: Turn of the lamp about the vertical through the middle of the table, rad.
         light_rise: Change of the lamp's height angle, rad.
         light_power: Factor on all light.
@@ -66,6 +72,10 @@ class Hidden:
     latency: float = 0.0
     encoder_noise: float = 0.0
     torque_noise: float = 0.0
+    camera_shift: Triple = (0.0, 0.0, 0.0)
+    camera_turn: Triple = (0.0, 0.0, 0.0)
+    table_shift: Triple = (0.0, 0.0, 0.0)
+    table_turn: Triple = (0.0, 0.0, 0.0)
     light_turn: float = 0.0
     light_rise: float = 0.0
     light_power: float = 1.0
@@ -128,7 +138,8 @@ class Ranges:
     """Lowest and highest value of each hidden parameter that is drawn; uniform, components independent.
 
     Mass, latency and the kinds of surprise are those of the specification; widths of the rest are what one meets between two
-    robots of a kind, between rubber, foam and cloth, and between two times of a day in one room.
+    robots of a kind, between rubber, foam and cloth, and between two times of a day in one room. Camera and
+    table stand as far from their nominal places as someone with a ruler puts them; registration measures them.
     """
 
     mass: tuple[float, float] = (0.8, 1.2)
@@ -145,6 +156,10 @@ class Ranges:
     latency: tuple[float, float] = (0.0, 0.060)
     encoder_noise: tuple[float, float] = (1e-5, 5e-5)
     torque_noise: tuple[float, float] = (0.05, 0.3)
+    camera_shift: tuple[float, float] = (-0.003, 0.003)
+    camera_turn: tuple[float, float] = (-_ONE_DEGREE, _ONE_DEGREE)
+    table_shift: tuple[float, float] = (-0.010, 0.010)
+    table_turn: tuple[float, float] = (-_ONE_DEGREE, _ONE_DEGREE)
     light_turn: tuple[float, float] = (-0.20, 0.20)
     light_rise: tuple[float, float] = (-0.12, 0.12)
     light_power: tuple[float, float] = (0.90, 1.10)
@@ -156,7 +171,9 @@ class Ranges:
     exposure: tuple[float, float] = (0.96, 1.04)
 
 
-_MAY_BE_NEGATIVE = ("light_turn", "light_rise", "pedestal")
+_MAY_BE_NEGATIVE = (
+    "camera_shift", "camera_turn", "table_shift", "table_turn", "light_turn", "light_rise", "pedestal",
+)  # fmt: skip
 _MUST_BE_POSITIVE = (
     "mass", "contact_time", "stiffness", "inertia", "grip_force", "light_power", "full_well", "exposure",
 )  # fmt: skip

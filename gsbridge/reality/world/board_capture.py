@@ -1,0 +1,116 @@
+"""A board capture in the mirror: the arm goes to planned poses, the wrist camera photographs the board.
+
+The poses are planned from the nominal layout, as a person would plan them; photos and joint angles are those of the true one.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from gsbridge.board import Board
+from gsbridge.cameras import Camera
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_directory, write_json
+from gsbridge.images import write_image
+from gsbridge.logs import Progress
+from gsbridge.reality.world.camera import FIELD_OF_VIEW, MirrorCamera, Quality, Setting
+from gsbridge.reality.world.hidden import Hidden
+from gsbridge.reality.world.layout import true_base_from_table, true_flange_from_camera, true_robot
+from gsbridge.reality.world.model import Stand
+from gsbridge.reality.world.physics import MirrorPhysics
+from gsbridge.registration.capture import ARM_CSV, CAMERA_JSON, write_arm_table, write_camera
+from gsbridge.registration.plan import plan_poses
+from gsbridge.robot.nominal import base_from_table, flange_from_camera
+
+logger = logging.getLogger("gsbridge")
+
+
+@dataclass(frozen=True)
+class BoardFilmSettings:
+    """Size of the mirror's board capture.
+
+    Args:
+        poses: Poses of the arm.
+        width: Photo size, px.
+        height: Photo size, px.
+        spp: Samples per pixel.
+    """
+
+    poses: int = 14
+    width: int = 640
+    height: int = 480
+    spp: int = 9
+
+
+def full_camera(width: int, height: int) -> Camera:
+    """The wrist camera's whole picture; the policy's square one is its middle.
+
+    Args:
+        width: px, at least `height`.
+        height: px.
+
+    Raises:
+        InputError: The picture is higher than wide.
+    """
+    if not 0 < height <= width:
+        raise InputError("config: board_film", f"{width} x {height} px is no lying picture", "Ask for width >= height")
+    focal = height / 2 / np.tan(FIELD_OF_VIEW / 2)
+    return Camera(width, height, focal, focal, width / 2, height / 2)
+
+
+def film_board(
+    *, out_capture: Path, out_truth: Path, board: Board, settings: BoardFilmSettings, threads: int, seed: int
+) -> None:
+    """Photograph the board from many poses of the mirror's arm.
+
+    Args:
+        out_capture: Folder for the photos, `arm.csv` and `camera.json`, as `read_board_capture` takes them.
+        out_truth: File for the true places, for scores only.
+        board: The board on the table.
+        settings: Number and size of the photos.
+        threads: Threads to render with.
+        seed: Seed of the world.
+
+    Raises:
+        InputError: The size of the photos makes no sense.
+        StageError: Too few poses see the board.
+    """
+    hidden, camera = Hidden.draw(seed), full_camera(settings.width, settings.height)
+    with TemporaryDirectory() as folder:
+        robot = true_robot(Path(folder) / "robot", hidden)
+        physics = MirrorPhysics(robot, Stand(true_base_from_table(hidden)), None, hidden)
+        room = MirrorCamera(Setting(None, sheet=board.sheet, seed=seed), robot, hidden, threads)
+    wanted = plan_poses(
+        physics.kinematics, base_from_table(), flange_from_camera(), camera, board, count=settings.poses, seed=seed
+    )
+    quality = Quality(samples=settings.spp)
+    progress = Progress(len(wanted), "film the board")
+    with atomic_directory(out_capture) as place:
+        names, measured = [], []
+        for index, q in enumerate(wanted):
+            # Closed, the hand hides least of the board; at rest, nothing is blurred.
+            physics.place(q, 0.0)
+            room.move(physics.body_poses())
+            names.append(f"pose_{index:02d}.png")
+            measured.append(physics.joints()[0][: len(q)])
+            grain = int(np.random.SeedSequence([seed, index]).generate_state(1)[0])
+            write_image(place / names[-1], room.photo(camera, physics.camera_pose(), quality, grain))
+            progress.update()
+        write_arm_table(place / ARM_CSV, names, np.array(measured))
+        # The maker of a camera writes its intrinsics into it; so does the mirror's.
+        write_camera(place / CAMERA_JSON, camera)
+    write_json(
+        out_truth,
+        {
+            "base_from_table": true_base_from_table(hidden),
+            "flange_from_camera": true_flange_from_camera(hidden),
+            "settings": asdict(settings),
+            "seed": seed,
+        },
+    )
+    logger.info("%d photos of the board", len(names))

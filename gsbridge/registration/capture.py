@@ -1,0 +1,166 @@
+"""A board capture: photos of the board by the wrist camera, and where the arm stood for each.
+
+A folder with the photos, `arm.csv` or `arm.json`, and, where the intrinsics are known, `camera.json`; `docs/registration.md`
+describes the files.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsbridge.cameras import Camera
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_file, read_json, write_json
+from gsbridge.geometry import Array, rotation_from_quat
+from gsbridge.robot.assembly import check_rigid
+
+ARM_CSV, ARM_JSON, CAMERA_JSON = "arm.csv", "arm.json", "camera.json"
+
+_POSE_COLUMNS = ("x", "y", "z", "qw", "qx", "qy", "qz")
+
+
+@dataclass(frozen=True)
+class BoardCapture:
+    """Photos of the board and the arm's poses; exactly one of `joints` and `base_from_flange` is given.
+
+    Args:
+        folder: Where the photos lie.
+        images: File names. N of them.
+        joints: Measured joint angles, rad. [N, J].
+        base_from_flange: Poses of the flange, m, for arms that report these. [N, 4, 4].
+        camera: Intrinsics of the photos; None where they are to be estimated from the board.
+    """
+
+    folder: Path
+    images: tuple[str, ...]
+    joints: Array | None
+    base_from_flange: Array | None
+    camera: Camera | None
+
+
+def read_board_capture(folder: str | Path) -> BoardCapture:
+    """Read a board capture.
+
+    Args:
+        folder: See the module's head.
+
+    Raises:
+        InputError: A file is missing or damaged, a photo is named twice, or a value is no finite number.
+    """
+    place = Path(folder)
+    if not place.is_dir():
+        raise InputError(place, "there is no such folder", "Correct the path of the board capture")
+    table, listed = place / ARM_CSV, place / ARM_JSON
+    if table.is_file():
+        source, (images, joints, poses) = table, _read_table(table)
+    elif listed.is_file():
+        source, (images, joints, poses) = listed, _read_list(listed)
+    else:
+        raise InputError(place, f"neither {ARM_CSV} nor {ARM_JSON} is there", "Write where the arm stood for each photo")
+    if not images:
+        raise InputError(source, "it names no photo", "Write one line per photo")
+    if len(set(images)) < len(images):
+        twice = next(name for name in images if images.count(name) > 1)
+        raise InputError(source, f"the photo {twice} is named twice", "Give each photo one pose of the arm")
+    for name in images:
+        if not (place / name).is_file():
+            raise InputError(place / name, "the photo is missing", f"Take its line out of {source.name}, or put it there")
+    for values in (joints, poses):
+        if values is not None and not np.isfinite(values).all():
+            bad = images[int(np.argmin(np.isfinite(values.reshape(len(images), -1)).all(1)))]
+            raise InputError(source, f"the pose of {bad} is not finite", "Give finite numbers, or take the line out")
+    return BoardCapture(place, tuple(images), joints, poses, _read_camera(place / CAMERA_JSON))
+
+
+def write_arm_table(path: str | Path, images: Sequence[str], joints: Array) -> None:
+    """Write `arm.csv` with joint angles.
+
+    Args:
+        path: The file.
+        images: File names. N of them.
+        joints: rad. [N, J].
+    """
+    with atomic_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["image", *(f"q{index + 1}" for index in range(np.shape(joints)[1]))])
+        for name, row in zip(images, joints, strict=True):
+            writer.writerow([name, *(f"{value:.9g}" for value in row)])
+
+
+def write_camera(path: str | Path, camera: Camera) -> None:
+    """Write `camera.json`."""
+    write_json(path, {"camera": camera.to_json()})
+
+
+def _read_table(path: Path) -> tuple[list[str], Array | None, Array | None]:
+    """`arm.csv`: photos, joints or flange poses."""
+    with path.open(newline="", encoding="utf-8-sig") as file:
+        reader = csv.DictReader(file, skipinitialspace=True)
+        columns = [name.strip() for name in reader.fieldnames or ()]
+        reader.fieldnames = columns
+        rows = list(reader)
+    joints = [name for name in columns if name.removesuffix("_deg")[1:].isdigit() and name.startswith("q")]
+    joints.sort(key=lambda name: int(name.removesuffix("_deg")[1:]))
+    posed = all(name in columns for name in _POSE_COLUMNS)
+    wanted = [f"q{index + 1}" for index in range(len(joints))]
+    if "image" not in columns or bool(joints) == posed or [name.removesuffix("_deg") for name in joints] != wanted:
+        raise InputError(
+            path,
+            f"its columns are {', '.join(columns) or 'missing'}",
+            f"Write image and q1, q2, ... (rad, or q1_deg, ...), or image and {', '.join(_POSE_COLUMNS)}",
+        )
+    images, values = [], []
+    for number, row in enumerate(rows, start=2):
+        try:
+            values.append([float(row[name]) for name in (joints or _POSE_COLUMNS)])
+        except (TypeError, ValueError) as error:
+            raise InputError(path, f"line {number} holds no number where one is due", "Correct the line") from error
+        images.append(str(row["image"]).strip())
+    found = np.array(values, dtype=np.float64).reshape(len(images), len(joints or _POSE_COLUMNS))
+    if joints:
+        factors = [np.pi / 180 if name.endswith("_deg") else 1.0 for name in joints]
+        return images, found * factors, None
+    lengths = np.linalg.norm(found[:, 3:], axis=1)
+    if np.isfinite(found).all() and len(found) and np.abs(lengths - 1.0).max() > 1e-2:
+        raise InputError(path, "a quaternion is not of unit length", "Give qw, qx, qy, qz of the flange in the base frame")
+    poses = np.tile(np.eye(4), (len(images), 1, 1))
+    poses[:, :3, :3] = rotation_from_quat(found[:, 3:])
+    poses[:, :3, 3] = found[:, :3]
+    return images, None, poses
+
+
+def _read_list(path: Path) -> tuple[list[str], Array | None, Array | None]:
+    """`arm.json`: the same as a list of poses."""
+    content: Mapping[str, Any] = read_json(path)
+    try:
+        poses = list(content["poses"])
+        images = [str(item["image"]) for item in poses]
+        if poses and all("joints" in item for item in poses):
+            return images, np.array([item["joints"] for item in poses], dtype=np.float64), None
+        matrices = [check_rigid(np.array(item["base_from_flange"], dtype=np.float64), str(path)) for item in poses]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            path,
+            f"a pose is damaged ({error})",
+            'Write {"poses": [{"image": ..., "joints": [rad, ...]}, ...]}, or "base_from_flange" instead of "joints"',
+        ) from error
+    return images, None, np.array(matrices).reshape(-1, 4, 4)
+
+
+def _read_camera(path: Path) -> Camera | None:
+    """Intrinsics, bare or inside a record of the calibration; None without a file."""
+    if not path.is_file():
+        return None
+    content = read_json(path)
+    try:
+        return Camera.from_json(content.get("camera", content))
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            path, f"the camera is damaged ({error})", "Give width, height, fx, fy, cx, cy, or delete it to have it estimated"
+        ) from error

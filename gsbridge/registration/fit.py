@@ -1,0 +1,205 @@
+"""The fit: camera mount, place of the board and, where wanted, its size, from all tag corners of all poses at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from gsbridge.cameras import Camera
+from gsbridge.geometry import Array
+from gsbridge.registration.handeye import HandEye
+from gsbridge.registration.sightings import Sighting
+
+_LOSS_PX = 1.0
+"""Residual from which a corner's pull no longer grows."""
+
+_FAR_PX = 1e3
+"""Residual of a corner that a trial step puts behind the camera."""
+
+
+@dataclass(frozen=True)
+class Views:
+    """All sightings in flat arrays.
+
+    Args:
+        camera: Intrinsics.
+        base_from_flange: [N, 4, 4].
+        cam_from_board: Of each photo alone, at the board's assumed size. [N, 4, 4].
+        points: Tag corners, board frame at its assumed size, m. [K, 3].
+        pixels: px. [K, 2].
+        pose: Pose that each corner belongs to. [K].
+    """
+
+    camera: Camera
+    base_from_flange: Array
+    cam_from_board: Array
+    points: Array
+    pixels: Array
+    pose: Array
+
+    @classmethod
+    def of(cls, camera: Camera, base_from_flange: Array, sightings: Sequence[Sighting]) -> Views:
+        """Views from one sighting per pose."""
+        return cls(
+            camera,
+            np.asarray(base_from_flange, dtype=np.float64),
+            np.array([item.cam_from_board for item in sightings]),
+            np.concatenate([item.points for item in sightings]),
+            np.concatenate([item.pixels for item in sightings]),
+            np.repeat(np.arange(len(sightings)), [len(item.points) for item in sightings]),
+        )
+
+    def __len__(self) -> int:
+        return len(self.base_from_flange)
+
+    def only(self, keep: Array) -> Views:
+        """The views of some poses. keep: bool [N]."""
+        rows = keep[self.pose]
+        number = np.cumsum(keep) - 1
+        return Views(
+            self.camera,
+            self.base_from_flange[keep],
+            self.cam_from_board[keep],
+            self.points[rows],
+            self.pixels[rows],
+            number[self.pose[rows]],
+        )
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Result of `fit_views`.
+
+    Args:
+        found: Mount, place and scale.
+        covariance: Of shift and turn of the mount, shift and turn of the board, and the logarithm of the scale where it is
+            free, m and rad, from the corners' scatter. [12 or 13, same].
+        residuals: Reprojection errors, px. [K, 2].
+    """
+
+    found: HandEye
+    covariance: Array
+    residuals: Array
+
+    @property
+    def rms_px(self) -> float:
+        """Root mean square distance of seen and predicted corners."""
+        return float(np.sqrt((self.residuals**2).sum(1).mean()))
+
+
+def moved(start: HandEye, step: Array) -> HandEye:
+    """A hand-eye calibration changed by a small step: shift and turn of the mount in the flange frame, shift and turn of the
+    board in the base frame about its own origin, logarithm of the scale. [12 or 13]."""
+    out = HandEye(
+        start.flange_from_camera.copy(),
+        start.base_from_board.copy(),
+        start.scale * float(np.exp(step[12])) if len(step) > 12 else start.scale,
+    )
+    for pose, part in ((out.flange_from_camera, step[:6]), (out.base_from_board, step[6:12])):
+        pose[:3, 3] += part[:3]
+        pose[:3, :3] = Rotation.from_rotvec(part[3:]).as_matrix() @ pose[:3, :3]
+    return out
+
+
+def predict(views: Views, found: HandEye) -> Array:
+    """Where the corners should be seen, px; NaN behind the camera. [K, 2]."""
+    cam_from_base = np.linalg.inv(views.base_from_flange @ found.flange_from_camera)
+    base = found.scale * views.points @ found.base_from_board[:3, :3].T + found.base_from_board[:3, 3]
+    local = np.einsum("kij,kj->ki", cam_from_base[views.pose, :3, :3], base) + cam_from_base[views.pose, :3, 3]
+    return views.camera.project(local)
+
+
+def fit_views(views: Views, start: HandEye, *, with_scale: bool) -> Fit:
+    """Least reprojection error over all corners, outliers damped.
+
+    Args:
+        views: The sightings.
+        start: Where to begin.
+        with_scale: The board's size is free.
+    """
+
+    def residual(step: Array) -> Array:
+        error = predict(views, moved(start, step)) - views.pixels
+        return np.nan_to_num(np.clip(error, -_FAR_PX, _FAR_PX), nan=_FAR_PX).ravel()
+
+    size = 13 if with_scale else 12
+    scales = np.array([1e-3, 1e-3, 1e-3, 3e-3, 3e-3, 3e-3] * 2 + [3e-3])[:size]
+    result = least_squares(residual, np.zeros(size), loss="soft_l1", f_scale=_LOSS_PX, x_scale=scales)
+    errors = residual(result.x).reshape(-1, 2)
+    # The middle half of the residuals tells their spread without the outliers: 0.6745 sigma holds half of a normal law.
+    sigma = max(float(np.median(np.abs(errors))) / 0.6745, 1e-6)
+    covariance = sigma**2 * np.linalg.pinv(result.jac.T @ result.jac)
+    return Fit(moved(start, result.x), covariance, errors)
+
+
+def pose_rms(views: Views, fit: Fit) -> Array:
+    """Reprojection error of each pose, px. [N]."""
+    squares = np.bincount(views.pose, (fit.residuals**2).sum(1), len(views))
+    return np.sqrt(squares / np.bincount(views.pose, minlength=len(views)))
+
+
+def consistent(views: Views, start: HandEye, *, with_scale: bool, floor_px: float, least: int) -> tuple[Fit, Array]:
+    """Fit, leaving out poses that contradict the others: a photo beside the wrong line, an arm that still moved.
+
+    Args:
+        views: All poses.
+        start: Where to begin.
+        with_scale: The board's size is free.
+        floor_px: Reprojection error up to which no pose is left out.
+        least: Poses below which none is left out any more.
+
+    Returns:
+        The fit of the poses kept, and which those are, bool [N].
+    """
+    keep = np.ones(len(views), dtype=bool)
+    while True:
+        part = views.only(keep)
+        fit = fit_views(part, start, with_scale=with_scale)
+        errors = pose_rms(part, fit)
+        worst = int(np.argmax(errors))
+        # One at a time: a wrong pose pulls the right ones away from where they belong.
+        if errors[worst] <= max(floor_px, 4.0 * float(np.median(errors))) or keep.sum() <= least:
+            return fit, keep
+        keep[np.flatnonzero(keep)[worst]] = False
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """What leaving out one pose at a time tells.
+
+    Args:
+        residuals_m: Distance of the board's centre as the left-out pose sees it from where the others put it. [N].
+        covariance: Of the parameters, by the jackknife: it also holds what all corners of a pose have in common, errors of
+            the arm above all. [12 or 13, same].
+    """
+
+    residuals_m: Array
+    covariance: Array
+
+
+def leave_one_out(views: Views, fit: Fit, *, with_scale: bool) -> LeftOut:
+    """Fit again without each pose in turn.
+
+    Source: Efron and Stein, Annals of Statistics 9(3), 1981, for the jackknife.
+    """
+    count = len(views)
+    residuals, steps = np.empty(count), []
+    for index in range(count):
+        without = fit_views(views.only(np.arange(count) != index), fit.found, with_scale=with_scale).found
+        seen = without.board_poses(views.base_from_flange[[index]], views.cam_from_board[[index]])[0]
+        residuals[index] = np.linalg.norm(seen[:3, 3] - without.base_from_board[:3, 3])
+        steps.append(_difference(fit.found, without, with_scale))
+    spread = np.array(steps) - np.mean(steps, axis=0)
+    return LeftOut(residuals, (count - 1) / count * spread.T @ spread)
+
+
+def _difference(start: HandEye, other: HandEye, with_scale: bool) -> Array:
+    """The step that `moved` needs from one calibration to another. [12 or 13]."""
+    parts = []
+    for a, b in ((start.flange_from_camera, other.flange_from_camera), (start.base_from_board, other.base_from_board)):
+        parts += [b[:3, 3] - a[:3, 3], Rotation.from_matrix(b[:3, :3] @ a[:3, :3].T).as_rotvec()]
+    return np.concatenate([*parts, [np.log(other.scale / start.scale)]] if with_scale else parts)

@@ -1,0 +1,48 @@
+"""The record `registration.json` as later stages read it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gsbridge.errors import InputError
+from gsbridge.files import read_json
+from gsbridge.geometry import Array, rotation_angle
+from gsbridge.robot.assembly import check_rigid
+
+
+@dataclass(frozen=True)
+class Registration:
+    """Where things stand.
+
+    Args:
+        base_from_table: Place of the table. [4, 4].
+        flange_from_camera: Mount of the wrist camera, OpenCV axes. [4, 4].
+        reasons: Why it is degraded; empty for a pass.
+    """
+
+    base_from_table: Array
+    flange_from_camera: Array
+    reasons: tuple[str, ...] = ()
+
+
+def read_registration(path: str | Path) -> Registration:
+    """Read `registration.json`.
+
+    Raises:
+        InputError: The file is missing or damaged.
+    """
+    content = read_json(path)
+    try:
+        poses = [check_rigid(content[key], str(path)) for key in ("base_from_table", "flange_from_camera")]
+        return Registration(*poses, tuple(content["reasons"]))
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(path, f"the registration is damaged ({error})", "Delete the file and register again") from error
+
+
+def pose_error(found: Array, truth: Array) -> tuple[float, float]:
+    """Distance of two poses: of their origins, m, and the angle between their axes, rad. [4, 4] each."""
+    shift = float(np.linalg.norm(np.asarray(found)[:3, 3] - np.asarray(truth)[:3, 3]))
+    return shift, float(rotation_angle(np.asarray(found)[:3, :3].T @ np.asarray(truth)[:3, :3]))
