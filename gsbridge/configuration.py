@@ -82,6 +82,11 @@ def check_configuration(config: Mapping[str, Any]) -> None:
         for scene in preset["scenes"]:
             if scene not in scenes:
                 raise _unknown(f"config: presets.{name}.scenes", scene, scenes)
+    for key, cells in [
+        ("cells", config.get("cells", [])),
+        *((f"presets.{n}.cells", p.get("cells", [])) for n, p in presets.items()),
+    ]:
+        _check_cells(key, cells, scenes)
     for name, scene in scenes.items():
         _check_source(name, scene)
         _check_camera(name, scene, scenes, cameras)
@@ -110,6 +115,19 @@ def check_configuration(config: Mapping[str, Any]) -> None:
                     "Name scenes that show the same board, and give the camera that board",
                 )
     _check_weights(config)
+
+
+def _check_cells(key: str, cells: Sequence[Mapping[str, str]], scenes: Mapping[str, Mapping[str, Any]]) -> None:
+    """Refuse cells of scenes that are not there, of the wrong kind, or named twice."""
+    for number, cell in enumerate(cells):
+        for kind in ("object", "background"):
+            place, scene = f"config: {key}[{number}].{kind}", cell[kind]
+            if scene not in scenes:
+                raise _unknown(place, scene, {name: None for name, other in scenes.items() if other["kind"] == kind})
+            if scenes[scene]["kind"] != kind:
+                raise InputError(place, f"'{scene}' is of the kind {scenes[scene]['kind']}", f"Name a scene of the kind {kind}")
+        if cell in cells[:number]:
+            raise InputError(f"config: {key}[{number}]", "the cell stands twice", "Remove one")
 
 
 def _check_source(name: str, scene: Mapping[str, Any]) -> None:

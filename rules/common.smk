@@ -21,6 +21,8 @@ check_configuration(config)
 PRESET = config["presets"][config["preset"]]
 SEED = config["seed"]
 ASSET = {**config["asset"], **PRESET.get("asset", {})}
+CELLS = PRESET.get("cells", config["cells"])
+PAIRS = sorted({f"{cell['object']}+{cell['background']}" for cell in CELLS})
 BINDINGS = ["games", "soft", "refined", "unbound"]
 
 

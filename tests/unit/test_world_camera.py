@@ -9,6 +9,7 @@ from robot_fixture import kinematics, robot
 
 from gsbridge.errors import InputError
 from gsbridge.reality.mirror.objects import make_object
+from gsbridge.reality.mirror.studio import SCENES
 from gsbridge.reality.world import camera as module
 from gsbridge.reality.world.camera import MirrorCamera, Quality, Setting, expose, wrist_camera
 from gsbridge.reality.world.hidden import Hidden
@@ -49,6 +50,10 @@ def posed(object_pose, q=None):
 def silhouette(camera, cam_from_table, table_from_object):
     """Coverage of the cube by filling the convex hull of its projected vertices. [H, W]."""
     vertices = make_object("small_cube", 0, 4.0)[0].vertices
+    # Bodies have the axes of their capture, in which the cube stood turned.
+    yaw = np.radians(SCENES["small_cube"][2])
+    turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+    vertices = vertices @ turn.T
     cam_from_object = cam_from_table @ table_from_object
     pixels = camera.project(vertices @ cam_from_object[:3, :3].T + cam_from_object[:3, 3])
     fine = np.zeros((camera.height * 8, camera.width * 8), np.uint8)

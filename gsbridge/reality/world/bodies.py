@@ -7,9 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from gsbridge.asset.body import body_from_table
 from gsbridge.geometry import Array
 from gsbridge.meshes import Mesh
 from gsbridge.reality.mirror.objects import make_object
+from gsbridge.reality.mirror.studio import SCENES, placed
 from gsbridge.reality.world.pieces import convex_pieces
 from gsbridge.robot.links import convex_hull
 
@@ -20,9 +22,29 @@ _CONTACT_DETAIL, _MASS_DETAIL = 4.0, 2.0
 """Spacing of the meshes behind contact and mass, of that in films: vertices lie on the surface, so few suffice."""
 
 
+def body_mesh(name: str, seed: int, detail: float) -> tuple[Mesh, Array]:
+    """A true object in its body frame, by the rule that assets follow: turned as it stood in its film, footprint centre at 0.
+
+    Args:
+        name: One of the mirror's objects.
+        seed: Seed of the world's textures and shapes.
+        detail: See `make_object`.
+
+    Returns:
+        The mesh, m, with linear colours, and the vertex normals. [V, 3].
+
+    Raises:
+        InputError: The name is unknown.
+    """
+    mesh, normals = make_object(name, seed, detail)
+    mesh, normals = placed(mesh, normals, (0.0, 0.0), SCENES[name][2])
+    shift = body_from_table(mesh)[:3, 3]
+    return Mesh(mesh.vertices + np.array([shift[0], shift[1], 0.0]), mesh.faces, mesh.colours), normals
+
+
 @dataclass(frozen=True)
 class TrueBody:
-    """A true object in its own frame: footprint centre at the origin, standing on z = 0; m, kg.
+    """A true object in its body frame: footprint centre at the origin, standing on z = 0; m, kg.
 
     Args:
         name: Its name.
@@ -53,8 +75,8 @@ def true_body(name: str, seed: int, mass_factor: float, folder: str | Path) -> T
     Raises:
         InputError: The name is unknown.
     """
-    mesh, _ = make_object(name, seed, _MASS_DETAIL)
-    coarse, _ = make_object(name, seed, _CONTACT_DETAIL)
+    mesh, _ = body_mesh(name, seed, _MASS_DETAIL)
+    coarse, _ = body_mesh(name, seed, _CONTACT_DETAIL)
     return body_of(name, mesh, DENSITIES[name] * mass_factor, convex_pieces(Mesh(coarse.vertices, coarse.faces), folder))
 
 

@@ -1,0 +1,73 @@
+"""Chosen states of arm and object at which several cameras look: what one world did, another can show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gsbridge.errors import InputError
+from gsbridge.files import read_json, write_json
+from gsbridge.geometry import Array
+
+
+@dataclass(frozen=True)
+class ViewState:
+    """Arm and object at one moment; the object stands on the table.
+
+    Args:
+        q: Angles of the arm's joints, rad. [7].
+        aperture: Distance of the pads, m.
+        object_pose: x, y, yaw of the body frame on the table. [3].
+        start: Index of the start pose that the episode began with.
+        step: Steps since then.
+    """
+
+    q: Array
+    aperture: float
+    object_pose: Array
+    start: int
+    step: int
+
+
+def write_states(path: str | Path, states: Sequence[ViewState], pose_set: str) -> None:
+    """Write states as JSON."""
+    write_json(
+        path,
+        {
+            "pose_set": pose_set,
+            "states": [
+                {
+                    "q": state.q.tolist(),
+                    "aperture": float(state.aperture),
+                    "object_pose": state.object_pose.tolist(),
+                    "start": state.start,
+                    "step": state.step,
+                }
+                for state in states
+            ],
+        },
+    )
+
+
+def read_states(path: str | Path) -> list[ViewState]:
+    """Read what `write_states` wrote.
+
+    Raises:
+        InputError: The file is damaged.
+    """
+    try:
+        return [
+            ViewState(
+                np.array(item["q"], dtype=np.float64).reshape(7),
+                float(item["aperture"]),
+                np.array(item["object_pose"], dtype=np.float64).reshape(3),
+                int(item["start"]),
+                int(item["step"]),
+            )
+            for item in read_json(path)["states"]
+        ]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(path, f"it holds no states ({error})", "Delete it and run the rule again") from error

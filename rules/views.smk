@@ -1,0 +1,145 @@
+rule describe_robot:
+    input:
+        registration="results/workspace/registration.json",
+    output:
+        robot=directory("results/robot/description"),
+    log:
+        "results/logs/describe_robot.log",
+    benchmark:
+        "results/benchmarks/describe_robot.jsonl"
+    conda:
+        "../envs/world.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime="5m",
+    params:
+        code=code_digest("gsbridge.robot.assembly"),
+    message:
+        "Describe the robot with its registered camera"
+    script:
+        "../scripts/describe_robot.py"
+
+
+rule fit_robot_splats:
+    input:
+        robot="results/robot/description",
+        kernels=ancient("results/.state/compile_kernels.done"),
+    output:
+        splats=directory("results/robot/splats"),
+    log:
+        "results/logs/fit_robot_splats.log",
+    benchmark:
+        "results/benchmarks/fit_robot_splats.jsonl"
+    conda:
+        "../envs/assets.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime="20m",
+    params:
+        code=code_digest("gsbridge.environment.robot_splats"),
+        seed=SEED,
+    message:
+        "Fit splats to the links of the robot"
+    script:
+        "../scripts/fit_robot_splats.py"
+
+
+rule draw_views:
+    input:
+        robot="results/robot/description",
+        robot_splats="results/robot/splats",
+        registration="results/workspace/registration.json",
+        item="results/scenes/{object}/asset/asset.json",
+        background="results/scenes/{background}/asset/asset.json",
+        model=f"{workflow.basedir}/models/nominal.yaml",
+        views="results/scenes/{object}/align/views.json",
+        images="results/scenes/{object}/sfm/images",
+        masks="results/scenes/{object}/masks/images",
+        kernels=ancient("results/.state/compile_kernels.done"),
+    output:
+        pictures=directory("results/views/{object}+{background}/drawn"),
+        record="results/views/{object}+{background}/drawn.json",
+    log:
+        "results/logs/draw_views/{object}+{background}.log",
+    benchmark:
+        "results/benchmarks/draw_views/{object}+{background}.jsonl"
+    wildcard_constraints:
+        object=one_of(names("object")),
+        background=one_of(names("background")),
+    conda:
+        "../envs/world.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime="20m",
+    params:
+        code=code_digest("gsbridge.environment.views"),
+        settings=settings("views"),
+    message:
+        "Draw what the wrist camera sees of {wildcards.object} on {wildcards.background}"
+    script:
+        "../scripts/draw_views.py"
+
+
+rule photograph_views:
+    input:
+        pictures="results/views/{object}+{background}/drawn",
+        record="results/views/{object}+{background}/drawn.json",
+    output:
+        photos=directory("results/views/{object}+{background}/mirror"),
+        record="results/views/{object}+{background}/mirror.json",
+    log:
+        "results/logs/photograph_views/{object}+{background}.log",
+    benchmark:
+        "results/benchmarks/photograph_views/{object}+{background}.jsonl"
+    wildcard_constraints:
+        object=one_of(set(names("object")).intersection(films())),
+        background=one_of(set(names("background")).intersection(films())),
+    conda:
+        "../envs/world.yaml"
+    threads: workflow.cores
+    resources:
+        mem_mb=2500,
+        runtime="60m",
+    params:
+        code=code_digest("gsbridge.reality.world.views"),
+        settings=settings("views"),
+        sheet=settings("films")["sheet"],
+        pieces="results/.state/pieces",
+        seed=SEED,
+    message:
+        "Photograph {wildcards.object} on {wildcards.background} in the mirror"
+    script:
+        "../scripts/photograph_views.py"
+
+
+rule compare_eye_in_hand:
+    input:
+        drawn=collect("results/views/{pair}/drawn", pair=PAIRS),
+        photos=collect("results/views/{pair}/mirror", pair=PAIRS),
+    output:
+        figure=report(
+            "results/figures/eye_in_hand.png",
+            caption="captions/eye_in_hand.rst",
+            category="Simulator",
+        ),
+        rows="results/rows/eye_in_hand.csv",
+    log:
+        "results/logs/compare_eye_in_hand.log",
+    benchmark:
+        "results/benchmarks/compare_eye_in_hand.jsonl"
+    conda:
+        "../envs/report.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime="10m",
+    params:
+        code=code_digest("gsbridge.report.eye_in_hand"),
+        pairs=PAIRS,
+    message:
+        "Compare renderers with the mirror's wrist camera"
+    script:
+        "../scripts/compare_eye_in_hand.py"

@@ -1,0 +1,13 @@
+"""Fit splats to the links of the robot."""
+
+from typing import TYPE_CHECKING
+
+from gsbridge.environment.robot_splats import robot_splats, write_robot_splats
+from gsbridge.logs import start
+from gsbridge.robot.assembly import RobotFiles
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+write_robot_splats(snakemake.output.splats, robot_splats(RobotFiles.read(snakemake.input.robot), seed=snakemake.params.seed))

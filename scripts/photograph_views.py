@@ -1,0 +1,25 @@
+"""Photograph one object on one background with the mirror's wrist camera."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gsbridge.logs import start
+from gsbridge.reality.world.camera import Setting
+from gsbridge.reality.world.views import photograph_states
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+settings = snakemake.params.settings
+photograph_states(
+    Path(snakemake.input.pictures) / "states.json",
+    Setting(snakemake.wildcards.object, snakemake.wildcards.background, snakemake.params.sheet, snakemake.params.seed),
+    snakemake.params.seed,
+    snakemake.output.photos,
+    snakemake.output.record,
+    pieces=snakemake.params.pieces,
+    size=settings["size"],
+    samples=settings["samples"],
+    threads=snakemake.threads,
+)
