@@ -23,6 +23,11 @@ SEED = config["seed"]
 ASSET = {**config["asset"], **PRESET.get("asset", {})}
 CELLS = PRESET.get("cells", config["cells"])
 PAIRS = sorted({f"{cell['object']}+{cell['background']}" for cell in CELLS})
+# A controller sees no picture: one background is enough for each object and task.
+TRIALS = {
+    f"{cell['task']}/{cell['object']}": f"{cell['task']}/{cell['object']}+{cell['background']}"
+    for cell in reversed(CELLS)
+}
 BINDINGS = ["games", "soft", "refined", "unbound"]
 
 
@@ -288,6 +293,11 @@ def page_records(wildcards):
     """Records of all stages that the page of tables judges: also those behind the splats."""
     assets = collect("results/scenes/{scene}/asset/asset.json", scene=bundled_scenes())
     return stage_records(wildcards) + assets
+
+
+def trial_records(world):
+    """Records of the baseline controllers' trials in one world."""
+    return [f"results/trials/{trial}/{world}.json" for trial in sorted(TRIALS.values())]
 
 
 def recordings(wildcards):

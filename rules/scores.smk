@@ -106,7 +106,7 @@ rule score_real2sim:
 
 rule write_results_page:
     input:
-        scores="results/scores/real2sim.json",
+        scores=["results/scores/real2sim.json", "results/scores/simulator.json"],
     output:
         page="benchmarks/RESULTS.md",
     log:

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.cameras import read_views
-from gsbridge.environment.build import StageFiles
+from gsbridge.environment.build import StageFiles, plate_of
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.environment.views import draw_views
 from gsbridge.logs import start
@@ -22,10 +22,9 @@ draw_views(
         model=snakemake.input.model,
         robot_splats=snakemake.input.robot_splats,
         registration=snakemake.input.registration,
-        relief=snakemake.wildcards.background == "plate",
         item_colour=photo_colour(read_views(snakemake.input.views, snakemake.input.images), snakemake.input.masks),
     ),
-    EnvironmentSettings(image_size=settings["size"]),
+    EnvironmentSettings(image_size=settings["size"], plate=plate_of(snakemake.input.item, snakemake.input.background)),
     snakemake.output.pictures,
     snakemake.output.record,
     count=settings["count"],

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from gsbridge.asset.body import MassProperties
+from gsbridge.asset.relief import Relief
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.geometry import Array
@@ -30,6 +31,8 @@ class Asset:
         properties: Mass, centre of mass, inertia; None for a background.
         height: Highest point above the table, m.
         width: Narrowest horizontal width, m.
+        relief: What stands up from a background's table; None for a flat one and for objects.
+        relief_urdf: URDF of that part alone, static and concave, table frame.
     """
 
     kind: str
@@ -41,6 +44,8 @@ class Asset:
     properties: MassProperties | None
     height: float
     width: float
+    relief: Relief | None = None
+    relief_urdf: Path | None = None
 
     def cloud(self) -> Cloud:
         """The splats, body frame."""
@@ -62,6 +67,7 @@ def read_asset(path: str | Path) -> Asset:
     try:
         files = content["files"]
         body = content["body"]
+        relief = Relief.from_json(content.get("relief"))
         asset = Asset(
             kind=content["kind"],
             urdf=folder / files["urdf"],
@@ -74,10 +80,13 @@ def read_asset(path: str | Path) -> Asset:
             else MassProperties(body["volume"], body["mass"], np.array(body["centre"]), np.array(body["inertia"])),
             height=float(content["height"]),
             width=float(content["width"]),
+            relief=relief,
+            relief_urdf=None if relief is None else folder / files["relief"],
         )
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(path, f"the record is damaged ({error})", "Delete it and run the asset stage again") from error
-    for file in (asset.urdf, asset.visual, asset.splats, *asset.hulls):
+    more = () if asset.relief_urdf is None else (asset.relief_urdf,)
+    for file in (asset.urdf, asset.visual, asset.splats, *asset.hulls, *more):
         if not file.is_file():
             raise InputError(file, "a file of the asset is missing", "Run the asset stage again")
     return asset

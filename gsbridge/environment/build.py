@@ -16,7 +16,7 @@ from gsbridge.environment.gaussian_renderer import GaussianRenderer
 from gsbridge.environment.mesh_renderer import MeshRenderer
 from gsbridge.environment.rendering import Renderer, wrist_camera
 from gsbridge.environment.robot_splats import link_meshes, read_robot_splats
-from gsbridge.environment.settings import EnvironmentSettings
+from gsbridge.environment.settings import EnvironmentSettings, Plate
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.geometry import Array
@@ -34,11 +34,10 @@ class StageFiles:
     Args:
         robot: Folder of the robot's description.
         item: `asset.json` of the object.
-        background: `asset.json` of the background; with `relief` its mesh is a body, too.
+        background: `asset.json` of the background; what stands up from it is a static body, too.
         model: The simulation model, YAML.
         robot_splats: Folder of the links' splats (`write_robot_splats`); only `gs` reads it.
         registration: `registration.json` with `base_from_table`; None for the nominal place of the table.
-        relief: The background is more than a plane (it has the plate) and is a static body.
         item_colour, background_colour: Mean colours of the photos inside their masks, sRGB 0..1; only `mesh` uses them; None
             for the meshes' means. [3].
     """
@@ -49,7 +48,6 @@ class StageFiles:
     model: str | Path
     robot_splats: str | Path | None = None
     registration: str | Path | None = None
-    relief: bool = False
     item_colour: tuple[float, float, float] | None = None
     background_colour: tuple[float, float, float] | None = None
 
@@ -85,19 +83,41 @@ def build_environment(files: StageFiles, settings: EnvironmentSettings) -> PickE
         InputError: A file is missing, of the wrong kind or damaged; the object does not fit the gripper; the start region is
             out of reach.
     """
-    robot = RobotFiles.read(files.robot)
-    model = read_model(files.model)
-    background = _asset(files.background, "background")
-    world = SimWorld(
-        robot,
+    world = build_world(files)
+    renderer = build_renderer(files, settings)
+    return PickEnvironment(world, settings, renderer, stroke=world.dimensions.stroke, response=world.model.camera)
+
+
+def build_world(files: StageFiles) -> SimWorld:
+    """The simulated world without its looks.
+
+    Raises:
+        InputError: As `build_environment`.
+    """
+    return SimWorld(
+        RobotFiles.read(files.robot),
         Item.of(_asset(files.item, "object"), files.item),
-        model,
+        read_model(files.model),
         base_from_table=_base_from_table(files.registration),
-        plate=background.urdf if files.relief else None,
+        plate=_asset(files.background, "background").relief_urdf,
     )
-    return PickEnvironment(
-        world, settings, build_renderer(files, settings), stroke=robot.dimensions.stroke, response=model.camera
-    )
+
+
+def plate_of(item: str | Path, background: str | Path) -> Plate | None:
+    """The plate of a background, with room for the object beside it; None for a flat background.
+
+    Args:
+        item: `asset.json` of the object.
+        background: `asset.json` of the background.
+
+    Raises:
+        InputError: A file is damaged or of the wrong kind.
+    """
+    relief = _asset(background, "background").relief
+    if relief is None:
+        return None
+    reach = float(np.linalg.norm(Item.of(_asset(item, "object"), item).points[:, :2], axis=1).max())
+    return Plate(relief.x, relief.y, relief.height, relief.radius + reach)
 
 
 def environment_makers(files: StageFiles, settings: EnvironmentSettings, count: int) -> Sequence[Callable[[], PickEnvironment]]:

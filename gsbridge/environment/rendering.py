@@ -62,3 +62,19 @@ def check_drawn(names: tuple[str, ...], body_poses: Mapping[str, Array]) -> None
         raise InputError(
             "renderer", f"the world has no pose of {', '.join(missing)}", "Build splats and world from the same robot"
         )
+
+
+class BlankRenderer:
+    """Draws nothing, for trials that look at states only.
+
+    Args:
+        size: Edge of the picture, px.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.camera = wrist_camera(size)
+        self._picture = np.zeros((size, size, 3), np.uint8)
+
+    def render(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Array:
+        """See `Renderer`: black."""
+        return self._picture

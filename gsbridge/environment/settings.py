@@ -62,7 +62,7 @@ class EnvironmentSettings:
         start_centre: Middle of the square in which objects start, table frame, m.
         start_side: Its edge, m.
         start_yaw: Smallest and largest yaw of the object at the start, rad.
-        plate: The plate; needed for `pick_and_place`.
+        plate: The plate, which stays free at the start; needed for `pick_and_place`.
         pose_seed: Seed of the named pose sets.
 
     Raises:
@@ -113,8 +113,7 @@ class EnvironmentSettings:
 
     def region(self) -> StartRegion:
         """Where objects start; the plate stays free."""
-        plate = self.plate if self.task == "pick_and_place" else None
-        discs = () if plate is None else (KeepOut(plate.x, plate.y, plate.keep_out),)
+        discs = () if self.plate is None else (KeepOut(self.plate.x, self.plate.y, self.plate.keep_out),)
         return StartRegion(tuple(self.start_centre), self.start_side, tuple(self.start_yaw), discs)
 
     def rules(self) -> Grasp | Place:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from gsbridge.geometry import Array
 from gsbridge.reality.mirror.backgrounds import PLATE_CENTRE_M
 from gsbridge.reality.world.camera import MirrorCamera, Quality, Setting, wrist_camera
 from gsbridge.reality.world.hidden import Hidden
+from gsbridge.reality.world.layout import true_base_from_table, true_robot
 from gsbridge.reality.world.model import Stand
 from gsbridge.reality.world.physics import MirrorPhysics, build_physics
 from gsbridge.robot.assembly import RobotFiles
@@ -48,6 +50,28 @@ class MirrorWorld:
         return self.camera.photo(wrist_camera(size), self.camera_pose(), self.quality, seed)
 
 
+def mirror_physics(setting: Setting, seed: int, *, pieces: str | Path) -> MirrorPhysics:
+    """The mirror's physics alone, for trials that need no picture.
+
+    Args:
+        setting: What stands in the room.
+        seed: Seed of the hidden parameters.
+        pieces: Folder that keeps convex pieces from run to run.
+
+    Raises:
+        InputError: Unknown object.
+    """
+    hidden = Hidden.draw(seed)
+    with TemporaryDirectory() as folder:
+        robot = true_robot(Path(folder) / "robot", hidden)
+        stand = _stand(true_base_from_table(hidden), setting)
+        return build_physics(robot, stand, setting.object, hidden, pieces=pieces, seed=setting.seed)
+
+
+def _stand(base_from_table: Array, setting: Setting) -> Stand:
+    return Stand(np.asarray(base_from_table, dtype=np.float64), PLATE_CENTRE_M if setting.background == "plate" else None)
+
+
 def build_mirror(
     setting: Setting,
     robot: RobotFiles,
@@ -72,6 +96,5 @@ def build_mirror(
     Raises:
         InputError: Unknown object or background.
     """
-    stand = Stand(np.asarray(base_from_table, dtype=np.float64), PLATE_CENTRE_M if setting.background == "plate" else None)
-    physics = build_physics(robot, stand, setting.object, hidden, pieces=pieces, seed=setting.seed)
+    physics = build_physics(robot, _stand(base_from_table, setting), setting.object, hidden, pieces=pieces, seed=setting.seed)
     return MirrorWorld(physics, MirrorCamera(setting, robot, hidden, threads), quality)

@@ -1,0 +1,139 @@
+"""Trials: a policy or a controller in any world, once from every start pose of a set."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from gsbridge.environment.controllers import GraspController
+from gsbridge.environment.env import PickEnvironment, state_of
+from gsbridge.environment.rendering import BlankRenderer
+from gsbridge.environment.settings import EnvironmentSettings
+from gsbridge.errors import InputError
+from gsbridge.files import write_stage
+from gsbridge.geometry import Array
+from gsbridge.logs import Progress
+from gsbridge.tasks.poses import PER_QUADRANT, QUADRANTS
+from gsbridge.tasks.world import World
+
+POSES = PER_QUADRANT * len(QUADRANTS)
+
+Policy = Callable[[Mapping[str, Array], Mapping[str, Any]], Array]
+"""From an observation and its `info` to an action; what acts on the picture must not look into `info`."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One episode from one start pose.
+
+    Args:
+        seed: Seed of the set of poses.
+        index: Number in the set; eight per quadrant, quadrant 1 first.
+        start: x, y, yaw of the object, m, rad. [3].
+        success: By the rules of the task.
+        success_tolerant: Excess contact forgiven.
+        failure: Why not; empty for a success.
+        steps: Control periods until the end.
+        refused: Commands that the arm could not reach.
+        clipped: Commands cut to the workspace.
+    """
+
+    seed: int
+    index: int
+    start: tuple[float, float, float]
+    success: bool
+    success_tolerant: bool
+    failure: str
+    steps: int
+    refused: int
+    clipped: int
+
+    @property
+    def quadrant(self) -> int:
+        """Quadrant of the start pose, 1 to 4."""
+        return QUADRANTS[self.index // PER_QUADRANT]
+
+
+def spread(count: int) -> list[int]:
+    """`count` of the 32 poses of a set, evenly over the quadrants.
+
+    Raises:
+        InputError: The set has fewer poses.
+    """
+    if not 1 <= count <= POSES:
+        raise InputError("trials: poses", f"{count} is out of range", f"Give 1 to {POSES}")
+    return [(POSES * k) // count for k in range(count)]
+
+
+def run_trial(environment: PickEnvironment, policy: Policy, pose_set: str, index: int) -> Trial:
+    """One episode, until it ends; its random numbers come from the index and the settings' seed of poses."""
+    seed = environment.settings.pose_seed
+    observation, info = environment.reset(seed=1000 * seed + index, options={"pose_set": pose_set, "index": index})
+    ended = False
+    while not ended:
+        observation, _, terminated, truncated, info = environment.step(policy(observation, info))
+        ended = terminated or truncated
+    refused, clipped = int(info["refused"]), int(info["clipped"])
+    x, y, yaw = (float(value) for value in info["start_pose"])
+    return Trial(
+        seed, index, (x, y, yaw), info["success"], info["success_tolerant"], info["failure"], info["steps"], refused, clipped
+    )
+
+
+def try_controller(
+    world: World,
+    controller: GraspController,
+    settings: EnvironmentSettings,
+    record: str | Path,
+    *,
+    name: str,
+    seeds: Sequence[int],
+    poses: int = POSES,
+    pose_set: str = "fixed",
+) -> list[Trial]:
+    """Let a baseline controller work without pictures, and write how often it succeeds.
+
+    Args:
+        world: Any world.
+        controller: Of the settings' task.
+        settings: Of the environment.
+        record: Record of the stage, with every trial.
+        name: The world's name, for the record.
+        seeds: Seeds of sets of start poses.
+        poses: Poses of each set, evenly over the quadrants.
+        pose_set: `fixed` or `unseen`.
+
+    Raises:
+        InputError: Too many poses.
+    """
+    trials: list[Trial] = []
+    chosen = spread(poses)
+    progress = Progress(len(seeds) * len(chosen), "trials")
+    for seed in seeds:
+        environment = PickEnvironment(
+            world, replace(settings, pose_seed=seed), BlankRenderer(settings.image_size), stroke=controller.stroke
+        )
+        for index in chosen:
+            trials.append(run_trial(environment, lambda _, info: controller(state_of(info))[0], pose_set, index))
+            progress.update()
+    counts = {
+        name: {str(seed): sum(getattr(trial, name) for trial in trials if trial.seed == seed) for seed in seeds}
+        for name in ("success", "success_tolerant")
+    }
+    failures = sorted({trial.failure for trial in trials if not trial.success})
+    lost = sum(not trial.success for trial in trials)
+    write_stage(
+        record,
+        reasons=[f"{lost} of {len(trials)} trials failed: {', '.join(failures)}"] if lost else [],
+        packages=("pybullet", "mujoco"),
+        world=name,
+        task=settings.task,
+        pose_set=pose_set,
+        poses=len(chosen),
+        seeds=list(seeds),
+        counts=counts,
+        trials=[{**asdict(trial), "quadrant": trial.quadrant} for trial in trials],
+    )
+    return trials

@@ -1,0 +1,170 @@
+rule try_controller_in_sim:
+    input:
+        robot="results/robot/description",
+        registration="results/workspace/registration.json",
+        item="results/scenes/{object}/asset/asset.json",
+        background="results/scenes/{background}/asset/asset.json",
+        model=f"{workflow.basedir}/models/nominal.yaml",
+        kernels=ancient("results/.state/compile_kernels.done"),
+    output:
+        record="results/trials/{task}/{object}+{background}/sim.json",
+    log:
+        "results/logs/try_controller_in_sim/{task}-{object}+{background}.log",
+    benchmark:
+        "results/benchmarks/try_controller_in_sim/{task}-{object}+{background}.jsonl"
+    wildcard_constraints:
+        object=one_of(names("object")),
+        background=one_of(names("background")),
+    conda:
+        "../envs/world.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime="60m",
+    params:
+        code=code_digest("gsbridge.environment.trials", "gsbridge.environment.build"),
+        trials=settings("trials"),
+    message:
+        "Try the controller in simulation: {wildcards.task}, {wildcards.object} on {wildcards.background}"
+    script:
+        "../scripts/try_controller_in_sim.py"
+
+
+rule try_controller_in_mirror:
+    input:
+        item="results/scenes/{object}/asset/asset.json",
+        background="results/scenes/{background}/asset/asset.json",
+        kernels=ancient("results/.state/compile_kernels.done"),
+    output:
+        record="results/trials/{task}/{object}+{background}/mirror.json",
+    log:
+        "results/logs/try_controller_in_mirror/{task}-{object}+{background}.log",
+    benchmark:
+        "results/benchmarks/try_controller_in_mirror/{task}-{object}+{background}.jsonl"
+    wildcard_constraints:
+        object=one_of(set(names("object")).intersection(films())),
+        background=one_of(set(names("background")).intersection(films())),
+    conda:
+        "../envs/world.yaml"
+    threads: 1
+    resources:
+        mem_mb=1500,
+        runtime="60m",
+    params:
+        code=code_digest(
+            "gsbridge.environment.trials",
+            "gsbridge.environment.build",
+            "gsbridge.reality.world.mirror",
+        ),
+        trials=settings("trials"),
+        pieces="results/.state/pieces",
+        seed=SEED,
+    message:
+        "Try the controller in the mirror: {wildcards.task}, {wildcards.object} on {wildcards.background}"
+    script:
+        "../scripts/try_controller_in_mirror.py"
+
+
+rule check_simulator:
+    input:
+        robot="results/robot/description",
+        registration="results/workspace/registration.json",
+        item=f"results/scenes/{CELLS[0]['object']}/asset/asset.json",
+        background=f"results/scenes/{CELLS[0]['background']}/asset/asset.json",
+        model=f"{workflow.basedir}/models/nominal.yaml",
+        kernels=ancient("results/.state/compile_kernels.done"),
+    output:
+        record="results/robot/simulator.json",
+    log:
+        "results/logs/check_simulator.log",
+    conda:
+        "../envs/world.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime="10m",
+    params:
+        code=code_digest("gsbridge.environment.checks"),
+    message:
+        "Compare the simulated arm with another engine's, and an episode with itself"
+    script:
+        "../scripts/check_simulator.py"
+
+
+rule benchmark_environment:
+    input:
+        robot_splats="results/robot/splats",
+        item=f"results/scenes/{CELLS[0]['object']}/asset/asset.json",
+        background=f"results/scenes/{CELLS[0]['background']}/asset/asset.json",
+        kernels=ancient("results/.state/compile_kernels.done"),
+    output:
+        benchmark="results/benchmarks/environment.json",
+    log:
+        "results/logs/benchmark_environment.log",
+    conda:
+        "../envs/world.yaml"
+    # Alone on the machine: the figures are times.
+    threads: workflow.cores
+    params:
+        code=code_digest(
+            "gsbridge.environment.build",
+            "gsbridge.reality.world.mirror",
+        ),
+        python=sys.executable,
+        program=f"{workflow.basedir}/benchmarks/environment.py",
+        program_digest=file_digest("benchmarks/environment.py"),
+    message:
+        "Time the environment"
+    shell:
+        "{params.python} {params.program} --json --item {input.item} --background {input.background}"
+        " --robot-splats {input.robot_splats} > {output.benchmark} 2> {log}"
+
+
+rule score_registration:
+    input:
+        truth="results/truth/workspace/registration.json",
+        registration="results/workspace/registration.json",
+    output:
+        scores="results/scores/workspace/registration.json",
+    log:
+        "results/logs/score_registration.log",
+    conda:
+        "../envs/report.yaml"
+    params:
+        code=code_digest("gsbridge.report.score_registration"),
+    message:
+        "Score the registration against the mirror's truth"
+    script:
+        "../scripts/score_registration.py"
+
+
+rule score_simulator:
+    input:
+        # Its date changes with every checkout; its digest below tells whether it changed.
+        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
+        assets=collect(
+            "results/scenes/{scene}/asset/asset.json",
+            scene=[scene for scene in bundled_scenes() if scene in names("object")],
+        ),
+        sim=trial_records("sim"),
+        mirror=trial_records("mirror"),
+        checks="results/robot/simulator.json",
+        views=collect("results/views/{pair}/drawn.json", pair=PAIRS),
+        eye_in_hand="results/rows/eye_in_hand.csv",
+        registration="results/scores/workspace/registration.json",
+        environment="results/benchmarks/environment.json",
+    output:
+        measured="results/scores/measured/simulator.json",
+        scores="results/scores/simulator.json",
+    log:
+        "results/logs/score_simulator.log",
+    conda:
+        "../envs/report.yaml"
+    params:
+        code=code_digest("gsbridge.report.score", "gsbridge.report.measured_simulator"),
+        floors_digest=file_digest("benchmarks/floors.yaml"),
+        preset=config["preset"],
+    message:
+        "Compare the simulator with the floors"
+    script:
+        "../scripts/score_simulator.py"

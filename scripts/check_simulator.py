@@ -1,0 +1,22 @@
+"""Compare the simulated arm with another engine's, and an episode with its repetition."""
+
+from typing import TYPE_CHECKING
+
+from gsbridge.environment.build import StageFiles
+from gsbridge.environment.checks import check_simulator
+from gsbridge.logs import start
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+check_simulator(
+    StageFiles(
+        robot=snakemake.input.robot,
+        item=snakemake.input.item,
+        background=snakemake.input.background,
+        model=snakemake.input.model,
+        registration=snakemake.input.registration,
+    ),
+    snakemake.output.record,
+)

@@ -1,0 +1,30 @@
+"""Let the baseline controller work in the mirror."""
+
+from typing import TYPE_CHECKING
+
+from gsbridge.environment.build import build_controller, plate_of
+from gsbridge.environment.settings import EnvironmentSettings
+from gsbridge.environment.trials import try_controller
+from gsbridge.logs import start
+from gsbridge.reality.world.camera import Setting
+from gsbridge.reality.world.mirror import mirror_physics
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+trials, item, background = snakemake.params.trials, snakemake.input.item, snakemake.input.background
+settings = EnvironmentSettings(task=snakemake.wildcards.task, image_size=64, plate=plate_of(item, background))
+try_controller(
+    mirror_physics(
+        Setting(snakemake.wildcards.object, snakemake.wildcards.background, seed=snakemake.params.seed),
+        snakemake.params.seed,
+        pieces=snakemake.params.pieces,
+    ),
+    build_controller(item, settings),
+    settings,
+    snakemake.output.record,
+    seeds=range(trials["seeds"]),
+    poses=trials["poses"],
+    name="mirror",
+)
