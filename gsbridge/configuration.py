@@ -87,6 +87,7 @@ def check_configuration(config: Mapping[str, Any]) -> None:
         *((f"presets.{n}.cells", p.get("cells", [])) for n, p in presets.items()),
     ]:
         _check_cells(key, cells, scenes)
+    _check_workspace(config.get("workspace", {}).get("background"), scenes)
     for name, scene in scenes.items():
         _check_source(name, scene)
         _check_camera(name, scene, scenes, cameras)
@@ -128,6 +129,17 @@ def _check_cells(key: str, cells: Sequence[Mapping[str, str]], scenes: Mapping[s
                 raise InputError(place, f"'{scene}' is of the kind {scenes[scene]['kind']}", f"Name a scene of the kind {kind}")
         if cell in cells[:number]:
             raise InputError(f"config: {key}[{number}]", "the cell stands twice", "Remove one")
+
+
+def _check_workspace(background: str | None, scenes: Mapping[str, Mapping[str, Any]]) -> None:
+    """Refuse a table that is no background, or whose size would not be known."""
+    if background is None:
+        return
+    place = "config: workspace.background"
+    if scenes.get(background, {}).get("kind") != "background":
+        raise _unknown(place, background, {name: None for name, scene in scenes.items() if scene["kind"] == "background"})
+    if not scenes[background]["require_scale"]:
+        raise InputError(place, f"'{background}' may end without a scale", f"Set scenes.{background}.require_scale: true")
 
 
 def _check_source(name: str, scene: Mapping[str, Any]) -> None:

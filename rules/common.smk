@@ -174,6 +174,12 @@ def workspace_capture(wildcards):
     return capture_path(value) if kind == "capture" else []
 
 
+def workspace_background(wildcards):
+    """Asset of the table on which the board was photographed; nothing where it is none of the scenes."""
+    background = config["workspace"]["background"]
+    return f"results/scenes/{background}/asset/asset.json" if background else []
+
+
 def calibration_keyframes(wildcards):
     """Keyframes that calibrate a camera: those of its scenes in the preset, or of all its scenes if none is."""
     scenes = config["cameras"][wildcards.camera]["calibrate_from"]

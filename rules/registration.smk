@@ -16,6 +16,7 @@ rule film_board:
         code=code_digest("gsbridge.reality.world.board_capture"),
         settings=settings("board_film"),
         board=config["workspace"]["board"],
+        background=config["workspace"]["background"] or "foam_pad",
         seed=SEED,
     message:
         "Film the board with the mirror's wrist camera"

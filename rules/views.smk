@@ -21,9 +21,37 @@ rule describe_robot:
         "../scripts/describe_robot.py"
 
 
+rule calibrate_wrist_camera:
+    input:
+        registration="results/workspace/registration.json",
+        robot="results/robot/description",
+        capture=workspace_capture,
+        background=workspace_background,
+        kernels=ancient("results/.state/compile_kernels.done"),
+    output:
+        record="results/workspace/photometry.json",
+    log:
+        "results/logs/calibrate_wrist_camera.log",
+    benchmark:
+        "results/benchmarks/calibrate_wrist_camera.jsonl"
+    conda:
+        "../envs/world.yaml"
+    threads: 1
+    resources:
+        mem_mb=1500,
+        runtime="10m",
+    params:
+        code=code_digest("gsbridge.environment.photometry"),
+    message:
+        "Measure how the wrist camera sees colours"
+    script:
+        "../scripts/calibrate_wrist_camera.py"
+
+
 rule fit_robot_splats:
     input:
         robot="results/robot/description",
+        photometry="results/workspace/photometry.json",
         kernels=ancient("results/.state/compile_kernels.done"),
     output:
         splats=directory("results/robot/splats"),
@@ -38,7 +66,9 @@ rule fit_robot_splats:
         mem_mb=2000,
         runtime="20m",
     params:
-        code=code_digest("gsbridge.environment.robot_splats"),
+        code=code_digest(
+            "gsbridge.environment.robot_splats", "gsbridge.environment.photometry"
+        ),
         seed=SEED,
     message:
         "Fit splats to the links of the robot"
@@ -51,6 +81,7 @@ rule draw_views:
         robot="results/robot/description",
         robot_splats="results/robot/splats",
         registration="results/workspace/registration.json",
+        photometry="results/workspace/photometry.json",
         item="results/scenes/{object}/asset/asset.json",
         background="results/scenes/{background}/asset/asset.json",
         model=f"{workflow.basedir}/models/nominal.yaml",

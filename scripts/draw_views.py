@@ -22,6 +22,7 @@ draw_views(
         model=snakemake.input.model,
         robot_splats=snakemake.input.robot_splats,
         registration=snakemake.input.registration,
+        photometry=snakemake.input.photometry,
         item_colour=photo_colour(read_views(snakemake.input.views, snakemake.input.images), snakemake.input.masks),
     ),
     EnvironmentSettings(image_size=settings["size"], plate=plate_of(snakemake.input.item, snakemake.input.background)),

@@ -18,4 +18,5 @@ film_board(
     settings=BoardFilmSettings(**snakemake.params.settings),
     threads=snakemake.threads,
     seed=snakemake.params.seed,
+    background=snakemake.params.background,
 )

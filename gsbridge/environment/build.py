@@ -14,6 +14,7 @@ from gsbridge.environment.controllers import GraspController, PlaceController, g
 from gsbridge.environment.env import PickEnvironment
 from gsbridge.environment.gaussian_renderer import GaussianRenderer
 from gsbridge.environment.mesh_renderer import MeshRenderer
+from gsbridge.environment.photometry import Photometry, Response, read_photometry
 from gsbridge.environment.rendering import Renderer, wrist_camera
 from gsbridge.environment.robot_splats import link_meshes, read_robot_splats
 from gsbridge.environment.settings import EnvironmentSettings, Plate
@@ -22,7 +23,7 @@ from gsbridge.files import read_json
 from gsbridge.geometry import Array
 from gsbridge.robot.assembly import RobotFiles
 from gsbridge.sim.engine import Item
-from gsbridge.sim.model import read_model
+from gsbridge.sim.model import Camera, read_model
 from gsbridge.sim.world import SimWorld
 from gsbridge.tasks.place import Place
 
@@ -38,6 +39,8 @@ class StageFiles:
         model: The simulation model, YAML.
         robot_splats: Folder of the links' splats (`write_robot_splats`); only `gs` reads it.
         registration: `registration.json` with `base_from_table`; None for the nominal place of the table.
+        photometry: Response of the wrist camera and colours of the hand (`gsbridge.environment.photometry`); None for a camera
+            that sees what the phone saw, and a robot in its description's colours.
         item_colour, background_colour: Mean colours of the photos inside their masks, sRGB 0..1; only `mesh` uses them; None
             for the meshes' means. [3].
     """
@@ -48,6 +51,7 @@ class StageFiles:
     model: str | Path
     robot_splats: str | Path | None = None
     registration: str | Path | None = None
+    photometry: str | Path | None = None
     item_colour: tuple[float, float, float] | None = None
     background_colour: tuple[float, float, float] | None = None
 
@@ -68,7 +72,7 @@ def build_renderer(files: StageFiles, settings: EnvironmentSettings) -> Renderer
     return MeshRenderer(
         item.mesh(),
         background.mesh(),
-        link_meshes(RobotFiles.read(files.robot)),
+        link_meshes(RobotFiles.read(files.robot), _photometry(files).robot_colours),
         camera,
         vertex_colours=settings.renderer == "mesh_vertex",
         item_colour=files.item_colour,
@@ -85,7 +89,12 @@ def build_environment(files: StageFiles, settings: EnvironmentSettings) -> PickE
     """
     world = build_world(files)
     renderer = build_renderer(files, settings)
-    return PickEnvironment(world, settings, renderer, stroke=world.dimensions.stroke, response=world.model.camera)
+    return PickEnvironment(world, settings, renderer, stroke=world.dimensions.stroke, response=camera_response(files))
+
+
+def camera_response(files: StageFiles) -> Camera:
+    """What the wrist camera makes of a rendered picture: as it was calibrated, and the model's changes on top."""
+    return _photometry(files).response.after(read_model(files.model).camera)
 
 
 def build_world(files: StageFiles) -> SimWorld:
@@ -148,6 +157,10 @@ def _asset(path: str | Path, kind: str) -> Asset:
     if asset.kind != kind:
         raise InputError(path, f"this is the asset of a {asset.kind}, no {kind}", f"Name the asset of a {kind}")
     return asset
+
+
+def _photometry(files: StageFiles) -> Photometry:
+    return Photometry(Response(), {}) if files.photometry is None else read_photometry(files.photometry)
 
 
 def _base_from_table(registration: str | Path | None) -> Array | None:

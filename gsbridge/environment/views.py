@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from gsbridge.environment.build import StageFiles, build_controller, build_environment, build_renderer
+from gsbridge.environment.build import StageFiles, build_controller, build_environment, build_renderer, camera_response
 from gsbridge.environment.env import state_of
 from gsbridge.environment.settings import RENDERERS, EnvironmentSettings
 from gsbridge.errors import StageError
 from gsbridge.files import atomic_directory, write_stage
 from gsbridge.images import write_image
 from gsbridge.logs import Progress
+from gsbridge.sim.camera import respond
 from gsbridge.tasks.views import ViewState, write_states
 
 STATES = "states.json"
@@ -52,6 +53,8 @@ def draw_views(
     renderers = {name: build_renderer(files, replace(settings, renderer=name)) for name in RENDERERS}
     environment = build_environment(files, replace(settings, renderer="mesh"))
     controller = build_controller(files.item, settings)
+    # As the camera was calibrated; the model's noise would only blur the comparison.
+    response, rng = replace(camera_response(files), shot_noise=0.0, read_noise=0.0), np.random.default_rng(0)
     progress = Progress(count, "views")
     states: list[ViewState] = []
     coverage, held = [], 0
@@ -69,7 +72,8 @@ def draw_views(
             held += gripped
             state, poses, camera = moments[round(SHARES[start % len(SHARES)] * (len(moments) - 1))]
             for name, renderer in renderers.items():
-                write_image(folder / picture_name(start, name), renderer.render(poses, camera))
+                picture = respond(renderer.render(poses, camera), response, rng)
+                write_image(folder / picture_name(start, name), picture)
             coverage.append(renderers["gs"].coverage(poses, camera))
             states.append(state)
             progress.update()

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gsbridge.cameras import Camera
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.geometry import Array, rotation_angle
@@ -21,11 +22,13 @@ class Registration:
         base_from_table: Place of the table. [4, 4].
         flange_from_camera: Mount of the wrist camera, OpenCV axes. [4, 4].
         reasons: Why it is degraded; empty for a pass.
+        camera: Intrinsics of the wrist camera's photos, with distortion; None where the poses were typed.
     """
 
     base_from_table: Array
     flange_from_camera: Array
     reasons: tuple[str, ...] = ()
+    camera: Camera | None = None
 
 
 def read_registration(path: str | Path) -> Registration:
@@ -37,7 +40,8 @@ def read_registration(path: str | Path) -> Registration:
     content = read_json(path)
     try:
         poses = [check_rigid(content[key], str(path)) for key in ("base_from_table", "flange_from_camera")]
-        return Registration(*poses, tuple(content["reasons"]))
+        camera = content.get("camera")
+        return Registration(*poses, tuple(content["reasons"]), None if camera is None else Camera.from_json(camera))
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(path, f"the registration is damaged ({error})", "Delete the file and register again") from error
 

@@ -64,7 +64,14 @@ def full_camera(width: int, height: int) -> Camera:
 
 
 def film_board(
-    *, out_capture: Path, out_truth: Path, board: Board, settings: BoardFilmSettings, threads: int, seed: int
+    *,
+    out_capture: Path,
+    out_truth: Path,
+    board: Board,
+    settings: BoardFilmSettings,
+    threads: int,
+    seed: int,
+    background: str = "foam_pad",
 ) -> None:
     """Photograph the board from many poses of the mirror's arm.
 
@@ -75,16 +82,17 @@ def film_board(
         settings: Number and size of the photos.
         threads: Threads to render with.
         seed: Seed of the world.
+        background: What the board lies on.
 
     Raises:
-        InputError: The size of the photos makes no sense.
+        InputError: The size of the photos makes no sense, or the background is unknown.
         StageError: Too few poses see the board.
     """
     hidden, camera = Hidden.draw(seed), full_camera(settings.width, settings.height)
     with TemporaryDirectory() as folder:
         robot = true_robot(Path(folder) / "robot", hidden)
         physics = MirrorPhysics(robot, Stand(true_base_from_table(hidden)), None, hidden)
-        room = MirrorCamera(Setting(None, sheet=board.sheet, seed=seed), robot, hidden, threads)
+        room = MirrorCamera(Setting(None, background, board.sheet, seed), robot, hidden, threads)
     wanted = plan_poses(
         physics.kinematics, base_from_table(), flange_from_camera(), camera, board, count=settings.poses, seed=seed
     )

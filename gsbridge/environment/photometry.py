@@ -1,0 +1,265 @@
+"""How the wrist camera sees colours that a phone filmed, and what colour the robot has: from the photos of the board.
+
+Phone and wrist camera differ in exposure, white balance and tone curve, and the lamp may have moved between film and work. The
+registration's photos show the same table, so its splats, drawn where each photo was taken, tell the response that turns one
+into the other; and the closed hand at the lower edge of each photo shows its own colours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from scipy.optimize import least_squares
+
+from gsbridge.asset.bundle import read_asset
+from gsbridge.cameras import Camera
+from gsbridge.environment.robot_splats import link_meshes
+from gsbridge.errors import InputError
+from gsbridge.files import read_json, write_stage
+from gsbridge.geometry import Array
+from gsbridge.images import linear_from_srgb, read_image, srgb_from_linear
+from gsbridge.registration.capture import BoardCapture, read_board_capture
+from gsbridge.registration.result import Registration, read_registration
+from gsbridge.robot.assembly import RobotFiles
+from gsbridge.robot.kinematics import Kinematics
+from gsbridge.robot.links import Colour
+from gsbridge.scene.editing import Composition
+from gsbridge.scene.meshes import MeshComposition, uniform
+from gsbridge.scene.underlay import with_underlay
+from gsbridge.scene.view import shoot
+from gsbridge.sim.model import Camera as ModelCamera
+
+WIDTH = 160
+"""Photos are shrunk to this many pixels: finer detail than the splats hold would only scatter."""
+
+OPAQUE = 0.99
+HAND_BORDER = 2
+"""Pixels round the robot that count as neither robot nor table: the poses are good to a fraction of one."""
+
+FEWEST_PIXELS = 500
+FEWEST_OF_LINK = 60
+"""Pixels, over all photos, from which a colour is measured."""
+
+SOFT = 0.03
+"""Residual, encoded, beyond which a pixel counts less: shadows of arm and hand, glints, detail that the splats lack."""
+
+
+@dataclass(frozen=True)
+class Response:
+    """What turns a picture of the splats into one of the wrist camera; the terms are those of the model's `camera`.
+
+    Args:
+        gain, red_gain, blue_gain: Factors on linear light: all channels, red, blue.
+        gamma: Exponent on the encoded value.
+        black_level: Added to the encoded value.
+    """
+
+    gain: float = 1.0
+    red_gain: float = 1.0
+    blue_gain: float = 1.0
+    gamma: float = 1.0
+    black_level: float = 0.0
+
+    def after(self, model: ModelCamera) -> ModelCamera:
+        """The model's camera with this response in it; what the model changes comes on top."""
+        return replace(
+            model,
+            gain=model.gain * self.gain,
+            red_gain=model.red_gain * self.red_gain,
+            blue_gain=model.blue_gain * self.blue_gain,
+            gamma=model.gamma * self.gamma,
+            black_level=model.black_level + self.black_level,
+        )
+
+    def apply(self, encoded: Array) -> Array:
+        """Encoded value that the wrist camera delivers for an encoded value of the splats. [..., 3]."""
+        gains = self.gain * np.array([self.red_gain, 1.0, self.blue_gain])
+        light = np.clip(linear_from_srgb(np.asarray(encoded, np.float64)) * gains, 1e-6, 1.0)
+        return srgb_from_linear(light) ** self.gamma + self.black_level
+
+    def undo(self, encoded: Array) -> Array:
+        """Encoded value of the splats for one of the wrist camera, 0..1. [..., 3]."""
+        gains = self.gain * np.array([self.red_gain, 1.0, self.blue_gain])
+        value = np.clip(np.asarray(encoded, np.float64) - self.black_level, 0.0, 1.0) ** (1.0 / self.gamma)
+        return srgb_from_linear(np.clip(linear_from_srgb(value) / gains, 0.0, 1.0))
+
+
+def fit_response(drawn: Array, seen: Array) -> Response:
+    """The response that turns drawn colours into seen ones.
+
+    Args:
+        drawn, seen: Encoded colours of the same places, 0..1. [N, 3] each.
+
+    Raises:
+        InputError: There are too few places.
+    """
+    if len(drawn) < FEWEST_PIXELS:
+        raise InputError("wrist camera", f"only {len(drawn)} pixels show the table", "Take photos that show more of it")
+
+    def of(values: Array) -> Response:
+        gain, red, blue = np.exp(values[:3])
+        return Response(float(gain), float(red), float(blue), float(np.exp(values[3])), float(values[4]))
+
+    def residuals(values: Array) -> Array:
+        return (of(values).apply(drawn) - seen).ravel()
+
+    low, high = np.log([0.1, 0.3, 0.3, 0.5]), np.log([10.0, 3.0, 3.0, 2.0])
+    bounds = (np.append(low, -0.2), np.append(high, 0.2))
+    return of(least_squares(residuals, np.zeros(5), bounds=bounds, loss="soft_l1", f_scale=SOFT).x)
+
+
+@dataclass(frozen=True)
+class Photometry:
+    """What was measured.
+
+    Args:
+        response: Of the wrist camera.
+        robot_colours: sRGB of links as splats carry it, before the response; links that no photo shows are missing.
+    """
+
+    response: Response
+    robot_colours: Mapping[str, Colour]
+
+
+def read_photometry(path: str | Path) -> Photometry:
+    """Read what `calibrate_wrist_camera` wrote.
+
+    Raises:
+        InputError: The file is missing or damaged.
+    """
+    content = read_json(path)
+    try:
+        colours = {name: (float(r), float(g), float(b)) for name, (r, g, b) in content["robot_colours"].items()}
+        return Photometry(Response(**{key: float(value) for key, value in content["response"].items()}), colours)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(path, f"the photometry is damaged ({error!r})", "Delete it and calibrate again") from error
+
+
+def calibrate_wrist_camera(
+    record: str | Path,
+    *,
+    registration: str | Path,
+    robot: str | Path,
+    capture: str | Path | None = None,
+    background: str | Path | None = None,
+) -> None:
+    """Measure the wrist camera's response and the colours of the hand.
+
+    Args:
+        record: Record of the stage, `read_photometry` reads it.
+        registration: `registration.json`.
+        robot: Folder of the robot's description.
+        capture: Folder of the board capture; None where the workspace was typed.
+        background: `asset.json` of the table as it was when the board was photographed; None if that is none of the scenes.
+            Without capture or background the response is neutral, the colours are the description's, and the result degraded.
+
+    Raises:
+        InputError: A file is missing or damaged, or the photos show too little of the table.
+    """
+    if capture is None or background is None:
+        what = "no photos of the board" if capture is None else "no scene of the table that the board lay on"
+        _write(record, Photometry(Response(), {}), [f"there are {what}: the wrist camera's colours are not calibrated"])
+        return
+    photos = read_board_capture(capture)
+    samples = _Samples.of(photos, read_registration(registration), RobotFiles.read(robot), read_asset(background))
+    response = fit_response(samples.drawn, samples.seen)
+    colours: dict[str, Colour] = {}
+    for name, values in samples.links.items():
+        if len(values) >= FEWEST_OF_LINK:
+            red, green, blue = (float(value) for value in response.undo(np.median(values, axis=0)))
+            colours[name] = (red, green, blue)
+    before, after = (
+        float(np.sqrt(np.mean((picture - samples.seen) ** 2))) for picture in (samples.drawn, response.apply(samples.drawn))
+    )
+    reasons = [] if colours else ["no photo shows the hand: its colours are the description's"]
+    _write(
+        record,
+        Photometry(response, colours),
+        reasons,
+        photos=len(photos.images),
+        pixels=len(samples.drawn),
+        rms_before=before,
+        rms_after=after,
+    )
+
+
+def _write(record: str | Path, found: Photometry, reasons: list[str], **figures: Any) -> None:
+    write_stage(record, reasons=reasons, response=asdict(found.response), robot_colours=dict(found.robot_colours), **figures)
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """Colours of the table as drawn and as seen [N, 3] each, and colours seen on each link [K, 3]."""
+
+    drawn: Array
+    seen: Array
+    links: dict[str, Array]
+
+    @classmethod
+    def of(cls, capture: BoardCapture, registration: Registration, robot: RobotFiles, background) -> _Samples:  # type: ignore[no-untyped-def]
+        camera = capture.camera or registration.camera
+        if camera is None:
+            raise InputError(capture.folder, "the intrinsics of its camera are unknown", "Register the workspace again")
+        small = camera.undistorted().scaled(WIDTH / camera.width)
+        mesh = background.mesh()
+        floor = Composition({}, with_underlay(background.cloud(), mesh))
+        hand = _Hand(robot, mesh)
+        kinematics = Kinematics.read(robot.urdf, robot.record["rest_posture"])
+        drawn, seen, links = [], [], {name: [np.zeros((0, 3))] for name in hand.names}
+        for index, name in enumerate(capture.images):
+            photo = _shrunk(capture.folder / name, camera, small)
+            if capture.joints is not None:
+                q = np.append(capture.joints[index], robot.dimensions.angle(0.0))
+                poses = {link: np.linalg.inv(registration.base_from_table) @ pose for link, pose in kinematics.fk(q).items()}
+                table_from_camera = poses[robot.record["flange"]] @ registration.flange_from_camera
+                labels = hand.labels(poses, small, np.linalg.inv(table_from_camera))
+            else:
+                assert capture.base_from_flange is not None
+                flange = np.linalg.inv(registration.base_from_table) @ capture.base_from_flange[index]
+                table_from_camera, labels = flange @ registration.flange_from_camera, None
+            shot = shoot(floor, small, np.linalg.inv(table_from_camera))
+            table = shot.alphas > OPAQUE
+            if labels is not None:
+                robot_near = cv2.dilate((labels > 0).astype(np.uint8), np.ones((2 * HAND_BORDER + 1,) * 2)) > 0
+                table &= ~robot_near
+                for number, link in enumerate(hand.names, start=1):
+                    inside = cv2.erode((labels == number).astype(np.uint8), np.ones((3, 3))) > 0
+                    links[link].append(photo[inside])
+            drawn.append(shot.pixels[table] / 255.0)
+            seen.append(photo[table])
+        return cls(np.concatenate(drawn), np.concatenate(seen), {name: np.concatenate(v) for name, v in links.items()})
+
+
+class _Hand:
+    """Tells which link of the robot a pixel shows; what the table hides counts as table."""
+
+    def __init__(self, robot: RobotFiles, table: Any) -> None:
+        meshes = link_meshes(robot)
+        self.names = tuple(meshes)
+        # A link's number is its shade of grey.
+        painted = {name: uniform(mesh, [number / 255.0] * 3) for number, (name, mesh) in enumerate(meshes.items(), start=1)}
+        self._composition = MeshComposition(painted, uniform(table, [0.0] * 3))
+
+    def labels(self, poses: Mapping[str, Array], camera: Camera, cam_from_table: Array) -> Array:
+        """Number of the link, from 1, or 0. [H, W] uint8."""
+        self._composition.pose({name: poses[name] for name in self.names})
+        return self._composition.render(camera, cam_from_table, samples=1)[..., 0]
+
+
+def _shrunk(path: Path, camera: Camera, small: Camera) -> Array:
+    """A photo without distortion at the small camera's size, averaged as light. [h, w, 3], encoded 0..1."""
+    light = linear_from_srgb(read_image(path).astype(np.float64)).astype(np.float32)
+    if light.shape[:2] != (camera.height, camera.width):
+        raise InputError(path, f"it is {light.shape[1]}x{light.shape[0]} px, its camera {camera.width}x{camera.height}",
+                         "Use photos as the camera took them")  # fmt: skip
+    if not camera.is_pinhole:
+        # OpenCV counts pixel centres from 0, we from 0.5.
+        matrix = replace(camera, cx=camera.cx - 0.5, cy=camera.cy - 0.5).intrinsics
+        light = cv2.undistort(light, matrix, np.array(camera.distortion))
+    shrunk = cv2.resize(light, (small.width, small.height), interpolation=cv2.INTER_AREA)
+    return np.asarray(srgb_from_linear(shrunk.astype(np.float64)))
