@@ -17,18 +17,31 @@ if TYPE_CHECKING:
 logger = logging.getLogger("gsbridge")
 
 ITERATIONS = 6
+GRADING = 3
+"""Iterations of each step from one size to the next: the faces are even already."""
+
 FEATURE_DEG = 60.0
 """Edges sharper than this stay where they are."""
 
 UNSEEN = 3.0
 """Edge length where no camera looks, relative to the rest."""
 
+FINER, COARSER = (0.71, 0.5, 0.35, 0.25), (1.41, 2.0, 2.83)
+"""Edge lengths in use where sizes are asked for, each reached from the one before: MeshLab knows one length at a time."""
+
 DENSE = 4
 """A mesh with more faces than this many times the budget is decimated first: that is faster and changes nothing visible."""
 
 
-def remesh_isotropic(mesh: Mesh, max_faces: int, *, seen: Callable[[Mesh], Array] | None = None, attempts: int = 8) -> Mesh:
-    """The same surface with nearly equilateral faces of one size, at most `max_faces` of them.
+def remesh_isotropic(
+    mesh: Mesh,
+    max_faces: int,
+    *,
+    seen: Callable[[Mesh], Array] | None = None,
+    sizes: Callable[[Mesh], Array] | None = None,
+    attempts: int = 8,
+) -> Mesh:
+    """The same surface with nearly equilateral faces, at most `max_faces` of them, of one size or of sizes asked for.
 
     Open meshes keep their border. Colours are dropped: splats learn their own.
 
@@ -36,6 +49,7 @@ def remesh_isotropic(mesh: Mesh, max_faces: int, *, seen: Callable[[Mesh], Array
         mesh: Surface, table frame, m.
         max_faces: Upper limit of the number of faces.
         seen: Tells which faces of a mesh any camera sees; the others get larger triangles, as no photo will miss detail there.
+        sizes: Relative edge length at each face of a mesh; it is met in steps of a square root of two. [F].
         attempts: How often the edge length is corrected to meet the limit.
 
     Returns:
@@ -49,15 +63,20 @@ def remesh_isotropic(mesh: Mesh, max_faces: int, *, seen: Callable[[Mesh], Array
     area = float(mesh.areas().sum())
     if max_faces < 4 or not area > 0:
         raise ValueError("remeshing needs a surface with an area and a limit of at least 4 faces")
-    edge = float(np.sqrt(4 * area / (np.sqrt(3) * max_faces)))
+    # In units of the wanted edge, smaller faces make the surface larger.
+    wanted = area if sizes is None else float((mesh.areas() / sizes(mesh) ** 2).sum())
+    edge = float(np.sqrt(4 * wanted / (np.sqrt(3) * max_faces)))
     best: Mesh | None = None
     prepared = _prepared(mesh, max_faces)
     short, long = 0.0, np.inf
     for _ in range(attempts):
         # MeshLab's own tolerance, 1 % of the bounding box, forbids the large edges of a small budget.
         candidate = _remesh(prepared, edge, 0.5 * edge)
+        if sizes is not None:
+            candidate = _graded(candidate, edge, sizes)
         if seen is not None:
-            candidate = _remesh(candidate, UNSEEN * edge, 0.5 * edge, ~seen(candidate))
+            unseen = ~seen(candidate)
+            candidate = _remesh(candidate, UNSEEN * edge, 0.5 * edge, unseen) if unseen.any() else candidate
         count = len(candidate.faces)
         if count > max_faces:
             short = max(short, edge)
@@ -76,6 +95,17 @@ def remesh_isotropic(mesh: Mesh, max_faces: int, *, seen: Callable[[Mesh], Array
     return best
 
 
+def _graded(mesh: Mesh, edge: float, sizes: Callable[[Mesh], Array]) -> Mesh:
+    """Faces of even size made smaller and larger where that is asked for."""
+    half_step = 2**0.25
+    for ladder, sign in ((FINER, 1.0), (COARSER, -1.0)):
+        for relative in ladder:
+            chosen = sign * sizes(mesh) < sign * relative * half_step**sign
+            if chosen.any():
+                mesh = _remesh(mesh, relative * edge, 0.5 * edge, chosen, GRADING)
+    return mesh
+
+
 def _prepared(mesh: Mesh, max_faces: int) -> Mesh:
     """The surface without faulty faces, and with no more faces than is useful."""
     import pymeshlab
@@ -91,7 +121,7 @@ def _prepared(mesh: Mesh, max_faces: int) -> Mesh:
     return _mesh(work)
 
 
-def _remesh(mesh: Mesh, edge: float, tolerance: float, chosen: Array | None = None) -> Mesh:
+def _remesh(mesh: Mesh, edge: float, tolerance: float, chosen: Array | None = None, iterations: int = ITERATIONS) -> Mesh:
     """Nearly equilateral faces, everywhere or in the chosen faces only.
 
     Args:
@@ -99,6 +129,7 @@ def _remesh(mesh: Mesh, edge: float, tolerance: float, chosen: Array | None = No
         edge: Edge length, m.
         tolerance: How far the new surface may stray from the old one, m.
         chosen: [F] bool, or None for all.
+        iterations: Rounds of splitting, collapsing, flipping and smoothing.
     """
     import pymeshlab
 
@@ -108,7 +139,7 @@ def _remesh(mesh: Mesh, edge: float, tolerance: float, chosen: Array | None = No
     # MeshLab keeps "selected only" for later calls in the process, so it is always on and the selection made here.
     work.compute_selection_by_condition_per_face(condselect="fq > 0.5")
     work.meshing_isotropic_explicit_remeshing(
-        iterations=ITERATIONS,
+        iterations=iterations,
         targetlen=pymeshlab.PureValue(edge),
         featuredeg=FEATURE_DEG,
         selectedonly=True,

@@ -16,6 +16,7 @@ from gsbridge.errors import InputError, StageError
 from gsbridge.files import write_stage
 from gsbridge.meshes import Mesh, read_mesh
 from gsbridge.splats.binding import BINDINGS, Binding, create_binding, write_binding
+from gsbridge.splats.detail import Focus, edge_sizes
 from gsbridge.splats.evaluate import evaluate_cloud, write_pictures
 from gsbridge.splats.lpips import Lpips
 from gsbridge.splats.ply import write_ply
@@ -80,7 +81,13 @@ def train_splats(
         targets = background_targets(views, surface_mesh)
     faces = settings.max_splats // settings.splats_per_face
     try:
-        mesh = remesh_isotropic(surface_mesh, faces, seen=lambda candidate: seen_faces(candidate, targets))
+        mesh = remesh_isotropic(
+            surface_mesh,
+            faces,
+            seen=lambda candidate: seen_faces(candidate, targets),
+            # Of an object, photos and wrist camera see the same parts alike.
+            sizes=edge_sizes(surface_mesh, targets, _focus(settings), seed) if kind == "background" else None,
+        )
     except ValueError as error:
         raise StageError("splats", f"{mesh_path}: {error}", "Raise max_splats, or look at the mesh stage") from error
     model = create_binding(binding, mesh, settings.splats_per_face, band=_band(settings, scene_unit), seed=seed)
@@ -128,6 +135,11 @@ def _digest(mesh: Mesh, targets: Sequence[Target]) -> str:
         for array in (target.cam_from_table, target.photo, target.weight):
             digest.update(np.ascontiguousarray(array))
     return digest.hexdigest()
+
+
+def _focus(settings: SplatSettings) -> Focus:
+    x, y = settings.focus_centre
+    return Focus((float(x), float(y)), settings.focus_side, settings.focus)
 
 
 def _band(settings: SplatSettings, scene_unit: float | None) -> float:

@@ -75,6 +75,10 @@ class SplatSettings:
         decay: Step sizes at the end, relative to the start (exponential).
         rates: Step sizes.
         lpips_weights: File with the weights of LPIPS, or None.
+        focus: Factor on what photos show of the square in which the robot works, where a background's triangles are sized:
+            its own camera looks from nearer. 1 leaves it to the photos.
+        focus_centre: Its middle, table frame, m.
+        focus_side: Its edge, m.
         pictures: Held-out views that are stored as pictures.
         backend: Rasteriser of the training: `cpu`, or `cuda` where a GPU and gsplat are.
     """
@@ -91,6 +95,9 @@ class SplatSettings:
     decay: float = 0.1
     rates: Rates = field(default_factory=Rates)
     lpips_weights: str | None = None
+    focus: float = 16.0
+    focus_centre: tuple[float, float] = (0.0, 0.265)
+    focus_side: float = 0.45
     pictures: int = 4
     backend: str = "cpu"
 

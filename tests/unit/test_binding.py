@@ -192,3 +192,22 @@ def test_remeshing_an_open_surface_keeps_its_border():
     assert (mesh.normals()[:, 2] > 0.99).all()
     with pytest.raises(ValueError, match="limit"):
         remesh_isotropic(plane, 3)
+
+
+def test_sizes_that_are_asked_for_are_met():
+    grid = trimesh.creation.box((1.0, 1.0, 0.001))
+    surface = Mesh(np.asarray(grid.vertices), np.asarray(grid.faces))
+
+    def sizes(mesh: Mesh) -> np.ndarray:
+        """Four times as fine in the middle as at the border."""
+        away = np.abs(mesh.corners().mean(1)[:, :2]).max(1)
+        return np.where(away < 0.2, 0.5, np.where(away > 0.4, 2.0, 1.0))
+
+    mesh = remesh_isotropic(surface, 6000, sizes=sizes)
+    assert 0.9 * 6000 < len(mesh.faces) <= 6000
+    assert mesh.volume() == pytest.approx(0.001, rel=0.02)
+    edge, wanted = np.sqrt(mesh.areas()), sizes(mesh)
+    medians = [np.median(edge[wanted == size]) for size in (0.5, 1.0, 2.0)]
+    assert medians[1] / medians[0] == pytest.approx(2.0, rel=0.2)
+    # The border of 10 cm holds few faces of the largest size, and grading needs room.
+    assert medians[2] / medians[1] > 1.3
