@@ -306,6 +306,18 @@ def trial_records(world):
     return [f"results/trials/{trial}/{world}.json" for trial in sorted(TRIALS.values())]
 
 
+def preset_pairs():
+    """Objects on backgrounds of the cells whose scenes the preset runs."""
+    return [pair for pair in PAIRS if set(pair.split("+")) <= set(SCENES)]
+
+
+def episode_photos(wildcards):
+    """The mirror's photos of an episode, where it films both scenes."""
+    pair = {wildcards.object, wildcards.background}
+    folder = f"results/episodes/{wildcards.object}+{wildcards.background}/mirror"
+    return {"photos": folder} if pair <= set(films()) else {}
+
+
 def recordings(wildcards):
     """The rerun recordings of all stages of the preset's scenes."""
     every = collect(
@@ -315,6 +327,7 @@ def recordings(wildcards):
     )
     every += collect("results/rerun/masks/{scene}.rrd", scene=preset_scenes("object"))
     every += collect("results/rerun/asset/{scene}.rrd", scene=bundled_scenes())
+    every += collect("results/rerun/episode/{pair}.rrd", pair=preset_pairs())
     return every + collect(
         "results/rerun/splats/{scene}-{binding}.rrd",
         scene=SCENES,

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
 from gsbridge.reality.world.camera import Setting
-from gsbridge.reality.world.views import photograph_states
+from gsbridge.reality.world.views import Exposure, photograph_states
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake
@@ -18,8 +18,5 @@ photograph_states(
     snakemake.params.seed,
     snakemake.output.photos,
     snakemake.output.record,
-    pieces=snakemake.params.pieces,
-    size=settings["size"],
-    samples=settings["samples"],
-    threads=snakemake.threads,
+    Exposure(snakemake.params.pieces, settings["size"], settings["samples"], snakemake.threads),
 )

@@ -15,12 +15,12 @@ from gsbridge.geometry import Array
 
 @dataclass(frozen=True)
 class ViewState:
-    """Arm and object at one moment; the object stands on the table.
+    """Arm and object at one moment.
 
     Args:
         q: Angles of the arm's joints, rad. [7].
         aperture: Distance of the pads, m.
-        object_pose: x, y, yaw of the body frame on the table. [3].
+        object_pose: x, y, yaw of the body frame of an object that stands on the table, [3], or its `table_from_object`, [4, 4].
         start: Index of the start pose that the episode began with.
         step: Steps since then.
     """
@@ -63,7 +63,7 @@ def read_states(path: str | Path) -> list[ViewState]:
             ViewState(
                 np.array(item["q"], dtype=np.float64).reshape(7),
                 float(item["aperture"]),
-                np.array(item["object_pose"], dtype=np.float64).reshape(3),
+                _pose(item["object_pose"]),
                 int(item["start"]),
                 int(item["step"]),
             )
@@ -71,3 +71,11 @@ def read_states(path: str | Path) -> list[ViewState]:
         ]
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(path, f"it holds no states ({error})", "Delete it and run the rule again") from error
+
+
+def _pose(values: list) -> Array:
+    """Pose of an object. [3] or [4, 4]."""
+    pose = np.array(values, dtype=np.float64)
+    if pose.shape not in ((3,), (4, 4)):
+        raise ValueError(f"a pose has the shape {pose.shape}")
+    return pose

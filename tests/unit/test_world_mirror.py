@@ -2,13 +2,18 @@
 
 import numpy as np
 import pytest
-from robot_fixture import robot
+from robot_fixture import kinematics, robot
 
+from gsbridge.files import read_json
+from gsbridge.images import read_image_u8
 from gsbridge.reality.world import camera as module
 from gsbridge.reality.world.camera import Quality, Setting, wrist_camera
+from gsbridge.reality.world.episode import photograph_episode
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.mirror import build_mirror
+from gsbridge.reality.world.views import Exposure
 from gsbridge.robot.nominal import base_from_table
+from gsbridge.tasks.views import ViewState, write_states
 from gsbridge.tasks.world import SeeingWorld
 
 
@@ -36,3 +41,25 @@ def test_physics_and_camera_are_one_world(tmp_path, monkeypatch):
     far = world.camera.coverage(camera, world.camera_pose(), ("object",)).sum()
     assert near > 1.3 * far > 10
     assert world.state().object_contact[0] == pytest.approx(world.physics.body.mass * 9.81, rel=0.05)
+
+
+def test_an_episode_is_photographed_at_every_second_state_and_the_last(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "table_texture", lambda background, seed: np.full((10, 12, 3), 0.25, np.float32))
+    rest = kinematics().rest
+    poses = np.tile(np.eye(4), (6, 1, 1))
+    # Still at first, then lifted.
+    poses[:, :3, 3] = [[0.0, 0.265, height] for height in (0.0, 0.0, 0.0, 0.03, 0.06, 0.09)]
+    states = [ViewState(rest, 0.1, pose, 0, step) for step, pose in enumerate(poses)]
+    write_states(tmp_path / "states.json", states, "fixed")
+    photograph_episode(
+        tmp_path / "states.json", Setting("small_cube", sheet=None), 2, tmp_path / "mirror", tmp_path / "mirror.json",
+        Exposure(tmp_path / "pieces", 32, 36), every=2,
+    )  # fmt: skip
+    names = sorted(path.name for path in (tmp_path / "mirror").iterdir())
+    assert names == ["0000.png", "0002.png", "0004.png", "0005.png"]
+    assert read_json(tmp_path / "mirror.json")["every"] == 2
+    first, still, lifted, _ = (read_image_u8(tmp_path / "mirror" / name).astype(int) for name in names)
+    # Each photo has noise of its own, which is small beside a move of the object.
+    assert (still != first).any()
+    moved = [int((np.abs(photo - first).max(2) > 40).sum()) for photo in (still, lifted)]
+    assert moved[0] < 0.1 * moved[1]

@@ -11,6 +11,7 @@ from robot_fixture import kinematics, robot
 from scipy.spatial import ConvexHull
 
 from gsbridge.errors import InputError
+from gsbridge.geometry import rotation_from_quat
 from gsbridge.meshes import Mesh
 from gsbridge.reality.mirror.backgrounds import make_plate
 from gsbridge.reality.mirror.objects import make_object
@@ -82,6 +83,30 @@ def test_nothing_moves_when_set_down():
     state = physics.state()
     np.testing.assert_allclose(state.object_position[0], [*pose[:2], 0.0], atol=0.1e-3)
     assert 2 * np.arctan2(state.object_quat[0, 3], state.object_quat[0, 0]) == pytest.approx(pose[2], abs=1e-3)
+
+
+def test_an_object_is_placed_at_a_whole_pose():
+    """As of one in the hand; what stands at x, y, yaw has the same pose in both ways of giving it."""
+    physics, rest = world(), kinematics().rest
+    lifted = np.eye(4)
+    lifted[:3, :3] = rotation_from_quat([0.9, 0.2, -0.3, 0.25])
+    lifted[:3, 3] = 0.04, 0.27, 0.12
+    physics.place(rest, 0.06, lifted)
+    np.testing.assert_allclose(physics.body_poses()[OBJECT], lifted, atol=1e-12)
+    assert physics.state().object_clearance[0] > 0.05
+    arm = {name: pose for name, pose in physics.body_poses().items() if name != OBJECT}
+    physics.place(rest, 0.06, [0.04, 0.27, 0.5])
+    standing = physics.body_poses()
+    for name, pose in arm.items():
+        np.testing.assert_allclose(standing[name], pose, atol=1e-12)
+    physics.place(rest, 0.06, standing[OBJECT])
+    np.testing.assert_allclose(physics.body_poses()[OBJECT], standing[OBJECT], atol=1e-12)
+
+
+@pytest.mark.parametrize("pose", [np.diag([1.0, 1.0, -1.0, 1.0]), 2 * np.eye(4), [0.0, np.nan, 0.0], np.zeros(4)])
+def test_a_pose_that_is_none_is_refused(pose):
+    with pytest.raises(InputError, match="object pose"):
+        world().place(kinematics().rest, 0.06, pose)
 
 
 def test_sliding_stops_after_the_way_that_friction_allows():

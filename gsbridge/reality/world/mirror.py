@@ -38,6 +38,16 @@ class MirrorWorld:
         self.physics.reset(object_pose, seed)
         self._seed, self._steps = seed, 0
 
+    def place(self, q: Array, aperture: float, object_pose: Array | None = None, number: int = 0) -> None:
+        """Put everything somewhere at once: see `MirrorPhysics.place`.
+
+        Args:
+            q, aperture, object_pose: As there.
+            number: Pictures of different numbers differ in their noise.
+        """
+        self.physics.place(q, aperture, object_pose)
+        self._seed, self._steps = 0, number
+
     def step(self) -> None:
         """Advance one control period."""
         self.physics.step()

@@ -7,15 +7,16 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gsbridge.errors import InputError
-from gsbridge.geometry import Array, rotation_from_quat
+from gsbridge.geometry import Array, quat_from_rotation, rotation_from_quat
 from gsbridge.reality.mirror.backgrounds import make_plate
 from gsbridge.reality.world.bodies import TrueBody, true_body
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.model import OBJECT, PLATE, STEP, TABLE, Stand, build_model
 from gsbridge.reality.world.pieces import plate_pieces
-from gsbridge.robot.assembly import RobotFiles
+from gsbridge.robot.assembly import RobotFiles, check_rigid
 from gsbridge.robot.kinematics import Kinematics
 from gsbridge.robot.reach import tool_down
 from gsbridge.tasks.state import State, clearance
@@ -92,7 +93,11 @@ class MirrorPhysics:
         Args:
             q: Arm joints, rad. [7].
             aperture: Distance of the pads, m.
-            object_pose: x, y, yaw on the table; None puts the object out of sight. [3].
+            object_pose: x, y, yaw on the table, or a whole `table_from_object`, as of an object in the hand; None puts the
+                object out of sight. [3] or [4, 4].
+
+        Raises:
+            InputError: The pose is neither.
         """
         model, data = self.model, self.data
         mujoco.mj_resetData(model, data)
@@ -101,9 +106,8 @@ class MirrorPhysics:
         for address, factor in self._fingers.items():
             data.qpos[address] = factor * angle
         if self.body is not None:
-            x, y, yaw = (0.0, -3.0, 0.0) if object_pose is None else object_pose
             start = model.joint(OBJECT).qposadr[0]
-            data.qpos[start : start + 7] = x, y, 0.0, np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)
+            data.qpos[start : start + 7] = _free_joint((0.0, -3.0, 0.0) if object_pose is None else object_pose)
         self._point = np.append(data.qpos[self._q[:-1]], aperture)
         self._goal = self._point.copy()
         self._control(self._point, np.zeros(len(self._point)))
@@ -215,6 +219,18 @@ class MirrorPhysics:
     def camera_pose(self) -> Array:
         """True `cam_from_table` of the wrist camera. [4, 4]."""
         return np.linalg.inv(self._pose(self._links["camera"]))
+
+
+def _free_joint(pose: ArrayLike) -> Array:
+    """Position and quaternion of a body that stands at x, y, yaw, or has a whole pose. [3] or [4, 4] -> [7]."""
+    pose = np.asarray(pose, dtype=np.float64)
+    if pose.shape == (4, 4):
+        pose = check_rigid(pose, "object pose")
+        return np.concatenate([pose[:3, 3], quat_from_rotation(pose[:3, :3])])
+    if pose.shape != (3,) or not np.isfinite(pose).all():
+        raise InputError("object pose", f"{pose} is no x, y, yaw", "Give three finite numbers, or a 4x4 matrix")
+    x, y, yaw = pose
+    return np.array([x, y, 0.0, np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
 
 
 _LEFT, _RIGHT, _ROBOT, _STATIC, _BODY = 1, 2, 4, 8, 16

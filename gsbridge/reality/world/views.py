@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -12,20 +14,28 @@ from gsbridge.reality.world.camera import Quality, Setting
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.layout import true_base_from_table, true_robot
 from gsbridge.reality.world.mirror import build_mirror
-from gsbridge.tasks.views import read_states
+from gsbridge.tasks.views import ViewState, read_states
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """How photos are taken.
+
+    Args:
+        pieces: Folder that keeps convex pieces from run to run.
+        size: Edge of the pictures, px.
+        samples: Samples per pixel, at least.
+        threads: Threads to render with.
+    """
+
+    pieces: str | Path
+    size: int
+    samples: int
+    threads: int = 1
 
 
 def photograph_states(
-    states: str | Path,
-    setting: Setting,
-    hidden_seed: int,
-    out: str | Path,
-    record: str | Path,
-    *,
-    pieces: str | Path,
-    size: int,
-    samples: int,
-    threads: int = 1,
+    states: str | Path, setting: Setting, hidden_seed: int, out: str | Path, record: str | Path, exposure: Exposure
 ) -> None:
     """Photograph the true object at given states; arm joints are set, the camera is where it truly sits.
 
@@ -35,24 +45,51 @@ def photograph_states(
         hidden_seed: Seed of the hidden parameters.
         out: Folder of `{index}.png`.
         record: Record of the stage.
-        pieces: Folder that keeps convex pieces from run to run.
-        size: Edge of the pictures, px.
-        samples: Samples per pixel, at least.
-        threads: Threads to render with.
+        exposure: How photos are taken.
 
     Raises:
         InputError: The states are damaged, or object or background are unknown.
     """
+    chosen = {f"{index:02d}.png": state for index, state in enumerate(read_states(states))}
+    take_photos(chosen, setting, hidden_seed, out, record, exposure)
+
+
+def take_photos(
+    chosen: Mapping[str, ViewState],
+    setting: Setting,
+    hidden_seed: int,
+    out: str | Path,
+    record: str | Path,
+    exposure: Exposure,
+    **numbers: int,
+) -> None:
+    """Photograph states, each under its file name; each photo has noise of its own.
+
+    Args:
+        chosen: States by file name.
+        setting, hidden_seed, out, record, exposure: See `photograph_states`.
+        **numbers: Further figures of the record.
+
+    Raises:
+        InputError: Object or background are unknown, or a pose makes no sense.
+    """
     hidden = Hidden.draw(hidden_seed)
-    chosen = read_states(states)
     progress = Progress(len(chosen), "photos")
     with TemporaryDirectory() as folder, atomic_directory(out) as temporary:
         world = build_mirror(
-            setting, true_robot(Path(folder) / "robot", hidden), true_base_from_table(hidden), hidden, pieces=pieces,
-            threads=threads, quality=Quality(samples=samples),
+            setting, true_robot(Path(folder) / "robot", hidden), true_base_from_table(hidden), hidden, pieces=exposure.pieces,
+            threads=exposure.threads, quality=Quality(samples=exposure.samples),
         )  # fmt: skip
-        for index, state in enumerate(chosen):
-            world.physics.place(state.q, state.aperture, state.object_pose)
-            write_image(temporary / f"{index:02d}.png", world.image(size))
+        for number, (name, state) in enumerate(chosen.items()):
+            world.place(state.q, state.aperture, state.object_pose, number)
+            write_image(temporary / name, world.image(exposure.size))
             progress.update()
-    write_stage(record, seed=hidden_seed, packages=("mitsuba", "mujoco"), views=len(chosen), size=size, samples=samples)
+    write_stage(
+        record,
+        seed=hidden_seed,
+        packages=("mitsuba", "mujoco"),
+        views=len(chosen),
+        size=exposure.size,
+        samples=exposure.samples,
+        **numbers,
+    )

@@ -1,0 +1,31 @@
+"""Let the baseline controller grasp one object on one background in the simulated world."""
+
+from typing import TYPE_CHECKING
+
+from gsbridge.cameras import read_views
+from gsbridge.environment.build import StageFiles
+from gsbridge.environment.episode import play_episode
+from gsbridge.environment.settings import EnvironmentSettings
+from gsbridge.logs import start
+from gsbridge.scene.photos import photo_colour
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+play_episode(
+    StageFiles(
+        robot=snakemake.input.robot,
+        item=snakemake.input.item,
+        background=snakemake.input.background,
+        model=snakemake.input.model,
+        robot_splats=snakemake.input.robot_splats,
+        registration=snakemake.input.registration,
+        relief=snakemake.wildcards.background == "plate",
+        item_colour=photo_colour(read_views(snakemake.input.views, snakemake.input.images), snakemake.input.masks),
+    ),
+    EnvironmentSettings(image_size=snakemake.params.size),
+    snakemake.output.episode,
+    snakemake.output.states,
+    snakemake.output.record,
+)
