@@ -87,6 +87,9 @@ def check_configuration(config: Mapping[str, Any]) -> None:
         *((f"presets.{n}.cells", p.get("cells", [])) for n, p in presets.items()),
     ]:
         _check_cells(key, cells, scenes)
+    _check_edited("editing", config.get("editing", {}), scenes)
+    for name, preset in presets.items():
+        _check_edited(f"presets.{name}.editing", preset.get("editing", {}), scenes)
     for name, scene in scenes.items():
         _check_source(name, scene)
         _check_camera(name, scene, scenes, cameras)
@@ -128,6 +131,18 @@ def _check_cells(key: str, cells: Sequence[Mapping[str, str]], scenes: Mapping[s
                 raise InputError(place, f"'{scene}' is of the kind {scenes[scene]['kind']}", f"Name a scene of the kind {kind}")
         if cell in cells[:number]:
             raise InputError(f"config: {key}[{number}]", "the cell stands twice", "Remove one")
+
+
+def _check_edited(key: str, editing: Mapping[str, Any], scenes: Mapping[str, Mapping[str, Any]]) -> None:
+    """Refuse an edited scene that is not there or is no object."""
+    scene = editing.get("scene")
+    if scene is None:
+        return
+    objects = {name: None for name, other in scenes.items() if other["kind"] == "object"}
+    if scene not in scenes:
+        raise _unknown(f"config: {key}.scene", scene, objects)
+    if scene not in objects:
+        raise InputError(f"config: {key}.scene", f"'{scene}' is a background", "Name a scene of the kind object")
 
 
 def _check_source(name: str, scene: Mapping[str, Any]) -> None:

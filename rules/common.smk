@@ -58,6 +58,12 @@ def settings(section):
     return {**config[section], **PRESET.get(section, {})}
 
 
+def edited_scene():
+    """Object of the figure of non-rigid edits: the configured one, or the first of the preset."""
+    objects = preset_scenes("object") or names("object")
+    return settings("editing")["scene"] or next(iter(objects), "none")
+
+
 def capture_places(path):
     """Where a capture may lie: at its absolute path, or below the captures folder, or below the project's."""
     captures = Path(os.environ.get("GSBRIDGE_CAPTURES") or ROOT / config["captures"])
@@ -334,6 +340,8 @@ if workflow.is_main_process:
         source = config["scenes"][scene]["source"]
         if "film" not in source:
             check_capture(scene, source, capture_places(*source.values()))
+
+EDITED = edited_scene()
 
 
 wildcard_constraints:
