@@ -88,6 +88,9 @@ def check_configuration(config: Mapping[str, Any]) -> None:
     ]:
         _check_cells(key, cells, scenes)
     _check_workspace(config.get("workspace", {}).get("background"), scenes)
+    _check_edited("editing", config.get("editing", {}), scenes)
+    for name, preset in presets.items():
+        _check_edited(f"presets.{name}.editing", preset.get("editing", {}), scenes)
     for name, scene in scenes.items():
         _check_source(name, scene)
         _check_camera(name, scene, scenes, cameras)
@@ -140,6 +143,18 @@ def _check_workspace(background: str | None, scenes: Mapping[str, Mapping[str, A
         raise _unknown(place, background, {name: None for name, scene in scenes.items() if scene["kind"] == "background"})
     if not scenes[background]["require_scale"]:
         raise InputError(place, f"'{background}' may end without a scale", f"Set scenes.{background}.require_scale: true")
+
+
+def _check_edited(key: str, editing: Mapping[str, Any], scenes: Mapping[str, Mapping[str, Any]]) -> None:
+    """Refuse an edited scene that is not there or is no object."""
+    scene = editing.get("scene")
+    if scene is None:
+        return
+    objects = {name: None for name, other in scenes.items() if other["kind"] == "object"}
+    if scene not in scenes:
+        raise _unknown(f"config: {key}.scene", scene, objects)
+    if scene not in objects:
+        raise InputError(f"config: {key}.scene", f"'{scene}' is a background", "Name a scene of the kind object")
 
 
 def _check_source(name: str, scene: Mapping[str, Any]) -> None:

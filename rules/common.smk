@@ -63,6 +63,12 @@ def settings(section):
     return {**config[section], **PRESET.get(section, {})}
 
 
+def edited_scene():
+    """Object of the figure of non-rigid edits: the configured one, or the first of the preset."""
+    objects = preset_scenes("object") or names("object")
+    return settings("editing")["scene"] or next(iter(objects), "none")
+
+
 def capture_places(path):
     """Where a capture may lie: at its absolute path, or below the captures folder, or below the project's."""
     captures = Path(os.environ.get("GSBRIDGE_CAPTURES") or ROOT / config["captures"])
@@ -311,6 +317,15 @@ def preset_pairs():
     return [pair for pair in PAIRS if set(pair.split("+")) <= set(SCENES)]
 
 
+def cell_task(wildcards):
+    """Task of the first cell with an object on a background; a pair without a cell is grasped."""
+    pair = (wildcards.object, wildcards.background)
+    tasks = [
+        cell["task"] for cell in CELLS if (cell["object"], cell["background"]) == pair
+    ]
+    return tasks[0] if tasks else "grasp"
+
+
 def episode_photos(wildcards):
     """The mirror's photos of an episode, where it films both scenes."""
     pair = {wildcards.object, wildcards.background}
@@ -327,7 +342,6 @@ def recordings(wildcards):
     )
     every += collect("results/rerun/masks/{scene}.rrd", scene=preset_scenes("object"))
     every += collect("results/rerun/asset/{scene}.rrd", scene=bundled_scenes())
-    every += collect("results/rerun/episode/{pair}.rrd", pair=preset_pairs())
     return every + collect(
         "results/rerun/splats/{scene}-{binding}.rrd",
         scene=SCENES,
@@ -363,6 +377,8 @@ if workflow.is_main_process:
         source = config["scenes"][scene]["source"]
         if "film" not in source:
             check_capture(scene, source, capture_places(*source.values()))
+
+EDITED = edited_scene()
 
 
 wildcard_constraints:

@@ -3,6 +3,7 @@ rule play_episode:
         robot="results/robot/description",
         robot_splats="results/robot/splats",
         registration="results/workspace/registration.json",
+        photometry="results/workspace/photometry.json",
         item="results/scenes/{object}/asset/asset.json",
         background="results/scenes/{background}/asset/asset.json",
         model=f"{workflow.basedir}/models/nominal.yaml",
@@ -30,6 +31,7 @@ rule play_episode:
     params:
         code=code_digest("gsbridge.environment.episode"),
         size=settings("episodes")["size"],
+        task=cell_task,
     message:
         "Play an episode with {wildcards.object} on {wildcards.background}"
     script:

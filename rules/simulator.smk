@@ -138,6 +138,15 @@ rule score_registration:
         "../scripts/score_registration.py"
 
 
+rule simulator:
+    input:
+        "results/scores/simulator.json",
+        "results/figures/eye_in_hand.png",
+        "results/figures/gs_editing.png",
+        collect("results/rerun/episode/{pair}.rrd", pair=preset_pairs()),
+    localrule: True
+
+
 rule score_simulator:
     input:
         # Its date changes with every checkout; its digest below tells whether it changed.

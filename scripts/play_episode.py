@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.cameras import read_views
-from gsbridge.environment.build import StageFiles
+from gsbridge.environment.build import StageFiles, plate_of
 from gsbridge.environment.episode import play_episode
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.logs import start
@@ -21,10 +21,14 @@ play_episode(
         model=snakemake.input.model,
         robot_splats=snakemake.input.robot_splats,
         registration=snakemake.input.registration,
-        relief=snakemake.wildcards.background == "plate",
+        photometry=snakemake.input.photometry,
         item_colour=photo_colour(read_views(snakemake.input.views, snakemake.input.images), snakemake.input.masks),
     ),
-    EnvironmentSettings(image_size=snakemake.params.size),
+    EnvironmentSettings(
+        task=snakemake.params.task,
+        image_size=snakemake.params.size,
+        plate=plate_of(snakemake.input.item, snakemake.input.background),
+    ),
     snakemake.output.episode,
     snakemake.output.states,
     snakemake.output.record,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gsbridge.environment.build import StageFiles, build_controller, build_environment, build_renderer
+from gsbridge.environment.build import StageFiles, build_controller, build_environment, build_renderer, camera_response
 from gsbridge.environment.env import DrawnEye, Eye, PickEnvironment, state_of
 from gsbridge.environment.settings import RENDERERS, EnvironmentSettings
 from gsbridge.files import write_stage
@@ -110,8 +110,8 @@ def play_episode(
     Raises:
         InputError: A file is missing or of the wrong kind.
     """
-    model = read_model(files.model)
-    eyes = {name: DrawnEye(build_renderer(files, replace(settings, renderer=name)), model.camera) for name in RENDERERS}
+    model, response = read_model(files.model), camera_response(files)
+    eyes = {name: DrawnEye(build_renderer(files, replace(settings, renderer=name)), response) for name in RENDERERS}
     environment = build_environment(files, replace(settings, renderer="mesh"))
     try:
         controller = build_controller(files.item, settings)

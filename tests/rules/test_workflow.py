@@ -56,6 +56,14 @@ def test_stages_can_be_asked_for_alone(snakemake, tmp_path):
     assert "align_scene" not in plan
 
 
+@pytest.mark.parametrize(("preset", "scene"), [("toy", "small_cube"), ("desktop", "bear")])
+def test_the_figure_of_edits_takes_the_presets_object(snakemake, tmp_path, preset, scene):
+    target = "results/figures/gs_editing.png"
+    plan = snakemake("--dry-run", "--directory", str(tmp_path), "--config", f"preset={preset}", "--", target).stdout
+    for binding in ("soft", "games", "refined"):
+        assert f"Train the {binding} splats of {scene}" in plan
+
+
 def test_truth_is_read_by_scoring_rules_only():
     """Neither as an input nor as a parameter; that no stage opens it either is shown in tests/e2e, which hides it."""
 
@@ -147,7 +155,12 @@ def test_bad_configuration_stops_before_any_job_and_names_the_key(snakemake, con
 
 @pytest.mark.parametrize(
     ("section", "key", "value", "named"),
-    [("scenes", "cake", {"camera": "none"}, "none"), ("presets", "desktop", {"scenes": ["cake", "cupcake"]}, "cupcake")],
+    [
+        ("scenes", "cake", {"camera": "none"}, "none"),
+        ("presets", "desktop", {"scenes": ["cake", "cupcake"]}, "cupcake"),
+        ("presets", "desktop", {"editing": {"scene": "teddy"}}, "teddy"),
+        ("presets", "desktop", {"editing": {"scene": "foam_pad"}}, "foam_pad"),
+    ],
 )
 def test_names_that_point_nowhere_are_refused(snakemake, config, write_config, tmp_path, section, key, value, named):
     config[section][key].update(value)

@@ -15,6 +15,7 @@ from gsbridge.mesh.settings import MeshSettings
 from gsbridge.reality.mirror.film import FilmSettings
 from gsbridge.reality.world.board_capture import BoardFilmSettings
 from gsbridge.registration.settings import RegistrationSettings
+from gsbridge.report.editing import EditingSettings
 from gsbridge.sfm.settings import SfmSettings
 from gsbridge.splats.train import SplatSettings
 
@@ -34,6 +35,7 @@ SECTIONS = {
     "mesh": MeshSettings,
     "splats": SplatSettings,
     "asset": AssetSettings,
+    "editing": EditingSettings,
 }
 
 
