@@ -1,6 +1,7 @@
 """Measure the environment: steps per second with Gaussian rendering, and where the time goes.
 
     python benchmarks/environment.py --json
+    python benchmarks/environment.py --skip-mirror
     python benchmarks/environment.py --item small_cube/asset.json --background foam_pad/asset.json --robot-splats DIR
 
 Without assets the scene is synthetic, with the splats of the desktop budget: a cube of 58 mm with 12,000, a table of 1 m with
@@ -8,6 +9,9 @@ Without assets the scene is synthetic, with the splats of the desktop budget: a 
 hand comes near the object and grips it, which is what costs; episodes begin at poses of the set `fixed`.
 
 A step is measured in CPU time of this process, which leaves out the waiting for other jobs; `wall` is told beside it.
+
+`mirror_64` is the stand-in for reality's wrist camera: small_cube on the foam pad under the robot, every body moved before each
+picture, at the samples of its default quality.
 """
 
 from __future__ import annotations
@@ -31,6 +35,7 @@ MASS = 0.117
 OBJECT_SPLATS, BACKGROUND_SPLATS, ROBOT_SPLATS = 12_000, 24_000, 8_000
 SIZES_PX = (128, 64)
 EPISODES = 4
+MIRROR_SIZE_PX, MIRROR_PICTURES = 64, 24
 
 
 class Stopwatch:
@@ -176,10 +181,49 @@ def measure(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     return out
 
 
+def measure_mirror(folder: Path) -> dict[str, Any]:
+    """CPU time of the mirror's pictures, one thread."""
+    from gsbridge.reality.world.camera import MirrorCamera, Quality, Setting, wrist_camera
+    from gsbridge.reality.world.hidden import Hidden
+    from gsbridge.reality.world.layout import true_base_from_table, true_robot
+    from gsbridge.robot.kinematics import Kinematics
+
+    hidden, quality, lens = Hidden.draw(1), Quality(), wrist_camera(MIRROR_SIZE_PX)
+    robot = true_robot(folder / "mirror_robot", hidden)
+    camera = MirrorCamera(Setting("small_cube", "foam_pad"), robot, hidden)
+    kinematics = Kinematics.read(robot.urdf, robot.record["rest_posture"])
+    table_from_base = np.linalg.inv(true_base_from_table(hidden))
+    moving, tracing = [], []
+    for number in range(MIRROR_PICTURES + 1):
+        q = kinematics.rest + 0.02 * np.sin(np.arange(len(kinematics.rest)) + number)
+        poses = {name: table_from_base @ pose for name, pose in kinematics.fk(q).items()}
+        yaw, item = 0.1 * number, np.eye(4)
+        item[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+        item[:2, 3] = 0.02 * np.sin(number), 0.265 + 0.02 * np.cos(number)
+        poses["object"] = item
+        begin = time.process_time()
+        camera.move(poses)
+        middle = time.process_time()
+        camera.photo(lens, np.linalg.inv(poses["camera"]), quality, number)
+        moving.append(middle - begin)
+        tracing.append(time.process_time() - middle)
+    # The first picture makes the sensor.
+    whole = np.add(moving, tracing)[1:]
+    return {
+        "seconds_min": float(whole.min()),
+        "seconds_median": float(np.median(whole)),
+        "move_seconds_median": float(np.median(moving[1:])),
+        "trace_seconds_median": float(np.median(tracing[1:])),
+        "pictures": len(whole),
+        "samples": quality.samples,
+    }
+
+
 def main() -> None:
     """Read the options, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
+    parser.add_argument("--skip-mirror", action="store_true", help="leave the mirror's pictures out")
     parser.add_argument("--episodes", type=int, default=EPISODES)
     parser.add_argument("--item", type=Path, help="asset.json of an object; needs --background")
     parser.add_argument("--background", type=Path, help="asset.json of a background; needs --item")
@@ -192,6 +236,8 @@ def main() -> None:
     logs.start(1, None)
     with TemporaryDirectory() as folder:
         result = measure(options, Path(folder))
+        if not options.skip_mirror:
+            result[f"mirror_{MIRROR_SIZE_PX}"] = measure_mirror(Path(folder))
     if options.json:
         sys.stdout.write(json.dumps(result, indent=2) + "\n")
         return
