@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from gsbridge import logs
+from gsbridge.files import write_json
 from gsbridge.geometry import Array
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -223,6 +224,7 @@ def main() -> None:
     """Read the options, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of a table")
+    parser.add_argument("--output", type=Path, help="file for the JSON object: PyBullet prints on what else is shown")
     parser.add_argument("--skip-mirror", action="store_true", help="leave the mirror's pictures out")
     parser.add_argument("--episodes", type=int, default=EPISODES)
     parser.add_argument("--item", type=Path, help="asset.json of an object; needs --background")
@@ -238,6 +240,9 @@ def main() -> None:
         result = measure(options, Path(folder))
         if not options.skip_mirror:
             result[f"mirror_{MIRROR_SIZE_PX}"] = measure_mirror(Path(folder))
+    if options.output:
+        write_json(options.output, result)
+        return
     if options.json:
         sys.stdout.write(json.dumps(result, indent=2) + "\n")
         return

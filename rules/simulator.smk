@@ -116,8 +116,8 @@ rule benchmark_environment:
     message:
         "Time the environment"
     shell:
-        "{params.python} {params.program} --json --item {input.item} --background {input.background}"
-        " --robot-splats {input.robot_splats} > {output.benchmark} 2> {log}"
+        "{params.python} {params.program} --item {input.item} --background {input.background}"
+        " --robot-splats {input.robot_splats} --output {output.benchmark} > {log} 2>&1"
 
 
 rule score_registration:

@@ -116,8 +116,8 @@ def environment_figures(benchmark: Mapping[str, Any]) -> dict[str, Figure]:
             figure = {"value": rates[0], "n": int(found["steps"]), "interval": sorted(rates)}
             out[f"environment_steps_{size}"] = {**figure, "interval_of": "by wall and by CPU time", "where": where}
     if found := benchmark.get("mirror_64"):
-        times = [float(found["min_s"]), float(found["median_s"])]
-        figure = {"value": times[1], "n": int(found["images"]), "interval": times}
+        times = [float(found["seconds_min"]), float(found["seconds_median"])]
+        figure = {"value": times[1], "n": int(found["pictures"]), "interval": times}
         out["mirror_image_64"] = {**figure, "interval_of": "fastest and median picture", "where": where}
     return out
 

@@ -76,7 +76,7 @@ def files(tmp_path):
             name: {"mm": 0.1, "deg": 0.01} for name in ("base_from_table", "flange_from_camera")}),
         "environment": (tmp_path / "environment.json", {
             **{f"gs_{size}": {"steps_per_second": 200.0, "wall_steps_per_second": 190.0, "steps": 5} for size in (128, 64)},
-            "mirror_64": {"min_s": 0.1, "median_s": 0.12, "images": 20}}),
+            "mirror_64": {"seconds_min": 0.1, "seconds_median": 0.12, "pictures": 20}}),
     }  # fmt: skip
     for path, content in made.values():
         write_json(path, content)
