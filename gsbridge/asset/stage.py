@@ -114,7 +114,7 @@ def build_asset(
     if kind == "object":
         pose, reasons, figures = _build_object(visual, collision, inputs, outputs, settings, name, density, seed)
     else:
-        pose, reasons, figures = _build_background(visual, collision, inputs, outputs, name, settings)
+        pose, reasons, figures = _build_background(visual, collision, inputs, outputs, name)
     moved = Similarity.from_matrix(pose)
     visual = Mesh(moved.apply(visual.vertices), visual.faces, visual.colours)
     write_mesh(outputs.visual, visual)
@@ -303,20 +303,20 @@ def _write_meshes(outputs: AssetOutputs, hulls: dict[str, list[Array]], visual: 
     return names
 
 
-def _write_relief(folder: Path, visual: Mesh, name: str, settings: AssetSettings) -> dict[str, float] | None:
+def _write_relief(folder: Path, visual: Mesh, name: str) -> dict[str, float] | None:
     """Body of what stands up from the table, as fine as the visual mesh; the collision mesh is the whole table's."""
     found = find_relief(visual)
     if found is None:
         return None
     relief, surface = found
-    normals = surface.trimesh().vertex_normals
-    write_obj(folder / "relief.obj", Mesh(surface.vertices - settings.margin * normals, surface.faces))
+    # Bullet gives a concave mesh no margin against the hulls, which have been made smaller by theirs.
+    write_obj(folder / "relief.obj", surface)
     write_body_urdf(folder / RELIEF_URDF, f"{name}_relief", None, visual="relief.obj", collisions=["relief.obj"])
     return asdict(relief)
 
 
 def _build_background(
-    visual: Mesh, collision: Mesh, inputs: AssetInputs, outputs: AssetOutputs, name: str, settings: AssetSettings
+    visual: Mesh, collision: Mesh, inputs: AssetInputs, outputs: AssetOutputs, name: str
 ) -> tuple[Array, list[str], dict[str, Any]]:
     """Static concave body in the table frame."""
     if not collision.is_watertight():
@@ -327,6 +327,6 @@ def _build_background(
     with atomic_directory(outputs.hulls) as temporary:
         write_obj(temporary / "visual.obj", visual)
         write_obj(temporary / "concave.obj", collision)
-        standing = _write_relief(temporary, visual, name, settings)
+        standing = _write_relief(temporary, visual, name)
     write_body_urdf(outputs.urdf, name, None, visual=f"{folder}/visual.obj", collisions=[f"{folder}/concave.obj"])
     return np.eye(4), [], {"solid": "collision", "body": None, "faces": len(collision.faces), "relief": standing}
