@@ -87,7 +87,7 @@ def check_configuration(config: Mapping[str, Any]) -> None:
         *((f"presets.{n}.cells", p.get("cells", [])) for n, p in presets.items()),
     ]:
         _check_cells(key, cells, scenes)
-    _check_workspace(config.get("workspace", {}).get("background"), scenes)
+    _check_workspace(config.get("workspace", {}), scenes)
     _check_edited("editing", config.get("editing", {}), scenes)
     for name, preset in presets.items():
         _check_edited(f"presets.{name}.editing", preset.get("editing", {}), scenes)
@@ -134,8 +134,9 @@ def _check_cells(key: str, cells: Sequence[Mapping[str, str]], scenes: Mapping[s
             raise InputError(f"config: {key}[{number}]", "the cell stands twice", "Remove one")
 
 
-def _check_workspace(background: str | None, scenes: Mapping[str, Mapping[str, Any]]) -> None:
-    """Refuse a table that is no background, or whose size would not be known."""
+def _check_workspace(workspace: Mapping[str, Any], scenes: Mapping[str, Mapping[str, Any]]) -> None:
+    """Refuse a table that is no background, whose size would not be known, or that is not where the arm's photos were taken."""
+    background = workspace.get("background")
     if background is None:
         return
     place = "config: workspace.background"
@@ -143,6 +144,11 @@ def _check_workspace(background: str | None, scenes: Mapping[str, Mapping[str, A
         raise _unknown(place, background, {name: None for name, scene in scenes.items() if scene["kind"] == "background"})
     if not scenes[background]["require_scale"]:
         raise InputError(place, f"'{background}' may end without a scale", f"Set scenes.{background}.require_scale: true")
+    source = workspace.get("source", {"mirror": True})
+    photographed, filmed = "mirror" in source, "film" in scenes[background]["source"]
+    if "typed" not in source and photographed != filmed:
+        whose = ("the mirror's arm", "a table of yours") if photographed else ("your arm", "the mirror's table")
+        raise InputError(place, f"{whose[0]} cannot see {whose[1]}", "Name the table under the board, or null")
 
 
 def _check_edited(key: str, editing: Mapping[str, Any], scenes: Mapping[str, Mapping[str, Any]]) -> None:

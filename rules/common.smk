@@ -307,9 +307,19 @@ def page_records(wildcards):
     return stage_records(wildcards) + assets
 
 
+def mirrored(pairs):
+    """Those of `object+background` of which the mirror films both."""
+    return [pair for pair in pairs if set(pair.split("+")) <= set(films())]
+
+
 def trial_records(world):
-    """Records of the baseline controllers' trials in one world."""
-    return [f"results/trials/{trial}/{world}.json" for trial in sorted(TRIALS.values())]
+    """Records of the baseline controllers' trials in one world; the mirror has its own scenes only."""
+    trials = sorted(TRIALS.values())
+    return [
+        f"results/trials/{trial}/{world}.json"
+        for trial in trials
+        if world == "sim" or mirrored([trial.split("/")[1]])
+    ]
 
 
 def preset_pairs():

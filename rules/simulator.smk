@@ -32,6 +32,7 @@ rule try_controller_in_sim:
 
 rule try_controller_in_mirror:
     input:
+        registration="results/workspace/registration.json",
         item="results/scenes/{object}/asset/asset.json",
         background="results/scenes/{background}/asset/asset.json",
         kernels=ancient("results/.state/compile_kernels.done"),
@@ -77,6 +78,8 @@ rule check_simulator:
         record="results/robot/simulator.json",
     log:
         "results/logs/check_simulator.log",
+    benchmark:
+        "results/benchmarks/check_simulator.jsonl"
     conda:
         "../envs/world.yaml"
     threads: 1

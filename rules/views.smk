@@ -148,8 +148,8 @@ rule photograph_views:
 
 rule compare_eye_in_hand:
     input:
-        drawn=collect("results/views/{pair}/drawn", pair=PAIRS),
-        photos=collect("results/views/{pair}/mirror", pair=PAIRS),
+        drawn=collect("results/views/{pair}/drawn", pair=mirrored(PAIRS)),
+        photos=collect("results/views/{pair}/mirror", pair=mirrored(PAIRS)),
     output:
         figure=report(
             "results/figures/eye_in_hand.png",
@@ -169,7 +169,7 @@ rule compare_eye_in_hand:
         runtime="10m",
     params:
         code=code_digest("gsbridge.report.eye_in_hand"),
-        pairs=PAIRS,
+        pairs=mirrored(PAIRS),
     message:
         "Compare renderers with the mirror's wrist camera"
     script:

@@ -8,6 +8,7 @@ from gsbridge.environment.trials import try_controller
 from gsbridge.logs import start
 from gsbridge.reality.world.camera import Setting
 from gsbridge.reality.world.mirror import mirror_physics
+from gsbridge.registration.result import read_registration
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake
@@ -20,6 +21,7 @@ try_controller(
         Setting(snakemake.wildcards.object, snakemake.wildcards.background, seed=snakemake.params.seed),
         snakemake.params.seed,
         pieces=snakemake.params.pieces,
+        commanded_from=read_registration(snakemake.input.registration).base_from_table,
     ),
     build_controller(item, settings),
     settings,

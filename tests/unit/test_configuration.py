@@ -210,6 +210,27 @@ def test_the_mirrors_camera_is_no_camera_of_real_captures():
         check_configuration(config)
 
 
+def test_the_table_under_the_board_must_be_the_one_that_the_arm_sees():
+    """Colours of another table would be taken for the camera's."""
+    mine = {"foam_pad": FOAM_PAD, "desk": {**FOAM_PAD, "source": {"video": "desk.mp4"}, "camera": None}}
+    config = {**CONFIG, "scenes": {**CONFIG["scenes"], **mine}}
+    capture = {"source": {"capture": "board"}}
+    for workspace in ({}, {"background": "foam_pad"}, {**capture, "background": "desk"}, {**capture, "background": None}):
+        check_configuration({**config, "workspace": workspace})
+    check_configuration({**config, "workspace": {"source": {"typed": {}}, "background": "foam_pad"}})
+    for workspace, said in (
+        ({"background": "cake"}, "workspace.background: 'cake'"),
+        ({"background": "mug"}, "Use one of: desk, foam_pad"),
+        ({**capture, "background": "foam_pad"}, "your arm cannot see the mirror's table"),
+        ({"background": "desk"}, "the mirror's arm cannot see a table of yours"),
+    ):
+        with pytest.raises(InputError, match=said):
+            check_configuration({**config, "workspace": workspace})
+    loose = {**config["scenes"], "desk": {**mine["desk"], "require_scale": False}}
+    with pytest.raises(InputError, match=r"scenes\.desk\.require_scale"):
+        check_configuration({**config, "scenes": loose, "workspace": {**capture, "background": "desk"}})
+
+
 def test_a_target_of_an_unknown_scene_is_refused():
     check_asked(["-n", "results/scenes/cake/sfm/sfm.json", "results/tables"], ["cake"])
     with pytest.raises(InputError, match=r"results/scenes/cakes/sfm/sfm.json: 'cakes' is no scene. Did you mean 'cake'"):

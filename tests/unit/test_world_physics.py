@@ -278,5 +278,5 @@ def test_commands_out_of_reach_are_counted():
     physics.reset([0.0, 0.25, 0.0], 0)
     physics.command([1.5, 0.25, 0.2], 0.0, 0.1)
     physics.step()
-    assert physics.missed == 1
+    assert physics.refused == 1
     assert physics.state().finite()[0]

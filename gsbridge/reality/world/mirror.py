@@ -33,6 +33,11 @@ class MirrorWorld:
         self.body_poses, self.camera_pose = physics.body_poses, physics.camera_pose
         self._seed, self._steps = 0, 0
 
+    @property
+    def refused(self) -> int:
+        """Commands out of reach in this episode."""
+        return self.physics.refused
+
     def reset(self, object_pose: Array, seed: int) -> None:
         """Begin an episode: see `World.reset`."""
         self.physics.reset(object_pose, seed)
@@ -60,13 +65,14 @@ class MirrorWorld:
         return self.camera.photo(wrist_camera(size), self.camera_pose(), self.quality, seed)
 
 
-def mirror_physics(setting: Setting, seed: int, *, pieces: str | Path) -> MirrorPhysics:
+def mirror_physics(setting: Setting, seed: int, *, pieces: str | Path, commanded_from: Array | None = None) -> MirrorPhysics:
     """The mirror's physics alone, for trials that need no picture.
 
     Args:
         setting: What stands in the room.
         seed: Seed of the hidden parameters.
         pieces: Folder that keeps convex pieces from run to run.
+        commanded_from: Registered `base_from_table`, by which commands become postures; None for the true one. [4, 4].
 
     Raises:
         InputError: Unknown object.
@@ -75,7 +81,9 @@ def mirror_physics(setting: Setting, seed: int, *, pieces: str | Path) -> Mirror
     with TemporaryDirectory() as folder:
         robot = true_robot(Path(folder) / "robot", hidden)
         stand = _stand(true_base_from_table(hidden), setting)
-        return build_physics(robot, stand, setting.object, hidden, pieces=pieces, seed=setting.seed)
+        return build_physics(
+            robot, stand, setting.object, hidden, pieces=pieces, seed=setting.seed, commanded_from=commanded_from
+        )
 
 
 def _stand(base_from_table: Array, setting: Setting) -> Stand:

@@ -43,15 +43,25 @@ class MirrorPhysics:
         body: The true object; None for a bare table (then `state` is not to be had).
         hidden: Hidden parameters.
         plate: Convex pieces of the plate.
+        commanded_from: `base_from_table` by which commands become postures: what whoever commands believes, from the
+            registration; None for the true one. [4, 4].
 
     Attributes:
-        missed: Commands that no posture of the arm reaches; it then holds the nearest one it found.
+        refused: Commands that no posture of the arm reaches; it then holds the nearest one it found.
     """
 
     def __init__(
-        self, robot: RobotFiles, stand: Stand, body: TrueBody | None, hidden: Hidden, plate: list[Array] | None = None
+        self,
+        robot: RobotFiles,
+        stand: Stand,
+        body: TrueBody | None,
+        hidden: Hidden,
+        plate: list[Array] | None = None,
+        *,
+        commanded_from: Array | None = None,
     ) -> None:
         self.robot, self.stand, self.body, self.hidden = robot, stand, body, hidden
+        self.commanded_from = stand.base_from_table if commanded_from is None else np.asarray(commanded_from, np.float64)
         self.dimensions = robot.dimensions
         self.kinematics = Kinematics.read(robot.urdf)
         self.model = model = build_model(robot, stand, body, plate or [], hidden)
@@ -68,7 +78,7 @@ class MirrorPhysics:
         self._links = {model.body(k).name: k for k in range(1, model.nbody)}
         self._rows = _sides(model, grip["pads"])
         self._pull = np.zeros(4)
-        self.missed = 0
+        self.refused = 0
         self._period = round(1.0 / (CONTROL_HZ * STEP))
         self._rng = np.random.default_rng(0)
         self.place(self.kinematics.rest, self.dimensions.stroke)
@@ -79,7 +89,7 @@ class MirrorPhysics:
         if pose.shape != (3,) or not np.isfinite(pose).all():
             raise InputError("object pose", f"{object_pose} is no x, y, yaw", "Give three finite numbers")
         self._rng = np.random.default_rng([seed, 1])
-        self.missed = 0
+        self.refused = 0
         self.place(self.kinematics.rest, self.dimensions.stroke, pose)
         for _ in range(round(_SETTLE / STEP)):
             mujoco.mj_step(self.model, self.data)
@@ -124,8 +134,8 @@ class MirrorPhysics:
             raise InputError(
                 "command", f"{position}, {yaw}, {aperture} is no finite target", "Check the policy's output for NaN"
             )
-        found = self.kinematics.inverse(self.stand.base_from_table @ tool_down(position, yaw), self._goal[:-1])
-        self.missed += not found.converged
+        found = self.kinematics.inverse(self.commanded_from @ tool_down(position, yaw), self._goal[:-1])
+        self.refused += not found.converged
         self._goal = np.append(found.q, np.clip(aperture, 0.0, self.dimensions.stroke))
 
     def step(self) -> None:
@@ -252,7 +262,14 @@ def _sides(model: mujoco.MjModel, pads: list[str]) -> Array:
 
 
 def build_physics(
-    robot: RobotFiles, stand: Stand, name: str | None, hidden: Hidden, *, pieces: str | Path, seed: int
+    robot: RobotFiles,
+    stand: Stand,
+    name: str | None,
+    hidden: Hidden,
+    *,
+    pieces: str | Path,
+    seed: int,
+    commanded_from: Array | None = None,
 ) -> MirrorPhysics:
     """The mirror's physics around one of its objects.
 
@@ -263,10 +280,11 @@ def build_physics(
         hidden: Hidden parameters.
         pieces: Folder that keeps convex pieces from run to run.
         seed: Seed of the world's textures and shapes, as in its films.
+        commanded_from: See `MirrorPhysics`.
 
     Raises:
         InputError: Unknown object.
     """
     body = None if name is None else true_body(name, seed, hidden.mass, pieces)
     plate = None if stand.plate is None else plate_pieces(make_plate(seed, _PLATE_DETAIL)[0])
-    return MirrorPhysics(robot, stand, body, hidden, plate)
+    return MirrorPhysics(robot, stand, body, hidden, plate, commanded_from=commanded_from)
