@@ -1,6 +1,7 @@
 """The gymnasium environment: one arm, one object, one wrist camera.
 
-**Action**, `Box(-1, 1, (5,))`: steps of the commanded tool pose, 20 per second; a diagonal may use every entry in full.
+**Action**, `Box(-1, 1, (5,))`: steps of the commanded tool pose, 20 per second; a diagonal may use every entry in full. The
+command never runs more than one and a half actions ahead of the arm (`gsbridge.sim.actions`).
 
 | entry | meaning | of 1 |
 |---|---|---|
@@ -174,7 +175,8 @@ class PickEnvironment(gymnasium.Env):
         self.world.reset(self.start_pose, episode_seed)
         self.eye.begin(episode_seed)
         state = self.world.state()
-        self.target.reset(state.tool_position[0], _yaw(state), float(state.aperture[0]))
+        self._reached = state.tool_position[0].copy(), _yaw(state)
+        self.target.reset(*self._reached, float(state.aperture[0]))
         self._progress, self._steps = Progress.start(1), 0
         self._progress, outcome = self._judge(state, self._progress)
         return self._observe(state), self._info(state, outcome)
@@ -188,10 +190,12 @@ class PickEnvironment(gymnasium.Env):
         Raises:
             InputError: The action has another shape or is not finite.
         """
+        self.target.tether(*self._reached)
         self.world.command(*self.target.move(action))
         self.world.step()
         self._steps += 1
         state = self.world.state()
+        self._reached = state.tool_position[0].copy(), _yaw(state)
         self._progress, outcome = self._judge(state, self._progress)
         finite = bool(state.finite()[0])
         terminated = bool(outcome.success_tolerant[0]) or not finite

@@ -69,9 +69,14 @@ class JointLimits:
         return np.minimum(np.asarray(q) - self.lower, self.upper - np.asarray(q))
 
     def follow(self, q: Array, wanted: Array, seconds: float) -> Array:
-        """Next command on the way to `wanted`: no joint faster than its speed limit, none outside its range. [..., N]."""
-        reach = self.velocity * seconds
-        return self.clip(np.asarray(q) + np.clip(np.asarray(wanted) - np.asarray(q), -reach, reach))
+        """Next command on the way to `wanted`: no joint faster than its speed limit, none outside its range. [..., N].
+
+        All joints slow down alike, as in any arm's controller: were each cut by itself, the tool would leave its path, and a
+        slow elbow would drive it into the table.
+        """
+        way = self.clip(wanted) - np.asarray(q)
+        slowest = np.max(np.abs(way) / (self.velocity * seconds), axis=-1, keepdims=True)
+        return self.clip(np.asarray(q) + way / np.maximum(1.0, slowest))
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,11 @@ SIZE = 5
 """Entries of an action: x, y, z, yaw, opening; each -1 to 1."""
 
 
+TETHER = 1.5
+"""Actions of 1 by which the command may be ahead of the arm. With more, an arm with latency overshoots: with 2.5 the mirror's
+runs into one of 96 bananas. Episodes are no longer for it."""
+
+
 @dataclass(frozen=True)
 class ActionScale:
     """What an entry of 1 means, per control step.
@@ -66,6 +71,22 @@ class ToolTarget:
         """Begin an episode at a tool pose; the counters begin anew, too."""
         self.position, self.yaw, self.aperture = np.array(position, dtype=np.float64), float(yaw), float(aperture)
         self.counted.commands = self.counted.clipped = self.saturated = 0
+
+    def tether(self, position: Array, yaw: float) -> None:
+        """Hold the command back to within `TETHER` actions of the arm.
+
+        An arm that joint speeds, a latency or an obstacle hold back would otherwise be led on by a command it can no longer be
+        steered by, and overshoot. The gripper is left alone: its command presses.
+
+        Args:
+            position: Measured tool point, table frame, m. [3].
+            yaw: Measured, rad.
+        """
+        if not np.isfinite([*position, yaw]).all():
+            return
+        reach, turn = TETHER * self.scale.position, TETHER * self.scale.yaw
+        self.position = position + np.clip(self.position - position, -reach, reach)
+        self.yaw = float(yaw + np.clip((self.yaw - yaw + np.pi) % (2 * np.pi) - np.pi, -turn, turn))
 
     def move(self, action: Array) -> tuple[Array, float, float]:
         """Add one action.

@@ -218,8 +218,12 @@ def test_unknown_links_and_joints_are_named():
 
 def test_joint_commands_keep_speed_and_range():
     limits = kinematics().arm_limits
-    wanted = limits.follow(np.zeros(7), np.full(7, 10.0), 0.1)
-    np.testing.assert_allclose(wanted, 0.1 * limits.velocity)
+    way = 10.0 * np.array([1.0, -0.5, 0.2, 0.1, 0.0, 0.3, -0.4])
+    step = limits.follow(np.zeros(7), 0.1 * way, 0.1)
+    # The joint that would be fastest sets the pace of all.
+    np.testing.assert_allclose(step, 0.1 * way * step[0] / way[0] / 0.1)
+    assert np.max(np.abs(step) / (0.1 * limits.velocity)) == pytest.approx(1.0)
+    np.testing.assert_allclose(limits.follow(np.zeros(7), 1e-3 * way, 0.1), 1e-3 * way)
     np.testing.assert_allclose(limits.follow(limits.upper, limits.upper + 1, 0.1), limits.upper)
     assert (limits.margin(limits.upper + 0.1) < 0).all()
 

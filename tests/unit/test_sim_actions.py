@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from gsbridge.errors import InputError
 from gsbridge.robot.limits import Workspace
-from gsbridge.sim.actions import ActionScale, ToolTarget
+from gsbridge.sim.actions import TETHER, ActionScale, ToolTarget
 
 ROOM = Workspace.around()
 
@@ -61,3 +61,26 @@ def test_nonsense_is_refused(action):
     np.testing.assert_array_equal(held.position, [0.0, 0.265, 0.2])
     with pytest.raises(InputError, match="action scale"):
         ActionScale(position=-1.0)
+
+
+def test_the_command_stays_near_an_arm_that_is_held_back():
+    out = target()
+    out.reset(np.array([0.0, 0.2, 0.2]), 0.0, 0.1)
+    for _ in range(5):
+        out.tether(np.array([0.0, 0.2, 0.2]), 0.0)
+        out.move([1.0, 0.0, -0.5, 1.0, -1.0])
+    scale = out.scale
+    np.testing.assert_allclose(out.position, [(TETHER + 1) * scale.position, 0.2, 0.2 - (TETHER + 0.5) * scale.position])
+    assert out.yaw == pytest.approx((TETHER + 1) * scale.yaw)
+    # The gripper presses by a command that it cannot follow.
+    assert out.aperture == 0.0
+
+
+def test_the_tether_takes_the_short_way_round_and_lets_a_broken_world_be():
+    out = target()
+    out.reset(np.array([0.0, 0.2, 0.2]), 3.1, 0.1)
+    out.tether(np.array([0.0, 0.2, 0.2]), -3.1)
+    assert np.cos(out.yaw - 3.1) == pytest.approx(1.0)
+    before = out.position.copy()
+    out.tether(np.full(3, np.nan), 0.0)
+    np.testing.assert_array_equal(out.position, before)
