@@ -1,0 +1,255 @@
+"""The agent: networks, optimisers, temperature; it acts, and learns from batches.
+
+Source: RL-GSBridge, "SAC with Baseline controller"; acting and imitation follow its code where paper and code differ, see
+`gsbridge.policy.losses`.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from gsbridge.errors import InputError
+from gsbridge.geometry import Array
+from gsbridge.policy import losses
+from gsbridge.policy.augment import Augmenter
+from gsbridge.policy.networks import Actor, Critics, TanhGaussian
+from gsbridge.policy.observation import Sight, picture
+from gsbridge.policy.replay import Batch
+from gsbridge.policy.settings import RETURN_BOUND, PolicySettings
+from gsbridge.sim.actions import SIZE
+
+
+@dataclass(frozen=True)
+class Choice:
+    """An action to carry out.
+
+    Args:
+        action: -1..1. float32 [5].
+        by_actor: Whether it is the actor's own.
+    """
+
+    action: Array
+    by_actor: bool
+
+
+class Agent:
+    """See the module.
+
+    Args:
+        settings: How it learns.
+        seed: Of the networks' start and of everything that it draws.
+        device: Where it learns; everything is drawn on the CPU, so that the draws are the same everywhere.
+    """
+
+    def __init__(self, settings: PolicySettings, seed: int, device: str = "cpu") -> None:
+        self.settings, self.device = settings, device
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            self.actor = Actor().to(device)
+            self.critics = Critics(bounded=settings.bounded_critic).to(device)
+        self.target_critics = copy.deepcopy(self.critics).requires_grad_(False)
+        self.log_alpha = torch.tensor(math.log(settings.alpha_start), device=device, requires_grad=True)
+        fused = {"fused": True}
+        self.optimisers = {
+            "actor": torch.optim.Adam(self.actor.parameters(), lr=settings.learning_rate, **fused),
+            "critics": torch.optim.Adam(self.critics.parameters(), lr=settings.learning_rate, **fused),
+            "alpha": torch.optim.Adam([self.log_alpha], lr=settings.alpha_rate),
+        }
+        # A stream of its own, apart from the one that the networks started from.
+        self.generator = torch.Generator().manual_seed(seed + 2**32)
+        self.augmenter = Augmenter(device=device) if settings.augment else None
+        self.alarm = losses.TargetAlarm(RETURN_BOUND)
+        self.updates = 0
+
+    @property
+    def alpha(self) -> float:
+        """Temperature."""
+        return float(self.log_alpha.detach().exp())
+
+    @torch.no_grad()
+    def act(self, sight: Sight, share: float) -> Choice:
+        """Choose an action in training.
+
+        With probability lambda the controller's; otherwise, in `sacwb`, the one of greater min Q of the controller's and one
+        drawn from the actor; in `dagger` the actor's mean, in `sac` one drawn from the actor.
+
+        Args:
+            sight: The state.
+            share: lambda, 0..1.
+        """
+        settings = self.settings
+        # Drawn in any case, so that the stream does not depend on the outcome.
+        coin = float(torch.rand((), generator=self.generator))
+        noise = settings.base_noise * torch.randn(SIZE, generator=self.generator)
+        base = np.clip(sight.base + noise.numpy(), -1.0, 1.0).astype(np.float32)
+        if settings.has_controller and coin < share:
+            return Choice(base, by_actor=False)
+        distribution = self._distribution(sight)
+        if settings.algo == "dagger":
+            return Choice(distribution.mode[0].cpu().numpy(), by_actor=True)
+        action = distribution.sample(self.generator)[0]
+        if settings.algo == "sac":
+            return Choice(action[0].cpu().numpy(), by_actor=True)
+        both = torch.cat([torch.from_numpy(sight.base)[None].to(self.device), action])
+        values = self.critics.least(self._tensor(sight.privileged).expand(2, -1), both)
+        if values[0] > values[1]:
+            return Choice(base, by_actor=False)
+        return Choice(action[0].cpu().numpy(), by_actor=True)
+
+    @torch.no_grad()
+    def value(self, sight: Sight) -> float:
+        """min Q of the actor's mean action: what it expects to return from here."""
+        return float(self.critics.least(self._tensor(sight.privileged), self._distribution(sight).mode))
+
+    def update(self, batch: Batch, share: float) -> dict[str, float]:
+        """One gradient step of everything that the algorithm learns.
+
+        Args:
+            batch: Transitions; the actor learns from the first `actor_batch` of them.
+            share: lambda, 0..1.
+
+        Returns:
+            Figures of this step, by name.
+        """
+        batch = batch.to(self.device)
+        out: dict[str, float] = {}
+        if self.settings.has_critics:
+            out |= self._update_critics(batch)
+        out |= self._update_actor(batch, share)
+        if self.settings.has_critics:
+            with torch.no_grad():
+                for slow, fast in zip(self.target_critics.parameters(), self.critics.parameters(), strict=True):
+                    slow.lerp_(fast, self.settings.tau)
+        self.updates += 1
+        return out
+
+    def targets(self, batch: Batch) -> tuple[Tensor, dict[str, float]]:
+        """Critic targets of a batch, and figures about them. [B]."""
+        settings, alpha = self.settings, self.alpha
+        with torch.no_grad():
+            distribution, _ = self._forward(picture(batch.next_image), batch.next_proprio)
+            action, log_prob = distribution.sample(self.generator)
+            q_actor = self.target_critics.least(batch.next_privileged, action)
+            out: dict[str, float] = {}
+            if settings.maximum == "none":
+                target = losses.plain_target(batch.reward, batch.terminated, q_actor, log_prob, alpha, settings.gamma)
+            else:
+                q_base = self.target_critics.least(batch.next_privileged, batch.next_base)
+                given = (batch.reward, batch.terminated, q_actor, q_base, log_prob)
+                log_prob_base = distribution.log_prob(batch.next_base)
+                out["surprise_max"] = float(-log_prob_base.min())
+                if settings.maximum == "official":
+                    target = losses.official_target(*given, alpha, settings.gamma)
+                else:
+                    target = losses.paper_target(*given, log_prob_base, alpha, settings.gamma)
+        out |= {"target_mean": float(target.mean()), "target_max": float(target.max())}
+        out["alarm"] = float(self.alarm.see(target))
+        return target, out
+
+    def _update_critics(self, batch: Batch) -> dict[str, float]:
+        target, out = self.targets(batch)
+        loss = losses.critic_loss(*self.critics(batch.privileged, batch.action), target)
+        _step(self.optimisers["critics"], loss)
+        return {**out, "critic_loss": float(loss.detach())}
+
+    def _update_actor(self, batch: Batch, share: float) -> dict[str, float]:
+        settings = self.settings
+        rows = slice(settings.actor_batch)
+        pictures = picture(batch.image[rows])
+        if self.augmenter is not None:
+            pictures = self.augmenter(pictures, self.generator)
+        distribution, guess = self._forward(pictures, batch.proprio[rows])
+        assert guess is not None
+        base, privileged = batch.base[rows], batch.privileged[rows]
+        located = losses.position_loss(guess, batch.position[rows])
+        loss = settings.position_weight * located
+        out = {"position_loss": float(located.detach())}
+        mask = torch.ones(len(base), device=self.device)
+        if settings.has_critics:
+            action, log_prob = distribution.sample(self.generator)
+            q_actor = self.critics.least(privileged, action)
+            weight = settings.q_weight if settings.has_controller else 1.0
+            loss = loss + weight * losses.soft_loss(q_actor, log_prob, self.alpha)
+            if settings.has_controller:
+                q_base = self.critics.least(privileged, base).detach()
+                coin = torch.rand(len(base), generator=self.generator).to(self.device)
+                mask = losses.imitated(q_base, q_actor.detach(), coin, share)
+                out["advantage"] = float((q_base - q_actor.detach()).mean())
+            out["entropy"] = float(-log_prob.detach().mean())
+        if settings.has_controller:
+            imitation = losses.imitation_loss(distribution.mode, base, mask)
+            loss = loss + settings.bc_weight * imitation
+            out |= {"imitation_loss": float(imitation.detach()), "imitated_share": float(mask.mean())}
+        _step(self.optimisers["actor"], loss)
+        if settings.has_critics and settings.alpha_rate > 0:
+            _step(self.optimisers["alpha"], losses.temperature_loss(self.log_alpha, log_prob, settings.target_entropy))
+            with torch.no_grad():
+                self.log_alpha.clamp_(max=math.log(settings.alpha_cap))
+        return out
+
+    def state(self) -> dict[str, Any]:
+        """Everything that learning goes on from, as tensors and plain values."""
+        return {
+            "actor": self.actor.state_dict(),
+            "critics": self.critics.state_dict(),
+            "target_critics": self.target_critics.state_dict(),
+            "log_alpha": self.log_alpha.detach().clone(),
+            "optimisers": {name: optimiser.state_dict() for name, optimiser in self.optimisers.items()},
+            "generator": self.generator.get_state(),
+            "updates": self.updates,
+            "alarms": self.alarm.count,
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take over what `state` gave.
+
+        Raises:
+            InputError: It belongs to other networks.
+        """
+        try:
+            self.actor.load_state_dict(state["actor"])
+            self.critics.load_state_dict(state["critics"])
+            self.target_critics.load_state_dict(state["target_critics"])
+            for name, optimiser in self.optimisers.items():
+                optimiser.load_state_dict(state["optimisers"][name])
+            with torch.no_grad():
+                self.log_alpha.copy_(state["log_alpha"])
+            self.generator.set_state(state["generator"])
+            self.updates, self.alarm.count = int(state["updates"]), int(state["alarms"])
+        except (KeyError, RuntimeError, TypeError, ValueError) as error:
+            raise InputError("agent", f"the stored state does not fit ({error})", "Delete it and train anew") from error
+
+    def _forward(self, pictures: Tensor, proprio: Tensor) -> tuple[TanhGaussian, Tensor | None]:
+        """The actor, in bfloat16 where the settings say so; used for learning only."""
+        kind = torch.device(self.device).type
+        with torch.autocast(kind, dtype=torch.bfloat16, enabled=self.settings.bf16):
+            return self.actor(pictures, proprio)
+
+    def _distribution(self, sight: Sight) -> TanhGaussian:
+        """The actor in full precision, for one state."""
+        image = torch.from_numpy(np.ascontiguousarray(sight.image))[None].to(self.device)
+        return self.actor(picture(image), self._tensor(sight.proprio))[0]
+
+    def _tensor(self, values: Array) -> Tensor:
+        return torch.from_numpy(np.ascontiguousarray(values))[None].to(self.device)
+
+
+def _step(optimiser: torch.optim.Optimizer, loss: Tensor) -> None:
+    """One gradient step of the parameters of one optimiser; what else the loss touches gets no gradient kept."""
+    parameters = [parameter for group in optimiser.param_groups for parameter in group["params"]]
+    for parameter, gradient in zip(parameters, torch.autograd.grad(loss, parameters, allow_unused=True), strict=True):
+        parameter.grad = gradient
+    optimiser.step()
+
+
+def count_parameters(module: nn.Module) -> int:
+    """Number of learned values."""
+    return sum(parameter.numel() for parameter in module.parameters())

@@ -1,0 +1,107 @@
+"""The learning curve: one row per evaluation, as CSV, and the running figures that a row sums up."""
+
+from __future__ import annotations
+
+import csv
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from gsbridge.files import atomic_file
+from gsbridge.policy.evaluation import Evaluation
+from gsbridge.tasks.poses import QUADRANTS
+
+Row = dict[str, float | None]
+"""Figures by column; None where the algorithm has none."""
+
+PARTS = ("environment", "act", "update", "evaluate")
+LEARNED = (
+    *("target_mean", "target_max", "alarm", "surprise_max", "critic_loss", "advantage"),
+    *("imitation_loss", "imitated_share", "position_loss", "entropy"),
+)
+COLUMNS = (
+    *("step", "episode", "update", "success"),
+    *(f"success_q{quadrant}" for quadrant in QUADRANTS),
+    *("length", "q_start", "return_start", "training_success", "controller_success"),
+    *("actor_share", "lambda", "alpha"),
+    *LEARNED,
+    *(f"cpu_{part}_s" for part in PARTS),
+)
+"""`target_max`, `surprise_max`: largest since the last row; other learned figures: means. `surprise_max` is the largest
+-log pi of a controller's action, nats; `advantage` the mean of Q(controller) - Q(actor); `alarm` the share of updates whose
+targets exceed the largest return. `cpu_*_s`: CPU seconds since the begin of the training, by what they went into."""
+
+_HIGHEST = ("target_max", "surprise_max")
+
+
+class Meter:
+    """Figures since the last row."""
+
+    def __init__(self) -> None:
+        self._sums: dict[str, float] = {}
+        self._counts: dict[str, int] = {}
+
+    def see(self, figures: Mapping[str, float]) -> None:
+        """Take figures in; largest values are kept of some, means of the others."""
+        for name, value in figures.items():
+            if name in _HIGHEST:
+                self._sums[name] = max(self._sums.get(name, -np.inf), value)
+                self._counts[name] = 1
+            else:
+                self._sums[name] = self._sums.get(name, 0.0) + value
+                self._counts[name] = self._counts.get(name, 0) + 1
+
+    def take(self, *names: str) -> Row:
+        """Figures by name, None where nothing was seen; the meter begins anew."""
+        out = {name: self._sums[name] / self._counts[name] if name in self._sums else None for name in names}
+        self._sums.clear()
+        self._counts.clear()
+        return out
+
+
+class Clock:
+    """CPU seconds by part of the work.
+
+    Args:
+        seconds: To go on from.
+    """
+
+    def __init__(self, seconds: Mapping[str, float] | None = None) -> None:
+        self.seconds = {part: float((seconds or {}).get(part, 0.0)) for part in PARTS}
+
+    @contextmanager
+    def on(self, part: str) -> Iterator[None]:
+        """Count the CPU seconds of a block."""
+        begin = time.process_time()
+        try:
+            yield
+        finally:
+            self.seconds[part] += time.process_time() - begin
+
+
+def evaluation_row(evaluation: Evaluation) -> Row:
+    """Figures of an evaluation, by column."""
+    expected = evaluation.expected.mean()
+    return {
+        "success": evaluation.rate,
+        **{f"success_q{quadrant}": _known(evaluation.rate_in(quadrant)) for quadrant in QUADRANTS},
+        "length": float(evaluation.steps.mean()),
+        "q_start": _known(expected),
+        "return_start": float(evaluation.returns.mean()),
+    }
+
+
+def write_curve(path: str | Path, rows: Sequence[Row]) -> None:
+    """Write all rows, whole; numbers exactly, unknown figures empty."""
+    with atomic_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, COLUMNS, restval="", lineterminator="\n")
+        writer.writeheader()
+        for row in rows:
+            writer.writerow({name: "" if value is None else repr(value) for name, value in row.items()})
+
+
+def _known(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,154 @@
+"""Trying a policy while it is trained: on a third set of start poses, drawn at random, neither `fixed` nor `unseen`.
+
+The test sets stay untouched until the training is over; what is chosen by an evaluation, such as the best weights, would
+otherwise flatter them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from gsbridge.environment.env import DrawnEye, PickEnvironment, state_of
+from gsbridge.environment.rendering import BlankRenderer
+from gsbridge.environment.trials import Policy
+from gsbridge.errors import InputError
+from gsbridge.geometry import Array
+from gsbridge.policy.observation import Controller
+from gsbridge.tasks.poses import QUADRANTS, StartRegion
+
+_TRIES = 1000
+
+Value = Callable[[Mapping[str, Array], Mapping[str, Any]], float]
+"""From an observation and its `info` to the return that is expected from there."""
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Outcome of episodes, one per start pose.
+
+    Args:
+        success: bool [N].
+        quadrant: 1 to 4. [N].
+        steps: [N].
+        returns: Discounted, from the start. [N].
+        expected: What the critics expected at the start; NaN without critics. [N].
+    """
+
+    success: Array
+    quadrant: Array
+    steps: Array
+    returns: Array
+    expected: Array
+
+    @property
+    def rate(self) -> float:
+        """Share of successes."""
+        return float(self.success.mean())
+
+    def rate_in(self, quadrant: int) -> float:
+        """Share of successes that started in a quadrant; NaN where none did."""
+        inside = self.quadrant == quadrant
+        return float(self.success[inside].mean()) if inside.any() else float("nan")
+
+
+def evaluation_poses(region: StartRegion, count: int, seed: int, draw: int = 0) -> Array:
+    """Random start poses, as many in each quadrant.
+
+    Args:
+        region: Where objects start.
+        count: A multiple of 4.
+        seed: Of the training.
+        draw: Number of the set: 0 to choose by, 1 to test the choice.
+
+    Returns:
+        x, y, yaw, quadrant 1 first. [count, 3].
+
+    Raises:
+        InputError: A quadrant has no room.
+    """
+    rng = np.random.default_rng([seed, 3, draw])
+    wanted = count // len(QUADRANTS)
+    found: dict[int, list[Array]] = {quadrant: [] for quadrant in QUADRANTS}
+    for _ in range(_TRIES):
+        for pose in region.sample(rng, 8):
+            rows = found[int(region.quadrant(pose[:2]))]
+            if len(rows) < wanted:
+                rows.append(pose)
+        if all(len(rows) == wanted for rows in found.values()):
+            return np.concatenate([np.stack(rows) for rows in found.values()])
+    raise InputError("start region", "a quadrant has no free place", "Move the plate or the region")
+
+
+def evaluate(
+    environment: gymnasium.Env, policy: Policy, poses: Array, seed: int, gamma: float, value: Value | None = None
+) -> Evaluation:
+    """One episode from each pose.
+
+    Args:
+        environment: A `PickEnvironment`, wrapped or not.
+        policy: What acts.
+        poses: x, y, yaw. [N, 3].
+        seed: Of what is random in the episodes.
+        gamma: Discount per step.
+        value: Expected return at the start; None for none.
+    """
+    rows = []
+    for k, pose in enumerate(poses):
+        observation, info = environment.reset(seed=episode_seed(seed, 1, k), options={"pose": pose})
+        expected = float("nan") if value is None else value(observation, info)
+        total, discount, ended = 0.0, 1.0, False
+        while not ended:
+            observation, reward, terminated, truncated, info = environment.step(policy(observation, info))
+            total += discount * float(reward)
+            discount *= gamma
+            ended = terminated or truncated
+        rows.append((info["success"], info["steps"], total, expected))
+    success, steps, returns, expectations = (np.array(column) for column in zip(*rows, strict=True))
+    quadrant = bare(environment).region.quadrant(poses[:, :2])
+    return Evaluation(success.astype(bool), quadrant, steps, returns, expectations)
+
+
+def evaluate_controller(environment: gymnasium.Env, controller: Controller, poses: Array, seed: int) -> Evaluation:
+    """The same for a baseline controller, without drawing pictures that it does not look at."""
+    with _blind(bare(environment)):
+        return evaluate(environment, lambda _, info: controller(state_of(info))[0], poses, seed, 1.0)
+
+
+def episode_seed(seed: int, stream: int, number: int) -> int:
+    """Seed of one episode. Every episode has its own, so that a training resumes from counters alone.
+
+    Args:
+        seed: Of the training.
+        stream: 0 for training, 1 for evaluation.
+        number: Of the episode.
+    """
+    return int(np.random.SeedSequence([seed, stream, number]).generate_state(1)[0] >> 1)
+
+
+def bare(environment: gymnasium.Env) -> PickEnvironment:
+    """The environment inside its wrappers.
+
+    Raises:
+        InputError: It is another environment.
+    """
+    inside = environment.unwrapped
+    if not isinstance(inside, PickEnvironment):
+        raise InputError("training", f"a {type(inside).__name__} is no PickEnvironment", "Build the environment from its files")
+    return inside
+
+
+@contextlib.contextmanager
+def _blind(environment: PickEnvironment) -> Iterator[None]:
+    """Let the environment draw nothing for a while."""
+    eye = environment.eye
+    environment.eye = DrawnEye(BlankRenderer(environment.settings.image_size))
+    try:
+        yield
+    finally:
+        environment.eye = eye

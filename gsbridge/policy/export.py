@@ -1,0 +1,152 @@
+"""A policy as two files: `policy.safetensors`, its weights, and `policy.json`, what goes in and out. No pickles.
+
+`policy.json`: format, algorithm, settings of the training, digest of the weights; the observation with its preprocessing
+(picture size, camera's angle of view, what `proprio` means and is measured from) and the action with its scale. A runner on a
+robot needs nothing else.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load as load_tensors
+from safetensors.torch import save as save_tensors
+from torch import Tensor
+
+from gsbridge.environment.env import PROPRIO, PROPRIO_BOUND, PickEnvironment
+from gsbridge.environment.rendering import FIELD_OF_VIEW
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_file, read_json, versions, write_json
+from gsbridge.geometry import Array
+from gsbridge.policy.networks import CHANNELS, HIDDEN, Actor
+from gsbridge.policy.observation import PICTURE_OFFSET, PICTURE_SCALE, actor_input
+from gsbridge.policy.settings import PolicySettings
+from gsbridge.sim.actions import SIZE
+
+FORMAT = 1
+WEIGHTS, SPEC = "policy.safetensors", "policy.json"
+PROPRIO_NAMES = (
+    *("tool_x", "tool_y", "tool_z", "tool_yaw_sine", "tool_yaw_cosine", "aperture"),
+    *("lag_x", "lag_y", "lag_z", "lag_yaw", "lag_aperture"),
+)
+ACTION_NAMES = ("x", "y", "z", "yaw", "aperture")
+_AUXILIARY = "position."
+
+
+class Policy:
+    """A policy at work: from observations to mean actions, without chance, in full precision.
+
+    Args:
+        actor: The network.
+        image_size: Edge of the picture, px.
+        spec: Content of `policy.json`; empty while training.
+    """
+
+    def __init__(self, actor: Actor, image_size: int, spec: Mapping[str, Any] | None = None) -> None:
+        self.actor, self.image_size, self.spec = actor, image_size, dict(spec or {})
+
+    @torch.no_grad()
+    def __call__(self, observation: Mapping[str, Array], info: Mapping[str, Any] | None = None) -> Array:
+        """The action for an observation; `info` is not looked at.
+
+        Args:
+            observation: `image`, uint8 [H, W, 3], and `proprio`, [11].
+            info: Only so that trials can call policies and controllers alike.
+
+        Returns:
+            float32 [5], -1..1.
+
+        Raises:
+            InputError: The observation has another shape or type.
+        """
+        device = next(self.actor.parameters()).device
+        pictures, proprio = actor_input(observation, self.image_size)
+        return self.actor(pictures.to(device), proprio.to(device))[0].mode[0].cpu().numpy()
+
+
+def describe(environment: PickEnvironment, settings: PolicySettings) -> dict[str, Any]:
+    """What goes in and out of a policy trained in an environment, for `policy.json`."""
+    scale, workspace = environment.target.scale, environment.workspace
+    return {
+        "format": FORMAT,
+        "algo": settings.algo,
+        "task": environment.settings.task,
+        "control_hz": 20,
+        "observation": {
+            "image": {
+                "size_px": settings.image_size,
+                "layout": "height, width, RGB; uint8, sRGB",
+                "scale": PICTURE_SCALE,
+                "offset": PICTURE_OFFSET,
+                "field_of_view_rad": FIELD_OF_VIEW,
+            },
+            "proprio": {
+                "names": PROPRIO_NAMES,
+                "bound": PROPRIO_BOUND,
+                "workspace_lower_m": workspace.lower,
+                "workspace_upper_m": workspace.upper,
+                "stroke_m": environment.target.stroke,
+            },
+        },
+        "action": {
+            "names": ACTION_NAMES,
+            "low": -1.0,
+            "high": 1.0,
+            "position_m": scale.position,
+            "yaw_rad": scale.yaw,
+            "aperture_m": scale.aperture,
+        },
+        "network": {"channels": CHANNELS, "hidden": HIDDEN},
+        "training": asdict(settings),
+    }
+
+
+def save_policy(folder: str | Path, weights: Mapping[str, Tensor], spec: Mapping[str, Any]) -> None:
+    """Write a policy; the auxiliary head stays behind.
+
+    Args:
+        folder: Where `policy.safetensors` and `policy.json` go.
+        weights: State of an `Actor`.
+        spec: From `describe`, and figures of the training.
+    """
+    kept = {name: value.detach().cpu().contiguous() for name, value in weights.items() if not name.startswith(_AUXILIARY)}
+    content = save_tensors(kept)
+    with atomic_file(Path(folder) / WEIGHTS) as temporary:
+        temporary.write_bytes(content)
+    digest = hashlib.sha256(content).hexdigest()
+    write_json(Path(folder) / SPEC, {**spec, "sha256": digest, "versions": versions("torch")})
+
+
+def load_policy(folder: str | Path) -> Policy:
+    """Read a policy.
+
+    Raises:
+        InputError: A file is missing, damaged, of another format, or the two do not belong together.
+    """
+    folder = Path(folder)
+    spec = read_json(folder / SPEC)
+    try:
+        content = (folder / WEIGHTS).read_bytes()
+    except OSError as error:
+        raise InputError(folder / WEIGHTS, "the weights cannot be read", "Train the policy, or copy both files") from error
+    if spec.get("format") != FORMAT:
+        raise InputError(folder / SPEC, f"its format is {spec.get('format')!r}, not {FORMAT}", "Train the policy again")
+    if hashlib.sha256(content).hexdigest() != spec.get("sha256"):
+        raise InputError(folder / WEIGHTS, "it does not belong to policy.json", "Copy both files of one training")
+    actor = Actor(with_position=False)
+    try:
+        size = int(spec["observation"]["image"]["size_px"])
+        names, entries = spec["action"]["names"], spec["observation"]["proprio"]["names"]
+        actor.load_state_dict(load_tensors(content))
+    except (KeyError, TypeError, ValueError, RuntimeError, SafetensorError) as error:
+        raise InputError(folder, f"the policy is damaged ({error})", "Train the policy again") from error
+    if len(names) != SIZE or len(entries) != PROPRIO:
+        raise InputError(folder / SPEC, "it has other observations or actions", "Train the policy again")
+    actor.requires_grad_(False)
+    return Policy(actor, size, spec)

@@ -1,0 +1,275 @@
+"""Training of one policy in one environment, and its files: the policy, the learning curve, checkpoints to resume from.
+
+An interrupted training goes on from its last checkpoint and gives the same curve and weights, bit for bit, as one that was
+never interrupted; only its CPU seconds differ.
+"""
+
+from __future__ import annotations
+
+import copy
+import logging
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+
+from gsbridge.environment.env import PickEnvironment
+from gsbridge.errors import InputError
+from gsbridge.logs import Progress
+from gsbridge.policy.agent import Agent
+from gsbridge.policy.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
+from gsbridge.policy.curve import LEARNED, Clock, Meter, Row, evaluation_row, write_curve
+from gsbridge.policy.evaluation import bare, episode_seed, evaluate, evaluate_controller, evaluation_poses
+from gsbridge.policy.export import Policy, describe, save_policy
+from gsbridge.policy.observation import Controller, Frame, Observer
+from gsbridge.policy.replay import Replay
+from gsbridge.policy.settings import PolicySettings
+
+logger = logging.getLogger("gsbridge")
+
+CURVE = "training.csv"
+_METERED = ("training_success", "actor_share", *LEARNED)
+
+
+@dataclass(frozen=True)
+class Training:
+    """Outcome of a training.
+
+    Args:
+        rows: The learning curve; see `gsbridge.policy.curve`.
+        best: Success of the best weights in the evaluation that chose them.
+        retest: Their success on other poses: the choice flatters the first figure.
+        controller: Success of the controller; NaN without one.
+        policy: The best weights.
+        replay_bytes: Memory of the replay buffer.
+    """
+
+    rows: list[Row]
+    best: float
+    retest: float
+    controller: float
+    policy: Policy
+    replay_bytes: int
+
+
+@dataclass
+class _Counters:
+    """Where a training stands; everything that is not in agent or buffer."""
+
+    step: int = 0
+    episode: int = 0
+    owed: float = 0.0
+    next_eval: int = 0
+    perfect: int = 0
+    best: float = -1.0
+    best_step: int = 0
+    controller: float = float("nan")
+    rows: list[Row] = field(default_factory=list)
+
+
+class Trainer:
+    """See the module.
+
+    Args:
+        environment: A `PickEnvironment`, wrapped or not.
+        controller: The baseline controller; None only for `sac`.
+        settings: How to learn.
+        seed: Of everything that is random.
+        state: Folder of checkpoints; None for none.
+        key: What else the training depends on (digests of files and code): a checkpoint of another key is left aside.
+        device: Where the networks are.
+
+    Raises:
+        InputError: The environment's pictures have another size, or there is no controller.
+    """
+
+    def __init__(
+        self,
+        environment: gymnasium.Env,
+        controller: Controller | None,
+        settings: PolicySettings,
+        *,
+        seed: int,
+        state: str | Path | None = None,
+        key: Mapping[str, Any] | None = None,
+        device: str = "cpu",
+    ) -> None:
+        inside = bare(environment)
+        _check(inside, controller, settings)
+        # One thread: small networks gain little from more, and sums in another order would change the curve.
+        torch.set_num_threads(1)
+        self.environment, self.controller, self.settings, self.seed = environment, controller, settings, seed
+        self.state = None if state is None else Path(state)
+        self.key = {"settings": asdict(settings), "environment": asdict(inside.settings), "seed": seed, **(key or {})}
+        self.agent = Agent(settings, seed, device)
+        self.observer = Observer(Frame.of(inside), controller if settings.has_controller else None)
+        self.replay = Replay(settings.replay_capacity, settings.image_size)
+        self.rng = np.random.default_rng([seed, 4])
+        self.at = _Counters(next_eval=settings.eval_every)
+        self.clock, self.meter = Clock(), Meter()
+        self.poses = evaluation_poses(inside.region, settings.eval_poses, seed)
+        self.best = copy.deepcopy(self.agent.actor.state_dict())
+
+    def run(self, out: str | Path) -> Training:
+        """Train to the end and write the policy.
+
+        Args:
+            out: Folder of `policy.safetensors`, `policy.json` and `training.csv`.
+        """
+        out, settings = Path(out), self.settings
+        if not self._resume() and self.controller is not None:
+            self.at.controller = evaluate_controller(self.environment, self.controller, self.poses, self.seed).rate
+        progress = Progress(settings.steps, f"train {settings.algo}")
+        progress.update(count=min(self.at.step, settings.steps))
+        while not self._done():
+            before = self.at.step
+            self._episode()
+            last = self.at.step >= settings.steps
+            if self.at.step >= self.at.next_eval or last:
+                self._evaluate(out)
+            rate = f"success {self.at.rows[-1]['success']:.0%}" if self.at.rows else ""
+            progress.update(rate, count=min(self.at.step, settings.steps) - min(before, settings.steps))
+        return self._finish(out)
+
+    def _done(self) -> bool:
+        enough = 0 < self.settings.stop_after <= self.at.perfect
+        return enough or self.at.step >= self.settings.steps
+
+    def _episode(self) -> None:
+        """Play one episode and learn meanwhile."""
+        at, clock, settings = self.at, self.clock, self.settings
+        seed = episode_seed(self.seed, 0, at.episode)
+        with clock.on("environment"):
+            observation, info = self.environment.reset(seed=seed)
+            sight = self.observer(observation, info)
+        self.replay.begin(sight)
+        ended = False
+        while not ended:
+            share = settings.lambda_at(at.step)
+            with clock.on("act"):
+                action, by_actor = self._act(sight, share)
+            with clock.on("environment"):
+                observation, reward, terminated, truncated, info = self.environment.step(action)
+                sight = self.observer(observation, info)
+            ended = terminated or truncated
+            self.replay.add(action, float(reward), terminated, sight, ended=ended)
+            at.step += 1
+            self.meter.see({"actor_share": float(by_actor)})
+            with clock.on("update"):
+                self._learn(share)
+        at.episode += 1
+        self.meter.see({"training_success": float(info["success"])})
+
+    def _act(self, sight: Any, share: float) -> tuple[np.ndarray, bool]:
+        """An action in training; before the first update at random for `sac`."""
+        if self.settings.algo == "sac" and self.at.step < self.settings.start_steps:
+            return self.rng.uniform(-1.0, 1.0, len(sight.base)).astype(np.float32), False
+        choice = self.agent.act(sight, 1.0 if self.at.step < self.settings.start_steps else share)
+        return choice.action, choice.by_actor
+
+    def _learn(self, share: float) -> None:
+        """The gradient steps that are owed."""
+        settings = self.settings
+        if self.at.step < settings.start_steps:
+            return
+        self.at.owed += settings.updates_per_step
+        while self.at.owed >= 1.0:
+            size = settings.critic_batch if settings.has_critics else settings.actor_batch
+            self.meter.see(self.agent.update(self.replay.sample(size, self.rng), share))
+            self.at.owed -= 1.0
+
+    def _evaluate(self, out: Path) -> None:
+        """Evaluate, add a row, keep the best weights, make a checkpoint."""
+        at, settings = self.at, self.settings
+        with self.clock.on("evaluate"):
+            value = (
+                (lambda observation, info: self.agent.value(self.observer(observation, info))) if settings.has_critics else None
+            )
+            policy = Policy(self.agent.actor, settings.image_size)
+            evaluation = evaluate(self.environment, policy, self.poses, self.seed, settings.gamma, value)
+        at.rows.append(
+            {
+                "step": at.step,
+                "episode": at.episode,
+                "update": self.agent.updates,
+                **evaluation_row(evaluation),
+                "controller_success": None if np.isnan(at.controller) else at.controller,
+                "lambda": settings.lambda_at(at.step),
+                "alpha": self.agent.alpha if settings.has_critics else None,
+                **self.meter.take(*_METERED),
+                **{f"cpu_{part}_s": round(seconds, 3) for part, seconds in self.clock.seconds.items()},
+            }
+        )
+        write_curve(out / CURVE, at.rows)
+        # Of equal ones the later: it has learned longer.
+        if evaluation.rate >= at.best:
+            at.best, at.best_step = evaluation.rate, at.step
+            self.best = copy.deepcopy(self.agent.actor.state_dict())
+        at.perfect = at.perfect + 1 if evaluation.success.all() else 0
+        at.next_eval = at.step + settings.eval_every
+        if self.state is not None:
+            self._save()
+
+    def _finish(self, out: Path) -> Training:
+        """Test the best weights on other poses and write them."""
+        inside, settings = bare(self.environment), self.settings
+        self.agent.actor.load_state_dict(self.best)
+        policy = Policy(self.agent.actor, settings.image_size, describe(inside, settings))
+        others = evaluation_poses(inside.region, settings.eval_poses, self.seed, draw=1)
+        retest = evaluate(self.environment, policy, others, self.seed, settings.gamma).rate
+        figures = {
+            "seed": self.seed,
+            "best_step": self.at.best_step,
+            "best_success": self.at.best,
+            "retest_success": retest,
+            "controller_success": self.at.controller,
+            "steps": self.at.step,
+            "updates": self.agent.updates,
+            "target_alarms": self.agent.alarm.count,
+        }
+        save_policy(out, self.best, {**policy.spec, "figures": figures})
+        write_curve(out / CURVE, self.at.rows)
+        logger.info("best success %.0f %%, on other poses %.0f %%", 100 * self.at.best, 100 * retest)
+        return Training(self.at.rows, self.at.best, retest, self.at.controller, policy, self.replay.nbytes)
+
+    def _save(self) -> None:
+        """Make a checkpoint, between two episodes and right after an evaluation: the meter is empty."""
+        assert self.state is not None
+        run = {**asdict(self.at), "seconds": self.clock.seconds, "rng": self.rng.bit_generator.state}
+        learner = {"agent": self.agent.state(), "best": self.best}
+        save_checkpoint(self.state, self.key, Checkpoint(run, learner, self.replay))
+
+    def _resume(self) -> bool:
+        """Go on from a checkpoint, where there is one."""
+        checkpoint = None if self.state is None else load_checkpoint(self.state, self.key)
+        if checkpoint is None:
+            return False
+        run = dict(checkpoint.run)
+        try:
+            self.clock = Clock(run.pop("seconds"))
+            self.rng.bit_generator.state = run.pop("rng")
+            # JSON knows no NaN.
+            self.at = _Counters(**{**run, "controller": np.nan if run["controller"] is None else run["controller"]})
+            self.best = checkpoint.learner["best"]
+            self.agent.restore(checkpoint.learner["agent"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(self.state or "", f"the checkpoint is damaged ({error})", "Delete it and train anew") from error
+        self.replay = checkpoint.replay
+        logger.info("going on from step %d", self.at.step)
+        return True
+
+
+def _check(environment: PickEnvironment, controller: Controller | None, settings: PolicySettings) -> None:
+    """Make sure that environment, controller and settings belong together."""
+    if environment.settings.image_size != settings.image_size:
+        raise InputError(
+            "policy: image_size",
+            f"the environment's pictures have {environment.settings.image_size} px, the policy asks for {settings.image_size}",
+            "Give both the same",
+        )
+    if settings.has_controller and controller is None:
+        raise InputError("policy", f"{settings.algo} needs a baseline controller", "Give one, or use sac")

@@ -1,0 +1,171 @@
+"""Training: resuming bit by bit, the curve, evaluation poses, export without pickles, and that it learns."""
+
+import csv
+import json
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from policy_fixture import CONTROLLER, blob_environment
+
+from gsbridge.environment.wrappers import ImageNoise
+from gsbridge.errors import InputError
+from gsbridge.policy.curve import COLUMNS
+from gsbridge.policy.evaluation import evaluate_controller, evaluation_poses
+from gsbridge.policy.export import SPEC, WEIGHTS, load_policy
+from gsbridge.policy.settings import PolicySettings
+from gsbridge.policy.trainer import CURVE, Trainer
+from gsbridge.tasks.poses import pose_set
+
+
+def settings(**values) -> PolicySettings:
+    few = {"steps": 36, "start_steps": 6, "eval_every": 10, "eval_poses": 4, "actor_batch": 4, "critic_batch": 8}
+    return PolicySettings(**{**few, "replay_capacity": 200, "updates_per_step": 0.3, "lambda_share": 1.0, **values})
+
+
+class Killed(gymnasium.Wrapper):
+    """An environment that dies at a step."""
+
+    def __init__(self, env, at):
+        super().__init__(env)
+        self.left = at
+
+    def step(self, action):
+        self.left -= 1
+        if self.left < 0:
+            raise KeyboardInterrupt
+        return self.env.step(action)
+
+
+def environment():
+    return ImageNoise(blob_environment(max_steps=12), 3.0)
+
+
+def curve(folder):
+    with open(folder / CURVE, newline="") as file:
+        rows = list(csv.DictReader(file))
+    return [{name: value for name, value in row.items() if not name.startswith("cpu_")} for row in rows]
+
+
+@pytest.mark.parametrize("algo", ["sacwb", "sac", "bc", "dagger"])
+def test_killed_and_resumed_is_the_same_bit_for_bit(tmp_path, algo):
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    chosen = settings(algo=algo, bf16=False)
+    first = Trainer(environment(), CONTROLLER, chosen, seed=3).run(whole)
+    deaths = 0
+    # In the second episode, while the second policy is evaluated, never.
+    for at in (115, 40, 10_000):
+        try:
+            second = Trainer(Killed(environment(), at), CONTROLLER, chosen, seed=3, state=parts / "state").run(parts)
+        except KeyboardInterrupt:
+            deaths += 1
+            assert not (parts / WEIGHTS).exists()
+    assert deaths == 2
+    assert curve(whole) == curve(parts)
+    assert len(curve(whole)) == 3
+    assert (whole / WEIGHTS).read_bytes() == (parts / WEIGHTS).read_bytes()
+    assert (first.best, first.retest) == (second.best, second.retest)
+    assert len(list((parts / "state").iterdir())) == 1
+
+
+def test_another_training_leaves_the_checkpoint_aside(tmp_path, caplog):
+    chosen = settings(algo="bc", steps=12)
+    Trainer(environment(), CONTROLLER, chosen, seed=3, state=tmp_path / "state", key={"code": "a"}).run(tmp_path)
+    for seed, key in ((4, "a"), (3, "b")):
+        trainer = Trainer(environment(), CONTROLLER, chosen, seed=seed, state=tmp_path / "state", key={"code": key})
+        assert not trainer._resume()
+        assert "another training" in caplog.text
+        caplog.clear()
+    assert Trainer(environment(), CONTROLLER, chosen, seed=3, state=tmp_path / "state", key={"code": "a"})._resume()
+
+
+def test_damaged_checkpoint_is_named(tmp_path):
+    chosen = settings(algo="bc", steps=12)
+    Trainer(environment(), CONTROLLER, chosen, seed=3, state=tmp_path / "state").run(tmp_path)
+    (learner,) = (tmp_path / "state").glob("*/learner.pt")
+    learner.write_bytes(learner.read_bytes()[:-500])
+    with pytest.raises(InputError, match="damaged"):
+        Trainer(environment(), CONTROLLER, chosen, seed=3, state=tmp_path / "state")._resume()
+
+
+def test_files_of_a_training(tmp_path):
+    result = Trainer(environment(), CONTROLLER, settings(), seed=0).run(tmp_path)
+    with open(tmp_path / CURVE, newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert tuple(rows[0]) == COLUMNS
+    last = {name: float(value) for name, value in rows[-1].items() if value}
+    assert last["step"] == 36
+    assert last["update"] == pytest.approx(0.3 * (last["step"] - 5), abs=1.5)
+    assert last["success"] == np.mean([last[f"success_q{k}"] for k in (1, 2, 3, 4)])
+    assert 0 <= last["actor_share"] <= 1
+    assert 0 <= last["lambda"] < 0.1
+    assert last["q_start"] == result.rows[-1]["q_start"]
+    spec = json.loads((tmp_path / SPEC).read_text())
+    assert spec["observation"]["image"]["size_px"] == 64
+    assert spec["action"]["position_m"] == 0.024
+    assert spec["training"]["algo"] == "sacwb"
+    assert spec["figures"]["controller_success"] == result.controller
+
+
+def test_loaded_policy_acts_bit_for_bit_alike(tmp_path):
+    result = Trainer(environment(), CONTROLLER, settings(algo="bc", steps=24), seed=0).run(tmp_path)
+    policy = load_policy(tmp_path)
+    env = blob_environment()
+    observation, info = env.reset(seed=5)
+    for _ in range(20):
+        action = policy(observation, info)
+        np.testing.assert_array_equal(action, result.policy(observation))
+        assert action.shape == (5,)
+        assert action.dtype == np.float32
+        observation, *_, info = env.step(action)
+    assert policy.spec["task"] == "grasp"
+
+
+def test_export_refuses_what_does_not_belong_together(tmp_path):
+    Trainer(environment(), CONTROLLER, settings(algo="bc", steps=12), seed=0).run(tmp_path)
+    spec, weights = (tmp_path / SPEC).read_text(), (tmp_path / WEIGHTS).read_bytes()
+    (tmp_path / SPEC).write_text(spec.replace('"format": 1', '"format": 9'))
+    with pytest.raises(InputError, match="format"):
+        load_policy(tmp_path)
+    (tmp_path / SPEC).write_text(spec)
+    (tmp_path / WEIGHTS).write_bytes(weights[:-1] + b"x")
+    with pytest.raises(InputError, match="does not belong"):
+        load_policy(tmp_path)
+    (tmp_path / WEIGHTS).unlink()
+    with pytest.raises(InputError, match="cannot be read"):
+        load_policy(tmp_path)
+
+
+def test_evaluation_poses_are_a_third_set():
+    env = blob_environment()
+    poses = evaluation_poses(env.region, 32, 0)
+    np.testing.assert_array_equal(poses, evaluation_poses(env.region, 32, 0))
+    np.testing.assert_array_equal(env.region.quadrant(poses[:, :2]), np.repeat([1, 2, 3, 4], 8))
+    others = [pose_set(name, env.region) for name in ("fixed", "unseen")]
+    for other in (*others, evaluation_poses(env.region, 32, 0, draw=1), evaluation_poses(env.region, 32, 1)):
+        assert np.abs(poses[:, None] - other[None]).max(-1).min() > 1e-4
+
+
+def test_controller_is_tried_blind_and_pictures_come_back():
+    env = blob_environment()
+    eye = env.eye
+    outcome = evaluate_controller(env, CONTROLLER, evaluation_poses(env.region, 8, 0), 0)
+    assert outcome.rate == 1.0
+    assert env.eye is eye
+    assert np.isnan(outcome.expected).all()
+
+
+def test_what_does_not_fit_is_refused():
+    with pytest.raises(InputError, match="image_size"):
+        Trainer(blob_environment(), CONTROLLER, settings(image_size=128), seed=0)
+    with pytest.raises(InputError, match="needs a baseline controller"):
+        Trainer(blob_environment(), None, settings(), seed=0)
+    with pytest.raises(InputError, match="PickEnvironment"):
+        Trainer(gymnasium.make("CartPole-v1"), CONTROLLER, settings(), seed=0)
+
+
+def test_one_thread(tmp_path):
+    torch.set_num_threads(2)
+    Trainer(blob_environment(), CONTROLLER, settings(), seed=0)
+    assert torch.get_num_threads() == 1
