@@ -15,6 +15,7 @@ from gsbridge.configuration import (
     check_configuration,
 )
 from gsbridge.digests import code_digest, kernel_digest, package_digest
+from gsbridge.errors import InputError
 
 check_configuration(config)
 
@@ -325,6 +326,19 @@ def trial_records(world):
 def preset_pairs():
     """Objects on backgrounds of the cells whose scenes the preset runs."""
     return [pair for pair in PAIRS if set(pair.split("+")) <= set(SCENES)]
+
+
+def first_asset(kind):
+    """Input function: asset of the first cell's object or background, on which the simulator as such is measured."""
+
+    def path(wildcards):
+        if not CELLS:
+            raise InputError(
+                "config: cells", "there is no cell to simulate", "Name at least one"
+            )
+        return f"results/scenes/{CELLS[0][kind]}/asset/asset.json"
+
+    return path
 
 
 def cell_task(wildcards):

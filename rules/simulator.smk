@@ -70,8 +70,8 @@ rule check_simulator:
     input:
         robot="results/robot/description",
         registration="results/workspace/registration.json",
-        item=f"results/scenes/{CELLS[0]['object']}/asset/asset.json",
-        background=f"results/scenes/{CELLS[0]['background']}/asset/asset.json",
+        item=first_asset("object"),
+        background=first_asset("background"),
         model=f"{workflow.basedir}/models/nominal.yaml",
         kernels=ancient("results/.state/compile_kernels.done"),
     output:
@@ -97,8 +97,8 @@ rule check_simulator:
 rule benchmark_environment:
     input:
         robot_splats="results/robot/splats",
-        item=f"results/scenes/{CELLS[0]['object']}/asset/asset.json",
-        background=f"results/scenes/{CELLS[0]['background']}/asset/asset.json",
+        item=first_asset("object"),
+        background=first_asset("background"),
         kernels=ancient("results/.state/compile_kernels.done"),
     output:
         benchmark="results/benchmarks/environment.json",

@@ -155,7 +155,7 @@ def _asset(path: str | Path, kind: str) -> Asset:
     """An asset of one kind."""
     asset = read_asset(path)
     if asset.kind != kind:
-        raise InputError(path, f"this is the asset of a {asset.kind}, no {kind}", f"Name the asset of a {kind}")
+        raise InputError(path, f"this asset is of the kind {asset.kind}", f"Name one of the kind {kind}")
     return asset
 
 

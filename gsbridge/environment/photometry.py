@@ -16,13 +16,14 @@ import cv2
 import numpy as np
 from scipy.optimize import least_squares
 
-from gsbridge.asset.bundle import read_asset
+from gsbridge.asset.bundle import Asset, read_asset
 from gsbridge.cameras import Camera
 from gsbridge.environment.robot_splats import link_meshes
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_stage
 from gsbridge.geometry import Array
 from gsbridge.images import linear_from_srgb, read_image, srgb_from_linear
+from gsbridge.meshes import Mesh
 from gsbridge.registration.capture import BoardCapture, read_board_capture
 from gsbridge.registration.result import Registration, read_registration
 from gsbridge.robot.assembly import RobotFiles
@@ -201,7 +202,7 @@ class _Samples:
     links: dict[str, Array]
 
     @classmethod
-    def of(cls, capture: BoardCapture, registration: Registration, robot: RobotFiles, background) -> _Samples:  # type: ignore[no-untyped-def]
+    def of(cls, capture: BoardCapture, registration: Registration, robot: RobotFiles, background: Asset) -> _Samples:
         camera = capture.camera or registration.camera
         if camera is None:
             raise InputError(capture.folder, "the intrinsics of its camera are unknown", "Register the workspace again")
@@ -238,7 +239,7 @@ class _Samples:
 class _Hand:
     """Tells which link of the robot a pixel shows; what the table hides counts as table."""
 
-    def __init__(self, robot: RobotFiles, table: Any) -> None:
+    def __init__(self, robot: RobotFiles, table: Mesh) -> None:
         meshes = link_meshes(robot)
         self.names = tuple(meshes)
         # A link's number is its shade of grey.

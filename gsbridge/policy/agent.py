@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
@@ -248,8 +248,3 @@ def _step(optimiser: torch.optim.Optimizer, loss: Tensor) -> None:
     for parameter, gradient in zip(parameters, torch.autograd.grad(loss, parameters, allow_unused=True), strict=True):
         parameter.grad = gradient
     optimiser.step()
-
-
-def count_parameters(module: nn.Module) -> int:
-    """Number of learned values."""
-    return sum(parameter.numel() for parameter in module.parameters())

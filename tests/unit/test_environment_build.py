@@ -108,9 +108,9 @@ def test_a_plate_is_a_body_and_a_place_to_put_things(files):
 
 def test_assets_of_the_wrong_kind_are_refused(files):
     stage, _ = files
-    with pytest.raises(InputError, match="asset of a background"):
+    with pytest.raises(InputError, match="of the kind background"):
         build_world(replace(stage, item=stage.background))
-    with pytest.raises(InputError, match="asset of a object"):
+    with pytest.raises(InputError, match="of the kind object"):
         build_world(replace(stage, background=stage.item))
     with pytest.raises(InputError, match="robot splats"):
         build_renderer(stage, replace(SETTINGS, renderer="gs"))
