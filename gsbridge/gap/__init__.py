@@ -1,0 +1,1 @@
+"""Gap: where simulation and measured data disagree, which effect is missing, and what adding it changes."""

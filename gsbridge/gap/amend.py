@@ -1,0 +1,52 @@
+"""The amended model: the user's model file with the named effects and the evidence for them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_file
+
+
+def amend_model(model: str | Path, findings: Mapping[str, Any], out: str | Path) -> None:
+    """Write a copy of a model file with what `findings` names; without a name it is a plain copy.
+
+    Args:
+        model: The model file that was diagnosed.
+        findings: As written to `findings.json`.
+        out: The amended model; the URDF's path is made relative to it.
+
+    Raises:
+        InputError: The model cannot be read.
+    """
+    model, out = Path(model), Path(out)
+    try:
+        content = yaml.safe_load(model.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(model, f"the model cannot be read ({error})", "Check the path") from error
+    content["urdf"] = os.path.relpath((model.parent / content["urdf"]).resolve(), out.resolve().parent)
+    content["effects"] = [*(content.get("effects") or []), *(dict(effect) for effect in findings["amended"])]
+    evidence = {
+        "sentence": findings["sentence"],
+        "verdict": findings["verdict"],
+        "verify": {key: findings["verify"][key] for key in ("before", "after", "closure")} if findings["verify"] else None,
+        "intervals": {
+            " ".join(filter(None, (item["name"], item["joint"]))): {
+                k: row["interval90"] for k, row in item["parameters"].items()
+            }
+            for item in findings["effects"]
+        }
+        if findings["amended"]
+        else {},
+        "rivals": [{"effects": row["effects"], "behind": row["behind"]} for row in findings["rivals"][1:4]],
+        "records": dict(findings["records"]),
+        "seed": findings["seed"],
+    }
+    content["evidence"] = [*(content.get("evidence") or []), evidence]
+    with atomic_file(out) as temporary:
+        temporary.write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True), encoding="utf-8")

@@ -1,0 +1,79 @@
+"""Truths of a single axis: one equation of motion in closed form, stepped by Runge-Kutta with ten steps per control period.
+
+Nothing here knows the effects of the diagnosis. The equation is
+
+    (I + J) a = k t + o + r sin(n q) - m g l cos(q) - b v - c v |v| - (F + s exp(-(v / w)^2)) sat(v / e) - K q,
+
+with a saturation function in place of the sign, under a sampled controller.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.signal import lfilter
+
+from gsbridge.gap.benchmark.axis_motion import march
+from gsbridge.gap.benchmark.trajectories import Course
+from gsbridge.geometry import Array
+
+AXIS = {"inertia": 0.06, "moment": 0.2, "gravity": 9.81, "stiffness": 60.0, "damping": 4.0}
+"""The axis: inertia about it kg m2, mass times lever kg m, m/s2, controller N m/rad and N m s/rad."""
+
+NAMES = (
+    "viscous", "coulomb", "stribeck", "quadratic_drag", "armature", "torque_gain", "effort_offset", "spring", "link_mass",
+    "gain_p", "gain_d", "gravcomp", "encoder_offset", "encoder_scale", "command_delay", "lag", "saturation", "clock_offset",
+    "cubic_spring", "shaking", "patchy_friction",
+)  # fmt: skip
+"""What can be hidden; the last three are in no catalogue."""
+
+_PLACES = {
+    "viscous": 1, "coulomb": 2, "stribeck": 3, "quadratic_drag": 4, "armature": 5, "torque_gain": 6, "effort_offset": 7,
+    "spring": 8, "link_mass": 9, "gain_p": 10, "gain_d": 11, "gravcomp": 12, "encoder_offset": 13, "encoder_scale": 14,
+    "cubic_spring": 18, "shaking": 19, "patchy_friction": 20,
+}  # fmt: skip
+
+
+def run_axis(course: Course, duration: float, times: Array, hidden: Mapping[str, float]) -> dict[str, Array]:
+    """What the axis with something hidden would log.
+
+    Args:
+        course: Commands.
+        duration: s.
+        times: Of the samples, s. [T].
+        hidden: Sizes by name.
+
+    Returns:
+        `position`, `velocity`, `effort`. Each [T, 1].
+    """
+    p = np.zeros(25)
+    p[16], p[21], p[22] = np.inf, AXIS["moment"] * AXIS["gravity"], AXIS["inertia"]
+    p[23], p[24] = AXIS["stiffness"], AXIS["damping"]
+    for name, size in hidden.items():
+        if name in _PLACES:
+            p[_PLACES[name]] = size
+    if "patchy_friction" in hidden:
+        p[2], p[20] = hidden["patchy_friction"], 1.0
+    if "saturation" in hidden:
+        p[16] = 1.0 / hidden["saturation"]
+    grid = np.arange(int(np.ceil(duration * 1000)) + 200) * 1e-3
+    wanted = np.array([course(max(t - hidden.get("command_delay", 0.0), 0.0))[0] for t in grid])
+    if "lag" in hidden:
+        wanted = _slow(np.array([course(t)[0] for t in np.arange(len(grid) * 10) * 1e-4]), hidden["lag"])
+    out = np.empty((3, len(grid)))
+    # It begins at rest, where its encoder says that it should be.
+    march(wanted, p, (float(wanted[0]) - p[13]) / (1.0 + p[14]), out)
+    late = hidden.get("clock_offset", 0.0)
+    return {
+        "position": np.interp(times - late, grid, out[0])[:, None],
+        "velocity": np.interp(times - late, grid, out[1])[:, None],
+        "effort": np.interp(times, grid, out[2])[:, None],
+    }
+
+
+def _slow(wanted: Array, seconds: float) -> Array:
+    """First-order filter by the trapezoidal rule on a grid of 0.1 ms, read every 1 ms."""
+    share = 1e-4 / (2 * seconds)
+    top, bottom = [share / (1 + share)] * 2, [1.0, -(1 - share) / (1 + share)]
+    return lfilter(top, bottom, wanted - wanted[0])[::10] + wanted[0]

@@ -1,0 +1,158 @@
+"""Drawing cases: what is hidden, how large, and the records that a diagnosis gets."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from gsbridge.gap.benchmark.trajectories import KINDS, Course, course
+from gsbridge.gap.records import Record
+from gsbridge.geometry import Array
+
+Truth = Callable[[Course, float, Array, Mapping[str, float]], dict[str, Array]]
+"""Course, duration, times of samples and hidden sizes -> channels, each [T, N]."""
+
+UNIT = 25.0
+"""Squared length, in units of the noise, of the noise-free signature on `select` that an effect of size one unit has."""
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A mechanism under test.
+
+    Args:
+        joints: Their names.
+        centre: Middle posture, rad. [N].
+        reach: Largest commanded distance from it, rad. [N].
+        noise: Standard deviation of one sample, by kind. Each [N].
+        truth: How it really moves.
+        sizes: For every name that may be hidden: a size to begin the search for the unit with, and its sign (0 for both).
+    """
+
+    joints: tuple[str, ...]
+    centre: Array
+    reach: Array
+    noise: Mapping[str, Array]
+    truth: Truth
+    sizes: Mapping[str, tuple[float, int]]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A sealed truth and its records.
+
+    Args:
+        name: Of the case.
+        hidden: Sizes of what is hidden, by name, `name:joint` for one joint; empty for an effect-free case.
+        units: Size in units of the detection limit.
+        records: By role: `fit`, `select`, `verify`.
+        seal: SHA-256 of the truth.
+    """
+
+    name: str
+    hidden: Mapping[str, float]
+    units: float
+    records: Mapping[str, Record]
+    seal: str
+
+
+def draw_case(
+    plant: Plant,
+    names: tuple[str, ...],
+    units: float,
+    seed: int,
+    course_seed: int,
+    *,
+    duration: float = 4.0,
+    rate: float = 100.0,
+    kinds: tuple[str, ...] = ("position", "velocity", "effort"),
+) -> Case:
+    """Draw one case.
+
+    Args:
+        plant: The mechanism.
+        names: What is hidden; each of `units` by itself.
+        units: Size.
+        seed: Of signs and noise.
+        course_seed: Of the courses, which cases may share.
+        duration: Of each record, s.
+        rate: Samples per second.
+        kinds: Channels that are logged.
+    """
+    rng = np.random.default_rng(seed)
+    times = np.arange(round(duration * rate)) / rate
+    roads = np.random.default_rng(course_seed)
+    courses = {role: _joined(course(kind, plant.centre, plant.reach, duration, roads), rate) for role, kind in KINDS.items()}
+    signs = {name: (float(plant.sizes[name][1]) or float(rng.choice((-1.0, 1.0)))) for name in names}
+    hidden = {
+        name: signs[name] * size_of_units(plant, name, signs[name], units, courses["select"], duration, times, kinds)
+        for name in names
+    }
+    records = {}
+    for role, wanted in courses.items():
+        clean = plant.truth(wanted, duration, times, hidden)
+        measured = {kind: clean[kind] + plant.noise[kind] * rng.standard_normal(clean[kind].shape) for kind in kinds}
+        records[role] = (wanted, measured)
+    text = json.dumps({"seed": seed, "hidden": dict(sorted(hidden.items()))})
+    made = {
+        role: Record(
+            f"{role}",
+            times,
+            plant.joints,
+            {"command": np.array([wanted(t) for t in times])},
+            measured,
+        )
+        for role, (wanted, measured) in records.items()
+    }
+    return Case("+".join(names) or "none", hidden, units, made, hashlib.sha256(text.encode()).hexdigest())
+
+
+def _joined(wanted: Course, rate: float) -> Course:
+    """Commands as they are sent and logged: at some rate, and joined by straight lines on their way to the motors."""
+
+    def joined(time: float) -> Array:
+        place = time * rate
+        whole = float(np.floor(place))
+        start = wanted(whole / rate)
+        return start + (place - whole) * (wanted((whole + 1) / rate) - start)
+
+    return joined
+
+
+def size_of_units(
+    plant: Plant,
+    name: str,
+    sign: float,
+    units: float,
+    wanted: Course,
+    duration: float,
+    times: Array,
+    kinds: tuple[str, ...],
+) -> float:
+    """Size at which the noise-free signature on `select` has the squared length `units`^2 times `UNIT`."""
+    plain = plant.truth(wanted, duration, times, {})
+
+    def length(size: float) -> float:
+        moved = plant.truth(wanted, duration, times, {name: sign * size})
+        return float(np.sqrt(sum((((moved[kind] - plain[kind]) / plant.noise[kind]) ** 2).sum() for kind in kinds)))
+
+    aim, size, low, high = units * np.sqrt(UNIT), plant.sizes[name][0], 0.0, np.inf
+    for _ in range(14):
+        found = length(size)
+        if not np.isfinite(found):
+            high = min(high, size)
+            size = 0.5 * (low + high)
+            continue
+        if abs(found / aim - 1.0) < 0.05:
+            break
+        if found < aim:
+            low = max(low, size)
+        else:
+            high = min(high, size)
+        guess = size * float(np.clip(aim / max(found, 1e-9), 0.1, 8.0))
+        size = guess if low < guess < high else (0.5 * (low + high) if np.isfinite(high) else 2.0 * size)
+    return size

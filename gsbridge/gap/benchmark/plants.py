@@ -1,0 +1,99 @@
+"""Mechanisms of the benchmark: a single axis, and any arm, each with its model and what may be hidden in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from gsbridge.files import atomic_file
+from gsbridge.gap.benchmark.axis_truth import AXIS, NAMES, run_axis
+from gsbridge.gap.benchmark.generate import Plant, Truth
+from gsbridge.gap.benchmark.mujoco_truth import MujocoTruth
+from gsbridge.gap.system import System, read_system
+from gsbridge.geometry import Array
+
+DEVELOPMENT, SCORED = range(0, 1000), range(5000, 6000)
+"""Seeds of courses and cases: thresholds may be set on the first, only the second are reported."""
+
+_LEVER = 0.2
+"""Of the axis's centre of mass, m."""
+
+SIGNED = ("torque_gain", "effort_offset", "link_mass", "gain_p", "gain_d", "encoder_offset", "encoder_scale", "cubic_spring")
+"""Hidden per joint, with either sign."""
+
+POSITIVE = ("viscous", "coulomb", "armature", "spring", "quadratic_drag", "saturation", "patchy_friction", "shaking")
+"""Hidden per joint, positive."""
+
+UNKNOWN = ("cubic_spring", "shaking", "patchy_friction")
+"""In no catalogue of the diagnosis."""
+
+
+def axis_model(folder: str | Path) -> Path:
+    """Write the single axis: `axis.urdf` and `model.yaml`. Returns the model's path."""
+    folder = Path(folder)
+    mass = AXIS["moment"] / _LEVER
+    across = AXIS["inertia"] - mass * _LEVER**2
+    urdf = f"""<robot name="axis">
+  <link name="base"/>
+  <link name="arm">
+    <inertial>
+      <origin xyz="{_LEVER} 0 0"/>
+      <mass value="{mass}"/>
+      <inertia ixx="0.001" iyy="{across}" izz="{across}" ixy="0" ixz="0" iyz="0"/>
+    </inertial>
+  </link>
+  <joint name="axis" type="revolute">
+    <parent link="base"/>
+    <child link="arm"/>
+    <axis xyz="0 -1 0"/>
+    <limit lower="-6" upper="6" effort="50" velocity="20"/>
+  </joint>
+</robot>
+"""
+    with atomic_file(folder / "axis.urdf") as temporary:
+        temporary.write_text(urdf, encoding="utf-8")
+    model = {"urdf": "axis.urdf", "controller": controller(AXIS["stiffness"], AXIS["damping"]), "effects": []}
+    with atomic_file(folder / "model.yaml") as temporary:
+        temporary.write_text(yaml.safe_dump(model, sort_keys=False), encoding="utf-8")
+    return folder / "model.yaml"
+
+
+def controller(stiffness: Any, damping: Any) -> dict[str, Any]:
+    """The controller that all truths have: 1 kHz, commands joined by lines, the weight carried."""
+    return {
+        "mode": "pd",
+        "rate": 1000,
+        "stiffness": stiffness,
+        "damping": damping,
+        "gravity_compensation": 1.0,
+        "between": "line",
+    }
+
+
+def axis_plant(folder: str | Path, engine: str = "analytic") -> tuple[System, Plant]:
+    """The single axis with truths of the closed equation (`analytic`) or of MuJoCo (`mujoco`)."""
+    system = read_system(axis_model(folder))
+    truth: Truth = run_axis if engine == "analytic" else MujocoTruth(system)
+    sizes = {name: (0.01, 0 if name in (*SIGNED, "gravcomp") else 1) for name in NAMES}
+    sizes |= {"saturation": (0.2, 1), "command_delay": (1e-3, 1), "lag": (1e-3, 1), "clock_offset": (1e-3, 0)}
+    noise = {"position": np.array([2e-4]), "velocity": np.array([5e-3]), "effort": np.array([0.02])}
+    return system, Plant(system.joints, np.array([0.3]), np.array([0.9]), noise, truth, sizes)
+
+
+def arm_plant(system: System, centre: Sequence[float], reach: Sequence[float]) -> Plant:
+    """An arm with truths of MuJoCo. `centre` and `reach` as in `Plant`."""
+    sizes = {"command_delay": (1e-3, 1), "lag": (1e-3, 1), "clock_offset": (1e-3, 0), "payload": (0.05, 1)}
+    sizes |= {"base_tilt": (5e-3, 0), "gravcomp": (0.01, 0)}
+    for joint in system.joints:
+        sizes |= {f"{name}:{joint}": (0.05, 1) for name in POSITIVE} | {f"{name}:{joint}": (0.02, 0) for name in SIGNED}
+    count = len(system.joints)
+    noise: dict[str, Array] = {
+        "position": np.full(count, 2e-4),
+        "velocity": np.full(count, 5e-3),
+        "effort": np.full(count, 0.05),
+    }
+    return Plant(system.joints, np.asarray(centre, float), np.asarray(reach, float), noise, MujocoTruth(system), sizes)

@@ -1,0 +1,163 @@
+"""Mass properties of a URDF's links, changed and written out again without shapes: what a replay in free space needs."""
+
+from __future__ import annotations
+
+import copy
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gsbridge.errors import InputError
+from gsbridge.geometry import Array
+
+
+@dataclass
+class Inertial:
+    """Mass properties of a link.
+
+    Args:
+        mass: kg.
+        centre: Of mass, link frame, m. [3].
+        inertia: About the centre, link axes, kg m2. [3, 3].
+    """
+
+    mass: float
+    centre: Array
+    inertia: Array
+
+    def scaled(self, factor: float) -> Inertial:
+        """The same shape of another density."""
+        return Inertial(self.mass * factor, self.centre.copy(), self.inertia * factor)
+
+    def with_point(self, mass: float, place: Array) -> Inertial:
+        """With a point mass fixed at `place` (link frame, m) added."""
+        total = self.mass + mass
+        if total <= 0:
+            return Inertial(self.mass, self.centre.copy(), self.inertia.copy())
+        centre = (self.mass * self.centre + mass * place) / total
+        return Inertial(total, centre, self._about(centre) + mass * _steiner(place - centre))
+
+    def _about(self, point: Array) -> Array:
+        """Inertia about another point than the centre. [3, 3]."""
+        return self.inertia + self.mass * _steiner(self.centre - point)
+
+
+def _steiner(arm: Array) -> Array:
+    """Inertia of a unit point mass at `arm`. [3, 3]."""
+    return float(arm @ arm) * np.eye(3) - np.outer(arm, arm)
+
+
+def _floats(text: str | None, count: int) -> Array:
+    """Numbers of an attribute; zeros where there is none."""
+    return np.zeros(count) if text is None else np.array([float(value) for value in text.split()])
+
+
+@dataclass
+class Skeleton:
+    """A URDF's links and joints, without shapes.
+
+    Args:
+        tree: Root element; never changed after reading.
+        inertials: Mass properties by link; links without any are left out.
+        child_of: Link that each moving joint moves.
+    """
+
+    tree: ElementTree.Element
+    inertials: dict[str, Inertial]
+    child_of: dict[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def read(cls, urdf: str | Path, moving: tuple[str, ...]) -> Skeleton:
+        """Read a description; joints other than `moving` become fixed.
+
+        Raises:
+            InputError: Mass properties are no numbers, or a moved link has none.
+        """
+        root = ElementTree.parse(urdf).getroot()
+        out = cls(root, {})
+        for link in root.findall("link"):
+            for kind in ("visual", "collision"):
+                for shape in link.findall(kind):
+                    link.remove(shape)
+            inertial = link.find("inertial")
+            if inertial is None:
+                continue
+            try:
+                out.inertials[str(link.get("name"))] = _read_inertial(inertial)
+            except (AttributeError, TypeError, ValueError, KeyError) as error:
+                raise InputError(urdf, f"link '{link.get('name')}' has damaged mass properties", "Mend the URDF") from error
+            link.remove(inertial)
+        for joint in root.findall("joint"):
+            if joint.get("name") not in moving:
+                joint.set("type", "fixed")
+            for kind in ("dynamics", "mimic", "safety_controller", "calibration"):
+                for element in joint.findall(kind):
+                    joint.remove(element)
+            out.child_of[str(joint.get("name"))] = joint.find("child").get("link")
+        for other in [item for item in root if item.tag not in ("link", "joint")]:
+            root.remove(other)
+        for name in moving:
+            if out.child_of[name] not in out.inertials:
+                raise InputError(
+                    urdf, f"the link '{out.child_of[name]}' that joint '{name}' moves has no mass", "Add <inertial>"
+                )
+        return out
+
+    def write(self, path: str | Path, inertials: Mapping[str, Inertial]) -> None:
+        """Write the skeleton with the given mass properties."""
+        root = copy.deepcopy(self.tree)
+        children = {joint.find("child").get("link") for joint in root.findall("joint")}
+        for link in root.findall("link"):
+            name = str(link.get("name"))
+            body = inertials.get(name)
+            if name not in children:
+                # It never moves, but PyBullet takes gravity along its principal axes; those of a ball are the frame's.
+                body = Inertial(1.0, np.zeros(3), np.eye(3))
+            if body is None:
+                continue
+            moments, axes = np.diag(body.inertia), np.eye(3)
+            if np.abs(body.inertia - np.diag(moments)).max() > 1e-12:
+                # Engines differ in how they treat products of inertia; principal axes are understood by all.
+                moments, axes = np.linalg.eigh(body.inertia)
+                axes[:, 0] *= np.sign(np.linalg.det(axes))
+            rpy = _rpy(axes)
+            element = ElementTree.SubElement(link, "inertial")
+            ElementTree.SubElement(element, "origin", xyz=_text(body.centre), rpy=_text(rpy))
+            ElementTree.SubElement(element, "mass", value=repr(float(body.mass)))
+            ElementTree.SubElement(
+                element, "inertia", ixx=repr(float(moments[0])), iyy=repr(float(moments[1])), izz=repr(float(moments[2])),
+                ixy="0", ixz="0", iyz="0",
+            )  # fmt: skip
+        ElementTree.ElementTree(root).write(path, encoding="unicode")
+
+
+def _rpy(rotation: Array) -> Array:
+    """Roll, pitch, yaw of a rotation. [3, 3] -> [3]."""
+    with warnings.catch_warnings():
+        # Pitch of a right angle leaves roll and yaw undetermined; any pair that scipy chooses is right.
+        warnings.simplefilter("ignore", UserWarning)
+        return Rotation.from_matrix(rotation).as_euler("xyz")
+
+
+def _text(values: Array) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+def _read_inertial(element: ElementTree.Element) -> Inertial:
+    origin = element.find("origin")
+    mass = float(element.find("mass").get("value"))
+    tensor = {key: float(element.find("inertia").get(key, 0.0)) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")}
+    rotation = Rotation.from_euler("xyz", _floats(None if origin is None else origin.get("rpy"), 3)).as_matrix()
+    inertia = np.array(
+        [
+            [tensor["ixx"], tensor["ixy"], tensor["ixz"]],
+            [tensor["ixy"], tensor["iyy"], tensor["iyz"]],
+            [tensor["ixz"], tensor["iyz"], tensor["izz"]],
+        ]
+    )
+    return Inertial(mass, _floats(None if origin is None else origin.get("xyz"), 3), rotation @ inertia @ rotation.T)

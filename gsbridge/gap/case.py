@@ -1,0 +1,158 @@
+"""A user's case: a YAML file that names a model and records, diagnosed into a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from gsbridge.errors import InputError
+from gsbridge.files import write_json
+from gsbridge.gap.amend import amend_model
+from gsbridge.gap.diagnose import ROLES, diagnose, findings_of
+from gsbridge.gap.effects import effect_of
+from gsbridge.gap.records import SHORTEST, Layout, Record, check_degrees, read_record
+from gsbridge.gap.system import System, read_system
+
+_KEYS = ("model", "records", "columns", "units", "torque_per_ampere", "noise", "effects")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A case, checked.
+
+    Args:
+        model: The model file.
+        system: Its content.
+        records: By role.
+        names: Effects that may be the reason; None for all.
+        reasons: Why its result is degraded.
+    """
+
+    model: Path
+    system: System
+    records: Mapping[str, Record]
+    names: tuple[str, ...] | None
+    reasons: tuple[str, ...]
+
+
+def read_case(path: str | Path) -> Case:
+    """Read and check a case.
+
+    Raises:
+        InputError: The file, its model or a record cannot be used.
+    """
+    path = Path(path)
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(path, "the case cannot be read", "Check the path") from error
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(path, f"this is not valid YAML ({error})", "Correct it after docs/gap.md") from error
+    if not isinstance(content, Mapping) or "model" not in content or not content.get("records"):
+        raise InputError(path, "a case needs 'model' and 'records'", "See docs/gap.md")
+    for key in content:
+        if key not in _KEYS:
+            raise InputError(path, f"the key '{key}' is unknown", f"Use only: {', '.join(_KEYS)}")
+    model = path.parent / content["model"]
+    system = read_system(model)
+    gain = content.get("torque_per_ampere")
+    reasons = []
+    if gain is not None:
+        if len(system.joints) > 1:
+            raise InputError(
+                path, "efforts in amperes are understood for a single axis only", "Convert them to N m, or leave them out"
+            )
+        reasons.append("efforts come from currents by a stated gain, which scales every torque found")
+    layout = Layout(
+        system.joints,
+        system.controller.mode == "torque",
+        dict(content.get("columns") or {}),
+        dict(content.get("units") or {}),
+        gain,
+    )
+    for name in content.get("effects") or ():
+        effect_of(name, str(path))
+    records = {}
+    for role, file in content["records"].items():
+        if role not in ROLES:
+            raise InputError(path, f"the record '{role}' has no role", f"Name records {', '.join(ROLES)}")
+        records[role] = _check(read_record(path.parent / file, layout), system, path.parent / file, content.get("noise") or {})
+    records, split = split_records(records, path)
+    if "effort" not in records["fit"].measured and system.controller.closed_loop:
+        reasons.append("no efforts are logged: latency and filters, viscous friction and damping are hard to tell apart")
+    return Case(model, system, records, tuple(content["effects"]) if content.get("effects") else None, (*reasons, *split))
+
+
+def _check(record: Record, system: System, source: Path, noise: Mapping[str, float]) -> Record:
+    """A record that fits its mechanism.
+
+    Raises:
+        InputError: Commands are missing, or angles are degrees.
+    """
+    if system.controller.mode != "free" and "command" not in record.commands:
+        record_needs = "torques" if system.controller.mode == "torque" else "commanded positions"
+        raise InputError(
+            source,
+            f"there are no columns 'command.{system.joints[0]}' with {record_needs}",
+            f"Mode {system.controller.mode} needs them",
+        )
+    check_degrees(record, source, system.limits)
+    sigma = {kind: np.full(len(record.joints), float(value)) for kind, value in noise.items() if kind in record.measured}
+    return replace(record, sigma=sigma)
+
+
+def split_records(records: Mapping[str, Record], source: str | Path) -> tuple[dict[str, Record], tuple[str, ...]]:
+    """Three roles from fewer records, cut by time, which is marked.
+
+    Raises:
+        InputError: A part would be too short.
+    """
+    missing = [role for role in ROLES if role not in records]
+    if not missing:
+        return dict(records), ()
+    if "fit" not in records:
+        raise InputError(source, "there is no record 'fit'", "Name the longest one fit")
+    out = {role: record for role, record in records.items() if role in ROLES}
+    whole = "select" if "select" in records else "fit"
+    parts = ROLES[ROLES.index(whole) :] if whole == "select" else ("fit", *missing)
+    record = records[whole]
+    edges = np.linspace(0, len(record.time), len(parts) + 1).astype(int)
+    if record.duration / len(parts) < SHORTEST:
+        raise InputError(
+            source, f"the record '{whole}' lasts {record.duration:.3g} s, too short to be cut into {len(parts)}",
+            f"Log three records of different motion, or at least {SHORTEST * len(parts):g} s",
+        )  # fmt: skip
+    for role, first, last in zip(parts, edges[:-1], edges[1:], strict=True):
+        out[role] = _cut(record, int(first), int(last), role)
+    return out, (f"the record '{whole}' was cut into {' and '.join(parts)}, which share one kind of motion",)
+
+
+def _cut(record: Record, first: int, last: int, name: str) -> Record:
+    """Part of a record."""
+    rows = slice(first, last)
+    return replace(
+        record,
+        name=f"{record.name} ({name})",
+        time=record.time[rows] - record.time[first],
+        commands={kind: values[rows] for kind, values in record.commands.items()},
+        measured={kind: values[rows] for kind, values in record.measured.items()},
+    )
+
+
+def run_case(path: str | Path, out: str | Path, bank_folder: str | Path, seed: int = 0) -> dict[str, Any]:
+    """Diagnose a case into `out`: `findings.json` and the amended `model.yaml`. Returns the findings.
+
+    Raises:
+        InputError: As `read_case`; nothing is written then.
+    """
+    case, out = read_case(path), Path(out)
+    diagnosis = diagnose(case.system, case.records, bank_folder, names=case.names, seed=seed)
+    findings = findings_of(diagnosis, case.records, seed=seed, reasons=case.reasons)
+    write_json(out / "findings.json", findings)
+    amend_model(case.model, findings, out / "model.yaml")
+    return findings

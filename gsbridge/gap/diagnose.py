@@ -1,0 +1,210 @@
+"""From a mechanism and three records to findings: compare, screen, identify, verify."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsbridge.gap.bank import bank_of
+from gsbridge.gap.candidates import candidates
+from gsbridge.gap.identify import Finding, Identification, Rules, Trial
+from gsbridge.gap.records import Record
+from gsbridge.gap.replay import Mechanism
+from gsbridge.gap.system import Applied, System
+from gsbridge.gap.verify import Verification, verify
+from gsbridge.gap.view import View
+
+logger = logging.getLogger("gsbridge")
+
+ROLES = ("fit", "select", "verify")
+
+_NINETY = 1.645
+"""Standard deviations either side of a 90 % interval."""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """All about one case.
+
+    Args:
+        finding: Verdict and trials.
+        verification: On the third record, where something was named.
+        floor: Noise of each channel of `select`, SI units.
+        bank_runs: Simulations of the bank.
+        seconds: Of the whole.
+    """
+
+    finding: Finding
+    verification: Verification | None
+    floor: dict[str, float]
+    bank_runs: int
+    seconds: float
+
+    @property
+    def effects(self) -> tuple[Applied, ...]:
+        """What may be added to the model: named, and no worse on the third record."""
+        named = self.finding.verdict == "named" and self.verification is not None and self.verification.accepted
+        return self.finding.best.fit.effects if named and self.finding.best is not None else ()
+
+
+def diagnose(
+    system: System,
+    records: Mapping[str, Record],
+    bank_folder: str | Path,
+    *,
+    names: Collection[str] | None = None,
+    rules: Rules | None = None,
+    seed: int = 0,
+) -> Diagnosis:
+    """Find out what a model lacks.
+
+    Args:
+        system: The mechanism.
+        records: By role: `fit`, `select`, `verify`.
+        bank_folder: Keeps signatures from run to run.
+        names: Effects that may be the reason; None for the whole catalogue.
+        rules: Thresholds.
+        seed: Of replicates and bootstraps.
+    """
+    begin = time.perf_counter()
+    mechanism = Mechanism(system)
+    first, second = View.of(mechanism, records["fit"]), View.of(mechanism, records["select"])
+    who = candidates(system, names)
+    bank = bank_of(first, who, bank_folder)
+    logger.info("%d candidates, %d signatures", len(who), len(bank.signatures))
+    finding = Identification(first, second, bank, who, rules, seed).run()
+    verification = None
+    if finding.best is not None:
+        verification = verify(mechanism, records["verify"], finding.best.fit.effects)
+        if finding.verdict == "named" and not verification.transfers:
+            # It closed the gap where it was chosen, but not elsewhere: whatever is missing, it is something else.
+            finding = replace(finding, verdict="none_of_the_known", something_remains=True)
+    floor = {f"{kind}.{system.joints[k]}": float(s) for (kind, k), s in zip(second.channels, second.sigma, strict=True)}
+    return Diagnosis(finding, verification, floor, bank.runs, time.perf_counter() - begin)
+
+
+def findings_of(
+    diagnosis: Diagnosis, records: Mapping[str, Record], *, seed: int, reasons: Collection[str] = ()
+) -> dict[str, Any]:
+    """What `findings.json` holds.
+
+    Args:
+        diagnosis: The diagnosis.
+        records: Its records.
+        seed: As given to `diagnose`.
+        reasons: Why the result is degraded.
+    """
+    finding, checked = diagnosis.finding, diagnosis.verification
+    return {
+        "status": "degraded" if reasons else "pass",
+        "reasons": list(reasons),
+        "sentence": sentence(diagnosis),
+        "verdict": finding.verdict,
+        "something_remains": finding.something_remains,
+        "effects": [] if finding.best is None else describe(finding.best, finding),
+        "amended": [effect.record() for effect in diagnosis.effects],
+        "ambiguous": list(finding.ambiguous),
+        "p_value": finding.p_value,
+        "p_remaining": finding.p_remaining,
+        "rivals": [
+            {
+                "effects": list(trial.names),
+                "behind": trial.chi2 - finding.rivals[0][0].chi2,
+                "probability": chance,
+                "closure": trial.closure,
+            }
+            for trial, chance in finding.rivals
+        ],
+        "select": {"before": finding.before, "after": finding.after, "unit": "noise"},
+        "verify": None
+        if checked is None
+        else {
+            "before": checked.before,
+            "after": checked.after,
+            "closure": checked.closure,
+            "accepted": checked.accepted,
+            "channels": checked.channels,
+            "unit": "noise",
+        },
+        "noise_floor": diagnosis.floor,
+        "unseen": list(finding.unseen),
+        "simulations": {"bank": diagnosis.bank_runs, "case": finding.runs},
+        "seconds": diagnosis.seconds,
+        "records": {role: record.digest or record.content_digest() for role, record in records.items()},
+        "seed": seed,
+    }
+
+
+def describe(trial: Trial, finding: Finding) -> list[dict[str, Any]]:
+    """Parameters of a trial's effects with units and 90 % intervals."""
+    out, place = [], 0
+    # Residuals above the noise widen the intervals as they would under noise of that size.
+    wide = max(1.0, finding.after)
+    for candidate, effect in zip(trial.fit.who, trial.fit.effects, strict=True):
+        rows = {}
+        for parameter in candidate.effect.parameters:
+            value, spread = effect.parameters[parameter.name], _NINETY * wide * float(trial.fit.deviations[place])
+            interval = [max(value - spread, parameter.low), min(value + spread, parameter.high)]
+            rows[parameter.name] = {"value": value, "unit": parameter.unit, "interval90": interval}
+            place += 1
+        out.append(
+            {
+                "name": candidate.name,
+                "joint": candidate.joint,
+                "title": candidate.effect.title,
+                "hook": candidate.effect.hook,
+                "parameters": rows,
+                "confused_with": list(candidate.effect.confused_with),
+                "tell_apart": candidate.effect.tell_apart,
+            }
+        )
+    return out
+
+
+def sentence(diagnosis: Diagnosis) -> str:
+    """The finding in words."""
+    finding, checked = diagnosis.finding, diagnosis.verification
+    if finding.verdict == "no_discrepancy":
+        return f"Simulation and measurement agree within the noise (p = {finding.p_value:.2g})."
+    if finding.verdict == "not_enough_excitation" and finding.p_value < Rules.alarm:
+        return "A difference shows on 'select' alone; log another record of such motion and fit that one."
+    if finding.verdict == "not_enough_excitation":
+        return "No difference shows, but most effects could not show in these records: excite the mechanism more."
+    best = finding.best
+    if best is None:
+        return f"Something is missing (p = {finding.p_value:.2g}), and no known effect could be fitted to it."
+    if finding.verdict == "none_of_the_known":
+        return (
+            f"Something is missing that is in no catalogue: the best known explanation ({' + '.join(best.names)}) leaves "
+            f"{finding.after:.3g} times the noise of {finding.before:.3g}."
+        )
+    if finding.verdict == "ambiguous":
+        how = best.fit.who[0].effect.tell_apart
+        return f"These records cannot decide between {' and '.join(finding.ambiguous)}. To tell them apart: {how}."
+    parts = []
+    for item in describe(best, finding):
+        figures = ", ".join(
+            f"{name} {_pair(row['value'], row['interval90'])} {row['unit']}".rstrip()
+            for name, row in item["parameters"].items()
+        )
+        where = f"Joint '{item['joint']}' lacks" if item["joint"] else "The model lacks"
+        parts.append(f"{where} {item['title']} ({figures})")
+    tail = ""
+    if checked is not None:
+        verb = "falls" if checked.after <= checked.before else "rises"
+        tail = f"; the gap {verb} from {checked.before:.3g} to {checked.after:.3g} times the noise on a record it has not seen"
+    rest = ", but something remains" if finding.something_remains else ""
+    return "; ".join(parts) + tail + rest + "."
+
+
+def _pair(value: float, interval: list[float]) -> str:
+    """A value with half the width of its interval, rounded to the width's second digit."""
+    half = max(0.5 * (interval[1] - interval[0]), 1e-12)
+    digits = max(0, int(1 - np.floor(np.log10(half))))
+    return f"{value:.{digits}f} ± {half:.{digits}f}"

@@ -1,0 +1,35 @@
+"""Measurements that are stamped too late or too early."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gsbridge.gap.effects.base import Effect, Parameter
+from gsbridge.gap.setup import Setup
+from gsbridge.geometry import Array
+
+
+class ClockOffset(Effect):
+    """Positions and speeds that are stamped too late; efforts are not, since another device logs them."""
+
+    name = "clock_offset"
+    title = "a clock offset of the measured motion"
+    hook = "clock"
+    scope = "mechanism"
+    parameters = (Parameter("time", "s", -0.1, 0.1, 0.005, True, "by which motion is stamped too late"),)
+    signature = "position error follows the speed; effort is right"
+    confused_with = ("command_delay", "lag")
+    tell_apart = "compare with the command's echo; efforts tell"
+    cost = "post"
+
+    def apply(self, setup: Setup, joint: int, values: Mapping[str, float]) -> None:
+        """Shift the logged motion."""
+
+        def late(time: Array, channels: dict[str, Array]) -> dict[str, Array]:
+            out = dict(channels)
+            for kind in ("position", "velocity"):
+                columns = [np.interp(time - values["time"], time, column) for column in channels[kind].T]
+                out[kind] = np.stack(columns, axis=1)
+            return out
+
+        setup.outputs.append(late)

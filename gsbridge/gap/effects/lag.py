@@ -1,0 +1,36 @@
+"""A filter of first order between command and controller."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.signal import lfilter
+
+from gsbridge.gap.effects.base import DRIVEN, Effect, Parameter
+from gsbridge.gap.setup import Setup
+from gsbridge.geometry import Array
+
+
+def smoothed(values: Array, seconds: float, step: float) -> Array:
+    """Commands behind a filter of first order that has settled at the first one. [K, N]."""
+    if seconds <= 0:
+        return values
+    keep = np.exp(-step / seconds)
+    return lfilter([1 - keep], [1, -keep], values, axis=0, zi=keep * values[:1])[0]
+
+
+class Lag(Effect):
+    """A filter of first order between command and controller, of all joints."""
+
+    name = "lag"
+    title = "a filter on the commands"
+    hook = "command"
+    scope = "mechanism"
+    parameters = (Parameter("time", "s", 0.0, 0.4, 0.005, True, "time constant"),)
+    modes = DRIVEN
+    signature = "smoothed response, rounded corners"
+    confused_with = ("command_delay", "gain_d")
+    tell_apart = "a square wave or a chirp of 2 to 10 Hz"
+
+    def apply(self, setup: Setup, joint: int, values: Mapping[str, float]) -> None:
+        """Filter the commands."""
+        setup.commands.append(lambda commands, step: smoothed(commands, values["time"], step))

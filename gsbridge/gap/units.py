@@ -1,0 +1,63 @@
+"""Units of logged columns, and their conversion to SI."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+from gsbridge.errors import InputError
+
+FACTORS: dict[str, dict[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "angle": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180},
+    "angular speed": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": math.pi / 180, "rpm": math.pi / 30},
+    "torque": {"N m": 1.0, "Nm": 1.0, "mNm": 1e-3, "A": math.nan},
+    "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
+    "speed": {"m/s": 1.0, "mm/s": 1e-3},
+    "number": {"": 1.0, "1": 1.0},
+}
+"""Factor to SI of each unit, by dimension. Amperes become torque only with a gain, which the case has to state."""
+
+_HEADER = re.compile(r"^\s*(?P<name>[^\[\]]+?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*$")
+
+
+def split_header(header: str) -> tuple[str, str | None]:
+    """Name and unit of a column called `name [unit]`; the unit is None where the header has none."""
+    found = _HEADER.match(header)
+    if not found:
+        return header.strip(), None
+    unit = found["unit"]
+    return found["name"], None if unit is None else unit.strip()
+
+
+def factor_to_si(unit: str | None, dimension: str, source: str | Path, column: str, gain: float | None = None) -> float:
+    """Factor by which a column is multiplied.
+
+    Args:
+        unit: As the file states it; None when it states none.
+        dimension: A key of `FACTORS`.
+        source: The file, for messages.
+        column: The column, for messages.
+        gain: N m per ampere, for efforts in amperes.
+
+    Raises:
+        InputError: No unit, an unknown one, or amperes without a gain.
+    """
+    known = FACTORS[dimension]
+    names = ", ".join(f"[{name}]" for name in known if name)
+    if unit is None:
+        if dimension == "number":
+            return 1.0
+        raise InputError(source, f"the column '{column}' has no unit", f"Write it into the header, one of {names}")
+    if unit not in known:
+        raise InputError(source, f"the column '{column}' has the unit [{unit}], which is no {dimension}", f"Use {names}")
+    if unit == "A":
+        if gain is None:
+            raise InputError(
+                source,
+                f"the effort '{column}' is in amperes and no gain is known",
+                "State 'torque_per_ampere' (N m/A) in the case, or leave the column out",
+            )
+        return gain
+    return known[unit]

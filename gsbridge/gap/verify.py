@@ -1,0 +1,57 @@
+"""The gap on a record that neither fitting nor choosing has seen, before and after adding effects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gsbridge.gap.records import Record
+from gsbridge.gap.replay import Mechanism
+from gsbridge.gap.system import Applied
+from gsbridge.gap.view import View
+
+_PART = 0.5
+"""Share of the gap that a name must close on the record that it has not seen."""
+
+_SLIGHT = 1.1
+"""Residual, in units of the noise, below which the third record hardly shows the gap and cannot refute a name."""
+
+
+@dataclass(frozen=True)
+class Verification:
+    """Residuals on `verify`, root mean square in units of the noise (1 is noise alone).
+
+    Args:
+        before: Without the effects.
+        after: With them.
+        closure: Share of the gap above the noise that they close; negative if they make it worse.
+        channels: Before and after of each channel.
+        accepted: Whether the amended model is no worse.
+    """
+
+    before: float
+    after: float
+    closure: float
+    channels: dict[str, tuple[float, float]]
+    accepted: bool
+
+    @property
+    def transfers(self) -> bool:
+        """Whether the effects close a good part of a gap that stands out, or there is hardly any."""
+        return self.before < _SLIGHT or self.closure >= _PART
+
+
+def verify(mechanism: Mechanism, record: Record, effects: Sequence[Applied]) -> Verification:
+    """Replay a record with and without effects; the noise is judged by what the better replay leaves."""
+    view = View.of(mechanism, record, effects)
+    sizes = []
+    for added in ((), tuple(effects)):
+        residual = view.residual(added)
+        sizes.append((float(np.sqrt((residual**2).sum() / view.freedom)), np.sqrt((residual**2).mean(axis=0))))
+    (before, rows_before), (after, rows_after) = sizes
+    gap, left = np.sqrt(max(before**2 - 1.0, 1e-12)), np.sqrt(max(after**2 - 1.0, 0.0))
+    names = [f"{kind}.{record.joints[k]}" for kind, k in view.channels]
+    channels = {name: (float(a), float(b)) for name, a, b in zip(names, rows_before, rows_after, strict=True)}
+    return Verification(before, after, float(1.0 - left / gap), channels, after <= before)

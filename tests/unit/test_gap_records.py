@@ -1,0 +1,141 @@
+"""Records: units, and every kind of log that must be refused with a sentence that says why."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gsbridge.errors import InputError
+from gsbridge.gap.records import Layout, check_degrees, quantum_of, read_record
+
+LAYOUT = Layout(("axis",))
+
+
+def table(rows: int = 300) -> dict[str, np.ndarray]:
+    time = np.arange(rows) * 0.01
+    return {
+        "time [s]": time,
+        "command.axis [rad]": np.sin(2 * time),
+        "position.axis [rad]": np.sin(2 * time - 0.01),
+        "velocity.axis [rad/s]": 2 * np.cos(2 * time - 0.01),
+        "effort.axis [N m]": 0.3 * np.sin(2 * time),
+    }
+
+
+def written(tmp_path, columns, name="log.csv"):
+    path = tmp_path / name
+    frame = pd.DataFrame(columns)
+    frame.to_parquet(path) if path.suffix == ".parquet" else frame.to_csv(path, index=False)
+    return path
+
+
+def renamed(columns, old, new, factor=1.0):
+    return {new if key == old else key: values * factor if key == old else values for key, values in columns.items()}
+
+
+@pytest.mark.parametrize("name", ["log.csv", "log.parquet"])
+def test_formats_agree(tmp_path, name):
+    columns = table()
+    record = read_record(written(tmp_path, columns, name), LAYOUT)
+    assert record.joints == ("axis",)
+    assert record.duration == pytest.approx(2.99)
+    np.testing.assert_allclose(record.measured["effort"][:, 0], columns["effort.axis [N m]"], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "factor"),
+    [
+        ("position.axis [rad]", "position.axis [deg]", 180 / np.pi),
+        ("velocity.axis [rad/s]", "velocity.axis [rpm]", 30 / np.pi),
+        ("time [s]", "time [ms]", 1e3),
+        ("effort.axis [N m]", "effort.axis [mNm]", 1e3),
+    ],
+)
+def test_stated_units_become_si(tmp_path, old, new, factor):
+    plain = read_record(written(tmp_path, table()), LAYOUT)
+    other = read_record(written(tmp_path, renamed(table(), old, new, factor), "other.csv"), LAYOUT)
+    np.testing.assert_allclose(other.time, plain.time, atol=1e-9)
+    for kind in plain.measured:
+        np.testing.assert_allclose(other.measured[kind], plain.measured[kind], atol=1e-9)
+
+
+def test_columns_of_other_names_are_found_with_units_beside(tmp_path):
+    columns = renamed(renamed(table(), "position.axis [rad]", "enc_1"), "time [s]", "stamp [s]")
+    layout = Layout(("axis",), columns={"time": "stamp", "position.axis": "enc_1"}, units={"position": "rad"})
+    record = read_record(written(tmp_path, columns), layout)
+    np.testing.assert_allclose(record.measured["position"][:, 0], columns["enc_1"], atol=1e-12)
+
+
+def refused(tmp_path, columns, layout=LAYOUT):
+    path = written(tmp_path, columns)
+    with pytest.raises(InputError) as error:
+        read_record(path, layout)
+    assert error.value.source == str(path)
+    return str(error.value)
+
+
+def test_missing_column_is_named(tmp_path):
+    columns = table()
+    del columns["position.axis [rad]"]
+    assert "'position.axis' is missing" in refused(tmp_path, columns)
+
+
+def test_missing_unit_is_refused(tmp_path):
+    assert "has no unit" in refused(tmp_path, renamed(table(), "position.axis [rad]", "position.axis"))
+
+
+def test_wrong_dimension_is_refused(tmp_path):
+    assert "no angular speed" in refused(tmp_path, renamed(table(), "velocity.axis [rad/s]", "velocity.axis [rad]"))
+
+
+@pytest.mark.parametrize("old", ["position.axis [rad]", "velocity.axis [rad/s]"])
+def test_degrees_for_radians_are_noticed(tmp_path, old):
+    message = refused(tmp_path, renamed(table(), old, old, 180 / np.pi))
+    assert "looks like" in message
+
+
+def test_radians_are_not_taken_for_degrees(tmp_path):
+    columns = table()
+    for name in ("position.axis [rad]", "velocity.axis [rad/s]"):
+        columns[name] = columns[name] * 1.4
+    assert read_record(written(tmp_path, columns), LAYOUT).duration > 2
+
+
+def test_positions_far_beyond_the_limits_look_like_degrees(tmp_path):
+    columns = {key: values for key, values in table().items() if "velocity" not in key and "command" not in key}
+    record = read_record(written(tmp_path, renamed(columns, "position.axis [rad]", "position.axis [rad]", 57.3)), LAYOUT)
+    with pytest.raises(InputError, match="looks like degrees"):
+        check_degrees(record, "log.csv", np.array([[-2.0, 2.0]]))
+
+
+def test_clock_that_runs_backwards_is_refused(tmp_path):
+    columns = table()
+    columns["time [s]"][100] = columns["time [s]"][98]
+    assert "backwards" in refused(tmp_path, columns)
+
+
+def test_not_a_number_is_refused_with_its_row(tmp_path):
+    columns = table()
+    columns["effort.axis [N m]"][41] = np.nan
+    assert "data row 42" in refused(tmp_path, columns)
+
+
+def test_short_record_is_refused(tmp_path):
+    assert "lasts 1.49 s" in refused(tmp_path, table(150))
+
+
+def test_amperes_need_a_gain(tmp_path):
+    columns = renamed(table(), "effort.axis [N m]", "effort.axis [A]", 10.0)
+    assert "amperes" in refused(tmp_path, columns)
+    record = read_record(written(tmp_path, columns), Layout(("axis",), torque_per_ampere=0.1))
+    np.testing.assert_allclose(record.measured["effort"][:, 0], table()["effort.axis [N m]"], atol=1e-9)
+
+
+def test_channel_of_one_joint_only_is_refused(tmp_path):
+    columns = table() | {"position.elbow [rad]": table()["position.axis [rad]"]}
+    assert "none for joint 'elbow'" in refused(tmp_path, columns, Layout(("axis", "elbow")))
+
+
+def test_quantum_is_the_smallest_step():
+    values = np.round(np.sin(np.arange(1000) / 30.0) / 3e-3) * 3e-3
+    assert quantum_of(values[:, None])[0] == pytest.approx(3e-3)
+    assert quantum_of(np.random.default_rng(0).normal(size=(1000, 1)))[0] == 0.0
