@@ -29,6 +29,8 @@ TRIALS = {
     f"{cell['task']}/{cell['object']}": f"{cell['task']}/{cell['object']}+{cell['background']}"
     for cell in reversed(CELLS)
 }
+# What a policy is named after in logs; its path has slashes instead.
+POLICY_ITEM = "{task}-{object}+{background}-{renderer}-{variant}-seed{seed}"
 BINDINGS = ["games", "soft", "refined", "unbound"]
 
 
@@ -350,6 +352,80 @@ def cell_task(wildcards):
     return tasks[0] if tasks else "grasp"
 
 
+def policy_file(name):
+    """A file of a trained policy."""
+    return (
+        "results/policies/{task}/{object}+{background}/{renderer}/{variant}/seed{seed}/"
+        + name
+    )
+
+
+def trial_file(world, suffix):
+    """A file about the trials of a policy in one world."""
+    place = "results/trials/{task}/{object}+{background}/{renderer}/{variant}"
+    return f"{place}/{world}/seed{{seed}}.{suffix}"
+
+
+def simulated_scene(wildcards):
+    """All that a simulated world with a camera is made of."""
+    item = f"results/scenes/{wildcards.object}"
+    model = variant_of(wildcards)["model"] or "models/nominal.yaml"
+    return {
+        "robot": "results/robot/description",
+        "robot_splats": "results/robot/splats",
+        "registration": "results/workspace/registration.json",
+        "photometry": "results/workspace/photometry.json",
+        "item": f"{item}/asset/asset.json",
+        "background": f"results/scenes/{wildcards.background}/asset/asset.json",
+        "model": str(ROOT / model),
+        "views": f"{item}/align/views.json",
+        "images": f"{item}/sfm/images",
+        "masks": f"{item}/masks/images",
+        "kernels": ancient("results/.state/compile_kernels.done"),
+    }
+
+
+def variant_of(wildcards):
+    """What a variant changes of the paper's way."""
+    return config["variants"][wildcards.variant]
+
+
+def policy_settings(wildcards):
+    """How a policy learns: the settings of its task, those of the preset, and those of its variant."""
+    return {
+        **settings(f"{wildcards.task}_policy"),
+        **variant_of(wildcards)["policy"],
+    }
+
+
+def policy_state(wildcards):
+    """Where a training keeps its checkpoint."""
+    return state_folder(
+        "train_policy",
+        "-".join(wildcards),
+        code_digest("gsbridge.policy.stage"),
+        policy_settings(wildcards),
+        variant_of(wildcards),
+    )
+
+
+def world_settings(wildcards):
+    """Seed of a world of the mirror, the configuration's unless it names one, and its hidden changes."""
+    world = config["worlds"][wildcards.world]
+    return {
+        "seed": SEED if world["seed"] is None else world["seed"],
+        "hidden": world["hidden"],
+    }
+
+
+def trial_state(world, wildcards, input):
+    """Where finished trials are kept until all are done. Another policy, which is another file, finds another folder."""
+    made = [Path(path).stat().st_mtime_ns for path in (input.weights, input.item)]
+    item = "-".join([*wildcards, *([] if "world" in wildcards.keys() else [world])])
+    code = code_digest("gsbridge.policy.trials")
+    return state_folder("try_policy", item, code, settings("trials"), made, SEED)
+
+
 def episode_photos(wildcards):
     """The mirror's photos of an episode, where it films both scenes."""
     pair = {wildcards.object, wildcards.background}
@@ -410,5 +486,6 @@ wildcard_constraints:
     camera=one_of(config["cameras"]),
     binding=one_of(BINDINGS),
     surface="visual|hull",
+    task="grasp|pick_and_place",
     seed=r"\d+",
     origin="mirror|real",

@@ -193,3 +193,16 @@ def test_the_papers_target_rings_the_alarm_where_the_official_one_does_not(repla
             agent.actor.mean.bias.fill_(-3.0)
         _, figures = agent.targets(replay.sample(16, np.random.default_rng(3)))
         assert bool(figures["alarm"]) is rung, target
+
+
+def test_the_average_is_the_mean_at_first_and_forgets_later(replay):
+    agent, fixed, rng = Agent(settings(averaging=0.25), 0), [], np.random.default_rng(0)
+    for _ in range(6):
+        agent.update(replay.sample(16, rng), 1.0)
+        fixed.append([parameter.detach().clone() for parameter in agent.actor.parameters()])
+    expected = [torch.zeros_like(parameter) for parameter in fixed[0]]
+    for number, weights in enumerate(fixed, start=1):
+        share = max(0.25, 1.0 / number)
+        expected = [(1 - share) * old + share * new for old, new in zip(expected, weights, strict=True)]
+    for found, wanted in zip(agent.averaged.parameters(), expected, strict=True):
+        torch.testing.assert_close(found, wanted)
