@@ -18,6 +18,11 @@ from gsbridge.digests import code_digest, kernel_digest, package_digest
 from gsbridge.errors import InputError
 
 check_configuration(config)
+if workflow.is_main_process:
+    # A second of imports, which jobs need not pay again.
+    from gsbridge.policy.plan import check_policies
+
+    check_policies(config, ROOT)
 
 PRESET = config["presets"][config["preset"]]
 SEED = config["seed"]
