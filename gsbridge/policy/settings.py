@@ -68,7 +68,7 @@ class PolicySettings:
             1 takes the actor as it is. At a learning rate that learns within minutes, single weights swing by 30 points of
             success from one evaluation to the next.
         gamma: Discount per step.
-        alpha_start, alpha_cap: Temperature at the start and its upper limit. Above about 0.01 the entropy of an endless episode
+        alpha_start, alpha_cap: Temperature at the start and its upper limit. From about 0.01 the entropy of an endless episode
             outweighs the reward of 1: alpha |H| / (1 - gamma) must stay well below it.
         alpha_rate: Step size of log alpha; 0 keeps it.
         target_entropy: Entropy that the temperature aims at, nats.
@@ -92,7 +92,7 @@ class PolicySettings:
     algo: str = "sacwb"
     target: str = "official"
     image_size: int = 64
-    steps: int = 10_000
+    steps: int = 6_000
     start_steps: int = 300
     updates_per_step: float = 0.7
     actor_batch: int = 128
@@ -101,9 +101,9 @@ class PolicySettings:
     tau: float = 0.01
     averaging: float = 0.005
     gamma: float = 0.97
-    alpha_start: float = 0.01
+    alpha_start: float = 0.001
     alpha_cap: float = 0.01
-    alpha_rate: float = 3e-4
+    alpha_rate: float = 1e-3
     target_entropy: float = -5.0
     lambda_floor: float = 0.0
     lambda_share: float = 0.5
