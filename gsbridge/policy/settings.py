@@ -92,9 +92,9 @@ class PolicySettings:
     algo: str = "sacwb"
     target: str = "official"
     image_size: int = 64
-    steps: int = 6_000
+    steps: int = 9_000
     start_steps: int = 300
-    updates_per_step: float = 0.7
+    updates_per_step: float = 0.4
     actor_batch: int = 128
     critic_batch: int = 128
     learning_rate: float = 1e-3
