@@ -4,6 +4,7 @@ rule train_policy:
     output:
         weights=policy_file("policy.safetensors"),
         spec=policy_file("policy.json"),
+        onnx=policy_file("policy.onnx"),
         curve=policy_file("training.csv"),
         record=policy_file("training.json"),
     log:

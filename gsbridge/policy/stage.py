@@ -14,6 +14,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_stage
 from gsbridge.policy.curve import PARTS, Row
 from gsbridge.policy.observation import Controller
+from gsbridge.policy.onnx import export_onnx
 from gsbridge.policy.settings import PolicySettings
 from gsbridge.policy.trainer import Trainer, Training
 
@@ -63,6 +64,7 @@ def train_policy(
         key = {"files": files_digest(files), "controller_offset": list(controller_offset)}
         trainer = Trainer(environment, controller, settings, seed=seed, state=state, key=key, device=device)
         training = trainer.run(out)
+        onnx_error = export_onnx(out)
     finally:
         environment.close()
     seconds = {part: training.rows[-1][f"cpu_{part}_s"] for part in PARTS}
@@ -83,6 +85,7 @@ def train_policy(
         replay_mb=training.replay_bytes / 1e6,
         cpu_seconds=seconds,
         cpu_seconds_to_enough=cpu_seconds_to(training.rows, ENOUGH),
+        onnx_error=onnx_error,
         settings=asdict(settings),
     )
     shutil.rmtree(state, ignore_errors=True)

@@ -16,6 +16,9 @@ from gsbridge.reality.world.model import Stand
 from gsbridge.reality.world.physics import MirrorPhysics, build_physics
 from gsbridge.robot.assembly import RobotFiles
 
+TRIAL = Quality(samples=32, depth=2)
+"""Of the pictures of trials, thousands of which are taken: direct light of lamp and sky with its shadows."""
+
 
 class MirrorWorld:
     """Stand-in for reality; implements `gsbridge.tasks.world.SeeingWorld`.
@@ -23,11 +26,11 @@ class MirrorWorld:
     Args:
         physics: Its physics.
         camera: Its camera.
-        quality: Samples and depth of its pictures.
+        quality: Samples and depth of its pictures; None for those of trials.
     """
 
     def __init__(self, physics: MirrorPhysics, camera: MirrorCamera, quality: Quality | None = None) -> None:
-        self.physics, self.camera, self.quality = physics, camera, quality or Quality()
+        self.physics, self.camera, self.quality = physics, camera, quality or TRIAL
         # Physics as it stands; only what concerns pictures is added here.
         self.command, self.state, self.joints = physics.command, physics.state, physics.joints
         self.body_poses, self.camera_pose = physics.body_poses, physics.camera_pose
