@@ -469,6 +469,145 @@ def splat_records(wildcards):
     return main + extra
 
 
+def policy_place(policy):
+    """Folder of a policy's cell below `policies/` or `trials/`."""
+    pair = f"{policy['object']}+{policy['background']}"
+    return f"{policy['task']}/{pair}/{policy['renderer']}/{policy['variant']}"
+
+
+def policies_of(table):
+    """Policies that a table of successes shows; those trained on a mesh stand beside the splats of the same cell."""
+    task = "pick_and_place" if table == "pick_and_place" else "grasp"
+    chosen = [policy for policy in POLICIES if policy["task"] == task]
+    if table != "renderer_contrast":
+        return [policy for policy in chosen if policy["renderer"] == "gs"]
+    pairs = {
+        (policy["object"], policy["background"])
+        for policy in chosen
+        if policy["renderer"] != "gs"
+    }
+    return [
+        policy for policy in chosen if (policy["object"], policy["background"]) in pairs
+    ]
+
+
+def policy_files(policies, name):
+    """One file of each policy and seed, below `policies/`."""
+    return [
+        f"results/policies/{policy_place(policy)}/seed{seed}/{name}"
+        for policy in policies
+        for seed in POLICY_SEEDS
+    ]
+
+
+def policy_trials(policies, ending):
+    """Trials of policies in all worlds; the mirrors have their own scenes only."""
+    return [
+        f"results/trials/{policy_place(policy)}/{world}/seed{seed}.{ending}"
+        for policy in policies
+        for world in WORLDS
+        if world == "sim" or {policy["object"], policy["background"]} <= set(films())
+        for seed in POLICY_SEEDS
+    ]
+
+
+def robot_trials(policies):
+    """A user's own trials on a robot by the place of their policy: CSV files."""
+    places = map(policy_place, policies)
+    return {
+        place: capture_path(ROBOT_TRIALS[place])
+        for place in places
+        if place in ROBOT_TRIALS
+    }
+
+
+def table_trials(wildcards):
+    """Trials that a table of successes is made of."""
+    return policy_trials(policies_of(wildcards.table), "csv")
+
+
+def table_trial_records(wildcards):
+    """Records of the same trials."""
+    return policy_trials(policies_of(wildcards.table), "json")
+
+
+def table_robot_trials(wildcards):
+    """A user's own trials that stand in a table of successes, by the place of their policy."""
+    return robot_trials(policies_of(wildcards.table))
+
+
+def table_robot_files(wildcards):
+    """Files of the same."""
+    return list(table_robot_trials(wildcards).values())
+
+
+def table_policies(wildcards):
+    """Records of the policies in a table of successes."""
+    return policy_files(policies_of(wildcards.table), "training.json")
+
+
+def table_records(wildcards):
+    """Records of the stages that made the scenes of a table of successes."""
+    scenes = {
+        policy[kind]
+        for policy in policies_of(wildcards.table)
+        for kind in ("object", "background")
+    }
+    stages = ["capture/keyframes", "sfm/sfm", "align/align", "mesh/mesh", "asset/asset"]
+    records = collect(
+        "results/scenes/{scene}/{stage}.json", scene=sorted(scenes), stage=stages
+    )
+    return records + collect(
+        "results/scenes/{scene}/masks/masks.json",
+        scene=sorted(scenes.intersection(names("object"))),
+    )
+
+
+def success_tables():
+    """Names of the tables of successes that the preset's policies fill."""
+    names = ["grasping", "renderer_contrast", "pick_and_place"]
+    return [table for table in names if policies_of(table)]
+
+
+def policy_rows(wildcards):
+    """Rows about policies, where the preset trains any."""
+    names = [*success_tables(), "failures", "training"] if POLICIES else []
+    return collect("results/rows/{name}.csv", name=names)
+
+
+def policy_figures(wildcards):
+    """Figures about policies, where the preset trains any."""
+    names = ["success_rates", "learning_curves"] if POLICIES else []
+    return collect("results/figures/{name}.png", name=names)
+
+
+def trial_films():
+    """Films of trials on the page of tables: file by title."""
+    return {}
+
+
+def measured_rows(name):
+    """Input function: rows about policies that a score is made of; nothing where the preset trains none."""
+
+    def path(wildcards):
+        found = [file for file in policy_rows(wildcards) if Path(file).stem == name]
+        return found[0] if found else []
+
+    return path
+
+
+def toy_rows(wildcards):
+    """Rows of a toy run, where there was one."""
+    rows = ROOT / "toy/results/rows/grasping.csv"
+    return str(rows) if rows.is_file() else []
+
+
+def wall_times(wildcards):
+    """Wall times of whole runs, where they were measured."""
+    times = "results/benchmarks/wall_times.json"
+    return times if Path(times).is_file() else []
+
+
 SCENES = [scene for scene in PRESET["scenes"] if is_present(scene)]
 LEFT_OUT = [scene for scene in PRESET["scenes"] if scene not in SCENES]
 if LEFT_OUT and workflow.is_main_process:
@@ -483,6 +622,29 @@ if workflow.is_main_process:
         if "film" not in source:
             check_capture(scene, source, capture_places(*source.values()))
 
+# Policies and their trials: which there are, and where. -------------------------------------------------------------------
+WORLDS = ["sim", *settings("trials")["worlds"]]
+POLICY_SEEDS = list(range(SEED, SEED + settings("trials")["policies"]))
+POLICIES = [
+    {
+        "task": cell["task"],
+        "object": cell["object"],
+        "background": cell["background"],
+        "renderer": cell["renderer"],
+        "variant": "default",
+    }
+    for cell in CELLS
+    if {cell["object"], cell["background"]} <= set(SCENES)
+]
+ROBOT_TRIALS = {
+    f"{cell['task']}/{cell['object']}+{cell['background']}/{cell['renderer']}/default": cell[
+        "robot_trials"
+    ]
+    for cell in CELLS
+    if cell["robot_trials"]
+}
+# --------------------------------------------------------------------------------------------------------------------------
+
 EDITED = edited_scene()
 
 
@@ -494,3 +656,4 @@ wildcard_constraints:
     task="grasp|pick_and_place",
     seed=r"\d+",
     origin="mirror|real",
+    table="grasping|renderer_contrast|pick_and_place",

@@ -35,6 +35,14 @@ def check_policies(config: Mapping[str, Any], root: str | Path) -> None:
                     raise InputError(where, f"{error.source}: {error.problem}", error.remedy) from error
         if variant["model"] is not None and not (Path(root) / variant["model"]).is_file():
             raise InputError(f"config: variants.{name}.model", f"{variant['model']} does not exist", "Name a YAML file")
+    for place, section in presets.items():
+        for world in section.get("trials", {} if place else config["trials"]).get("worlds", []):
+            if world not in config["worlds"]:
+                raise InputError(
+                    f"config: {place}trials.worlds",
+                    f"'{world}' is not configured",
+                    f"Use one of: {', '.join(sorted(config['worlds']))}",
+                )
     for name, world in config["worlds"].items():
         seed = config["seed"] if world["seed"] is None else world["seed"]
         further_world(config["seed"], seed, world["hidden"], f"config: worlds.{name}.hidden")

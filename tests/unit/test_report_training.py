@@ -1,60 +1,43 @@
-"""Learning curves on their way to rerun and TensorBoard."""
-
-import sys
+"""What trainings took and reached, from learning curves that are made up here."""
 
 import pytest
+from policy_files import write_policy
 
 from gsbridge.errors import InputError
-from gsbridge.files import write_stage
-from gsbridge.policy.curve import COLUMNS, write_curve
-from gsbridge.report.curves import read_curve
-from gsbridge.report.recordings.recording import read_recording
-from gsbridge.report.recordings.training import GROUPS, record_training
-from gsbridge.report.tensorboard import write_events
+from gsbridge.policy import curve
+from gsbridge.report import learning_curves, training_table
+from gsbridge.report.paper import PAPER_GRASPS
+from gsbridge.report.rows import read_rows
+from gsbridge.report.training_table import write_training_rows
 
-ROWS = [{name: 100.0 * k + n for n, name in enumerate(COLUMNS)} | {"alpha": None} for k in range(3)]
-
-
-@pytest.fixture
-def curve(tmp_path):
-    write_curve(tmp_path / "training.csv", ROWS)
-    return tmp_path / "training.csv"
+CELL = PAPER_GRASPS[0]
 
 
-def test_a_curve_comes_back_as_it_was_written(curve):
-    assert read_curve(curve) == ROWS
+def test_training_rows_count_every_part_until_the_first_good_evaluation(tmp_path):
+    policy, csv = write_policy(tmp_path, CELL, [0.5, 0.9375, 0.96875, 0.9], seed=4, seconds=30.0)
+    row = training_table.training_row(policy, csv)
+    # Four parts of half a minute between two evaluations; the third one is the first with 95 %.
+    assert (row["cpu_min"], row["cpu_min_to_95"], row["steps_to_95"]) == (8.0, 6.0, 3000)
+    assert (row["seed"], row["steps"], row["replay_mb"], row["status"]) == (4, 4000, 150.0, "pass")
+    assert (row["best_success"], row["retest_success"], row["controller_success"]) == (0.96875, 0.96875, 0.9375)
+    never, csv = write_policy(tmp_path, CELL, [0.5, 0.9], seed=5)
+    assert training_table.training_row(never, csv)["cpu_min_to_95"] is None
+    csv.write_text(csv.read_text().replace("0.5", "half"))
+    with pytest.raises(InputError, match="learning curve is damaged"):
+        training_table.training_row(never, csv)
 
 
-def test_every_column_of_the_curve_is_plotted_once():
-    plotted = [column for columns in GROUPS.values() for column in columns]
-    assert sorted(plotted) == sorted(set(COLUMNS) - {"step", "episode", "update", "length"})
+def test_columns_read_of_a_learning_curve_are_written_by_the_training():
+    assert training_table.PARTS == curve.PARTS
+    assert {*training_table.CURVE_COLUMNS, *learning_curves.CURVE_COLUMNS} <= set(curve.COLUMNS)
 
 
-def test_recording_holds_every_known_figure_at_its_step(curve, tmp_path):
-    record = tmp_path / "training.json"
-    write_stage(record, reasons=["it is young"], seed=1, algo="bc", success=0.5)
-    record_training(curve, record, "cube", tmp_path / "training.rrd")
-    found = read_recording(tmp_path / "training.rrd")
-    assert found["/success/success"]["rows"] == 3
-    assert "step" in found["/success/success"]["timelines"]
-    values = found["/success/success"]["components"]["Scalars:scalars"]
-    assert sorted(value.as_py()[0] for value in values) == [row["success"] for row in ROWS]
-    assert "/schedule/alpha" not in found
-    assert "it is young" in str(found["/summary"]["components"])
-
-
-@pytest.mark.parametrize(
-    "text", ["", "a,b\n1,2\n", ",".join(COLUMNS) + "\n", ",".join(COLUMNS) + "\nx" + "," * (len(COLUMNS) - 1)]
-)
-def test_damaged_curves_are_named(tmp_path, text):
-    path = tmp_path / "training.csv"
-    path.write_text(text)
-    with pytest.raises(InputError, match="learning curve"):
-        read_curve(path)
-
-
-def test_tensorboard_that_is_not_there_is_named(curve, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
-    with pytest.raises(InputError, match=r"gsbridge\[tensorboard\]"):
-        write_events(curve, tmp_path / "events")
-    assert not (tmp_path / "events").exists()
+def test_printed_training_shows_minutes_and_dashes(tmp_path):
+    good = write_policy(tmp_path, CELL, [0.5, 0.96875, 1.0])
+    poor = write_policy(tmp_path, CELL, [0.5], seed=2)
+    write_training_rows(*zip(good, poor, strict=True), tmp_path / "training.csv")
+    table = training_table.training_table(read_rows(tmp_path / "training.csv"))
+    assert table.columns[7:11] == ("environment", "act", "update", "evaluate")
+    assert table.rows[0][7:14] == ("3.0", "3.0", "3.0", "3.0", "12.0", "8.0", "150")
+    assert table.rows[1][11:13] == ("4.0", "–")
+    assert training_table.training_table([]) is None
