@@ -36,6 +36,8 @@ TRIALS = {
 }
 # What a policy is named after in logs; its path has slashes instead.
 POLICY_ITEM = "{task}-{object}+{background}-{renderer}-{variant}-seed{seed}"
+# The same for all seeds together.
+CELL_ITEM = "{task}-{object}+{background}-{renderer}-{variant}"
 BINDINGS = ["games", "soft", "refined", "unbound"]
 
 
@@ -452,6 +454,101 @@ def recordings(wildcards):
         scene=SCENES,
         binding=["games", "soft", "refined"],
     )
+
+
+def policy_cells():
+    """Policies whose trials are shown: the preset's cells, trained the paper's way."""
+    return [
+        {
+            "task": cell["task"],
+            "object": cell["object"],
+            "background": cell["background"],
+            "renderer": cell.get("renderer", "gs"),
+            "variant": "default",
+        }
+        for cell in CELLS
+        if {cell["object"], cell["background"]} <= set(SCENES)
+    ]
+
+
+def policy_seeds():
+    """Seeds of the policies whose trials are shown."""
+    return [SEED]
+
+
+def pictured_worlds(cell):
+    """Worlds that pictures of trials show side by side: simulation, and the first mirror where it films both scenes."""
+    pair = f"{cell['object']}+{cell['background']}"
+    others = list(PRESET.get("worlds", config["worlds"])) if mirrored([pair]) else []
+    return ["sim", *others[:1]]
+
+
+def pictured_trials(cell):
+    """World and seed of the trials that pictures of a cell show, in the order of their files."""
+    return [(world, seed) for seed in policy_seeds() for world in pictured_worlds(cell)]
+
+
+def pictured_files(cell, suffix):
+    """Tables or logs of those trials."""
+    return [
+        trial_file(world, suffix).format(**cell, seed=seed)
+        for world, seed in pictured_trials(cell)
+    ]
+
+
+def shown_trials(suffix):
+    """Input function: the same, of the cell that wildcards name."""
+    return lambda wildcards: pictured_files(dict(wildcards.items()), suffix)
+
+
+def shown_worlds(wildcards):
+    """World of each of those files."""
+    return [world for world, _ in pictured_trials(dict(wildcards.items()))]
+
+
+def shown_seeds(wildcards):
+    """Seed of each of those files."""
+    return [seed for _, seed in pictured_trials(dict(wildcards.items()))]
+
+
+def behaviour_trials():
+    """Cell, world and seed of each file of trials that behaviour is compared in: those of cells with a second world."""
+    return [
+        (cell, world, seed)
+        for cell in policy_cells()
+        if len(pictured_worlds(cell)) > 1
+        for world, seed in pictured_trials(cell)
+    ]
+
+
+def behaviour_files(suffix):
+    """Tables or logs of those trials."""
+    return [
+        trial_file(world, suffix).format(**cell, seed=seed)
+        for cell, world, seed in behaviour_trials()
+    ]
+
+
+def trial_films():
+    """Films of trials on the page of tables: file by title."""
+    trained = {"gs": "", "mesh": ", RL-sim", "mesh_vertex": ", RL-sim (vertex colours)"}
+    return {
+        f"{cell['task'].replace('_', ' ').capitalize()}: "
+        f"{cell['object']} on {cell['background']}".replace("_", " ")
+        + trained[cell["renderer"]]: f"results/films_of_trials/{CELL_ITEM}.webp".format(
+            **cell
+        )
+        for cell in policy_cells()
+    }
+
+
+def trial_pictures(wildcards):
+    """All pictures of trials: films, recordings, and the figure where there is a second world."""
+    out = list(trial_films().values())
+    out += [f"results/rerun/trials/{CELL_ITEM}.rrd".format(**c) for c in policy_cells()]
+    if behaviour_trials():
+        out.append("results/figures/behaviour_consistency.png")
+    return out
 
 
 def splat_records(wildcards):
