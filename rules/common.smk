@@ -449,6 +449,12 @@ def recordings(wildcards):
     )
     every += collect("results/rerun/masks/{scene}.rrd", scene=preset_scenes("object"))
     every += collect("results/rerun/asset/{scene}.rrd", scene=bundled_scenes())
+    for policy in POLICIES:
+        every.append(f"results/rerun/trials/{CELL_ITEM}.rrd".format(**policy))
+        every += [
+            f"results/rerun/training/{POLICY_ITEM}.rrd".format(**policy, seed=seed)
+            for seed in POLICY_SEEDS
+        ]
     return every + collect(
         "results/rerun/splats/{scene}-{binding}.rrd",
         scene=SCENES,
@@ -456,36 +462,16 @@ def recordings(wildcards):
     )
 
 
-def policy_cells():
-    """Policies whose trials are shown: the preset's cells, trained the paper's way."""
-    return [
-        {
-            "task": cell["task"],
-            "object": cell["object"],
-            "background": cell["background"],
-            "renderer": cell.get("renderer", "gs"),
-            "variant": "default",
-        }
-        for cell in CELLS
-        if {cell["object"], cell["background"]} <= set(SCENES)
-    ]
-
-
-def policy_seeds():
-    """Seeds of the policies whose trials are shown."""
-    return [SEED]
-
-
 def pictured_worlds(cell):
     """Worlds that pictures of trials show side by side: simulation, and the first mirror where it films both scenes."""
     pair = f"{cell['object']}+{cell['background']}"
-    others = list(PRESET.get("worlds", config["worlds"])) if mirrored([pair]) else []
+    others = settings("trials")["worlds"] if mirrored([pair]) else []
     return ["sim", *others[:1]]
 
 
 def pictured_trials(cell):
     """World and seed of the trials that pictures of a cell show, in the order of their files."""
-    return [(world, seed) for seed in policy_seeds() for world in pictured_worlds(cell)]
+    return [(world, seed) for seed in POLICY_SEEDS for world in pictured_worlds(cell)]
 
 
 def pictured_files(cell, suffix):
@@ -515,7 +501,7 @@ def behaviour_trials():
     """Cell, world and seed of each file of trials that behaviour is compared in: those of cells with a second world."""
     return [
         (cell, world, seed)
-        for cell in policy_cells()
+        for cell in POLICIES
         if len(pictured_worlds(cell)) > 1
         for world, seed in pictured_trials(cell)
     ]
@@ -538,14 +524,14 @@ def trial_films():
         + trained[cell["renderer"]]: f"results/films_of_trials/{CELL_ITEM}.webp".format(
             **cell
         )
-        for cell in policy_cells()
+        for cell in POLICIES
     }
 
 
 def trial_pictures(wildcards):
     """All pictures of trials: films, recordings, and the figure where there is a second world."""
     out = list(trial_films().values())
-    out += [f"results/rerun/trials/{CELL_ITEM}.rrd".format(**c) for c in policy_cells()]
+    out += [f"results/rerun/trials/{CELL_ITEM}.rrd".format(**c) for c in POLICIES]
     if behaviour_trials():
         out.append("results/figures/behaviour_consistency.png")
     return out
@@ -675,12 +661,8 @@ def policy_rows(wildcards):
 def policy_figures(wildcards):
     """Figures about policies, where the preset trains any."""
     names = ["success_rates", "learning_curves"] if POLICIES else []
+    names += ["behaviour_consistency"] if behaviour_trials() else []
     return collect("results/figures/{name}.png", name=names)
-
-
-def trial_films():
-    """Films of trials on the page of tables: file by title."""
-    return {}
 
 
 def measured_rows(name):

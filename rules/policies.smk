@@ -16,6 +16,8 @@ rule train_policy:
         background=one_of(names("background")),
         renderer="gs|mesh|mesh_vertex",
         variant=one_of(config["variants"]),
+    # The longest way to the tables goes through here.
+    priority: 10
     conda:
         "../envs/policy.yaml"
     threads: 1
@@ -52,6 +54,8 @@ rule try_policy_in_sim:
         background=one_of(names("background")),
         renderer="gs|mesh|mesh_vertex",
         variant=one_of(config["variants"]),
+    # The longest way to the tables goes through here.
+    priority: 10
     conda:
         "../envs/policy.yaml"
     threads: 1
@@ -91,6 +95,8 @@ rule try_policy_in_mirror:
         renderer="gs|mesh|mesh_vertex",
         variant=one_of(config["variants"]),
         world=one_of(config["worlds"]),
+    # The longest way to the tables goes through here.
+    priority: 10
     conda:
         "../envs/policy.yaml"
     threads: 1

@@ -58,7 +58,7 @@ figure.table > figcaption { font-weight: 600; margin-bottom: .5rem; }
 figure.picture > figcaption { color: var(--soft); font-size: .92rem; margin-top: .5rem; max-width: 46rem; }
 img, video { max-width: 100%; border-radius: 4px; border: 1px solid var(--line); }
 h2.part { font-size: 1.9rem; letter-spacing: -.01em; margin-top: 4.5rem; border-top-width: 4px; }
-.films { display: grid; grid-template-columns: repeat(auto-fill, minmax(17rem, 1fr)); gap: 1rem 1.2rem; }
+.films { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(32rem, 100%), 1fr)); gap: 1rem 1.2rem; }
 figure.film { margin: .4rem 0; }
 figure.film > figcaption { color: var(--soft); font-size: .9rem; }
 figure.film video, figure.film img { width: 100%; }
