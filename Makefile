@@ -9,13 +9,16 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 SUPPORTED := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 13))
 
-.PHONY: tables toy results test lint format clean-toy setup
+.PHONY: tables toy study results test lint format clean-toy setup
 
 tables: $(INSTALLED)
 	$(SNAKEMAKE)
 
 toy: $(INSTALLED)
 	$(SNAKEMAKE) --directory toy --config preset=toy
+
+study: $(INSTALLED)
+	$(SNAKEMAKE) study
 
 results: $(INSTALLED)
 	$(SNAKEMAKE) benchmarks/RESULTS.md

@@ -665,6 +665,26 @@ def policy_figures(wildcards):
     return collect("results/figures/{name}.png", name=names)
 
 
+def study_files(folder, ending):
+    """Trainings, or trials in simulation, of every variant and seed of the study."""
+    plan = config["study"]
+    policies = [
+        {**plan["cell"], "renderer": "gs", "variant": name} for name in plan["variants"]
+    ]
+    seeds = range(SEED, SEED + plan["seeds"])
+    if folder == "trials":
+        return [
+            trial_file("sim", ending).format(**policy, seed=seed)
+            for policy in policies
+            for seed in seeds
+        ]
+    return [
+        policy_file(ending).format(**policy, seed=seed)
+        for policy in policies
+        for seed in seeds
+    ]
+
+
 def measured_rows(name):
     """Input function: rows about policies that a score is made of; nothing where the preset trains none."""
 

@@ -43,6 +43,10 @@ def check_policies(config: Mapping[str, Any], root: str | Path) -> None:
                     f"'{world}' is not configured",
                     f"Use one of: {', '.join(sorted(config['worlds']))}",
                 )
+    for variant in config["study"]["variants"]:
+        if variant not in config["variants"]:
+            choices = ", ".join(sorted(config["variants"]))
+            raise InputError("config: study.variants", f"'{variant}' is not configured", f"Use one of: {choices}")
     for name, world in config["worlds"].items():
         seed = config["seed"] if world["seed"] is None else world["seed"]
         further_world(config["seed"], seed, world["hidden"], f"config: worlds.{name}.hidden")

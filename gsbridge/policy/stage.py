@@ -86,6 +86,7 @@ def train_policy(
         cpu_seconds=seconds,
         cpu_seconds_to_enough=cpu_seconds_to(training.rows, ENOUGH),
         onnx_error=onnx_error,
+        controller_offset=list(controller_offset),
         settings=asdict(settings),
     )
     shutil.rmtree(state, ignore_errors=True)
