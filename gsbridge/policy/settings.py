@@ -72,7 +72,8 @@ class PolicySettings:
             outweighs the reward of 1: alpha |H| / (1 - gamma) must stay well below it.
         alpha_rate: Step size of log alpha; 0 keeps it.
         target_entropy: Entropy that the temperature aims at, nats.
-        lambda_floor, lambda_share: Share of the controller: from 1 straight down to the floor over this share of `steps`.
+        lambda_floor, lambda_share: Share of the controller: from 1 straight down to the floor over this share of `steps`. At a
+            floor of 0, as in the paper, nothing imitates where young critics err, and success fell from 81 % to 47 %.
         position_weight: Of the auxiliary loss on the object's position.
         bc_weight, q_weight: Of imitation and of the SAC loss in the actor's loss.
         base_noise: Standard deviation of noise on the controller's actions when they are carried out, never on labels.
@@ -105,7 +106,7 @@ class PolicySettings:
     alpha_cap: float = 0.01
     alpha_rate: float = 1e-3
     target_entropy: float = -5.0
-    lambda_floor: float = 0.0
+    lambda_floor: float = 0.1
     lambda_share: float = 0.5
     position_weight: float = 1.0
     bc_weight: float = 1.0
