@@ -87,7 +87,7 @@ def test_noise_goes_on_actions_of_the_controller(sight):
 
 @pytest.mark.parametrize("target", ["official", "paper", "none"])
 def test_targets_are_the_formula_on_the_networks_own_numbers(replay, target):
-    agent = Agent(settings(target=target), 1)
+    agent = Agent(settings(target=target, alpha_start=0.01), 1)
     batch = replay.sample(16, np.random.default_rng(1))
     twin = torch.Generator()
     twin.set_state(agent.generator.get_state())
@@ -104,7 +104,7 @@ def test_targets_are_the_formula_on_the_networks_own_numbers(replay, target):
 
 
 def test_an_update_moves_what_it_should(replay):
-    agent = Agent(settings(alpha_cap=0.02), 2)
+    agent = Agent(settings(alpha_start=0.01, alpha_cap=0.02), 2)
     before = copy.deepcopy(agent.state())
     batch = replay.sample(16, np.random.default_rng(2))
     figures = agent.update(batch, 1.0)
@@ -133,7 +133,7 @@ def test_imitation_alone_leaves_the_critics(replay, algo):
 
 
 def test_temperature_keeps_to_its_cap(replay):
-    agent = Agent(settings(target_entropy=5.0, alpha_rate=0.1), 2)
+    agent = Agent(settings(target_entropy=5.0, alpha_start=0.01, alpha_rate=0.1), 2)
     rng = np.random.default_rng(2)
     for _ in range(3):
         agent.update(replay.sample(16, rng), 0.5)
