@@ -1,6 +1,5 @@
 """Pictures of any camera as the policy takes them, against what a pinhole would see."""
 
-import time
 from functools import cache
 
 import numpy as np
@@ -114,15 +113,3 @@ def test_a_picture_of_another_kind_is_refused():
     for wrong in (np.zeros((480, 640, 3)), np.zeros((480, 640), np.uint8), np.zeros((640, 480, 3), np.uint8)):
         with pytest.raises(InputError, match="intrinsics"):
             rectify(wrong)
-
-
-def test_a_large_picture_takes_a_small_part_of_a_control_step():
-    rectify = Rectifier(Camera(1920, 1080, 1370.0, 1370.0, 960.0, 540.0, (0.05, 0.0, 0.0, 0.0)), TARGET)
-    image = np.zeros((1080, 1920, 3), np.uint8)
-    rectify(image)
-    spent = []
-    for _ in range(3):
-        begin = time.process_time()
-        rectify(image)
-        spent.append(time.process_time() - begin)
-    assert min(spent) < 0.05
