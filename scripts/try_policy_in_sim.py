@@ -19,14 +19,8 @@ item = snakemake.input.item
 try_in_sim(
     Path(snakemake.input.spec).parent,
     snakemake.input.training,
-    StageFiles(
-        robot=snakemake.input.robot,
-        item=item,
-        background=snakemake.input.background,
-        model=snakemake.input.model,
-        robot_splats=snakemake.input.robot_splats,
-        registration=snakemake.input.registration,
-        photometry=snakemake.input.photometry,
+    StageFiles.of(
+        dict(snakemake.input.items()),
         item_colour=photo_colour(read_views(snakemake.input.views, snakemake.input.images), snakemake.input.masks),
     ),
     EnvironmentSettings(

@@ -120,8 +120,8 @@ class GraspController:
     Args:
         grip: How it is taken.
         scale: What an action of 1 means.
-        lift: Clearance to which the object is lifted, m. Twice what success asks for: with little more a policy's imperfect copy
-            slows down just below the mark and hangs there until time is out.
+        lift: Clearance to which the object is lifted, m. Twice what success asks for: with little more a policy's imperfect
+            copy slows down just below the mark and hangs there until time is out.
         opening: Opening beyond the object's width while approaching, m.
         stroke: Largest opening, m.
         hover: Fingertips over the object's top while moving sideways, m.
