@@ -23,6 +23,7 @@ report: "rules/captions/workflow.rst"
 
 
 include: "rules/common.smk"
+include: "rules/common_policies.smk"
 include: "rules/film.smk"
 include: "rules/capture.smk"
 include: "rules/sfm.smk"
