@@ -184,12 +184,13 @@ def measure(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
 
 def measure_mirror(folder: Path) -> dict[str, Any]:
     """CPU time of the mirror's pictures, one thread."""
-    from gsbridge.reality.world.camera import MirrorCamera, Quality, Setting, wrist_camera
+    from gsbridge.reality.world.camera import MirrorCamera, Setting, wrist_camera
     from gsbridge.reality.world.hidden import Hidden
     from gsbridge.reality.world.layout import true_base_from_table, true_robot
+    from gsbridge.reality.world.mirror import TRIAL
     from gsbridge.robot.kinematics import Kinematics
 
-    hidden, quality, lens = Hidden.draw(1), Quality(), wrist_camera(MIRROR_SIZE_PX)
+    hidden, quality, lens = Hidden.draw(1), TRIAL, wrist_camera(MIRROR_SIZE_PX)
     robot = true_robot(folder / "mirror_robot", hidden)
     camera = MirrorCamera(Setting("small_cube", "foam_pad"), robot, hidden)
     kinematics = Kinematics.read(robot.urdf, robot.record["rest_posture"])

@@ -3,13 +3,43 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from pathlib import Path
+from typing import Any
+
+import yaml
 
 from gsbridge import __version__
 from gsbridge.board import SHEETS_M, standard_board, write_board
 from gsbridge.capture.printing import write_sheet
 from gsbridge.errors import GsbridgeError
+from gsbridge.logs import start
+
+_ENDED_EARLY, _INTERRUPTED = 3, 130
+
+_ABOUT = """\
+Drive an arm with a trained policy: 20 times a second it takes the wrist camera's picture and the measured tool pose, lets the
+policy decide, and commands the next tool pose. Commands stay inside the workspace of the training and within 60 mm of the tool.
+
+Driver
+  module:Class  your own arm: a Python class with camera, rest, measure, image, command, stop; docs/deployment.md has an example
+  sim           the simulated world, judged by the rules of the task
+  mirror        the mirror, likewise
+
+With a real arm
+  1. --dry-run first: pictures and decisions are logged, nothing is commanded, the arm does not move.
+  2. Then --pose-set fixed --index 0 --trials trials.csv: you are told where to place the object, the episode runs for 4 s (6 s
+     for pick_and_place), and you say whether it worked.
+  Ctrl-C stops the arm at any time. Keep the emergency stop in your hand all the same.
+
+Units: metres, radians, seconds. Angles told to a person are in degrees.
+"""
+
+_CODES = """\
+exit code: 0 done; 1 something given cannot be used; 2 wrong arguments; 3 an episode was stopped by a guard (see its .json in
+--out); 130 stopped by Ctrl-C
+"""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -17,21 +47,118 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="gsbridge", description="Tools beside the Snakemake workflow.")
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(dest="command", required=True)
+    _add_board(commands)
+    _add_run_policy(commands)
+    options = parser.parse_args(arguments)
+    try:
+        return options.run(options)
+    except KeyboardInterrupt:
+        print("gsbridge: stopped", file=sys.stderr)
+        return _INTERRUPTED
+    except (GsbridgeError, OSError) as error:
+        print(f"gsbridge: {error}", file=sys.stderr)
+        return 1
+
+
+def _add_board(commands: Any) -> None:
     board = commands.add_parser("board", help="write the printable board for scale and registration")
     board.add_argument("path", type=Path, help="file to write: .pdf or .svg")
     board.add_argument("--sheet", choices=sorted(SHEETS_M), default="a4", help="paper size (default: a4)")
     board.add_argument("--layout", type=Path, help="also write the layout of the tags as JSON")
-    options = parser.parse_args(arguments)
-    try:
-        layout = standard_board(options.sheet)
-        write_sheet(layout, options.path)
-        if options.layout:
-            write_board(options.layout, layout)
-    except (GsbridgeError, OSError) as error:
-        print(f"gsbridge: {error}", file=sys.stderr)
-        return 1
+    board.set_defaults(run=_board)
+
+
+def _board(options: argparse.Namespace) -> int:
+    layout = standard_board(options.sheet)
+    write_sheet(layout, options.path)
+    if options.layout:
+        write_board(options.layout, layout)
     print(f"{options.path}: print it at 100 % on {options.sheet.upper()} and check the ruler on it")
     return 0
+
+
+def _add_run_policy(commands: Any) -> None:
+    run = commands.add_parser(
+        "run-policy",
+        help="drive an arm, the simulation or the mirror with a trained policy",
+        description=_ABOUT,
+        epilog=_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    needed = run.add_argument_group("needed")
+    needed.add_argument("--policy", type=Path, required=True, metavar="FOLDER", help="with policy.json and policy.safetensors")
+    needed.add_argument("--driver", required=True, metavar="DRIVER", help="sim, mirror, or module:Class")
+    needed.add_argument(
+        "--registration", type=Path, required=True, metavar="FILE", help="registration.json: where table and camera are"
+    )
+    trials = run.add_argument_group("trials")
+    trials.add_argument("--pose-set", choices=("fixed", "unseen"), help="set of start poses, 32 each")
+    trials.add_argument("--index", metavar="N", help="start pose: 0 to 31, a range such as 0-7, or all")
+    trials.add_argument("--trials", type=Path, metavar="FILE", help="CSV file to add a row to after each episode")
+    trials.add_argument("--redo", action="store_true", help="repeat trials that the file holds; without it they are skipped")
+    episode = run.add_argument_group("episode")
+    episode.add_argument("--dry-run", action="store_true", help="command nothing; the arm stays where it is")
+    episode.add_argument("--steps", type=int, metavar="N", help="control steps of 50 ms (default: as in the training)")
+    episode.add_argument("--out", type=Path, metavar="FOLDER", help="write each episode's steps (.csv) and summary (.json)")
+    episode.add_argument("--pictures", action="store_true", help="also keep the pictures that the policy saw (.npz)")
+    episode.add_argument("--runtime", choices=("torch", "onnx"), default="torch", help="what computes the network")
+    own = run.add_argument_group("your own driver")
+    own.add_argument(
+        "--option", action="append", default=[], metavar="NAME=VALUE", help="argument of the driver's class; may be repeated"
+    )
+    worlds = run.add_argument_group("drivers sim and mirror")
+    worlds.add_argument("--results", type=Path, metavar="FOLDER", help="results of the workflow")
+    worlds.add_argument("--object", metavar="SCENE", help="such as small_cube")
+    worlds.add_argument("--background", metavar="SCENE", help="such as foam_pad")
+    worlds.add_argument("--model", type=Path, metavar="FILE", help="simulation model, such as models/nominal.yaml (sim)")
+    worlds.add_argument("--seed", type=int, default=0, help="seed of config.yaml, which the hidden parameters follow (mirror)")
+    worlds.add_argument("--pieces", type=Path, metavar="FOLDER", help="keeps prepared shapes from run to run (mirror)")
+    run.set_defaults(run=_run_policy)
+
+
+def _run_policy(options: argparse.Namespace) -> int:
+    # More threads would only wait for each other in a network this small, and their imports must come after.
+    start(1, None)
+    from gsbridge.policy.deploy import Deployment, deploy
+    from gsbridge.policy.guards import End
+
+    wanted = Deployment(
+        policy=options.policy, driver=options.driver, registration=options.registration, options=_options(options.option),
+        results=options.results, item=options.object, background=options.background, model=options.model, seed=options.seed,
+        pieces=options.pieces, runtime=options.runtime, pose_set=options.pose_set, index=options.index, trials=options.trials,
+        redo=options.redo, out=options.out, pictures=options.pictures, steps=options.steps, dry_run=options.dry_run,
+    )  # fmt: skip
+    # Whoever ends the program from outside must stop the arm, too.
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        done = deploy(wanted, input)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    judged = [verdict for _, verdict in done if verdict is not None]
+    if judged:
+        print(f"{sum(verdict.success for verdict in judged)} of {len(judged)} trials succeeded")
+    early = [log.end.value for log, _ in done if log.end not in (End.TIME_OUT, End.DONE)]
+    if early:
+        print(f"gsbridge: {len(early)} of {len(done)} episodes were stopped early: {', '.join(early)}", file=sys.stderr)
+    return _ENDED_EARLY if early else 0
+
+
+def _options(pairs: list[str]) -> dict[str, Any]:
+    """Arguments of a driver; values are read as in YAML: 5 is a number, true a switch.
+
+    Raises:
+        GsbridgeError: A pair has no name.
+    """
+    out = {}
+    for pair in pairs:
+        name, sign, value = pair.partition("=")
+        if not (sign and name.isidentifier()):
+            raise GsbridgeError(f"--option {pair}: this is not NAME=VALUE. Write for instance --option address=192.168.1.5")
+        try:
+            out[name] = yaml.safe_load(value)
+        except yaml.YAMLError:
+            out[name] = value
+    return out
 
 
 if __name__ == "__main__":

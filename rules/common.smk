@@ -18,6 +18,11 @@ from gsbridge.digests import code_digest, kernel_digest, package_digest
 from gsbridge.errors import InputError
 
 check_configuration(config)
+if workflow.is_main_process:
+    # A second of imports, which jobs need not pay again.
+    from gsbridge.policy.plan import check_policies
+
+    check_policies(config, ROOT)
 
 PRESET = config["presets"][config["preset"]]
 SEED = config["seed"]
@@ -366,6 +371,12 @@ def recordings(wildcards):
     )
     every += collect("results/rerun/masks/{scene}.rrd", scene=preset_scenes("object"))
     every += collect("results/rerun/asset/{scene}.rrd", scene=bundled_scenes())
+    for policy in POLICIES:
+        every.append(f"results/rerun/trials/{CELL_ITEM}.rrd".format(**policy))
+        every += [
+            f"results/rerun/training/{POLICY_ITEM}.rrd".format(**policy, seed=seed)
+            for seed in POLICY_SEEDS
+        ]
     return every + collect(
         "results/rerun/splats/{scene}-{binding}.rrd",
         scene=SCENES,
@@ -410,5 +421,7 @@ wildcard_constraints:
     camera=one_of(config["cameras"]),
     binding=one_of(BINDINGS),
     surface="visual|hull",
+    task="grasp|pick_and_place",
     seed=r"\d+",
     origin="mirror|real",
+    table="grasping|renderer_contrast|pick_and_place",

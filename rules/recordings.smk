@@ -169,3 +169,42 @@ rule record_asset:
         "Record the asset of {wildcards.scene}"
     script:
         "../scripts/record_asset.py"
+
+
+rule record_training:
+    input:
+        curve=policy_file("training.csv"),
+        record=policy_file("training.json"),
+    output:
+        recording=f"results/rerun/training/{POLICY_ITEM}.rrd",
+    log:
+        f"results/logs/record_training/{POLICY_ITEM}.log",
+    conda:
+        "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+    params:
+        code=code_digest("gsbridge.report.recordings.training"),
+        name=lambda wildcards: "-".join(wildcards),
+    message:
+        "Record the training of {wildcards.variant} to {wildcards.task} {wildcards.object} on {wildcards.background}, {wildcards.renderer}"
+    script:
+        "../scripts/record_training.py"
+
+
+# On demand: it needs the extra `tensorboard`.
+rule export_tensorboard:
+    input:
+        curve=policy_file("training.csv"),
+    output:
+        events=directory(f"results/tensorboard/{POLICY_ITEM}"),
+    log:
+        f"results/logs/export_tensorboard/{POLICY_ITEM}.log",
+    conda:
+        "../envs/policy.yaml"
+    params:
+        code=code_digest("gsbridge.report.tensorboard"),
+    message:
+        "Write the training of {wildcards.variant} for TensorBoard: {wildcards.task} {wildcards.object} on {wildcards.background}, {wildcards.renderer}"
+    script:
+        "../scripts/export_tensorboard.py"

@@ -23,6 +23,7 @@ rule collect_rendering:
 rule collect_timing:
     input:
         rows="results/rows/rendering.csv",
+        policies=policy_rows,
     output:
         rows="results/rows/timing.csv",
     log:
@@ -66,11 +67,128 @@ rule compare_renderings:
         "../scripts/compare_renderings.py"
 
 
+rule collect_success:
+    input:
+        trials=table_trials,
+        trial_records=table_trial_records,
+        robot=table_robot_files,
+        policies=table_policies,
+        records=table_records,
+    output:
+        rows="results/rows/{table}.csv",
+    log:
+        "results/logs/collect_success/{table}.log",
+    benchmark:
+        "results/benchmarks/collect_success/{table}.jsonl"
+    conda:
+        "../envs/report.yaml"
+    params:
+        code=code_digest("gsbridge.report.success_table"),
+        robot=table_robot_trials,
+    message:
+        "Collect the successes: {wildcards.table}"
+    script:
+        "../scripts/collect_success.py"
+
+
+rule collect_failures:
+    input:
+        trials=policy_trials(POLICIES, "csv"),
+        trial_records=policy_trials(POLICIES, "json"),
+        robot=list(robot_trials(POLICIES).values()),
+    output:
+        rows="results/rows/failures.csv",
+    log:
+        "results/logs/collect_failures.log",
+    benchmark:
+        "results/benchmarks/collect_failures/all.jsonl"
+    conda:
+        "../envs/report.yaml"
+    params:
+        code=code_digest("gsbridge.report.failures_table"),
+        robot=robot_trials(POLICIES),
+    message:
+        "Collect how trials ended"
+    script:
+        "../scripts/collect_failures.py"
+
+
+rule collect_training:
+    input:
+        policies=policy_files(POLICIES, "training.json"),
+        curves=policy_files(POLICIES, "training.csv"),
+    output:
+        rows="results/rows/training.csv",
+    log:
+        "results/logs/collect_training.log",
+    benchmark:
+        "results/benchmarks/collect_training/all.jsonl"
+    conda:
+        "../envs/report.yaml"
+    params:
+        code=code_digest("gsbridge.report.training_table"),
+    message:
+        "Collect what the trainings took and reached"
+    script:
+        "../scripts/collect_training.py"
+
+
+rule draw_learning_curves:
+    input:
+        curves=policy_files(POLICIES, "training.csv"),
+    output:
+        figure=report(
+            "results/figures/learning_curves.png",
+            caption="captions/learning_curves.rst",
+            category="Policies",
+            labels={"figure": "learning curves"},
+        ),
+    log:
+        "results/logs/draw_learning_curves.log",
+    benchmark:
+        "results/benchmarks/draw_learning_curves/all.jsonl"
+    conda:
+        "../envs/report.yaml"
+    params:
+        code=code_digest("gsbridge.report.learning_curves"),
+    message:
+        "Draw the learning curves"
+    script:
+        "../scripts/draw_learning_curves.py"
+
+
+rule draw_success:
+    input:
+        rows=collect("results/rows/{table}.csv", table=success_tables()),
+    output:
+        figure=report(
+            "results/figures/success_rates.png",
+            caption="captions/success_rates.rst",
+            category="Policies",
+            labels={"figure": "success in both worlds"},
+        ),
+    log:
+        "results/logs/draw_success.log",
+    benchmark:
+        "results/benchmarks/draw_success/all.jsonl"
+    conda:
+        "../envs/report.yaml"
+    params:
+        code=code_digest("gsbridge.report.success_figure"),
+    message:
+        "Draw the success of every cell in both worlds"
+    script:
+        "../scripts/draw_success.py"
+
+
 rule assemble_tables:
     input:
         rendering="results/rows/rendering.csv",
         timing="results/rows/timing.csv",
+        policies=policy_rows,
         figures=comparison_figures,
+        policy_figures=policy_figures,
+        films=list(trial_films().values()),
         records=page_records,
     output:
         # Not marked for snakemake's report: a folder would force the report into a zip file.
@@ -84,6 +202,7 @@ rule assemble_tables:
     params:
         code=code_digest("gsbridge.report.tables"),
         preset=config["preset"],
+        films=list(trial_films()),
     message:
         "Assemble the tables"
     script:

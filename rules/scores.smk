@@ -104,9 +104,38 @@ rule score_real2sim:
         "../scripts/score_real2sim.py"
 
 
+rule score_policies:
+    input:
+        # Its date changes with every checkout; its digest below tells whether it changed.
+        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
+        grasping=measured_rows("grasping"),
+        renderer_contrast=measured_rows("renderer_contrast"),
+        pick_and_place=measured_rows("pick_and_place"),
+        training=measured_rows("training"),
+        toy=toy_rows,
+        wall_times=wall_times,
+    output:
+        measured="results/scores/measured/policies.json",
+        scores="results/scores/policies.json",
+    log:
+        "results/logs/score_policies.log",
+    conda:
+        "../envs/report.yaml"
+    params:
+        code=code_digest("gsbridge.report.score", "gsbridge.report.measured_policies"),
+        floors_digest=file_digest("benchmarks/floors.yaml"),
+        preset=config["preset"],
+    message:
+        "Compare the policies with the floors"
+    script:
+        "../scripts/score_policies.py"
+
+
 rule write_results_page:
     input:
-        scores=["results/scores/real2sim.json", "results/scores/simulator.json"],
+        scores=collect(
+            "results/scores/{area}.json", area=["real2sim", "simulator", "policies"]
+        ),
     output:
         page="benchmarks/RESULTS.md",
     log:

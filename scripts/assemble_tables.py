@@ -10,9 +10,11 @@ if TYPE_CHECKING:
 
 start(snakemake.threads, snakemake.log[0])
 write_tables(
-    rows=[snakemake.input.rendering, snakemake.input.timing],
+    rows=[snakemake.input.rendering, snakemake.input.timing, *snakemake.input.policies],
     figures=snakemake.input.figures,
     out_dir=snakemake.output.tables,
     preset=snakemake.params.preset,
     records=snakemake.input.records,
+    policy_figures=snakemake.input.policy_figures,
+    films=list(zip(snakemake.params.films, snakemake.input.films, strict=True)),
 )

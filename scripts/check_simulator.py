@@ -11,12 +11,6 @@ if TYPE_CHECKING:
 
 start(snakemake.threads, snakemake.log[0])
 check_simulator(
-    StageFiles(
-        robot=snakemake.input.robot,
-        item=snakemake.input.item,
-        background=snakemake.input.background,
-        model=snakemake.input.model,
-        registration=snakemake.input.registration,
-    ),
+    StageFiles.of(dict(snakemake.input.items())),
     snakemake.output.record,
 )

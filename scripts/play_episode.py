@@ -14,14 +14,8 @@ if TYPE_CHECKING:
 
 start(snakemake.threads, snakemake.log[0])
 play_episode(
-    StageFiles(
-        robot=snakemake.input.robot,
-        item=snakemake.input.item,
-        background=snakemake.input.background,
-        model=snakemake.input.model,
-        robot_splats=snakemake.input.robot_splats,
-        registration=snakemake.input.registration,
-        photometry=snakemake.input.photometry,
+    StageFiles.of(
+        dict(snakemake.input.items()),
         item_colour=photo_colour(read_views(snakemake.input.views, snakemake.input.images), snakemake.input.masks),
     ),
     EnvironmentSettings(

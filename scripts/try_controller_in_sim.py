@@ -12,13 +12,7 @@ if TYPE_CHECKING:
 
 start(snakemake.threads, snakemake.log[0])
 trials = snakemake.params.trials
-files = StageFiles(
-    robot=snakemake.input.robot,
-    item=snakemake.input.item,
-    background=snakemake.input.background,
-    model=snakemake.input.model,
-    registration=snakemake.input.registration,
-)
+files = StageFiles.of(dict(snakemake.input.items()))
 settings = EnvironmentSettings(task=snakemake.wildcards.task, image_size=64, plate=plate_of(files.item, files.background))
 try_controller(
     build_world(files),

@@ -11,6 +11,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from gsbridge.geometry import Array
+from gsbridge.libraries import import_open3d
 from gsbridge.meshes import Mesh
 
 RAISED = 0.003
@@ -21,6 +22,10 @@ SMALLEST = 0.03
 
 RELIEF_URDF = "relief.urdf"
 """Its description, in the folder of the asset's hulls."""
+
+COLLISION_FACES = 800
+"""Triangles of the body. At the reconstruction's own 4,400 a cake on a plate takes 165 ms of physics per control step, at 800
+33 ms, and the surface moves by 0.14 mm (95 %: 0.34 mm)."""
 
 _DISC = np.array([[r * np.cos(a), r * np.sin(a)] for r in (0.2, 0.6, 1.0) for a in np.arange(8) * np.pi / 4])
 _INNER = 0.5
@@ -86,6 +91,23 @@ def find_relief(mesh: Mesh) -> tuple[Relief, Mesh] | None:
     height = float(np.nanmedian([_height(mesh, point) for point in inner]))
     relief = Relief(float(middle[0]), float(middle[1]), radius, height, float(mesh.vertices[own, 2].max()))
     return relief, Mesh(mesh.vertices[used], renumbered.reshape(-1, 3))
+
+
+def simplified(surface: Mesh, faces: int = COLLISION_FACES) -> Mesh:
+    """A surface with fewer triangles, for collisions; as it is where it has no more.
+
+    Args:
+        surface: Part of a mesh, m.
+        faces: Triangles at most.
+    """
+    if len(surface.faces) <= faces:
+        return surface
+    o3d = import_open3d()
+    fine = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(surface.vertices), o3d.utility.Vector3iVector(surface.faces.astype(np.int32))
+    )
+    coarse = fine.simplify_quadric_decimation(faces)
+    return Mesh(np.asarray(coarse.vertices), np.asarray(coarse.triangles, dtype=surface.faces.dtype))
 
 
 def _height(mesh: Mesh, point: Array) -> float:

@@ -16,7 +16,7 @@ from gsbridge.asset.bullet import rest_check
 from gsbridge.asset.density import density_of
 from gsbridge.asset.hulls import decompose, hull_mesh, inset, seat, simplify
 from gsbridge.asset.photos import Photos, compare_with_photos
-from gsbridge.asset.relief import RELIEF_URDF, find_relief
+from gsbridge.asset.relief import RELIEF_URDF, find_relief, simplified
 from gsbridge.asset.settings import AssetSettings
 from gsbridge.asset.urdf import write_body_urdf, write_obj
 from gsbridge.errors import InputError
@@ -304,13 +304,13 @@ def _write_meshes(outputs: AssetOutputs, hulls: dict[str, list[Array]], visual: 
 
 
 def _write_relief(folder: Path, visual: Mesh, name: str) -> dict[str, float] | None:
-    """Body of what stands up from the table, as fine as the visual mesh; the collision mesh is the whole table's."""
+    """Body of what stands up from the table, after the visual mesh: the collision mesh is the whole table's, and too coarse."""
     found = find_relief(visual)
     if found is None:
         return None
     relief, surface = found
     # Bullet gives a concave mesh no margin against the hulls, which have been made smaller by theirs.
-    write_obj(folder / "relief.obj", surface)
+    write_obj(folder / "relief.obj", simplified(surface))
     write_body_urdf(folder / RELIEF_URDF, f"{name}_relief", None, visual="relief.obj", collisions=["relief.obj"])
     return asdict(relief)
 

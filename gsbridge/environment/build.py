@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -54,6 +54,13 @@ class StageFiles:
     photometry: str | Path | None = None
     item_colour: tuple[float, float, float] | None = None
     background_colour: tuple[float, float, float] | None = None
+
+    @classmethod
+    def of(cls, inputs: Mapping[str, str], item_colour: tuple[float, float, float] | None = None) -> StageFiles:
+        """From a rule's inputs, which have the names of the files here; those it does without are None."""
+        named = {name: inputs.get(name) for name in ("robot_splats", "registration", "photometry")}
+        needed = {name: inputs[name] for name in ("robot", "item", "background", "model")}
+        return cls(**needed, **named, item_colour=item_colour)
 
 
 def build_renderer(files: StageFiles, settings: EnvironmentSettings) -> Renderer:

@@ -9,16 +9,8 @@ command never runs more than one and a half actions ahead of the arm (`gsbridge.
 | 3 | turn of the tool about the vertical | 0.15 rad |
 | 4 | opening of the gripper, positive opens | 42 mm |
 
-**Observation**, `Dict(image, proprio)`: the wrist camera's picture, uint8 [H, W, 3], and what an arm knows of itself, float32:
-
-| entry | meaning | unit |
-|---|---|---|
-| 0, 1, 2 | measured tool point | half the workspace, 0 in its middle |
-| 3, 4 | sine and cosine of the tool's yaw | |
-| 5 | measured opening | the stroke |
-| 6, 7, 8 | commanded minus measured tool point | an action of 1 |
-| 9 | commanded minus measured yaw | an action of 1 |
-| 10 | commanded minus measured opening; stays below zero on a gripped object | an action of 1 |
+**Observation**, `Dict(image, proprio)`: the wrist camera's picture, uint8 [H, W, 3], and what an arm knows of itself, float32
+[11] (`gsbridge.environment.proprioception` has the table).
 
 **Reward** 1 in the step of success, else 0. **Terminated** on success, and when the world is no longer finite; **truncated** at
 time-out. Where the object is and what touches it is told in `info` only.
@@ -34,23 +26,20 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from gsbridge.environment.proprioception import PROPRIO, PROPRIO_BOUND, Reached, begin, next_command, proprioception
 from gsbridge.environment.rendering import Renderer
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.errors import InputError
-from gsbridge.geometry import Array, rotation_from_quat
+from gsbridge.geometry import Array
 from gsbridge.robot.limits import Workspace
 from gsbridge.sim.actions import SIZE, ToolTarget
 from gsbridge.sim.camera import respond
 from gsbridge.sim.model import Camera as Response
 from gsbridge.tasks import grasp, place
 from gsbridge.tasks.outcome import Outcome, Progress
-from gsbridge.tasks.poses import POSE_SETS, pose_set
+from gsbridge.tasks.poses import POSE_SETS, StartRegion, pose_set
 from gsbridge.tasks.state import State
 from gsbridge.tasks.world import World
-
-PROPRIO = 11
-PROPRIO_BOUND = 10.0
-"""Entries of `proprio` are cut here; in an episode without mishap they stay below 5."""
 
 OPTIONS = ("pose", "pose_set", "index")
 
@@ -151,7 +140,6 @@ class PickEnvironment(gymnasium.Env):
         )
         self.render_mode = "rgb_array"
         self._sets: dict[str, Array] = {}
-        self._low, self._high = np.array(self.workspace.lower), np.array(self.workspace.upper)
         self._image: Array | None = None
 
     def reset(
@@ -169,17 +157,16 @@ class PickEnvironment(gymnasium.Env):
         """
         super().reset(seed=seed)
         # Drawn in any case, so that naming one pose does not shift the random ones after it.
-        drawn = self.region.sample(self.np_random, 1)[0]
-        episode_seed = int(self.np_random.integers(2**31))
+        drawn, episode_seed = draw_episode(self.np_random, self.region)
         self.start_pose = self._chosen(options or {}, drawn)
         self.world.reset(self.start_pose, episode_seed)
         self.eye.begin(episode_seed)
         state = self.world.state()
-        self._reached = state.tool_position[0].copy(), _yaw(state)
-        self.target.reset(*self._reached, float(state.aperture[0]))
+        self._reached = Reached.of_state(state)
+        begin(self.target, self._reached)
         self._progress, self._steps = Progress.start(1), 0
-        self._progress, outcome = self._judge(state, self._progress)
-        return self._observe(state), self._info(state, outcome)
+        self._progress, outcome = judge(state, self._progress, self.rules)
+        return self._observe(), self._info(state, outcome)
 
     def step(self, action: Array) -> tuple[dict[str, Array], SupportsFloat, bool, bool, dict[str, Any]]:
         """Advance one control period.
@@ -190,17 +177,16 @@ class PickEnvironment(gymnasium.Env):
         Raises:
             InputError: The action has another shape or is not finite.
         """
-        self.target.tether(*self._reached)
-        self.world.command(*self.target.move(action))
+        self.world.command(*next_command(self.target, self._reached, action))
         self.world.step()
         self._steps += 1
         state = self.world.state()
-        self._reached = state.tool_position[0].copy(), _yaw(state)
-        self._progress, outcome = self._judge(state, self._progress)
+        self._reached = Reached.of_state(state)
+        self._progress, outcome = judge(state, self._progress, self.rules)
         finite = bool(state.finite()[0])
         terminated = bool(outcome.success_tolerant[0]) or not finite
         truncated = not terminated and self._steps >= self.settings.time_out
-        return self._observe(state), float(outcome.reward[0]), terminated, truncated, self._info(state, outcome)
+        return self._observe(), float(outcome.reward[0]), terminated, truncated, self._info(state, outcome)
 
     def render(self) -> Array | None:
         """The picture of the last observation. uint8 [H, W, 3]."""
@@ -239,31 +225,10 @@ class PickEnvironment(gymnasium.Env):
             return poses[index].copy()
         return drawn
 
-    def _judge(self, state: State, progress: Progress) -> tuple[Progress, Outcome]:
-        if isinstance(self.rules, grasp.Grasp):
-            return grasp.judge(state, progress, self.rules)
-        return place.judge(state, progress, self.rules)
-
-    def _observe(self, state: State) -> dict[str, Array]:
-        """The observation of a state."""
+    def _observe(self) -> dict[str, Array]:
+        """The observation of the state just reached."""
         self._image = self.eye.look(self.world)
-        return {"image": self._image, "proprio": self._proprio(state)}
-
-    def _proprio(self, state: State) -> Array:
-        """What the arm knows of itself; see the module. float32 [11]."""
-        scale, target = self.target.scale, self.target
-        position, yaw, aperture = state.tool_position[0], _yaw(state), float(state.aperture[0])
-        turn = (target.yaw - yaw + np.pi) % (2 * np.pi) - np.pi
-        values = np.concatenate(
-            [
-                (2.0 * position - self._low - self._high) / (self._high - self._low),
-                [np.sin(yaw), np.cos(yaw), aperture / target.stroke],
-                (target.position - position) / scale.position,
-                [turn / scale.yaw, (target.aperture - aperture) / scale.aperture],
-            ]
-        )
-        # A world that broke down ends its episode; its last observation must still be one.
-        return np.clip(np.nan_to_num(values), -PROPRIO_BOUND, PROPRIO_BOUND).astype(np.float32)
+        return {"image": self._image, "proprio": proprioception(self.target, self._reached)}
 
     def _info(self, state: State, outcome: Outcome) -> dict[str, Any]:
         """Privileged state and counts."""
@@ -287,6 +252,18 @@ class PickEnvironment(gymnasium.Env):
         }
 
 
+def draw_episode(rng: np.random.Generator, region: StartRegion) -> tuple[Array, int]:
+    """Start pose, [3], and seed of what is random in an episode."""
+    return region.sample(rng, 1)[0], int(rng.integers(2**31))
+
+
+def judge(state: State, progress: Progress, rules: grasp.Grasp | place.Place) -> tuple[Progress, Outcome]:
+    """What the rules of a task say about the state of N worlds."""
+    if isinstance(rules, grasp.Grasp):
+        return grasp.judge(state, progress, rules)
+    return place.judge(state, progress, rules)
+
+
 def state_of(info: Mapping[str, Any]) -> State:
     """The privileged state in the `info` of one environment (N = 1) or of a vector of them."""
     values = {item.name: np.asarray(info["state"][item.name], dtype=np.float64) for item in fields(State)}
@@ -308,9 +285,3 @@ def _eye(world: World, renderer: Renderer | None, response: Response | None, siz
             "Make its camera with `wrist_camera(settings.image_size)`",
         )
     return DrawnEye(renderer, response)
-
-
-def _yaw(state: State) -> float:
-    """Turn of the tool about the vertical, rad; see `gsbridge.robot.reach.tool_down`."""
-    turn = rotation_from_quat(state.tool_quat)[0]
-    return float(np.arctan2(turn[1, 0], turn[0, 0]))

@@ -56,6 +56,7 @@ class Agent:
             self.actor = Actor().to(device)
             self.critics = Critics(bounded=settings.bounded_critic).to(device)
         self.target_critics = copy.deepcopy(self.critics).requires_grad_(False)
+        self.averaged = copy.deepcopy(self.actor).requires_grad_(False)
         self.log_alpha = torch.tensor(math.log(settings.alpha_start), device=device, requires_grad=True)
         fused = {"fused": True}
         self.optimisers = {
@@ -124,11 +125,11 @@ class Agent:
         if self.settings.has_critics:
             out |= self._update_critics(batch)
         out |= self._update_actor(batch, share)
-        if self.settings.has_critics:
-            with torch.no_grad():
-                for slow, fast in zip(self.target_critics.parameters(), self.critics.parameters(), strict=True):
-                    slow.lerp_(fast, self.settings.tau)
         self.updates += 1
+        if self.settings.has_critics:
+            _follow(self.target_critics, self.critics, self.settings.tau)
+        # The plain mean of all weights so far at first: the random start must not linger in the average.
+        _follow(self.averaged, self.actor, max(self.settings.averaging, 1.0 / self.updates))
         return out
 
     def targets(self, batch: Batch) -> tuple[Tensor, dict[str, float]]:
@@ -201,6 +202,7 @@ class Agent:
             "actor": self.actor.state_dict(),
             "critics": self.critics.state_dict(),
             "target_critics": self.target_critics.state_dict(),
+            "averaged": self.averaged.state_dict(),
             "log_alpha": self.log_alpha.detach().clone(),
             "optimisers": {name: optimiser.state_dict() for name, optimiser in self.optimisers.items()},
             "generator": self.generator.get_state(),
@@ -218,6 +220,7 @@ class Agent:
             self.actor.load_state_dict(state["actor"])
             self.critics.load_state_dict(state["critics"])
             self.target_critics.load_state_dict(state["target_critics"])
+            self.averaged.load_state_dict(state["averaged"])
             for name, optimiser in self.optimisers.items():
                 optimiser.load_state_dict(state["optimisers"][name])
             with torch.no_grad():
@@ -240,6 +243,13 @@ class Agent:
 
     def _tensor(self, values: Array) -> Tensor:
         return torch.from_numpy(np.ascontiguousarray(values))[None].to(self.device)
+
+
+@torch.no_grad()
+def _follow(slow: torch.nn.Module, fast: torch.nn.Module, share: float) -> None:
+    """Let weights follow others slowly."""
+    for behind, ahead in zip(slow.parameters(), fast.parameters(), strict=True):
+        behind.lerp_(ahead, share)
 
 
 def _step(optimiser: torch.optim.Optimizer, loss: Tensor) -> None:

@@ -1,8 +1,9 @@
 """A policy as two files: `policy.safetensors`, its weights, and `policy.json`, what goes in and out. No pickles.
 
 `policy.json`: format, algorithm, settings of the training, digest of the weights; the observation with its preprocessing
-(picture size, camera's angle of view, what `proprio` means and is measured from) and the action with its scale. A runner on a
-robot needs nothing else.
+(picture size, camera's angle of view, what `proprio` means and is measured from), the action with its scale, what an episode
+is, and where the robot stood. A runner on a robot needs nothing else. `gsbridge.policy.onnx` adds `policy.onnx`, the same
+network for programs without PyTorch.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
@@ -27,7 +29,8 @@ from gsbridge.geometry import Array
 from gsbridge.policy.networks import CHANNELS, HIDDEN, Actor
 from gsbridge.policy.observation import PICTURE_OFFSET, PICTURE_SCALE, actor_input
 from gsbridge.policy.settings import PolicySettings
-from gsbridge.sim.actions import SIZE
+from gsbridge.sim.actions import SIZE, TETHER
+from gsbridge.tasks.world import World
 
 FORMAT = 1
 WEIGHTS, SPEC = "policy.safetensors", "policy.json"
@@ -36,6 +39,10 @@ PROPRIO_NAMES = (
     *("lag_x", "lag_y", "lag_z", "lag_yaw", "lag_aperture"),
 )
 ACTION_NAMES = ("x", "y", "z", "yaw", "aperture")
+INPUTS, OUTPUTS = ("image", "proprio"), ("action",)
+"""Names in `policy.onnx`."""
+
+CONTROL_HZ = 20
 _AUXILIARY = "position."
 
 
@@ -77,7 +84,7 @@ def describe(environment: PickEnvironment, settings: PolicySettings) -> dict[str
         "format": FORMAT,
         "algo": settings.algo,
         "task": environment.settings.task,
-        "control_hz": 20,
+        "control_hz": CONTROL_HZ,
         "observation": {
             "image": {
                 "size_px": settings.image_size,
@@ -91,6 +98,7 @@ def describe(environment: PickEnvironment, settings: PolicySettings) -> dict[str
                 "bound": PROPRIO_BOUND,
                 "workspace_lower_m": workspace.lower,
                 "workspace_upper_m": workspace.upper,
+                "workspace_yaw_rad": workspace.yaw,
                 "stroke_m": environment.target.stroke,
             },
         },
@@ -101,9 +109,34 @@ def describe(environment: PickEnvironment, settings: PolicySettings) -> dict[str
             "position_m": scale.position,
             "yaw_rad": scale.yaw,
             "aperture_m": scale.aperture,
+            "tether": TETHER,
+        },
+        "environment": asdict(environment.settings),
+        "robot": _robot(environment.world),
+        "onnx": {
+            "inputs": {
+                "image": {"type": "uint8", "shape": [1, settings.image_size, settings.image_size, 3]},
+                "proprio": {"type": "float32", "shape": [1, PROPRIO]},
+            },
+            "outputs": {"action": {"type": "float32", "shape": [1, SIZE]}},
         },
         "network": {"channels": CHANNELS, "hidden": HIDDEN},
         "training": asdict(settings),
+    }
+
+
+def _robot(world: World) -> dict[str, Any] | None:
+    """Where arm, camera and table of the training are; None for a world without an arm."""
+    kinematics, base_from_table = getattr(world, "kinematics", None), getattr(world, "base_from_table", None)
+    if kinematics is None or base_from_table is None:
+        return None
+    places = kinematics.fk(kinematics.rest, ["flange", "camera", "tool"])
+    return {
+        "rest_posture_rad": kinematics.rest,
+        "base_from_table": base_from_table,
+        "flange_from_camera": np.linalg.inv(places["flange"]) @ places["camera"],
+        "flange_from_tool": np.linalg.inv(places["flange"]) @ places["tool"],
+        "table_from_tool_at_rest": np.linalg.inv(base_from_table) @ places["tool"],
     }
 
 

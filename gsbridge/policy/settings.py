@@ -22,6 +22,7 @@ _NUMBERS = {
     "updates_per_step": (0.01, 8.0),
     "learning_rate": (1e-6, 0.1),
     "tau": (1e-4, 1.0),
+    "averaging": (1e-4, 1.0),
     "gamma": (0.5, 0.9999),
     "alpha_start": (1e-6, MAX_ALPHA_START),
     "alpha_cap": (1e-6, MAX_ALPHA_START),
@@ -63,12 +64,16 @@ class PolicySettings:
         actor_batch, critic_batch: Transitions per gradient step; the actor takes the first of the critics'.
         learning_rate: Of Adam, actor and critics.
         tau: Share of the critics that enters the target critics per update.
+        averaging: Share of the actor that enters the averaged actor per update; the average is what is evaluated and delivered,
+            1 takes the actor as it is. At a learning rate that learns within minutes, single weights swing by 30 points of
+            success from one evaluation to the next.
         gamma: Discount per step.
-        alpha_start, alpha_cap: Temperature at the start and its upper limit. Above about 0.01 the entropy of an endless episode
+        alpha_start, alpha_cap: Temperature at the start and its upper limit. From about 0.01 the entropy of an endless episode
             outweighs the reward of 1: alpha |H| / (1 - gamma) must stay well below it.
         alpha_rate: Step size of log alpha; 0 keeps it.
         target_entropy: Entropy that the temperature aims at, nats.
-        lambda_floor, lambda_share: Share of the controller: from 1 straight down to the floor over this share of `steps`.
+        lambda_floor, lambda_share: Share of the controller: from 1 straight down to the floor over this share of `steps`. At a
+            floor of 0, as in the paper, nothing imitates where young critics err, and success fell from 81 % to 47 %.
         position_weight: Of the auxiliary loss on the object's position.
         bc_weight, q_weight: Of imitation and of the SAC loss in the actor's loss.
         base_noise: Standard deviation of noise on the controller's actions when they are carried out, never on labels.
@@ -88,19 +93,20 @@ class PolicySettings:
     algo: str = "sacwb"
     target: str = "official"
     image_size: int = 64
-    steps: int = 10_000
+    steps: int = 9_000
     start_steps: int = 300
-    updates_per_step: float = 0.7
+    updates_per_step: float = 0.4
     actor_batch: int = 128
     critic_batch: int = 128
     learning_rate: float = 1e-3
     tau: float = 0.01
+    averaging: float = 0.005
     gamma: float = 0.97
-    alpha_start: float = 0.01
+    alpha_start: float = 0.001
     alpha_cap: float = 0.01
-    alpha_rate: float = 3e-4
+    alpha_rate: float = 1e-3
     target_entropy: float = -5.0
-    lambda_floor: float = 0.0
+    lambda_floor: float = 0.1
     lambda_share: float = 0.5
     position_weight: float = 1.0
     bc_weight: float = 1.0

@@ -112,7 +112,7 @@ class Trainer:
         self.at = _Counters(next_eval=settings.eval_every)
         self.clock, self.meter = Clock(), Meter()
         self.poses = evaluation_poses(inside.region, settings.eval_poses, seed)
-        self.best = copy.deepcopy(self.agent.actor.state_dict())
+        self.best = copy.deepcopy(self.agent.averaged.state_dict())
 
     def run(self, out: str | Path) -> Training:
         """Train to the end and write the policy.
@@ -189,7 +189,7 @@ class Trainer:
             value = (
                 (lambda observation, info: self.agent.value(self.observer(observation, info))) if settings.has_critics else None
             )
-            policy = Policy(self.agent.actor, settings.image_size)
+            policy = Policy(self.agent.averaged, settings.image_size)
             evaluation = evaluate(self.environment, policy, self.poses, self.seed, settings.gamma, value)
         at.rows.append(
             {
@@ -208,7 +208,7 @@ class Trainer:
         # Of equal ones the later: it has learned longer.
         if evaluation.rate >= at.best:
             at.best, at.best_step = evaluation.rate, at.step
-            self.best = copy.deepcopy(self.agent.actor.state_dict())
+            self.best = copy.deepcopy(self.agent.averaged.state_dict())
         at.perfect = at.perfect + 1 if evaluation.success.all() else 0
         at.next_eval = at.step + settings.eval_every
         if self.state is not None:
@@ -217,8 +217,8 @@ class Trainer:
     def _finish(self, out: Path) -> Training:
         """Test the best weights on other poses and write them."""
         inside, settings = bare(self.environment), self.settings
-        self.agent.actor.load_state_dict(self.best)
-        policy = Policy(self.agent.actor, settings.image_size, describe(inside, settings))
+        self.agent.averaged.load_state_dict(self.best)
+        policy = Policy(self.agent.averaged, settings.image_size, describe(inside, settings))
         others = evaluation_poses(inside.region, settings.eval_poses, self.seed, draw=1)
         retest = evaluate(self.environment, policy, others, self.seed, settings.gamma).rate
         figures = {

@@ -23,6 +23,8 @@ _LATEX = {
     "≤": r"$\leq$",
     "†": r"\textdagger{}",
     "…": r"\ldots{}",
+    "→": r"$\rightarrow$",
+    "·": r"$\cdot$",
 }
 
 

@@ -26,6 +26,16 @@ PAGE = """\
 {% macro draw(picture) %}
 <figure class="picture"><img src="{{ picture.data }}" alt="{{ picture.name }}"><figcaption>{{ picture.caption }}</figcaption></figure>
 {% endmacro %}
+{% macro show_film(item) %}
+<figure class="film">{% if item.moving %}<video src="{{ item.data }}" controls loop muted playsinline preload="metadata"></video>{% else %}<img src="{{ item.data }}" alt="{{ item.title }}">{% endif %}<figcaption>{{ item.title }}</figcaption></figure>
+{% endmacro %}
+{% macro about_splats() %}
+{% for sentence in headline %}<p class="lede">{{ sentence }}</p>
+{% endfor %}
+<p class="note">PSNR in dB, SSIM and alpha IoU: higher is better; LPIPS: lower. Held-out photos (every 8th) were never trained on.
+The best bound model of each scene is <b style="color: var(--accent)">bold</b>, the paper's values are <i style="color: var(--paper)">in italics</i>.
+“Mirror” scenes are filmed by a path tracer and have a hidden truth; they are not the real world.{% if preset %} Preset: {{ preset }}.{% endif %}</p>
+{% endmacro %}
 <!DOCTYPE html>
 <html lang="en">
 <head>
@@ -46,7 +56,12 @@ nav a { color: var(--accent); margin-right: 1.2rem; }
 figure { margin: 1.5rem 0 2.2rem; }
 figure.table > figcaption { font-weight: 600; margin-bottom: .5rem; }
 figure.picture > figcaption { color: var(--soft); font-size: .92rem; margin-top: .5rem; max-width: 46rem; }
-img { max-width: 100%; border-radius: 4px; border: 1px solid var(--line); }
+img, video { max-width: 100%; border-radius: 4px; border: 1px solid var(--line); }
+h2.part { font-size: 1.9rem; letter-spacing: -.01em; margin-top: 4.5rem; border-top-width: 4px; }
+.films { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(32rem, 100%), 1fr)); gap: 1rem 1.2rem; }
+figure.film { margin: .4rem 0; }
+figure.film > figcaption { color: var(--soft); font-size: .9rem; }
+figure.film video, figure.film img { width: 100%; }
 .scroll { overflow-x: auto; background: white; border: 1px solid var(--line); border-radius: 6px; }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; font-size: .9rem; }
 th, td { padding: .42rem .6rem; text-align: right; white-space: nowrap; border-bottom: 1px solid var(--line); }
@@ -69,14 +84,40 @@ td.barcell { text-align: left; width: 40%; }
 </head>
 <body>
 <header>
-<h1>Real2Sim: how well the splats show the photos</h1>
-{% for sentence in headline %}<p class="lede">{{ sentence }}</p>
+{% if parts %}
+<h1>From video to verdict: policies in two worlds</h1>
+{% for sentence in policy_headline %}<p class="lede">{{ sentence | replace(" %", "\u00a0%") }}</p>
 {% endfor %}
-<p class="note">PSNR in dB, SSIM and alpha IoU: higher is better; LPIPS: lower. Held-out photos (every 8th) were never trained on.
-The best bound model of each scene is <b style="color: var(--accent)">bold</b>, the paper's values are <i style="color: var(--paper)">in italics</i>.
-“Mirror” scenes are filmed by a path tracer and have a hidden truth; they are not the real world.{% if preset %} Preset: {{ preset }}.{% endif %}</p>
-<nav>{% if mirror %}<a href="#mirror">Mirrored scenes</a>{% endif %}{% if real %}<a href="#real">Real captures</a>{% endif %}{% if stages %}<a href="#stages">Reconstruction</a>{% endif %}{% if degraded %}<a href="#degraded">Degraded results</a>{% endif %}{% for table in others %}<a href="#{{ table.title | replace(' ', '-') }}">{{ table.title }}</a>{% endfor %}{% if times %}<a href="#time">Time per stage</a>{% endif %}</nav>
+<p class="note">Policies learn in simulation alone, from pictures of splats. “Mirror” is a second world with shapes, physics, light and a camera of its own; it stands in for reality and is not the real world. “Robot” are a user's own trials.
+Every rate stands with its count of trials; the paper's values are <i style="color: var(--paper)">in italics</i>.{% if preset %} Preset: {{ preset }}.{% endif %}</p>
+{% else %}
+<h1>Real2Sim: how well the splats show the photos</h1>
+{{ about_splats() }}
+{% endif %}
+<nav>{% for part in parts %}<a href="#{{ part.id }}">{{ part.title }}</a>{% endfor %}{% if films %}<a href="#films">Films of trials</a>{% endif %}{% if mirror %}<a href="#mirror">Mirrored scenes</a>{% endif %}{% if real %}<a href="#real">Real captures</a>{% endif %}{% if stages %}<a href="#stages">Reconstruction</a>{% endif %}{% if degraded %}<a href="#degraded">Degraded results</a>{% endif %}{% for table in others %}<a href="#{{ table.title | replace(' ', '-') }}">{{ table.title }}</a>{% endfor %}{% if times %}<a href="#time">Time per stage</a>{% endif %}</nav>
 </header>
+{% for part in parts %}
+<h2 id="{{ part.id }}">{{ part.title }}</h2>
+<p>{{ part.intro }}</p>
+{% for item in part.pictures %}
+{{ draw(item) }}
+{% endfor %}
+{% for table in part.tables %}
+{{ show(table) }}
+{% endfor %}
+{% endfor %}
+{% if films %}
+<h2 id="films">Films of trials</h2>
+<div class="films">
+{% for item in films %}
+{{ show_film(item) }}
+{% endfor %}
+</div>
+{% endif %}
+{% if parts and (mirror or real) %}
+<h2 class="part" id="splats">Real2Sim: how well the splats show the photos</h2>
+{{ about_splats() }}
+{% endif %}
 {% if mirror %}
 <h2 id="mirror">Mirrored scenes</h2>
 {% for table in mirror %}

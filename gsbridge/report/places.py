@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from gsbridge.errors import InputError
@@ -38,3 +39,55 @@ def is_main_run(path: str | Path) -> bool:
     """
     parts, index = _scenes_folder(path)
     return parts[index + 2] != "comparison"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What a policy was trained for and how: one point of the experiment, without its seed.
+
+    Args:
+        task: `grasp` or `pick_and_place`.
+        object, background: Scenes.
+        renderer: What drew the pictures of its training: `gs`, `mesh` or `mesh_vertex`.
+        variant: Way of training; `default` is the paper's.
+    """
+
+    task: str
+    object: str
+    background: str
+    renderer: str = "gs"
+    variant: str = "default"
+
+
+def cell_of(path: str | Path, folder: str) -> tuple[Cell, tuple[str, ...]]:
+    """Cell that a file below `{folder}/{task}/{object}+{background}/{renderer}/{variant}/` belongs to.
+
+    Args:
+        path: The file.
+        folder: `policies` or `trials`.
+
+    Returns:
+        The cell, and the parts of the path behind it.
+
+    Raises:
+        InputError: The path is built otherwise.
+    """
+    parts = Path(path).parts
+    found = [index for index, part in enumerate(parts[:-5]) if part == folder]
+    task, pair, renderer, variant = parts[found[-1] + 1 :][:4] if found else ("", "", "", "")
+    if pair.count("+") != 1:
+        rule = f"{folder}/<task>/<object>+<background>/<renderer>/<variant>/"
+        raise InputError(path, "the cell cannot be told from this path", f"Keep the file below {rule}")
+    return Cell(task, *pair.split("+"), renderer, variant), parts[found[-1] + 5 :]
+
+
+def seed_of(name: str, path: str | Path) -> int:
+    """Number of `seed{number}`, with or without an ending.
+
+    Raises:
+        InputError: The name is another one.
+    """
+    number = name.removeprefix("seed").split(".")[0]
+    if not (name.startswith("seed") and number.isdigit()):
+        raise InputError(path, f"{name!r} names no seed", "Name it seed<number>")
+    return int(number)

@@ -29,9 +29,11 @@ def shown_floor(score: Mapping[str, Any]) -> str:
 
 
 def verdict(score: Mapping[str, Any]) -> str:
-    """`met`, `stretch met`, or `unmet` with the reason."""
+    """`met`, `stretch met`, `reported` where nothing is asked for, or `unmet` with the reason."""
     if not score["met"]:
         return f"**unmet**: {score['reason']}"
+    if score["floor"] is None and score.get("stretch") is None:
+        return "reported"
     if score["stretch_met"]:
         return "stretch met"
     return "met" if score["floor"] is not None else "stretch not met"

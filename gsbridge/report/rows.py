@@ -56,7 +56,8 @@ def read_rows(path: str | Path, columns: Sequence[str] = ()) -> list[Row]:
         InputError: The file is missing, is no text, or lacks a column.
     """
     try:
-        with Path(path).open(newline="", encoding="utf-8") as stream:
+        # Spreadsheets put a mark before the first letter, which `-sig` takes away where it stands.
+        with Path(path).open(newline="", encoding="utf-8-sig") as stream:
             reader = csv.DictReader(stream)
             names = reader.fieldnames or []
             rows = [{name: value or "" for name, value in row.items() if name is not None} for row in reader]

@@ -22,7 +22,8 @@ def read_floors(path: str | Path) -> dict[str, dict[str, Any]]:
     """Read `floors.yaml`: {figure: {what, area, floor, direction, unit, preset, where, needs?, stretch?}}.
 
     `needs` gives the smallest counts behind a figure, for example `{n: 4, seeds: 3}`; `stretch` is a further, voluntary aim. A
-    figure whose floor is null has a stretch aim only: it is never unmet for its value.
+    figure whose floor is null has a stretch aim only: it is never unmet for its value. One whose stretch is null, too, is only
+    reported.
 
     Raises:
         InputError: The file is missing or an entry is malformed.
@@ -42,7 +43,8 @@ def read_floors(path: str | Path) -> dict[str, dict[str, Any]]:
             raise InputError(path, f"figure {name!r}: unknown or missing keys {', '.join(wrong)}", "Correct the entry")
         aims = [entry["floor"], entry.get("stretch")]
         numbers = [isinstance(aim, (int, float)) or aim is None for aim in aims]
-        if entry["direction"] not in DIRECTIONS or not all(numbers) or aims == [None, None]:
+        forgotten = entry["floor"] is None and "stretch" not in entry
+        if entry["direction"] not in DIRECTIONS or not all(numbers) or forgotten:
             raise InputError(path, f"figure {name!r}: direction or floor is wrong", f"Use one of {', '.join(DIRECTIONS)}")
     return content
 

@@ -17,6 +17,15 @@ from gsbridge.images import read_image_u8
 from gsbridge.report import rendering_table, timing_table
 from gsbridge.report.formats import Table, latex, markdown
 from gsbridge.report.page import PAGE
+from gsbridge.report.policies_section import (
+    Picture,
+    degraded_policies,
+    film,
+    policy_headline,
+    policy_parts,
+    policy_tables,
+    read_policy_rows,
+)
 from gsbridge.report.rendering_summary import SceneLine, mean_gain, scene_lines
 from gsbridge.report.rendering_tables import decibel, rendering_tables
 from gsbridge.report.rows import Row, number, read_rows
@@ -32,16 +41,19 @@ _COMPARISON = (
 CAPTIONS = {
     "rendering_comparison": _COMPARISON.format(what="the scenes"),
     "rendering_comparison_real": _COMPARISON.format(what="the real captures"),
+    "success_rates": (
+        "Success of each cell with Wilson's 95 % interval, in simulation and in the other world. Hollow marks: the paper's, "
+        "simulation and its robot. Good looks like both worlds at the right edge, one below the other."
+    ),
+    "learning_curves": (
+        "Success in the evaluations of each training, from random start poses in simulation that are neither the fixed nor the "
+        "unseen ones, against environment steps. The dashed line is the baseline controller's success from the same poses."
+    ),
+    "behaviour_consistency": (
+        "The same policy from the same start pose in simulation and in the mirror: paths of the hand and what the wrist camera "
+        "sees on the way. Good looks like paths that lie on one another."
+    ),
 }
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure inside the page."""
-
-    name: str
-    caption: str
-    data: str
 
 
 @dataclass(frozen=True)
@@ -133,35 +145,42 @@ def write_tables(
     *,
     preset: str = "",
     records: Sequence[str | Path] = (),
+    policy_figures: Sequence[str | Path] = (),
+    films: Sequence[tuple[str, str | Path]] = (),
 ) -> None:
     """Write the folder of tables.
 
     Args:
-        rows: CSV files of rows; `rendering.csv` and `timing.csv` get their own layout, others are shown as they are.
+        rows: CSV files of rows; `rendering.csv`, `timing.csv` and those about policies (`policies_section.NAMES`) get their
+            own layout, others are shown as they are.
         figures: Pictures for the page; names that end in `_real` stand with the real captures.
         out_dir: Folder, replaced whole: each rows file, `{name}.md` and `{name}.tex` for each, and `index.html`.
         preset: Name of the preset, for the page.
         records: Stage records, for the table of stages and the list of degraded results; without them the list holds
             the rows' own reasons.
+        policy_figures: Pictures for the page's part about policies, in their order.
+        films: Title and file of films of trials; they become part of the page.
 
     Raises:
-        InputError: Rows or a figure cannot be read.
+        InputError: Rows, a figure or a film cannot be read.
     """
     named = {Path(path).stem: Path(path) for path in rows}
+    policies = read_policy_rows(named)
     rendering = read_rows(named["rendering"], rendering_table.COLUMNS) if "rendering" in named else []
     timing = read_rows(named["timing"], timing_table.COLUMNS) if "timing" in named else []
     known = read_records(records)
-    degraded = degraded_reasons(known) if records else _degraded(rendering)
+    scenes = degraded_reasons(known) if records else _degraded(rendering)
+    degraded = {**scenes, **degraded_policies(policies, scenes)}
     # A scene is as sound as its weakest stage, whatever the training itself says.
-    by_origin = rendering_tables([{**row, "status": "degraded"} if row["scene"] in degraded else row for row in rendering])
-    printed: dict[str, list[Table]] = {}
+    by_origin = rendering_tables([{**row, "status": "degraded"} if row["scene"] in scenes else row for row in rendering])
+    printed: dict[str, list[Table]] = policy_tables(policies)
     others: list[Table] = []
     for name, path in named.items():
         if name == "rendering":
             printed[name] = by_origin["mirror"] + [_retitled(table, "Real captures: ") for table in by_origin["real"]]
         elif name == "timing":
             printed[name] = [timing_display(timing)]
-        else:
+        elif name not in policies:
             others.append(plain_table(name, read_rows(path)))
             printed[name] = [others[-1]]
     page = _page(
@@ -174,6 +193,9 @@ def write_tables(
         times=stage_times(timing),
         others=others,
         pictures=[picture(path) for path in figures],
+        parts=policy_parts(printed, [picture(path) for path in policy_figures]),
+        policy_headline=policy_headline(policies),
+        films=[film(title, path) for title, path in films],
     )
     with atomic_directory(out_dir) as folder:
         for name, path in named.items():

@@ -107,7 +107,7 @@ def pose_set(name: str, region: StartRegion, seed: int = 0) -> Array:
     Every quadrant is a chessboard of 4 x 4 cells; `fixed` has one pose in each black cell, `unseen` in each white one, so that
     both cover each row and column of cells alike and no pose of one lies near a pose of the other. Yaws are stratified too:
     every eighth of the range occurs once per quadrant. A cell that a disc covers gives its pose to the roomiest place among the
-    quadrant's other cells of its colour.
+    quadrant's other cells of its colour; where all of these are covered, the cells of the other colour take them.
 
     Args:
         name: `fixed` or `unseen`.
@@ -133,16 +133,13 @@ def pose_set(name: str, region: StartRegion, seed: int = 0) -> Array:
 
 
 def _places(region: StartRegion, quadrant: int, colour: int, rng: np.random.Generator) -> Array:
-    """Eight places in the cells of one colour of a quadrant. [8, 2]."""
-    edge = 0.5 * region.side / _CELLS
-    cells = [(i, j) for i in range(_CELLS) for j in range(_CELLS) if (i + j) % 2 == colour]
-    # Every cell draws the same number of candidates, free or not: a disc in one cell moves no pose in another.
-    inside = _BORDER + (1.0 - 2.0 * _BORDER) * rng.uniform(size=(len(cells), _TRIES, 2))
-    candidates = region.centre + edge * (np.array(cells)[:, None, :] + inside) * _SIGNS[quadrant]
-    free = region.free(candidates)
+    """Eight places in the cells of one colour of a quadrant, or in the other cells where these are covered whole. [8, 2]."""
+    free, candidates = _free_places(region, quadrant, colour, rng)
+    if not free.any():
+        free, candidates = _free_places(region, quadrant, 1 - colour, rng)
     if not free.any():
         raise _crowded(f"quadrant {quadrant}")
-    out = np.full((len(cells), 2), np.nan)
+    out = np.full((len(candidates), 2), np.nan)
     for cell in np.flatnonzero(free.any(1)):
         out[cell] = candidates[cell][free[cell]][0]
     spare = candidates[free]
@@ -150,6 +147,16 @@ def _places(region: StartRegion, quadrant: int, colour: int, rng: np.random.Gene
         placed = out[~np.isnan(out[:, 0])]
         out[cell] = spare[np.argmax(np.linalg.norm(spare[:, None] - placed[None], axis=-1).min(1))]
     return out
+
+
+def _free_places(region: StartRegion, quadrant: int, colour: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Places in each cell of one colour: which are free, bool [8, T], and where they are, [8, T, 2]."""
+    edge = 0.5 * region.side / _CELLS
+    cells = [(i, j) for i in range(_CELLS) for j in range(_CELLS) if (i + j) % 2 == colour]
+    # Every cell draws the same number of candidates, free or not: a disc in one cell moves no pose in another.
+    inside = _BORDER + (1.0 - 2.0 * _BORDER) * rng.uniform(size=(len(cells), _TRIES, 2))
+    candidates = region.centre + edge * (np.array(cells)[:, None, :] + inside) * _SIGNS[quadrant]
+    return region.free(candidates), candidates
 
 
 def _crowded(where: str) -> InputError:

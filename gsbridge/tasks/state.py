@@ -73,6 +73,11 @@ class State:
             [np.isfinite(getattr(self, item.name)).reshape(len(self), -1).all(1) for item in fields(self)]
         )
 
+    def tool_yaw(self) -> Array:
+        """Turn of the tool about the vertical, rad; see `gsbridge.robot.reach.tool_down`. [N]."""
+        turn = rotation_from_quat(self.tool_quat)
+        return np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
+
     def tilt(self) -> Array:
         """Angle between the object's upright axis and the vertical, rad. [N]."""
         up = rotation_from_quat(self.object_quat)[:, :, 2]

@@ -38,6 +38,7 @@ FLOORS = {
     5: ["gap"],
     6: ["report"],
     7: ["cli"],
+    8: ["__main__"],
 }
 FLOOR_OF = {name: floor for floor, names in FLOORS.items() for name in names}
 MODULES = sorted(ROOT.glob("gsbridge/**/*.py"))

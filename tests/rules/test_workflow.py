@@ -64,6 +64,23 @@ def test_the_figure_of_edits_takes_the_presets_object(snakemake, tmp_path, prese
         assert f"Train the {binding} splats of {scene}" in plan
 
 
+def test_policies_know_the_mirror_by_its_films_and_the_registration_alone(snakemake, tmp_path):
+    policy = "results/policies/pick_and_place/cake+plate/gs/default/seed1/policy.json"
+    plan = snakemake("--dry-run", "--directory", str(tmp_path), "--", policy).stdout
+    stats = plan.split("Job stats:")[1].split("total")[0]
+    planned = {line.split()[0] for line in stats.splitlines() if re.match(r"\w+ +\d+$", line)}
+    assert "train_policy" in planned
+    reading = {name for name in planned if "gsbridge.reality" in rules()[name]}
+    of_the_mirror = {name for name in planned if re.search(r"reality|mirror", script_of(name))}
+    assert reading | of_the_mirror == {"film_scene", "film_board"}
+
+
+def script_of(rule):
+    """Text of a rule's script."""
+    name = re.search(r'"\.\./scripts/(\w+)\.py"', rules()[rule])
+    return (ROOT / "scripts" / f"{name.group(1)}.py").read_text() if name else ""
+
+
 def test_truth_is_read_by_scoring_rules_only():
     """Neither as an input nor as a parameter; that no stage opens it either is shown in tests/e2e, which hides it."""
 

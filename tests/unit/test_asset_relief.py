@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gsbridge.asset.relief import Relief, find_relief
+from gsbridge.asset.relief import COLLISION_FACES, Relief, find_relief, simplified
 from gsbridge.meshes import Mesh
 
 
@@ -56,3 +56,19 @@ def test_from_a_record():
     assert Relief.from_json(None) is None
     with pytest.raises(TypeError):
         Relief.from_json({"x": 0.1})
+
+
+def test_the_body_has_few_triangles_and_stays_where_the_surface_is():
+    surface = find_relief(table(plate(0.1, -0.05), step=0.003))[1]
+    body = simplified(surface)
+    assert len(surface.faces) > 3 * COLLISION_FACES >= 3 * len(body.faces)
+    x, y, z = body.vertices.T
+    # The rim falls off steeply, which a height cannot tell.
+    inside = np.hypot(x - 0.1, y + 0.05) < 0.09
+    assert inside.sum() > 20
+    np.testing.assert_allclose(z[inside], plate(0.1, -0.05)(x, y)[inside], atol=5e-4)
+
+
+def test_a_surface_of_few_triangles_stays_as_it_is():
+    surface = find_relief(table(plate(0.0, 0.0), step=0.02))[1]
+    assert simplified(surface) is surface

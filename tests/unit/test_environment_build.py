@@ -163,3 +163,11 @@ def test_views_are_drawn_by_all_renderers_at_the_same_states(files, tmp_path):
     for index in range(3):
         pictures = [read_image(tmp_path / "out" / f"{index:02d}_{name}.png") for name in ("gs", "mesh", "mesh_vertex")]
         assert all(np.abs(picture - pictures[0]).mean() < 0.1 for picture in pictures)
+
+
+def test_files_come_from_a_rules_inputs_by_name():
+    needed = {"robot": "robot", "item": "cube.json", "background": "pad.json", "model": "nominal.yaml"}
+    files = StageFiles.of({**needed, "registration": "registration.json", "kernels": "done"}, item_colour=(0.1, 0.2, 0.3))
+    assert files == StageFiles(**needed, registration="registration.json", item_colour=(0.1, 0.2, 0.3))
+    with pytest.raises(KeyError, match="model"):
+        StageFiles.of({name: path for name, path in needed.items() if name != "model"})

@@ -87,7 +87,7 @@ def test_noise_goes_on_actions_of_the_controller(sight):
 
 @pytest.mark.parametrize("target", ["official", "paper", "none"])
 def test_targets_are_the_formula_on_the_networks_own_numbers(replay, target):
-    agent = Agent(settings(target=target), 1)
+    agent = Agent(settings(target=target, alpha_start=0.01), 1)
     batch = replay.sample(16, np.random.default_rng(1))
     twin = torch.Generator()
     twin.set_state(agent.generator.get_state())
@@ -104,7 +104,7 @@ def test_targets_are_the_formula_on_the_networks_own_numbers(replay, target):
 
 
 def test_an_update_moves_what_it_should(replay):
-    agent = Agent(settings(alpha_cap=0.02), 2)
+    agent = Agent(settings(alpha_start=0.01, alpha_cap=0.02), 2)
     before = copy.deepcopy(agent.state())
     batch = replay.sample(16, np.random.default_rng(2))
     figures = agent.update(batch, 1.0)
@@ -133,7 +133,7 @@ def test_imitation_alone_leaves_the_critics(replay, algo):
 
 
 def test_temperature_keeps_to_its_cap(replay):
-    agent = Agent(settings(target_entropy=5.0, alpha_rate=0.1), 2)
+    agent = Agent(settings(target_entropy=5.0, alpha_start=0.01, alpha_rate=0.1), 2)
     rng = np.random.default_rng(2)
     for _ in range(3):
         agent.update(replay.sample(16, rng), 0.5)
@@ -193,3 +193,16 @@ def test_the_papers_target_rings_the_alarm_where_the_official_one_does_not(repla
             agent.actor.mean.bias.fill_(-3.0)
         _, figures = agent.targets(replay.sample(16, np.random.default_rng(3)))
         assert bool(figures["alarm"]) is rung, target
+
+
+def test_the_average_is_the_mean_at_first_and_forgets_later(replay):
+    agent, fixed, rng = Agent(settings(averaging=0.25), 0), [], np.random.default_rng(0)
+    for _ in range(6):
+        agent.update(replay.sample(16, rng), 1.0)
+        fixed.append([parameter.detach().clone() for parameter in agent.actor.parameters()])
+    expected = [torch.zeros_like(parameter) for parameter in fixed[0]]
+    for number, weights in enumerate(fixed, start=1):
+        share = max(0.25, 1.0 / number)
+        expected = [(1 - share) * old + share * new for old, new in zip(expected, weights, strict=True)]
+    for found, wanted in zip(agent.averaged.parameters(), expected, strict=True):
+        torch.testing.assert_close(found, wanted)

@@ -17,6 +17,7 @@ def learn(folder, algo: str, steps: int):
         actor_batch=64,
         critic_batch=64,
         base_noise=0.2,
+        lambda_floor=0.0,
         augment=False,
         replay_capacity=3_000,
         eval_every=500,

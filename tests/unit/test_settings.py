@@ -12,6 +12,7 @@ from gsbridge.asset.settings import AssetSettings
 from gsbridge.capture.keyframes import KeyframeSettings
 from gsbridge.masks.settings import MaskSettings
 from gsbridge.mesh.settings import MeshSettings
+from gsbridge.policy.settings import PolicySettings
 from gsbridge.reality.mirror.film import FilmSettings
 from gsbridge.reality.world.board_capture import BoardFilmSettings
 from gsbridge.registration.settings import RegistrationSettings
@@ -36,6 +37,7 @@ SECTIONS = {
     "splats": SplatSettings,
     "asset": AssetSettings,
     "editing": EditingSettings,
+    "policy": PolicySettings,
 }
 
 

@@ -92,3 +92,13 @@ def test_bad_regions_are_named():
     for bad in ({"side": 0.0}, {"side": float("nan")}, {"yaw": (1.0, 0.0)}):
         with pytest.raises(InputError, match="start region"):
             StartRegion(**bad)
+
+
+def test_a_plate_that_leaves_a_corner_only_still_leaves_both_sets_their_places():
+    """The mirror's plate with the cake beside it: of quadrant 2 a corner of 2 cm2 is left, in cells of one colour."""
+    tight = StartRegion(keep_out=(KeepOut(0.016, 0.289, 0.1675),))
+    for name in POSE_SETS:
+        poses = pose_set(name, tight)
+        assert tight.free(poses[:, :2]).all()
+        np.testing.assert_array_equal(tight.quadrant(poses[:, :2]), np.repeat([1, 2, 3, 4], PER_QUADRANT))
+        assert len(np.unique(poses[:, :2], axis=0)) == len(poses)

@@ -127,12 +127,12 @@ def test_same_seed_same_photo():
 
 def test_light_and_robot_follow_their_hidden_parameters():
     poses, cam_from_table = posed((0.0, 0.265, 0.0))
-    camera = wrist_camera(32)
+    camera, fine = wrist_camera(32), Quality(samples=16, depth=3)
     room().move(poses)
-    plain = room().light(camera, cam_from_table, QUICK, 0)
+    plain = room().light(camera, cam_from_table, fine, 0)
     changed = build(Hidden(light_power=1.1, light_cast=(1.0, 1.0, 0.8), robot_shade=0.5))
     changed.move(poses)
-    other = changed.light(camera, cam_from_table, QUICK, 0)
+    other = changed.light(camera, cam_from_table, fine, 0)
     # Everything shines in proportion to the light, but where light comes back from the robot.
     table = room().coverage(camera, cam_from_table, ("object", "left_pad", "right_pad")) == 0
     np.testing.assert_allclose(np.median(other[table] / plain[table], axis=0), [1.1, 1.1, 0.88], rtol=0.02)
@@ -178,3 +178,15 @@ def test_bad_input_is_refused():
         wrist_camera(0)
     with pytest.raises(InputError, match="'lamp' is not drawn"):
         room().coverage(wrist_camera(8), np.eye(4), ("lamp",))
+
+
+def test_direct_light_is_what_paths_of_that_length_bring(monkeypatch):
+    camera, (poses, cam_from_table) = room(), posed((0.0, 0.265, 0.3))
+    camera.move(poses)
+    lens = wrist_camera(32)
+    direct = camera.light(lens, cam_from_table, Quality(256, 2), 1)
+    monkeypatch.setattr(module, "_integrator", lambda depth: {"type": "path", "max_depth": depth})
+    paths = camera.light(lens, cam_from_table, Quality(256, 2), 2)
+    # The noise of either is a few per cent of a pixel; that of the mean vanishes.
+    assert direct.mean() == pytest.approx(paths.mean(), rel=0.01)
+    np.testing.assert_allclose(direct, paths, atol=0.1)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gsbridge.errors import InputError
+from gsbridge.reality.world.further import LABORATORY, further_world
 from gsbridge.reality.world.hidden import Hidden, Ranges
 
 NAMES = [item.name for item in dataclasses.fields(Ranges)]
@@ -65,3 +66,18 @@ def test_nonsense_is_refused_and_the_place_is_named(changes, words):
     with pytest.raises(InputError, match=words) as caught:
         Hidden().changed(changes, source="config.yaml: worlds: mirror_odd")
     assert "mirror_odd" in str(caught.value)
+
+
+def test_further_worlds_stand_in_the_same_laboratory():
+    home, other = further_world(1, 1), further_world(1, 2)
+    assert home == Hidden.draw(1)
+    for item in dataclasses.fields(Hidden):
+        same = getattr(home, item.name) == getattr(other, item.name)
+        drawn = item.name in NAMES
+        assert same == (item.name in LABORATORY or not drawn), item.name
+
+
+def test_further_worlds_set_what_they_name():
+    assert further_world(1, 2, {"latency": 0.1}).latency == 0.1
+    with pytest.raises(InputError, match=r"config: worlds.odd.*latencey"):
+        further_world(1, 2, {"latencey": 0.1}, "config: worlds.odd")

@@ -64,7 +64,8 @@ class Quality:
 
     Args:
         samples: Samples per pixel, at least: the default sampler makes 35 of 32.
-        depth: Longest path: 2 is direct light. The films have 4; at 3 the picture is 1 % darker in linear light.
+        depth: Longest path. The films have 4; at 3 the picture is 1 % darker in linear light. 2 is direct light with its
+            shadows, by rays to the lights alone: another 1.3 % darker, in half the time.
         sampler: Mitsuba's sampler; `independent` takes three quarters of the time and is several times as noisy.
     """
 
@@ -147,7 +148,7 @@ class MirrorCamera:
             seed: Seed of the samples.
         """
         sensor = self._sensor(camera, cam_from_table, quality)
-        integrator = self._mi.load_dict({"type": "path", "max_depth": quality.depth, "rr_depth": 8})
+        integrator = self._mi.load_dict(_integrator(quality.depth))
         return np.array(self._mi.render(self._scene, sensor=sensor, integrator=integrator, seed=seed))[..., :3]
 
     def coverage(self, camera: Camera, cam_from_table: Array, names: tuple[str, ...], samples: int = 16) -> Array:
@@ -210,6 +211,14 @@ class MirrorCamera:
         parameters["to_world"] = to_world
         parameters.update()
         return sensor
+
+
+def _integrator(depth: int) -> dict[str, Any]:
+    """Mitsuba's integrator for paths up to a length."""
+    if depth == 2:
+        # All surfaces are diffuse: rays that leave them at random find the lights less often than rays sent there.
+        return {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
+    return {"type": "path", "max_depth": depth, "rr_depth": 8}
 
 
 def expose(light: Array, hidden: Hidden, rng: np.random.Generator) -> Array:

@@ -16,6 +16,9 @@ from gsbridge.reality.world.model import Stand
 from gsbridge.reality.world.physics import MirrorPhysics, build_physics
 from gsbridge.robot.assembly import RobotFiles
 
+TRIAL = Quality(samples=32, depth=2)
+"""Of the pictures of trials, thousands of which are taken: direct light of lamp and sky with its shadows."""
+
 
 class MirrorWorld:
     """Stand-in for reality; implements `gsbridge.tasks.world.SeeingWorld`.
@@ -23,11 +26,11 @@ class MirrorWorld:
     Args:
         physics: Its physics.
         camera: Its camera.
-        quality: Samples and depth of its pictures.
+        quality: Samples and depth of its pictures; None for those of trials.
     """
 
     def __init__(self, physics: MirrorPhysics, camera: MirrorCamera, quality: Quality | None = None) -> None:
-        self.physics, self.camera, self.quality = physics, camera, quality or Quality()
+        self.physics, self.camera, self.quality = physics, camera, quality or TRIAL
         # Physics as it stands; only what concerns pictures is added here.
         self.command, self.state, self.joints = physics.command, physics.state, physics.joints
         self.body_poses, self.camera_pose = physics.body_poses, physics.camera_pose
@@ -79,11 +82,42 @@ def mirror_physics(setting: Setting, seed: int, *, pieces: str | Path, commanded
     """
     hidden = Hidden.draw(seed)
     with TemporaryDirectory() as folder:
+        return _physics(setting, true_robot(Path(folder) / "robot", hidden), hidden, pieces, commanded_from)
+
+
+def mirror_world(
+    setting: Setting,
+    hidden: Hidden,
+    *,
+    pieces: str | Path,
+    commanded_from: Array | None = None,
+    threads: int = 1,
+    quality: Quality | None = None,
+) -> MirrorWorld:
+    """The mirror with its wrist camera, robot and table where they truly are: what policies are judged in.
+
+    Args:
+        setting: What stands in the room.
+        hidden: Hidden parameters: `Hidden.draw(seed)`, or see `gsbridge.reality.world.further`.
+        pieces: Folder that keeps convex pieces from run to run.
+        commanded_from: Registered `base_from_table`, by which commands become postures; None for the true one. [4, 4].
+        threads: Threads to render with.
+        quality: Samples and depth of its pictures.
+
+    Raises:
+        InputError: Unknown object or background.
+    """
+    with TemporaryDirectory() as folder:
         robot = true_robot(Path(folder) / "robot", hidden)
-        stand = _stand(true_base_from_table(hidden), setting)
-        return build_physics(
-            robot, stand, setting.object, hidden, pieces=pieces, seed=setting.seed, commanded_from=commanded_from
-        )
+        physics = _physics(setting, robot, hidden, pieces, commanded_from)
+        return MirrorWorld(physics, MirrorCamera(setting, robot, hidden, threads), quality)
+
+
+def _physics(
+    setting: Setting, robot: RobotFiles, hidden: Hidden, pieces: str | Path, commanded_from: Array | None
+) -> MirrorPhysics:
+    stand = _stand(true_base_from_table(hidden), setting)
+    return build_physics(robot, stand, setting.object, hidden, pieces=pieces, seed=setting.seed, commanded_from=commanded_from)
 
 
 def _stand(base_from_table: Array, setting: Setting) -> Stand:

@@ -15,7 +15,7 @@ from gsbridge.environment.rendering import wrist_camera
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8
-from gsbridge.report.recordings.recording import log_camera, log_mesh, log_scene_axes, recording
+from gsbridge.report.recordings.recording import log_camera, log_centres, log_mesh, log_scene_axes, recording
 from gsbridge.robot.assembly import RobotFiles
 from gsbridge.splats.cloud import Cloud
 from gsbridge.tasks.episode import FORCES, OBJECT, Episode, read_episode
@@ -146,8 +146,7 @@ def _log_cloud(stream: rr.RecordingStream, entity: str, cloud: Cloud) -> None:
         rr.GaussianSplats3D(cloud.means, scales=cloud.scales, quaternions=cloud.quats[:, [1, 2, 3, 0]], colors=rgba),
         static=True,
     )
-    radii = np.clip(np.sort(cloud.scales, axis=1)[:, 1], 2e-4, 5e-3)
-    stream.log(f"{entity}/centres", rr.Points3D(cloud.means, colors=rgba[:, :3], radii=radii), static=True)
+    log_centres(stream, f"{entity}/centres", cloud)
 
 
 def _log_series(stream: rr.RecordingStream) -> None:

@@ -19,6 +19,7 @@ from gsbridge.files import atomic_file
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8
 from gsbridge.meshes import Mesh
+from gsbridge.splats.cloud import Cloud
 
 IMAGE_SIDE_PX = 640
 """Longer side of logged images, px: recordings stay small enough to mail."""
@@ -136,6 +137,13 @@ def log_camera(
         ),
         static=static,
     )
+
+
+def log_centres(stream: rr.RecordingStream, entity: str, cloud: Cloud) -> None:
+    """Log the splats of a body as points, which every viewer draws; their radius is the middle one of each splat's three."""
+    colours = np.rint(np.clip(cloud.colours, 0, 1) * 255).astype(np.uint8)
+    radii = np.clip(np.sort(cloud.scales, axis=1)[:, 1], 2e-4, 5e-3)
+    stream.log(entity, rr.Points3D(cloud.means, colors=colours, radii=radii), static=True)
 
 
 def small_image(path: str | Path, side_px: int = IMAGE_SIDE_PX) -> Array:

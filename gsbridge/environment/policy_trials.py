@@ -1,0 +1,201 @@
+"""Trials of a policy: both sets of start poses in one world, as a table with one row per trial, a log of paths and pictures
+(`gsbridge.environment.trial_log`) and a record. Finished trials are kept aside, so that a killed job goes on with the next.
+"""
+
+from __future__ import annotations
+
+import csv
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsbridge.environment.env import PickEnvironment, state_of
+from gsbridge.environment.trial_log import TrialPath, encode, read_trial_log, write_trial_log
+from gsbridge.environment.trials import POSES, Policy, Trial, spread
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_file, read_json, write_json, write_stage
+from gsbridge.geometry import Array
+from gsbridge.logs import Progress
+from gsbridge.tasks.poses import POSE_SETS
+
+logger = logging.getLogger("gsbridge")
+
+COLUMNS = (
+    *("pose_set", "index", "quadrant", "x", "y", "yaw"),
+    *("success", "success_tolerant", "failure", "steps", "clipped", "refused"),
+)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the outcome of trials goes.
+
+    Args:
+        table: CSV, one row per trial.
+        log: See `gsbridge.environment.trial_log`.
+        record: Record of the stage.
+        state: Folder that keeps finished trials until all are done; another key of the job must find another folder.
+    """
+
+    table: str | Path
+    log: str | Path
+    record: str | Path
+    state: str | Path
+
+
+def try_policy(
+    environment: PickEnvironment,
+    policy: Policy,
+    place: Place,
+    *,
+    name: str,
+    poses: int = POSES,
+    reasons: Sequence[str] = (),
+    facts: Mapping[str, Any] | None = None,
+) -> list[tuple[str, Trial]]:
+    """Let a policy act once from every start pose of both sets.
+
+    Args:
+        environment: In any world.
+        policy: From observations to actions.
+        place: Where the outcome goes.
+        name: The world's name, for the record.
+        poses: Poses of each set, evenly over the quadrants.
+        reasons: Why the outcome is degraded before any trial: the policy itself is.
+        facts: More for the record.
+
+    Returns:
+        Name of the set and outcome, by trial.
+
+    Raises:
+        InputError: Too many poses.
+    """
+    chosen = [(pose_set, index) for pose_set in POSE_SETS for index in spread(poses)]
+    state = Path(place.state)
+    progress = Progress(len(chosen), f"trials in {name}")
+    done, paths = [], []
+    for number, (pose_set, index) in enumerate(chosen):
+        kept = _kept(state, pose_set, index)
+        if kept is None:
+            kept = follow(environment, policy, pose_set, index, seed=number)
+            _keep(state, *kept)
+        trial, path = kept
+        done.append((pose_set, trial))
+        paths.append(path)
+        progress.update(f"{sum(trial.success for _, trial in done)} of {len(done)}")
+    write_trial_log(place.log, paths)
+    write_table(place.table, done)
+    counts = {pose_set: _counts([trial for found, trial in done if found == pose_set]) for pose_set in POSE_SETS}
+    write_stage(
+        place.record,
+        reasons=reasons,
+        packages=("pybullet", "mujoco", "torch"),
+        world=name,
+        task=environment.settings.task,
+        poses=poses,
+        counts=counts,
+        **(facts or {}),
+    )
+    # The outcome stands: what a killed job would have gone on from is not needed any more.
+    for file in state.glob("*"):
+        file.unlink()
+    return done
+
+
+def follow(environment: PickEnvironment, policy: Policy, pose_set: str, index: int, seed: int) -> tuple[Trial, TrialPath]:
+    """One episode, until it ends, with its path and pictures.
+
+    Args:
+        environment: In any world.
+        policy: What acts.
+        pose_set: `fixed` or `unseen`.
+        index: Start pose in it.
+        seed: Of what is random in the episode.
+    """
+    observation, info = environment.reset(seed=seed, options={"pose_set": pose_set, "index": index})
+    rows, jpegs, over = [], [], False
+    while not over:
+        action = np.asarray(policy(observation, info), dtype=np.float32)
+        rows.append((*_path(info), action))
+        jpegs.append(encode(observation["image"]))
+        observation, _, terminated, truncated, info = environment.step(action)
+        over = terminated or truncated
+    rows.append((*_path(info), np.zeros_like(action)))
+    jpegs.append(encode(observation["image"]))
+    columns = [np.stack(column) for column in zip(*rows, strict=True)]
+    x, y, yaw = (float(value) for value in info["start_pose"])
+    trial = Trial(
+        environment.settings.pose_seed,
+        index,
+        (x, y, yaw),
+        info["success"],
+        info["success_tolerant"],
+        "" if info["success"] else info["failure"],
+        info["steps"],
+        int(info["refused"]),
+        int(info["clipped"]),
+    )
+    return trial, TrialPath(pose_set, index, *columns, jpegs=tuple(jpegs))
+
+
+def write_table(path: str | Path, trials: Sequence[tuple[str, Trial]]) -> None:
+    """Write the rows of trials, whole or not at all."""
+    with atomic_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        for pose_set, trial in trials:
+            judged = (_word(trial.success), _word(trial.success_tolerant), trial.failure)
+            start = (f"{value:.6f}" for value in trial.start)
+            writer.writerow((pose_set, trial.index, trial.quadrant, *start, *judged, trial.steps, trial.clipped, trial.refused))
+
+
+def _path(info: Mapping[str, Any]) -> tuple[Array, ...]:
+    """Columns of a log at one state, without the action."""
+    state = state_of(info)
+    forces = np.array([*state.pad_forces[0], state.robot_contact[0], state.object_contact[0]])
+    return (
+        state.tool_position[0],
+        state.tool_yaw()[0],
+        state.aperture[0],
+        state.object_position[0],
+        state.object_quat[0],
+        forces,
+    )
+
+
+def _counts(trials: Sequence[Trial]) -> dict[str, Any]:
+    failures = sorted({trial.failure for trial in trials if not trial.success})
+    return {
+        "trials": len(trials),
+        "success": sum(trial.success for trial in trials),
+        "success_tolerant": sum(trial.success_tolerant for trial in trials),
+        "failures": {failure: sum(trial.failure == failure for trial in trials) for failure in failures},
+    }
+
+
+def _word(value: bool) -> str:
+    return "true" if value else "false"
+
+
+def _keep(state: Path, trial: Trial, path: TrialPath) -> None:
+    """Keep a finished trial; the outcome comes last and makes it count."""
+    stem = state / f"{path.pose_set}-{path.index:02d}"
+    write_trial_log(stem.with_suffix(".npz"), [path])
+    write_json(stem.with_suffix(".json"), {**trial.__dict__})
+
+
+def _kept(state: Path, pose_set: str, index: int) -> tuple[Trial, TrialPath] | None:
+    """A trial that an earlier job finished."""
+    stem = state / f"{pose_set}-{index:02d}"
+    if not stem.with_suffix(".json").is_file():
+        return None
+    content = read_json(stem.with_suffix(".json"))
+    try:
+        trial = Trial(**{**content, "start": tuple(content["start"])})
+    except (KeyError, TypeError) as error:
+        raise InputError(stem.with_suffix(".json"), f"the trial is damaged ({error})", f"Delete the folder {state}") from error
+    return trial, read_trial_log(stem.with_suffix(".npz"))[0]

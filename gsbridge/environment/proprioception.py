@@ -1,0 +1,99 @@
+"""What an arm knows of itself, and what it is commanded next: one code for training, trials and robots.
+
+`proprio` of the observation, float32, cut to +-`PROPRIO_BOUND`:
+
+| entry | meaning | unit |
+|---|---|---|
+| 0, 1, 2 | measured tool point | half the workspace, 0 in its middle |
+| 3, 4 | sine and cosine of the tool's yaw | |
+| 5 | measured opening | the stroke |
+| 6, 7, 8 | commanded minus measured tool point | an action of 1 |
+| 9 | commanded minus measured yaw | an action of 1 |
+| 10 | commanded minus measured opening; stays below zero on a gripped object | an action of 1 |
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gsbridge.geometry import Array, rotation_from_quat
+from gsbridge.sim.actions import ToolTarget
+from gsbridge.tasks.state import State
+
+PROPRIO = 11
+PROPRIO_BOUND = 10.0
+"""Entries of `proprio` are cut here; in an episode without mishap they stay below 5."""
+
+
+@dataclass(frozen=True)
+class Reached:
+    """Where the tool was measured to be.
+
+    Args:
+        position: Tool point, table frame, m. [3].
+        yaw: Turn of the tool about the vertical, rad; see `gsbridge.robot.reach.tool_down`.
+        aperture: Distance of the pads, m.
+    """
+
+    position: Array
+    yaw: float
+    aperture: float
+
+    @classmethod
+    def of_state(cls, state: State) -> Reached:
+        """From the state of one world."""
+        yaw = _yaw(rotation_from_quat(state.tool_quat)[0])
+        return cls(state.tool_position[0].copy(), yaw, float(state.aperture[0]))
+
+    @classmethod
+    def of_pose(cls, table_from_tool: Array, aperture: float) -> Reached:
+        """From a measured pose of the tool, [4, 4], and opening, m."""
+        return cls(np.array(table_from_tool[:3, 3], dtype=np.float64), _yaw(np.asarray(table_from_tool)), float(aperture))
+
+
+def begin(target: ToolTarget, reached: Reached) -> None:
+    """Begin an episode: the command is where the tool stands."""
+    target.reset(reached.position, reached.yaw, reached.aperture)
+
+
+def next_command(target: ToolTarget, reached: Reached, action: Array) -> tuple[Array, float, float]:
+    """The command that an action makes: the last one, held back to the arm, and one step further.
+
+    Args:
+        target: The last command; it is changed.
+        reached: Where the tool is.
+        action: See `gsbridge.sim.actions`. [5].
+
+    Returns:
+        Position in the table frame, m, [3], yaw, rad, and aperture, m.
+
+    Raises:
+        InputError: The action has another shape or is not finite.
+    """
+    target.tether(reached.position, reached.yaw)
+    return target.move(action)
+
+
+def proprioception(target: ToolTarget, reached: Reached) -> Array:
+    """`proprio` of the observation; see the module. float32 [11]."""
+    scale, workspace = target.scale, target.counted.workspace
+    low, high = np.array(workspace.lower), np.array(workspace.upper)
+    position, yaw, aperture = reached.position, reached.yaw, reached.aperture
+    turn = (target.yaw - yaw + np.pi) % (2 * np.pi) - np.pi
+    values = np.concatenate(
+        [
+            (2.0 * position - low - high) / (high - low),
+            [np.sin(yaw), np.cos(yaw), aperture / target.stroke],
+            (target.position - position) / scale.position,
+            [turn / scale.yaw, (target.aperture - aperture) / scale.aperture],
+        ]
+    )
+    # A world that broke down ends its episode; its last observation must still be one.
+    return np.clip(np.nan_to_num(values), -PROPRIO_BOUND, PROPRIO_BOUND).astype(np.float32)
+
+
+def _yaw(rotation: Array) -> float:
+    """Turn about the vertical of a tool that points down, rad. [>=3, >=3]."""
+    return float(np.arctan2(rotation[1, 0], rotation[0, 0]))

@@ -1,0 +1,169 @@
+"""From files to a policy at work on an arm: what `gsbridge run-policy` does."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from gsbridge.environment.build import StageFiles
+from gsbridge.errors import InputError
+from gsbridge.policy.driver import RobotDriver, WallClock, load_driver
+from gsbridge.policy.episode_log import EpisodeLog
+from gsbridge.policy.export import Policy, load_policy
+from gsbridge.policy.guards import Limits
+from gsbridge.policy.interface import PolicyInterface
+from gsbridge.policy.onnx import OnnxPolicy, load_onnx
+from gsbridge.policy.robot_trials import Person, StartPose, TrialFile, Verdict, start_poses, still_to_try
+from gsbridge.policy.runner import Setup
+from gsbridge.policy.session import Operator, Plan, WorldOperator, run_session
+from gsbridge.policy.worlds import MirrorDriver, MirrorSetting, SimDriver, WorldDriver
+from gsbridge.registration.result import Registration, read_registration
+
+logger = logging.getLogger("gsbridge")
+
+RUNTIMES = ("torch", "onnx")
+WORLDS = ("sim", "mirror")
+
+
+@dataclass(frozen=True)
+class Deployment:
+    """What is asked for.
+
+    Args:
+        policy: Folder of `policy.json` and the weights.
+        driver: `sim`, `mirror`, or `module:Class`.
+        registration: `registration.json`.
+        options: Arguments of one's own driver.
+        results: Folder of the workflow's results; for worlds.
+        item, background: Scenes; for worlds.
+        model: Simulation model; for `sim`.
+        seed: Of the mirror: of its films and hidden parameters.
+        pieces: Folder that keeps the mirror's convex pieces from run to run.
+        runtime: What computes the network: `torch` or `onnx`.
+        pose_set, index: Start poses, see `start_poses`; None for one episode that is no trial.
+        trials: File to add trials to.
+        redo: Repeat trials that the file holds.
+        out: Folder of logs.
+        pictures: Keep pictures in the logs.
+        steps: Steps of an episode; None for the training's.
+        dry_run: Give no commands.
+    """
+
+    policy: Path
+    driver: str
+    registration: Path
+    options: Mapping[str, Any] = field(default_factory=dict)
+    results: Path | None = None
+    item: str | None = None
+    background: str | None = None
+    model: Path | None = None
+    seed: int = 0
+    pieces: Path | None = None
+    runtime: str = "torch"
+    pose_set: str | None = None
+    index: str | None = None
+    trials: Path | None = None
+    redo: bool = False
+    out: Path | None = None
+    pictures: bool = False
+    steps: int | None = None
+    dry_run: bool = False
+
+    def __post_init__(self) -> None:
+        if (self.pose_set is None) != (self.index is None):
+            raise InputError("start poses", "a set without an index, or the other way round", "Give --pose-set and --index")
+        if self.pose_set is None and (self.trials is not None or self.driver in WORLDS):
+            raise InputError("start poses", "nobody knows where the object starts", "Give --pose-set and --index")
+        if self.trials is not None and self.dry_run:
+            raise InputError("trials", "a dry run is no trial", "Leave out --trials or --dry-run")
+        if self.pictures and self.out is None:
+            raise InputError("pictures", "there is no folder to keep them in", "Give --out")
+        if self.steps is not None and self.steps < 1:
+            raise InputError("steps", f"{self.steps} is no number of steps", "Give 1 or more")
+
+
+def deploy(wanted: Deployment, ask: Callable[[str], str]) -> list[tuple[EpisodeLog, Verdict | None]]:
+    """Run a policy as asked for.
+
+    Args:
+        wanted: See `Deployment`.
+        ask: Shows a question to the person beside the arm and returns the answer.
+
+    Returns:
+        Log and verdict of each episode.
+
+    Raises:
+        InputError: Files, driver and policy do not belong together; see `run_policy`.
+    """
+    # All that can be wrong with files is found before an arm is touched.
+    policy: Policy | OnnxPolicy = load_policy(wanted.policy)
+    interface = PolicyInterface.of(policy.spec)
+    facts = {
+        "policy": str(wanted.policy),
+        "policy_sha256": policy.spec["sha256"],
+        "task": policy.spec["task"],
+        "driver": wanted.driver,
+        "runtime": wanted.runtime,
+        "registration": str(wanted.registration),
+    }
+    if wanted.runtime == "onnx":
+        policy = load_onnx(wanted.policy)
+    registration = read_registration(wanted.registration)
+    for reason in registration.reasons:
+        logger.warning("the registration is degraded: %s", reason)
+    plan = _plan(wanted, interface)
+    driver = _driver(wanted, interface, registration)
+    try:
+        simulated = isinstance(driver, WorldDriver)
+        # A world is only as fast as its processor, and its pictures have no noise.
+        clock, limits = (driver.clock, Limits(frozen=None)) if simulated else (WallClock(), Limits())
+        setup = Setup(interface, driver, registration, clock, limits)
+        operator: Operator = (
+            WorldOperator(driver, interface.settings)
+            if simulated
+            else Person(interface.settings.task, ask, None if wanted.dry_run else driver.rest)
+        )
+        return run_session(policy, setup, operator, plan, facts)
+    finally:
+        close = getattr(driver, "close", None)
+        if close is not None:
+            close()
+
+
+def _plan(wanted: Deployment, interface: PolicyInterface) -> Plan:
+    """Start poses, files and switches."""
+    file = None if wanted.trials is None else TrialFile(wanted.trials)
+    poses: list[StartPose] = []
+    if wanted.pose_set is not None and wanted.index is not None:
+        poses = start_poses(interface.settings, wanted.pose_set, wanted.index)
+    poses = still_to_try(poses, file, redo=wanted.redo)
+    return Plan(poses, wanted.out, file, wanted.steps, wanted.dry_run, wanted.pictures)
+
+
+def _driver(wanted: Deployment, interface: PolicyInterface, registration: Registration) -> RobotDriver:
+    """The arm."""
+    if wanted.driver not in WORLDS:
+        return load_driver(wanted.driver, wanted.options)
+    if wanted.options:
+        raise InputError("driver", f"{wanted.driver} takes no --option", "Options are for drivers of your own")
+    results, item, background = wanted.results, wanted.item, wanted.background
+    if results is None or item is None or background is None:
+        raise InputError("driver", f"{wanted.driver} is made of results", "Give --results, --object and --background")
+    if wanted.driver == "mirror":
+        mirror = MirrorSetting(item, background, wanted.seed, pieces=wanted.pieces)
+        return MirrorDriver(mirror, registration, interface.settings)
+    if wanted.model is None:
+        raise InputError("driver", "sim needs a simulation model", "Give --model, such as models/nominal.yaml")
+    files = StageFiles(
+        robot=results / "robot" / "description",
+        item=results / "scenes" / item / "asset" / "asset.json",
+        background=results / "scenes" / background / "asset" / "asset.json",
+        model=wanted.model,
+        robot_splats=results / "robot" / "splats",
+        registration=wanted.registration,
+        photometry=results / "workspace" / "photometry.json",
+    )
+    return SimDriver(files, interface.settings)

@@ -1,0 +1,165 @@
+"""What a user writes for an arm of their own: five methods between the runner and the hardware.
+
+Frames: `base` is the frame of the arm's first link as in the URDF, `tool` lies between the pads' centres when the gripper is
+closed, z out of the hand, x to the camera's side, the pads open along y. Metres, radians, `a_from_b`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from gsbridge.cameras import Camera
+from gsbridge.errors import GsbridgeError, InputError
+from gsbridge.geometry import Array
+from gsbridge.robot.assembly import RobotFiles
+from gsbridge.robot.kinematics import Kinematics
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What the arm measures at one moment.
+
+    Args:
+        base_from_tool: Pose of the tool. [4, 4].
+        aperture: Distance of the pads, m.
+    """
+
+    base_from_tool: Array
+    aperture: float
+
+
+@runtime_checkable
+class RobotDriver(Protocol):
+    """An arm with a gripper and a camera on its wrist. Every call returns at once, but for `rest`.
+
+    Attributes:
+        camera: Intrinsics of the pictures, distortion included; None for the camera of `registration.json`.
+    """
+
+    camera: Camera | None
+
+    def rest(self) -> None:
+        """Open the gripper, drive slowly to the rest posture, and return when the arm stands still."""
+
+    def measure(self) -> Reading:
+        """Measured pose and opening, both of now: measured, not commanded."""
+
+    def image(self) -> Array:
+        """The newest picture, RGB as the camera delivers it. uint8 [H, W, 3]."""
+
+    def command(self, base_from_tool: Array, aperture: float) -> bool | None:
+        """Set a new target, to be reached within one control period and then held; it replaces the last one.
+
+        Args:
+            base_from_tool: Wanted pose. [4, 4].
+            aperture: Wanted distance of the pads, m; one below the object's width presses.
+
+        Returns:
+            False where the arm cannot go there; it then keeps its last target, and the refusal is counted.
+        """
+
+    def stop(self) -> None:
+        """Hold the arm where it is, now. Called at the end of every episode, after errors and on Ctrl-C, even twice."""
+
+
+class JointArm:
+    """Kinematics for drivers of arms that speak in joint angles.
+
+    Args:
+        robot: Folder of the robot's description (`results/robot/description`).
+
+    Raises:
+        InputError: The folder holds no complete robot.
+    """
+
+    def __init__(self, robot: str | Path) -> None:
+        files = RobotFiles.read(robot)
+        self.dimensions = files.dimensions
+        self.rest_posture = np.array(files.record["rest_posture"], dtype=np.float64)
+        self.kinematics = Kinematics.read(files.urdf, self.rest_posture)
+        # The first call compiles; later ones take well below a millisecond.
+        self.joints_for(tool_pose(self.kinematics, self.rest_posture), self.rest_posture)
+
+    def reading(self, joints: Array, aperture: float) -> Reading:
+        """A reading from measured joint angles, rad, [7], and opening, m."""
+        return Reading(tool_pose(self.kinematics, joints), float(aperture))
+
+    def joints_for(self, base_from_tool: Array, now: Array) -> Array | None:
+        """Joint angles that bring the tool to a pose; None where no posture does.
+
+        Args:
+            base_from_tool: [4, 4].
+            now: Joint angles of the last command, rad. [7].
+        """
+        found = self.kinematics.inverse(base_from_tool, now)
+        return found.q if found.converged else None
+
+
+def tool_pose(kinematics: Kinematics, joints: Array) -> Array:
+    """`base_from_tool` of joint angles, rad. [7] or [8] -> [4, 4]."""
+    return kinematics.fk(joints, [kinematics.tip])[kinematics.tip]
+
+
+class Clock(Protocol):
+    """Time of the control loop; a simulated world brings its own."""
+
+    def now(self) -> float:
+        """Seconds since some fixed moment."""
+
+    def wait_until(self, moment: float) -> None:
+        """Return when `now` has reached a moment; at once where it has passed."""
+
+
+class WallClock:
+    """The time of day's pace, unmoved by changes of the system's clock."""
+
+    def now(self) -> float:
+        """See `Clock`."""
+        return time.monotonic()
+
+    def wait_until(self, moment: float) -> None:
+        """See `Clock`."""
+        left = moment - time.monotonic()
+        if left > 0:
+            time.sleep(left)
+
+
+def load_driver(name: str, options: Mapping[str, Any]) -> RobotDriver:
+    """Make a driver of the user's own.
+
+    Args:
+        name: `module:Class`; the module may lie in the working directory.
+        options: Arguments of the class.
+
+    Raises:
+        InputError: It cannot be imported, made, or lacks a method.
+    """
+    module, _, attribute = name.partition(":")
+    if not (module and attribute):
+        raise InputError("driver", f"'{name}' names no class", "Give sim, mirror or module:Class, such as my_arm:MyArm")
+    sys.path.insert(0, os.getcwd())
+    try:
+        kind = getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError) as error:
+        raise InputError("driver", f"'{name}' cannot be imported ({error})", "Check the name, or install the module") from error
+    finally:
+        sys.path.remove(os.getcwd())
+    try:
+        driver = kind(**options)
+    except GsbridgeError:
+        raise
+    except TypeError as error:
+        raise InputError("driver", f"'{name}' cannot be made ({error})", "Give its arguments as --option NAME=VALUE") from error
+    missing = [part for part in ("camera", "rest", "measure", "image", "command", "stop") if not hasattr(driver, part)]
+    if missing:
+        raise InputError("driver", f"'{name}' lacks {', '.join(missing)}", "See RobotDriver in docs/deployment.md")
+    return driver

@@ -1,0 +1,110 @@
+"""The record of one episode of a driven arm: a table of its steps, a summary, and the pictures that the policy saw."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsbridge.environment.proprioception import Reached
+from gsbridge.files import atomic_file, write_stage
+from gsbridge.geometry import Array
+from gsbridge.policy.export import ACTION_NAMES
+from gsbridge.policy.guards import End
+
+COLUMNS = (
+    *("step", "time_s"),
+    *("tool_x", "tool_y", "tool_z", "tool_yaw", "aperture"),
+    *(f"action_{name}" for name in ACTION_NAMES),
+    *("command_x", "command_y", "command_z", "command_yaw", "command_aperture"),
+    *("late_s", "refused"),
+)
+"""Table frame, m, rad. `time_s` since the first step, when the arm was measured; `late_s` by which the step missed its time."""
+
+
+@dataclass
+class EpisodeLog:
+    """What happened; the runner fills it, so that it is there after an error, too.
+
+    Args:
+        dry_run: No command was given.
+        rows: One per step, in the order of `COLUMNS`.
+        pictures: What the policy saw, uint8 [H, W, 3] each; empty unless they are kept.
+        keep_pictures: Whether to keep them.
+        end: Why it ended.
+        overruns: Steps that were late.
+        worst_late_s: By the most, s.
+        clipped: Commands cut to the workspace.
+        saturated: Actions with an entry outside -1..1.
+        refused: Commands that the arm refused.
+        error: What was raised.
+    """
+
+    dry_run: bool = False
+    keep_pictures: bool = False
+    rows: list[list[float]] = field(default_factory=list)
+    pictures: list[Array] = field(default_factory=list)
+    end: End = End.ERROR
+    overruns: int = 0
+    worst_late_s: float = 0.0
+    clipped: int = 0
+    saturated: int = 0
+    refused: int = 0
+    error: str = ""
+
+    @property
+    def steps(self) -> int:
+        """Steps taken."""
+        return len(self.rows)
+
+    def add(
+        self, time_s: float, reached: Reached, action: Array, command: tuple[Array, float, float], late_s: float, refused: bool
+    ) -> None:
+        """Add a step."""
+        position, yaw, aperture = command
+        measured = [*reached.position, reached.yaw, reached.aperture]
+        values = [self.steps, time_s, *measured, *action, *position, yaw, aperture, late_s, refused]
+        self.rows.append([float(value) for value in values])
+        self.refused += refused
+        self.overruns += late_s > 0
+        self.worst_late_s = max(self.worst_late_s, float(late_s))
+
+    def column(self, name: str) -> Array:
+        """One column. [steps]."""
+        return np.array([row[COLUMNS.index(name)] for row in self.rows])
+
+
+def write_episode(stem: str | Path, log: EpisodeLog, **facts: Any) -> None:
+    """Write `{stem}.csv`, `{stem}.json` and, where pictures were kept, `{stem}.npz` with `images`, [steps, H, W, 3].
+
+    Args:
+        stem: Path without ending.
+        log: The episode.
+        **facts: Further entries of the summary: policy, driver, registration, start pose, verdict.
+    """
+    stem = Path(stem)
+    with atomic_file(stem.with_suffix(".csv")) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(COLUMNS)
+        # Enough digits to find every number again.
+        table.writerows([[int(row[0]), *(repr(value) for value in row[1:-1]), int(row[-1])] for row in log.rows])
+    if log.pictures:
+        with atomic_file(stem.with_suffix(".npz")) as temporary, open(temporary, "wb") as file:
+            np.savez_compressed(file, images=np.stack(log.pictures))
+    normal = log.end in (End.TIME_OUT, End.DONE)
+    write_stage(
+        stem.with_suffix(".json"),
+        reasons=[] if normal else [f"the episode ended early: {log.end.value}{': ' if log.error else ''}{log.error}"],
+        end=log.end.value,
+        steps=log.steps,
+        dry_run=log.dry_run,
+        overruns=log.overruns,
+        worst_late_s=log.worst_late_s,
+        clipped=log.clipped,
+        saturated=log.saturated,
+        refused=log.refused,
+        **facts,
+    )

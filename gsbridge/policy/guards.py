@@ -1,0 +1,160 @@
+"""When a policy must not go on: checks of what an arm measures, sees and is told, between policy and hardware."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from gsbridge.environment.proprioception import Reached
+from gsbridge.errors import InputError
+from gsbridge.geometry import Array
+from gsbridge.policy.driver import Reading
+from gsbridge.robot.limits import Workspace
+from gsbridge.sim.actions import TETHER, ActionScale
+
+
+class End(StrEnum):
+    """Why an episode ended."""
+
+    TIME_OUT = "time_out"
+    """All its steps were taken: how episodes of a real arm end."""
+    DONE = "done"
+    """The task's rules saw a success."""
+    BAD_ACTION = "bad_action"
+    """The policy's action is not finite or has another shape."""
+    BAD_READING = "bad_reading"
+    """The arm measured something that is no pose, or not finite."""
+    JUMP = "jump"
+    """The tool was measured farther from its last place than an arm can move in a step."""
+    TILT = "tilt"
+    """The tool no longer points down."""
+    OUTSIDE = "outside"
+    """The tool was measured outside its room."""
+    LARGE_STEP = "large_step"
+    """The next command is farther from the tool than the tether allows: the runner itself is at fault."""
+    REFUSED = "refused"
+    """The arm refused several commands in a row."""
+    FROZEN = "frozen"
+    """The camera delivers one and the same picture."""
+    STALLED = "stalled"
+    """A step took far too long."""
+    INTERRUPTED = "interrupted"
+    """Ctrl-C."""
+    ERROR = "error"
+    """Driver or policy raised an error."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What is still normal.
+
+    Args:
+        jump: Way of the tool within one step, m.
+        turn: Turn of the tool within one step, rad.
+        tilt: Angle of the tool from the vertical, rad.
+        margin: Way out of the workspace, m: an arm overshoots, and starts above it.
+        refusals: Refused commands in a row.
+        frozen: Equal pictures in a row; None for worlds, whose pictures have no noise.
+        stall: Delay of a step, s.
+
+    Raises:
+        InputError: A limit is not positive.
+    """
+
+    jump: float = 0.10
+    turn: float = 0.60
+    tilt: float = 0.20
+    margin: float = 0.05
+    refusals: int = 10
+    frozen: int | None = 10
+    stall: float = 0.5
+
+    def __post_init__(self) -> None:
+        numbers = (self.jump, self.turn, self.tilt, self.margin, self.refusals, self.stall, self.frozen or 1)
+        if not all(np.isfinite(value) and value > 0 for value in numbers):
+            raise InputError("limits", f"{self} holds a limit that is not positive", "Give metres, radians, seconds and counts")
+
+
+class Guard:
+    """Watches one episode.
+
+    Args:
+        limits: See `Limits`.
+        workspace: Room in which the tool is commanded.
+        scale: What an action of 1 means.
+    """
+
+    def __init__(self, limits: Limits, workspace: Workspace, scale: ActionScale) -> None:
+        self.limits, self.workspace, self.scale = limits, workspace, scale
+        self._last: Reached | None = None
+        self._picture: Array | None = None
+        self._equal = self._refused = 0
+
+    def reading(self, reading: Reading, table_from_base: Array) -> tuple[End | None, Array | None]:
+        """Judge a measurement; the next is judged by its distance from this one.
+
+        Args:
+            reading: What the arm measured.
+            table_from_base: [4, 4].
+
+        Returns:
+            What is wrong, or None; and `table_from_tool`, [4, 4], or None where the reading is no pose.
+        """
+        pose = np.asarray(reading.base_from_tool, dtype=np.float64)
+        if pose.shape != (4, 4) or not (np.isfinite(pose).all() and np.isfinite(reading.aperture)):
+            return End.BAD_READING, None
+        turn = pose[:3, :3]
+        if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-3 or np.linalg.det(turn) < 0 or (pose[3] != [0, 0, 0, 1]).any():
+            return End.BAD_READING, None
+        table_from_tool = table_from_base @ pose
+        return self._moved(table_from_tool, reading.aperture), table_from_tool
+
+    def _moved(self, table_from_tool: Array, aperture: float) -> End | None:
+        """Judge a pose by itself and by the one before. [4, 4]."""
+        now, last = Reached.of_pose(table_from_tool, aperture), self._last
+        self._last = now
+        # The tool's z points down, so that its table z is near -1.
+        if np.arccos(np.clip(-table_from_tool[2, 2], -1.0, 1.0)) > self.limits.tilt:
+            return End.TILT
+        beyond = np.maximum(np.array(self.workspace.lower) - now.position, now.position - self.workspace.upper)
+        if beyond.max() > self.limits.margin:
+            return End.OUTSIDE
+        if last is not None:
+            turned = abs((now.yaw - last.yaw + np.pi) % (2 * np.pi) - np.pi)
+            if np.linalg.norm(now.position - last.position) > self.limits.jump or turned > self.limits.turn:
+                return End.JUMP
+        return None
+
+    def picture(self, image: Array) -> End | None:
+        """Judge a raw picture."""
+        if self.limits.frozen is None:
+            return None
+        same = self._picture is not None and np.array_equal(self._picture, image)
+        self._equal = self._equal + 1 if same else 0
+        # A copy: a driver may write its next picture into the same memory.
+        self._picture = np.array(image)
+        return End.FROZEN if self._equal >= self.limits.frozen else None
+
+    def action(self, action: Array) -> End | None:
+        """Judge what the policy wants."""
+        try:
+            values = np.asarray(action, dtype=np.float64)
+        except (TypeError, ValueError):
+            return End.BAD_ACTION
+        return None if values.shape == (5,) and np.isfinite(values).all() else End.BAD_ACTION
+
+    def command(self, position: Array, yaw: float, reached: Reached) -> End | None:
+        """Judge the next command. It leaves the tether only where the workspace's wall pulls it back inside."""
+        inside = self.workspace.clip(reached.position, np.array(reached.yaw))
+        reach, turn = (TETHER + 1.0) * self.scale.position + 1e-9, (TETHER + 1.0) * self.scale.yaw + 1e-9
+        # With one action upon the tether, two and a half actions at most.
+        if (np.abs(position - inside[0]) > reach).any() or abs((yaw - inside[1] + np.pi) % (2 * np.pi) - np.pi) > turn:
+            return End.LARGE_STEP
+        return None
+
+    def accepted(self, answer: bool | None) -> End | None:
+        """Judge the driver's answer to a command."""
+        self._refused = self._refused + 1 if answer is False else 0
+        return End.REFUSED if self._refused >= self.limits.refusals else None

@@ -1,0 +1,204 @@
+"""The control loop of a policy on an arm: look, decide, command, 20 times a second, and stop when something is wrong.
+
+Observations and commands are made by the code of the training (`gsbridge.environment.proprioception`, `gsbridge.sim.actions`);
+only the source of pose and picture differs.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gsbridge.environment.proprioception import PROPRIO, Reached, begin, next_command, proprioception
+from gsbridge.errors import InputError
+from gsbridge.geometry import Array
+from gsbridge.policy.driver import Clock, RobotDriver, WallClock
+from gsbridge.policy.episode_log import EpisodeLog
+from gsbridge.policy.guards import End, Guard, Limits
+from gsbridge.policy.interface import PolicyInterface
+from gsbridge.policy.rectify import Rectifier
+from gsbridge.registration.result import Registration
+from gsbridge.robot.reach import tool_down
+
+logger = logging.getLogger("gsbridge")
+
+Policy = Callable[[Mapping[str, Array], Mapping[str, object]], Array]
+"""From an observation, and an empty mapping in place of the trials' `info`, to an action."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What an arm runs with, from episode to episode.
+
+    Args:
+        interface: What the policy asks for.
+        driver: The arm.
+        registration: Where table and camera are.
+        clock: Time of the loop.
+        limits: When to stop.
+        rectify: Makes the policy's picture.
+        base_from_table: From the registration. [4, 4].
+
+    Raises:
+        InputError: Registration, camera and policy do not belong together.
+    """
+
+    interface: PolicyInterface
+    driver: RobotDriver
+    registration: Registration
+    clock: Clock = field(default_factory=WallClock)
+    limits: Limits = field(default_factory=Limits)
+    rectify: Rectifier = field(init=False)
+
+    def __post_init__(self) -> None:
+        camera = self.driver.camera or self.registration.camera
+        if camera is None:
+            raise InputError(
+                "driver: camera",
+                "neither the driver nor the registration knows the camera's intrinsics",
+                "Give them as the driver's `camera`",
+            )
+        changed = self.interface.check_mount(self.registration)
+        if changed is not None:
+            logger.info("camera mount: %.1f mm, %.2f degrees from the training's", 1000 * changed[0], np.degrees(changed[1]))
+        object.__setattr__(self, "rectify", Rectifier(camera, self.interface.camera))
+
+    @property
+    def base_from_table(self) -> Array:
+        """Place of the table. [4, 4]."""
+        return self.registration.base_from_table
+
+
+def run_policy(
+    policy: Policy,
+    setup: Setup,
+    *,
+    steps: int | None = None,
+    dry_run: bool = False,
+    until: Callable[[], bool] | None = None,
+    log: EpisodeLog | None = None,
+) -> EpisodeLog:
+    """Run one episode. The driver is stopped at its end in any case, also after an error or Ctrl-C, which are passed on.
+
+    Args:
+        policy: What acts.
+        setup: The arm.
+        steps: Steps to take; None for as many as an episode of the training has.
+        dry_run: Neither drive to the rest posture nor command; the arm stays where it is.
+        until: Asked after each step; true ends the episode as done. A real arm has none: a person judges afterwards.
+        log: Filled as the episode goes on; None for a new one.
+
+    Returns:
+        The log, `log` itself where it is given.
+
+    Raises:
+        InputError: The arm does not stand where episodes begin, or its picture does not fit its intrinsics.
+    """
+    log = EpisodeLog() if log is None else log
+    log.dry_run = dry_run
+    driver = setup.driver
+    loop = _Loop(policy, setup, log)
+    try:
+        # Before the arm moves: the first call of a network takes longer than a step.
+        loop.warm_up()
+        if not dry_run:
+            driver.rest()
+        loop.start()
+        logger.info("the episode begins%s", ", without commands" if dry_run else "")
+        log.end = loop.run(setup.interface.settings.time_out if steps is None else steps, until)
+    except BaseException as error:
+        log.end = End.INTERRUPTED if isinstance(error, KeyboardInterrupt) else End.ERROR
+        log.error = "" if isinstance(error, KeyboardInterrupt) else f"{type(error).__name__}: {error}"
+        raise
+    finally:
+        log.clipped, log.saturated = loop.target.counted.clipped, loop.target.saturated
+        driver.stop()
+    return log
+
+
+class _Loop:
+    """State of one episode."""
+
+    def __init__(self, policy: Policy, setup: Setup, log: EpisodeLog) -> None:
+        self.policy, self.setup, self.log = policy, setup, log
+        self.target = setup.interface.target()
+        self.guard = Guard(setup.limits, setup.interface.workspace, self.target.scale)
+        self._table_from_base = np.linalg.inv(setup.base_from_table)
+
+    def warm_up(self) -> None:
+        """Let the policy act once on nothing."""
+        camera = self.setup.interface.camera
+        blank = {"image": np.zeros((camera.height, camera.width, 3), np.uint8), "proprio": np.zeros(PROPRIO, np.float32)}
+        self.policy(blank, {})
+
+    def start(self) -> None:
+        """Where the arm stands is the first command."""
+        end, pose = self._measure()
+        if pose is None:
+            raise InputError("driver: measure", "the arm's pose is not finite or no pose", "Return base_from_tool, 4x4")
+        if not self.log.dry_run:
+            self.setup.interface.check_start(pose)
+        if end is not None:
+            x, y, z = self.reached.position
+            raise InputError(
+                "start of the episode",
+                f"the tool stands at ({x:.2f}, {y:.2f}, {z:.2f}) m of the table: {end.value}",
+                "It must point down, inside the workspace; check the rest posture, the driver's frames and the registration",
+            )
+        begin(self.target, self.reached)
+
+    def run(self, steps: int, until: Callable[[], bool] | None) -> End:
+        """Take steps until something ends the episode."""
+        clock, period = self.setup.clock, 1.0 / self.setup.interface.control_hz
+        first = moment = clock.now()
+        for _ in range(steps):
+            started, reached = clock.now() - first, self.reached
+            end, action, command = self._decide()
+            if end is not None:
+                return end
+            answer = None if self.log.dry_run else self._send(command)
+            moment += period
+            late = clock.now() - moment
+            self.log.add(started, reached, action, command, max(0.0, late), answer is False)
+            if late > self.setup.limits.stall:
+                return End.STALLED
+            if late > 0:
+                # The next period begins now: making up for lost time would send commands in a burst.
+                moment = clock.now()
+            else:
+                clock.wait_until(moment)
+            end = self.guard.accepted(answer) or self._measure()[0]
+            if end is not None:
+                return end
+            if until is not None and until():
+                return End.DONE
+        return End.TIME_OUT
+
+    def _measure(self) -> tuple[End | None, Array | None]:
+        """Read the arm; what is wrong, and `table_from_tool`, None where it is no pose."""
+        reading = self.setup.driver.measure()
+        end, pose = self.guard.reading(reading, self._table_from_base)
+        if pose is not None:
+            self.reached = Reached.of_pose(pose, reading.aperture)
+        return end, pose
+
+    def _decide(self) -> tuple[End | None, Array, tuple[Array, float, float]]:
+        """From a picture to a command in the table frame."""
+        raw = self.setup.driver.image()
+        picture = self.setup.rectify(raw)
+        if self.log.keep_pictures:
+            self.log.pictures.append(np.array(picture))
+        action = self.policy({"image": picture, "proprio": proprioception(self.target, self.reached)}, {})
+        end = self.guard.picture(raw) or self.guard.action(action)
+        if end is not None:
+            return end, action, (np.zeros(3), 0.0, 0.0)
+        command = next_command(self.target, self.reached, action)
+        return self.guard.command(*command[:2], self.reached), action, command
+
+    def _send(self, command: tuple[Array, float, float]) -> bool | None:
+        """Give a command to the arm."""
+        position, yaw, aperture = command
+        return self.setup.driver.command(self.setup.base_from_table @ tool_down(position, yaw), aperture)

@@ -1,0 +1,145 @@
+"""The stage that trains one policy: from files to a policy, its curve and a record."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from dataclasses import asdict, fields
+from pathlib import Path
+
+from gsbridge.environment.biased import BiasedController
+from gsbridge.environment.build import StageFiles, build_controller, build_environment
+from gsbridge.environment.settings import EnvironmentSettings
+from gsbridge.errors import InputError
+from gsbridge.files import read_json, write_stage
+from gsbridge.policy.curve import PARTS, Row
+from gsbridge.policy.observation import Controller
+from gsbridge.policy.onnx import export_onnx
+from gsbridge.policy.settings import PolicySettings
+from gsbridge.policy.trainer import Trainer, Training
+
+ENOUGH = 0.95
+"""Success at which a policy counts as trained, for the time that it took."""
+
+POOR = 0.9
+"""A policy that succeeds less often in the world that it was trained in is degraded."""
+
+RINGING = 0.05
+"""Share of updates with targets beyond the largest return from which critics diverge; young ones overshoot now and then."""
+
+
+def train_policy(
+    files: StageFiles,
+    environment_settings: EnvironmentSettings,
+    settings: PolicySettings,
+    out: str | Path,
+    record: str | Path,
+    *,
+    seed: int,
+    state: str | Path,
+    controller_offset: tuple[float, float] = (0.0, 0.0),
+    device: str = "cpu",
+) -> Training:
+    """Train a policy in the simulated world and write it.
+
+    Args:
+        files: What the environment is made of.
+        environment_settings: Of the environment.
+        settings: Of the training.
+        out: Folder of the policy and its curve.
+        record: Record of the stage.
+        seed: Of everything random.
+        state: Folder of checkpoints; it is removed at the end.
+        controller_offset: Error of the baseline controller, see `BiasedController`, m.
+        device: Where networks learn.
+
+    Raises:
+        InputError: A file is missing, damaged or of the wrong kind; settings do not fit together.
+    """
+    environment = build_environment(files, environment_settings)
+    try:
+        controller: Controller = build_controller(files.item, environment_settings)
+        if any(controller_offset):
+            controller = BiasedController(controller, controller_offset)
+        key = {"files": files_digest(files), "controller_offset": list(controller_offset)}
+        trainer = Trainer(environment, controller, settings, seed=seed, state=state, key=key, device=device)
+        training = trainer.run(out)
+        onnx_error = export_onnx(out)
+    finally:
+        environment.close()
+    seconds = {part: training.rows[-1][f"cpu_{part}_s"] for part in PARTS}
+    write_stage(
+        record,
+        reasons=_reasons(files, training, trainer.agent.alarm.count),
+        seed=seed,
+        packages=("torch", "pybullet", "numba"),
+        algo=settings.algo,
+        task=environment_settings.task,
+        renderer=environment_settings.renderer,
+        success=training.best,
+        retest_success=training.retest,
+        controller_success=training.controller if settings.has_controller else None,
+        steps=training.rows[-1]["step"],
+        updates=training.rows[-1]["update"],
+        target_alarms=trainer.agent.alarm.count,
+        replay_mb=training.replay_bytes / 1e6,
+        cpu_seconds=seconds,
+        cpu_seconds_to_enough=cpu_seconds_to(training.rows, ENOUGH),
+        onnx_error=onnx_error,
+        controller_offset=list(controller_offset),
+        settings=asdict(settings),
+    )
+    shutil.rmtree(state, ignore_errors=True)
+    return training
+
+
+def cpu_seconds_to(rows: list[Row], success: float) -> float | None:
+    """CPU seconds of acting and learning, rendering included, until an evaluation first reached a success; None if none did.
+
+    Evaluations are left out: they are as many as one asks for, and teach nothing.
+    """
+    for row in rows:
+        if (row["success"] or 0.0) >= success:
+            return sum(float(row[f"cpu_{part}_s"] or 0.0) for part in PARTS if part != "evaluate")
+    return None
+
+
+def files_digest(files: StageFiles) -> str:
+    """Digest of the content of everything an environment is made of: assets with all that lies beside them.
+
+    Raises:
+        InputError: A file is missing.
+    """
+    digest = hashlib.sha256()
+    for item in fields(files):
+        value = getattr(files, item.name)
+        if isinstance(value, str | Path):
+            for path in _content(Path(value)):
+                digest.update(path.name.encode())
+                digest.update(hashlib.sha256(path.read_bytes()).digest())
+        else:
+            digest.update(repr(value).encode())
+    return digest.hexdigest()
+
+
+def _content(path: Path) -> list[Path]:
+    """Files behind a path: itself; all of a folder; an asset is the folder of its record."""
+    if not path.exists():
+        raise InputError(path, "it does not exist", "Run the rule that makes it")
+    if path.name == "asset.json":
+        path = path.parent
+    return sorted(found for found in path.rglob("*") if found.is_file()) if path.is_dir() else [path]
+
+
+def _reasons(files: StageFiles, training: Training, alarms: int) -> list[str]:
+    """Why a policy is degraded."""
+    out = []
+    for name in ("item", "background", "registration"):
+        path = getattr(files, name)
+        if path is not None and read_json(path).get("status") == "degraded":
+            out.append(f"the {name} is degraded")
+    if training.retest < POOR:
+        out.append(f"it succeeds in {training.retest:.0%} of new starts in simulation")
+    if alarms > RINGING * training.rows[-1]["update"]:
+        out.append(f"critic targets exceeded the largest return in {alarms} updates")
+    return out

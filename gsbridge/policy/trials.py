@@ -1,0 +1,95 @@
+"""Trials of a trained policy in the simulated world or in the mirror; see `gsbridge.environment.policy_trials`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+
+from gsbridge.environment.build import StageFiles, build_environment
+from gsbridge.environment.env import PickEnvironment
+from gsbridge.environment.policy_trials import Place, try_policy
+from gsbridge.environment.settings import EnvironmentSettings
+from gsbridge.environment.trials import Trial
+from gsbridge.files import read_json
+from gsbridge.policy.export import Policy, load_policy
+from gsbridge.reality.world.camera import Setting
+from gsbridge.reality.world.hidden import Hidden
+from gsbridge.reality.world.mirror import mirror_world
+from gsbridge.registration.result import read_registration
+
+
+def try_in_sim(
+    policy: str | Path,
+    training: str | Path,
+    files: StageFiles,
+    settings: EnvironmentSettings,
+    place: Place,
+    *,
+    poses: int,
+) -> list[tuple[str, Trial]]:
+    """Let a policy act in the world that it was trained in.
+
+    Args:
+        policy: Folder of the policy.
+        training: Record of its training.
+        files: What the environment is made of.
+        settings: Of the environment.
+        place: Where the outcome goes.
+        poses: Start poses of each set.
+
+    Raises:
+        InputError: A file is missing or damaged.
+    """
+    loaded = _load(policy)
+    environment = build_environment(files, settings)
+    try:
+        return try_policy(environment, loaded, place, name="sim", poses=poses, reasons=_reasons(training))
+    finally:
+        environment.close()
+
+
+def try_in_mirror(
+    policy: str | Path,
+    training: str | Path,
+    setting: Setting,
+    hidden: Hidden,
+    registration: str | Path,
+    settings: EnvironmentSettings,
+    place: Place,
+    *,
+    name: str,
+    poses: int,
+    pieces: str | Path,
+) -> list[tuple[str, Trial]]:
+    """Let a policy act in a world of the mirror, through its own camera and commanded by the registered place of the table.
+
+    Args:
+        policy: Folder of the policy.
+        training: Record of its training.
+        setting: What stands in the room.
+        hidden: Hidden parameters of the world.
+        registration: `registration.json`.
+        settings: Of the environment.
+        place: Where the outcome goes.
+        name: The world's name.
+        poses: Start poses of each set.
+        pieces: Folder that keeps convex pieces from run to run.
+
+    Raises:
+        InputError: A file is missing or damaged.
+    """
+    loaded = _load(policy)
+    commanded_from = read_registration(registration).base_from_table
+    world = mirror_world(setting, hidden, pieces=pieces, commanded_from=commanded_from)
+    return try_policy(PickEnvironment(world, settings), loaded, place, name=name, poses=poses, reasons=_reasons(training))
+
+
+def _load(folder: str | Path) -> Policy:
+    torch.set_num_threads(1)
+    return load_policy(folder)
+
+
+def _reasons(training: str | Path) -> list[str]:
+    """Why the policy itself is degraded."""
+    return [f"policy: {reason}" for reason in read_json(training).get("reasons", [])]

@@ -1,0 +1,80 @@
+"""Distance between two paths in space, whatever the time they take.
+
+Both paths are cut into pieces of the same length, so that a hand that waits counts no more than one that passes, and are then
+laid on one another by dynamic time warping: each point of one path is matched with at least one of the other, in order, such
+that the mean distance of the matched points is smallest. That mean, in the paths' unit, is the distance. A step along both
+paths weighs twice as much as a step along one: every piece of either path has the same say, whatever is matched with it.
+
+It is symmetric, zero for two runs along the same curve at any speed, and the offset of two straight paths side by side. Where
+one path ends early or goes somewhere else, what it misses is matched with the nearest point of it that keeps the order: of two
+straight paths of lengths L > l from the same point, the distance is (L - l)^2 / (2 (L + l)).
+
+Source: Sakoe and Chiba, Dynamic programming algorithm optimization for spoken word recognition, 1978 (symmetric form, no slope
+constraint).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gsbridge.geometry import Array
+
+SPACING = 0.003
+"""Length of a piece, m. Two paths that cross err by less than half of it, those side by side not at all."""
+
+
+def resample(path: Array, spacing: float = SPACING) -> Array:
+    """Points at equal distances along a path; its first alone where it is shorter than half of one.
+
+    Args:
+        path: [N, D], N >= 1.
+        spacing: Distance along the path, rounded so that it divides the length.
+
+    Returns:
+        [M, D]; first and last point are the path's own where there are several.
+
+    Raises:
+        ValueError: The path is empty or not finite.
+    """
+    path = np.asarray(path, dtype=np.float64)
+    if path.ndim != 2 or len(path) == 0 or not np.isfinite(path).all():
+        raise ValueError(f"a path of the shape {path.shape} is empty or not finite")
+    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    # Points that repeat have no length of their own, and the interpolation wants growing ones.
+    path, steps = path[np.concatenate([[True], steps > 0])], steps[steps > 0]
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    pieces = round(along[-1] / spacing)
+    wanted = np.linspace(0.0, along[-1], pieces + 1) if pieces else along[:1]
+    return np.stack([np.interp(wanted, along, column) for column in path.T], axis=1)
+
+
+def warped_distance(one: Array, two: Array) -> float:
+    """Smallest weighted mean distance of points matched in order; see the module.
+
+    Args:
+        one: [N, D].
+        two: [M, D].
+
+    Returns:
+        In the unit of the points.
+    """
+    apart = np.linalg.norm(np.asarray(one)[:, None] - np.asarray(two)[None], axis=-1)
+    rows, columns = apart.shape
+    cost = np.full((rows + 1, columns + 1), np.inf)
+    cost[0, 0] = 0.0
+    # Along a diagonal no entry needs another of the same: whole diagonals at once.
+    for diagonal in range(rows + columns - 1):
+        i = np.arange(max(0, diagonal - columns + 1), min(rows, diagonal + 1))
+        j = diagonal - i
+        both, single = cost[i, j] + 2 * apart[i, j], np.minimum(cost[i, j + 1], cost[i + 1, j]) + apart[i, j]
+        cost[i + 1, j + 1] = np.minimum(both, single)
+    return float(cost[rows, columns] / (rows + columns))
+
+
+def path_distance(one: Array, two: Array) -> float:
+    """Distance between two paths, m. [N, D], [M, D].
+
+    Raises:
+        ValueError: A path is empty or not finite.
+    """
+    return warped_distance(resample(one), resample(two))

@@ -1,0 +1,118 @@
+rule train_policy:
+    input:
+        unpack(simulated_scene),
+    output:
+        weights=policy_file("policy.safetensors"),
+        spec=policy_file("policy.json"),
+        onnx=policy_file("policy.onnx"),
+        curve=policy_file("training.csv"),
+        record=policy_file("training.json"),
+    log:
+        f"results/logs/train_policy/{POLICY_ITEM}.log",
+    benchmark:
+        f"results/benchmarks/train_policy/{POLICY_ITEM}.jsonl"
+    wildcard_constraints:
+        object=one_of(names("object")),
+        background=one_of(names("background")),
+        renderer="gs|mesh|mesh_vertex",
+        variant=one_of(config["variants"]),
+    # The longest way to the tables goes through here.
+    priority: 10
+    conda:
+        "../envs/policy.yaml"
+    threads: 1
+    resources:
+        mem_mb=2500,
+        runtime="60m",
+    params:
+        code=code_digest("gsbridge.policy.stage"),
+        settings=policy_settings,
+        controller_offset=lambda wildcards: variant_of(wildcards)["controller_offset"],
+        state=policy_state,
+    message:
+        "Train the policy {wildcards.variant} to {wildcards.task} {wildcards.object} on {wildcards.background} as seen by {wildcards.renderer}"
+    script:
+        "../scripts/train_policy.py"
+
+
+rule try_policy_in_sim:
+    input:
+        unpack(simulated_scene),
+        spec=policy_file("policy.json"),
+        weights=policy_file("policy.safetensors"),
+        training=policy_file("training.json"),
+    output:
+        table=trial_file("sim", "csv"),
+        log=trial_file("sim", "npz"),
+        record=trial_file("sim", "json"),
+    log:
+        f"results/logs/try_policy_in_sim/{POLICY_ITEM}.log",
+    benchmark:
+        f"results/benchmarks/try_policy_in_sim/{POLICY_ITEM}.jsonl"
+    wildcard_constraints:
+        object=one_of(names("object")),
+        background=one_of(names("background")),
+        renderer="gs|mesh|mesh_vertex",
+        variant=one_of(config["variants"]),
+    # The longest way to the tables goes through here.
+    priority: 10
+    conda:
+        "../envs/policy.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime="60m",
+    params:
+        code=code_digest("gsbridge.policy.trials"),
+        image_size=lambda wildcards: policy_settings(wildcards)["image_size"],
+        poses=settings("trials")["poses"],
+        state=lambda wildcards, input: trial_state("sim", wildcards, input),
+    message:
+        "Try the policy {wildcards.variant} in simulation: {wildcards.task} {wildcards.object} on {wildcards.background}, {wildcards.renderer}"
+    script:
+        "../scripts/try_policy_in_sim.py"
+
+
+rule try_policy_in_mirror:
+    input:
+        spec=policy_file("policy.json"),
+        weights=policy_file("policy.safetensors"),
+        training=policy_file("training.json"),
+        registration="results/workspace/registration.json",
+        item="results/scenes/{object}/asset/asset.json",
+        background="results/scenes/{background}/asset/asset.json",
+    output:
+        table=trial_file("{world}", "csv"),
+        log=trial_file("{world}", "npz"),
+        record=trial_file("{world}", "json"),
+    log:
+        f"results/logs/try_policy_in_mirror/{POLICY_ITEM}-{{world}}.log",
+    benchmark:
+        f"results/benchmarks/try_policy_in_mirror/{POLICY_ITEM}-{{world}}.jsonl"
+    wildcard_constraints:
+        object=one_of(set(names("object")).intersection(films())),
+        background=one_of(set(names("background")).intersection(films())),
+        renderer="gs|mesh|mesh_vertex",
+        variant=one_of(config["variants"]),
+        world=one_of(config["worlds"]),
+    # The longest way to the tables goes through here.
+    priority: 10
+    conda:
+        "../envs/policy.yaml"
+    threads: 1
+    resources:
+        mem_mb=2500,
+        runtime="4h",
+    params:
+        code=code_digest("gsbridge.policy.trials"),
+        image_size=lambda wildcards: policy_settings(wildcards)["image_size"],
+        poses=settings("trials")["poses"],
+        world=world_settings,
+        sheet=settings("films")["sheet"],
+        pieces="results/.state/pieces",
+        seed=SEED,
+        state=lambda wildcards, input: trial_state(wildcards.world, wildcards, input),
+    message:
+        "Try the policy {wildcards.variant} in {wildcards.world}: {wildcards.task} {wildcards.object} on {wildcards.background}, {wildcards.renderer}"
+    script:
+        "../scripts/try_policy_in_mirror.py"

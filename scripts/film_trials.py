@@ -1,0 +1,19 @@
+"""Film the trials of one policy."""
+
+from typing import TYPE_CHECKING
+
+from gsbridge.logs import start
+from gsbridge.report.paired_trials import TrialFiles
+from gsbridge.report.places import Cell
+from gsbridge.report.trial_films import write_trial_film
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+files = zip(snakemake.params.worlds, snakemake.params.seeds, snakemake.input.tables, snakemake.input.logs, strict=True)
+write_trial_film(
+    Cell(**dict(snakemake.wildcards.items())),
+    [TrialFiles(*file) for file in files],
+    snakemake.output.film,
+)

@@ -1,0 +1,21 @@
+"""Record the trials of one policy for rerun."""
+
+from typing import TYPE_CHECKING
+
+from gsbridge.logs import start
+from gsbridge.report.paired_trials import TrialFiles
+from gsbridge.report.places import Cell
+from gsbridge.report.recordings.trials import record_trials
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+files = zip(snakemake.params.worlds, snakemake.params.seeds, snakemake.input.tables, snakemake.input.logs, strict=True)
+record_trials(
+    Cell(**dict(snakemake.wildcards.items())),
+    [TrialFiles(*file) for file in files],
+    snakemake.input.item,
+    snakemake.input.background,
+    snakemake.output.recording,
+)

@@ -1,0 +1,34 @@
+"""Let a policy act in a world of the mirror, once from every start pose of both sets."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gsbridge.environment.build import plate_of
+from gsbridge.environment.policy_trials import Place
+from gsbridge.environment.settings import EnvironmentSettings
+from gsbridge.logs import start
+from gsbridge.policy.trials import try_in_mirror
+from gsbridge.reality.world.camera import Setting
+from gsbridge.reality.world.further import further_world
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+seed, world = snakemake.params.seed, snakemake.params.world
+try_in_mirror(
+    Path(snakemake.input.spec).parent,
+    snakemake.input.training,
+    Setting(snakemake.wildcards.object, snakemake.wildcards.background, snakemake.params.sheet, seed),
+    further_world(seed, world["seed"], world["hidden"], f"config: worlds.{snakemake.wildcards.world}"),
+    snakemake.input.registration,
+    EnvironmentSettings(
+        task=snakemake.wildcards.task,
+        image_size=snakemake.params.image_size,
+        plate=plate_of(snakemake.input.item, snakemake.input.background),
+    ),
+    Place(snakemake.output.table, snakemake.output.log, snakemake.output.record, snakemake.params.state),
+    name=snakemake.wildcards.world,
+    poses=snakemake.params.poses,
+    pieces=snakemake.params.pieces,
+)

@@ -1,0 +1,50 @@
+"""Settings of policies and worlds are refused before any job."""
+
+import copy
+
+import pytest
+
+from gsbridge.errors import InputError
+from gsbridge.policy.plan import check_policies
+
+CONFIG = {
+    "seed": 1,
+    "grasp_policy": {},
+    "pick_and_place_policy": {"steps": 900},
+    "trials": {"worlds": ["mirror", "late"]},
+    "study": {"variants": ["default", "bc"]},
+    "presets": {"toy": {"grasp_policy": {"steps": 50}}, "desktop": {}},
+    "variants": {"default": {"policy": {}, "model": None}, "bc": {"policy": {"algo": "bc"}, "model": "m.yaml"}},
+    "worlds": {"mirror": {"seed": None, "hidden": {}}, "late": {"seed": 4, "hidden": {"latency": 0.1}}},
+}
+
+
+def test_sound_settings_pass(tmp_path):
+    (tmp_path / "m.yaml").touch()
+    check_policies(CONFIG, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "words"),
+    [
+        (("variants", "bc", "policy"), {"alpha_start": 0.5}, ["variants.bc with grasp_policy", "alpha_start"]),
+        (("presets", "toy", "grasp_policy"), {"critic_batch": 16}, ["presets.toy.grasp_policy", "critic_batch"]),
+        (("variants", "bc", "model"), "gone.yaml", ["variants.bc.model", "gone.yaml"]),
+        (("study", "variants"), ["default", "td3"], ["config: study.variants", "td3"]),
+        (("trials", "worlds"), ["mirror", "mars"], ["config: trials.worlds", "mars"]),
+        (("presets", "desktop", "trials"), {"worlds": ["mars"]}, ["presets.desktop.trials.worlds", "mars"]),
+        (("worlds", "late", "hidden"), {"latencey": 0.1}, ["worlds.late.hidden", "latencey"]),
+        (("worlds", "late", "hidden"), {"mass": "heavy"}, ["worlds.late.hidden", "mass"]),
+    ],
+)
+def test_what_would_fail_hours_later_is_named(tmp_path, path, value, words):
+    (tmp_path / "m.yaml").touch()
+    config = copy.deepcopy(CONFIG)
+    place = config
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = value
+    with pytest.raises(InputError) as caught:
+        check_policies(config, tmp_path)
+    for word in words:
+        assert word in str(caught.value)
