@@ -20,7 +20,7 @@ from gsbridge.geometry import Array
 _AIM = 100.0
 """Squared length of the smallest signature that is kept, in units of the noise: ten times the noise of one number."""
 
-_TRIES = 6
+_TRIES = 8
 """Simulations spent on finding the smallest size."""
 
 _LARGEST = 2e4
@@ -86,11 +86,13 @@ def _along(
         return values, difference, float((view.whiten(difference) ** 2).sum())
 
     factor, seen = begin, {}
+    low, high = 0.0, np.inf
     for _ in range(_TRIES):
         seen[factor] = change(factor)
         size = seen[factor][2]
         if 0.3 * _AIM <= size <= 5 * _AIM:
             break
+        low, high = (max(low, factor), high) if size < _AIM else (low, min(high, factor))
         if size == np.inf:
             scale = 0.1
         elif size < 1e-3 * _AIM:
@@ -99,6 +101,8 @@ def _along(
         else:
             scale = float(np.clip(np.sqrt(_AIM / size), 0.05, 20.0))
         new = factor * scale
+        if not low < new < high:
+            new = float(np.sqrt(low * high))
         if new in seen or new > _LARGEST or effect.scaled(direction, new) == effect.scaled(direction, factor):
             break
         factor = new
@@ -117,7 +121,8 @@ def bank_of(view: View, who: Sequence[Candidate], folder: str | Path) -> Bank:
     """The bank of a view, from `folder` where an equal one was made before."""
     key = hashlib.sha256(view.digest().encode())
     for candidate in who:
-        key.update(f"{candidate}{candidate.effect.parameters}{candidate.effect.directions()}".encode())
+        effect = candidate.effect
+        key.update(f"{candidate}{effect.parameters}{effect.directions()}{effect.sizes}".encode())
     # Noise sets sizes only; a factor of two does not matter.
     key.update(np.round(np.log2(view.sigma)).astype(int).tobytes())
     path = Path(folder) / f"{key.hexdigest()[:32]}.npz"

@@ -5,13 +5,13 @@ Replicates hold white noise that passed the same estimate of its size, and by ho
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from gsbridge.gap.bank import Bank
-from gsbridge.gap.replay import Mechanism
-from gsbridge.gap.view import View, build_setup, white_noise
+from gsbridge.gap.noise import white_noise
+from gsbridge.gap.screen import Screen
+from gsbridge.gap.view import View
 from gsbridge.geometry import Array
 
 SCALES = (1, 4, 16, 64)
@@ -19,6 +19,9 @@ SCALES = (1, 4, 16, 64)
 
 REPLICATES = 199
 """p-values down to 1/200."""
+
+_UNSURE = 0.5
+"""Spread, in multiples of what a finer step changes, of what is left of the step's error after it was taken off."""
 
 
 def block_means(residual: Array, scale: int) -> Array:
@@ -81,36 +84,29 @@ class Null:
         return float((1 + (self.gains >= gain).sum()) / (1 + len(self.gains)))
 
 
-def stepping_gap(view: View) -> Array:
-    """What another step of time changes in the nominal replay, SI units. [T, C].
-
-    Engines differ by about as much: each takes speeds or positions of the begin or the end of a step.
-    """
-    system = view.mechanism.system
-    fine = Mechanism(replace(system, physics_rate=4 * system.physics_rate))
-    other = fine.run(view.record, build_setup(fine, ()), view.spans, view.states)
-    return view.stack(other) - view.stack(view.simulate())
+def _estimated(view: View, noise: Array) -> Array:
+    """Noise of each channel as it is found on a record. [T, C] -> [C]."""
+    return np.median([white_noise(noise[a:b]) for a, b in view.spans if b - a > 20] or [white_noise(noise)], axis=0)
 
 
-def calibrate(view: View, rng: np.random.Generator, bank: Bank | None = None, replicates: int = REPLICATES) -> Null:
+def calibrate(view: View, rng: np.random.Generator, screen: Screen | None = None, replicates: int = REPLICATES) -> Null:
     """Draw effect-free replicates of a view's residual."""
-    gap = view.whiten(stepping_gap(view))
+    gap = view.stepping()
     shape = gap.shape
     declared = np.array([kind in view.record.sigma for kind, _ in view.channels])
     excesses, residuals = [], []
     for _ in range(replicates):
         noise = rng.standard_normal(shape)
-        size = np.median([white_noise(noise[a:b]) for a, b in view.spans if b - a > 20] or [white_noise(noise)], axis=0)
-        residual = view.project(noise / np.where(declared, 1.0, size)) + rng.normal(0.0, 1.5) * gap
+        sizes = [_estimated(view, noise)]
+        sizes += [_estimated(view, rng.standard_normal(shape)) for _ in range(view.records - 1)]
+        size = np.sqrt((np.stack(sizes) ** 2).mean(axis=0))
+        residual = view.project(noise / np.where(declared, np.maximum(size, 1.0), size)) + rng.normal(0.0, _UNSURE) * gap
         excesses.append(excess(residual))
-        residuals.append(residual.ravel())
-    stack = np.stack(residuals, axis=1)
-    gains = np.zeros(0 if bank is None else replicates)
-    for signature in () if bank is None else bank.signatures:
-        shape_of = view.whiten(signature.change.astype(np.float64)).ravel()
-        size = float(shape_of @ shape_of)
-        if size > 0.0:
-            along = shape_of @ stack
-            factor = np.clip(along / size, 0.4, 2.5)
-            gains = np.maximum(gains, 2 * factor * along - factor**2 * size)
+        residuals.append(residual)
+    stack = np.stack(residuals, axis=-1)
+    gains = np.zeros(0 if screen is None else replicates)
+    if screen is not None and len(screen.sizes):
+        gains = screen.gains((screen.shapes @ stack.reshape(-1, replicates).astype(np.float32)).astype(np.float64))[0].max(
+            axis=0
+        )
     return Null(np.stack(excesses), gains, float((stack**2).mean()))

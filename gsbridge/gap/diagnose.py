@@ -13,16 +13,20 @@ import numpy as np
 
 from gsbridge.gap.bank import bank_of
 from gsbridge.gap.candidates import candidates
-from gsbridge.gap.identify import Finding, Identification, Rules, Trial
+from gsbridge.gap.identify import Identification
 from gsbridge.gap.records import Record
 from gsbridge.gap.replay import Mechanism
 from gsbridge.gap.system import Applied, System
+from gsbridge.gap.trials import Finding, Rules, Trial
 from gsbridge.gap.verify import Verification, verify
-from gsbridge.gap.view import View
+from gsbridge.gap.view import View, share_noise
 
 logger = logging.getLogger("gsbridge")
 
 ROLES = ("fit", "select", "verify")
+
+_LISTED = 5
+"""Rivals that a sentence names."""
 
 _NINETY = 1.645
 """Standard deviations either side of a 90 % interval."""
@@ -36,7 +40,8 @@ class Diagnosis:
         finding: Verdict and trials.
         verification: On the third record, where something was named.
         floor: Noise of each channel of `select`, SI units.
-        bank_runs: Simulations of the bank.
+        bank_runs: Simulations of the bank, whether made now or read.
+        runs: Simulations of this case beside it.
         seconds: Of the whole.
     """
 
@@ -44,6 +49,7 @@ class Diagnosis:
     verification: Verification | None
     floor: dict[str, float]
     bank_runs: int
+    runs: int
     seconds: float
 
     @property
@@ -74,19 +80,24 @@ def diagnose(
     """
     begin = time.perf_counter()
     mechanism = Mechanism(system)
-    first, second = View.of(mechanism, records["fit"]), View.of(mechanism, records["select"])
-    who = candidates(system, names)
+    first = View.of(mechanism, records["fit"], folder=bank_folder)
+    second = View.of(mechanism, records["select"], folder=bank_folder)
+    third = View.of(mechanism, records["verify"], folder=bank_folder)
+    share_noise((first, second, third))
+    who, made = candidates(system, names), mechanism.runs
     bank = bank_of(first, who, bank_folder)
+    made = mechanism.runs - made
     logger.info("%d candidates, %d signatures", len(who), len(bank.signatures))
     finding = Identification(first, second, bank, who, rules, seed).run()
     verification = None
     if finding.best is not None:
-        verification = verify(mechanism, records["verify"], finding.best.fit.effects)
+        verification = verify(third, finding.best.fit.effects)
         if finding.verdict == "named" and not verification.transfers:
             # It closed the gap where it was chosen, but not elsewhere: whatever is missing, it is something else.
             finding = replace(finding, verdict="none_of_the_known", something_remains=True)
     floor = {f"{kind}.{system.joints[k]}": float(s) for (kind, k), s in zip(second.channels, second.sigma, strict=True)}
-    return Diagnosis(finding, verification, floor, bank.runs, time.perf_counter() - begin)
+    runs = mechanism.runs - made - mechanism.shared
+    return Diagnosis(finding, verification, floor, bank.runs, runs, time.perf_counter() - begin)
 
 
 def findings_of(
@@ -115,7 +126,7 @@ def findings_of(
         "rivals": [
             {
                 "effects": list(trial.names),
-                "behind": trial.chi2 - finding.rivals[0][0].chi2,
+                "behind": trial.score - finding.rivals[0][0].score,
                 "probability": chance,
                 "closure": trial.closure,
             }
@@ -134,7 +145,7 @@ def findings_of(
         },
         "noise_floor": diagnosis.floor,
         "unseen": list(finding.unseen),
-        "simulations": {"bank": diagnosis.bank_runs, "case": finding.runs},
+        "simulations": {"bank": diagnosis.bank_runs, "case": diagnosis.runs},
         "seconds": diagnosis.seconds,
         "records": {role: record.digest or record.content_digest() for role, record in records.items()},
         "seed": seed,
@@ -170,6 +181,11 @@ def describe(trial: Trial, finding: Finding) -> list[dict[str, Any]]:
 def sentence(diagnosis: Diagnosis) -> str:
     """The finding in words."""
     finding, checked = diagnosis.finding, diagnosis.verification
+    if finding.coloured:
+        return (
+            "Simulation and measurement agree: what exceeds white noise is no motion, and nothing learnt from one record holds "
+            "on the other."
+        )
     if finding.verdict == "no_discrepancy":
         return f"Simulation and measurement agree within the noise (p = {finding.p_value:.2g})."
     if finding.verdict == "not_enough_excitation" and finding.p_value < Rules.alarm:
@@ -186,7 +202,9 @@ def sentence(diagnosis: Diagnosis) -> str:
         )
     if finding.verdict == "ambiguous":
         how = best.fit.who[0].effect.tell_apart
-        return f"These records cannot decide between {' and '.join(finding.ambiguous)}. To tell them apart: {how}."
+        names = list(finding.ambiguous)
+        listed = " and ".join(names if len(names) <= _LISTED else [*names[:_LISTED], f"{len(names) - _LISTED} more"])
+        return f"These records cannot decide between {listed}. To tell them apart: {how}."
     parts = []
     for item in describe(best, finding):
         figures = ", ".join(

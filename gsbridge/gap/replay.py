@@ -39,11 +39,12 @@ class Mechanism:
 
     Attributes:
         runs: Simulations so far.
+        shared: Those of them whose results are kept for all records of equal commands.
     """
 
     def __init__(self, system: System) -> None:
         self.system = system
-        self.runs = 0
+        self.runs = self.shared = 0
         self.skeleton = Skeleton.read(system.urdf, system.joints)
         self.chain = Chain.of(self.skeleton, system.joints, system.urdf)
         self._brain = self.chain.bodies(self.skeleton.inertials)

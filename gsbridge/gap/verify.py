@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gsbridge.gap.records import Record
-from gsbridge.gap.replay import Mechanism
 from gsbridge.gap.system import Applied
 from gsbridge.gap.view import View
 
@@ -43,15 +41,19 @@ class Verification:
         return self.before < _SLIGHT or self.closure >= _PART
 
 
-def verify(mechanism: Mechanism, record: Record, effects: Sequence[Applied]) -> Verification:
-    """Replay a record with and without effects; the noise is judged by what the better replay leaves."""
-    view = View.of(mechanism, record, effects)
+def verify(view: View, effects: Sequence[Applied]) -> Verification:
+    """Replay a record with and without effects.
+
+    Args:
+        view: Of a record neither fitted nor used to choose.
+        effects: What was found.
+    """
     sizes = []
     for added in ((), tuple(effects)):
         residual = view.residual(added)
         sizes.append((float(np.sqrt((residual**2).sum() / view.freedom)), np.sqrt((residual**2).mean(axis=0))))
     (before, rows_before), (after, rows_after) = sizes
     gap, left = np.sqrt(max(before**2 - 1.0, 1e-12)), np.sqrt(max(after**2 - 1.0, 0.0))
-    names = [f"{kind}.{record.joints[k]}" for kind, k in view.channels]
+    names = [f"{kind}.{view.record.joints[k]}" for kind, k in view.channels]
     channels = {name: (float(a), float(b)) for name, a, b in zip(names, rows_before, rows_after, strict=True)}
     return Verification(before, after, float(1.0 - left / gap), channels, after <= before)

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
-from scipy.special import comb
 
-from gsbridge.errors import InputError
-from gsbridge.gap.effects import effect_of
+from gsbridge.gap.assemble import build_setup
+from gsbridge.gap.frame import FINE, KINDS, Frame, frame_of
+from gsbridge.gap.noise import pooled, white_noise
 from gsbridge.gap.records import Record
 from gsbridge.gap.replay import Mechanism, Span, State
-from gsbridge.gap.setup import Setup
 from gsbridge.gap.system import Applied, System
 from gsbridge.geometry import Array
-
-KINDS = ("position", "velocity", "effort")
 
 HORIZON = 1.0
 """Length of the stretches into which records of mechanisms without position feedback are cut, s: errors grow over time there,
@@ -26,34 +24,14 @@ and a restart from what was measured keeps the later ones readable."""
 _WINDOW = 0.06
 """Time over which a state is read from the measurements, s."""
 
-_ORDER = 4
-"""Order of the difference whose spread tells the noise: motion is gone from it, white noise is not."""
-
 _BROKEN = 1e3
 """Residual given to a simulation that diverged, in units of the noise."""
 
+_RICHARDSON = FINE / (FINE - 1)
+"""Multiple of what the finer step changes that a vanishing step would change: the scheme's error is of first order."""
 
-def build_setup(mechanism: Mechanism, effects: Sequence[Applied]) -> Setup:
-    """A mechanism with its own and further effects.
-
-    Raises:
-        InputError: An effect or its joint is unknown.
-    """
-    setup = mechanism.setup()
-    for applied in (*mechanism.system.effects, *effects):
-        effect = effect_of(applied.name)
-        wanted = {parameter.name for parameter in effect.parameters}
-        if set(applied.parameters) != wanted or bool(applied.joint) != (effect.scope == "joint"):
-            joint = "and a joint" if effect.scope == "joint" else "and no joint"
-            raise InputError(
-                f"effect {applied.name}",
-                "its parameters are incomplete or unknown",
-                f"Give {', '.join(sorted(wanted))} {joint}",
-            )
-        if applied.joint and applied.joint not in setup.joints:
-            raise InputError(f"effect {applied.name}", f"there is no joint '{applied.joint}'", f"Use {', '.join(setup.joints)}")
-        effect.apply(setup, setup.joints.index(applied.joint) if applied.joint else -1, applied.parameters)
-    return setup
+_KEPT = 128
+"""Replays kept in memory: fits, their checks and bootstraps ask for some of them again."""
 
 
 def spans_of(record: Record, system: System) -> list[Span]:
@@ -93,13 +71,6 @@ def _spread(values: Array) -> Array:
     return np.maximum(np.std(np.diff(values, 2, axis=0), axis=0), 1e-9)
 
 
-def white_noise(values: Array) -> Array:
-    """Spread of the white noise on smooth series, robust against jumps. [T, N] -> [N]."""
-    high = np.diff(values, _ORDER, axis=0)
-    norm = np.sqrt(sum(comb(_ORDER, k) ** 2 for k in range(_ORDER + 1)))
-    return 1.4826 * np.median(np.abs(high - np.median(high, axis=0)), axis=0) / norm
-
-
 @dataclass
 class View:
     """A record, the mechanism that replays it, and the noise.
@@ -111,6 +82,8 @@ class View:
         states: Their initial states as measured.
         sigma: Noise of each channel. [C].
         channels: Kind and joint of each channel, in the order of the residuals' columns.
+        frame: How the replay moves with its initial state and its step.
+        records: From how many the noise was estimated.
     """
 
     mechanism: Mechanism
@@ -119,31 +92,56 @@ class View:
     states: list[State]
     sigma: Array
     channels: tuple[tuple[str, int], ...]
+    frame: Frame
+    records: int = 1
+    _fine: Array | float = 0.0
+    _replays: dict[str, Array] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def of(cls, mechanism: Mechanism, record: Record, effects: Sequence[Applied] = ()) -> View:
-        """Look at a record; the noise is what the record states, or what is left above all motion after a replay."""
+    def of(
+        cls, mechanism: Mechanism, record: Record, effects: Sequence[Applied] = (), folder: str | Path | None = None
+    ) -> View:
+        """Look at a record.
+
+        Args:
+            mechanism: Simulates.
+            record: Commands and measurements. The noise is what it states, or what is left above all motion after a replay.
+            effects: In that replay.
+            folder: Keeps what depends on the commands only; None to compute it here.
+        """
         system = mechanism.system
         spans = spans_of(record, system)
         states = [state_at(record, first) for first, _ in spans]
         # What the controller asks is the command itself where nothing is fed back.
         kinds = [k for k in KINDS if k in record.measured and (k != "effort" or system.controller.closed_loop)]
         channels = tuple((kind, k) for kind in kinds for k in range(len(record.joints)))
-        view = cls(mechanism, record, spans, states, np.ones(len(channels)), channels)
-        view.sigma = view._noise(view._raw(view.simulate(effects)))
-        view._find_nuisance(effects)
+        frame = frame_of(mechanism, record, spans, states, folder)
+        view = cls(mechanism, record, spans, states, np.ones(len(channels)), channels, frame)
+        if system.centred:
+            view._fine = np.nan_to_num(_RICHARDSON * view._columns(frame.stepping))
+        view.sigma = view._noise(view._raw(view.replay(effects)))
+        view._find_nuisance()
         return view
 
     def simulate(self, effects: Sequence[Applied] = ()) -> dict[str, Array]:
         """Outputs of the mechanism with effects."""
         return self.mechanism.run(self.record, build_setup(self.mechanism, effects), self.spans, self.states)
 
+    def replay(self, effects: Sequence[Applied] = ()) -> Array:
+        """The same as channels side by side, remembered, with the step's own error in the nominal motion taken off. [T, C]."""
+        key = repr([effect.record() for effect in effects])
+        if key not in self._replays:
+            if len(self._replays) >= _KEPT:
+                del self._replays[next(iter(self._replays))]
+            self._replays[key] = self.stack(self.simulate(effects)) + self._fine
+        return self._replays[key]
+
     def stack(self, outputs: Mapping[str, Array]) -> Array:
         """Channels side by side, SI units. [T, C]."""
         return np.stack([outputs[kind][:, k] for kind, k in self.channels], axis=1)
 
-    def _raw(self, outputs: Mapping[str, Array]) -> Array:
-        return self.stack(self.record.measured) - self.stack(outputs)
+    def _raw(self, replayed: Array) -> Array:
+        return self.stack(self.record.measured) - replayed
 
     def _noise(self, residual: Array) -> Array:
         """Noise of each channel. [T, C] -> [C]."""
@@ -153,18 +151,13 @@ class View:
         for column, (kind, k) in enumerate(self.channels):
             declared = self.record.sigma.get(kind)
             quantum = self.record.quantum.get(kind, np.zeros(len(self.record.joints)))[k]
-            out[column] = max(found[column] if declared is None else declared[k], quantum / np.sqrt(12), 1e-12)
+            # White noise that is there cannot be less because a file says so.
+            out[column] = max(found[column], 0.0 if declared is None else declared[k], quantum / np.sqrt(12), 1e-12)
         return out
 
-    def _find_nuisance(self, effects: Sequence[Applied]) -> None:
+    def _find_nuisance(self) -> None:
         """Directions in which the outputs move with the initial state; residuals are taken orthogonal to them."""
-        base, columns = self.stack(self.simulate(effects)), []
-        count = len(self.record.joints)
-        for k in range(2 * count):
-            size = 1e-4 if k < count else 1e-3
-            shifted = [(q + size * (np.arange(count) == k), v + size * (np.arange(count) == k - count)) for q, v in self.states]
-            moved = self.mechanism.run(self.record, build_setup(self.mechanism, effects), self.spans, shifted)
-            columns.append((self.stack(moved) - base) / size / self.sigma)
+        columns = [self._columns(nudge) / self.sigma for nudge in self.frame.nudges]
         self._basis = []
         for first, end in self.spans:
             block = np.stack([np.nan_to_num(column[first:end]).ravel() for column in columns], axis=1)
@@ -186,12 +179,26 @@ class View:
 
     def residual(self, effects: Sequence[Applied] = ()) -> Array:
         """Measured less simulated, in units of the noise. [T, C]."""
-        return self.whiten(self._raw(self.simulate(effects)))
+        return self.whiten(self._raw(self.replay(effects)))
+
+    def stepping(self) -> Array:
+        """What another step of time changes in the nominal replay, in units of the noise. [T, C]."""
+        return self.whiten(self._columns(self.frame.stepping))
+
+    def _columns(self, values: Array) -> Array:
+        """Channels of an array of the frame side by side. [T, kinds, N] -> [T, C]."""
+        rows, joints = [KINDS.index(kind) for kind, _ in self.channels], [k for _, k in self.channels]
+        return np.asarray(values, dtype=np.float64)[:, rows, joints]
 
     @property
     def freedom(self) -> int:
         """Independent numbers in a residual."""
         return len(self.record.time) * len(self.channels) - sum(basis.shape[1] for basis in self._basis)
+
+    def set_noise(self, sigma: Array, records: int) -> None:
+        """Take another noise, as estimated from several records. [C]."""
+        self.sigma, self.records = sigma, records
+        self._find_nuisance()
 
     def digest(self) -> str:
         """SHA-256 of what signatures depend on."""
@@ -201,3 +208,10 @@ class View:
                 total.update(q.tobytes() + v.tobytes())
         total.update(repr(self.channels).encode())
         return total.hexdigest()
+
+
+def share_noise(views: Sequence[View]) -> None:
+    """Pool the noise of views of one mechanism, channel by channel: the same sensors logged them."""
+    if len({view.channels for view in views}) == 1:
+        for view, sigma in zip(views, pooled([view.sigma for view in views]), strict=True):
+            view.set_noise(sigma, len(views))

@@ -1,126 +1,192 @@
-"""Running a list of cases, one after the other, resumably: seal, diagnose, note the verdict."""
+"""The blind benchmark in three steps: generate cases with hidden truths, diagnose them, score what was found."""
 
 from __future__ import annotations
 
-import json
+import hashlib
 import logging
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from gsbridge.files import read_json, write_json
-from gsbridge.gap.benchmark.generate import Plant, draw_case
-from gsbridge.gap.benchmark.score import Verdict
-from gsbridge.gap.diagnose import Diagnosis, diagnose
-from gsbridge.gap.system import System
+import numpy as np
+import pandas as pd
+import yaml
+
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_directory, read_json, write_json
+from gsbridge.gap.benchmark.baselines import METHODS, run_baseline
+from gsbridge.gap.benchmark.generate import Case, draw_case
+from gsbridge.gap.benchmark.noises import STATED
+from gsbridge.gap.benchmark.orders import SPLITS, TIER_SIZE, TIERS, Order, orders_of
+from gsbridge.gap.benchmark.plants import Plant, Site, site_of
+from gsbridge.gap.benchmark.twins import twins_of
+from gsbridge.gap.case import read_case
+from gsbridge.gap.diagnose import diagnose, findings_of
+from gsbridge.gap.records import Record
+
+__all__ = ["METHODS", "SPLITS", "TIERS", "TIER_SIZE", "case_keys", "diagnose_cases", "generate_cases"]
 
 logger = logging.getLogger("gsbridge")
 
+_UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m"}
 
-@dataclass(frozen=True)
-class Order:
-    """A case to be drawn.
-
-    Args:
-        names: What is hidden.
-        units: Its size.
-        seed: Of signs and noise.
-        course_seed: Of the courses; cases that share it share a bank.
-        kinds: Logged channels.
-        duration: Of each record, s.
-    """
-
-    names: tuple[str, ...]
-    units: float
-    seed: int
-    course_seed: int
-    kinds: tuple[str, ...] = ("position", "velocity", "effort")
-    duration: float = 4.0
-
-    @property
-    def key(self) -> str:
-        """Name of its files."""
-        what = "+".join(self.names).replace(":", "@") or "nothing"
-        return f"{what}-{self.units:g}-{self.seed}-{self.course_seed}-{len(self.kinds)}-{self.duration:g}"
+_REDRAWS = 20
+"""Tries to find another joint where an effect shows."""
 
 
-def run_orders(
-    system: System, plant: Plant, orders: Iterable[Order], truths: str | Path, verdicts: str | Path, bank: str | Path
-) -> None:
-    """Diagnose cases; those whose verdict is there already are left alone.
+def generate_cases(
+    tier: str, split: str, cases: str | Path, truths: str | Path, *, count: int | None = None, seed: int = 0
+) -> dict[str, Any]:
+    """Draw the cases of a tier, with the truths in a folder of their own.
 
     Args:
-        system: The model that is diagnosed.
-        plant: Where records come from.
-        orders: Cases.
-        truths: Folder of the truths, which only the scoring reads; each is written before its diagnosis begins.
-        verdicts: Folder of what was found, with the truth's seal.
-        bank: Folder of signatures.
-    """
-    for order in orders:
-        found = Path(verdicts) / f"{order.key}.json"
-        if found.exists():
-            continue
-        case = draw_case(
-            plant, order.names, order.units, order.seed, order.course_seed, duration=order.duration, kinds=order.kinds
-        )
-        write_json(Path(truths) / f"{order.key}.json", {"hidden": dict(case.hidden), "units": order.units, "seal": case.seal})
-        diagnosis = diagnose(system, case.records, bank, seed=order.seed)
-        write_json(found, {**_found(diagnosis), "seal": case.seal})
-        logger.info("%s: %s", order.key, diagnosis.finding.verdict)
+        tier: One of `TIERS`.
+        split: One of `SPLITS`.
+        cases: Gets `manifest.json` (with the SHA-256 of every truth and record), `models`, and a folder per case.
+        truths: Gets `{key}.json` and `{key}.npz`; no diagnosis may read it.
+        count: Cases; `TIER_SIZE[tier]` by default. A smaller count keeps the mix.
+        seed: Of the draw.
 
-
-def _found(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The part of a diagnosis that is scored."""
-    finding, checked = diagnosis.finding, diagnosis.verification
-    return {
-        "verdict": finding.verdict,
-        "named": [] if finding.best is None else list(finding.best.names),
-        "sets": [name.split(" + ") for name in finding.ambiguous],
-        "simulations": finding.runs,
-        "bank": diagnosis.bank_runs,
-        "closure": None if checked is None else checked.closure,
-        "seconds": diagnosis.seconds,
-    }
-
-
-def read_verdicts(truths: str | Path, verdicts: str | Path, joints: tuple[str, ...]) -> list[Verdict]:
-    """Pair verdicts with their truths.
-
-    Args:
-        truths: As given to `run_orders`.
-        verdicts: Likewise.
-        joints: Of the mechanism; where there is one only, names go without it.
+    Returns:
+        The manifest.
 
     Raises:
-        ValueError: A seal is broken.
+        InputError: There is no such tier or split.
     """
-    out = []
-    for path in sorted(Path(verdicts).glob("*.json")):
-        found, truth = read_json(path), read_json(Path(truths) / path.name)
-        if found["seal"] != truth["seal"]:
-            raise ValueError(f"{path.name}: the truth was changed after the diagnosis")
-        plain = _plain(joints)
-        out.append(
-            Verdict(
-                frozenset(truth["hidden"]),
-                truth["units"],
-                found["verdict"],
-                frozenset(plain(name) for name in found["named"]),
-                tuple(frozenset(plain(name) for name in names) for names in found["sets"]),
-                found["simulations"],
-                found["closure"],
-            )
-        )
-    return out
+    if tier not in TIERS or split not in SPLITS:
+        raise InputError("benchmark", f"there is no '{tier}', '{split}'", f"Use {', '.join(TIERS)}; {', '.join(SPLITS)}")
+    rows = []
+    with atomic_directory(cases) as made, atomic_directory(truths) as hidden:
+        site = site_of(tier, made / "models")
+        for order in orders_of(tier, split, site.names, site.strange, count, seed):
+            order, case = _drawn(site, order)
+            records = _write_case(made / order.key, site, order, case)
+            rows.append({"key": order.key, "courses": order.course_seed, "records": records})
+            rows[-1]["truth_sha256"] = _write_truth(hidden, site, order, case, split, seed)
+            logger.info("%s drawn", order.key)
+        manifest = {"tier": tier, "split": split, "seed": seed, "plant": site.kind, "cases": rows}
+        write_json(made / "manifest.json", manifest)
+    return manifest
 
 
-def _plain(joints: tuple[str, ...]) -> Any:
-    """Names without the joint where there is only one."""
-    return (lambda name: name.split(":")[0]) if len(joints) == 1 else (lambda name: name)
+def _drawn(site: Site, order: Order) -> tuple[Order, Case]:
+    """A case, on another joint where the effect that was ordered does not show in its courses.
+
+    Raises:
+        InputError: It shows nowhere.
+    """
+    rng = np.random.default_rng(order.seed)
+    for _ in range(_REDRAWS):
+        try:
+            return order, draw_case(
+                site.plant, order.names, order.units, order.seed, order.course_seed,
+                duration=order.duration, kinds=order.channels, spoil=order.noise,
+            )  # fmt: skip
+        except ValueError as error:
+            logger.info("%s: %s", order.key, error)
+        effects = [name.split(":")[0] for name in order.names]
+        names = tuple(str(rng.choice([n for n in site.plant.sizes if n.split(":")[0] == effect])) for effect in effects)
+        order = Order(**{**vars(order), "names": names})
+    raise InputError("benchmark", f"{' + '.join(order.names)} shows in no joint", "Take other courses")
 
 
-def figures(content: Mapping[str, Any]) -> str:
-    """A score as text, for logs."""
-    return json.dumps({key: value for key, value in content.items() if key != "confusion"}, indent=2)
+def _write_case(folder: Path, site: Site, order: Order, case: Case) -> dict[str, str]:
+    """Records and case file. Returns the records' SHA-256 by role."""
+    folder.mkdir()
+    digests = {}
+    for role, record in case.records.items():
+        path = folder / f"{role}.csv"
+        _table(record).to_csv(path, index=False, float_format="%.7g")
+        digests[role] = hashlib.sha256(path.read_bytes()).hexdigest()
+    content: dict[str, Any] = {
+        "model": f"../models/{site.kind}/model.yaml",
+        "records": {role: f"{role}.csv" for role in case.records},
+    }
+    if order.noise == "understated":
+        content["noise"] = {kind: STATED * float(np.min(site.plant.noise[kind])) for kind in order.channels}
+    (folder / "case.yaml").write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    return digests
+
+
+def _table(record: Record) -> pd.DataFrame:
+    """A record with units in its headers."""
+    columns = {"time [s]": record.time}
+    for kind, values in {**record.commands, **record.measured}.items():
+        for name, column in zip(record.joints, values.T, strict=True):
+            columns[f"{kind}.{name} [{_UNITS.get(kind, 'rad')}]"] = column
+    return pd.DataFrame(columns)
+
+
+def _write_truth(folder: Path, site: Site, order: Order, case: Case, split: str, seed: int) -> str:
+    """What is hidden, salted so that its SHA-256 tells nothing. Returns the SHA-256."""
+    clean = folder / f"{order.key}.npz"
+    np.savez_compressed(clean, **case.clean)
+    plant: Plant = site.plant
+    truth = {
+        "key": order.key,
+        "plant": site.kind,
+        "kind": order.kind,
+        "noise": order.noise,
+        "hidden": dict(case.hidden),
+        "known": order.kind != "unknown",
+        "units": order.units,
+        "twins": [sorted(names) for names in twins_of(site.kind, case.hidden, order.channels)],
+        "sigma": {kind: plant.noise[kind] for kind in order.channels},
+        "clean_sha256": hashlib.sha256(clean.read_bytes()).hexdigest(),
+        "salt": np.random.default_rng([order.seed, seed, SPLITS.index(split)]).bytes(16).hex(),
+    }
+    path = folder / f"{order.key}.json"
+    write_json(path, truth)
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def case_keys(cases: str | Path, chunk: int = 0, chunks: int = 1) -> tuple[str, ...]:
+    """Keys of a part of the cases; those that share courses, and so a bank, come together.
+
+    Args:
+        cases: As made by `generate_cases`.
+        chunk: Number of the part.
+        chunks: Parts.
+    """
+    rows = read_json(Path(cases) / "manifest.json")["cases"]
+    keys = [row["key"] for row in sorted(rows, key=lambda row: (row["courses"], row["key"]))]
+    edges = np.linspace(0, len(keys), chunks + 1).astype(int)
+    return tuple(keys[edges[chunk] : edges[chunk + 1]])
+
+
+def diagnose_cases(
+    cases: str | Path,
+    keys: Iterable[str],
+    findings: str | Path,
+    bank: str | Path,
+    *,
+    method: str = METHODS[0],
+    seed: int = 0,
+) -> None:
+    """Diagnose cases; a finding that is there already is left alone.
+
+    Args:
+        cases: As made by `generate_cases`.
+        keys: Which.
+        findings: Gets `{key}.json`.
+        bank: Folder of signatures, which all parts may share.
+        method: One of `METHODS`: this package's own, or a baseline.
+        seed: Of replicates and bootstraps.
+
+    Raises:
+        InputError: A case cannot be read, or the method is unknown or cannot run here.
+    """
+    for key in keys:
+        path = Path(findings) / f"{key}.json"
+        if path.exists():
+            continue
+        write_json(path, _found(Path(cases) / key / "case.yaml", Path(bank), method, seed))
+        logger.info("%s diagnosed by %s", key, method)
+
+
+def _found(path: Path, bank: Path, method: str, seed: int) -> Mapping[str, Any]:
+    case = read_case(path)
+    if method != METHODS[0]:
+        return run_baseline(method, case.system, case.records, bank, seed)
+    diagnosis = diagnose(case.system, case.records, bank, names=case.names, seed=seed)
+    return findings_of(diagnosis, case.records, seed=seed, reasons=case.reasons)

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from gsbridge.gap.benchmark.noises import spoiled
 from gsbridge.gap.benchmark.trajectories import KINDS, Course, course
 from gsbridge.gap.records import Record
 from gsbridge.geometry import Array
 
 Truth = Callable[[Course, float, Array, Mapping[str, float]], dict[str, Array]]
 """Course, duration, times of samples and hidden sizes -> channels, each [T, N]."""
+
+_TRIES = 18
 
 UNIT = 25.0
 """Squared length, in units of the noise, of the noise-free signature on `select` that an effect of size one unit has."""
@@ -50,6 +55,7 @@ class Case:
         hidden: Sizes of what is hidden, by name, `name:joint` for one joint; empty for an effect-free case.
         units: Size in units of the detection limit.
         records: By role: `fit`, `select`, `verify`.
+        clean: What `verify` would have been without noise. Each [T, N].
         seal: SHA-256 of the truth.
     """
 
@@ -57,6 +63,7 @@ class Case:
     hidden: Mapping[str, float]
     units: float
     records: Mapping[str, Record]
+    clean: Mapping[str, Array]
     seal: str
 
 
@@ -70,6 +77,7 @@ def draw_case(
     duration: float = 4.0,
     rate: float = 100.0,
     kinds: tuple[str, ...] = ("position", "velocity", "effort"),
+    spoil: str = "white",
 ) -> Case:
     """Draw one case.
 
@@ -82,43 +90,37 @@ def draw_case(
         duration: Of each record, s.
         rate: Samples per second.
         kinds: Channels that are logged.
+        spoil: What the noise is like, one of `gsbridge.gap.benchmark.noises.NOISES`.
     """
     rng = np.random.default_rng(seed)
     times = np.arange(round(duration * rate)) / rate
     roads = np.random.default_rng(course_seed)
     courses = {role: _joined(course(kind, plant.centre, plant.reach, duration, roads), rate) for role, kind in KINDS.items()}
     signs = {name: (float(plant.sizes[name][1]) or float(rng.choice((-1.0, 1.0)))) for name in names}
-    hidden = {
-        name: signs[name] * size_of_units(plant, name, signs[name], units, courses["select"], duration, times, kinds)
-        for name in names
-    }
-    records = {}
+    hidden: dict[str, float] = {}
+    if names:
+        plain = plant.truth(courses["select"], duration, times, {})
+        for name in names:
+            size = size_of_units(plant, name, signs[name], units, courses["select"], duration, times, kinds, plain)
+            hidden[name] = signs[name] * size
+    text = json.dumps({"seed": seed, "hidden": dict(sorted(hidden.items()))})
+    made, clean = {}, {}
     for role, wanted in courses.items():
         clean = plant.truth(wanted, duration, times, hidden)
-        measured = {kind: clean[kind] + plant.noise[kind] * rng.standard_normal(clean[kind].shape) for kind in kinds}
-        records[role] = (wanted, measured)
-    text = json.dumps({"seed": seed, "hidden": dict(sorted(hidden.items()))})
-    made = {
-        role: Record(
-            f"{role}",
-            times,
-            plant.joints,
-            {"command": np.array([wanted(t) for t in times])},
-            measured,
-        )
-        for role, (wanted, measured) in records.items()
-    }
-    return Case("+".join(names) or "none", hidden, units, made, hashlib.sha256(text.encode()).hexdigest())
+        measured = {kind: spoiled(clean[kind], plant.noise[kind], spoil, rng) for kind in kinds}
+        made[role] = Record(role, times, plant.joints, {"command": np.array([wanted(t) for t in times])}, measured)
+    clean = {kind: clean[kind] for kind in kinds}
+    return Case("+".join(names) or "none", hidden, units, made, clean, hashlib.sha256(text.encode()).hexdigest())
 
 
 def _joined(wanted: Course, rate: float) -> Course:
     """Commands as they are sent and logged: at some rate, and joined by straight lines on their way to the motors."""
+    sent = functools.cache(lambda number: wanted(number / rate))
 
     def joined(time: float) -> Array:
         place = time * rate
-        whole = float(np.floor(place))
-        start = wanted(whole / rate)
-        return start + (place - whole) * (wanted((whole + 1) / rate) - start)
+        whole = math.floor(place)
+        return sent(whole) + (place - whole) * (sent(whole + 1) - sent(whole))
 
     return joined
 
@@ -132,27 +134,31 @@ def size_of_units(
     duration: float,
     times: Array,
     kinds: tuple[str, ...],
+    plain: Mapping[str, Array],
 ) -> float:
-    """Size at which the noise-free signature on `select` has the squared length `units`^2 times `UNIT`."""
-    plain = plant.truth(wanted, duration, times, {})
+    """Size at which the noise-free signature on `select` has the squared length `units`^2 times `UNIT`.
+
+    Raises:
+        ValueError: There is no such size: it does not show in these courses.
+    """
 
     def length(size: float) -> float:
         moved = plant.truth(wanted, duration, times, {name: sign * size})
         return float(np.sqrt(sum((((moved[kind] - plain[kind]) / plant.noise[kind]) ** 2).sum() for kind in kinds)))
 
     aim, size, low, high = units * np.sqrt(UNIT), plant.sizes[name][0], 0.0, np.inf
-    for _ in range(14):
+    for _ in range(_TRIES):
         found = length(size)
         if not np.isfinite(found):
             high = min(high, size)
             size = 0.5 * (low + high)
             continue
         if abs(found / aim - 1.0) < 0.05:
-            break
+            return size
         if found < aim:
             low = max(low, size)
         else:
             high = min(high, size)
         guess = size * float(np.clip(aim / max(found, 1e-9), 0.1, 8.0))
         size = guess if low < guess < high else (0.5 * (low + high) if np.isfinite(high) else 2.0 * size)
-    return size
+    raise ValueError(f"{name} reaches no {units:g} units in these courses")

@@ -12,6 +12,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from gsbridge.gap.benchmark.arm_loop import run_arm, size_at
 from gsbridge.gap.benchmark.trajectories import Course
 from gsbridge.gap.bodies import Skeleton
 from gsbridge.gap.system import System
@@ -34,7 +35,6 @@ class MujocoTruth:
         self.system = system
         self._skeleton = Skeleton.read(system.urdf, system.joints)
         self._brain = self._compile({})
-        self._brain_data = mujoco.MjData(self._brain)
 
     def _compile(self, hidden: Mapping[str, float]) -> mujoco.MjModel:
         """A model with what MuJoCo itself can hide."""
@@ -59,23 +59,23 @@ class MujocoTruth:
                     name=name,
                     target=name,
                     trntype=mujoco.mjtTrn.mjTRN_JOINT,
-                    gear=[1.0 + _of(hidden, "torque_gain", name)] + [0] * 5,
+                    gear=[1.0 + size_at(hidden, "torque_gain", name)] + [0] * 5,
                 )
             model = spec.compile()
         for k, name in enumerate(system.joints):
             column = model.joint(name).dofadr[0]
-            model.dof_damping[column] = system.viscous[k] + _of(hidden, "viscous", name)
-            model.dof_frictionloss[column] = system.coulomb[k] + _of(hidden, "coulomb", name)
-            model.dof_armature[column] = system.armature[k] + _of(hidden, "armature", name)
+            model.dof_damping[column] = system.viscous[k] + size_at(hidden, "viscous", name)
+            model.dof_frictionloss[column] = system.coulomb[k] + size_at(hidden, "coulomb", name)
+            model.dof_armature[column] = system.armature[k] + size_at(hidden, "armature", name)
             number = model.joint(name).id
-            model.jnt_stiffness[number] = _of(hidden, "spring", name)
+            model.jnt_stiffness[number] = size_at(hidden, "spring", name)
             model.qpos_spring[model.joint(name).qposadr[0]] = 0.0
             body = model.body(self._skeleton.child_of[name]).id
-            change = 1.0 + _of(hidden, "link_mass", name)
+            change = 1.0 + size_at(hidden, "link_mass", name)
             model.body_mass[body] *= change
             model.body_inertia[body] *= change
-            if _of(hidden, "saturation", name):
-                limit = 1.0 / _of(hidden, "saturation", name)
+            if size_at(hidden, "saturation", name):
+                limit = 1.0 / size_at(hidden, "saturation", name)
                 model.actuator_forcelimited[k], model.actuator_forcerange[k] = 1, (-limit, limit)
         if "base_tilt" in hidden:
             # The base leans about its y axis: in its own frame, gravity leans the other way.
@@ -86,73 +86,45 @@ class MujocoTruth:
 
     def __call__(self, course: Course, duration: float, times: Array, hidden: Mapping[str, float]) -> dict[str, Array]:
         """What the mechanism with something hidden would log; see `generate.Truth`."""
-        system, names = self.system, self.system.joints
-        model = self._compile(hidden)
-        data = mujoco.MjData(model)
-        count, steps = len(names), int(np.ceil(duration * 1000)) + 150
-        rows = [model.joint(name).qposadr[0] for name in names]
-        dofs = [model.joint(name).dofadr[0] for name in names]
+        engine = _Running(self._compile(hidden), self._brain, self.system.joints)
+        return run_arm(engine, self.system, course, duration, times, hidden)
 
-        def row(name: str) -> Array:
-            return np.array([_of(hidden, name, joint) for joint in names])
 
-        stiff, damp = system.controller.stiffness * (1 + row("gain_p")), system.controller.damping * (1 + row("gain_d"))
-        share = system.controller.gravity_compensation + hidden.get("gravcomp", 0.0)
-        offset, scale, push, drag = row("encoder_offset"), 1 + row("encoder_scale"), row("effort_offset"), row("quadratic_drag")
-        cubic, shake, patchy = row("cubic_spring"), row("shaking"), row("patchy_friction")
-        bare, dead = model.dof_frictionloss.copy(), hidden.get("command_delay", 0.0)
-        slow, wanted = hidden.get("lag", 0.0), np.asarray(course(0.0), dtype=np.float64)
-        data.qpos[rows] = (wanted - offset) / scale
-        out = np.empty((3, steps, count))
-        extra = drag.any() or cubic.any() or shake.any() or push.any()
-        for number in range(steps):
-            time = number * 1e-3
-            # The filter's exact answer to commands that are held over a millisecond; none without one.
-            wanted = wanted + (course(max(time - dead, 0.0)) - wanted) * (1 - np.exp(-1e-3 / slow) if slow else 1.0)
-            q, v = data.qpos[rows], data.qvel[dofs]
-            seen, rate = scale * q + offset, scale * v
-            asked = stiff * (wanted - seen) - damp * rate + share * self._weight(seen, rows, dofs)
-            data.ctrl[:] = asked
-            out[:, number] = (
-                seen,
-                rate,
-                asked
-                if not model.actuator_forcelimited.any()
-                else np.clip(
-                    asked,
-                    np.where(model.actuator_forcelimited, model.actuator_forcerange[:, 0], -np.inf),
-                    np.where(model.actuator_forcelimited, model.actuator_forcerange[:, 1], np.inf),
-                ),
-            )
-            if patchy.any():
-                model.dof_frictionloss[dofs] = bare[dofs] + patchy * (1 + np.sin(5 * q))
-            for _ in range(_EVERY):
-                if extra:
-                    v = data.qvel[dofs]
-                    data.qfrc_applied[dofs] = push - drag * v * np.abs(v) - cubic * data.qpos[rows] ** 3
-                    data.qfrc_applied[dofs] += shake * np.sin(2 * np.pi * 3.3 * data.time)
-                mujoco.mj_step(model, data)
-        grid, late = np.arange(steps) * 1e-3, hidden.get("clock_offset", 0.0)
-        shift = {"position": late, "velocity": late, "effort": 0.0}
-        return {
-            kind: np.stack([np.interp(times - shift[kind], grid, column) for column in values.T], axis=1)
-            for kind, values in zip(shift, out, strict=True)
-        }
+class _Running:
+    """An arm of MuJoCo in motion, and the nominal one that its controller believes in."""
 
-    def _weight(self, q: Array, rows: list[int], dofs: list[int]) -> Array:
-        """Torques that hold the nominal mechanism. [N]."""
-        data = self._brain_data
-        data.qpos[rows] = q
-        mujoco.mj_kinematics(self._brain, data)
-        mujoco.mj_comPos(self._brain, data)
-        mujoco.mj_crb(self._brain, data)
-        out = np.empty(self._brain.nv)
+    steps = _EVERY
+
+    def __init__(self, model: mujoco.MjModel, brain: mujoco.MjModel, joints: tuple[str, ...]) -> None:
+        self._model, self._brain = model, brain
+        self._data, self._brain_data = mujoco.MjData(model), mujoco.MjData(brain)
+        self._rows = [model.joint(name).qposadr[0] for name in joints]
+        self._dofs = [model.joint(name).dofadr[0] for name in joints]
+        self._bare = model.dof_frictionloss[self._dofs].copy()
+
+    def begin(self, q: Array) -> None:
+        self._data.qpos[self._rows] = q
+
+    def state(self) -> tuple[Array, Array]:
+        # MuJoCo moves positions with the speed at the end of a step: they are half a step ahead of speeds and torques.
+        v = self._data.qvel[self._dofs]
+        return self._data.qpos[self._rows] - 0.5 * STEP * v, v
+
+    def advance(self, asked: Array, extra: Array, dry: Array | None) -> None:
+        self._data.ctrl[:] = asked
+        self._data.qfrc_applied[self._dofs] = extra
+        if dry is not None:
+            self._model.dof_frictionloss[self._dofs] = self._bare + dry
+        mujoco.mj_step(self._model, self._data)
+
+    def weight(self, q: Array) -> Array:
+        model, data = self._brain, self._brain_data
+        data.qpos[self._rows] = q
         data.qvel[:] = 0.0
-        mujoco.mj_comVel(self._brain, data)
-        mujoco.mj_rne(self._brain, data, 0, out)
-        return out[dofs]
-
-
-def _of(hidden: Mapping[str, float], name: str, joint: str) -> float:
-    """Size of an effect at a joint: `name:joint`, or `name` where the mechanism has one joint."""
-    return hidden.get(f"{name}:{joint}", hidden.get(name, 0.0))
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_crb(model, data)
+        mujoco.mj_comVel(model, data)
+        out = np.empty(model.nv)
+        mujoco.mj_rne(model, data, 0, out)
+        return out[self._dofs]

@@ -1,23 +1,25 @@
-"""Mechanisms of the benchmark: a single axis, and any arm, each with its model and what may be hidden in it."""
+"""Mechanisms of the benchmark: a single axis, and an arm, each with its model and what may be hidden in it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pybullet_data
 import yaml
 
+from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.gap.benchmark.axis_truth import AXIS, NAMES, run_axis
+from gsbridge.gap.benchmark.bullet_truth import BulletTruth
 from gsbridge.gap.benchmark.generate import Plant, Truth
 from gsbridge.gap.benchmark.mujoco_truth import MujocoTruth
+from gsbridge.gap.bodies import Skeleton
 from gsbridge.gap.system import System, read_system
 from gsbridge.geometry import Array
-
-DEVELOPMENT, SCORED = range(0, 1000), range(5000, 6000)
-"""Seeds of courses and cases: thresholds may be set on the first, only the second are reported."""
 
 _LEVER = 0.2
 """Of the axis's centre of mass, m."""
@@ -97,3 +99,74 @@ def arm_plant(system: System, centre: Sequence[float], reach: Sequence[float]) -
         "effort": np.full(count, 0.05),
     }
     return Plant(system.joints, np.asarray(centre, float), np.asarray(reach, float), noise, MujocoTruth(system), sizes)
+
+
+_ARM = {
+    "joints": tuple(f"lbr_iiwa_joint_{k}" for k in range(1, 8)),
+    "controller": ([600, 600, 400, 400, 100, 60, 20], [40, 40, 25, 25, 4, 2, 0.3]),
+    "viscous": [2.0, 2.0, 1.0, 1.0, 0.2, 0.1, 0.02],
+    "centre": [0.0, 0.4, 0.0, -1.2, 0.0, 0.8, 0.0],
+    "reach": 0.5,
+}
+"""The arm of the benchmark, an iiwa: gains of its controller, known losses, posture."""
+
+
+def arm_model(folder: str | Path) -> Path:
+    """Write the arm: `arm.urdf`, without shapes, and `model.yaml`. Returns the model's path."""
+    folder = Path(folder)
+    source = Path(pybullet_data.getDataPath()) / "kuka_iiwa" / "model.urdf"
+    skeleton = Skeleton.read(source, _ARM["joints"])
+    with atomic_file(folder / "arm.urdf") as temporary:
+        skeleton.write(temporary, skeleton.inertials)
+    model = {"urdf": "arm.urdf", "joints": list(_ARM["joints"]), "controller": controller(*_ARM["controller"])}
+    model |= {"viscous": _ARM["viscous"], "effects": []}
+    with atomic_file(folder / "model.yaml") as temporary:
+        temporary.write_text(yaml.safe_dump(model, sort_keys=False), encoding="utf-8")
+    return folder / "model.yaml"
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where a tier's cases come from.
+
+    Args:
+        kind: `axis` or `arm`, also the name of its model's folder.
+        system: The model that is diagnosed.
+        plant: How it really moves.
+        names: What may be hidden and is in the catalogue.
+        strange: What may be hidden and is not.
+    """
+
+    kind: str
+    system: System
+    plant: Plant
+    names: tuple[str, ...]
+    strange: tuple[str, ...]
+
+
+def site_of(tier: str, folder: str | Path) -> Site:
+    """Mechanism and truth of a tier; its model is written below `folder`.
+
+    Args:
+        tier: One of `gsbridge.gap.benchmark.orders.TIERS`.
+        folder: Gets `axis` or `arm` with the model.
+
+    Raises:
+        InputError: There is no such tier.
+    """
+    if tier == "t0":
+        system, plant = axis_plant(Path(folder) / "axis")
+        return Site("axis", system, plant, tuple(n for n in NAMES if n not in UNKNOWN), UNKNOWN)
+    if tier not in ("t1", "t2"):
+        raise InputError("benchmark", f"there is no tier '{tier}'", "Use t0, t1 or t2")
+    system = read_system(arm_model(Path(folder) / "arm"))
+    truth: Truth = BulletTruth(system) if tier == "t1" else MujocoTruth(system)
+    plant = replace(arm_plant(system, _ARM["centre"], [_ARM["reach"]] * len(system.joints)), truth=truth)
+    # PyBullet has no inertia of rotors; the first axis is upright, so that an offset of its encoder changes nothing at all.
+    missing = {"armature"} if tier == "t1" else set()
+    names = [
+        name
+        for name in plant.sizes
+        if name.split(":")[0] not in {*UNKNOWN, *missing} and name != f"encoder_offset:{system.joints[0]}"
+    ]
+    return Site("arm", system, plant, tuple(names), tuple(name for name in plant.sizes if name.split(":")[0] in UNKNOWN))

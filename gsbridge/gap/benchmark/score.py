@@ -1,59 +1,22 @@
-"""Scoring verdicts against truths: rates with Wilson intervals, and the confusion matrix."""
+"""Scoring findings against truths: rates with Wilson intervals, detection curves, calibration, and the confusion matrix."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-OUTCOMES = ("right", "covered", "abstained", "missed", "wrong", "quiet", "false_alarm")
-"""Named as hidden; ambiguous with the truth inside; nothing named although something was hidden and seen; taken for no
-discrepancy; another name, or a set without the truth; silent, or not, where nothing was hidden."""
+from gsbridge.files import read_json
+from gsbridge.gap.benchmark.verdicts import OUTCOMES, Verdict, read_verdicts
 
+LARGE = 5.0
+"""Units from which on naming counts."""
 
-@dataclass(frozen=True)
-class Verdict:
-    """One diagnosed case.
-
-    Args:
-        hidden: Names of what was hidden, with joints where the mechanism has several.
-        units: Its size.
-        verdict: Word of `gsbridge.gap.identify.VERDICTS`.
-        named: Names of the best explanation.
-        sets: Names of each explanation that the data cannot decide between.
-        simulations: After the bank.
-        closure: Share of the gap that the named effects close on `verify`; None where nothing was named.
-    """
-
-    hidden: frozenset[str]
-    units: float
-    verdict: str
-    named: frozenset[str]
-    sets: tuple[frozenset[str], ...] = ()
-    simulations: int = 0
-    closure: float | None = None
-
-
-def outcome(case: Verdict, known: bool = True) -> str:
-    """One of `OUTCOMES`.
-
-    Args:
-        case: The case.
-        known: Whether what is hidden is in the catalogue; where it is not, only abstaining is right.
-    """
-    silent = case.verdict in ("no_discrepancy", "not_enough_excitation")
-    if not case.hidden:
-        return "quiet" if silent else "false_alarm"
-    if silent:
-        return "missed"
-    if case.verdict == "none_of_the_known":
-        return "abstained"
-    if case.verdict == "ambiguous":
-        return "covered" if known and case.hidden in case.sets else "wrong"
-    return "right" if known and case.named == case.hidden else "wrong"
+_BINS = (0.0, 0.5, 0.8, 0.95, 1.0)
+"""Edges of the stated probabilities of being best."""
 
 
 def wilson(successes: int, total: int, deviations: float = 1.96) -> tuple[float, float]:
@@ -70,57 +33,141 @@ def wilson(successes: int, total: int, deviations: float = 1.96) -> tuple[float,
 
 
 def rate(successes: int, total: int) -> dict[str, Any]:
-    """A rate with count and interval."""
+    """A rate with count and interval; no value where nothing was counted."""
     low, high = wilson(successes, total)
     return {"value": successes / total if total else None, "n": total, "ci95_low": low, "ci95_high": high}
 
 
-def score(cases: Iterable[Verdict], unknown: frozenset[str], above: float = 5.0) -> dict[str, Any]:
-    """Figures of one tier.
+def score_findings(
+    cases: str | Path, truths: str | Path, findings: Mapping[str, Sequence[str | Path]], large: float = LARGE
+) -> dict[str, Any]:
+    """Score the findings of several methods on one tier.
 
     Args:
-        cases: Verdicts.
-        unknown: Names (without joints) that are in no catalogue.
-        above: Units from which on naming counts.
+        cases: As made by `generate_cases`.
+        truths: Likewise.
+        findings: Folders of findings by method.
+        large: Units from which on naming counts.
+
+    Raises:
+        InputError: A truth was changed, or a finding is missing.
     """
-    cases = list(cases)
-    strange = [case for case in cases if any(name.split(":")[0] in unknown for name in case.hidden)]
+    manifest = read_json(Path(cases) / "manifest.json")
+    methods = {method: score(read_verdicts(cases, truths, folders), large) for method, folders in findings.items()}
+    return {"tier": manifest["tier"], "split": manifest["split"], "cases": len(manifest["cases"]), "methods": methods}
+
+
+def score(verdicts: Iterable[Verdict], large: float = LARGE) -> dict[str, Any]:
+    """Figures of one method on one tier.
+
+    Args:
+        verdicts: Of all cases.
+        large: Units from which on naming counts.
+    """
+    cases = list(verdicts)
+    hidden = [case for case in cases if case.hidden]
     empty = [case for case in cases if not case.hidden]
-    single = [case for case in cases if len(case.hidden) == 1 and case not in strange]
-    several = [case for case in cases if len(case.hidden) > 1 and case not in strange]
-    large = [case for case in single if case.units >= above]
-    counted = Counter(outcome(case) for case in large)
-    every = Counter(outcome(case) for case in single)
-    closures = [case.closure for case in large if outcome(case) == "right" and case.closure is not None]
-    confusion = Counter((" + ".join(sorted(case.hidden)) or "nothing", _answer(case)) for case in cases)
+    strange = [case for case in hidden if not case.known]
+    known = [case for case in hidden if case.known]
+    single, several = [c for c in known if len(c.hidden) == 1], [c for c in known if len(c.hidden) > 1]
+    plain = [case for case in single if case.kind == "single" and case.units >= large]
+    right = [case for case in known if case.outcome == "right" and case.verdict == "named"]
+    closures = [case.closure for case in right if case.closure is not None and case.units >= large]
+    left = [case.left for case in right if case.left is not None]
+    covers = [inside for case in right for inside in case.covers]
+    runs = [case.simulations for case in cases]
     return {
-        "named_right": rate(counted["right"], len(large)),
-        "named_or_covered": rate(counted["right"] + counted["covered"], len(large)),
-        "wrong": rate(every["wrong"], len(single)),
-        "false_alarm": rate(sum(outcome(case) == "false_alarm" for case in empty), len(empty)),
-        "unknown_abstained": rate(sum(outcome(case, False) == "abstained" for case in strange), len(strange)),
-        "unknown_wrong": rate(sum(outcome(case, False) == "wrong" for case in strange), len(strange)),
+        "named_right": _rate(plain, "right"),
+        "named_or_covered": rate(sum(case.outcome in ("right", "covered") for case in plain), len(plain)),
+        "named_wrong": _rate(single, "wrong"),
+        "named_wrong_large": _rate(plain, "wrong"),
+        "false_alarm": _rate(empty, "false_alarm"),
+        "unknown_abstained": _rate(strange, "abstained"),
+        "unknown_wrong": _rate(strange, "wrong"),
         "set_f1": _f1(several),
-        "closure_median": float(np.median(closures)) if closures else None,
-        "closure_tenth": float(np.quantile(closures, 0.1)) if closures else None,
-        "simulations_median": float(np.median([case.simulations for case in cases])) if cases else None,
-        "simulations_most": max((case.simulations for case in cases), default=None),
-        "confusion": [{"hidden": a, "answer": b, "cases": n} for (a, b), n in sorted(confusion.items())],
+        "closure_median": _quantile(closures, 0.5),
+        "closure_tenth": _quantile(closures, 0.1),
+        "closures": len(closures),
+        "residual_over_floor_median": _quantile(left, 0.5),
+        "interval_coverage": rate(sum(covers), len(covers)),
+        "simulations_median": _quantile(runs, 0.5),
+        "simulations_most": max(runs, default=None),
+        "bank_most": max((case.bank for case in cases), default=None),
+        "seconds_median": _quantile([case.seconds for case in cases], 0.5),
+        "seconds_total": float(sum(case.seconds for case in cases)),
+        "by_units": _groups([c for c in single if c.kind == "single"], lambda c: c.units, "units"),
+        "by_effect": _groups(single, lambda c: next(iter(c.hidden)).split(":")[0], "effect"),
+        "by_kind": _groups(cases, lambda c: c.kind, "kind"),
+        "confusion": _confusion(cases),
+        **_calibration([case for case in known if case.chance is not None and case.verdict in ("named", "ambiguous")]),
+        "list": [_row(case) for case in cases],
     }
 
 
-def _answer(case: Verdict) -> str:
-    """What was said, in one cell of the confusion matrix."""
-    if case.verdict == "named":
-        return " + ".join(sorted(case.named))
-    if case.verdict == "ambiguous":
-        return "one of " + " | ".join(" + ".join(sorted(item)) for item in case.sets)
-    return case.verdict
+def _rate(cases: Sequence[Verdict], outcome: str) -> dict[str, Any]:
+    return rate(sum(case.outcome == outcome for case in cases), len(cases))
 
 
-def _f1(cases: list[Verdict]) -> dict[str, Any]:
+def _quantile(values: Sequence[float], share: float) -> float | None:
+    return float(np.quantile(values, share)) if values else None
+
+
+def _groups(cases: Sequence[Verdict], of: Callable[[Verdict], Any], title: str) -> list[dict[str, Any]]:
+    """Outcomes of the cases of each group, as rates."""
+    out = []
+    for value in sorted({of(case) for case in cases}):
+        group = [case for case in cases if of(case) == value]
+        out.append({title: value, "n": len(group), **{name: _rate(group, name) for name in OUTCOMES}})
+    return out
+
+
+def _confusion(cases: Sequence[Verdict]) -> list[dict[str, Any]]:
+    """How often each answer was given to what was hidden; joints are left out, unless they were mistaken."""
+
+    def short(text: str) -> str:
+        return " ".join(word.split(":")[0] for word in text.split(" "))
+
+    counts: Counter[tuple[str, str]] = Counter()
+    for case in cases:
+        hidden = " + ".join(sorted(case.hidden)) or "nothing"
+        answer = case.answer
+        mistaken = case.outcome == "wrong" and short(answer) == short(hidden)
+        counts[short(hidden), f"{short(answer)} elsewhere" if mistaken else short(answer)] += 1
+    return [{"hidden": a, "answer": b, "cases": n} for (a, b), n in sorted(counts.items())]
+
+
+def _calibration(cases: Sequence[Verdict]) -> dict[str, Any]:
+    """Whether the stated probabilities of being best are right as often as they say."""
+    said = np.array([case.chance for case in cases], dtype=np.float64)
+    true = np.array([case.named in {case.hidden, *case.twins} for case in cases], dtype=np.float64)
+    rows = []
+    for low, high in zip(_BINS[:-1], _BINS[1:], strict=True):
+        inside = (said > low) & (said <= high)
+        if inside.any():
+            row = {"said_low": low, "said_high": high, "said_mean": float(said[inside].mean())}
+            rows.append({**row, "right": rate(int(true[inside].sum()), int(inside.sum()))})
+    return {"calibration": rows, "brier": float(((said - true) ** 2).mean()) if len(said) else None}
+
+
+def _f1(cases: Sequence[Verdict]) -> dict[str, Any]:
     """F1 over sets of effects; what is only ambiguous counts as not named."""
-    hits = sum(len(case.hidden & case.named) for case in cases if case.verdict == "named")
-    said = sum(len(case.named) for case in cases if case.verdict == "named")
+    named = [case for case in cases if case.verdict == "named"]
+    hits, said = sum(len(case.hidden & case.named) for case in named), sum(len(case.named) for case in named)
     hidden = sum(len(case.hidden) for case in cases)
     return {"value": 2 * hits / (said + hidden) if said + hidden else None, "n": len(cases)}
+
+
+def _row(case: Verdict) -> dict[str, Any]:
+    """One line of the list of cases."""
+    return {
+        "key": case.key,
+        "kind": case.kind,
+        "hidden": " + ".join(sorted(case.hidden)),
+        "units": case.units,
+        "verdict": case.verdict,
+        "answer": case.answer,
+        "outcome": case.outcome,
+        "closure": case.closure,
+        "simulations": case.simulations,
+        "seconds": case.seconds,
+    }

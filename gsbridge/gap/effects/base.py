@@ -53,6 +53,8 @@ class Effect(ABC):
         confused_with: Effects that look alike.
         tell_apart: The experiment that separates them.
         contains: Effects that are this one with some amplitudes at zero.
+        blends: Whether adding signatures of different shape parameters gives those in between.
+        threshold: Whether nothing shows below some size, so that signatures do not simply grow with it.
         sizes: Multiples of the size that just stands out, at which signatures are made; one suffices where they only grow.
         cost: `sim` if it needs a simulation of its own, `post` if it changes logs only.
     """
@@ -67,6 +69,8 @@ class Effect(ABC):
     confused_with: ClassVar[tuple[str, ...]]
     tell_apart: ClassVar[str]
     contains: ClassVar[tuple[str, ...]] = ()
+    blends: ClassVar[bool] = True
+    threshold: ClassVar[bool] = False
     sizes: ClassVar[tuple[float, ...]] = (1.0, 6.0, 40.0)
     cost: ClassVar[str] = "sim"
 

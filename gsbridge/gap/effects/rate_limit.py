@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from gsbridge.gap.effects.base import Effect, Parameter
-from gsbridge.gap.law import follow
+from gsbridge.gap.joint_steps import follow
 from gsbridge.gap.setup import Setup
 from gsbridge.geometry import Array
 
@@ -16,6 +16,8 @@ class RateLimit(Effect):
     hook = "command"
     parameters = (Parameter("slowness", "s/rad", 0.0, 50.0, 0.5, True, "one over the largest speed"),)
     modes = ("pd", "position")
+    threshold = True
+    sizes = (1.0, 1.05, 1.12, 1.25, 1.5, 2.0)
     signature = "errors only while the command is faster than the limit"
     confused_with = ("saturation", "lag")
     tell_apart = "a smaller amplitude makes it vanish"

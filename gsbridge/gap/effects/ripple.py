@@ -15,6 +15,7 @@ class Ripple(FigureEffect):
         Parameter("waves", "", 2.0, 40.0, 8.0, False, "per turn"),
     )
     figures = {"sine": "ripple_sine", "cosine": "ripple_cosine", "waves": "ripple_waves"}  # noqa: RUF012
+    blends = False
     sizes = (1.0,)
     signature = "effort periodic in the angle"
     confused_with = ("eccentricity",)

@@ -1,0 +1,86 @@
+"""What all truths of arms share: a sampled joint controller with gravity compensation, and the log that it leaves.
+
+Nothing here knows the effects of the diagnosis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+import numpy as np
+
+from gsbridge.gap.benchmark.trajectories import Course
+from gsbridge.gap.system import System
+from gsbridge.geometry import Array
+
+PERIOD = 1e-3
+"""Of the controller, s."""
+
+
+class Engine(Protocol):
+    """A simulated arm with what its engine itself can hide."""
+
+    def begin(self, q: Array) -> None:
+        """Put it at rest. [N]."""
+
+    def state(self) -> tuple[Array, Array]:
+        """Positions and speeds of one time. [N] each."""
+
+    def weight(self, q: Array) -> Array:
+        """Torques that hold the nominal arm. [N]."""
+
+    def advance(self, asked: Array, extra: Array, dry: Array | None) -> None:
+        """One of its own steps with the torques asked of the motors, others, and dry friction where it changes. [N] each."""
+
+    @property
+    def steps(self) -> int:
+        """Of its own in a period of the controller."""
+
+
+def run_arm(
+    engine: Engine, system: System, course: Course, duration: float, times: Array, hidden: Mapping[str, float]
+) -> dict[str, Array]:
+    """What an arm with something hidden would log; see `generate.Truth`."""
+    count, steps = len(system.joints), int(np.ceil(duration / PERIOD)) + 150
+
+    def row(name: str) -> Array:
+        return np.array([size_at(hidden, name, joint) for joint in system.joints])
+
+    stiff, damp = system.controller.stiffness * (1 + row("gain_p")), system.controller.damping * (1 + row("gain_d"))
+    share = system.controller.gravity_compensation + hidden.get("gravcomp", 0.0)
+    offset, scale, push, drag = row("encoder_offset"), 1 + row("encoder_scale"), row("effort_offset"), row("quadratic_drag")
+    cubic, shake, patchy, weakness = row("cubic_spring"), row("shaking"), row("patchy_friction"), row("saturation")
+    limit = np.where(weakness > 0, 1.0 / np.where(weakness > 0, weakness, 1.0), np.inf)
+    dead, slow = hidden.get("command_delay", 0.0), hidden.get("lag", 0.0)
+    wanted = np.asarray(course(0.0), dtype=np.float64)
+    engine.begin((wanted - offset) / scale)
+    out = np.empty((3, steps, count))
+    pulled = bool(drag.any() or cubic.any() or shake.any() or push.any())
+    for number in range(steps):
+        time = number * PERIOD
+        # The filter's exact answer to commands that are held over a millisecond; none without one.
+        wanted = wanted + (course(max(time - dead, 0.0)) - wanted) * (1 - np.exp(-PERIOD / slow) if slow else 1.0)
+        q, v = engine.state()
+        seen, rate = scale * q + offset, scale * v
+        asked = np.clip(stiff * (wanted - seen) - damp * rate + share * engine.weight(seen), -limit, limit)
+        out[:, number] = seen, rate, asked
+        dry = patchy * (1 + np.sin(5 * q)) if patchy.any() else None
+        for part in range(engine.steps):
+            extra = push
+            if pulled:
+                q, v = engine.state()
+                moment = time + part * PERIOD / engine.steps
+                extra = push - drag * v * np.abs(v) - cubic * q**3 + shake * np.sin(2 * np.pi * 3.3 * moment)
+            engine.advance(asked, extra, dry)
+    grid, late = np.arange(steps) * PERIOD, hidden.get("clock_offset", 0.0)
+    shift = {"position": late, "velocity": late, "effort": 0.0}
+    return {
+        kind: np.stack([np.interp(times - shift[kind], grid, column) for column in values.T], axis=1)
+        for kind, values in zip(shift, out, strict=True)
+    }
+
+
+def size_at(hidden: Mapping[str, float], name: str, joint: str) -> float:
+    """Size of an effect at a joint: `name:joint`, or `name` where the mechanism has one joint."""
+    return hidden.get(f"{name}:{joint}", hidden.get(name, 0.0))

@@ -1,0 +1,137 @@
+"""Truths of any arm in PyBullet, each effect by the engine's own mechanism where it has one, at half the model's step.
+
+Nothing here knows the effects of the diagnosis.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pybullet
+from pybullet_utils.bullet_client import BulletClient
+
+from gsbridge.gap.benchmark.arm_loop import PERIOD, run_arm, size_at
+from gsbridge.gap.benchmark.trajectories import Course
+from gsbridge.gap.bodies import Inertial, Skeleton
+from gsbridge.gap.system import System
+from gsbridge.geometry import Array
+
+_EVERY = 2
+"""Steps of the engine in a period of the controller."""
+
+_PLACE = np.array([0.0, 0.0, 0.08])
+"""Of a payload in the last link, m."""
+
+
+class BulletTruth:
+    """An arm under a sampled joint controller with gravity compensation.
+
+    Args:
+        system: Description, gains and known losses; its effects are not looked at.
+    """
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        self._skeleton = Skeleton.read(system.urdf, system.joints)
+
+    def __call__(self, course: Course, duration: float, times: Array, hidden: Mapping[str, float]) -> dict[str, Array]:
+        """What the arm with something hidden would log; see `generate.Truth`."""
+        with _Running(self.system, self._skeleton, hidden) as engine:
+            return run_arm(engine, self.system, course, duration, times, hidden)
+
+
+class _Running:
+    """An arm of PyBullet in motion, and the nominal one that its controller believes in."""
+
+    steps = _EVERY
+
+    def __init__(self, system: System, skeleton: Skeleton, hidden: Mapping[str, float]) -> None:
+        self._system, self._skeleton, self._hidden = system, skeleton, hidden
+        self._step, joints = PERIOD / _EVERY, system.joints
+        self._gain = 1.0 + np.array([size_at(hidden, "torque_gain", name) for name in joints])
+        self._spring = np.array([size_at(hidden, "spring", name) for name in joints])
+        self._rub = system.coulomb + np.array([size_at(hidden, "coulomb", name) for name in joints])
+        lean, strength = hidden.get("base_tilt", 0.0), -system.gravity[2]
+        self._gravity = [np.sin(lean) * strength, 0.0, -np.cos(lean) * strength]
+        self._clients: list[BulletClient] = []
+
+    def __enter__(self) -> _Running:
+        bodies = dict(self._skeleton.inertials)
+        if "payload" in self._hidden:
+            link = self._skeleton.child_of[self._system.joints[-1]]
+            bodies[link] = _joined(bodies[link], self._hidden["payload"])
+        self._world, self._body, self._columns = self._load(bodies, self._gravity)
+        self._brain, self._brain_body, _ = self._load(self._skeleton.inertials, self._system.gravity.tolist())
+        for name, number in zip(self._system.joints, self._columns, strict=True):
+            mass, _, inertia = self._world.getDynamicsInfo(self._body, number)[:3]
+            heavier = 1.0 + size_at(self._hidden, "link_mass", name)
+            self._world.changeDynamics(
+                self._body, number, mass=mass * heavier, localInertiaDiagonal=[heavier * value for value in inertia]
+            )
+        damping = self._system.viscous + np.array([size_at(self._hidden, "viscous", name) for name in self._system.joints])
+        for number, value in zip(self._columns, damping, strict=True):
+            self._world.changeDynamics(self._body, number, jointDamping=float(value))
+        self._velocity_motors(self._rub)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for client in self._clients:
+            client.disconnect()
+
+    def _load(self, bodies: Mapping[str, Inertial], gravity: list[float]) -> tuple[BulletClient, int, list[int]]:
+        client = BulletClient(pybullet.DIRECT)
+        self._clients.append(client)
+        client.setPhysicsEngineParameter(fixedTimeStep=self._step, numSubSteps=0, numSolverIterations=50)
+        client.setGravity(*gravity)
+        with tempfile.TemporaryDirectory(prefix="gsbridge-gap-") as folder:
+            path = Path(folder) / "skeleton.urdf"
+            self._skeleton.write(path, bodies)
+            body = client.loadURDF(str(path), useFixedBase=True, flags=client.URDF_USE_INERTIA_FROM_FILE)
+        numbers = {client.getJointInfo(body, k)[1].decode(): k for k in range(client.getNumJoints(body))}
+        for k in (-1, *numbers.values()):
+            client.changeDynamics(body, k, linearDamping=0, angularDamping=0, jointDamping=0, maxJointVelocity=1e3)
+        return client, body, [numbers[name] for name in self._system.joints]
+
+    def _velocity_motors(self, forces: Array) -> None:
+        """Motors that brake towards rest with a limited torque are the engine's dry friction."""
+        self._world.setJointMotorControlArray(
+            self._body, self._columns, self._world.VELOCITY_CONTROL, forces=np.abs(forces).tolist()
+        )
+
+    def begin(self, q: Array) -> None:
+        for number, value in zip(self._columns, q, strict=True):
+            self._world.resetJointState(self._body, number, float(value), 0.0)
+
+    def state(self) -> tuple[Array, Array]:
+        # The engine moves positions with the speed at the end of a step: they are half a step ahead of speeds and torques.
+        q, v = np.array([item[:2] for item in self._world.getJointStates(self._body, self._columns)]).T
+        return q - 0.5 * self._step * v, v
+
+    def advance(self, asked: Array, extra: Array, dry: Array | None) -> None:
+        if dry is not None:
+            self._velocity_motors(self._rub + dry)
+        torque = self._gain * asked + extra
+        if self._spring.any():
+            torque = torque - self._spring * self.state()[0]
+        self._world.setJointMotorControlArray(self._body, self._columns, self._world.TORQUE_CONTROL, forces=torque.tolist())
+        self._world.stepSimulation()
+
+    def weight(self, q: Array) -> Array:
+        zero = [0.0] * len(q)
+        return np.array(self._brain.calculateInverseDynamics(self._brain_body, q.tolist(), zero, zero))
+
+
+def _joined(body: Inertial, mass: float) -> Inertial:
+    """A link with a small heavy ball stuck to it, by the parallel axes theorem about the common centre."""
+    total = body.mass + mass
+    centre = (body.mass * body.centre + mass * _PLACE) / total
+    inertia = body.inertia.copy()
+    for part, place in ((body.mass, body.centre), (mass, _PLACE)):
+        x, y, z = place - centre
+        inertia += part * np.array(
+            [[y * y + z * z, -x * y, -x * z], [-x * y, x * x + z * z, -y * z], [-x * z, -y * z, x * x + y * y]]
+        )
+    return Inertial(total, centre, inertia)

@@ -1,0 +1,33 @@
+"""Noise of the benchmark's sensors: white as the diagnosis expects it, and other kinds that it is not told of."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.signal import lfilter
+
+from gsbridge.geometry import Array
+
+NOISES = ("white", "coloured", "heavy", "understated", "quantised")
+"""Normal and white; filtered, so that neighbours are alike; with outliers (Student's t, five degrees); white, but stated too
+small by the case; rounded to steps of two standard deviations."""
+
+MEMORY = (0.4, 0.85)
+"""Range of the correlation of neighbouring samples of coloured noise."""
+
+STATED = 1.0 / 1.5
+"""Share of the true noise that an understating case declares."""
+
+
+def spoiled(clean: Array, sigma: Array, kind: str, rng: np.random.Generator) -> Array:
+    """Measurements with noise of standard deviation `sigma`. [T, N], [N] -> [T, N]."""
+    shape = clean.shape
+    if kind == "coloured":
+        memory = rng.uniform(*MEMORY)
+        fresh = rng.standard_normal((shape[0] + 100, *shape[1:])) * np.sqrt(1 - memory**2)
+        return clean + sigma * lfilter([1.0], [1.0, -memory], fresh, axis=0)[100:]
+    if kind == "heavy":
+        return clean + sigma * rng.standard_t(5, shape) / np.sqrt(5 / 3)
+    noisy = clean + sigma * rng.standard_normal(shape)
+    if kind == "quantised":
+        return np.round(noisy / (2 * sigma)) * (2 * sigma)
+    return noisy

@@ -1,0 +1,116 @@
+"""Which cases a tier holds: a fixed mix of easy and hard ones, drawn by split and seed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gsbridge.gap.benchmark.noises import NOISES
+
+TIERS = ("t0", "t1", "t2")
+"""A single axis whose truth is an equation; an arm with truths of PyBullet; the same with truths of MuJoCo."""
+
+SPLITS = ("development", "scored")
+"""Thresholds may be set on the first; only the second is reported. They differ in seeds, courses and sizes."""
+
+TIER_SIZE = {"t0": 125, "t1": 150, "t2": 200}
+
+ALL_CHANNELS = ("position", "velocity", "effort")
+
+_FREE = ("white", "coloured", "heavy", "understated", "quantised")
+
+_MIX: tuple[tuple[str, int], ...] = (
+    ("single", 2), ("free", 0), ("single", 3), ("unknown", 3), ("single", 2), ("free", 1), ("single", 0), ("pair", 2),
+    ("free", 3), ("single", 3), ("no_effort", 3), ("single", 1), ("free", 0), ("single", 2), ("unknown", 2), ("free", 2),
+    ("single", 3), ("triple", 3), ("free", 1), ("single", 2), ("short", 2), ("free", 4), ("single", 3), ("coloured", 3),
+    ("free", 3),
+)  # fmt: skip
+"""Kind of each case, and which of a split's sizes it has, or which noise for an effect-free one; repeated."""
+
+_UNITS = {"development": (1.4, 3.0, 7.0, 15.0), "scored": (1.0, 2.0, 5.0, 20.0)}
+
+_COURSES = {"development": (110, 111), "scored": (9110, 9111)}
+
+
+@dataclass(frozen=True)
+class Order:
+    """A case to be drawn.
+
+    Args:
+        key: Its name, which says nothing about it.
+        kind: What it tries: `single`, `pair`, `triple`, `unknown`, `free`, or a single effect under a difficulty.
+        names: What is hidden.
+        units: Size of each.
+        seed: Of signs and noise.
+        course_seed: Of the courses; cases that share it share a bank.
+        channels: Logged ones.
+        duration: Of each record, s.
+        noise: One of `gsbridge.gap.benchmark.noises.NOISES`.
+    """
+
+    key: str
+    kind: str
+    names: tuple[str, ...]
+    units: float
+    seed: int
+    course_seed: int
+    channels: tuple[str, ...] = ALL_CHANNELS
+    duration: float = 4.0
+    noise: str = "white"
+
+
+def orders_of(
+    tier: str, split: str, names: tuple[str, ...], strange: tuple[str, ...], count: int | None = None, seed: int = 0
+) -> tuple[Order, ...]:
+    """The cases of a tier.
+
+    Args:
+        tier: One of `TIERS`.
+        split: One of `SPLITS`.
+        names: What may be hidden and is in the catalogue, by effect: `name`, or `name:joint` to choose a joint of.
+        strange: The same for what is in no catalogue.
+        count: Cases; the tier's full number by default. A smaller count keeps the mix.
+        seed: Of the draw.
+    """
+    rng = np.random.default_rng([TIERS.index(tier), SPLITS.index(split), seed])
+    count = TIER_SIZE[tier] if count is None else count
+    places = rng.permutation(count)
+    known, odd = _Deck(names, rng), _Deck(strange, rng)
+    out = []
+    for number in range(count):
+        kind, which = _MIX[number % len(_MIX)]
+        units = 0.0 if kind == "free" else _UNITS[split][which]
+        many = {"pair": 2, "triple": 3, "free": 0}.get(kind, 1)
+        hidden = odd.draw(1) if kind == "unknown" else known.draw(many)
+        out.append(
+            Order(
+                f"{tier}-{places[number]:03d}", kind, hidden, units, int(rng.integers(2**31)),
+                _COURSES[split][number % 2],
+                ("position", "velocity") if kind == "no_effort" else ALL_CHANNELS,
+                2.5 if kind == "short" else 4.0,
+                _FREE[which] if kind == "free" else "coloured" if kind == "coloured" else NOISES[0],
+            )
+        )  # fmt: skip
+    return tuple(sorted(out, key=lambda order: order.key))
+
+
+class _Deck:
+    """Names dealt one after the other in a drawn order, so that all come up equally often."""
+
+    def __init__(self, names: tuple[str, ...], rng: np.random.Generator) -> None:
+        self._groups: dict[str, list[str]] = {}
+        for name in names:
+            self._groups.setdefault(name.split(":")[0], []).append(name)
+        self._rng, self._waiting = rng, list[str]()
+
+    def draw(self, count: int) -> tuple[str, ...]:
+        """Names of different effects."""
+        out: list[str] = []
+        while len(out) < count:
+            if not self._waiting:
+                self._waiting = [str(name) for name in self._rng.permutation(sorted(self._groups))]
+            effect = self._waiting.pop()
+            if all(effect != name.split(":")[0] for name in out):
+                out.append(str(self._rng.choice(self._groups[effect])))
+        return tuple(sorted(out))

@@ -1,0 +1,190 @@
+"""Pairing findings with their truths, once the truths' seals are checked, and what each pair amounts to."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsbridge.errors import InputError
+from gsbridge.files import read_json
+from gsbridge.gap.case import read_case
+from gsbridge.gap.effects import catalogue
+from gsbridge.gap.replay import Mechanism
+from gsbridge.gap.system import Applied
+from gsbridge.gap.view import View
+
+OUTCOMES = ("right", "covered", "abstained", "missed", "wrong", "quiet", "false_alarm")
+"""Named as hidden, or ambiguous among nothing but what is the same equation; ambiguous with the truth inside; nothing named
+although something was hidden and seen; taken for no discrepancy; another name, or a set without the truth; silent, or not,
+where nothing was hidden."""
+
+_SHOWS = {"base_tilt": "about_y"}
+"""Parameter that the truth's size stands for, where it is not the first."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One diagnosed case.
+
+    Args:
+        hidden: Names of what was hidden, with joints where the mechanism has several.
+        units: Its size.
+        verdict: Word of `gsbridge.gap.trials.VERDICTS`.
+        named: Names of the best explanation.
+        sets: Names of each explanation that the data cannot decide between.
+        simulations: After the bank.
+        bank: Of the bank.
+        seconds: Of the diagnosis.
+        closure: Share of the gap that the named effects close on `verify`, against what would have been measured without noise;
+            None where nothing was named.
+        left: What they leave there, in units of the noise.
+        covers: Whether 90 % intervals hold the true sizes, for each named effect.
+        chance: Probability that the first explanation is the best, as stated; None without any.
+        key: Of the case.
+        kind: Of the case.
+        known: Whether what is hidden is in the catalogue.
+        twins: Explanations that are the same equation as the truth.
+    """
+
+    hidden: frozenset[str]
+    units: float
+    verdict: str
+    named: frozenset[str]
+    sets: tuple[frozenset[str], ...] = ()
+    simulations: int = 0
+    bank: int = 0
+    seconds: float = 0.0
+    closure: float | None = None
+    left: float | None = None
+    covers: tuple[bool, ...] = ()
+    chance: float | None = None
+    key: str = ""
+    kind: str = "single"
+    known: bool = True
+    twins: tuple[frozenset[str], ...] = ()
+
+    @property
+    def outcome(self) -> str:
+        """One of `OUTCOMES`; where the catalogue lacks what is hidden, only abstaining is right."""
+        silent = self.verdict in ("no_discrepancy", "not_enough_excitation")
+        if not self.hidden:
+            return "quiet" if silent else "false_alarm"
+        if silent:
+            return "missed"
+        if self.verdict == "none_of_the_known":
+            return "abstained"
+        if not self.known:
+            return "wrong"
+        if self.verdict == "ambiguous":
+            if self.hidden not in self.sets:
+                return "wrong"
+            return "right" if set(self.sets) <= {self.hidden, *self.twins} else "covered"
+        return "right" if self.named == self.hidden else "wrong"
+
+    @property
+    def answer(self) -> str:
+        """What was said, in one cell of a confusion matrix."""
+        if self.verdict == "named":
+            return " + ".join(sorted(self.named))
+        if self.verdict == "ambiguous":
+            return "one of " + " | ".join(sorted(" + ".join(sorted(item)) for item in self.sets))
+        return self.verdict
+
+
+def read_verdicts(cases: str | Path, truths: str | Path, folders: Sequence[str | Path]) -> list[Verdict]:
+    """Findings of one method with their truths.
+
+    Args:
+        cases: As made by `generate_cases`.
+        truths: Likewise.
+        folders: Findings, in one folder or several.
+
+    Raises:
+        InputError: A truth or a record was changed, or a finding is missing.
+    """
+    manifest = read_json(Path(cases) / "manifest.json")
+    out = []
+    for row in manifest["cases"]:
+        key = row["key"]
+        truth = _sealed(Path(truths), key, row["truth_sha256"])
+        found = next((Path(folder) / f"{key}.json" for folder in folders if (Path(folder) / f"{key}.json").exists()), None)
+        if found is None:
+            raise InputError(Path(folders[0]), f"the finding of case {key} is missing", "Diagnose all cases first")
+        finding = read_json(found)
+        out.append(_closed(_verdict(finding, truth), finding, truth, Path(cases) / key / "case.yaml", Path(truths)))
+    return out
+
+
+def _sealed(truths: Path, key: str, digest: str) -> dict[str, Any]:
+    """A truth that is what it was before any diagnosis.
+
+    Raises:
+        InputError: It is not.
+    """
+    path, clean = truths / f"{key}.json", truths / f"{key}.npz"
+    truth = read_json(path)
+    if hashlib.sha256(path.read_bytes()).hexdigest() != digest:
+        raise InputError(path, "the truth was changed after its case was made", "Generate the cases again")
+    if not clean.exists() or hashlib.sha256(clean.read_bytes()).hexdigest() != truth["clean_sha256"]:
+        raise InputError(clean, "the noise-free record was changed after its case was made", "Generate the cases again")
+    return truth
+
+
+def _name(effect: Mapping[str, Any], single: bool) -> str:
+    """Of an effect as truths call it: without the joint where there is only one."""
+    return effect["name"] if single or not effect.get("joint") else f"{effect['name']}:{effect['joint']}"
+
+
+def _verdict(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> Verdict:
+    single = truth["plant"] == "axis"
+    short = (lambda name: name.split(":")[0]) if single else (lambda name: name)
+    covers = []
+    for effect in finding["effects"] if finding["verdict"] == "named" else ():
+        name = _name(effect, single)
+        shown = _SHOWS.get(effect["name"], catalogue()[effect["name"]].parameters[0].name)
+        low, high = effect["parameters"][shown]["interval90"]
+        if name in truth["hidden"] and high > low:
+            covers.append(low <= truth["hidden"][name] <= high)
+    rivals = finding["rivals"]
+    return Verdict(
+        frozenset(truth["hidden"]),
+        float(truth["units"]),
+        finding["verdict"],
+        frozenset(_name(effect, single) for effect in finding["effects"]),
+        tuple(frozenset(short(name) for name in item.split(" + ")) for item in finding["ambiguous"]),
+        int(finding["simulations"]["case"]),
+        int(finding["simulations"]["bank"]),
+        float(finding["seconds"]),
+        covers=tuple(covers),
+        chance=float(rivals[0]["probability"]) if rivals else None,
+        key=truth["key"],
+        kind=truth["kind"] if truth["kind"] != "free" else f"free, {truth['noise']} noise",
+        known=bool(truth["known"]),
+        twins=tuple(frozenset(names) for names in truth["twins"]),
+    )
+
+
+def _closed(verdict: Verdict, finding: Mapping[str, Any], truth: Mapping[str, Any], case: Path, truths: Path) -> Verdict:
+    """With the gap that the named effects close, measured against the record that would have been without noise."""
+    if verdict.verdict != "named" or not verdict.hidden:
+        return verdict
+    content = read_case(case)
+    with np.load(truths / f"{verdict.key}.npz") as data:
+        clean = {kind: data[kind] for kind in data.files}
+    sigma = {kind: np.asarray(values, dtype=np.float64) for kind, values in truth["sigma"].items()}
+    record = replace(content.records["verify"].with_measured(clean), sigma=sigma, quantum={})
+    view = View.of(Mechanism(content.system), record)
+    effects = [Applied(e["name"], e.get("joint", ""), e["parameters"]) for e in _applied(finding)]
+    before, after = (float(np.sqrt((view.residual(added) ** 2).mean())) for added in ((), tuple(effects)))
+    return replace(verdict, closure=1.0 - after / max(before, 1e-12), left=float(np.hypot(1.0, after)))
+
+
+def _applied(finding: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Named effects with plain numbers as parameters."""
+    rows = finding["effects"]
+    return [{**row, "parameters": {name: item["value"] for name, item in row["parameters"].items()}} for row in rows]

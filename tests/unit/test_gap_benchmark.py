@@ -1,0 +1,224 @@
+"""The blind benchmark: truths that know nothing of the diagnosis, hidden and sealed, and their scoring."""
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import gsbridge.gap.benchmark
+from gsbridge.errors import InputError
+from gsbridge.files import read_json, write_json
+from gsbridge.gap.assemble import build_setup
+from gsbridge.gap.benchmark.axis_truth import run_axis
+from gsbridge.gap.benchmark.baselines import METHODS, available
+from gsbridge.gap.benchmark.bullet_truth import BulletTruth
+from gsbridge.gap.benchmark.campaign import case_keys, diagnose_cases, generate_cases
+from gsbridge.gap.benchmark.generate import _joined
+from gsbridge.gap.benchmark.mujoco_truth import MujocoTruth
+from gsbridge.gap.benchmark.orders import SPLITS, TIER_SIZE, TIERS, orders_of
+from gsbridge.gap.benchmark.plants import axis_plant
+from gsbridge.gap.benchmark.score import score, score_findings, wilson
+from gsbridge.gap.benchmark.trajectories import course
+from gsbridge.gap.benchmark.twins import twins_of
+from gsbridge.gap.benchmark.verdicts import Verdict
+from gsbridge.gap.records import Record
+from gsbridge.gap.replay import Mechanism
+from gsbridge.gap.system import Applied
+from gsbridge.report.statistics import wilson_interval
+
+TRUTHS = ("axis_truth", "axis_motion", "mujoco_truth", "bullet_truth", "arm_loop", "trajectories", "noises")
+
+
+def axis_course(duration=1.0):
+    wanted = course("multisine", np.array([0.3]), np.array([0.9]), duration, np.random.default_rng(3))
+    return _joined(wanted, 100.0), np.arange(round(100 * duration)) / 100
+
+
+@pytest.mark.parametrize("name", TRUTHS)
+def test_truths_import_nothing_of_the_diagnosis(name):
+    path = Path(gsbridge.gap.benchmark.__file__).parent / f"{name}.py"
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            found.add(str(node.module))
+        elif isinstance(node, ast.Import):
+            found |= {item.name for item in node.names}
+    known = {"gsbridge.gap.system", "gsbridge.gap.bodies", "gsbridge.geometry", "gsbridge.kernels"}
+    ours = {item for item in found if item.startswith("gsbridge")}
+    assert all(item in known or item.startswith("gsbridge.gap.benchmark.") for item in ours), ours
+
+
+@pytest.mark.parametrize(
+    ("hidden", "effect"),
+    [
+        ({}, None),
+        ({"viscous": 0.2}, Applied("viscous", "axis", {"coefficient": 0.2})),
+        ({"coulomb": 0.05}, Applied("coulomb", "axis", {"torque": 0.05})),
+        ({"link_mass": 0.1}, Applied("link_mass", "axis", {"change": 0.1})),
+        ({"command_delay": 0.004}, Applied("command_delay", "", {"time": 0.004})),
+        ({"spring": 0.5}, Applied("spring", "axis", {"stiffness": 0.5, "rest": 0.0})),
+    ],
+)
+def test_engines_agree_with_the_replay_on_what_an_effect_does(tmp_path, hidden, effect):
+    # Three formulations and the replay, against the benchmark's noise of 2e-4 rad and 0.02 N m. Joints that dry friction holds
+    # creep in some of them.
+    system, _ = axis_plant(tmp_path)
+    wanted, times = axis_course()
+    mechanism = Mechanism(system)
+    record = Record("a", times, system.joints, {"command": np.array([wanted(t) for t in times])}, {})
+    start = [(wanted(0.0), np.zeros(1))]
+    ours = mechanism.run(record, build_setup(mechanism, [effect] if effect else []), [(0, len(times))], start)
+    for truth in (run_axis, MujocoTruth(system), BulletTruth(system)):
+        theirs = truth(wanted, 1.0, times, hidden)
+        assert np.abs(theirs["position"] - ours["position"]).max() < (4e-4 if "coulomb" in hidden else 1.5e-4)
+        assert np.abs(theirs["effort"] - ours["effort"]).max() < (0.06 if "coulomb" in hidden else 0.03)
+
+
+def test_twins_are_one_equation():
+    wanted, times = axis_course()
+    share = 0.05
+    lighter, stronger = (run_axis(wanted, 1.0, times, hidden) for hidden in (
+        {"link_mass": 1 / (1 + share) - 1}, {"torque_gain": share})
+    )  # fmt: skip
+    plain = run_axis(wanted, 1.0, times, {})
+    for kind in plain:
+        np.testing.assert_allclose(lighter[kind], stronger[kind], atol=1e-9)
+        assert np.abs(lighter[kind] - plain[kind]).max() > 1e-4
+
+
+def test_twins_are_written_down_per_plant():
+    full = ("position", "velocity", "effort")
+    assert frozenset({"link_mass"}) in twins_of("axis", {"torque_gain": 0.1}, full)
+    assert twins_of("arm", {"torque_gain:a": 0.1}, full) == ()
+    assert twins_of("arm", {"viscous:a": 0.1}, full[:2]) == (frozenset({"gain_d:a"}),)
+    assert twins_of("axis", {"lag": 1e-3}, full) == (frozenset({"command_delay"}),)
+    assert twins_of("axis", {"lag": 1e-2}, full) == ()
+    assert twins_of("axis", {}, full) == ()
+    pair = twins_of("axis", {"torque_gain": 0.1, "coulomb": 0.1}, full)
+    assert frozenset({"link_mass", "coulomb"}) in pair
+    assert frozenset({"torque_gain", "coulomb"}) not in pair
+
+
+def test_orders_keep_the_mix_and_splits_share_nothing():
+    names, strange = ("coulomb:a", "coulomb:b", "viscous:a", "lag"), ("odd",)
+    drawn = {split: orders_of("t2", split, names, strange) for split in SPLITS}
+    assert drawn["scored"] == orders_of("t2", "scored", names, strange)
+    for field in ("seed", "course_seed", "units"):
+        sets = [{getattr(order, field) for order in drawn[split] if order.names} for split in SPLITS]
+        assert not sets[0] & sets[1]
+    kinds = [order.kind for order in drawn["scored"]]
+    few = [order.kind for order in orders_of("t2", "scored", names, strange, 25)]
+    for kind in set(kinds):
+        assert kinds.count(kind) == few.count(kind) * TIER_SIZE["t2"] // 25
+    assert sorted(order.key for order in drawn["scored"]) == [f"t2-{k:03d}" for k in range(TIER_SIZE["t2"])]
+    assert all(order.noise == "white" or order.kind in ("free", "coloured") for order in drawn["scored"])
+    free = sum(order.kind == "free" for tier in TIERS for order in orders_of(tier, "scored", names, strange))
+    assert free >= 150
+    assert sum(TIER_SIZE.values()) <= 500
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("benchmark")
+    generate_cases("t0", "development", folder / "cases", folder / "truths", count=2, seed=1)
+    return folder
+
+
+def test_cases_tell_nothing_and_their_truths_are_sealed(drawn):
+    manifest = read_json(drawn / "cases" / "manifest.json")
+    assert case_keys(drawn / "cases") == tuple(row["key"] for row in sorted(manifest["cases"], key=lambda r: r["courses"]))
+    assert case_keys(drawn / "cases", 0, 2) + case_keys(drawn / "cases", 1, 2) == case_keys(drawn / "cases")
+    text = "".join(path.read_text(encoding="utf-8") for path in (drawn / "cases").rglob("*.yaml")) + str(manifest)
+    for path in (drawn / "truths").glob("*.json"):
+        for name in read_json(path)["hidden"]:
+            assert name not in text
+
+
+def test_chunk_is_diagnosed_once_and_scored(drawn, tmp_path):
+    for key in case_keys(drawn / "cases"):
+        path = drawn / "cases" / key / "case.yaml"
+        hidden = [name.split(":")[0] for name in read_json(drawn / "truths" / f"{key}.json")["hidden"]]
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content["effects"] = sorted({*hidden, "coulomb", "viscous", "encoder_offset"})
+        path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    keys = case_keys(drawn / "cases")
+    diagnose_cases(drawn / "cases", keys, tmp_path / "found", drawn / "bank")
+    before = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "found").iterdir()}
+    diagnose_cases(drawn / "cases", keys, tmp_path / "found", drawn / "bank")
+    assert before == {path.name: path.stat().st_mtime_ns for path in (tmp_path / "found").iterdir()}
+    figures = score_findings(drawn / "cases", drawn / "truths", {METHODS[0]: [tmp_path / "found"]})["methods"][METHODS[0]]
+    assert figures["false_alarm"]["value"] == 0.0
+    assert figures["named_wrong"]["value"] == 0.0
+    assert figures["simulations_most"] <= 100
+    (tmp_path / "found" / f"{keys[0]}.json").unlink()
+    with pytest.raises(InputError, match="is missing"):
+        score_findings(drawn / "cases", drawn / "truths", {METHODS[0]: [tmp_path / "found"]})
+
+
+def test_changed_truth_is_refused(drawn, tmp_path):
+    truths = tmp_path / "truths"
+    truths.mkdir()
+    for path in (drawn / "truths").iterdir():
+        (truths / path.name).write_bytes(path.read_bytes())
+    changed = next(truths.glob("*.json"))
+    write_json(changed, read_json(changed) | {"units": 3.0})
+    with pytest.raises(InputError, match="changed after"):
+        score_findings(drawn / "cases", truths, {METHODS[0]: [tmp_path]})
+
+
+def test_unknown_tier_method_and_missing_package_are_refused(tmp_path):
+    with pytest.raises(InputError, match="no 't9'"):
+        generate_cases("t9", "scored", tmp_path / "a", tmp_path / "b")
+    assert not (tmp_path / "a").exists()
+    assert all(available(method) is None for method in METHODS if method != "cma_es")
+
+
+def said(verdict, named=(), sets=(), hidden=("a",), twins=(), **more):
+    sets = tuple(frozenset(s) for s in sets)
+    return Verdict(frozenset(hidden), 5.0, verdict, frozenset(named), sets, twins=tuple(frozenset(t) for t in twins), **more)
+
+
+def test_outcomes():
+    assert said("named", ["a"]).outcome == "right"
+    assert said("named", ["b"]).outcome == "wrong"
+    assert said("named", ["a", "b"]).outcome == "wrong"
+    assert said("named", ["b"], twins=[["b"]]).outcome == "wrong"
+    assert said("ambiguous", ["b"], [["b"], ["a"]]).outcome == "covered"
+    assert said("ambiguous", ["b"], [["b"], ["a"]], twins=[["b"]]).outcome == "right"
+    assert said("ambiguous", ["b"], [["b"], ["a"], ["c"]], twins=[["b"]]).outcome == "covered"
+    assert said("ambiguous", ["b"], [["b"], ["c"]]).outcome == "wrong"
+    assert said("none_of_the_known").outcome == "abstained"
+    assert said("no_discrepancy").outcome == "missed"
+    assert said("no_discrepancy", hidden=()).outcome == "quiet"
+    assert said("none_of_the_known", hidden=()).outcome == "false_alarm"
+    assert said("named", ["b"], known=False).outcome == "wrong"
+    assert said("ambiguous", ["a"], [["a"]], known=False).outcome == "wrong"
+
+
+def test_figures_of_a_few_verdicts():
+    cases = [
+        said("named", ["a"], closure=0.9, left=1.1, covers=(True,), chance=0.99),
+        said("named", ["b"], chance=0.97),
+        said("ambiguous", ["a"], [["a"], ["b"]], chance=0.6),
+        said("no_discrepancy", hidden=()),
+        said("none_of_the_known", known=False),
+        said("named", ["a", "c"], hidden=("a", "b")),
+    ]
+    figures = score(cases)
+    assert figures["named_right"] == {"value": 1 / 3, "n": 3, **dict(zip(("ci95_low", "ci95_high"), wilson(1, 3), strict=True))}
+    assert figures["named_wrong"]["value"] == pytest.approx(1 / 3)
+    assert figures["false_alarm"]["value"] == 0.0
+    assert figures["unknown_abstained"]["value"] == 1.0
+    assert figures["set_f1"]["value"] == pytest.approx(0.5)
+    assert figures["closure_median"] == 0.9
+    assert figures["interval_coverage"]["n"] == 1
+    assert sum(row["cases"] for row in figures["confusion"]) == len(cases)
+    assert [row["right"]["n"] for row in figures["calibration"]] == [1, 2]
+    assert figures["brier"] == pytest.approx((0.01**2 + 0.97**2 + 0.4**2) / 3)
+
+
+def test_wilson_interval_equals_that_of_the_reports():
+    for successes, total in ((81, 263), (0, 20), (150, 150)):
+        assert wilson(successes, total, 1.959964) == pytest.approx(wilson_interval(successes, total), abs=1e-6)

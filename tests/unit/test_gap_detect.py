@@ -1,0 +1,102 @@
+"""Alarms: calibrated on replicates, not raised by noise of another colour, and the noise's own size."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import lfilter
+
+from gsbridge.gap.benchmark.generate import draw_case
+from gsbridge.gap.benchmark.noises import NOISES, spoiled
+from gsbridge.gap.benchmark.plants import axis_plant
+from gsbridge.gap.coherence import coherence_p
+from gsbridge.gap.detect import block_means, calibrate
+from gsbridge.gap.noise import pooled, white_noise
+from gsbridge.gap.replay import Mechanism
+from gsbridge.gap.verdict import transfer
+from gsbridge.gap.view import View
+
+
+@pytest.fixture(scope="module")
+def views(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("axis")
+    system, plant = axis_plant(folder)
+    mechanism = Mechanism(system)
+    quiet, shaken = draw_case(plant, (), 0.0, 1, 2), draw_case(plant, ("shaking",), 4.0, 1, 2)
+    return [[View.of(mechanism, case.records[role]) for role in ("fit", "select")] for case in (quiet, shaken)]
+
+
+def test_noise_is_told_from_motion_and_jumps():
+    rng = np.random.default_rng(0)
+    time = np.arange(2000) / 100
+    values = np.sin(5 * time) + 0.3 * (time > 7) + 1e-3 * rng.normal(size=2000)
+    assert white_noise(values[:, None])[0] == pytest.approx(1e-3, rel=0.06)
+
+
+@given(st.floats(1e-6, 1e3), st.integers(0, 2**31))
+@settings(max_examples=25, deadline=None)
+def test_noise_scales_with_the_values(scale, seed):
+    values = np.random.default_rng(seed).normal(size=(400, 2))
+    np.testing.assert_allclose(white_noise(scale * values), scale * white_noise(values), rtol=1e-6)
+
+
+def test_noise_is_pooled_only_where_records_agree():
+    found = pooled([np.array([1.0, 1.0]), np.array([1.1, 3.0])])
+    assert found[0][0] == found[1][0] == pytest.approx(np.sqrt((1 + 1.21) / 2))
+    assert [row[1] for row in found] == [1.0, 3.0]
+
+
+def test_block_means_keep_the_size_of_white_noise():
+    noise = np.random.default_rng(0).normal(size=(20000, 1))
+    for scale in (1, 4, 16):
+        assert block_means(noise, scale).std() == pytest.approx(1.0, abs=0.05)
+
+
+def test_p_values_of_noise_are_those_of_chance_and_small_for_a_trend(views):
+    view = views[0][0]
+    null = calibrate(view, np.random.default_rng(0))
+    rng = np.random.default_rng(1)
+    shape = view.residual().shape
+    found = []
+    for _ in range(60):
+        noise = rng.normal(size=shape)
+        found.append(null.p_value(view.project(noise / white_noise(noise))))
+    assert np.mean(np.array(found) < 0.1) < 0.25
+    assert min(found) < 0.3
+    trend = 1.0 * np.sin(np.arange(shape[0]) / 40.0)[:, None]
+    assert null.p_value(view.project(rng.normal(size=shape) + trend)) <= 0.01
+
+
+def test_channels_that_move_together_are_motion(views):
+    assert coherence_p(views[1], [view.residual() for view in views[1]], np.random.default_rng(0)) <= 0.01
+
+
+def test_coloured_noise_is_no_motion(views):
+    rng = np.random.default_rng(0)
+    shape = views[0][0].residual().shape
+    found = []
+    for _ in range(10):
+        noises = [lfilter([1.0], [1.0, -0.9], rng.normal(size=shape), axis=0) for _ in views[0]]
+        found.append(coherence_p(views[0], noises, rng))
+    assert np.mean(np.array(found) < 0.05) <= 0.3
+    assert np.median(found) > 0.1
+
+
+def test_a_gain_by_chance_does_not_transfer():
+    rng = np.random.default_rng(0)
+    plain = lfilter([1.0], [1.0, -0.9], rng.normal(size=(4000, 2)), axis=0)
+    shape = np.sin(np.arange(4000) / 50.0)[:, None] * np.ones(2)
+    assert transfer(plain, plain - 0.3 * shape) < 3.0
+    assert transfer(plain + 2.0 * shape, plain) > 5.0
+
+
+@pytest.mark.parametrize("kind", NOISES)
+def test_spoiled_noise_has_the_stated_size(kind):
+    clean = np.zeros((20000, 2))
+    sigma = np.array([0.5, 2.0])
+    noise = spoiled(clean, sigma, kind, np.random.default_rng(0))
+    # Rounding to two spreads adds a twelfth of its step's square.
+    wanted = sigma * (np.sqrt(1 + 4 / 12) if kind == "quantised" else 1.0)
+    np.testing.assert_allclose(noise.std(axis=0), wanted, rtol=0.08)
+    neighbours = np.corrcoef(noise[1:, 0], noise[:-1, 0])[0, 1]
+    assert (neighbours > 0.3) == (kind == "coloured")
