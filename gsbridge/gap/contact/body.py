@@ -1,0 +1,246 @@
+"""A free body on a surface as it is simulated: shape, mass properties, contact, and the effects added to it."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import yaml
+from scipy.spatial.transform import Rotation
+
+from gsbridge.errors import InputError
+from gsbridge.gap.system import Applied
+from gsbridge.geometry import Array
+
+MODE = "body"
+"""`controller.mode` of a model whose body nothing drives."""
+
+CONTACT = ("friction", "restitution", "rolling_friction", "spinning_friction")
+"""What a model says of the contact besides its softness."""
+
+_KEYS = (
+    "urdf", "box", "mass", "centre_of_mass", "inertia", "controller", "surface", "contact", "damping", "gravity",
+    "physics_rate", "effects", "evidence",
+)  # fmt: skip
+_SECTIONS = {
+    "controller": ("mode",),
+    "surface": ("height", "tilt"),
+    "contact": (*CONTACT, "stiffness", "damping"),
+    "damping": ("linear", "angular"),
+}
+
+
+@dataclass(frozen=True)
+class FreeBody:
+    """A body and the surface that it falls on.
+
+    Args:
+        source: File of the model, for messages.
+        shapes: Its `collision` elements, as in a URDF, paths of meshes absolute.
+        mass: kg.
+        com: Centre of mass in the body frame, m. [3].
+        inertia: About the centre of mass, along the axes of the body frame, kg m2. [3, 3].
+        figures: Nominal contact, surface, losses and gravity, by the names of `gsbridge.gap.contact.setup`.
+        physics_rate: Steps of the engine per second.
+        effects: What was added.
+    """
+
+    source: Path
+    shapes: tuple[str, ...]
+    mass: float
+    com: Array
+    inertia: Array
+    figures: Mapping[str, float]
+    physics_rate: float
+    effects: tuple[Applied, ...] = ()
+
+    def digest(self) -> str:
+        """SHA-256 over everything that a simulation depends on but the contents of meshes."""
+        parts = [self.shapes, self.mass, self.com.tolist(), self.inertia.tolist(), dict(self.figures), self.physics_rate]
+        text = json.dumps([*parts, [effect.record() for effect in self.effects]], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def urdf(self, mass: float, com: Array, inertia_factor: float, size: float) -> str:
+        """A URDF of the body with these mass properties and all lengths of its shape multiplied by `size`.
+
+        The inertia is given along its principal axes, since readers differ in how they take one that is not diagonal.
+        """
+        moments, axes = np.linalg.eigh(self.inertia * inertia_factor * mass / self.mass)
+        axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
+        turn = _roll_pitch_yaw(axes)
+        shapes = "".join(_scaled(text, size) for text in self.shapes)
+        return (
+            f'<robot name="body"><link name="body"><inertial><origin xyz="{_text(com)}" rpy="{_text(turn)}"/>'
+            f'<mass value="{mass!r}"/><inertia ixx="{float(moments[0])!r}" iyy="{float(moments[1])!r}" '
+            f'izz="{float(moments[2])!r}" ixy="0" ixz="0" iyz="0"/></inertial>{shapes}</link></robot>'
+        )
+
+
+def _roll_pitch_yaw(turn: Array) -> Array:
+    """Angles of a URDF, rad, also where pitch is a right angle and only the sum of the others is known. [3, 3] -> [3]."""
+    level = np.hypot(turn[0, 0], turn[1, 0])
+    pitch = np.arctan2(-turn[2, 0], level)
+    if level < 1e-9:
+        return np.array([np.arctan2(-turn[1, 2], turn[1, 1]), pitch, 0.0])
+    return np.array([np.arctan2(turn[2, 1], turn[2, 2]), pitch, np.arctan2(turn[1, 0], turn[0, 0])])
+
+
+def _text(values: Array) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+def _scaled(shape: str, size: float) -> str:
+    """A `collision` element with all its lengths multiplied."""
+    element = ElementTree.fromstring(shape)
+    for item in element.iter():
+        for key in ("xyz", "size", "radius", "length", "scale"):
+            if key in item.attrib:
+                item.set(key, _text(size * np.array([float(value) for value in item.attrib[key].split()])))
+    return ElementTree.tostring(element, encoding="unicode")
+
+
+def is_body(path: str | Path) -> bool:
+    """Whether a model file describes a free body, so that its case belongs here."""
+    try:
+        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        return False
+    controller = content.get("controller") if isinstance(content, Mapping) else None
+    return isinstance(controller, Mapping) and controller.get("mode") == MODE
+
+
+def read_body(path: str | Path) -> FreeBody:
+    """Read the model of a free body: YAML with `urdf` or `box`, `contact` and so on; see docs/gap_objects.md.
+
+    Raises:
+        InputError: The file or the URDF cannot be read, or a key is unknown, missing or out of bounds.
+    """
+    path = Path(path)
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(path, "the model cannot be read", "Check the path") from error
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(path, f"this is not valid YAML ({error})", "Correct it after docs/gap_objects.md") from error
+    return parse_body(content, path.parent, path)
+
+
+def parse_body(content: Any, folder: Path, source: str | Path = "model") -> FreeBody:
+    """A free body from the content of its file; `folder` is where its URDF's path starts.
+
+    Raises:
+        InputError: As `read_body`.
+    """
+    source = Path(source)
+    _check(content, _KEYS, source, "")
+    sections = {name: content.get(name) or {} for name in _SECTIONS}
+    for name, section in sections.items():
+        _check(section, _SECTIONS[name], source, f"{name}.")
+    if sections["controller"].get("mode") != MODE:
+        raise InputError(source, f"controller.mode is no '{MODE}'", f"State 'controller: {{mode: {MODE}}}' for a thrown body")
+    if ("urdf" in content) == ("box" in content):
+        raise InputError(source, "the model needs either 'urdf' or 'box'", "Give a URDF of one link, or three edges in metres")
+    contact = sections["contact"]
+    if "friction" not in contact:
+        raise InputError(source, "contact.friction is missing", "State what your simulator uses, e.g. 0.5")
+    if ("stiffness" in contact) != ("damping" in contact):
+        raise InputError(source, "contact.stiffness and contact.damping go together", "State both, or none for a hard contact")
+    if "box" in content:
+        shapes, mass, com, inertia = _box(content, source)
+    else:
+        shapes, mass, com, inertia = _link(folder / content["urdf"])
+        scale = float(content.get("mass", mass)) / mass
+        mass, inertia = mass * scale, inertia * scale
+    com = _row(content.get("centre_of_mass"), com, source, "centre_of_mass")
+    if "inertia" in content:
+        inertia = np.diag(_row(content["inertia"], np.zeros(3), source, "inertia"))
+    moments = np.linalg.eigvalsh(inertia)
+    if mass <= 0 or moments[0] <= 0 or moments[2] > moments[:2].sum() * (1 + 1e-6):
+        raise InputError(source, f"no body has the mass {mass:g} kg and the inertia {moments.tolist()} kg m2", "Correct them")
+    tilt = _row(sections["surface"].get("tilt"), np.zeros(2), source, "surface.tilt")
+    figures = {name: float(contact.get(name, 0.0)) for name in CONTACT}
+    figures |= {
+        "compliance": 1.0 / float(contact["stiffness"]) if "stiffness" in contact else 0.0,
+        "contact_damping": float(contact.get("damping", 0.0)),
+        "height": float(sections["surface"].get("height", 0.0)),
+        "tilt_x": float(tilt[0]),
+        "tilt_y": float(tilt[1]),
+        "linear_damping": float(sections["damping"].get("linear", 0.0)),
+        "angular_damping": float(sections["damping"].get("angular", 0.0)),
+        "gravity": float(content.get("gravity", 9.81)),
+    }
+    for name in (*CONTACT, "compliance", "contact_damping", "linear_damping", "angular_damping", "gravity"):
+        if not 0.0 <= figures[name] < np.inf or (name == "restitution" and figures[name] > 1.0):
+            raise InputError(source, f"'{name}' is {figures[name]:g}", "It cannot be negative, nor restitution above 1")
+    effects = tuple(Applied(item["name"], "", dict(item["parameters"])) for item in content.get("effects") or [])
+    return FreeBody(source, shapes, mass, com, inertia, figures, float(content.get("physics_rate", 500.0)), effects)
+
+
+def _check(content: Any, known: tuple[str, ...], source: Path, prefix: str) -> None:
+    """Refuse a section that is none, or has an unknown key."""
+    if not isinstance(content, Mapping):
+        raise InputError(source, f"'{prefix.rstrip('.') or 'the model'}' is no section", "Correct it after docs/gap_objects.md")
+    for key in content:
+        if key not in known:
+            raise InputError(source, f"the key '{prefix}{key}' is unknown", f"Use only: {', '.join(known)}")
+
+
+def _row(values: Any, default: Array, source: Path, key: str) -> Array:
+    """Numbers of a key."""
+    try:
+        out = np.asarray(default if values is None else values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(source, f"'{key}' holds no numbers", f"Give {len(default)}") from error
+    if out.shape != default.shape:
+        raise InputError(source, f"'{key}' needs {len(default)} numbers", f"E.g. [{', '.join(['0'] * len(default))}]")
+    return out
+
+
+def _box(content: Mapping[str, Any], source: Path) -> tuple[tuple[str, ...], float, Array, Array]:
+    """A solid box."""
+    edges = _row(content["box"], np.zeros(3), source, "box")
+    if "mass" not in content or (edges <= 0).any():
+        raise InputError(source, "a box needs 'mass' (kg) and three edges above zero (m)", "State them")
+    mass = float(content["mass"])
+    inertia = np.diag(mass / 12.0 * (np.sum(edges**2) - edges**2))
+    return (f'<collision><geometry><box size="{_text(edges)}"/></geometry></collision>',), mass, np.zeros(3), inertia
+
+
+def _link(path: Path) -> tuple[tuple[str, ...], float, Array, Array]:
+    """Shapes and mass properties of a URDF of one link.
+
+    Raises:
+        InputError: It cannot be read, has several links, no shape or no mass.
+    """
+    try:
+        root = ElementTree.fromstring(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(path, "the URDF cannot be read", "Check 'urdf' in the model") from error
+    except (UnicodeDecodeError, ElementTree.ParseError) as error:
+        raise InputError(path, f"this is no URDF ({error})", "Export it again") from error
+    links = root.findall("link")
+    if len(links) != 1:
+        raise InputError(path, f"the URDF has {len(links)} links", "A thrown body is one rigid link; merge fixed parts into it")
+    mass, origin, moments = (links[0].find(f"inertial/{name}") for name in ("mass", "origin", "inertia"))
+    shapes = []
+    for element in links[0].findall("collision"):
+        element = copy.deepcopy(element)
+        for mesh in element.iter("mesh"):
+            mesh.set("filename", str((path.parent / mesh.attrib["filename"].removeprefix("package://")).resolve()))
+            mesh.attrib.setdefault("scale", "1 1 1")
+        shapes.append(ElementTree.tostring(element, encoding="unicode"))
+    if mass is None or moments is None or not shapes:
+        raise InputError(path, "the link lacks 'inertial' or 'collision'", "Add mass, inertia and a shape")
+    attributes = {} if origin is None else origin.attrib
+    com = np.array([float(value) for value in attributes.get("xyz", "0 0 0").split()])
+    turn = Rotation.from_euler("xyz", [float(value) for value in attributes.get("rpy", "0 0 0").split()]).as_matrix()
+    xx, yy, zz, xy, xz, yz = (float(moments.attrib.get(key, 0.0)) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
+    own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return tuple(shapes), float(mass.attrib["value"]), com, turn @ own @ turn.T

@@ -1,0 +1,76 @@
+"""How far replay and measurement would be apart if nothing were missing: starts are known with noise, engines choose for
+themselves how hard a contact is pushed apart and how long a step is, and chaos enlarges both."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gsbridge.gap.contact.replay import Replay, distances
+from gsbridge.gap.contact.world import Numerics
+from gsbridge.gap.system import Applied
+from gsbridge.geometry import Array
+
+REPLICATES = 6
+"""Sets of throws that are simulated."""
+
+FEW = 40
+"""Throws in each: more say little more about one throw."""
+
+_DRAWS = 499
+
+_STEPS = (0.7, 2.0)
+"""Factors of the step."""
+
+_PUSHES = (0.05, 0.3)
+"""Shares of a penetration that a step takes back."""
+
+
+@dataclass(frozen=True)
+class Null:
+    """Errors of effect-free replicates.
+
+    Args:
+        errors: Mean distance of each throw, m. [K, M].
+        draws: Statistics of sets drawn from them. [D, 2].
+    """
+
+    errors: Array
+    draws: Array
+
+    @property
+    def floor(self) -> float:
+        """Mean distance that noise, chaos and the engine's choices explain, m."""
+        return float(self.errors.mean())
+
+    def p_value(self, errors: Array) -> float:
+        """Share of effect-free sets at least as far apart, by the mean or by the mean logarithm. [N]."""
+        middle = np.median(self.draws, axis=0)
+        spread = np.maximum(np.quantile(self.draws, 0.975, axis=0) - middle, 1e-9)
+        sizes = ((self.draws - middle) / spread).max(axis=1)
+        seen = ((_statistics(errors[None])[0] - middle) / spread).max()
+        return float((1 + (sizes >= seen).sum()) / (1 + len(sizes)))
+
+
+def _statistics(errors: Array) -> Array:
+    """Mean and mean logarithm of sets: one sees what is large, the other a small change of every throw. [D, N] -> [D, 2]."""
+    return np.stack([errors.mean(axis=1), np.log(np.maximum(errors, 1e-9)).mean(axis=1)], axis=1)
+
+
+def calibrate(replay: Replay, effects: Sequence[Applied], rng: np.random.Generator, replicates: int = REPLICATES) -> Null:
+    """Replicates of a model with these effects as truth, replayed by the same model."""
+    size, replay = len(replay), replay.part(FEW)
+    plain, noise = replay.flights(effects), replay.noise
+    rows = []
+    for _ in range(replicates):
+        step, push = (float(np.exp(rng.uniform(np.log(low), np.log(high)))) for low, high in (_STEPS, _PUSHES))
+        truth = replay.simulate(effects, replay.starts.shifted(noise, rng), Numerics(step, push))
+        seen = [flight.position + rng.normal(0.0, noise.position, flight.position.shape) for flight in truth]
+        rows.append(distances(plain, seen))
+    errors = np.stack(rows)
+    # One engine makes all throws of a set, so that sets are drawn from one replicate each.
+    which = rng.integers(0, replicates, _DRAWS)
+    throws = rng.integers(0, errors.shape[1], (_DRAWS, size))
+    return Null(errors, _statistics(errors[which[:, None], throws]))

@@ -1,0 +1,221 @@
+"""Throws: poses of one body over time, many short records, in SI units, checked before anything is computed from them."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from gsbridge.errors import InputError
+from gsbridge.gap.units import factor_to_si, split_header
+from gsbridge.geometry import Array
+
+FEWEST = 8
+"""Throws in a role: with fewer no bootstrap over throws means anything."""
+
+SHORTEST = 0.1
+"""Length of a throw, s."""
+
+_ROWS = 10
+"""Samples in a throw."""
+
+_UNIT_NORM = 0.05
+"""How far a quaternion's length may be from one."""
+
+_AXES = "xyz"
+
+_Column = Callable[[str, str, bool], Array | None]
+
+
+@dataclass(frozen=True)
+class Throw:
+    """One throw.
+
+    Args:
+        name: For messages.
+        time: s, rising, from 0. [T].
+        position: Of the body frame's origin in the log's frame, m; z is up. [T, 3].
+        quat: Attitude of the body frame in the log's frame, wxyz. [T, 4].
+        velocity: At the first sample, log's frame, m/s, where logged. [3].
+        spin: Angular velocity at the first sample, log's frame, rad/s, where logged. [3].
+    """
+
+    name: str
+    time: Array
+    position: Array
+    quat: Array
+    velocity: Array | None = None
+    spin: Array | None = None
+
+    @property
+    def duration(self) -> float:
+        """s."""
+        return float(self.time[-1])
+
+
+@dataclass(frozen=True)
+class Throws:
+    """Throws of one body.
+
+    Args:
+        items: One by one.
+        digest: SHA-256 of the files, or of the arrays.
+    """
+
+    items: tuple[Throw, ...]
+    digest: str = field(default="")
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def part(self, first: int, last: int) -> Throws:
+        """Some of them, in their order."""
+        return Throws(self.items[first:last], self.digest)
+
+    def content_digest(self) -> str:
+        """SHA-256 over times and poses."""
+        total = hashlib.sha256()
+        for throw in self.items:
+            for values in (throw.time, throw.position, throw.quat):
+                total.update(np.ascontiguousarray(values).tobytes())
+        return total.hexdigest()
+
+
+def read_throws(path: str | Path, columns: Mapping[str, str] | None = None, units: Mapping[str, str] | None = None) -> Throws:
+    """Read throws from a CSV or Parquet file with a column `throw`, or from a folder with one file per throw.
+
+    Args:
+        path: File or folder.
+        columns: Our name of a column to that of the files; others keep our name.
+        units: Our name of a column, or its kind alone, to its unit; for files whose headers state none.
+
+    Raises:
+        InputError: Nothing can be read, a column or unit is missing, a value is no number, a clock runs backwards, quaternions
+            are none, or a throw is too short.
+    """
+    path = Path(path)
+    files = [path]
+    if path.is_dir():
+        files = sorted((item for item in path.iterdir() if item.suffix in (".csv", ".parquet")), key=_natural)
+    if not files:
+        raise InputError(
+            path, "the folder holds no CSV or Parquet file", "One file per throw, or one file with a column 'throw'"
+        )
+    digest, items = hashlib.sha256(), []
+    for file in files:
+        try:
+            digest.update(file.read_bytes())
+            table = pd.read_parquet(file) if file.suffix == ".parquet" else pd.read_csv(file)
+        except OSError as error:
+            raise InputError(file, "the throws cannot be read", "Check the path in the case") from error
+        except (ValueError, UnicodeDecodeError) as error:
+            raise InputError(file, f"this is no table ({error})", "Give CSV with a header line, or Parquet") from error
+        items += _throws_of(table, file, columns or {}, units or {}, alone=path.is_dir())
+    return Throws(tuple(items), digest.hexdigest())
+
+
+def _natural(path: Path) -> tuple[int, str]:
+    """Order of file names that keeps 2 before 10."""
+    digits = "".join(character for character in path.stem if character.isdigit())
+    return (int(digits) if digits else -1, path.name)
+
+
+def _throws_of(
+    table: pd.DataFrame, source: Path, columns: Mapping[str, str], units: Mapping[str, str], *, alone: bool
+) -> list[Throw]:
+    """All throws of one file."""
+    headers = {split_header(str(header))[0]: str(header) for header in table.columns}
+
+    def column(ours: str, dimension: str, required: bool) -> Array | None:
+        theirs, unit = split_header(columns.get(ours, ours))
+        if theirs not in headers:
+            if required:
+                shown = ", ".join(list(headers)[:14])
+                raise InputError(source, f"the column '{theirs}' is missing", f"It has: {shown}. Name yours under 'columns'")
+            return None
+        stated = split_header(headers[theirs])[1]
+        stated = stated if stated is not None else unit
+        stated = stated if stated is not None else units.get(ours, units.get(ours.split(".")[0]))
+        values = pd.to_numeric(table[headers[theirs]], errors="coerce").to_numpy(dtype=np.float64)
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad):
+            raise InputError(
+                source, f"the column '{theirs}' holds no number in data row {bad[0] + 1} ({len(bad)} such rows)",
+                "Remove these rows; gaps in time are allowed",
+            )  # fmt: skip
+        return values * factor_to_si(stated, dimension, source, theirs)
+
+    def group(kind: str, dimension: str, names: str, required: bool) -> Array | None:
+        found = [column(f"{kind}.{name}", dimension, required) for name in names]
+        present = [values for values in found if values is not None]
+        if present and len(present) < len(found):
+            raise InputError(source, f"'{kind}' lacks a component", f"Give {kind}.{{{','.join(names)}}}, or none")
+        return np.stack(present, axis=1) if present else None
+
+    time = column("time", "time", True)
+    position, quat = group("position", "length", _AXES, True), group("orientation", "number", "w" + _AXES, True)
+    velocity, spin = group("velocity", "speed", _AXES, False), group("angular_velocity", "angular speed", _AXES, False)
+    assert time is not None
+    assert position is not None
+    assert quat is not None
+    lengths = np.linalg.norm(quat, axis=1)
+    worst = int(np.abs(lengths - 1.0).argmax())
+    if abs(lengths[worst] - 1.0) > _UNIT_NORM:
+        raise InputError(
+            source, f"the quaternion of data row {worst + 1} has the length {lengths[worst]:.3g}",
+            "Log unit quaternions, orientation.w first",
+        )  # fmt: skip
+    number = None if alone else column("throw", "number", True)
+    names = [source.stem] if number is None else list(dict.fromkeys(number.tolist()))
+    out = []
+    for name in names:
+        rows = np.arange(len(time)) if number is None else np.flatnonzero(number == name)
+        title = name if isinstance(name, str) else f"{name:g}"
+        _check_clock(time[rows], source, title)
+        out.append(
+            Throw(
+                title,
+                time[rows] - time[rows[0]],
+                position[rows],
+                quat[rows] / lengths[rows, None],
+                None if velocity is None else velocity[rows[0]],
+                None if spin is None else spin[rows[0]],
+            )
+        )
+    return out
+
+
+def _check_clock(time: Array, source: Path, name: str) -> None:
+    """Refuse times that do not rise, and throws that are too short."""
+    if len(time) < _ROWS or time[-1] - time[0] < SHORTEST:
+        raise InputError(
+            source, f"throw {name} has {len(time)} rows in {time[-1] - time[0]:.3g} s",
+            f"A throw needs {_ROWS} rows and {SHORTEST:g} s; log at 50 Hz or more",
+        )  # fmt: skip
+    back = np.flatnonzero(np.diff(time) <= 0)
+    if len(back):
+        raise InputError(
+            source, f"throw {name}: the clock runs backwards or stands still behind its row {int(back[0]) + 1}",
+            "Sort rows by time; rows of one throw share its number",
+        )  # fmt: skip
+
+
+def write_throws(path: str | Path, throws: Throws) -> None:
+    """Write throws as one CSV file in the layout that `read_throws` takes.
+
+    Speeds are those of the first sample in all rows, since only the first counts.
+    """
+    frames = []
+    for number, throw in enumerate(throws.items):
+        table = {"throw": np.full(len(throw.time), number), "time [s]": throw.time}
+        table |= {f"position.{axis} [m]": throw.position[:, k] for k, axis in enumerate(_AXES)}
+        table |= {f"orientation.{axis}": throw.quat[:, k] for k, axis in enumerate("w" + _AXES)}
+        for kind, unit, values in (("velocity", "m/s", throw.velocity), ("angular_velocity", "rad/s", throw.spin)):
+            if values is not None:
+                table |= {f"{kind}.{axis} [{unit}]": values[k] for k, axis in enumerate(_AXES)}
+        frames.append(pd.DataFrame(table))
+    pd.concat(frames).to_csv(path, index=False)

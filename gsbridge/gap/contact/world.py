@@ -1,0 +1,227 @@
+"""Throws in PyBullet: all bodies of a set in one world, where they meet the surface but not each other.
+
+Nothing is left to the engine's defaults. The engine's frame lies in the surface: its height and tilt move the throws and
+gravity instead of the plane. A set gives bit for bit what its throws give alone.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pybullet
+from pybullet_utils.bullet_client import BulletClient
+from scipy.spatial.transform import Rotation
+
+from gsbridge.asset.bullet import body_from_inertial
+from gsbridge.errors import InputError
+from gsbridge.gap.contact.body import FreeBody
+from gsbridge.gap.contact.setup import BodySetup
+from gsbridge.gap.contact.starts import Starts
+from gsbridge.geometry import Array, quat_from_rotation, rotation_from_quat
+
+_SOLVER_ITERATIONS = 50
+
+_SLOW_IMPACT = 0.05
+"""Speed below which impacts give nothing back, m/s."""
+
+
+@dataclass(frozen=True)
+class Numerics:
+    """What an engine chooses and no model states; varied to learn how much it matters.
+
+    Args:
+        step_factor: Of the engine's step.
+        erp: Share of a penetration that one step takes back. It also adds up to this share of its speed to a rebound.
+        cone: Whether friction is bounded by a circle instead of a square.
+    """
+
+    step_factor: float = 1.0
+    erp: float = 0.1
+    cone: bool = True
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A simulated throw at its samples, in the log's frame.
+
+    Args:
+        position: Of the tracked point, m. [T, 3].
+        quat: wxyz. [T, 4].
+        touched: Whether the body has touched the surface by then. [T].
+    """
+
+    position: Array
+    quat: Array
+    touched: Array = field(repr=False)
+
+
+def simulate(
+    body: FreeBody, setup: BodySetup, starts: Starts, times: Sequence[Array], numerics: Numerics | None = None
+) -> list[Flight]:
+    """Simulate throws.
+
+    Args:
+        body: Shape and mass properties.
+        setup: Figures.
+        starts: First states.
+        times: Samples of each throw by the log's clock, s, from 0. Each [T].
+        numerics: The engine's own choices.
+
+    Raises:
+        InputError: PyBullet cannot load the body.
+    """
+    numerics = numerics or Numerics()
+    step = numerics.step_factor / body.physics_rate
+    frame = _Frame(setup.figures)
+    clocks = [np.asarray(time, dtype=np.float64) / setup.figures["rate"] for time in times]
+    client = BulletClient(pybullet.DIRECT)
+    try:
+        plane, numbers = _build(client, body, setup, len(times), numerics, step)
+        client.setGravity(*frame.pull().tolist())
+        inertial = body_from_inertial(client, numbers[0])
+        for number, pose, velocity, spin in zip(numbers, *frame.enter(starts, inertial), strict=True):
+            quat = np.roll(quat_from_rotation(pose[:3, :3]), -1)
+            client.resetBasePositionAndOrientation(number, pose[:3, 3].tolist(), quat.tolist())
+            client.resetBaseVelocity(number, velocity.tolist(), spin.tolist())
+        rows, touches = _run(client, plane, numbers, clocks, step)
+    finally:
+        client.disconnect()
+    return [
+        Flight(*frame.leave(row[:, :3], row[:, 3:], inertial), clock >= touch)
+        for row, clock, touch in zip(rows, clocks, touches, strict=True)
+    ]
+
+
+class _Frame:
+    """Between the log and the engine, whose plane is the surface and whose lengths and times are true."""
+
+    def __init__(self, figures: Mapping[str, float]) -> None:
+        self.figures = figures
+        # The log's frame from the engine's.
+        self.turn = Rotation.from_euler("xyz", [figures["tilt_x"], figures["tilt_y"], 0.0]).as_matrix()
+        self.lift = np.array([0.0, 0.0, figures["height"]])
+        self.offset = np.array([figures[f"offset_{axis}"] for axis in "xyz"])
+
+    def pull(self) -> Array:
+        """Acceleration of gravity and the steady force in the engine. [3]."""
+        f = self.figures
+        return self.turn.T @ np.array([f["force_x"] / f["mass"], f["force_y"] / f["mass"], -f["gravity"]])
+
+    def enter(self, starts: Starts, inertial: Array) -> tuple[Array, Array, Array]:
+        """Poses of the inertial frame, velocities of the centre of mass, angular velocities. [N, 4, 4], [N, 3], [N, 3]."""
+        f = self.figures
+        attitude = rotation_from_quat(starts.quat)
+        spin = starts.spin * f["rate"]
+        velocity = (starts.velocity + f["lag"] * starts.acceleration) * (f["rate"] / f["scale"])
+        arm = attitude @ (inertial[:3, 3] - self.offset)
+        poses = np.tile(np.eye(4), (len(attitude), 1, 1))
+        poses[:, :3, :3] = self.turn.T @ attitude @ inertial[:3, :3]
+        poses[:, :3, 3] = (starts.position / f["scale"] + arm - self.lift) @ self.turn
+        return poses, (velocity + np.cross(spin, arm)) @ self.turn, spin @ self.turn
+
+    def leave(self, position: Array, xyzw: Array, inertial: Array) -> tuple[Array, Array]:
+        """Positions of the tracked point and attitudes (wxyz) from the inertial frame's. [T, 3], [T, 4]."""
+        attitude = self.turn @ rotation_from_quat(np.roll(xyzw, 1, axis=1)) @ inertial[:3, :3].T
+        place = position @ self.turn.T + self.lift - attitude @ (inertial[:3, 3] - self.offset)
+        return self.figures["scale"] * place, quat_from_rotation(attitude)
+
+
+def _build(
+    client: BulletClient, body: FreeBody, setup: BodySetup, count: int, numerics: Numerics, step: float
+) -> tuple[int, list[int]]:
+    """The surface and copies of the body, with every setting stated."""
+    f = setup.figures
+    client.setPhysicsEngineParameter(
+        fixedTimeStep=step,
+        numSubSteps=0,
+        numSolverIterations=_SOLVER_ITERATIONS,
+        deterministicOverlappingPairs=1,
+        restitutionVelocityThreshold=_SLOW_IMPACT,
+        erp=numerics.erp,
+        contactERP=numerics.erp,
+        enableConeFriction=int(numerics.cone),
+    )
+    plane = client.createMultiBody(0.0, client.createCollisionShape(client.GEOM_PLANE))
+    # Bullet multiplies the friction and restitution of two bodies, so one of them carries ones.
+    client.changeDynamics(
+        plane,
+        -1,
+        lateralFriction=f["friction"],
+        restitution=f["restitution"],
+        rollingFriction=f["rolling_friction"],
+        spinningFriction=f["spinning_friction"],
+    )
+    client.setCollisionFilterGroupMask(plane, -1, 1, 2)
+    soft = {"contactStiffness": 1.0 / f["compliance"], "contactDamping": f["contact_damping"]} if f["compliance"] > 0 else {}
+    numbers = []
+    with tempfile.TemporaryDirectory(prefix="gsbridge-gap-") as folder:
+        path = Path(folder) / "body.urdf"
+        com = np.array([f[f"com_{axis}"] for axis in "xyz"])
+        path.write_text(body.urdf(f["mass"], com, f["inertia"], f["size"]), encoding="utf-8")
+        for _ in range(count):
+            try:
+                number = client.loadURDF(str(path), flags=client.URDF_USE_INERTIA_FROM_FILE)
+            except pybullet.error as error:
+                raise InputError(body.source, f"PyBullet cannot load the body ({error})", "Check it with a viewer") from error
+            client.setCollisionFilterGroupMask(number, -1, 2, 1)
+            client.changeDynamics(
+                number,
+                -1,
+                lateralFriction=1.0,
+                restitution=1.0,
+                rollingFriction=0.0,
+                spinningFriction=0.0,
+                linearDamping=f["linear_damping"],
+                angularDamping=f["angular_damping"],
+                # By default Bullet brakes a body before it touches, by an amount that depends on where the last step ended.
+                contactProcessingThreshold=0.0,
+                maxJointVelocity=1e4,
+                activationState=client.ACTIVATION_STATE_DISABLE_SLEEPING,
+                **soft,
+            )
+            numbers.append(number)
+    return plane, numbers
+
+
+def _run(
+    client: BulletClient, plane: int, numbers: Sequence[int], clocks: Sequence[Array], step: float
+) -> tuple[list[Array], Array]:
+    """Poses of the inertial frames at the samples (position, quaternion xyzw; each [T, 7]) and times of first touch. [N]."""
+    wanted: dict[int, list[int]] = {}
+    for place, clock in enumerate(clocks):
+        before = np.floor(clock / step).astype(int)
+        for number in np.unique(np.concatenate([before, before + 1])).tolist():
+            wanted.setdefault(number, []).append(place)
+    seen: list[tuple[list[int], list[list[float]]]] = [([], []) for _ in clocks]
+    touch = np.full(len(clocks), np.inf)
+    place_of = {number: place for place, number in enumerate(numbers)}
+    look, advance = client.getBasePositionAndOrientation, client.stepSimulation
+    for number in range(max(wanted) + 1):
+        for place in wanted.get(number, ()):
+            at, to = look(numbers[place])
+            seen[place][0].append(number)
+            seen[place][1].append([*at, *to])
+        if not np.isfinite(touch).all():
+            for contact in client.getContactPoints(plane):
+                place = place_of[contact[2]]
+                if contact[9] > 0.0 and not np.isfinite(touch[place]):
+                    # Contacts are those of the step that led here.
+                    touch[place] = (number - 1) * step
+        advance()
+    return [
+        _between(np.array(known) * step, np.array(poses), clock) for (known, poses), clock in zip(seen, clocks, strict=True)
+    ], touch
+
+
+def _between(known: Array, poses: Array, clock: Array) -> Array:
+    """Poses at the samples, on straight lines between steps. [K], [K, 7], [T] -> [T, 7]."""
+    # Quaternions of one attitude come with either sign; neighbours must have the same one.
+    flips = np.where((poses[1:, 3:] * poses[:-1, 3:]).sum(axis=1) < 0, -1.0, 1.0)
+    poses[1:, 3:] *= np.cumprod(flips)[:, None]
+    out = np.stack([np.interp(clock, known, column) for column in poses.T], axis=1)
+    out[:, 3:] /= np.linalg.norm(out[:, 3:], axis=1, keepdims=True)
+    return out

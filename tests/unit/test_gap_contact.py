@@ -1,0 +1,283 @@
+"""Throws from files, their first states, searches, and verdicts about them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gsbridge.errors import InputError
+from gsbridge.files import read_json
+from gsbridge.gap.benchmark.thrown_truth import Scene, throw_box
+from gsbridge.gap.contact.body import parse_body, read_body
+from gsbridge.gap.contact.case import diagnose_throws, read_case, run_case, split_throws
+from gsbridge.gap.contact.findings import findings_of
+from gsbridge.gap.contact.identify import closure
+from gsbridge.gap.contact.replay import Replay
+from gsbridge.gap.contact.search import golden, refine
+from gsbridge.gap.contact.setup import build_setup
+from gsbridge.gap.contact.starts import check_fall, quat_from_turn, starts_of, turn_between
+from gsbridge.gap.contact.throws import Throw, Throws, read_throws, write_throws
+from gsbridge.gap.contact.world import simulate
+from gsbridge.gap.system import Applied
+from gsbridge.geometry import quat_multiply
+
+MODEL = {"box": [0.1, 0.1, 0.1], "mass": 0.4, "controller": {"mode": "body"}, "contact": {"friction": 0.5}}
+NAMES = ("contact_friction", "restitution", "table_height")
+HORIZON = 0.5
+
+
+def ballistic(count=12, seed=0, speeds=False):
+    """Throws in free flight with noise, and their true speeds."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(20) / 100
+    items, truth = [], []
+    for k in range(count):
+        velocity, spin = rng.normal(0, 1, 3), rng.normal(0, 4, 3)
+        position = [0, 0, 2.0] + time[:, None] * velocity - 0.5 * 9.81 * time[:, None] ** 2 * [0, 0, 1]
+        quat = quat_from_turn(time[:, None] * spin + rng.normal(0, 1e-3, (20, 3)))
+        given_speeds = (velocity + rng.normal(0, 0.05, 3), spin + rng.normal(0, 0.2, 3)) if speeds else (None, None)
+        items.append(Throw(str(k), time, position + rng.normal(0, 2e-4, (20, 3)), quat, *given_speeds))
+        truth.append((velocity, spin))
+    return Throws(tuple(items)), truth
+
+
+def test_first_states_come_from_the_first_stretch():
+    throws, truth = ballistic(40)
+    starts, noise = starts_of(throws)
+    assert noise.position == pytest.approx(2e-4, rel=0.25)
+    assert noise.angle == pytest.approx(1e-3, rel=0.25)
+    speeds = starts.velocity - np.array([velocity for velocity, _ in truth])
+    spins = starts.spin - np.array([spin for _, spin in truth])
+    # The spread that the noise claims is the spread that the speeds have.
+    assert speeds.std() == pytest.approx(noise.velocity, rel=0.3)
+    assert spins.std() == pytest.approx(noise.spin, rel=0.3)
+    assert not starts.logged
+
+
+def test_logged_speeds_are_taken_with_their_own_noise():
+    throws, _ = ballistic(60, speeds=True)
+    starts, noise = starts_of(throws)
+    assert starts.logged
+    assert np.array_equal(starts.velocity, [throw.velocity for throw in throws.items])
+    assert noise.velocity == pytest.approx(0.05, rel=0.35)
+    assert noise.spin == pytest.approx(0.2, rel=0.5)
+
+
+@given(st.tuples(*[st.floats(-3.0, 3.0)] * 3).filter(lambda turn: np.linalg.norm(turn) < 3.1))
+def test_turns_and_quaternions_are_inverse(turn):
+    reference = np.array([0.5, -0.5, 0.5, 0.5])
+    quat = quat_multiply(quat_from_turn(np.array(turn)), reference)
+    assert np.allclose(turn_between(quat[None], reference)[0], turn, atol=1e-9)
+
+
+@settings(max_examples=40)
+@given(st.floats(-0.9, 0.9), st.floats(-1.0, 1.0), st.floats(0.05, 0.5))
+def test_golden_section_finds_the_minimum_from_anywhere(centre, begin, width):
+    found, inside = golden(lambda value: abs(value - centre) + 0.1 * (value - centre) ** 2, begin, width, -2.0, 2.0)
+    assert inside
+    assert found == pytest.approx(centre, abs=0.15)
+
+
+def test_golden_section_says_when_it_stops_at_a_bound():
+    found, inside = golden(lambda value: -value, 0.0, 0.1, -1.0, 1.0)
+    assert found == 1.0
+    assert not inside
+
+
+def test_throws_survive_their_file(tmp_path):
+    throws, _ = ballistic(3, speeds=True)
+    write_throws(tmp_path / "throws.csv", throws)
+    back = read_throws(tmp_path / "throws.csv")
+    assert len(back) == 3
+    for one, other in zip(throws.items, back.items, strict=True):
+        for key in ("time", "position", "velocity", "spin"):
+            assert np.allclose(getattr(one, key), getattr(other, key), atol=1e-12)
+        assert np.allclose(np.abs((one.quat * other.quat).sum(axis=1)), 1.0)
+
+
+def test_a_folder_holds_one_throw_per_file_in_the_order_of_their_numbers(tmp_path):
+    import pandas as pd
+
+    throws, _ = ballistic(3)
+    write_throws(tmp_path / "all.csv", throws)
+    table = pd.read_csv(tmp_path / "all.csv")
+    (tmp_path / "set").mkdir()
+    for k, name in enumerate((2, 10, 1)):
+        rows = table[table["throw"] == k].drop(columns="throw").rename(columns={"position.x [m]": "px"})
+        rows.assign(px=1e3 * rows["px"]).to_csv(tmp_path / "set" / f"throw_{name}.csv", index=False)
+    back = read_throws(tmp_path / "set", {"position.x": "px"}, {"position.x": "mm"})
+    assert [throw.name for throw in back.items] == ["throw_1", "throw_2", "throw_10"]
+    assert np.allclose(back.items[0].position, throws.items[2].position)
+
+
+def test_lengths_and_axes_that_gravity_contradicts_are_refused():
+    throws, _ = ballistic(20)
+    check_fall(throws, 9.81, "log")
+    for change, said in (
+        (lambda p: 1e3 * p, "millimetres"),
+        (lambda p: 1e2 * p, "centimetres"),
+        (lambda p: p[:, [0, 2, 1]], "along -y"),
+        (lambda p: -p, r"along \+z"),
+    ):
+        wrong = Throws(tuple(replace(throw, position=change(throw.position)) for throw in throws.items))
+        with pytest.raises(InputError, match=said):
+            check_fall(wrong, 9.81, "log")
+
+
+def damaged(table, kind):
+    """A table of throws with one thing wrong."""
+    if kind == "missing":
+        return table.drop(columns="orientation.w")
+    if kind == "unit":
+        return table.rename(columns={"position.x [m]": "position.x [kg]"})
+    if kind == "no unit":
+        return table.rename(columns={"position.x [m]": "position.x"})
+    if kind == "backwards":
+        table.loc[5, "time [s]"] = 0.0
+    if kind == "nan":
+        table.loc[5, "position.y [m]"] = np.nan
+    if kind == "quaternion":
+        table.loc[5, "orientation.w"] = 3.0
+    if kind == "short":
+        return table[table["time [s]"] < 0.05]
+    if kind == "partial":
+        return table.assign(**{"velocity.x [m/s]": 0.0})
+    return table
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("missing", "is missing"),
+        ("unit", "which is no length"),
+        ("no unit", "has no unit"),
+        ("backwards", "backwards"),
+        ("nan", "no number"),
+        ("quaternion", "length 3"),
+        ("short", "rows in"),
+        ("partial", "lacks a component"),
+    ],
+)
+def test_bad_throws_are_refused(tmp_path, kind, said):
+    import pandas as pd
+
+    write_throws(tmp_path / "good.csv", ballistic(2)[0])
+    damaged(pd.read_csv(tmp_path / "good.csv"), kind).to_csv(tmp_path / "bad.csv", index=False)
+    with pytest.raises(InputError, match=said):
+        read_throws(tmp_path / "bad.csv")
+
+
+def test_one_file_of_throws_is_cut_into_roles_and_marked():
+    throws, _ = ballistic(30)
+    roles, reasons = split_throws({"fit": throws}, "case")
+    assert [len(roles[role]) for role in ("fit", "select", "verify")] == [10, 10, 10]
+    assert reasons
+    assert split_throws(roles, "case")[1] == ()
+    with pytest.raises(InputError, match="at least"):
+        split_throws({"fit": throws.part(0, 20)}, "case")
+    with pytest.raises(InputError, match="'fit'"):
+        split_throws({"select": throws}, "case")
+
+
+def test_closure_counts_from_the_floor():
+    assert closure(0.09, 0.01, 0.01) == pytest.approx(1.0)
+    assert closure(0.09, 0.05, 0.01) == pytest.approx(0.5)
+    assert closure(0.09, 0.13, 0.01) < 0
+
+
+def own_throws(friction, count, seed, scene=None):
+    """Throws whose truth is the simulator itself, with another friction, and noise."""
+    seeds = throw_box(scene or Scene(duration=0.1), count, seed)
+    starts, _ = starts_of(seeds)
+    body = parse_body({**MODEL, "contact": {"friction": friction}}, ".")
+    time = np.arange(75) / 150
+    rng = np.random.default_rng(seed)
+    flights = simulate(body, build_setup(body), starts, [time] * count)
+    return Throws(
+        tuple(
+            Throw(str(k), time, f.position + rng.normal(0, 1e-4, f.position.shape), f.quat, starts.velocity[k], starts.spin[k])
+            for k, f in enumerate(flights)
+        )
+    )
+
+
+def test_a_fitted_size_is_the_hidden_one():
+    replay = Replay(parse_body(MODEL, "."), own_throws(0.3, 12, 1), HORIZON)
+    fit = refine(replay, (Applied("contact_friction", "", {"friction": -0.1}),))
+    assert fit.converged
+    assert fit.effects[0].parameters["friction"] == pytest.approx(-0.2, abs=0.02)
+    assert fit.error < 0.1 * replay.errors().mean()
+    phases, after = replay.phases(), replay.phases(fit.effects)
+    assert after["after"] < 0.2 * phases["after"]
+    # Before the first touch friction explains nothing.
+    assert after["flight"] == pytest.approx(phases["flight"], rel=1e-9)
+
+
+def test_nothing_hidden_is_no_discrepancy():
+    body = parse_body({**MODEL, "contact": {"friction": 0.3}}, ".")
+    throws = {role: own_throws(0.3, 8, seed) for seed, role in enumerate(("fit", "select", "verify"))}
+    diagnosis = diagnose_throws(body, throws, names=("contact_friction",), horizon=HORIZON)
+    assert diagnosis.finding.verdict == "no_discrepancy"
+    assert diagnosis.effects == ()
+    found = findings_of(diagnosis, throws, seed=0)
+    assert found["amended"] == []
+    assert found["verify"] is None
+
+
+@pytest.fixture(scope="module")
+def thrown(tmp_path_factory):
+    """A case from files: MuJoCo throws with friction 0.2, a PyBullet model with 0.5."""
+    folder = tmp_path_factory.mktemp("thrown")
+    for seed, role in enumerate(("fit", "select", "verify")):
+        write_throws(folder / f"{role}.csv", throw_box(Scene(friction=0.2, duration=HORIZON), 12, seed))
+    (folder / "model.yaml").write_text(yaml.safe_dump(MODEL))
+    case = {"model": "model.yaml", "records": {role: f"{role}.csv" for role in ("fit", "select", "verify")}}
+    (folder / "case.yaml").write_text(yaml.safe_dump({**case, "effects": list(NAMES), "horizon": HORIZON}))
+    return folder, run_case(folder / "case.yaml", folder / "out")
+
+
+def test_friction_of_another_engine_is_named(thrown):
+    _, findings = thrown
+    assert findings["verdict"] == "named", findings["sentence"]
+    assert [item["name"] for item in findings["effects"]] == ["contact_friction"]
+    row = findings["effects"][0]["parameters"]["friction"]
+    assert row["becomes"] == pytest.approx(0.2, abs=0.04)
+    assert row["interval90"][0] <= row["value"] <= row["interval90"][1]
+    assert findings["verify"]["removed"] > 0.7
+    assert findings["verify"]["closure"] > 0.8
+    assert findings["where"]["after"][1] < 0.4 * findings["where"]["after"][0]
+
+
+def test_the_amended_model_can_be_read_and_holds_the_name(thrown):
+    folder, findings = thrown
+    amended = read_body(folder / "out" / "model.yaml")
+    assert [effect.name for effect in amended.effects] == ["contact_friction"]
+    assert read_json(folder / "out" / "findings.json")["sentence"] == findings["sentence"]
+    evidence = yaml.safe_load((folder / "out" / "model.yaml").read_text())["evidence"]
+    assert evidence[0]["records"] == findings["records"]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"records": {"fit": "none.csv"}}, "cannot be read"),
+        ({"records": {"best": "fit.csv"}}, "no role"),
+        ({"effects": ["viscous"]}, "mechanisms"),
+        ({"effects": ["magic"]}, "unknown"),
+        ({"model": "none.yaml"}, "cannot be read"),
+        ({"colour": 1}, "unknown"),
+        ({"records": None}, "needs"),
+    ],
+)
+def test_a_wrong_case_is_refused_and_nothing_is_written(thrown, tmp_path, change, said):
+    folder, _ = thrown
+    case = {**yaml.safe_load((folder / "case.yaml").read_text()), **change}
+    (folder / "wrong.yaml").write_text(yaml.safe_dump(case))
+    with pytest.raises(InputError, match=said):
+        read_case(folder / "wrong.yaml")
+    with pytest.raises(InputError):
+        run_case(folder / "wrong.yaml", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
