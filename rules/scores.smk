@@ -134,7 +134,8 @@ rule score_policies:
 rule write_results_page:
     input:
         scores=collect(
-            "results/scores/{area}.json", area=["real2sim", "simulator", "policies"]
+            "results/scores/{area}.json",
+            area=["real2sim", "simulator", "policies", "gap"],
         ),
     output:
         page="benchmarks/RESULTS.md",

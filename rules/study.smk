@@ -1,6 +1,7 @@
 rule study:
     input:
         "results/rows/study.csv",
+        "results/gap-benchmark/report.html",
     localrule: True
 
 

@@ -88,7 +88,7 @@ def test_truth_is_read_by_scoring_rules_only():
         return re.sub(r"    output:\n(?:        .*\n)+", "", text)
 
     readers = {name for name, text in rules().items() if re.search(r"results/truth|truth=", without_outputs(text))}
-    assert readers == {"score_scene", "score_keyframes", "score_registration"}
+    assert readers == {"score_scene", "score_keyframes", "score_registration", "score_gap_cases"}
 
 
 def misspell(config):

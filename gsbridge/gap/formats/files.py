@@ -1,0 +1,110 @@
+"""Files of a case, found before it is read: what the workflow has to watch, and where a case may lie."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import yaml
+
+from gsbridge.errors import InputError
+
+
+def case_path(name: str, value: str, places: Sequence[str | Path]) -> Path:
+    """A case's file.
+
+    Args:
+        name: Of the case.
+        value: Its path as configured.
+        places: Folders it may be relative to, in this order.
+
+    Raises:
+        InputError: It is in none of them.
+    """
+    found = [Path(folder) / Path(value).expanduser() for folder in places]
+    for path in found:
+        if path.is_file():
+            return path
+    looked = " nor ".join(dict.fromkeys(str(path) for path in found))
+    either = "neither " if " nor " in looked else "not "
+    raise InputError(
+        f"config: gap.cases.{name}", f"{value} is there {either}as {looked}", "Correct the path of the case; see docs/gap.md"
+    )
+
+
+def case_name(value: str) -> str:
+    """Name of a case that is given by its file alone: the file's, or its folder's where that is called `case.yaml`.
+
+    Raises:
+        InputError: No letters are left.
+    """
+    path = Path(value).expanduser()
+    word = path.resolve().parent.name if path.stem == "case" else path.stem
+    name = re.sub(r"[^a-z0-9]+", "_", word.lower()).strip("_")
+    if not re.match("[a-z]", name):
+        raise InputError("config: gap_case", f"'{word}' gives no name", "Call the file or its folder by a word, e.g. axis.yaml")
+    return name
+
+
+def case_files(case: str | Path) -> list[Path]:
+    """Files that a case names and that are there: its model, the model's URDF, its records. A damaged case names none."""
+    case = Path(case)
+    content = _content(case)
+    names = [content.get("model"), *_values(content.get("records"))]
+    model = case_model(case)
+    # What stands behind '#' is a part of a data set.
+    found = [case.parent / name.partition("#")[0] for name in names if isinstance(name, str)]
+    urdf = _content(model).get("urdf")
+    if isinstance(urdf, str):
+        found.append(model.parent / urdf)
+    return [file for path in found for file in _inside(path)]
+
+
+def case_model(case: str | Path) -> Path:
+    """The model that a case names; the case itself where it names none."""
+    case = Path(case)
+    name = _content(case).get("model")
+    return case.parent / name if isinstance(name, str) else case
+
+
+def check_asked_cases(arguments: Iterable[str], cases: Iterable[str]) -> None:
+    """Refuse results of a case that is not configured; snakemake would only say that no rule makes them.
+
+    Raises:
+        InputError: A result of another case is asked for.
+    """
+    names = sorted(cases)
+    for argument in arguments:
+        found = re.match(r"(?:\./)?results/(?:gap/([^/]+)/|rerun/gap/([^/]+)\.rrd)", argument)
+        name = found and (found[1] or found[2])
+        if name and name not in names:
+            near = difflib.get_close_matches(name, names, 1)
+            hint = f"Did you mean '{near[0]}'? " if near else ""
+            raise InputError(
+                argument,
+                f"'{name}' is no case",
+                f"{hint}Name it under gap.cases in config.yaml, or give --config gap_case=FILE. "
+                f"Cases: {', '.join(names) or 'none'}",
+            )
+
+
+def _content(path: Path) -> dict[str, object]:
+    """Top level of a YAML file; empty where it cannot be read, which the reading stage will say."""
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def _values(content: object) -> list[object]:
+    return list(content.values()) if isinstance(content, dict) else []
+
+
+def _inside(path: Path) -> list[Path]:
+    """A file, or the files of a data set's folder that hold numbers; nothing where there is none."""
+    if path.is_dir():
+        return sorted(file for file in path.rglob("*") if file.suffix in (".parquet", ".json", ".jsonl") and file.is_file())
+    return [path] if path.is_file() else []

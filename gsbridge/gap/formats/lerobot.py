@@ -1,0 +1,116 @@
+"""LeRobot data sets, versions 2 and 3: episodes as Parquet below `data/`, described by `meta/info.json`.
+
+Version 2 keeps one file per episode, version 3 several episodes per file; both mark every row with its episode. Features are
+vectors whose elements `info.json` names; their units are nowhere, so that a case has to state them.
+
+Source: https://huggingface.co/docs/lerobot/lerobot-dataset-v3 and the files of published data sets.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gsbridge.errors import InputError
+from gsbridge.files import read_json
+
+KINDS = {
+    "observation.state": "position",
+    "observation.velocity": "velocity",
+    "observation.effort": "effort",
+    "action": "command",
+}
+"""Features that hold one number per joint, and what we call them."""
+
+_ABOUT_ROWS = ("timestamp", "frame_index", "episode_index", "index", "task_index")
+"""Features that number the rows instead of measuring something."""
+
+_ENDINGS = (".pos", ".position")
+
+
+def read_lerobot(folder: Path, part: str, joints: tuple[str, ...]) -> tuple[pd.DataFrame, str]:
+    """One episode as a table.
+
+    Args:
+        folder: The data set.
+        part: Number of the episode; may be empty where there is only one.
+        joints: Joints of the mechanism.
+
+    Returns:
+        Columns `time [s]`; every element of a numeric feature as `feature.element`; and `position.joint`, `velocity.joint`,
+        `effort.joint`, `command.joint` where elements are called like joints. And the SHA-256 of what was read.
+
+    Raises:
+        InputError: This is no such data set, its version is unknown, or the episode is missing.
+    """
+    if not (folder / "meta/info.json").is_file():
+        raise InputError(folder, "this folder is no LeRobot data set: meta/info.json is missing", "Name its top folder")
+    info = read_json(folder / "meta/info.json")
+    version = str(info.get("codebase_version", ""))
+    if version.lstrip("v").split(".")[0] not in ("2", "3"):
+        raise InputError(folder, f"data sets of version '{version}' are not known", "Convert it with LeRobot to v2 or v3")
+    features = {
+        name: item for name, item in (info.get("features") or {}).items() if name not in _ABOUT_ROWS and _is_vector(item)
+    }
+    files = sorted((folder / "data").rglob("*.parquet"))
+    if not files or not features:
+        raise InputError(folder, "the data set holds no numbers", "Give one with data/**/*.parquet and numeric features")
+    rows = _rows(folder, files, part, list(features), info)
+    columns = {"time [s]": rows["timestamp"].to_numpy(dtype=np.float64).ravel()}
+    for name, item in features.items():
+        if name not in rows:
+            continue
+        values = np.stack([np.atleast_1d(np.asarray(row, dtype=np.float64)) for row in rows[name]])
+        for element, column in zip(_elements(name, item, values.shape[1]), values.T, strict=True):
+            columns[f"{name}.{element}"] = column
+            joint = next((element.removesuffix(end) for end in _ENDINGS if element.endswith(end)), element)
+            if name in KINDS and joint in joints:
+                columns[f"{KINDS[name]}.{joint}"] = column
+    table = pd.DataFrame(columns)
+    digest = hashlib.sha256(str(list(table.columns)).encode() + np.ascontiguousarray(table.to_numpy()).tobytes())
+    return table, digest.hexdigest()
+
+
+def _is_vector(feature: Mapping[str, Any]) -> bool:
+    """Whether a feature is a number or a vector of numbers."""
+    return str(feature.get("dtype", "")).startswith(("float", "int")) and len(feature.get("shape") or []) == 1
+
+
+def _elements(name: str, feature: Mapping[str, Any], count: int) -> list[str]:
+    """Names of a feature's elements; their numbers where it has none."""
+    names = feature.get("names")
+    if isinstance(names, Mapping):
+        # Grouped, e.g. {"motors": [...]}.
+        names = [element for group in names.values() for element in (group if isinstance(group, list) else [group])]
+    if not isinstance(names, list) or len(names) != count:
+        return [str(number) for number in range(count)]
+    return [str(element) for element in names]
+
+
+def _rows(folder: Path, files: list[Path], part: str, features: list[str], info: Mapping[str, Any]) -> pd.DataFrame:
+    """Rows of one episode in the order of time."""
+    total = int(info.get("total_episodes", 1))
+    if part and not part.isdigit():
+        raise InputError(f"{folder}#{part}", f"'{part}' is no number of an episode", f"Write {folder.name}#0, for example")
+    if not part and total > 1:
+        raise InputError(folder, f"the data set has {total} episodes", f"Say which one: {folder.name}#0, for example")
+    wanted = int(part or 0)
+    found = []
+    for file in files:
+        try:
+            table = pd.read_parquet(file, filters=[("episode_index", "==", wanted)])
+        except (OSError, ValueError, KeyError) as error:
+            raise InputError(file, f"it cannot be read ({error})", "Copy the data set again") from error
+        if len(table):
+            found.append(table[[name for name in ("timestamp", *features) if name in table]])
+    if not found:
+        raise InputError(f"{folder}#{part}", f"there is no episode {wanted}", f"Use 0 to {total - 1}")
+    rows = pd.concat(found, ignore_index=True)
+    if "timestamp" not in rows:
+        raise InputError(folder, "its rows have no time stamps", "Convert it with LeRobot again")
+    return rows

@@ -1,0 +1,55 @@
+"""Logs of any known format as records: CSV and Parquet, LeRobot data sets, MCAP.
+
+Every format becomes a table with our columns, and that is read and checked by one and the same code.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+
+from gsbridge.errors import InputError
+from gsbridge.gap.formats.lerobot import read_lerobot
+from gsbridge.gap.formats.mcap import read_mcap
+from gsbridge.gap.records import Layout, Record, read_record
+
+
+def split_part(path: str | Path) -> tuple[Path, str]:
+    """A log's file and which part of it is meant: `data#3` is episode 3, `log.mcap#/joint_states` a topic."""
+    name, mark, part = str(path).partition("#")
+    return Path(name), part if mark else ""
+
+
+def read_log(path: str | Path, layout: Layout) -> Record:
+    """Read a record from a log of any known format.
+
+    Args:
+        path: CSV or Parquet; the folder of a LeRobot data set with `#EPISODE`; an MCAP file with `#TOPIC` or `#TOPIC,COMMANDS`.
+        layout: How its columns are called.
+
+    Raises:
+        InputError: As `read_record`; the part is missing or ambiguous, or an optional package is not installed.
+    """
+    file, part = split_part(path)
+    reader: Callable[[Path, str, tuple[str, ...]], tuple[pd.DataFrame, str]]
+    if file.suffix == ".mcap":
+        reader = read_mcap
+    elif file.is_dir():
+        reader = read_lerobot
+    elif part:
+        raise InputError(path, "only data sets and MCAP files have parts", "Leave out what stands behind '#'")
+    else:
+        return read_record(file, layout)
+    table, digest = reader(file, part, layout.joints)
+    with tempfile.TemporaryDirectory(prefix="gsbridge-gap-") as folder:
+        stored = Path(folder) / "log.parquet"
+        table.to_parquet(stored)
+        try:
+            record = read_record(stored, layout)
+        except InputError as error:
+            raise InputError(path, error.problem, error.remedy) from error
+    return replace(record, name=f"{file.stem}#{part}" if part else file.stem, digest=digest)

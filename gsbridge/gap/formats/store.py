@@ -1,0 +1,73 @@
+"""Records as the workflow keeps them between its rules: one file that holds every field of every record."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_file
+from gsbridge.gap.records import Record
+from gsbridge.geometry import Array
+
+
+def save_records(path: str | Path, records: Mapping[str, Record]) -> None:
+    """Write records, whole or not at all.
+
+    Args:
+        path: The file (`.npz`).
+        records: By role.
+    """
+    arrays: dict[str, Array] = {}
+    plain: dict[str, dict[str, Any]] = {}
+    for role, record in records.items():
+        plain[role] = {}
+        for item in fields(record):
+            value = getattr(record, item.name)
+            if isinstance(value, np.ndarray):
+                arrays[f"{role}/{item.name}"] = value
+            elif isinstance(value, Mapping) and any(isinstance(part, np.ndarray) for part in value.values()):
+                # A field of arrays by name, of which some may be plain.
+                plain[role][item.name] = {"order": list(value)}
+                arrays |= {f"{role}/{item.name}/{key}": np.asarray(part) for key, part in value.items()}
+            else:
+                plain[role][item.name] = {"value": dict(value) if isinstance(value, Mapping) else value}
+    with atomic_file(path) as temporary, open(temporary, "wb") as stream:
+        np.savez_compressed(stream, plain=json.dumps(plain), **arrays)
+
+
+def load_records(path: str | Path) -> dict[str, Record]:
+    """Read records back, as they were.
+
+    Raises:
+        InputError: The file is missing or damaged.
+    """
+    try:
+        with np.load(path) as data:
+            plain = json.loads(str(data["plain"]))
+            return {role: _record(role, values, data) for role, values in plain.items()}
+    except (OSError, KeyError, ValueError, TypeError, zipfile.BadZipFile) as error:
+        raise InputError(
+            path, f"the stored records cannot be read ({error})", "Delete the file and run the rule again"
+        ) from error
+
+
+def _record(role: str, plain: Mapping[str, Any], data: Mapping[str, Array]) -> Record:
+    """One record from its plain fields and its arrays."""
+    values: dict[str, Any] = {}
+    for item in fields(Record):
+        stored = plain.get(item.name)
+        if stored is None:
+            values[item.name] = data[f"{role}/{item.name}"]
+        elif "order" in stored:
+            values[item.name] = {key: data[f"{role}/{item.name}/{key}"] for key in stored["order"]}
+        else:
+            # JSON knows no tuples.
+            values[item.name] = tuple(stored["value"]) if isinstance(stored["value"], list) else stored["value"]
+    return Record(**values)

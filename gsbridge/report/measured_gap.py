@@ -1,0 +1,100 @@
+"""Figures of the area `gap`, gathered from the benchmark's scores under the names of `floors.yaml`.
+
+A figure that cannot be formed from what is there is left out, and the `score` rule then counts it as unmet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from gsbridge.files import read_json, write_json
+from gsbridge.report.statistics import wilson_interval
+
+OURS = "gsbridge"
+WHERE = "results/gap-benchmark/"
+
+POOLED = {
+    "false_alarm": "gap_false_alarm",
+    "unknown_abstained": "gap_unknown_abstained",
+    "interval_coverage": "gap_interval_coverage",
+}
+"""Rates over the cases of all tiers together, and the floors' names for them."""
+
+_DYNAMIC = ("t1", "t2")
+"""Tiers whose cases count for pooled figures: the analytic ones are too easy."""
+
+
+def read_tiers(scores: Sequence[str | Path]) -> dict[str, dict[str, Any]]:
+    """Scores by tier.
+
+    Raises:
+        InputError: A file is missing or damaged.
+    """
+    found = [read_json(path) for path in scores]
+    return {content["tier"]: content for content in found}
+
+
+def gap_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Measured figures in the floors' units, from the scored split alone.
+
+    Args:
+        tiers: Scores by tier.
+    """
+    ours = {tier: found["methods"][OURS] for tier, found in tiers.items() if found["split"] == "scored"}
+    out: dict[str, dict[str, Any]] = {}
+    for tier, scores in ours.items():
+        out[f"gap_named_right_{tier}"] = _percent(scores["named_right"])
+        out[f"gap_wrong_{tier}"] = _percent(scores["named_wrong"])
+    dynamic = [scores for tier, scores in ours.items() if tier in _DYNAMIC]
+    for key, name in POOLED.items():
+        out[name] = _percent(pooled([scores[key] for scores in dynamic]))
+    sets = [(scores["set_f1"]["value"], scores["set_f1"]["n"]) for scores in dynamic if scores["set_f1"]["value"] is not None]
+    total = sum(n for _, n in sets)
+    out["gap_set_f1"] = _plain(sum(value * n for value, n in sets) / total if total else None, total)
+    for key in ("closure_median", "closure_tenth"):
+        # The worst tier: medians do not add up.
+        values = [scores[key] for scores in dynamic if scores[key] is not None]
+        out[f"gap_{key}"] = _plain(min(values, default=None), sum(scores["named_right"]["n"] for scores in dynamic))
+    for key in ("simulations_most", "bank_most"):
+        values = [scores[key] for scores in ours.values() if scores[key] is not None]
+        out[f"gap_{key}"] = _plain(max(values, default=None), sum(len(scores["list"]) for scores in ours.values()))
+    out["gap_interval_coverage_upper"] = out["gap_interval_coverage"]
+    return {name: figure for name, figure in out.items() if figure["value"] is not None}
+
+
+def pooled(rates: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """A rate over the cases of several."""
+    total = sum(rate["n"] for rate in rates)
+    if not total:
+        return {"value": None, "n": 0}
+    good = sum(round(rate["value"] * rate["n"]) for rate in rates if rate["n"])
+    low, high = wilson_interval(good, total)
+    return {"value": good / total, "n": total, "ci95_low": low, "ci95_high": high}
+
+
+def _percent(rate: Mapping[str, Any]) -> dict[str, Any]:
+    """A rate as the floors want it."""
+    if rate["value"] is None:
+        return _plain(None, 0)
+    interval = [100 * rate["ci95_low"], 100 * rate["ci95_high"]]
+    return {**_plain(100 * rate["value"], rate["n"]), "interval": interval, "interval_of": "Wilson, 95 %"}
+
+
+def _plain(value: float | None, count: int) -> dict[str, Any]:
+    return {"value": value, "n": count, "cases": count, "where": WHERE}
+
+
+def write_gap_figures(out: str | Path, scores: Sequence[str | Path], *, preset: str) -> None:
+    """Write the measured figures.
+
+    Args:
+        out: `scores/measured/gap.json`.
+        scores: `scores.json` of each tier.
+        preset: Preset that they ran with.
+
+    Raises:
+        InputError: A file is missing or damaged.
+    """
+    write_json(out, {"preset": preset, "figures": gap_figures(read_tiers(scores))})

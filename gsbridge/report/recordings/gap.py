@@ -1,0 +1,170 @@
+"""Recording of a case of the gap: measured, nominal and explained motion side by side, and the residuals over time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from scipy.spatial.transform import Rotation
+
+from gsbridge.files import read_json
+from gsbridge.gap.bodies import Skeleton
+from gsbridge.gap.chain import Chain
+from gsbridge.gap.system import read_system
+from gsbridge.geometry import Array
+from gsbridge.report.gap_page import JUDGED, read_series
+from gsbridge.report.recordings.recording import recording
+
+WAYS = {"measured": "Measured", "nominal": "Model as it was", "explained": "With the explanation"}
+COLOURS = {"measured": [90, 100, 112], "nominal": [194, 102, 12], "explained": [31, 111, 139]}
+
+FRAMES_PER_S = 25.0
+"""Poses drawn per second; curves keep every sample."""
+
+VISIBLE_RAD = 0.25
+"""Deviations are enlarged until the largest is about this: a milliradian shows on no picture."""
+
+
+def record_gap(
+    model: str | Path, findings: str | Path, series: str | Path, replays: str | Path, case: str, out: str | Path
+) -> None:
+    """Record the motion of the record `verify`.
+
+    Entities on the timeline `time` (s): `{way}/mechanism` and, grey, `{way}/measured` for each way of `WAYS`, with deviations
+    from the measured motion enlarged; `plots/position/{joint}/{way}`, rad; `plots/residual/{channel}/before` and `/after`, in
+    units of the noise; `summary`.
+
+    Args:
+        model: The model.
+        findings: `findings.json`.
+        series: `replays.npz`.
+        replays: `replays.json`.
+        case: Name of the case.
+        out: The `.rrd`.
+
+    Raises:
+        InputError: A file is missing or damaged.
+    """
+    found, motion, rows = read_json(findings), read_series(series), read_json(replays)["records"][JUDGED]
+    system = read_system(model)
+    skeleton = Skeleton.read(system.urdf, system.joints)
+    chain = Chain.of(skeleton, system.joints, system.urdf)
+    centres = chain.bodies(skeleton.inertials)[:, 1:4]
+    positions = {"measured": motion[f"{JUDGED}/position"], "nominal": motion[f"{JUDGED}/nominal_position"]}
+    residuals = {"before": motion[f"{JUDGED}/before"]}
+    if f"{JUDGED}/after" in motion:
+        positions["explained"] = motion[f"{JUDGED}/explained_position"]
+        residuals["after"] = motion[f"{JUDGED}/after"]
+    factor = enlargement(positions)
+    time = motion[f"{JUDGED}/time"]
+    with recording(out, "gap", case, _layout(tuple(positions), system.joints, rows["channels"], factor)) as stream:
+        stream.log("summary", rr.TextDocument(_summary(found, factor), media_type="text/markdown"), static=True)
+        _log_curves(stream, system.joints, rows["channels"], time, positions, residuals)
+        _log_motion(stream, chain, centres, time, positions, factor)
+
+
+def enlargement(positions: dict[str, Array]) -> float:
+    """Factor by which deviations are drawn larger, one digit; at least 1."""
+    largest = max(
+        (float(np.abs(np.nan_to_num(q - positions["measured"])).max()) for way, q in positions.items() if way != "measured"),
+        default=0.0,
+    )
+    if largest <= 0.0:
+        return 1.0
+    factor = VISIBLE_RAD / largest
+    digit = 10.0 ** np.floor(np.log10(factor))
+    return float(max(1.0, np.floor(factor / digit) * digit))
+
+
+def place_joints(chain: Chain, q: Array) -> Array:
+    """Poses of the joints' frames in the base frame. [N] -> [N, 4, 4]."""
+    out = np.empty((len(chain.parents), 4, 4))
+    for row, (parent, fixed) in enumerate(zip(chain.parents, chain.fixed, strict=True)):
+        move, value = np.eye(4), float(q[chain.order[row]])
+        if chain.slides[row]:
+            move[:3, 3] = value * chain.axes[row]
+        else:
+            move[:3, :3] = Rotation.from_rotvec(value * chain.axes[row]).as_matrix()
+        out[row] = (np.eye(4) if parent < 0 else out[parent]) @ fixed @ move
+    return out
+
+
+def lines(chain: Chain, centres: Array, q: Array) -> Array:
+    """What is drawn of a mechanism: lines from joint to joint, and from each joint to the centre of the mass that it moves.
+
+    Args:
+        chain: The mechanism.
+        centres: Of mass, joint frames, m. [N, 3].
+        q: Joint positions in the order of the records. [N].
+
+    Returns:
+        Pairs of points, base frame, m. [2 N, 2, 3].
+    """
+    poses = place_joints(chain, q)
+    begins = np.stack([np.zeros(3) if parent < 0 else poses[parent][:3, 3] for parent in chain.parents])
+    ends = np.einsum("nij,nj->ni", poses[:, :3, :3], centres) + poses[:, :3, 3]
+    arms, masses = np.stack([begins, poses[:, :3, 3]], axis=1), np.stack([poses[:, :3, 3], ends], axis=1)
+    return np.concatenate([arms, masses])
+
+
+def _log_motion(
+    stream: rr.RecordingStream, chain: Chain, centres: Array, time: Array, positions: dict[str, Array], factor: float
+) -> None:
+    """The mechanism of every way, deviations enlarged, beside the measured one."""
+    reach = float(np.abs(lines(chain, centres, positions["measured"][0])).max())
+    measured = positions["measured"]
+    for row in range(0, len(time), max(1, round(1 / FRAMES_PER_S / float(np.median(np.diff(time)))))):
+        stream.set_time("time", duration=float(time[row]))
+        for way, q in positions.items():
+            if way != "measured":
+                thin = rr.LineStrips3D(lines(chain, centres, measured[row]), colors=[200, 206, 213], radii=0.006 * reach)
+                stream.log(f"{way}/measured", thin)
+            shown = measured[row] + factor * (q[row] - measured[row])
+            if np.isfinite(shown).all():
+                body = rr.LineStrips3D(lines(chain, centres, shown), colors=COLOURS[way], radii=0.012 * reach)
+                stream.log(f"{way}/mechanism", body)
+
+
+def _log_curves(
+    stream: rr.RecordingStream,
+    joints: tuple[str, ...],
+    channels: list[str],
+    time: Array,
+    positions: dict[str, Array],
+    residuals: dict[str, Array],
+) -> None:
+    """Positions of the joints and residuals of all channels, every sample."""
+    times = [rr.TimeColumn("time", duration=time.astype(np.float64))]
+    for way, q in positions.items():
+        for joint, column in zip(joints, q.T, strict=True):
+            entity = f"plots/position/{joint}/{way}"
+            stream.log(entity, rr.SeriesLines(names=WAYS[way], colors=COLOURS[way]), static=True)
+            stream.send_columns(entity, times, rr.Scalars.columns(scalars=column.astype(np.float64)))
+    for when, values in residuals.items():
+        colour = COLOURS["nominal" if when == "before" else "explained"]
+        for channel, column in zip(channels, values.T, strict=True):
+            entity = f"plots/residual/{channel}/{when}"
+            stream.log(entity, rr.SeriesLines(names=f"{channel} {when}", colors=colour), static=True)
+            stream.send_columns(entity, times, rr.Scalars.columns(scalars=column.astype(np.float64)))
+
+
+def _layout(ways: tuple[str, ...], joints: tuple[str, ...], channels: list[str], factor: float) -> rrb.Container:
+    """Mechanisms side by side above, curves below."""
+    enlarged = f", deviation × {factor:g}" if factor > 1 else ""
+    spaces = [
+        rrb.Spatial3DView(origin=way, name=WAYS[way] + ("" if way == "measured" else enlarged), contents="$origin/**")
+        for way in ways
+    ]
+    plots = [rrb.TimeSeriesView(origin=f"plots/position/{joint}", name=f"Position of {joint}, rad") for joint in joints]
+    plots += [rrb.TimeSeriesView(origin=f"plots/residual/{name}", name=f"Residual of {name}, × noise") for name in channels]
+    return rrb.Vertical(
+        rrb.Horizontal(*spaces, rrb.TextDocumentView(origin="summary", name="Finding")), rrb.Grid(*plots), row_shares=[2, 3]
+    )
+
+
+def _summary(found: dict[str, object], factor: float) -> str:
+    """The finding as Markdown."""
+    enlarged = f"Deviations from the measured motion are drawn {factor:g} times as large." if factor > 1 else ""
+    return f"**{str(found['verdict']).replace('_', ' ')}**\n\n{found['sentence']}\n\n{enlarged}\n"

@@ -1,0 +1,78 @@
+"""Which cases of the gap there are, and functions that rules about them share; no rule stands here."""
+
+import importlib.util
+
+from gsbridge.gap.formats.files import (
+    case_files,
+    case_model,
+    case_name,
+    case_path,
+    check_asked_cases,
+)
+
+GAP = settings("gap")
+# A case of one's own needs no entry: `--config gap_case=FILE`.
+GAP_CASES = {
+    **GAP["cases"],
+    **(
+        {case_name(config["gap_case"]): config["gap_case"]}
+        if config["gap_case"]
+        else {}
+    ),
+}
+GAP_BANK = "results/.state/gap_bank"
+GAP_TIERS = list(GAP["benchmark"])
+# The one way of naming that needs a package of its own; the page says what was left out.
+GAP_METHODS = [
+    name
+    for name in GAP["methods"]
+    if name != "cma_es" or importlib.util.find_spec("cma")
+]
+
+if workflow.is_main_process:
+    check_asked_cases(sys.argv[1:], GAP_CASES)
+
+
+def gap_case(wildcards):
+    """A case's file: relative to where snakemake runs, or to the project."""
+    return str(case_path(wildcards.case, GAP_CASES[wildcards.case], [Path.cwd(), ROOT]))
+
+
+def gap_case_files(wildcards):
+    """Files that a case names, which are read with it."""
+    return [str(path) for path in case_files(gap_case(wildcards))]
+
+
+def gap_model(wildcards):
+    """The model that a case diagnoses."""
+    return str(case_model(gap_case(wildcards)))
+
+
+def gap_reports(wildcards):
+    """Reports and recordings of all cases."""
+    return collect(
+        ["results/gap/{case}/report.html", "results/rerun/gap/{case}.rrd"],
+        case=list(GAP_CASES),
+    )
+
+
+def gap_state(wildcards):
+    """Where a chunk of the benchmark keeps the findings that are done, until all are."""
+    code = code_digest("gsbridge.gap.benchmark.chunks")
+    return state_folder("diagnose_gap_cases", "-".join(wildcards), code, SEED)
+
+
+def gap_chunks(wildcards):
+    """Findings of all ways of naming in one tier, a folder per chunk: those of a way lie side by side."""
+    return [
+        f"results/gap-benchmark/{wildcards.tier}/findings/{method}-{chunk}"
+        for method in GAP_METHODS
+        for chunk in range(GAP["chunks"])
+    ]
+
+
+wildcard_constraints:
+    case=one_of(GAP_CASES),
+    tier="t[0-9]",
+    method="[a-z_]+",
+    chunk=r"[0-9]+",

@@ -1,0 +1,132 @@
+rule generate_gap_cases:
+    output:
+        cases=directory("results/gap-benchmark/{tier}/cases"),
+        # Hashed in the cases' manifest before any diagnosis begins; read by the scoring rule alone.
+        truths=directory("results/truth/gap/{tier}"),
+    log:
+        "results/logs/generate_gap_cases/{tier}.log",
+    benchmark:
+        "results/benchmarks/generate_gap_cases/{tier}.jsonl"
+    conda:
+        "../envs/gap.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime="60m",
+    params:
+        code=code_digest("gsbridge.gap.benchmark.chunks"),
+        split=GAP["split"],
+        cases_wanted=lambda wildcards: GAP["benchmark"][wildcards.tier],
+        seed=SEED,
+    message:
+        "Hide effects: the {params.split} cases of tier {wildcards.tier}"
+    script:
+        "../scripts/generate_gap_cases.py"
+
+
+rule diagnose_gap_cases:
+    input:
+        cases="results/gap-benchmark/{tier}/cases",
+    output:
+        findings=directory("results/gap-benchmark/{tier}/findings/{method}-{chunk}"),
+    log:
+        "results/logs/diagnose_gap_cases/{tier}-{method}-{chunk}.log",
+    benchmark:
+        "results/benchmarks/diagnose_gap_cases/{tier}-{method}-{chunk}.jsonl"
+    conda:
+        "../envs/gap.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime="4h",
+    params:
+        code=code_digest("gsbridge.gap.benchmark.chunks"),
+        chunks=GAP["chunks"],
+        bank=GAP_BANK,
+        state=gap_state,
+        seed=SEED,
+    message:
+        "Diagnose tier {wildcards.tier} by {wildcards.method}, chunk {wildcards.chunk} of {params.chunks}"
+    script:
+        "../scripts/diagnose_gap_cases.py"
+
+
+rule score_gap_cases:
+    input:
+        cases="results/gap-benchmark/{tier}/cases",
+        truths="results/truth/gap/{tier}",
+        findings=gap_chunks,
+    output:
+        scores="results/gap-benchmark/{tier}/scores.json",
+    log:
+        "results/logs/score_gap_cases/{tier}.log",
+    benchmark:
+        "results/benchmarks/score_gap_cases/{tier}.jsonl"
+    conda:
+        "../envs/gap.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime="10m",
+    params:
+        code=code_digest("gsbridge.gap.benchmark.chunks"),
+        methods=GAP_METHODS,
+        chunks=GAP["chunks"],
+    message:
+        "Score the findings of tier {wildcards.tier} against what was hidden"
+    script:
+        "../scripts/score_gap_cases.py"
+
+
+rule report_gap_benchmark:
+    input:
+        # Its date changes with every checkout; its digest below tells whether it changed.
+        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
+        scores=collect("results/gap-benchmark/{tier}/scores.json", tier=GAP_TIERS),
+    output:
+        page=report(
+            "results/gap-benchmark/report.html",
+            caption="captions/gap_benchmark.rst",
+            category="Gap",
+            labels={"figure": "blind benchmark"},
+        ),
+    log:
+        "results/logs/report_gap_benchmark.log",
+    benchmark:
+        "results/benchmarks/report_gap_benchmark/all.jsonl"
+    conda:
+        "../envs/gap.yaml"
+    threads: 1
+    resources:
+        mem_mb=1000,
+        runtime="10m",
+    params:
+        code=code_digest("gsbridge.report.gap_benchmark_page"),
+        floors_digest=file_digest("benchmarks/floors.yaml"),
+        preset=config["preset"],
+    message:
+        "Write the page of the blind benchmark"
+    script:
+        "../scripts/report_gap_benchmark.py"
+
+
+rule score_gap:
+    input:
+        # Its date changes with every checkout; its digest below tells whether it changed.
+        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
+        scores=collect("results/gap-benchmark/{tier}/scores.json", tier=GAP_TIERS),
+    output:
+        measured="results/scores/measured/gap.json",
+        scores="results/scores/gap.json",
+    log:
+        "results/logs/score_gap.log",
+    conda:
+        "../envs/gap.yaml"
+    params:
+        code=code_digest("gsbridge.report.score", "gsbridge.report.measured_gap"),
+        floors_digest=file_digest("benchmarks/floors.yaml"),
+        preset=config["preset"],
+    message:
+        "Compare the benchmark of the gap with the floors"
+    script:
+        "../scripts/score_gap.py"

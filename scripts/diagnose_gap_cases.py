@@ -1,0 +1,21 @@
+"""Diagnose a chunk of the cases of one tier of the blind benchmark."""
+
+from typing import TYPE_CHECKING
+
+from gsbridge.gap.benchmark.chunks import diagnose_chunk
+from gsbridge.logs import start
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+diagnose_chunk(
+    snakemake.input.cases,
+    int(snakemake.wildcards.chunk),
+    snakemake.params.chunks,
+    snakemake.wildcards.method,
+    snakemake.params.bank,
+    snakemake.params.state,
+    snakemake.output.findings,
+    snakemake.params.seed,
+)

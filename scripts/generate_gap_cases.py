@@ -1,0 +1,19 @@
+"""Hide effects in the cases of one tier of the blind benchmark."""
+
+from typing import TYPE_CHECKING
+
+from gsbridge.gap.benchmark.chunks import generate_tier
+from gsbridge.logs import start
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+generate_tier(
+    snakemake.wildcards.tier,
+    snakemake.params.split,
+    snakemake.params.cases_wanted,
+    snakemake.params.seed,
+    snakemake.output.cases,
+    snakemake.output.truths,
+)

@@ -1,0 +1,12 @@
+"""Write the page of the blind benchmark."""
+
+from typing import TYPE_CHECKING
+
+from gsbridge.logs import start
+from gsbridge.report.gap_benchmark_page import write_gap_benchmark
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+write_gap_benchmark(snakemake.input.scores, snakemake.input.floors, snakemake.params.preset, snakemake.output.page)

@@ -1,0 +1,21 @@
+"""Compare the blind benchmark of the gap with the floors."""
+
+from typing import TYPE_CHECKING
+
+from gsbridge.logs import start
+from gsbridge.report.measured_gap import write_gap_figures
+from gsbridge.report.score import current_commit, write_scores
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+write_gap_figures(snakemake.output.measured, snakemake.input.scores, preset=snakemake.params.preset)
+write_scores(
+    snakemake.input.floors,
+    [snakemake.output.measured],
+    snakemake.output.scores,
+    area="gap",
+    preset=snakemake.params.preset,
+    commit=current_commit(),
+)

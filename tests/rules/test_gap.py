@@ -1,0 +1,109 @@
+"""Cases of the gap and their benchmark as users ask for them; bad input ends with one sentence and leaves nothing behind."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+URDF = """<robot name="axis"><link name="base"/><link name="arm"><inertial><origin xyz="0.2 0 0"/><mass value="1"/>
+<inertia ixx="0.001" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="axis" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 -1 0"/>
+<limit lower="-6" upper="6" effort="50" velocity="20"/></joint></robot>"""
+MODEL = "urdf: axis.urdf\ncontroller: {mode: pd, stiffness: 60, damping: 4, gravity_compensation: 1.0}\n"
+STEPS = ("read_gap_records", "compare_gap", "screen_gap", "identify_gap", "replay_gap", "report_gap")
+
+
+def table() -> tuple[list[str], np.ndarray]:
+    """A log of a single axis that is well: header and rows."""
+    time = np.arange(300) / 100
+    q = 0.5 * np.sin(3 * time)
+    header = ["time [s]", "command.axis [rad]", "position.axis [rad]", "velocity.axis [rad/s]"]
+    return header, np.stack([time, q, q, 1.5 * np.cos(3 * time)], axis=1)
+
+
+def write_case(folder: Path, header: list[str], rows: np.ndarray, model: str = MODEL) -> Path:
+    """A case of one record that is split; returns its file."""
+    folder.mkdir(parents=True)
+    (folder / "axis.urdf").write_text(URDF)
+    (folder / "model.yaml").write_text(model)
+    np.savetxt(folder / "log.csv", rows, delimiter=",", header=",".join(header), comments="")
+    (folder / "case.yaml").write_text("model: model.yaml\nrecords: {fit: log.csv}\n")
+    return folder / "case.yaml"
+
+
+def planned(plan: str) -> set[str]:
+    """Rules of a dry run."""
+    return set(re.findall(r"^(\w+) +\d+$", plan.split("Job stats:")[1].split("total")[0], re.MULTILINE))
+
+
+def test_a_case_is_named_by_its_file_alone(snakemake, tmp_path):
+    case = write_case(tmp_path / "My axis", *table())
+    plan = snakemake("--dry-run", "--directory", str(tmp_path / "run"), "--config", f"gap_case={case}", "--", "gap").stdout
+    assert planned(plan) == {*STEPS, "record_gap", "collect_gap", "gap"}
+    assert "results/gap/my_axis/report.html" in plan
+
+
+@pytest.mark.parametrize(
+    ("target", "said"),
+    [
+        ("results/gap/axsi/report.html", "Did you mean 'axis'?"),
+        ("results/gap/axis/report.html", "lost.yaml is there"),
+    ],
+)
+def test_cases_that_are_not_there_are_named(snakemake, tmp_path, target, said):
+    arguments = ["--directory", str(tmp_path / "run"), "--config", "gap={cases: {axis: lost.yaml}}", "--", target]
+    process = snakemake("--dry-run", *arguments, check=False)
+    assert process.returncode != 0
+    assert said in process.stdout + process.stderr
+    assert not (tmp_path / "run/results").exists()
+
+
+def test_bad_records_end_with_one_sentence_and_leave_nothing(snakemake, tmp_path):
+    """Several cases in one run: each fails by itself, and says why."""
+    header, rows = table()
+    backwards, broken, degrees = rows.copy(), rows.copy(), rows.copy()
+    backwards[[100, 101], 0] = backwards[[101, 100], 0]
+    broken[50, 2] = np.nan
+    degrees[:, 2] = np.degrees(degrees[:, 2])
+    bad = {
+        "backwards": (write_case(tmp_path / "a", header, backwards), "runs backwards or stands still at data row"),
+        "broken": (write_case(tmp_path / "b", header, broken), "'position.axis' holds no number in data row 51"),
+        "degrees": (write_case(tmp_path / "c", header, degrees), "it looks like"),
+        "stranger": (
+            write_case(tmp_path / "d", header, rows, MODEL.replace("urdf: axis.urdf", "urdf: axis.urdf\njoints: [elbow]")),
+            "the URDF has no moving joint 'elbow'",
+        ),
+    }
+    cases = ", ".join(f"{name}: {path}" for name, (path, _) in bad.items())
+    process = snakemake(
+        "--cores", "1", "--directory", str(tmp_path / "run"), "--config", f"gap={{cases: {{{cases}}}}}", "--",
+        *(f"results/gap/{name}/report.html" for name in bad), check=False,
+    )  # fmt: skip
+    assert process.returncode != 0
+    for name, (_, said) in bad.items():
+        log = (tmp_path / f"run/results/logs/read_gap_records/{name}.log").read_text()
+        assert said in log
+        assert len(log.strip().splitlines()) == 1
+        assert not list((tmp_path / "run/results").glob(f"gap/{name}/*"))
+    assert "Traceback" not in process.stdout + process.stderr
+
+
+def test_the_toys_benchmark_is_small_and_the_truth_is_apart(snakemake, tmp_path):
+    target = "results/gap-benchmark/report.html"
+    plan = snakemake("--dry-run", "--directory", str(tmp_path), "--config", "preset=toy", "--", target).stdout
+    assert planned(plan) == {"generate_gap_cases", "diagnose_gap_cases", "score_gap_cases", "report_gap_benchmark"}
+    assert "chunk 0 of 1" in plan
+    for tier, there in (("t0", True), ("t1", False), ("t2", True)):
+        assert (f"cases of tier {tier}" in plan) == there
+    jobs = re.split(r"\n(?=Job \d+:)", plan)
+    diagnosing = [job for job in jobs if "Diagnose tier" in job]
+    assert len(diagnosing) == 2
+    assert not any("truth" in job for job in diagnosing)
+
+
+def test_the_study_has_every_way_of_naming(snakemake, tmp_path):
+    plan = snakemake("--dry-run", "--directory", str(tmp_path), "--", "results/scores/gap.json").stdout
+    for tier in ("t0", "t1", "t2"):
+        for method in ("gsbridge", "largest_change", "training_bic", "cosine", "sparse"):
+            assert f"Diagnose tier {tier} by {method}, chunk 3 of 4" in plan

@@ -1,0 +1,237 @@
+"""The report of a case: what it says, and that a browser shows it without a network."""
+
+import json
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from gap_files import findings, write_case
+from scipy import stats
+
+from gsbridge.errors import InputError
+from gsbridge.gap.where import GROUPS, LEVEL, few_false
+from gsbridge.report.gap_page import CaseFiles, write_gap_report
+from gsbridge.report.gap_rows import COLUMNS, write_gap_rows
+from gsbridge.report.gap_words import effect_title, explanation_title, most, next_steps
+from gsbridge.report.recordings.gap import enlargement, lines, place_joints, record_gap
+from gsbridge.report.recordings.recording import read_recording
+from gsbridge.report.rows import read_rows
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+LOOK = """
+<script>
+addEventListener("load", () => {
+  const pictures = [...document.images], bottom = document.querySelector(".sentence").getBoundingClientRect().bottom;
+  document.body.innerHTML = "<pre id=found>" + JSON.stringify({
+    broken: pictures.filter(i => !i.naturalWidth).length, pictures: pictures.length,
+    foreign: performance.getEntriesByType("resource").filter(r => !r.name.startsWith("data:")).length,
+    outside: document.documentElement.scrollWidth - innerWidth,
+    sentence: bottom,
+  }) + "</pre>";
+});
+</script>
+"""
+
+
+def case_files(paths):
+    """Arguments of the page."""
+    return CaseFiles(*(paths[name] for name in ("records", "comparison", "screen", "findings", "series", "replays")))
+
+
+def page(tmp_path, found, joints=("axis",)):
+    """Text of the page of a made-up case."""
+    write_gap_report("my_case", case_files(write_case(tmp_path, found, joints)), tmp_path / "report.html")
+    return (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_page_says_all_that_is_asked_for(tmp_path):
+    text = page(tmp_path, findings())
+    for said in (
+        "Coulomb friction (torque 0.42 ± 0.03 N m)",
+        *("31 ×", "2.1 ×", "93 %", "0.39 to 0.45", "5\u202f718", "0.0002", "f" * 16, "241", "61", "12.5"),
+        "results/gap/my_case/model.yaml",
+        "speeds up forwards: 31 times the noise",
+        "Nothing beyond the noise",
+        "free play in the transmission at axis (0.970)",
+        "friction that changes while running",
+    ):
+        assert said in text, said
+    assert text.count("<img") == 3
+    assert "with reserve" not in text
+
+
+@pytest.fixture
+def without_figures(monkeypatch):
+    """Pages of words alone: drawing takes most of the time."""
+    for name in ("draw_residuals", "draw_channels", "draw_where"):
+        monkeypatch.setattr(f"gsbridge.report.gap_page.{name}", lambda *arguments: "data:,")
+
+
+@pytest.mark.usefixtures("without_figures")
+def test_degraded_reasons_stand_at_the_top(tmp_path):
+    text = page(tmp_path, findings(status="degraded", reasons=["the record 'fit' was cut"]))
+    assert text.index("the record &#39;fit&#39; was cut") < text.index('id="residuals"')
+
+
+@pytest.mark.usefixtures("without_figures")
+@pytest.mark.parametrize(
+    ("verdict", "label", "said"),
+    [
+        ("no_discrepancy", "no discrepancy", "could not show"),
+        ("ambiguous", "ambiguous", "compare slow with fast constant speed"),
+        ("none_of_the_known", "none of the known effects", "write it as an effect"),
+        ("not_enough_excitation", "not enough excitation", "faster and slower motion"),
+    ],
+)
+def test_every_verdict_has_a_page_and_a_next_step(tmp_path, verdict, label, said):
+    text = page(tmp_path, findings(verdict, sentence="What was found."))
+    assert label in text
+    assert said in text
+    assert "model.yaml instead" not in text
+
+
+@pytest.mark.usefixtures("without_figures")
+def test_what_was_not_adopted_is_not_called_amended(tmp_path):
+    text = page(tmp_path, findings("none_of_the_known"))
+    assert "The best explanation, which was not adopted" in text
+    assert "amended model" not in text
+
+
+@pytest.mark.usefixtures("without_figures")
+def test_titles_are_escaped(tmp_path):
+    assert "<script>" not in page(tmp_path, findings(sentence="<script>alert(1)</script>"))
+
+
+def test_a_damaged_file_is_refused(tmp_path):
+    paths = write_case(tmp_path, findings())
+    paths["series"].write_bytes(b"no archive")
+    with pytest.raises(InputError, match="cannot be read"):
+        write_gap_report("x", case_files(paths), tmp_path / "report.html")
+    assert not (tmp_path / "report.html").exists()
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")
+def test_page_of_an_arm_in_a_browser(tmp_path):
+    """Twenty-one channels: pictures load, nothing sticks out, nothing is fetched, the sentence is on the first screen."""
+    looked = tmp_path / "looked.html"
+    looked.write_text(page(tmp_path, findings(), tuple(f"a{k}" for k in range(7))).replace("</body>", LOOK + "</body>"))
+    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
+    command += ["--window-size=1200,800", "--virtual-time-budget=10000", "--dump-dom", looked.as_uri()]
+    shown = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True).stdout
+    found = json.loads(re.search(r'<pre id="?found"?>(.*)</pre>', shown)[1])
+    assert (found["pictures"], found["broken"], found["foreign"]) == (3, 0, 0)
+    assert found["outside"] <= 0
+    assert found["sentence"] < 400
+
+
+def test_rows_of_cases(tmp_path):
+    for name, found in (("a", findings()), ("b", findings("ambiguous")), ("c", findings("no_discrepancy"))):
+        (tmp_path / f"{name}.json").write_text(json.dumps(found))
+    write_gap_rows({name: tmp_path / f"{name}.json" for name in "abc"}, tmp_path / "gap.csv")
+    rows = read_rows(tmp_path / "gap.csv", COLUMNS)
+    assert [row["effects"] for row in rows] == ["coulomb:axis", "coulomb:axis", ""]
+    assert [row["amended"] for row in rows] == ["coulomb:axis", "", ""]
+    assert rows[1]["ambiguous"] == "coulomb:axis | lag + viscous:axis"
+    assert (rows[0]["verify_before"], rows[2]["verify_before"]) == ("31.0000", "")
+
+
+def test_no_cases_give_a_table_without_rows(tmp_path):
+    write_gap_rows({}, tmp_path / "gap.csv")
+    assert (tmp_path / "gap.csv").read_text() == ",".join(COLUMNS) + "\n"
+
+
+def test_names_of_effects_are_those_of_the_catalogue():
+    assert effect_title("coulomb:a4") == "Coulomb friction at a4"
+    assert effect_title("no_such_effect") == "no such effect"
+    assert (
+        explanation_title(["coulomb:a4", "no_such"])
+        == explanation_title("coulomb:a4 + no_such")
+        == "Coulomb friction at a4 + no such"
+    )
+
+
+def test_without_efforts_the_page_asks_for_them():
+    about = {"records": {"fit": {"measured": ["position"]}}, "mode": "pd"}
+    steps = next_steps(findings("ambiguous"), about, {"unseen": []}, "x")
+    assert any("efforts" in step for step in steps)
+    assert not any("efforts" in step for step in next_steps(findings(), {**about, "mode": "free"}, {"unseen": []}, "x"))
+
+
+def test_the_darkest_cell_is_told_only_where_it_is_marked():
+    columns = sum(len(names) for names in GROUPS.values())
+    values = np.ones((1, columns))
+    values[0, 8] = 5.0
+    found = {"groups": GROUPS, "channels": ["effort.elbow"], "values": values.tolist(), "marked": (values > 2).tolist()}
+    assert most(found) == "effort of elbow, when it moves fast: 5 times the noise"
+    assert most({**found, "marked": (values > 9).tolist()}) is None
+
+
+def test_marked_cells_are_those_of_benjamini_and_hochberg():
+    """Against scipy's adjusted p-values."""
+    rng = np.random.default_rng(1)
+    chances = np.concatenate([rng.uniform(size=40), 10 ** rng.uniform(-8, -2, 20)]).reshape(6, 10)
+    counted = rng.random(chances.shape) < 0.8
+    expected = np.zeros_like(counted)
+    expected[counted] = stats.false_discovery_control(chances[counted]) <= LEVEL
+    np.testing.assert_array_equal(few_false(chances, counted), expected)
+    assert expected.any()
+
+
+URDF = """<robot name="arm"><link name="base"/>
+<link name="a"><inertial><origin xyz="0.2 0 0"/><mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="b"><inertial><origin xyz="0 0 0.1"/><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="lift" type="prismatic"><parent link="base"/><child link="a"/><origin xyz="0 0 0.5" rpy="0.3 0 0"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<joint name="turn" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0.4 0 0" rpy="0 0.2 0.1"/><axis xyz="0 1 1"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""  # noqa: E501
+
+
+@pytest.fixture
+def mechanism(tmp_path):
+    """A lift with a turning link, as a model and as a chain."""
+    from gsbridge.gap.bodies import Skeleton
+    from gsbridge.gap.chain import Chain
+
+    (tmp_path / "arm.urdf").write_text(URDF)
+    (tmp_path / "model.yaml").write_text("urdf: arm.urdf\ncontroller: {mode: free}\n")
+    skeleton = Skeleton.read(tmp_path / "arm.urdf", ("lift", "turn"))
+    chain = Chain.of(skeleton, ("lift", "turn"), tmp_path / "arm.urdf")
+    return chain, chain.bodies(skeleton.inertials)[:, 1:4], tmp_path
+
+
+def test_joints_stand_where_mujoco_puts_them(mechanism):
+    import mujoco
+
+    chain, centres, folder = mechanism
+    model = mujoco.MjModel.from_xml_path(str(folder / "arm.urdf"))
+    data = mujoco.MjData(model)
+    q = np.array([0.3, -0.7])
+    data.qpos[:] = q
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    poses = place_joints(chain, q)
+    np.testing.assert_allclose(poses[:, :3, 3], data.xpos[1:], atol=1e-9)
+    np.testing.assert_allclose(poses[:, :3, :3].reshape(2, 9), data.xmat[1:], atol=1e-9)
+    np.testing.assert_allclose(lines(chain, centres, q)[2:, 1], data.xipos[1:], atol=1e-9)
+
+
+@pytest.mark.parametrize(("verdict", "ways"), [("named", 3), ("no_discrepancy", 2)])
+def test_the_recording_holds_every_way_and_every_residual(mechanism, tmp_path, verdict, ways):
+    paths = write_case(tmp_path, findings(verdict), ("lift", "turn"))
+    record_gap(tmp_path / "model.yaml", paths["findings"], paths["series"], paths["replays"], "my_case", tmp_path / "out.rrd")
+    found = read_recording(tmp_path / "out.rrd")
+    moving = [name for name in found if name.endswith("/mechanism")]
+    assert len(moving) == ways
+    assert all(found[name]["rows"] == 75 for name in moving)
+    curves = [name for name in found if name.startswith("/plots/residual/")]
+    assert len(curves) == 6 * (ways - 1)
+    assert all(found[name]["timelines"] == {"time"} for name in curves)
+    assert sum(name.startswith("/plots/position/") for name in found) == 2 * ways
+
+
+@pytest.mark.parametrize(("deviation", "factor"), [(0.01, 20.0), (0.3, 1.0), (0.0, 1.0), (3e-4, 800.0)])
+def test_deviations_are_enlarged_until_they_show(deviation, factor):
+    q = np.zeros((5, 1))
+    assert enlargement({"measured": q, "nominal": q + deviation}) == factor

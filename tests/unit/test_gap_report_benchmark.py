@@ -1,0 +1,151 @@
+"""The page of the blind benchmark, its figures against the floors, and its chunks."""
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+from gap_scores import method_scores, rate, tier_scores
+
+from gsbridge.gap.benchmark import campaign, chunks, score
+from gsbridge.report.gap_benchmark_figures import confusion_cells
+from gsbridge.report.gap_benchmark_page import headline, write_gap_benchmark
+from gsbridge.report.measured_gap import gap_figures, pooled
+from gsbridge.report.score import read_floors, score_figure
+
+FLOORS = Path(__file__).resolve().parents[2] / "benchmarks/floors.yaml"
+
+
+def write_tiers(folder, **tiers):
+    """Files of scores, one per tier."""
+    out = []
+    for tier, content in tiers.items():
+        out.append(folder / f"{tier}.json")
+        out[-1].write_text(json.dumps(content))
+    return out
+
+
+def test_the_page_shows_floors_ways_and_wrong_names(tmp_path):
+    files = write_tiers(tmp_path, t0=tier_scores("t0"), t1=tier_scores("t1"), t2=tier_scores("t2", right=30, wrong=8))
+    write_gap_benchmark(files, FLOORS, "desktop", tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    for said in (
+        "Of 240 hidden effects of at least five times the detection limit, 88.3 %",
+        *("signature cosine alone", "t2-007", "gain_d:a2", "no effort", "outside the floor", "Brier scores"),
+        "Not run: fit everything, name the largest change",
+    ):
+        assert said in text
+    # Two pictures for all tiers; a race and a matrix for each.
+    assert text.count("<img") == 2 + 2 * 3
+    assert 'src="http' not in text
+
+
+def test_one_tier_of_one_way_makes_a_page(tmp_path):
+    content = tier_scores("t0", "development")
+    content["methods"].pop("cosine")
+    content["methods"]["gsbridge"] |= {"set_f1": {"value": None, "n": 0}, "unknown_abstained": rate(0, 0), "list": []}
+    write_gap_benchmark(write_tiers(tmp_path, t0=content), FLOORS, "toy", tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "not the one that counts" in text
+    assert "No wrong name" in text
+    assert "not measured" in text
+
+
+def test_every_floor_of_the_area_can_be_measured():
+    floors = {name: entry for name, entry in read_floors(FLOORS).items() if entry["area"] == "gap"}
+    measured = gap_figures({tier: tier_scores(tier) for tier in ("t0", "t1", "t2")})
+    scores = {name: score_figure(entry, measured.get(name), "desktop") for name, entry in floors.items()}
+    assert all(score["met"] for score in scores.values()), {n: s["reason"] for n, s in scores.items() if not s["met"]}
+
+
+@pytest.mark.parametrize(
+    ("figure", "change", "reason"),
+    [
+        ("gap_named_right_t2", {"named_right": rate(70, 80)}, "outside the floor"),
+        ("gap_wrong_t2", {"named_wrong": rate(9, 160)}, "outside the floor"),
+        ("gap_false_alarm", {"false_alarm": rate(0, 10)}, "measured on 20 of 150 cases only"),
+        ("gap_interval_coverage_upper", {"interval_coverage": rate(119, 120)}, "outside the floor"),
+        ("gap_closure_tenth", {"closure_tenth": 0.7}, "outside the floor"),
+        ("gap_simulations_most", {"simulations_most": 101}, "outside the floor"),
+        ("gap_set_f1", {"set_f1": {"value": 0.8, "n": 30}}, "outside the floor"),
+    ],
+)
+def test_a_figure_outside_its_floor_is_unmet(figure, change, reason):
+    tiers = {tier: tier_scores(tier) for tier in ("t1", "t2")}
+    for content in tiers.values():
+        content["methods"]["gsbridge"] |= change
+    floor = yaml.safe_load(FLOORS.read_text())[figure]
+    assert score_figure(floor, gap_figures(tiers).get(figure), "desktop")["reason"] == reason
+
+
+def test_the_development_split_counts_for_nothing():
+    assert gap_figures({"t2": tier_scores("t2", "development")}) == {}
+
+
+def test_pooled_rates_count_cases():
+    found = pooled([rate(1, 10), rate(9, 90), rate(0, 0)])
+    assert (found["value"], found["n"]) == (0.1, 100)
+    assert found == {**rate(10, 100), "value": 0.1}
+    assert pooled([rate(0, 0)])["value"] is None
+
+
+def test_sets_and_wrong_joints_have_columns_of_their_own():
+    cells = confusion_cells(method_scores()["confusion"])
+    assert cells["coulomb", "ambiguous"] == 3
+    assert cells["coulomb", "other joint"] == 2
+    assert cells["viscous", "viscous"] == 7
+    assert sum(cells.values()) == 199
+
+
+def test_the_headline_leaves_out_what_was_not_tried():
+    scores = {"t0": {**method_scores(), "false_alarm": rate(0, 0), "unknown_abstained": rate(0, 0)}}
+    assert len(headline(scores)) == 1
+
+
+@pytest.fixture
+def drawn(tmp_path, monkeypatch):
+    """Four cases, and a campaign that notes what it is asked for and dies at the third."""
+    cases = tmp_path / "cases"
+    cases.mkdir()
+    (cases / "manifest.json").write_text('{"cases": [1]}')
+    asked, lives = [], {"fails": True}
+
+    def diagnose_cases(cases, keys, findings, bank, *, method, seed):
+        for key in keys:
+            if (findings / f"{key}.json").exists():
+                continue
+            if lives["fails"] and key == "c2":
+                raise KeyboardInterrupt
+            asked.append(key)
+            (findings / f"{key}.json").write_text(json.dumps({"key": key, "method": method, "seed": seed}))
+
+    monkeypatch.setattr(campaign, "case_keys", lambda cases, chunk, chunks: ("c0", "c1", "c2", "c3"), raising=False)
+    monkeypatch.setattr(campaign, "diagnose_cases", diagnose_cases, raising=False)
+    return cases, asked, lives
+
+
+def test_a_killed_chunk_goes_on_where_it_was_and_leaves_no_half(drawn, tmp_path):
+    cases, asked, lives = drawn
+    arguments = (cases, 0, 1, "cosine", tmp_path / "bank", tmp_path / "state", tmp_path / "out", 3)
+    with pytest.raises(KeyboardInterrupt):
+        chunks.diagnose_chunk(*arguments)
+    assert not (tmp_path / "out").exists()
+    lives["fails"] = False
+    chunks.diagnose_chunk(*arguments)
+    assert asked == ["c0", "c1", "c2", "c3"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["c0.json", "c1.json", "c2.json", "c3.json"]
+    # Other cases of the same names are diagnosed anew.
+    (cases / "manifest.json").write_text('{"cases": [2]}')
+    chunks.diagnose_chunk(*arguments)
+    assert len(asked) == 8
+
+
+def test_folders_of_findings_are_handed_to_their_methods(tmp_path, monkeypatch):
+    seen = {}
+    monkeypatch.setattr(score, "score_findings", lambda cases, truths, findings: seen.update(findings) or {}, raising=False)
+    folders = [tmp_path / name for name in ("a-0", "a-1", "b-0", "b-1")]
+    chunks.score_tier(tmp_path, tmp_path, folders, ["a", "b"], 2, tmp_path / "scores.json")
+    assert {name: [folder.name for folder in found] for name, found in seen.items()} == {
+        "a": ["a-0", "a-1"],
+        "b": ["b-0", "b-1"],
+    }
