@@ -24,8 +24,8 @@ DEFAULT_STEPS = {"grasp": 80, "pick_and_place": 120}
 """Steps until time-out: about twice what the baseline controllers take. (RL-GSBridge's code: 115 for both.)"""
 
 START_SIDES = {"grasp": 0.30, "pick_and_place": 0.33}
-"""Edge of the square in which objects start, m. The plate takes the middle of it, so that the second needs all the room there is:
-the workspace, less 5 mm on each side."""
+"""Edge of the square in which objects start, m. The plate takes the middle of it, so that the second needs all the room there
+is: the workspace, less 5 mm on each side."""
 
 
 @dataclass(frozen=True)
