@@ -201,15 +201,15 @@ class PlaceController(GraspController):
         task: Rules of the task: where the plate is.
         carry: Clearance of the object while it is carried, m.
         drop: Clearance over the plate at which it is let go, m. It must not be pressed down, by a policy's imperfect copy of
-            this controller either: with half of this, noise of 3 % on the actions was too much.
-        near: Horizontal distance from the plate's middle at which it goes down, m.
+            this controller either, nor may the fingers come near the plate's rim.
+        near: Horizontal distance from the plate's middle at which it goes down, m. Half of what success asks for.
         retreat: How far the tool goes up afterwards, m.
     """
 
     task: Place = field(default_factory=lambda: Place((0.0, 0.265)))
     carry: float = 0.055
-    drop: float = 0.007
-    near: float = 0.010
+    drop: float = 0.020
+    near: float = 0.020
     retreat: float = 0.10
 
     def __call__(self, state: State) -> Array:
@@ -220,7 +220,7 @@ class PlaceController(GraspController):
         above = state.object_clearance - self.task.plate_height
         over = distance < self.near
         # Carrying: up first, then over, then down; slower near the plate, for the arm goes on for a step or two.
-        goal = np.where(over | ((distance < 2 * self.near) & (above < 0.5 * self.carry)), 0.5 * self.drop, self.carry)
+        goal = np.where(over | ((distance < 1.5 * self.near) & (above < 0.5 * self.carry)), 0.5 * self.drop, self.carry)
         carried = np.zeros((len(state), 4))
         free_to_go = above > 0.7 * self.carry
         carried[:, :2] = np.where((free_to_go | over)[:, None], _towards(away, self.scale.position), 0.0)
@@ -231,7 +231,8 @@ class PlaceController(GraspController):
         carried[:, 2] = np.where(lowering, np.maximum(carried[:, 2], -slow), carried[:, 2])
         release = reach.held & lowering & (above < self.drop)
 
-        seated = (distance < self.task.tolerance) & (np.abs(above) < self.task.seat) & ~reach.held
+        # The pads let go while it still has to fall: it is not to be caught again.
+        seated = (distance < self.task.tolerance) & (above < self.drop + self.task.seat) & ~reach.held
         motion, opening = self._approach(state, reach)
         motion = np.where(reach.held[:, None], carried, motion)
         opening = np.where(reach.held, -1.0, opening)

@@ -10,7 +10,7 @@ command never runs more than one and a half actions ahead of the arm (`gsbridge.
 | 4 | opening of the gripper, positive opens | 42 mm |
 
 **Observation**, `Dict(image, proprio)`: the wrist camera's picture, uint8 [H, W, 3], and what an arm knows of itself, float32
-[11] (`gsbridge.environment.proprioception` has the table).
+[12] (`gsbridge.environment.proprioception` has the table).
 
 **Reward** 1 in the step of success, else 0. **Terminated** on success, and when the world is no longer finite; **truncated** at
 time-out. Where the object is and what touches it is told in `info` only.
@@ -181,7 +181,7 @@ class PickEnvironment(gymnasium.Env):
         self.world.step()
         self._steps += 1
         state = self.world.state()
-        self._reached = Reached.of_state(state)
+        self._reached = Reached.of_state(state).after(self._reached)
         self._progress, outcome = judge(state, self._progress, self.rules)
         finite = bool(state.finite()[0])
         terminated = bool(outcome.success_tolerant[0]) or not finite

@@ -10,11 +10,15 @@
 | 6, 7, 8 | commanded minus measured tool point | an action of 1 |
 | 9 | commanded minus measured yaw | an action of 1 |
 | 10 | commanded minus measured opening; stays below zero on a gripped object | an action of 1 |
+| 11 | change of the measured opening since the observation before; 0 in the first | 10 mm |
+
+Fingers that were told to close and stand still hold something. Without the last entry a policy can only tell by the opening
+itself, to the millimetre of the reconstructed object, and waits for ever beside a real one that is 1 mm wider.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,9 +26,14 @@ from gsbridge.geometry import Array, rotation_from_quat
 from gsbridge.sim.actions import ToolTarget
 from gsbridge.tasks.state import State
 
-PROPRIO = 11
+PROPRIO = 12
+OPENING, OPENING_ERROR = 5, 10
+"""Entries of `proprio` that say how wide the gripper is open."""
+
 PROPRIO_BOUND = 10.0
 """Entries of `proprio` are cut here; in an episode without mishap they stay below 5."""
+
+_TRAVEL_M = 0.01
 
 
 @dataclass(frozen=True)
@@ -35,11 +44,13 @@ class Reached:
         position: Tool point, table frame, m. [3].
         yaw: Turn of the tool about the vertical, rad; see `gsbridge.robot.reach.tool_down`.
         aperture: Distance of the pads, m.
+        travel: Change of that since the control step before, m.
     """
 
     position: Array
     yaw: float
     aperture: float
+    travel: float = 0.0
 
     @classmethod
     def of_state(cls, state: State) -> Reached:
@@ -51,6 +62,10 @@ class Reached:
     def of_pose(cls, table_from_tool: Array, aperture: float) -> Reached:
         """From a measured pose of the tool, [4, 4], and opening, m."""
         return cls(np.array(table_from_tool[:3, 3], dtype=np.float64), _yaw(np.asarray(table_from_tool)), float(aperture))
+
+    def after(self, before: Reached | None) -> Reached:
+        """The same, one control step after another; None at the begin of an episode."""
+        return replace(self, travel=0.0 if before is None else self.aperture - before.aperture)
 
 
 def begin(target: ToolTarget, reached: Reached) -> None:
@@ -77,7 +92,7 @@ def next_command(target: ToolTarget, reached: Reached, action: Array) -> tuple[A
 
 
 def proprioception(target: ToolTarget, reached: Reached) -> Array:
-    """`proprio` of the observation; see the module. float32 [11]."""
+    """`proprio` of the observation; see the module. float32 [12]."""
     scale, workspace = target.scale, target.counted.workspace
     low, high = np.array(workspace.lower), np.array(workspace.upper)
     position, yaw, aperture = reached.position, reached.yaw, reached.aperture
@@ -88,6 +103,7 @@ def proprioception(target: ToolTarget, reached: Reached) -> Array:
             [np.sin(yaw), np.cos(yaw), aperture / target.stroke],
             (target.position - position) / scale.position,
             [turn / scale.yaw, (target.aperture - aperture) / scale.aperture],
+            [reached.travel / _TRAVEL_M],
         ]
     )
     # A world that broke down ends its episode; its last observation must still be one.

@@ -23,6 +23,10 @@ MAX_POSITION_STEP = 0.024
 DEFAULT_STEPS = {"grasp": 80, "pick_and_place": 120}
 """Steps until time-out: about twice what the baseline controllers take. (RL-GSBridge's code: 115 for both.)"""
 
+START_SIDES = {"grasp": 0.30, "pick_and_place": 0.33}
+"""Edge of the square in which objects start, m. The plate takes the middle of it, so that the second needs all the room there
+is: the workspace, less 5 mm on each side."""
+
 
 @dataclass(frozen=True)
 class Plate:
@@ -60,7 +64,7 @@ class EnvironmentSettings:
         max_contact_force: Force with which a carried object may press on plate or table, N.
         hold_steps: Steps in a row for which a grasped object must be held up.
         start_centre: Middle of the square in which objects start, table frame, m.
-        start_side: Its edge, m.
+        start_side: Its edge, m; None for `START_SIDES`.
         start_yaw: Smallest and largest yaw of the object at the start, rad.
         plate: The plate, which stays free at the start; needed for `pick_and_place`.
         pose_seed: Seed of the named pose sets.
@@ -79,7 +83,7 @@ class EnvironmentSettings:
     max_contact_force: float = 5.0
     hold_steps: int = 10
     start_centre: tuple[float, float] = (0.0, 0.265)
-    start_side: float = 0.30
+    start_side: float | None = None
     start_yaw: tuple[float, float] = (-0.25 * np.pi, 0.25 * np.pi)
     plate: Plate | None = None
     pose_seed: int = 0
@@ -114,7 +118,8 @@ class EnvironmentSettings:
     def region(self) -> StartRegion:
         """Where objects start; the plate stays free."""
         discs = () if self.plate is None else (KeepOut(self.plate.x, self.plate.y, self.plate.keep_out),)
-        return StartRegion(tuple(self.start_centre), self.start_side, tuple(self.start_yaw), discs)
+        side = START_SIDES[self.task] if self.start_side is None else self.start_side
+        return StartRegion(tuple(self.start_centre), side, tuple(self.start_yaw), discs)
 
     def rules(self) -> Grasp | Place:
         """Rules of the task."""

@@ -164,10 +164,11 @@ class Agent:
     def _update_actor(self, batch: Batch, share: float) -> dict[str, float]:
         settings = self.settings
         rows = slice(settings.actor_batch)
-        pictures = picture(batch.image[rows])
+        pictures, proprio = picture(batch.image[rows]), batch.proprio[rows]
         if self.augmenter is not None:
             pictures = self.augmenter(pictures, self.generator)
-        distribution, guess = self._forward(pictures, batch.proprio[rows])
+            proprio = self.augmenter.feel(proprio, self.generator)
+        distribution, guess = self._forward(pictures, proprio)
         assert guess is not None
         base, privileged = batch.base[rows], batch.privileged[rows]
         located = losses.position_loss(guess, batch.position[rows])

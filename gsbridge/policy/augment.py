@@ -1,4 +1,5 @@
-"""Image noise and random image attributes for a batch: per picture one 3x3 matrix on its colours, an offset, and noise.
+"""Image noise and random image attributes for a batch: per picture one 3x3 matrix on its colours, an offset, and noise. The
+gripper's opening is varied, too.
 
 The ranges are those of the environment's `Jitter`, so that a training and a disturbed trial speak of the same figures.
 Brightness, contrast, saturation, tint and hue are linear in the colours; together they cost one small product per picture.
@@ -14,6 +15,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
+from gsbridge.environment.proprioception import OPENING, OPENING_ERROR
 from gsbridge.environment.wrappers import Jitter
 from gsbridge.errors import InputError
 
@@ -31,6 +33,8 @@ class Augmentation:
         jitter: Ranges of the attributes; shifts are not used, they break the geometry that a soft-argmax reads off.
         offset: Each channel is shifted by -value to value, of the range of a picture.
         noise: Standard deviation of the noise: each picture draws its own from 0 to this, of the range of a picture.
+        opening: Standard deviations of noise on both entries of `proprio` that tell the opening, in their units: about 3 mm, by
+            which a reconstructed object's width is wrong at worst.
 
     Raises:
         InputError: A range makes no sense.
@@ -39,12 +43,15 @@ class Augmentation:
     jitter: Jitter = field(default_factory=lambda: Jitter(brightness=0.4, contrast=0.4, saturation=0.4, tint=0.15))
     offset: float = 0.04
     noise: float = 0.03
+    opening: tuple[float, float] = (0.02, 0.07)
 
     def __post_init__(self) -> None:
         if not (0.0 <= self.offset <= 0.5 and 0.0 <= self.noise <= 0.5):
             raise InputError("augmentation", f"offset {self.offset} or noise {self.noise} is out of range", "Give 0 to 0.5")
         if self.jitter.shift_px:
             raise InputError("augmentation: jitter", "pictures are not shifted in training", "Give shift_px 0")
+        if not (len(self.opening) == 2 and all(0.0 <= value <= 1.0 for value in self.opening)):
+            raise InputError("augmentation: opening", f"{self.opening} is out of range", "Give two numbers from 0 to 1")
 
 
 class Augmenter:
@@ -83,6 +90,21 @@ class Augmenter:
             runs = torch.stack([self._bank[start : start + size] for start in starts.tolist()])
             out = out.reshape(count, size).addcmul_(runs, sigma.to(out.device))
         return out.clamp_(-0.5, 0.5).reshape(pictures.shape).contiguous(memory_format=torch.channels_last)
+
+    def feel(self, proprio: Tensor, generator: torch.Generator) -> Tensor:
+        """Varied proprio: what is closed on an object of another width must not look like fingers still under way.
+
+        Args:
+            proprio: [B, 12].
+            generator: CPU generator.
+
+        Returns:
+            [B, 12].
+        """
+        noise = torch.randn(len(proprio), 2, generator=generator) * torch.tensor(self.settings.opening)
+        out = proprio.clone()
+        out[:, [OPENING, OPENING_ERROR]] += noise.to(out.device)
+        return out
 
 
 def colour_maps(settings: Augmentation, count: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:

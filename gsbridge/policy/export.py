@@ -36,7 +36,7 @@ FORMAT = 1
 WEIGHTS, SPEC = "policy.safetensors", "policy.json"
 PROPRIO_NAMES = (
     *("tool_x", "tool_y", "tool_z", "tool_yaw_sine", "tool_yaw_cosine", "aperture"),
-    *("lag_x", "lag_y", "lag_z", "lag_yaw", "lag_aperture"),
+    *("lag_x", "lag_y", "lag_z", "lag_yaw", "lag_aperture", "aperture_change"),
 )
 ACTION_NAMES = ("x", "y", "z", "yaw", "aperture")
 INPUTS, OUTPUTS = ("image", "proprio"), ("action",)
@@ -63,7 +63,7 @@ class Policy:
         """The action for an observation; `info` is not looked at.
 
         Args:
-            observation: `image`, uint8 [H, W, 3], and `proprio`, [11].
+            observation: `image`, uint8 [H, W, 3], and `proprio`, [12].
             info: Only so that trials can call policies and controllers alike.
 
         Returns:

@@ -133,7 +133,7 @@ class Actor(nn.Module):
 
         Args:
             pictures: -0.5..0.5, [B, 3, H, W].
-            proprio: [B, 11].
+            proprio: [B, 12].
 
         Returns:
             The distribution, float32 [B, 5]; the position label's estimate, [B, 3], or None without the head.

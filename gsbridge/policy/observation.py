@@ -88,7 +88,7 @@ class Sight:
 
     Args:
         image: uint8 [H, W, 3].
-        proprio: float32 [11].
+        proprio: float32 [12].
         privileged: float32 [30].
         position: Label of the auxiliary head, float32 [3].
         base: The controller's action, float32 [5]; zeros without one.
@@ -132,7 +132,7 @@ def privileged(state: State, proprio: Array, frame: Frame, memory: Array | None 
 
     Args:
         state: N worlds.
-        proprio: [N, 11].
+        proprio: [N, 12].
         frame: See `Frame`.
         memory: What the task remembers: steps for which the goal has been met, and excess contact, 0 or 1, [N, 2]; None for
             zeros.
@@ -194,11 +194,11 @@ def actor_input(observation: Mapping[str, Array], image_size: int) -> tuple[Tens
     """One observation of an environment, or of a robot, as the actor takes it.
 
     Args:
-        observation: `image`, uint8 [H, W, 3], and `proprio`, [11].
+        observation: `image`, uint8 [H, W, 3], and `proprio`, [12].
         image_size: Edge that the actor was trained for, px.
 
     Returns:
-        Picture [1, 3, H, W] and proprio [1, 11], float32.
+        Picture [1, 3, H, W] and proprio [1, 12], float32.
 
     Raises:
         InputError: Wrong type or shape, or not finite.

@@ -3,7 +3,7 @@
 | name | | type | shape |
 |---|---|---|---|
 | `image` | in | uint8, RGB, sRGB | [1, size, size, 3] |
-| `proprio` | in | float32 | [1, 11] |
+| `proprio` | in | float32 | [1, 12] |
 | `action` | out | float32, -1..1 | [1, 5] |
 
 The graph is written node by node, not traced. It is small, PyTorch's exporters change from release to release (one computes

@@ -30,7 +30,7 @@ class Batch:
 
     Args:
         image, next_image: Pictures.
-        proprio, next_proprio: [B, 11].
+        proprio, next_proprio: [B, 12].
         privileged, next_privileged: [B, 30].
         base, next_base: The controller's actions. [B, 5].
         position: Label of the auxiliary head. [B, 3].

@@ -127,6 +127,7 @@ class _Loop:
         self.target = setup.interface.target()
         self.guard = Guard(setup.limits, setup.interface.workspace, self.target.scale)
         self._table_from_base = np.linalg.inv(setup.base_from_table)
+        self._before: Reached | None = None
 
     def warm_up(self) -> None:
         """Let the policy act once on nothing."""
@@ -182,7 +183,7 @@ class _Loop:
         reading = self.setup.driver.measure()
         end, pose = self.guard.reading(reading, self._table_from_base)
         if pose is not None:
-            self.reached = Reached.of_pose(pose, reading.aperture)
+            self.reached = self._before = Reached.of_pose(pose, reading.aperture).after(self._before)
         return end, pose
 
     def _decide(self) -> tuple[End | None, Array, tuple[Array, float, float]]:

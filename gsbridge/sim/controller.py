@@ -97,6 +97,8 @@ class Controller:
             ),
             np.array([d.knuckle_y - d.pad_inset, d.bar, g.stiffness, g.damping, g.force, model.time_step, model.period]),
         )
+        # Enough for the full force, and for what a set point is ahead of moving fingers.
+        self._pressing = g.force / g.stiffness + g.speed * (model.period + a.delay)
         width = len(arm) + 1
         self._ring = np.zeros((round(a.delay / model.time_step) + 1, 2, width))
         self._slot = np.zeros(1, dtype=np.int64)
@@ -127,9 +129,17 @@ class Controller:
         """Set the goal. q [N], aperture in m."""
         self.goal = np.append(q, np.clip(aperture, 0.0, self.dimensions.stroke))
 
-    def begin_period(self) -> None:
-        """Choose where the command stands at the end of the coming control period."""
+    def begin_period(self, opening: float) -> None:
+        """Choose where the command stands at the end of the coming control period.
+
+        A gripper's motion starts from where the fingers are. Without that, fingers that press on an object 105 mm wide would
+        let go only when the set point has come back from 0: 14 steps after they were told to open.
+
+        Args:
+            opening: Measured distance of the pads, m.
+        """
         period = self.model.period
+        self.point[-1] = np.clip(self.point[-1], opening - self._pressing, opening + self._pressing)
         way = (self.goal - self.point) / period
         fastest = float(np.max(np.abs(way[:-1]) / self.limits.velocity))
         way[:-1] /= max(1.0, fastest)

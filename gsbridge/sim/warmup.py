@@ -20,7 +20,7 @@ def compile_kernels(model: Model) -> None:
         robot = build_robot(Path(folder) / "robot")
         controller = Controller(robot, Kinematics.read(robot.urdf), model, np.array([0.0, 0.0, -model.gravity]))
     measured = np.zeros((2, len(controller.goal)))
-    controller.begin_period()
+    controller.begin_period(controller.dimensions.stroke)
     controller.substep(0, measured)
     pose, out = controller.place_links(measured, np.eye(4))[0], np.empty((4, 4))
     rigid_inverse(pose, out)

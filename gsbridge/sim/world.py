@@ -106,6 +106,7 @@ class SimWorld:
             placed[2, 3] += depth
             self.engine.place(placed)
         self.controller.reset(self.kinematics.rest, self.dimensions.stroke)
+        self.engine.measure(self._measured)
         for _ in range(max(1, round(SETTLE_SECONDS / self.model.period))):
             self.step()
 
@@ -135,7 +136,7 @@ class SimWorld:
         engine, controller, measured = self.engine, self.controller, self._measured
         substeps = self.model.substeps
         every = max(1, substeps // CONTACT_SAMPLES)
-        controller.begin_period()
+        controller.begin_period(float(self.dimensions.aperture(measured[0, -1])))
         forces = np.zeros(4)
         samples = 0
         for number in range(substeps):

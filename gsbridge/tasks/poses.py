@@ -27,6 +27,10 @@ _BORDER = 0.08
 """Share of a cell left free on each side, so that poses of the two sets never come close."""
 
 _TRIES = 256
+"""Candidates for a place in a cell."""
+
+_DRAWS = 1024
+"""Draws in a quadrant until one must have been free: enough where a hundredth of it is."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +82,9 @@ class StartRegion:
         return np.where(offset[..., 0] >= 0, 1, 3) + (offset[..., 1] >= 0)
 
     def sample(self, rng: np.random.Generator, count: int) -> Array:
-        """Poses drawn uniformly from the free part of the region.
+        """Poses drawn uniformly from the free part of the region, from each quadrant equally often.
+
+        The tests ask each quadrant equally often, too, also where a plate leaves little room in one.
 
         Args:
             rng: Random generator.
@@ -88,17 +94,19 @@ class StartRegion:
             x, y, yaw. [count, 3].
 
         Raises:
-            InputError: The discs leave almost nothing of the region.
+            InputError: The discs leave almost nothing of a quadrant.
         """
-        found = np.empty((0, 2))
-        for _ in range(_TRIES):
-            if len(found) >= count:
+        signs = np.array([_SIGNS[quadrant] for quadrant in rng.choice(QUADRANTS, count)])
+        found = np.full((count, 2), np.nan)
+        for _ in range(_DRAWS):
+            missing = np.isnan(found[:, 0])
+            if not missing.any():
                 break
-            draw = np.asarray(self.centre) + self.side * rng.uniform(-0.5, 0.5, (max(count, 8), 2))
-            found = np.concatenate([found, draw[self.free(draw)]])
-        if len(found) < count:
-            raise _crowded("the region")
-        return np.c_[found[:count], rng.uniform(*self.yaw, count)]
+            draw = self.centre + 0.5 * self.side * rng.uniform(size=(missing.sum(), 2)) * signs[missing]
+            found[missing] = np.where(self.free(draw)[:, None], draw, np.nan)
+        if np.isnan(found).any():
+            raise _crowded("a quadrant")
+        return np.c_[found, rng.uniform(*self.yaw, count)]
 
 
 def pose_set(name: str, region: StartRegion, seed: int = 0) -> Array:

@@ -38,7 +38,7 @@ def test_policy_has_learned_in_minutes(policy):
 def test_policy_is_delivered_in_two_formats_that_act_alike(policy):
     torch_policy, onnx_policy = load_policy(policy), load_onnx(policy)
     rng = np.random.default_rng(0)
-    seen = {"image": rng.integers(0, 256, (64, 64, 3), dtype=np.uint8), "proprio": rng.normal(size=11).astype(np.float32)}
+    seen = {"image": rng.integers(0, 256, (64, 64, 3), dtype=np.uint8), "proprio": rng.normal(size=12).astype(np.float32)}
     np.testing.assert_allclose(torch_policy(seen), onnx_policy(seen), atol=1e-5)
 
 

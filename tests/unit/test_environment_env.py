@@ -61,11 +61,11 @@ def test_proprio_says_where_the_tool_is_and_how_far_the_command():
     env = hand_environment(lag=2)
     observation, _ = env.reset(seed=0)
     # The middle of the workspace is (0, 0.265, 0.1925); its half height 0.1575.
-    expected = [0, 0, (0.25 - 0.1925) / 0.1575, 0, 1, 1, 0, 0, 0, 0, 0]
+    expected = [0, 0, (0.25 - 0.1925) / 0.1575, 0, 1, 1, 0, 0, 0, 0, 0, 0]
     np.testing.assert_allclose(observation["proprio"], expected, atol=1e-6)
     observation = env.step(np.array([1.0, 0.0, -0.5, 1.0, -1.0]))[0]
     # Nothing has moved but the fingers, 7.5 of the 42 mm they were asked for... two steps later.
-    np.testing.assert_allclose(observation["proprio"][6:], [1, 0, -0.5, 1, -1], atol=1e-6)
+    np.testing.assert_allclose(observation["proprio"][6:], [1, 0, -0.5, 1, -1, 0], atol=1e-6)
     for _ in range(2):
         observation = env.step(np.zeros(5))[0]
     np.testing.assert_allclose(observation["proprio"][3:5], [np.sin(0.15), np.cos(0.15)], atol=1e-6)

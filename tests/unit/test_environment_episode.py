@@ -39,7 +39,7 @@ def test_it_holds_what_happened(episode):
     np.testing.assert_allclose(episode.body("object")[:, 2, 3], episode.clearance)
     np.testing.assert_allclose(episode.clearance, episode.terms["clearance"])
     assert episode.clearance[-1] > 0.1
-    assert episode.proprio.shape == (steps + 1, 11)
+    assert episode.proprio.shape == (steps + 1, 12)
     # Pictures of the same moments: they change when the hand moves.
     assert episode.images["gs"].shape == (steps + 1, 64, 64, 3)
     assert (episode.images["mesh"][0] != episode.images["mesh"][5]).any()

@@ -18,16 +18,22 @@ places = st.tuples(st.floats(-0.2, 0.1), st.floats(0.1, 0.5), st.floats(0.03, 0.
 yaws = st.floats(-1.5, 1.5)
 
 
-@given(places, yaws, st.floats(0, 0.14), places, yaws, st.floats(0, 0.14))
-def test_entries_are_those_of_the_table(position, yaw, aperture, wanted, turn, opening):
+@given(places, yaws, st.floats(0, 0.14), places, yaws, st.floats(0, 0.14), st.floats(0, 0.14))
+def test_entries_are_those_of_the_table(position, yaw, aperture, wanted, turn, opening, before):
     target = ToolTarget.within(SPACE, 0.14)
     target.reset(wanted, turn, opening)
-    found = proprioception(target, Reached(np.array(position), yaw, aperture))
+    reached = Reached(np.array(position), yaw, aperture)
+    found = proprioception(target, reached.after(Reached(np.zeros(3), 0.0, before)))
     middle, half = np.array([-0.05, 0.3, 0.18]), np.array([0.15, 0.2, 0.15])
     # The shorter way round, by rotations instead of a modulo.
     apart = (Rotation.from_euler("z", turn) * Rotation.from_euler("z", yaw).inv()).as_rotvec()[2]
     expected = [*((position - middle) / half), np.sin(yaw), np.cos(yaw), aperture / 0.14]
-    expected += [*((np.array(wanted) - position) / 0.024), apart / 0.15, (opening - aperture) / 0.042]
+    expected += [
+        *((np.array(wanted) - position) / 0.024),
+        apart / 0.15,
+        (opening - aperture) / 0.042,
+        (aperture - before) / 0.01,
+    ]
     np.testing.assert_allclose(found, np.clip(expected, -PROPRIO_BOUND, PROPRIO_BOUND), atol=2e-5)
     assert found.dtype == np.float32
 
@@ -57,9 +63,12 @@ def test_the_command_begins_at_the_tool_and_stays_on_its_tether():
 
 def test_the_environment_uses_it():
     env = hand_environment()
-    env.reset(seed=3)
+    first, begun = env.reset(seed=3)
+    assert first["proprio"][11] == 0
     observation, *_, info = env.step(np.array([0.5, -1, 0.3, 0.7, -1]))
     state = info["state"]
     turn = Rotation.from_quat(state["tool_quat"], scalar_first=True).as_matrix()
-    reached = Reached(state["tool_position"], np.arctan2(turn[1, 0], turn[0, 0]), float(state["aperture"]))
+    travel = float(state["aperture"] - begun["state"]["aperture"])
+    assert travel < 0
+    reached = Reached(state["tool_position"], np.arctan2(turn[1, 0], turn[0, 0]), float(state["aperture"]), travel)
     np.testing.assert_allclose(observation["proprio"], proprioception(env.target, reached), atol=1e-6)

@@ -27,7 +27,7 @@ def test_privileged_vector_by_its_table():
     world = state(
         tool=np.array([0.03, 0.295, 0.15]), yaw=0.4, aperture=0.07, cube=np.array([-0.03, 0.265, 0.05]), cube_yaw=-0.3
     )
-    proprio = np.arange(11, dtype=np.float32)[None] / 10
+    proprio = np.arange(12, dtype=np.float32)[None] / 10
     frame = Frame((0.0, 0.265), 0.14, (0.02, 0.285), 4)
     (vector,) = privileged(world, proprio, frame, np.array([[3.0, 1.0]]))
     expected = [
@@ -48,7 +48,7 @@ def test_position_label_is_in_the_tools_yaw():
 
 def test_a_broken_world_gives_finite_vectors():
     world = state(broken=True)
-    assert np.isfinite(privileged(world, np.zeros((1, 11)), Frame((0, 0), 0.14))).all()
+    assert np.isfinite(privileged(world, np.zeros((1, 12)), Frame((0, 0), 0.14))).all()
     assert np.isfinite(position_label(world)).all()
 
 
@@ -79,12 +79,12 @@ def test_picture_scale_and_layout():
         {"image": np.zeros((64, 64, 3), np.float32)},
         {"image": np.zeros((32, 64, 3), np.uint8)},
         {"proprio": np.zeros(10)},
-        {"proprio": np.full(11, np.nan)},
+        {"proprio": np.full(12, np.nan)},
     ],
 )
 def test_actor_refuses_other_observations(change):
     with pytest.raises(InputError):
-        actor_input({"image": np.zeros((64, 64, 3), np.uint8), "proprio": np.zeros(11), **change}, 64)
+        actor_input({"image": np.zeros((64, 64, 3), np.uint8), "proprio": np.zeros(12), **change}, 64)
 
 
 def pictures(count=16, size=12):
@@ -147,7 +147,14 @@ def test_noise_has_the_asked_strength():
     assert float(sigma.max()) < 0.115
 
 
-@pytest.mark.parametrize("values", [{"noise": -0.1}, {"offset": 0.9}, {"jitter": Jitter(shift_px=2)}])
+def test_only_the_opening_is_noisy_in_proprio():
+    felt = Augmenter(Augmentation(opening=(0.02, 0.07))).feel(torch.zeros(4000, 12), torch.Generator().manual_seed(0))
+    expected = torch.zeros(12)
+    expected[5], expected[10] = 0.02, 0.07
+    torch.testing.assert_close(felt.std(0), expected, rtol=0.05, atol=0)
+
+
+@pytest.mark.parametrize("values", [{"noise": -0.1}, {"offset": 0.9}, {"jitter": Jitter(shift_px=2)}, {"opening": (0.1, -0.1)}])
 def test_augmentation_refuses(values):
     with pytest.raises(InputError):
         Augmentation(**values)
@@ -163,11 +170,11 @@ def test_soft_argmax_finds_a_peak():
 @pytest.mark.parametrize("size", [64, 128])
 def test_networks_have_the_stated_shapes(size):
     actor = Actor()
-    pi, position = actor(torch.rand(2, 3, size, size) - 0.5, torch.zeros(2, 11))
+    pi, position = actor(torch.rand(2, 3, size, size) - 0.5, torch.zeros(2, 12))
     assert pi.mean.shape == pi.log_std.shape == (2, 5)
     assert position.shape == (2, 3)
     assert bool(((pi.log_std >= LOG_STD[0]) & (pi.log_std <= LOG_STD[1])).all())
-    assert Actor(with_position=False)(torch.zeros(1, 3, size, size), torch.zeros(1, 11))[1] is None
+    assert Actor(with_position=False)(torch.zeros(1, 3, size, size), torch.zeros(1, 12))[1] is None
     critics = Critics(bounded=True)
     first, second = critics(100 * torch.randn(50, PRIVILEGED), torch.zeros(50, 5))
     assert bool(((first >= 0) & (first <= 1)).all())

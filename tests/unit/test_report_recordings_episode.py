@@ -39,7 +39,7 @@ def made() -> Episode:
         cam_from_table=np.stack([np.linalg.inv(poses["camera"]) for poses in bodies]),
         forces=rng.uniform(0, 40, (STATES, 4)),
         clearance=np.linspace(0, 0.1, STATES),
-        proprio=np.zeros((STATES, 11), np.float32),
+        proprio=np.zeros((STATES, 12), np.float32),
         success=np.arange(STATES) == STATES - 1,
         success_tolerant=np.arange(STATES) == STATES - 1,
         failure=np.array(["time_out"] * (STATES - 1) + ["none"]),

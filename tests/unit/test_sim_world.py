@@ -116,6 +116,15 @@ def test_scripted_grasp_lifts_the_cube_ten_centimetres(sim):
     np.testing.assert_allclose(lifted.object_position[0, :2], [0.06, 0.22], atol=2e-3)
 
 
+def test_fingers_let_go_when_told_to_however_long_they_pressed(sim):
+    sim.reset(np.array([0.06, 0.22, 0.3]), 3)
+    grasp(sim, 0.06, 0.22, 0.3, lift=0.08)
+    # Pads at the set point's speed of 7.5 mm per step; pressing by full force takes force / stiffness = 5 mm.
+    state = follow(sim, [0.06, 0.22, 0.08], 0.3, 0.12, 4)
+    assert (state.pad_forces == 0.0).all()
+    assert state.aperture[0] > EDGE + 0.005
+
+
 def test_gripper_pressed_on_the_table_is_felt(sim):
     sim.reset(np.array([-0.1, 0.2, 0.0]), 0)
     # Half a pad below the tool point: the command lies 2.5 mm inside the table, which no action may ask for.

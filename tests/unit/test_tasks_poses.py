@@ -76,6 +76,14 @@ def test_samples_keep_out_of_discs():
     assert PLATE.sample(np.random.default_rng(0), 0).shape == (0, 3)
 
 
+def test_samples_come_from_every_quadrant_equally_often_however_little_room_a_plate_leaves():
+    tight = StartRegion(side=0.33, keep_out=(KeepOut(0.016, 0.289, 0.1675),))
+    poses = tight.sample(np.random.default_rng(0), 4000)
+    assert tight.free(poses[:, :2]).all()
+    counts = np.bincount(tight.quadrant(poses[:, :2]), minlength=5)[1:]
+    np.testing.assert_allclose(counts, 1000, atol=90)  # more than three standard deviations
+
+
 def test_quadrants_are_numbered_as_in_the_paper():
     centre = np.array(REGION.centre)
     offsets = np.array([[0.1, -0.1], [0.1, 0.1], [-0.1, -0.1], [-0.1, 0.1], [0.0, 0.0]])

@@ -233,6 +233,12 @@ def test_it_grips_with_the_set_force_and_lifts():
     np.testing.assert_allclose(state.pad_forces[0], 35.0, rtol=0.05)
     assert state.aperture[0] == pytest.approx(0.058, abs=1e-3)
     assert state.object_contact[0] == 0.0
+    # And lets go within a few steps, though it was told to close to 0 for much longer.
+    for _ in range(6):
+        physics.command(target, 0.3, 0.14)
+        physics.step()
+    assert (physics.state().pad_forces == 0.0).all()
+    assert physics.state().aperture[0] > 0.065
 
 
 def test_mass_factor_acts():

@@ -41,7 +41,7 @@ of this robot has to assume; about 7 Hz at the arm's foot and 12 Hz at the wrist
 _VISCOUS = (1.5, 1.5, 0.8, 0.8, 0.4, 0.4, 0.3)
 """Viscous friction of the arm's joints, N m s/rad."""
 
-_GRIP_STIFFNESS, _GRIP_DAMPING, _FINGER_ROTOR, _FINGER_FRICTION = 80.0, 1.6, 0.004, 0.02
+GRIP_STIFFNESS, _GRIP_DAMPING, _FINGER_ROTOR, _FINGER_FRICTION = 80.0, 1.6, 0.004, 0.02
 """Servo of the gripper's driver, N m/rad and N m s/rad; rotor, kg m2, and viscous friction, N m s/rad, of each finger joint."""
 
 _RIGID = ((0.002, 1.0), (0.98, 0.999, 0.001, 0.5, 2.0))
@@ -163,7 +163,7 @@ def _robot(spec: Any, robot: RobotFiles, stand: Stand, hidden: Hidden) -> None:
         _servo(spec, name, gain, [0.0, -gain, 0.0], hidden.latency)
     for name, gain in zip(arm, brakes, strict=True):
         _servo(spec, name, gain, [0.0, 0.0, -gain], hidden.latency)
-    _servo(spec, record["gripper"]["driver"], _GRIP_STIFFNESS, [0.0, -_GRIP_STIFFNESS, -_GRIP_DAMPING], hidden.latency)
+    _servo(spec, record["gripper"]["driver"], GRIP_STIFFNESS, [0.0, -GRIP_STIFFNESS, -_GRIP_DAMPING], hidden.latency)
 
 
 def _linear(coefficient: float) -> Array:

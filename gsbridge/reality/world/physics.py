@@ -14,7 +14,7 @@ from gsbridge.geometry import Array, quat_from_rotation, rotation_from_quat
 from gsbridge.reality.mirror.backgrounds import make_plate
 from gsbridge.reality.world.bodies import TrueBody, true_body
 from gsbridge.reality.world.hidden import Hidden
-from gsbridge.reality.world.model import OBJECT, PLATE, STEP, TABLE, Stand, build_model
+from gsbridge.reality.world.model import GRIP_STIFFNESS, OBJECT, PLATE, STEP, TABLE, Stand, build_model
 from gsbridge.reality.world.pieces import plate_pieces
 from gsbridge.robot.assembly import RobotFiles, check_rigid
 from gsbridge.robot.kinematics import Kinematics
@@ -139,9 +139,17 @@ class MirrorPhysics:
         self._goal = np.append(found.q, np.clip(aperture, 0.0, self.dimensions.stroke))
 
     def step(self) -> None:
-        """Advance one control period: the set point moves evenly, no faster than joints and gripper allow."""
-        start, seconds = self._point, self._period * STEP
+        """Advance one control period: the set point moves evenly, no faster than joints and gripper allow.
+
+        The gripper's starts near the fingers: pads that press on something let go when told to, not when a set point deep
+        inside the object has come back out.
+        """
+        seconds = self._period * STEP
         reach = _GRIP_SPEED * seconds
+        angle = self.data.qpos[self._q[-1]]
+        rate, opening = float(self.dimensions.aperture_rate(angle)), float(self.dimensions.aperture(angle))
+        pressing = self.hidden.grip_force * rate**2 / GRIP_STIFFNESS + reach + _GRIP_SPEED * self.hidden.latency
+        start = np.append(self._point[:-1], np.clip(self._point[-1], opening - pressing, opening + pressing))
         opening = start[-1] + np.clip(self._goal[-1] - start[-1], -reach, reach)
         self._point = np.append(self.limits.follow(start[:-1], self._goal[:-1], seconds), opening)
         speed = (self._point - start) / seconds
