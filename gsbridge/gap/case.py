@@ -15,7 +15,8 @@ from gsbridge.files import write_json
 from gsbridge.gap.amend import amend_model
 from gsbridge.gap.diagnose import ROLES, diagnose, findings_of
 from gsbridge.gap.effects import effect_of
-from gsbridge.gap.records import SHORTEST, Layout, Record, check_degrees, read_record
+from gsbridge.gap.formats.logs import read_log
+from gsbridge.gap.records import SHORTEST, Layout, Record, check_degrees
 from gsbridge.gap.system import System, read_system
 
 _KEYS = ("model", "records", "columns", "units", "torque_per_ampere", "noise", "effects")
@@ -81,7 +82,7 @@ def read_case(path: str | Path) -> Case:
     for role, file in content["records"].items():
         if role not in ROLES:
             raise InputError(path, f"the record '{role}' has no role", f"Name records {', '.join(ROLES)}")
-        records[role] = _check(read_record(path.parent / file, layout), system, path.parent / file, content.get("noise") or {})
+        records[role] = _check(read_log(path.parent / file, layout), system, path.parent / file, content.get("noise") or {})
     records, split = split_records(records, path)
     if "effort" not in records["fit"].measured and system.controller.closed_loop:
         reasons.append("no efforts are logged: latency and filters, viscous friction and damping are hard to tell apart")

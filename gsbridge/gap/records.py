@@ -111,6 +111,21 @@ def read_record(path: str | Path, layout: Layout) -> Record:
         raise InputError(path, "the record cannot be read", "Check the path in the case") from error
     except (ValueError, UnicodeDecodeError) as error:
         raise InputError(path, f"this is no table ({error})", "Give CSV with a header line, or Parquet") from error
+    return record_of(table, path, layout, digest=hashlib.sha256(data).hexdigest())
+
+
+def record_of(table: pd.DataFrame, path: Path, layout: Layout, *, digest: str) -> Record:
+    """A record from a table with our columns, or with those that the layout names.
+
+    Args:
+        table: One row per sample.
+        path: Where it comes from, for its name and for errors.
+        layout: How its columns are called.
+        digest: SHA-256 of the file.
+
+    Raises:
+        InputError: As `read_record`.
+    """
     headers = {}
     for header in table.columns:
         name, unit = split_header(str(header))
@@ -149,7 +164,6 @@ def read_record(path: str | Path, layout: Layout) -> Record:
             measured[kind] = found
     if "position" not in measured:
         column(f"position.{layout.joints[0]}", "angle", True)
-    digest = hashlib.sha256(data).hexdigest()
     record = Record(
         path.stem, time - time[0], layout.joints, commands, measured, digest=digest, torque_commands=layout.torque_mode
     )

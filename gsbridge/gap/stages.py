@@ -25,7 +25,7 @@ from gsbridge.gap.records import Record
 from gsbridge.gap.replay import Mechanism
 from gsbridge.gap.screen import cosines
 from gsbridge.gap.system import Applied, System, read_system
-from gsbridge.gap.view import View
+from gsbridge.gap.view import View, share_noise
 from gsbridge.gap.where import where
 from gsbridge.geometry import Array
 
@@ -120,11 +120,13 @@ def write_comparison(model: str | Path, data: str | Path, record: str | Path, ou
     """
     case = ready(model, data, record)
     mechanism = Mechanism(case.system)
+    views = {role: View.of(mechanism, item) for role, item in case.records.items()}
+    share_noise(tuple(views.values()))
     write_stage(
         out,
         reasons=case.reasons,
         unit="noise",
-        records={role: _residuals(View.of(mechanism, item)) for role, item in case.records.items()},
+        records={role: _residuals(view) for role, view in views.items()},
         simulations=mechanism.runs,
     )
 
@@ -152,7 +154,11 @@ def write_screening(model: str | Path, data: str | Path, record: str | Path, ban
         out: `screen.json`.
     """
     case = ready(model, data, record)
-    view = View.of(Mechanism(case.system), case.records["fit"])
+    mechanism = Mechanism(case.system)
+    views = {role: View.of(mechanism, item, folder=bank) for role, item in case.records.items()}
+    # As the diagnosis does: the noise sets the sizes of the signatures, and so the bank.
+    share_noise(tuple(views.values()))
+    view = views["fit"]
     who = candidates(case.system, case.names)
     found = bank_of(view, who, bank)
     shown = {signature.candidate for signature in found.signatures}

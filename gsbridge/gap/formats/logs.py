@@ -5,7 +5,6 @@ Every format becomes a table with our columns, and that is read and checked by o
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +14,7 @@ import pandas as pd
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.lerobot import read_lerobot
 from gsbridge.gap.formats.mcap import read_mcap
-from gsbridge.gap.records import Layout, Record, read_record
+from gsbridge.gap.records import Layout, Record, read_record, record_of
 
 
 def split_part(path: str | Path) -> tuple[Path, str]:
@@ -45,11 +44,5 @@ def read_log(path: str | Path, layout: Layout) -> Record:
     else:
         return read_record(file, layout)
     table, digest = reader(file, part, layout.joints)
-    with tempfile.TemporaryDirectory(prefix="gsbridge-gap-") as folder:
-        stored = Path(folder) / "log.parquet"
-        table.to_parquet(stored)
-        try:
-            record = read_record(stored, layout)
-        except InputError as error:
-            raise InputError(path, error.problem, error.remedy) from error
-    return replace(record, name=f"{file.stem}#{part}" if part else file.stem, digest=digest)
+    record = record_of(table, Path(path), layout, digest=digest)
+    return replace(record, name=f"{file.stem}#{part}" if part else file.stem)
