@@ -128,12 +128,14 @@ def _run_policy(options: argparse.Namespace) -> int:
         pieces=options.pieces, runtime=options.runtime, pose_set=options.pose_set, index=options.index, trials=options.trials,
         redo=options.redo, out=options.out, pictures=options.pictures, steps=options.steps, dry_run=options.dry_run,
     )  # fmt: skip
-    # Whoever ends the program from outside must stop the arm, too.
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # Whoever ends the program from outside must stop the arm, too; also with Ctrl-C's signal, which a shell has programs ignore
+    # that it starts in the background.
+    before = {number: signal.signal(number, signal.default_int_handler) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         done = deploy(wanted, input)
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
     judged = [verdict for _, verdict in done if verdict is not None]
     if judged:
         print(f"{sum(verdict.success for verdict in judged)} of {len(judged)} trials succeeded")

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import textwrap
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -205,14 +206,19 @@ def test_a_signal_stops_the_arm(files, tmp_path, number):
     process = subprocess.Popen(
         [sys.executable, "-c", textwrap.dedent(code)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment, cwd=tmp_path, text=True,
+        # As a shell starts what runs in the background.
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_IGN),
     )  # fmt: skip
     told = []
-    for line in process.stderr:
-        told.append(line)
-        if "episode begins" in line:
-            break
-    process.send_signal(number)
-    out, err = process.communicate(timeout=300)
+    try:
+        for line in process.stderr:
+            told.append(line)
+            if "episode begins" in line:
+                break
+        process.send_signal(number)
+        out, err = process.communicate(timeout=100)
+    finally:
+        process.kill()
     assert process.returncode == 130, "".join(told) + err
     assert "stopped" in out
     assert read_json(tmp_path / "logs" / "episode.json")["end"] == "interrupted"
