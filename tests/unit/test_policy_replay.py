@@ -13,7 +13,7 @@ def sight(number: int) -> Sight:
     """A state that can be recognised: every array holds its number."""
     return Sight(
         np.full((8, 8, 3), number, np.uint8),
-        np.full(11, number, np.float32),
+        np.full(12, number, np.float32),
         np.full(PRIVILEGED, number, np.float32),
         np.full(POSITION, number, np.float32),
         np.full(5, number / 1000, np.float32),
