@@ -32,6 +32,9 @@ _STEP = 5e-3
 _REACH = 3.0
 """Longest step, in scales."""
 
+_EDGE = 1e-3
+"""Share of a parameter's range within which it lies on its bound."""
+
 _HIDDEN = 1e-2
 """Share of the strongest parameter's influence below which one does not show."""
 
@@ -62,6 +65,18 @@ class Fit:
     def values(self) -> tuple[dict[str, float], ...]:
         """Parameters of each candidate."""
         return tuple(dict(effect.parameters) for effect in self.effects)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether an effect would have to be larger than makes sense: what it is fitted to is something else."""
+        return any(
+            parameter.amplitude
+            and bound != 0.0
+            and abs(values[parameter.name] - bound) <= _EDGE * (parameter.high - parameter.low)
+            for candidate, values in zip(self.who, self.values, strict=True)
+            for parameter in candidate.effect.parameters
+            for bound in (parameter.low, parameter.high)
+        )
 
 
 class _Problem:

@@ -201,7 +201,8 @@ class Identification:
         p_remaining = self._p_remaining(best)
         remains = p_remaining < rules.alarm
         names: tuple[str, ...] = ()
-        if remains and best.closure < (rules.closure if len(best.fit.who) == 1 else rules.closure_several):
+        poor = best.closure < (rules.closure if len(best.fit.who) == 1 else rules.closure_several)
+        if best.fit.stopped or (remains and poor):
             verdict = "none_of_the_known"
         elif found.near or found.chances[0] < rules.sure:
             verdict = "ambiguous"

@@ -1,5 +1,7 @@
 """From records to a verdict, on a single axis whose truth is an equation of its own (tier T0)."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
@@ -10,9 +12,11 @@ from gsbridge.gap.assemble import build_setup
 from gsbridge.gap.benchmark.generate import UNIT, draw_case
 from gsbridge.gap.benchmark.noises import NOISES
 from gsbridge.gap.benchmark.plants import axis_plant
+from gsbridge.gap.candidates import Candidate
 from gsbridge.gap.case import run_case
 from gsbridge.gap.diagnose import diagnose, findings_of
 from gsbridge.gap.effects import catalogue
+from gsbridge.gap.fit import Fit
 from gsbridge.gap.replay import Mechanism
 from gsbridge.gap.system import Applied, read_system
 from gsbridge.gap.view import View
@@ -79,6 +83,26 @@ def test_effect_outside_the_catalogue_is_not_given_a_name(axis):
     assert result.finding.verdict == "none_of_the_known"
     assert result.finding.something_remains
     assert result.effects == ()
+
+
+def test_an_effect_that_would_have_to_be_larger_than_makes_sense_is_not_named(axis, monkeypatch, tmp_path):
+    case = case_of(axis, ("coulomb",), 20.0)
+    effect = catalogue()["coulomb"]
+    (parameter,) = effect.parameters
+    # It closes 97 % of the gap, and stands on its bound.
+    monkeypatch.setattr(effect, "parameters", (replace(parameter, high=0.97 * case.hidden["coulomb"]),))
+    result = diagnose(axis[0], case.records, tmp_path, names=("coulomb",), seed=1)
+    assert result.finding.verdict == "none_of_the_known"
+    assert result.effects == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "stopped"), [("link_mass", 3.0, True), ("link_mass", -0.8, True), ("coulomb", 0.0, False)]
+)
+def test_a_fit_on_its_bound_is_told(name, value, stopped):
+    candidate = Candidate(name, "axis")
+    effects = (candidate.from_vector(np.array([value])),)
+    assert Fit((candidate,), effects, 1.0, True, np.zeros(1), 0.0, 1).stopped == stopped
 
 
 def test_without_efforts_the_verdict_is_still_right(axis):
