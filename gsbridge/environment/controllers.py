@@ -227,7 +227,7 @@ class PlaceController(GraspController):
         carried[:, 2] = _towards(goal - above, self.scale.position)
         # On the way down every step is short enough that the arm's lag does not press the object on the plate.
         lowering = goal < self.carry
-        slow = np.maximum(0.15 * above / self.scale.position, 0.03)
+        slow = np.maximum(0.1 * above / self.scale.position, 0.03)
         carried[:, 2] = np.where(lowering, np.maximum(carried[:, 2], -slow), carried[:, 2])
         release = reach.held & lowering & (above < self.drop)
 

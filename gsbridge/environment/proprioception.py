@@ -87,7 +87,7 @@ def next_command(target: ToolTarget, reached: Reached, action: Array) -> tuple[A
     Raises:
         InputError: The action has another shape or is not finite.
     """
-    target.tether(reached.position, reached.yaw)
+    target.tether(reached.position, reached.yaw, reached.aperture)
     return target.move(action)
 
 

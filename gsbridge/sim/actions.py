@@ -72,21 +72,24 @@ class ToolTarget:
         self.position, self.yaw, self.aperture = np.array(position, dtype=np.float64), float(yaw), float(aperture)
         self.counted.commands = self.counted.clipped = self.saturated = 0
 
-    def tether(self, position: Array, yaw: float) -> None:
-        """Hold the command back to within `TETHER` actions of the arm.
+    def tether(self, position: Array, yaw: float, aperture: float) -> None:
+        """Hold the command back to within `TETHER` actions of the arm and of the fingers.
 
         An arm that joint speeds, a latency or an obstacle hold back would otherwise be led on by a command it can no longer be
-        steered by, and overshoot. The gripper is left alone: its command presses.
+        steered by, and overshoot. Fingers that press on something go on pressing, and open at the second action that says so.
 
         Args:
             position: Measured tool point, table frame, m. [3].
             yaw: Measured, rad.
+            aperture: Measured opening, m.
         """
-        if not np.isfinite([*position, yaw]).all():
+        if not np.isfinite([*position, yaw, aperture]).all():
             return
         reach, turn = TETHER * self.scale.position, TETHER * self.scale.yaw
         self.position = position + np.clip(self.position - position, -reach, reach)
         self.yaw = float(yaw + np.clip((self.yaw - yaw + np.pi) % (2 * np.pi) - np.pi, -turn, turn))
+        width = TETHER * self.scale.aperture
+        self.aperture = float(np.clip(self.aperture, aperture - width, aperture + width))
 
     def move(self, action: Array) -> tuple[Array, float, float]:
         """Add one action.

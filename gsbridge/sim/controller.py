@@ -132,14 +132,17 @@ class Controller:
     def begin_period(self, opening: float) -> None:
         """Choose where the command stands at the end of the coming control period.
 
-        A gripper's motion starts from where the fingers are. Without that, fingers that press on an object 105 mm wide would
-        let go only when the set point has come back from 0: 14 steps after they were told to open.
+        A gripper's motion starts where the fingers are. Without that, fingers that press on an object 105 mm wide would let go
+        only when the set point has come back from 0: 14 steps after they were told to open.
 
         Args:
             opening: Measured distance of the pads, m.
         """
         period = self.model.period
-        self.point[-1] = np.clip(self.point[-1], opening - self._pressing, opening + self._pressing)
+        # Beyond the fingers the set point may only lie on the side to which they are to go: it presses, or is ahead of them.
+        low = opening - self._pressing if self.goal[-1] < opening else opening
+        high = opening + self._pressing if self.goal[-1] > opening else opening
+        self.point[-1] = np.clip(self.point[-1], low, high)
         way = (self.goal - self.point) / period
         fastest = float(np.max(np.abs(way[:-1]) / self.limits.velocity))
         way[:-1] /= max(1.0, fastest)

@@ -67,20 +67,24 @@ def test_the_command_stays_near_an_arm_that_is_held_back():
     out = target()
     out.reset(np.array([0.0, 0.2, 0.2]), 0.0, 0.1)
     for _ in range(5):
-        out.tether(np.array([0.0, 0.2, 0.2]), 0.0)
+        out.tether(np.array([0.0, 0.2, 0.2]), 0.0, 0.13)
         out.move([1.0, 0.0, -0.5, 1.0, -1.0])
     scale = out.scale
     np.testing.assert_allclose(out.position, [(TETHER + 1) * scale.position, 0.2, 0.2 - (TETHER + 0.5) * scale.position])
     assert out.yaw == pytest.approx((TETHER + 1) * scale.yaw)
-    # The gripper presses by a command that it cannot follow.
-    assert out.aperture == 0.0
+    # The gripper presses by a command that it cannot follow, and opens at the second action that says so.
+    assert out.aperture == pytest.approx(0.13 - (TETHER + 1) * scale.aperture)
+    for _ in range(2):
+        out.tether(np.array([0.0, 0.2, 0.2]), 0.0, 0.13)
+        out.move([0.0, 0.0, 0.0, 0.0, 1.0])
+    assert out.aperture > 0.13
 
 
 def test_the_tether_takes_the_short_way_round_and_lets_a_broken_world_be():
     out = target()
     out.reset(np.array([0.0, 0.2, 0.2]), 3.1, 0.1)
-    out.tether(np.array([0.0, 0.2, 0.2]), -3.1)
+    out.tether(np.array([0.0, 0.2, 0.2]), -3.1, 0.1)
     assert np.cos(out.yaw - 3.1) == pytest.approx(1.0)
     before = out.position.copy()
-    out.tether(np.full(3, np.nan), 0.0)
+    out.tether(np.full(3, np.nan), 0.0, 0.1)
     np.testing.assert_array_equal(out.position, before)

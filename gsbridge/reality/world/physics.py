@@ -141,15 +141,17 @@ class MirrorPhysics:
     def step(self) -> None:
         """Advance one control period: the set point moves evenly, no faster than joints and gripper allow.
 
-        The gripper's starts near the fingers: pads that press on something let go when told to, not when a set point deep
-        inside the object has come back out.
+        The gripper's starts at the fingers, and lies beyond them only on the side to which they are to go: pads that press on
+        something let go when told to, not when a set point deep inside the object has come back out.
         """
         seconds = self._period * STEP
         reach = _GRIP_SPEED * seconds
         angle = self.data.qpos[self._q[-1]]
         rate, opening = float(self.dimensions.aperture_rate(angle)), float(self.dimensions.aperture(angle))
         pressing = self.hidden.grip_force * rate**2 / GRIP_STIFFNESS + reach + _GRIP_SPEED * self.hidden.latency
-        start = np.append(self._point[:-1], np.clip(self._point[-1], opening - pressing, opening + pressing))
+        low = opening - pressing if self._goal[-1] < opening else opening
+        high = opening + pressing if self._goal[-1] > opening else opening
+        start = np.append(self._point[:-1], np.clip(self._point[-1], low, high))
         opening = start[-1] + np.clip(self._goal[-1] - start[-1], -reach, reach)
         self._point = np.append(self.limits.follow(start[:-1], self._goal[:-1], seconds), opening)
         speed = (self._point - start) / seconds
