@@ -9,8 +9,8 @@ from typing import Any
 
 import yaml
 
-from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
+from gsbridge.gap.yaml_file import read_yaml
 
 
 def amend_model(model: str | Path, findings: Mapping[str, Any], out: str | Path) -> None:
@@ -25,10 +25,7 @@ def amend_model(model: str | Path, findings: Mapping[str, Any], out: str | Path)
         InputError: The model cannot be read.
     """
     model, out = Path(model), Path(out)
-    try:
-        content = yaml.safe_load(model.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(model, f"the model cannot be read ({error})", "Check the path") from error
+    content = read_yaml(model, "model", "docs/gap.md")
     content["urdf"] = os.path.relpath((model.parent / content["urdf"]).resolve(), out.resolve().parent)
     content["effects"] = [*(content.get("effects") or []), *(dict(effect) for effect in findings["amended"])]
     evidence = {

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from gsbridge.errors import InputError
 from gsbridge.files import write_json
@@ -18,6 +17,7 @@ from gsbridge.gap.effects import effect_of
 from gsbridge.gap.formats.logs import read_log
 from gsbridge.gap.records import SHORTEST, Layout, Record, check_degrees
 from gsbridge.gap.system import System, read_system
+from gsbridge.gap.yaml_file import read_yaml
 
 _KEYS = ("model", "records", "columns", "units", "torque_per_ampere", "noise", "effects")
 
@@ -48,12 +48,7 @@ def read_case(path: str | Path) -> Case:
         InputError: The file, its model or a record cannot be used.
     """
     path = Path(path)
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(path, "the case cannot be read", "Check the path") from error
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(path, f"this is not valid YAML ({error})", "Correct it after docs/gap.md") from error
+    content = read_yaml(path, "case", "docs/gap.md")
     if not isinstance(content, Mapping) or "model" not in content or not content.get("records"):
         raise InputError(path, "a case needs 'model' and 'records'", "See docs/gap.md")
     for key in content:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import logging
 from collections.abc import Mapping, Sequence
@@ -12,14 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from gsbridge.configuration import check_files
 from gsbridge.files import atomic_file, read_json, write_json, write_stage
 from gsbridge.gap.amend import amend_model
 from gsbridge.gap.bank import Bank, bank_of
 from gsbridge.gap.candidates import Candidate, candidates
 from gsbridge.gap.case import read_case
 from gsbridge.gap.diagnose import diagnose, findings_of
-from gsbridge.gap.formats.files import case_model
 from gsbridge.gap.formats.store import load_records, save_records
 from gsbridge.gap.records import Record
 from gsbridge.gap.replay import Mechanism
@@ -63,9 +60,6 @@ def write_case_records(case: str | Path, data: str | Path, record: str | Path) -
     Raises:
         InputError: Something in the case cannot be used; nothing is written then.
     """
-    # The line and the column of a slip of the pen; other damage is told by the readers.
-    with contextlib.suppress(UnicodeDecodeError):
-        check_files(path for path in (Path(case), case_model(case)) if path.is_file())
     read = read_case(case)
     # What only building it can tell is told here, too, before anything is written.
     Mechanism(read.system)

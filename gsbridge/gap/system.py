@@ -11,9 +11,9 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-import yaml
 
 from gsbridge.errors import InputError
+from gsbridge.gap.yaml_file import read_yaml
 from gsbridge.geometry import Array
 
 MODES = ("torque", "pd", "position", "free")
@@ -132,12 +132,7 @@ def read_system(path: str | Path) -> System:
         InputError: The file or the URDF cannot be read, a key is unknown or missing, or joints do not match.
     """
     path = Path(path)
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(path, "the model cannot be read", "Check the path") from error
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(path, f"this is not valid YAML ({error})", "Correct it after docs/gap.md") from error
+    content = read_yaml(path, "model", "docs/gap.md")
     return parse_system(content, path.parent, path)
 
 

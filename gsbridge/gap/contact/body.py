@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from gsbridge.errors import InputError
 from gsbridge.gap.system import Applied
+from gsbridge.gap.yaml_file import read_yaml
 from gsbridge.geometry import Array
 
 MODE = "body"
@@ -123,12 +124,7 @@ def read_body(path: str | Path) -> FreeBody:
         InputError: The file or the URDF cannot be read, or a key is unknown, missing or out of bounds.
     """
     path = Path(path)
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(path, "the model cannot be read", "Check the path") from error
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(path, f"this is not valid YAML ({error})", "Correct it after docs/gap_objects.md") from error
+    content = read_yaml(path, "model", "docs/gap_objects.md")
     return parse_body(content, path.parent, path)
 
 

@@ -24,6 +24,7 @@ from gsbridge.gap.contact.starts import check_fall
 from gsbridge.gap.contact.throws import FEWEST, Throws, read_throws
 from gsbridge.gap.diagnose import ROLES
 from gsbridge.gap.effects import effect_of
+from gsbridge.gap.yaml_file import read_yaml
 
 _KEYS = ("model", "records", "columns", "units", "effects", "horizon")
 
@@ -56,12 +57,7 @@ def read_case(path: str | Path) -> Case:
         InputError: The file, its model or its throws cannot be used.
     """
     path = Path(path)
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(path, "the case cannot be read", "Check the path") from error
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(path, f"this is not valid YAML ({error})", "Correct it after docs/gap_objects.md") from error
+    content = read_yaml(path, "case", "docs/gap_objects.md")
     if not isinstance(content, Mapping) or "model" not in content or not isinstance(content.get("records"), Mapping):
         raise InputError(path, "a case needs 'model' and 'records'", "See docs/gap_objects.md")
     for key in content:
@@ -169,7 +165,7 @@ def amend_body(model: str | Path, findings: Mapping[str, Any], out: str | Path) 
         out: The amended model; a URDF's path is made relative to it.
     """
     model, out = Path(model), Path(out)
-    content = yaml.safe_load(model.read_text(encoding="utf-8"))
+    content = read_yaml(model, "model", "docs/gap_objects.md")
     if "urdf" in content:
         content["urdf"] = os.path.relpath((model.parent / content["urdf"]).resolve(), out.resolve().parent)
     content["effects"] = [*(content.get("effects") or []), *(dict(effect) for effect in findings["amended"])]
