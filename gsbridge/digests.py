@@ -10,7 +10,7 @@ import ast
 import functools
 import hashlib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent
@@ -28,6 +28,16 @@ def module_file(module: str) -> Path | None:
     return None
 
 
+def _statements(tree: ast.Module) -> Iterator[ast.AST]:
+    """The module and its statements at any depth, without their expressions, which are nearly all of a tree."""
+    waiting: list[ast.AST] = [tree]
+    while waiting:
+        node = waiting.pop()
+        yield node
+        for block in ("body", "orelse", "finalbody", "handlers", "cases"):
+            waiting.extend(getattr(node, block, ()))
+
+
 @functools.cache
 def _tree(module: str) -> ast.Module:
     """Syntax tree of a module without docstrings."""
@@ -35,15 +45,21 @@ def _tree(module: str) -> ast.Module:
     if path is None:
         raise ValueError(f"there is no module {module}")
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    for node in ast.walk(tree):
+    for node in _statements(tree):
         body = getattr(node, "body", None)
-        if not isinstance(body, list) or not body:
+        if not body:
             continue
         first = body[0]
         if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and isinstance(first.value.value, str):
             # An empty body would not be valid syntax; the digest only needs it to be constant.
             node.body = body[1:] or [ast.Pass()]  # type: ignore[attr-defined]
     return tree
+
+
+@functools.cache
+def _code(module: str) -> bytes:
+    """What counts of a module. Most rules share most of their modules: to write each out anew took half of a dry run."""
+    return ast.dump(_tree(module)).encode()
 
 
 def _parents(module: str) -> list[str]:
@@ -60,7 +76,7 @@ def direct_imports(module: str) -> frozenset[str]:
         ValueError: A relative import: the package uses absolute ones, which this reader relies on.
     """
     found: set[str] = set()
-    for node in ast.walk(_tree(module)):
+    for node in _statements(_tree(module)):
         if isinstance(node, ast.Import):
             found.update(alias.name for alias in node.names if alias.name.split(".")[0] == NAME)
         elif isinstance(node, ast.ImportFrom):
@@ -98,7 +114,7 @@ def code_digest(*modules: str) -> str:
     digest = hashlib.sha256()
     for module in sorted(import_closure(modules)):
         digest.update(module.encode())
-        digest.update(ast.dump(_tree(module)).encode())
+        digest.update(_code(module))
     return digest.hexdigest()[:12]
 
 
@@ -115,7 +131,7 @@ def package_digest(package: str) -> str:
     for path in sorted(root.rglob("*.py")):
         module = ".".join([NAME, *path.relative_to(PACKAGE).with_suffix("").parts]).removesuffix(".__init__")
         digest.update(module.encode())
-        digest.update(ast.dump(_tree(module)).encode())
+        digest.update(_code(module))
     return digest.hexdigest()[:12]
 
 

@@ -19,6 +19,7 @@ def package(tmp_path, monkeypatch):
 
     def clear():
         digests._tree.cache_clear()
+        digests._code.cache_clear()
         digests.direct_imports.cache_clear()
 
     clear()
