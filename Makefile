@@ -10,7 +10,7 @@ TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 TOY_POLICY := results/policies/grasp/small_cube+foam_pad/gs/default/seed1/policy.json
 SUPPORTED := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 13))
 
-.PHONY: tables toy study results test test-unit test-rules lint format clean-toy setup
+.PHONY: tables toy study results test test-unit test-rules test-toy test-captures lint format clean-toy setup
 
 tables: $(INSTALLED)
 	$(SNAKEMAKE)
@@ -25,12 +25,19 @@ study: $(INSTALLED)
 results: $(INSTALLED)
 	$(SNAKEMAKE) benchmarks/RESULTS.md
 
+# Two at a time: each alone leaves a core idle for minutes.
 test: lint
 	$(MAKE) --jobs=2 --output-sync=target test-unit test-rules
-	$(BIN)/python -m pytest tests/e2e
+	$(MAKE) --jobs=2 --output-sync=target test-toy test-captures
 
 test-unit test-rules: test-%: $(INSTALLED)
-	$(BIN)/python -m pytest tests/$*
+	$(BIN)/python -m pytest --durations=10 tests/$*
+
+test-toy: $(INSTALLED)
+	$(BIN)/python -m pytest --durations=10 tests/e2e --ignore=tests/e2e/test_captures.py
+
+test-captures: $(INSTALLED)
+	$(BIN)/python -m pytest --durations=10 tests/e2e/test_captures.py
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

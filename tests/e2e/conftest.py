@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def call_snakemake(
-    folder: Path, *arguments: str, timeout: float = 1800, file_limit: int | None = None
+    folder: Path, *arguments: str, timeout: float = 2700, file_limit: int | None = None
 ) -> subprocess.CompletedProcess[str]:
     """Run snakemake with the project's Snakefile in a folder of its own; no file may outgrow `file_limit` bytes."""
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--directory", str(folder)]

@@ -14,10 +14,10 @@ pytestmark = [pytest.mark.capture, pytest.mark.slow]
 
 @pytest.fixture(scope="module")
 def run(captures, tmp_path_factory):
-    """Both captures from photos to splats of both bindings, at the toy's budget."""
+    """Both captures from photos to splats, at the toy's budget; of the video's those of both bindings."""
     folder = tmp_path_factory.mktemp("captures")
-    bindings = ("games", "soft")
-    targets = [f"results/scenes/{scene}/splats/{b}/splats.json" for scene in ("banana_photos", "apple_video") for b in bindings]
+    splats = ("banana_photos/splats/soft", "apple_video/splats/soft", "apple_video/splats/games")
+    targets = [f"results/scenes/{place}/splats.json" for place in splats]
     process = call_snakemake(folder, "--config", "preset=toy", "--", *targets)
     assert process.returncode == 0, process.stdout[-4000:] + process.stderr[-8000:]
     return folder / "results/scenes"
@@ -64,13 +64,13 @@ def test_apple_mask_agrees_with_the_one_that_came_with_it(run, captures):
 
 
 @pytest.mark.parametrize("scene", ["banana_photos", "apple_video"])
-def test_both_bindings_are_trained_and_measured_on_held_out_photos(run, scene):
+def test_splats_are_trained_and_measured_on_held_out_photos(run, scene):
     psnr = {}
-    for binding in ("games", "soft"):
-        record = read(run / scene / f"splats/{binding}/splats.json")
-        figures = record["metrics"]["held_out"]["masked"]
+    for place in (run / scene / "splats").iterdir():
+        figures = read(place / "splats.json")["metrics"]["held_out"]["masked"]
         assert figures["views"] >= 1
-        psnr[binding] = figures["psnr"]
+        psnr[place.name] = figures["psnr"]
     # Guards against a broken chain; real photos have no floor.
     assert psnr["soft"] > 15
-    assert psnr["soft"] > psnr["games"] - 0.5
+    assert psnr["soft"] > psnr.get("games", 0.0) - 0.5
+    assert ("games" in psnr) == (scene == "apple_video")
