@@ -69,8 +69,7 @@ def failures_table(rows: Sequence[Row]) -> Table | None:
         clean += not failed
         if failed:
             body.append((cell_title(cell), cell.renderer, world, *_counts(found, failed, words)))
-    if body:
-        body.append(("all", "", "", *_counts(rows, [row for row in rows if row["outcome"] != Failure.NONE], words)))
+    body.append(("all", "", "", *_counts(rows, [row for row in rows if row["outcome"] != Failure.NONE], words)))
     names = [word.replace("_", " ") for word in words]
     columns = ("cell", "trained on", "world", "trials", "failed", "by quadrant", *names)
     sets = sorted({row["pose_set"] for row in rows}, key=POSE_SETS.index)

@@ -97,18 +97,19 @@ def training_table(rows: Sequence[Row]) -> Table | None:
                 row["seed"],
                 row["steps"] or DASH,
                 *(percent(number(row[f"{name}_success"]), 0) for name in ("best", "retest", "controller")),
-                *(_minutes(row[f"cpu_{part}_min"]) for part in PARTS),
                 _minutes(row["cpu_min"]),
+                " · ".join(_minutes(row[f"cpu_{part}_min"]) for part in PARTS),
                 _minutes(row["cpu_min_to_95"]),
                 f"{float(row['replay_mb']):.0f}" if row["replay_mb"] else DASH,
                 row["status"],
             )
         )
-    columns = ("cell", "trained on", "seed", "steps", "best", "retest", "controller", *PARTS)
-    columns += ("CPU min", "min to 95 %", "replay MB", "status")
+    columns = ("cell", "trained on", "seed", "steps", "best", "retest", "controller")
+    columns += ("CPU min", "by part", "min to 95 %", "replay MB", "status")
     notes = (
-        "CPU minutes of one thread, by what they went into; environment: physics and drawing the pictures. To 95 %: until the "
-        "first evaluation with so much success. Best chose the weights; retest is the same weights from other random poses.",
+        f"CPU minutes of one thread. By part: {' · '.join(PARTS)}, of which environment is physics and drawing pictures. To "
+        "95 %: until the first evaluation with so much success. Best chose the weights; retest is the same weights from other "
+        "random poses.",
     )
     return Table("Training", columns, tuple(body), notes, status=tuple(row["status"] for row in rows))
 

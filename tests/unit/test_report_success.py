@@ -235,6 +235,8 @@ def test_outcomes_add_up_to_the_trials(tmp_path):
         ("cake on plate", "gs", "32", "7", "", "7"),
         ("all", "", "96", "10", "3", "7"),
     ]
+    without = failures_table([row for row in rows if row["outcome"] == "none"])
+    assert without.rows == (("all", "", "", "86", "0", "0 · 0 · 0 · 0"),)
     (tmp_path / "own.csv").write_text("pose_set,index,success\nfixed,1,false\n")
     own = failure_rows(read_trial_files([], robot={"grasp/small_cube+tablecloth/gs/default": tmp_path / "own.csv"}))
     assert [row["outcome"] for row in own] == ["unknown"]
