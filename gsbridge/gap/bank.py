@@ -6,7 +6,7 @@ import hashlib
 import json
 import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,9 @@ _AIM = 100.0
 
 _TRIES = 8
 """Simulations spent on finding the smallest size."""
+
+_COARSE = 2.0
+"""Step of the noise, in doublings, within which a bank is shared."""
 
 _LARGEST = 2e4
 """Multiple of the typical size beyond which nothing is looked for."""
@@ -119,19 +122,23 @@ def _along(
 
 def bank_of(view: View, who: Sequence[Candidate], folder: str | Path) -> Bank:
     """The bank of a view, from `folder` where an equal one was made before."""
+    # Noise sets sizes only, where a factor of two does not matter: in coarse steps, cases of one sensor share a bank.
+    steps = np.round(np.log2(view.sigma) / _COARSE)
     key = hashlib.sha256(view.digest().encode())
     for candidate in who:
         effect = candidate.effect
         key.update(f"{candidate}{effect.parameters}{effect.directions()}{effect.sizes}".encode())
-    # Noise sets sizes only; a factor of two does not matter.
-    key.update(np.round(np.log2(view.sigma)).astype(int).tobytes())
+    key.update(steps.astype(int).tobytes())
     path = Path(folder) / f"{key.hexdigest()[:32]}.npz"
     if path.exists():
         try:
             return _read(path)
         except (OSError, ValueError, KeyError, zipfile.BadZipFile):
             path.unlink()
-    bank = make_bank(view, who)
+    # Made with the noise of the step, so that a bank does not depend on which case came first.
+    coarse = replace(view)
+    coarse.set_noise(2.0 ** (_COARSE * steps), view.records)
+    bank = make_bank(coarse, who)
     shape = view.stack(view.record.measured).shape
     changes = np.stack([s.change for s in bank.signatures]) if bank.signatures else np.empty((0, *shape))
     labels = json.dumps([[s.candidate.name, s.candidate.joint, s.values] for s in bank.signatures])

@@ -94,12 +94,13 @@ def calibrate(view: View, rng: np.random.Generator, screen: Screen | None = None
     gap = view.stepping()
     shape = gap.shape
     declared = np.array([kind in view.record.sigma for kind, _ in view.channels])
+    noises = [rng.standard_normal(shape) for _ in range(replicates)]
+    found = np.stack([_estimated(view, noise) for noise in noises])
     excesses, residuals = [], []
-    for _ in range(replicates):
-        noise = rng.standard_normal(shape)
-        sizes = [_estimated(view, noise)]
-        sizes += [_estimated(view, rng.standard_normal(shape)) for _ in range(view.records - 1)]
-        size = np.sqrt((np.stack(sizes) ** 2).mean(axis=0))
+    for noise, own in zip(noises, found, strict=True):
+        # Other records' estimates are as good as those of other replicates and channels.
+        others = rng.choice(found.ravel(), (view.records - 1, shape[1]))
+        size = np.sqrt((np.vstack([own[None], others]) ** 2).mean(axis=0))
         residual = view.project(noise / np.where(declared, np.maximum(size, 1.0), size)) + rng.normal(0.0, _UNSURE) * gap
         excesses.append(excess(residual))
         residuals.append(residual)

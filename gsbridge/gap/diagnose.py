@@ -91,10 +91,12 @@ def diagnose(
     finding = Identification(first, second, bank, who, rules, seed).run()
     verification = None
     if finding.best is not None:
-        verification = verify(third, finding.best.fit.effects)
-        if finding.verdict == "named" and not verification.transfers:
+        effects = finding.best.fit.effects
+        verification = verify(third, effects, np.random.default_rng(seed))
+        said = finding.verdict in ("named", "ambiguous")
+        if said and not verification.transfers(rules or Rules(), len(effects) > 1):
             # It closed the gap where it was chosen, but not elsewhere: whatever is missing, it is something else.
-            finding = replace(finding, verdict="none_of_the_known", something_remains=True)
+            finding = replace(finding, verdict="none_of_the_known", ambiguous=(), something_remains=True)
     floor = {f"{kind}.{system.joints[k]}": float(s) for (kind, k), s in zip(second.channels, second.sigma, strict=True)}
     runs = mechanism.runs - made - mechanism.shared
     return Diagnosis(finding, verification, floor, bank.runs, runs, time.perf_counter() - begin)
@@ -140,6 +142,7 @@ def findings_of(
             "after": checked.after,
             "closure": checked.closure,
             "accepted": checked.accepted,
+            "p_remaining": checked.p_remaining,
             "channels": checked.channels,
             "unit": "noise",
         },

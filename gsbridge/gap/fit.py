@@ -29,6 +29,9 @@ _SHARE = 1e-4
 _STEP = 5e-3
 """Of finite differences, in shares of a parameter's scale."""
 
+_UNSURE = 0.2
+"""Spread of the step's error after it was taken off, in multiples of what a finer step changes."""
+
 _REACH = 3.0
 """Longest step, in scales."""
 
@@ -48,7 +51,8 @@ class Fit:
         effects: With parameters.
         chi2: Squared residual on the fitted record, in units of the noise.
         converged: Whether the last step could win nothing.
-        deviations: Standard deviation of each parameter from the curvature, without allowance for coloured residuals. [P].
+        deviations: Standard deviation of each parameter from the curvature and from what another step of time would change,
+            without allowance for coloured residuals. [P].
         correlation: Largest correlation of two parameters.
         rank: Parameters that show in the record, each in a way of its own.
     """
@@ -159,7 +163,8 @@ def polish(view: View, rough: Fit) -> Fit:
     x = np.concatenate([c.vector(values) for c, values in zip(rough.who, rough.values, strict=True)])
     r = problem.residual(x)
     jacobian = np.stack([problem.difference(x, r, k) for k in range(len(x))], axis=1)
-    return _descend(problem, x, r, jacobian, np.inf, fresh=True)
+    # An estimate that stops a standard deviation short of the best one is no estimate to put an interval around.
+    return _descend(problem, x, r, jacobian, np.inf, fresh=True, share=0.0)
 
 
 def _first(problem: _Problem, x: Array, r: Array, start: Sequence[dict[str, float]], screen: Screen | None) -> Array:
@@ -174,12 +179,12 @@ def _first(problem: _Problem, x: Array, r: Array, start: Sequence[dict[str, floa
     return jacobian
 
 
-def _descend(problem: _Problem, x: Array, r: Array, jacobian: Array, bar: float, fresh: bool) -> Fit:
-    """Steps until none could win anything."""
+def _descend(problem: _Problem, x: Array, r: Array, jacobian: Array, bar: float, fresh: bool, share: float = _SHARE) -> Fit:
+    """Steps until none could win anything: less than `share` of the squared residual, or less than noise tells."""
     best, damping, settled, failures = float(r @ r), 1e-4, False, 0
     for _ in range(_ROUNDS):
         new, promise = problem.step(x, r, jacobian, damping)
-        if promise < max(_SMALL, _SHARE * best):
+        if promise < max(_SMALL, share * best):
             settled = True
             break
         if best - 1.5 * promise > bar:
@@ -208,8 +213,10 @@ def _descend(problem: _Problem, x: Array, r: Array, jacobian: Array, bar: float,
     curvature = jacobian.T @ jacobian
     scale = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
     covariance = np.linalg.pinv(curvature * np.outer(scale, scale), rcond=1e-10) * np.outer(scale, scale)
-    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    spread = np.outer(deviations, deviations)
+    # What is not sure about the step of time moves the estimates as noise does.
+    astray = _UNSURE * covariance @ (jacobian.T @ problem.view.stepping().ravel())
+    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0) + astray**2)
+    spread = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
     correlation = np.abs(covariance / np.maximum(spread, 1e-300) - np.eye(len(x))).max() if len(x) > 1 else 0.0
     shown = np.linalg.svd(jacobian * problem.scale(x), compute_uv=False)
     rank = max(1, int((shown > _HIDDEN * shown[0]).sum()))

@@ -201,7 +201,8 @@ class Identification:
         p_remaining = self._p_remaining(best)
         remains = p_remaining < rules.alarm
         names: tuple[str, ...] = ()
-        poor = best.closure < (rules.closure if len(best.fit.who) == 1 else rules.closure_several)
+        # Several effects together fit much that they do not explain; what they explain, they explain to the noise.
+        poor = best.closure < rules.closure or len(best.fit.who) > 1
         if best.fit.stopped or (remains and poor):
             verdict = "none_of_the_known"
         elif found.near or found.chances[0] < rules.sure:

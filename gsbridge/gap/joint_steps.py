@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
+from gsbridge.gap.dynamics import factorise, solve
 from gsbridge.geometry import Array
 from gsbridge.kernels import njit
 
@@ -46,43 +45,53 @@ def motor_side(
 
 
 @njit(nogil=True)
-def advance(system: Array, right: Array, grip: Array, skew: Array, step: float, v: Array, impulse: Array) -> None:
+def advance(
+    system: Array, right: Array, grip: Array, skew: Array, step: float, v: Array, impulse: Array, factor: Array, inverse: Array
+) -> None:
     """Change of speed of one step, with dry friction as bounds on impulses that would bring the joints to rest.
 
     Args:
-        system: Inertia with all that acts implicitly. Overwritten. [N, N].
-        right: Torques. [N].
+        system: Inertia with all that acts implicitly. [N, N].
+        right: Torques, overwritten. [N].
         grip: Largest dry friction. [N].
         skew: More of it forwards, less backwards. [N].
         step: s.
         v: Speeds, updated. [N].
         impulse: Impulses of the last step, the solver's start; updated. [N].
+        factor, inverse: Overwritten. [N, N] each.
     """
     count = len(v)
-    inverse = np.linalg.inv(system) if count > 1 else 1.0 / system
+    factorise(system, factor)
+    solve(factor, right)
+    for i in range(count):
+        v[i] += step * right[i]
     dry = False
     for i in range(count):
-        total = 0.0
-        for j in range(count):
-            total += inverse[i, j] * right[j]
-        v[i] += step * total
-        dry = dry or grip[i] > 0.0 or skew[i] != 0.0
+        if grip[i] > 0.0 or skew[i] != 0.0:
+            # Only what rubs needs its row of the inverse.
+            dry = True
+            inverse[i, :] = 0.0
+            inverse[i, i] = 1.0
+            solve(factor, inverse[i])
+            if impulse[i] != 0.0:
+                for j in range(count):
+                    v[j] += inverse[i, j] * impulse[i]
+        else:
+            impulse[i] = 0.0
     if not dry:
         return
-    for i in range(count):
-        if impulse[i] != 0.0:
-            for j in range(count):
-                v[j] += inverse[j, i] * impulse[i]
     for _ in range(_SWEEPS if count > 1 else 1):
         most = 0.0
         for i in range(count):
+            if not (grip[i] > 0.0 or skew[i] != 0.0):
+                continue
             forwards, backwards = max(grip[i] + skew[i], 0.0) * step, max(grip[i] - skew[i], 0.0) * step
             new = min(max(impulse[i] - v[i] / inverse[i, i], -forwards), backwards)
             change = new - impulse[i]
             if change != 0.0:
                 impulse[i] = new
                 for j in range(count):
-                    v[j] += inverse[j, i] * change
+                    v[j] += inverse[i, j] * change
                 most = max(most, abs(change) * inverse[i, i])
         if most < 1e-12:
             break

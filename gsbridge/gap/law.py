@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from gsbridge.gap.dynamics import bias, inertia, place
+from gsbridge.gap.dynamics import LOADS, bias, inertia, place, spread, weights
 from gsbridge.gap.joint_steps import advance, motor_side
 from gsbridge.geometry import Array
 from gsbridge.kernels import njit
@@ -112,15 +112,12 @@ def simulate(
     q, v = q0.copy(), v0.copy()
     turn, origin, axis = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3))
     brain_turn, brain_origin, brain_axis = turn.copy(), origin.copy(), axis.copy()
-    matrix, hold, brain_hold, brain_matrix = (
-        np.empty((count, count)),
-        np.empty(count),
-        np.empty(count),
-        np.empty((count, count)),
-    )
+    matrix, brain_matrix, factor, inverse = np.empty((4, count, count))
+    hold, brain_hold = np.empty(count), np.empty(count)
+    screws, loads, work = np.empty((count, 6)), np.empty((count, LOADS)), np.empty((count, 18))
     asked, torque, delayed, seen_q, seen_v = np.zeros(count), np.zeros(count), np.zeros(count), np.empty(count), np.empty(count)
     grip, impulse, right, pull = np.zeros(count), np.zeros(count), np.empty(count), np.empty(count)
-    shift, system = np.zeros(count), np.empty((count, count))
+    shift = np.zeros(count)
     motor, motor_speed, before = q.copy(), v.copy(), v.copy()
     weighs = mode == 2
     longest = 0.0
@@ -136,8 +133,10 @@ def simulate(
             if not (abs(v[i]) < 1e3 and abs(q[i]) < 1e3):
                 return number
         place(parents, fixed, axes, slides, q, turn, origin, axis)
-        inertia(parents, slides, bodies, turn, origin, axis, matrix)
-        bias(parents, slides, bodies, gravity, v, turn, origin, axis, hold)
+        spread(slides, bodies, turn, origin, axis, screws, loads)
+        bias(parents, screws, loads, gravity, v, work, hold)
+        inertia(parents, screws, loads, matrix)
+        true = True
         for i in range(count):
             angle, rate = (motor[i], motor_speed[i]) if soft[i] else (q[i], v[i])
             scale = 1.0 + law[_ENC_SCALE, i]
@@ -146,15 +145,18 @@ def simulate(
             if law[_ECC_SINE, i] != 0.0 or law[_ECC_COSINE, i] != 0.0:
                 seen_q[i] += law[_ECC_SINE, i] * math.sin(angle) + law[_ECC_COSINE, i] * math.cos(angle)
                 seen_v[i] += (law[_ECC_SINE, i] * math.cos(angle) - law[_ECC_COSINE, i] * math.sin(angle)) * rate
+            true = true and seen_q[i] == q[i]
         if number % every == 0:
             if weighs:
-                place(parents, fixed, axes, slides, seen_q, brain_turn, brain_origin, brain_axis)
+                if not true:
+                    place(parents, fixed, axes, slides, seen_q, brain_turn, brain_origin, brain_axis)
+                a, b, c = (turn, origin, axis) if true else (brain_turn, brain_origin, brain_axis)
                 if mode == 2:
-                    bias(parents, slides, brain_bodies, brain_gravity, seen_v, brain_turn, brain_origin, brain_axis, brain_hold)
-                    inertia(parents, slides, brain_bodies, brain_turn, brain_origin, brain_axis, brain_matrix)
+                    spread(slides, brain_bodies, a, b, c, screws, loads)
+                    bias(parents, screws, loads, brain_gravity, seen_v, work, brain_hold)
+                    inertia(parents, screws, loads, brain_matrix)
                 else:
-                    pull[:] = 0.0
-                    bias(parents, slides, brain_bodies, brain_gravity, pull, brain_turn, brain_origin, brain_axis, brain_hold)
+                    weights(parents, slides, brain_bodies, brain_gravity, a, b, c, work, brain_hold)
             if mode == 2:
                 for i in range(count):
                     pull[i] = bandwidth * bandwidth * (target[number, i] - seen_q[i])
@@ -222,12 +224,9 @@ def simulate(
             if law[_SPRING, i] != 0.0:
                 right[i] -= law[_SPRING, i] * (q[i] - law[_SPRING_REST, i])
         for i in range(count):
-            for j in range(count):
-                system[i, j] = matrix[i, j]
-            system[i, i] += shift[i]
-        for i in range(count):
+            matrix[i, i] += shift[i]
             before[i] = v[i]
-        advance(system, right, grip, law[_SKEW], step, v, impulse)
+        advance(matrix, right, grip, law[_SKEW], step, v, impulse, factor, inverse)
         for i in range(count):
             q[i] += step * (0.5 * (before[i] + v[i]) if centred else v[i])
     return length

@@ -21,8 +21,7 @@ class Rules:
         sure: Probability of being best that a name needs.
         margin: Squared residual, in units of the noise, by which all rivals must be behind.
         earn: The same for further parameters of an explanation that holds a simpler one.
-        closure: Share of the gap that a name must close where something remains.
-        closure_several: The same for several effects together, which fit much that they do not explain.
+        closure: Share of the gap that the name of one effect must close where something remains; several must leave nothing.
         deviations: Of the mean, by which a gain on `select` must exceed chance, for coloured noise too.
         most: Effects that are looked for at once.
         draws: Of the block bootstrap.
@@ -35,7 +34,6 @@ class Rules:
     margin: float = 9.0
     earn: float = 4.0
     closure: float = 0.9
-    closure_several: float = 0.95
     deviations: float = 3.0
     most: int = 3
     draws: int = 500
@@ -71,9 +69,14 @@ class Trial:
         return self.fit.rank
 
     @property
+    def squares(self) -> float:
+        """Squared residuals on both records."""
+        return self.chi2 + self.fit.chi2
+
+    @property
     def score(self) -> float:
-        """Squared residuals on both records, with Akaike's allowance for what fitting won on the first by chance."""
-        return self.chi2 + self.fit.chi2 + 2.0 * self.parameters
+        """The same with Akaike's allowance for what fitting won on the first by chance."""
+        return self.squares + 2.0 * self.parameters
 
     def contains(self, other: Trial) -> bool:
         """Whether another explanation is a special case of this one, by what the catalogue says."""

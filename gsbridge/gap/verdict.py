@@ -47,6 +47,8 @@ def decide(trials: Sequence[Trial], rules: Rules, floor: float, rng: np.random.G
         if best.contains(trial) and trial.score - best.score < earn:
             best = trial
     others = [t for t in ranked if t is not best and not (t.contains(best) and best.score - t.score < earn)]
+    # So must a set of several effects that takes more parameters to do as well: enough of them mimic anything.
+    others = [t for t in others if not (_is_larger(t, best) and best.squares - t.squares < earn)]
     kept = [best, *others]
     chances = _chances(kept, rng, rules.draws)
     margin = rules.margin * wide
@@ -57,6 +59,11 @@ def decide(trials: Sequence[Trial], rules: Rules, floor: float, rng: np.random.G
         if trial.score - best.score < margin or best.chi2 - trial.chi2 > earn or chance > 1.0 - rules.sure
     )
     return Decision(tuple(kept), chances, near)
+
+
+def _is_larger(trial: Trial, best: Trial) -> bool:
+    """Whether a trial is a set of several effects with more parameters than the best explanation."""
+    return len(trial.fit.who) > 1 and trial.parameters > best.parameters
 
 
 def _chances(trials: Sequence[Trial], rng: np.random.Generator, draws: int) -> Array:

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gsbridge.gap.detect import calibrate
 from gsbridge.gap.system import Applied
+from gsbridge.gap.trials import Rules
 from gsbridge.gap.view import View
 
 _PART = 0.5
@@ -27,6 +29,7 @@ class Verification:
         closure: Share of the gap above the noise that they close; negative if they make it worse.
         channels: Before and after of each channel.
         accepted: Whether the amended model is no worse.
+        p_remaining: Of the hypothesis that they leave nothing but noise there.
     """
 
     before: float
@@ -34,21 +37,31 @@ class Verification:
     closure: float
     channels: dict[str, tuple[float, float]]
     accepted: bool
+    p_remaining: float = 1.0
 
-    @property
-    def transfers(self) -> bool:
-        """Whether the effects close a good part of a gap that stands out, or there is hardly any."""
-        return self.before < _SLIGHT or self.closure >= _PART
+    def transfers(self, rules: Rules, several: bool = False) -> bool:
+        """Whether the record does not refute the effects.
+
+        They close a good part of a gap that stands out, and leave noise alone; one effect may leave a little more.
+
+        Args:
+            rules: Thresholds.
+            several: Whether there are several of them.
+        """
+        if self.before >= _SLIGHT and self.closure < _PART:
+            return False
+        return self.p_remaining >= rules.alarm or (not several and self.closure >= rules.closure)
 
 
-def verify(view: View, effects: Sequence[Applied]) -> Verification:
+def verify(view: View, effects: Sequence[Applied], rng: np.random.Generator) -> Verification:
     """Replay a record with and without effects.
 
     Args:
         view: Of a record neither fitted nor used to choose.
         effects: What was found.
+        rng: Of effect-free replicates.
     """
-    sizes = []
+    sizes, residual = [], np.zeros(0)
     for added in ((), tuple(effects)):
         residual = view.residual(added)
         sizes.append((float(np.sqrt((residual**2).sum() / view.freedom)), np.sqrt((residual**2).mean(axis=0))))
@@ -56,4 +69,5 @@ def verify(view: View, effects: Sequence[Applied]) -> Verification:
     gap, left = np.sqrt(max(before**2 - 1.0, 1e-12)), np.sqrt(max(after**2 - 1.0, 0.0))
     names = [f"{kind}.{view.record.joints[k]}" for kind, k in view.channels]
     channels = {name: (float(a), float(b)) for name, a, b in zip(names, rows_before, rows_after, strict=True)}
-    return Verification(before, after, float(1.0 - left / gap), channels, after <= before)
+    p_remaining = calibrate(view, rng).p_value(residual)
+    return Verification(before, after, float(1.0 - left / gap), channels, after <= before, p_remaining)

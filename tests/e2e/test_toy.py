@@ -80,8 +80,25 @@ def test_page_figures_and_recordings_are_there(toy):
         assert (toy / f"results/rerun/{stage}/small_cube.rrd").stat().st_size > 1_000
 
 
+@pytest.mark.parametrize(("tier", "cases", "named"), [("t0", 12, 0.5), ("t2", 2, 1.0)])
+def test_hidden_effects_are_named_and_nothing_else_is(toy, tier, cases, named):
+    score = read(toy / f"results/gap-benchmark/{tier}/scores.json")
+    figures = score["methods"]["gsbridge"]
+    assert (score["split"], score["cases"]) == ("development", cases)
+    # A dozen cases bound no rate: this is a guard. One axis alone cannot part all effects; the floors are the full benchmark's.
+    assert figures["named_right"]["n"] >= 1
+    assert figures["named_right"]["value"] >= named
+    assert figures["named_or_covered"]["value"] == 1.0
+    assert figures["named_wrong"]["value"] == 0.0
+    assert figures["false_alarm"]["value"] == 0.0
+    assert figures["simulations_most"] <= 100
+    assert figures["bank_most"] <= 3000
+
+
 def test_second_run_does_nothing(toy):
-    process = call_snakemake(toy, "--dry-run", "--config", "preset=toy", "--", "all", "score_scenes")
+    process = call_snakemake(
+        toy, "--dry-run", "--config", "preset=toy", "--", "all", "score_scenes", "results/gap-benchmark/report.html"
+    )
     assert "Nothing to be done" in process.stdout + process.stderr
 
 

@@ -92,6 +92,9 @@ def test_twins_are_written_down_per_plant():
     full = ("position", "velocity", "effort")
     assert frozenset({"link_mass"}) in twins_of("axis", {"torque_gain": 0.1}, full)
     assert twins_of("arm", {"torque_gain:a": 0.1}, full) == ()
+    first, second = "lbr_iiwa_joint_1", "lbr_iiwa_joint_2"
+    assert twins_of("arm", {f"armature:{first}": 0.1}, full) == (frozenset({f"link_mass:{first}"}),)
+    assert twins_of("arm", {f"armature:{second}": 0.1}, full) == ()
     assert twins_of("arm", {"viscous:a": 0.1}, full[:2]) == (frozenset({"gain_d:a"}),)
     assert twins_of("axis", {"lag": 1e-3}, full) == (frozenset({"command_delay"}),)
     assert twins_of("axis", {"lag": 1e-2}, full) == ()
@@ -217,6 +220,13 @@ def test_figures_of_a_few_verdicts():
     assert sum(row["cases"] for row in figures["confusion"]) == len(cases)
     assert [row["right"]["n"] for row in figures["calibration"]] == [1, 2]
     assert figures["brier"] == pytest.approx((0.01**2 + 0.97**2 + 0.4**2) / 3)
+
+
+def test_sets_that_are_one_equation_count_as_found_and_other_ambiguous_ones_do_not():
+    sets = [["a", "c"], ["b", "c"]]
+    for twins, value in (([["b", "c"]], 1.0), ((), 0.0)):
+        case = said("ambiguous", ["a", "c"], sets, hidden=("a", "c"), twins=twins)
+        assert score([case])["set_f1"]["value"] == value
 
 
 def test_wilson_interval_equals_that_of_the_reports():

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pybullet_data
 import pytest
+import scipy.linalg
 
 from gsbridge.gap import dynamics
 from gsbridge.gap.benchmark.plants import axis_plant, controller
@@ -41,16 +42,34 @@ def test_inertia_and_bias_equal_mujoco(tmp_path):
     rng = np.random.default_rng(0)
     chain, bodies = mechanism.chain, mechanism.chain.bodies(mechanism.skeleton.inertials)
     turn, origin, axis = np.empty((7, 3, 3)), np.empty((7, 3)), np.empty((7, 3))
-    matrix, hold, full = np.empty((7, 7)), np.empty(7), np.empty((7, 7))
+    matrix, hold, full, held = np.empty((7, 7)), np.empty(7), np.empty((7, 7)), np.empty(7)
+    screws, loads, work = np.empty((7, 6)), np.empty((7, dynamics.LOADS)), np.empty((7, 18))
+    gravity, parents, slides = np.array([0, 0, -9.81]), chain.parents, chain.slides
     for _ in range(5):
         data.qpos[:], data.qvel[:] = rng.normal(size=7), rng.normal(size=7)
         mujoco.mj_forward(model, data)
         mujoco.mj_fullM(model, data, full)
-        dynamics.place(chain.parents, chain.fixed, chain.axes, chain.slides, data.qpos.copy(), turn, origin, axis)
-        dynamics.inertia(chain.parents, chain.slides, bodies, turn, origin, axis, matrix)
-        dynamics.bias(chain.parents, chain.slides, bodies, np.array([0, 0, -9.81]), data.qvel.copy(), turn, origin, axis, hold)
+        dynamics.place(parents, chain.fixed, chain.axes, slides, data.qpos.copy(), turn, origin, axis)
+        dynamics.spread(slides, bodies, turn, origin, axis, screws, loads)
+        dynamics.bias(parents, screws, loads, gravity, data.qvel.copy(), work, hold)
+        dynamics.inertia(parents, screws, loads, matrix)
         np.testing.assert_allclose(matrix, full, atol=1e-9)
         np.testing.assert_allclose(hold, data.qfrc_bias, atol=1e-9)
+        dynamics.weights(parents, slides, bodies, gravity, turn, origin, axis, work, held)
+        data.qvel[:] = 0.0
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(held, data.qfrc_bias, atol=1e-9)
+
+
+def test_factor_solves_as_scipy_does():
+    rng = np.random.default_rng(1)
+    for count in (1, 2, 7):
+        root = rng.normal(size=(count, count))
+        matrix, factor, values = root @ root.T + np.eye(count), np.empty((count, count)), rng.normal(size=count)
+        wanted = scipy.linalg.solve(matrix, values)
+        dynamics.factorise(matrix, factor)
+        dynamics.solve(factor, values)
+        np.testing.assert_allclose(values, wanted, rtol=1e-10)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.5])

@@ -19,6 +19,8 @@ from gsbridge.gap.effects import catalogue
 from gsbridge.gap.fit import Fit
 from gsbridge.gap.replay import Mechanism
 from gsbridge.gap.system import Applied, read_system
+from gsbridge.gap.trials import Rules
+from gsbridge.gap.verify import Verification
 from gsbridge.gap.view import View
 
 SEED, COURSES = 40, 41
@@ -103,6 +105,16 @@ def test_a_fit_on_its_bound_is_told(name, value, stopped):
     candidate = Candidate(name, "axis")
     effects = (candidate.from_vector(np.array([value])),)
     assert Fit((candidate,), effects, 1.0, True, np.zeros(1), 0.0, 1).stopped == stopped
+
+
+@pytest.mark.parametrize(
+    ("closure", "p_remaining", "one", "several"),
+    [(0.99, 0.5, True, True), (0.95, 0.005, True, False), (0.7, 0.005, False, False), (0.3, 0.5, False, False)],
+)
+def test_third_record_refutes_what_does_not_close_the_gap_there(closure, p_remaining, one, several):
+    seen = Verification(2.0, 1.1, closure, {}, True, p_remaining)
+    assert seen.transfers(Rules()) == one
+    assert seen.transfers(Rules(), several=True) == several
 
 
 def test_without_efforts_the_verdict_is_still_right(axis):

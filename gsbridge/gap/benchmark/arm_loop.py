@@ -30,8 +30,8 @@ class Engine(Protocol):
     def weight(self, q: Array) -> Array:
         """Torques that hold the nominal arm. [N]."""
 
-    def advance(self, asked: Array, extra: Array, dry: Array | None) -> None:
-        """One of its own steps with the torques asked of the motors, others, and dry friction where it changes. [N] each."""
+    def advance(self, asked: Array, extra: Array, dry: Array | None, steps: int) -> None:
+        """Steps of its own with the torques asked of the motors, others, and dry friction where it changes. [N] each."""
 
     @property
     def steps(self) -> int:
@@ -56,7 +56,7 @@ def run_arm(
     wanted = np.asarray(course(0.0), dtype=np.float64)
     engine.begin((wanted - offset) / scale)
     out = np.empty((3, steps, count))
-    pulled = bool(drag.any() or cubic.any() or shake.any() or push.any())
+    pulled = bool(drag.any() or cubic.any() or shake.any())
     for number in range(steps):
         time = number * PERIOD
         # The filter's exact answer to commands that are held over a millisecond; none without one.
@@ -66,13 +66,14 @@ def run_arm(
         asked = np.clip(stiff * (wanted - seen) - damp * rate + share * engine.weight(seen), -limit, limit)
         out[:, number] = seen, rate, asked
         dry = patchy * (1 + np.sin(5 * q)) if patchy.any() else None
+        if not pulled:
+            engine.advance(asked, push, dry, engine.steps)
+            continue
         for part in range(engine.steps):
-            extra = push
-            if pulled:
-                q, v = engine.state()
-                moment = time + part * PERIOD / engine.steps
-                extra = push - drag * v * np.abs(v) - cubic * q**3 + shake * np.sin(2 * np.pi * 3.3 * moment)
-            engine.advance(asked, extra, dry)
+            q, v = engine.state()
+            moment = time + part * PERIOD / engine.steps
+            extra = push - drag * v * np.abs(v) - cubic * q**3 + shake * np.sin(2 * np.pi * 3.3 * moment)
+            engine.advance(asked, extra, dry, 1)
     grid, late = np.arange(steps) * PERIOD, hidden.get("clock_offset", 0.0)
     shift = {"position": late, "velocity": late, "effort": 0.0}
     return {

@@ -1,4 +1,5 @@
-"""Truths of any arm in PyBullet, each effect by the engine's own mechanism where it has one, at half the model's step.
+"""Truths of any arm in PyBullet, each effect by the engine's own mechanism where it has one, at an eighth of the model's
+step: what an engine's step does is no part of what is hidden.
 
 Nothing here knows the effects of the diagnosis.
 """
@@ -19,7 +20,7 @@ from gsbridge.gap.bodies import Inertial, Skeleton
 from gsbridge.gap.system import System
 from gsbridge.geometry import Array
 
-_EVERY = 2
+_EVERY = 8
 """Steps of the engine in a period of the controller."""
 
 _PLACE = np.array([0.0, 0.0, 0.08])
@@ -110,14 +111,15 @@ class _Running:
         q, v = np.array([item[:2] for item in self._world.getJointStates(self._body, self._columns)]).T
         return q - 0.5 * self._step * v, v
 
-    def advance(self, asked: Array, extra: Array, dry: Array | None) -> None:
+    def advance(self, asked: Array, extra: Array, dry: Array | None, steps: int) -> None:
         if dry is not None:
             self._velocity_motors(self._rub + dry)
-        torque = self._gain * asked + extra
-        if self._spring.any():
-            torque = torque - self._spring * self.state()[0]
-        self._world.setJointMotorControlArray(self._body, self._columns, self._world.TORQUE_CONTROL, forces=torque.tolist())
-        self._world.stepSimulation()
+        for _ in range(steps):
+            torque = self._gain * asked + extra
+            if self._spring.any():
+                torque = torque - self._spring * self.state()[0]
+            self._world.setJointMotorControlArray(self._body, self._columns, self._world.TORQUE_CONTROL, forces=torque.tolist())
+            self._world.stepSimulation()
 
     def weight(self, q: Array) -> Array:
         zero = [0.0] * len(q)

@@ -120,7 +120,7 @@ def _table(record: Record) -> pd.DataFrame:
 def _write_truth(folder: Path, site: Site, order: Order, case: Case, split: str, seed: int) -> str:
     """What is hidden, salted so that its SHA-256 tells nothing. Returns the SHA-256."""
     clean = folder / f"{order.key}.npz"
-    np.savez_compressed(clean, **case.clean)
+    np.savez_compressed(clean, **case.clean, **{f"plain_{kind}": values for kind, values in case.plain.items()})
     plant: Plant = site.plant
     truth = {
         "key": order.key,

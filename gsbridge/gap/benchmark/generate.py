@@ -7,7 +7,7 @@ import hashlib
 import json
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -36,6 +36,7 @@ class Plant:
         noise: Standard deviation of one sample, by kind. Each [N].
         truth: How it really moves.
         sizes: For every name that may be hidden: a size to begin the search for the unit with, and its sign (0 for both).
+        plain: Effect-free motions, kept from case to case: by role, seed of the courses, duration and rate.
     """
 
     joints: tuple[str, ...]
@@ -44,6 +45,7 @@ class Plant:
     noise: Mapping[str, Array]
     truth: Truth
     sizes: Mapping[str, tuple[float, int]]
+    plain: dict[tuple[str, int, float, float], dict[str, Array]] = field(default_factory=dict, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,7 @@ class Case:
         units: Size in units of the detection limit.
         records: By role: `fit`, `select`, `verify`.
         clean: What `verify` would have been without noise. Each [T, N].
+        plain: The same without anything hidden, too. Each [T, N].
         seal: SHA-256 of the truth.
     """
 
@@ -64,6 +67,7 @@ class Case:
     units: float
     records: Mapping[str, Record]
     clean: Mapping[str, Array]
+    plain: Mapping[str, Array]
     seal: str
 
 
@@ -96,21 +100,28 @@ def draw_case(
     times = np.arange(round(duration * rate)) / rate
     roads = np.random.default_rng(course_seed)
     courses = {role: _joined(course(kind, plant.centre, plant.reach, duration, roads), rate) for role, kind in KINDS.items()}
+
+    def effect_free(role: str) -> dict[str, Array]:
+        key = (role, course_seed, duration, rate)
+        if key not in plant.plain:
+            plant.plain[key] = plant.truth(courses[role], duration, times, {})
+        return plant.plain[key]
+
     signs = {name: (float(plant.sizes[name][1]) or float(rng.choice((-1.0, 1.0)))) for name in names}
     hidden: dict[str, float] = {}
     if names:
-        plain = plant.truth(courses["select"], duration, times, {})
+        plain = effect_free("select")
         for name in names:
             size = size_of_units(plant, name, signs[name], units, courses["select"], duration, times, kinds, plain)
             hidden[name] = signs[name] * size
     text = json.dumps({"seed": seed, "hidden": dict(sorted(hidden.items()))})
     made, clean = {}, {}
     for role, wanted in courses.items():
-        clean = plant.truth(wanted, duration, times, hidden)
+        clean = plant.truth(wanted, duration, times, hidden) if hidden else effect_free(role)
         measured = {kind: spoiled(clean[kind], plant.noise[kind], spoil, rng) for kind in kinds}
         made[role] = Record(role, times, plant.joints, {"command": np.array([wanted(t) for t in times])}, measured)
-    clean = {kind: clean[kind] for kind in kinds}
-    return Case("+".join(names) or "none", hidden, units, made, clean, hashlib.sha256(text.encode()).hexdigest())
+    clean, plain = ({kind: values[kind] for kind in kinds} for values in (clean, effect_free("verify")))
+    return Case("+".join(names) or "none", hidden, units, made, clean, plain, hashlib.sha256(text.encode()).hexdigest())
 
 
 def _joined(wanted: Course, rate: float) -> Course:

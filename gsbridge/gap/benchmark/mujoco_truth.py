@@ -1,4 +1,5 @@
-"""Truths of any mechanism in MuJoCo, each effect by MuJoCo's own mechanism where it has one, at a quarter of the model's step.
+"""Truths of any mechanism in MuJoCo, each effect by MuJoCo's own mechanism where it has one, at an eighth of the model's step:
+what an engine's step does is no part of what is hidden.
 
 Nothing here knows the effects of the diagnosis.
 """
@@ -18,10 +19,10 @@ from gsbridge.gap.bodies import Skeleton
 from gsbridge.gap.system import System
 from gsbridge.geometry import Array
 
-STEP = 2.5e-4
+STEP = 1.25e-4
 """Of MuJoCo, s; the controller acts every millisecond."""
 
-_EVERY = 4
+_EVERY = 8
 
 
 class MujocoTruth:
@@ -110,12 +111,12 @@ class _Running:
         v = self._data.qvel[self._dofs]
         return self._data.qpos[self._rows] - 0.5 * STEP * v, v
 
-    def advance(self, asked: Array, extra: Array, dry: Array | None) -> None:
+    def advance(self, asked: Array, extra: Array, dry: Array | None, steps: int) -> None:
         self._data.ctrl[:] = asked
         self._data.qfrc_applied[self._dofs] = extra
         if dry is not None:
             self._model.dof_frictionloss[self._dofs] = self._bare + dry
-        mujoco.mj_step(self._model, self._data)
+        mujoco.mj_step(self._model, self._data, nstep=steps)
 
     def weight(self, q: Array) -> Array:
         model, data = self._brain, self._brain_data

@@ -86,7 +86,8 @@ def orders_of(
         out.append(
             Order(
                 f"{tier}-{places[number]:03d}", kind, hidden, units, int(rng.integers(2**31)),
-                _COURSES[split][number % 2],
+                # Block by block, so that a few cases share one bank.
+                _COURSES[split][number // len(_MIX) % 2],
                 ("position", "velocity") if kind == "no_effort" else ALL_CHANNELS,
                 2.5 if kind == "short" else 4.0,
                 _FREE[which] if kind == "free" else "coloured" if kind == "coloured" else NOISES[0],

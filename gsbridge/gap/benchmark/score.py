@@ -150,9 +150,12 @@ def _calibration(cases: Sequence[Verdict]) -> dict[str, Any]:
 
 
 def _f1(cases: Sequence[Verdict]) -> dict[str, Any]:
-    """F1 over sets of effects; what is only ambiguous counts as not named."""
-    named = [case for case in cases if case.verdict == "named"]
-    hits, said = sum(len(case.hidden & case.named) for case in named), sum(len(case.named) for case in named)
+    """F1 over sets of effects; what is ambiguous among more than the same equation counts as not named."""
+    said, hits = 0, 0
+    for case in cases:
+        # Of explanations that are one equation, none can be asked to be singled out.
+        named = case.hidden if case.outcome == "right" else case.named if case.verdict == "named" else frozenset()
+        said, hits = said + len(named), hits + len(case.hidden & named)
     hidden = sum(len(case.hidden) for case in cases)
     return {"value": 2 * hits / (said + hidden) if said + hidden else None, "n": len(cases)}
 

@@ -12,6 +12,9 @@ Axis (one revolute joint, weight carried by the controller, no losses in the mod
   acceleration to second, a share of w d / 2 at the frequency w; below 2 ms and 2 Hz that is 1.3 %, about one standard deviation
   of a signature of twenty units.
 
+The arm of the benchmark: its first axis is upright, so that the first link's weight turns nothing, and its mass acts as inertia
+about that axis alone, as `armature` does: mass M, distance d and moment I of the link give (M d^2 + I) m for a share m.
+
 Any arm: `command_delay` and `lag` likewise. Without efforts, on both: `viscous` and `gain_d` are one term of the equation of
 motion, and a delay of all commands shifts positions as `clock_offset` does.
 """
@@ -27,6 +30,10 @@ _AXIS = (
     ("torque_gain", "link_mass", "payload"),
     ("encoder_offset", "base_tilt", "payload"),
 )
+
+_UPRIGHT = ("armature", "link_mass")
+UPRIGHT = "lbr_iiwa_joint_1"
+"""The arm's joint whose axis is upright."""
 
 _BLIND = (("viscous", "gain_d"), ("command_delay", "clock_offset"))
 
@@ -49,6 +56,7 @@ def twins_of(plant: str, hidden: Mapping[str, float], channels: Iterable[str]) -
         effect, _, joint = name.partition(":")
         # Not from twin to twin: a payload is like many things because it has many parameters.
         alike = {effect}.union(*(group for group in groups if effect in group))
+        alike |= set(_UPRIGHT) if joint == UPRIGHT and effect in _UPRIGHT else set()
         whole = ("payload", "base_tilt", "command_delay", "lag", "clock_offset", "gravcomp")
         options = [other if other in whole or not joint else f"{other}:{joint}" for other in sorted(alike)]
         sets = {done | {option} for done in sets for option in options}

@@ -17,6 +17,7 @@ from gsbridge.gap.effects import catalogue
 from gsbridge.gap.replay import Mechanism
 from gsbridge.gap.system import Applied
 from gsbridge.gap.view import View
+from gsbridge.geometry import Array
 
 OUTCOMES = ("right", "covered", "abstained", "missed", "wrong", "quiet", "false_alarm")
 """Named as hidden, or ambiguous among nothing but what is the same equation; ambiguous with the truth inside; nothing named
@@ -40,8 +41,9 @@ class Verdict:
         simulations: After the bank.
         bank: Of the bank.
         seconds: Of the diagnosis.
-        closure: Share of the gap that the named effects close on `verify`, against what would have been measured without noise;
-            None where nothing was named.
+        closure: Share of the gap that the named effects close on `verify`, against what would have been measured without noise:
+            1 - (after - floor) / (before - floor), where the floor is the gap to a truth with nothing hidden, which is the
+            engines' own. None where nothing was named.
         left: What they leave there, in units of the noise.
         covers: Whether 90 % intervals hold the true sizes, for each named effect.
         chance: Probability that the first explanation is the best, as stated; None without any.
@@ -170,18 +172,25 @@ def _verdict(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> Verdict:
 
 
 def _closed(verdict: Verdict, finding: Mapping[str, Any], truth: Mapping[str, Any], case: Path, truths: Path) -> Verdict:
-    """With the gap that the named effects close, measured against the record that would have been without noise."""
+    """With the gap that the named effects close; see `Verdict.closure`."""
     if verdict.verdict != "named" or not verdict.hidden:
         return verdict
     content = read_case(case)
     with np.load(truths / f"{verdict.key}.npz") as data:
-        clean = {kind: data[kind] for kind in data.files}
+        arrays = {name: data[name] for name in data.files}
+    plain = {name.removeprefix("plain_"): values for name, values in arrays.items() if name.startswith("plain_")}
+    clean = {name: arrays[name] for name in plain}
     sigma = {kind: np.asarray(values, dtype=np.float64) for kind, values in truth["sigma"].items()}
-    record = replace(content.records["verify"].with_measured(clean), sigma=sigma, quantum={})
-    view = View.of(Mechanism(content.system), record)
-    effects = [Applied(e["name"], e.get("joint", ""), e["parameters"]) for e in _applied(finding)]
-    before, after = (float(np.sqrt((view.residual(added) ** 2).mean())) for added in ((), tuple(effects)))
-    return replace(verdict, closure=1.0 - after / max(before, 1e-12), left=float(np.hypot(1.0, after)))
+    record, mechanism = content.records["verify"], Mechanism(content.system)
+
+    def gap(measured: Mapping[str, Array], effects: tuple[Applied, ...]) -> float:
+        view = View.of(mechanism, replace(record.with_measured(measured), sigma=sigma, quantum={}))
+        return float(np.sqrt((view.residual(effects) ** 2).mean()))
+
+    effects = tuple(Applied(e["name"], e.get("joint", ""), e["parameters"]) for e in _applied(finding))
+    floor, before, after = gap(plain, ()), gap(clean, ()), gap(clean, effects)
+    closure = 1.0 - max(after - floor, 0.0) / max(before - floor, 1e-12)
+    return replace(verdict, closure=closure, left=float(np.hypot(1.0, after)))
 
 
 def _applied(finding: Mapping[str, Any]) -> list[dict[str, Any]]:
