@@ -124,10 +124,10 @@ def write_toss_case(measured: Path, folder: Path, roles: dict[str, tuple[int, in
 
 def diagnose_tosses(measured: Path, folder: Path) -> dict[str, Any]:
     """Figures of the tosses."""
-    from gsbridge.gap.contact.case import run_case
+    from gsbridge.gap.stages import run_case
 
     digest = check_data(measured, "cube_toss")
-    findings = run_case(write_toss_case(measured, folder, TOSSES), folder / "out")
+    findings = run_case(write_toss_case(measured, folder, TOSSES), folder / "out", folder / "bank")
     return {
         "data_sha256": digest,
         "tosses": {role: last - first for role, (first, last) in TOSSES.items()},
@@ -168,7 +168,7 @@ def write_pendulum_case(measured: Path, folder: Path) -> Path:
 
 def diagnose_pendulum(measured: Path, folder: Path) -> dict[str, Any]:
     """Figures of the pendulum."""
-    from gsbridge.gap.case import run_case
+    from gsbridge.gap.stages import run_case
 
     digest = check_data(measured, "dfki_pendulum")
     findings = run_case(write_pendulum_case(measured, folder), folder / "out", folder / "bank")

@@ -19,19 +19,22 @@ def amend_model(model: str | Path, findings: Mapping[str, Any], out: str | Path)
     Args:
         model: The model file that was diagnosed.
         findings: As written to `findings.json`.
-        out: The amended model; the URDF's path is made relative to it.
+        out: The amended model; a URDF's path is made relative to it.
 
     Raises:
         InputError: The model cannot be read.
     """
     model, out = Path(model), Path(out)
     content = read_yaml(model, "model", "docs/gap.md")
-    content["urdf"] = os.path.relpath((model.parent / content["urdf"]).resolve(), out.resolve().parent)
+    if "urdf" in content:
+        content["urdf"] = os.path.relpath((model.parent / content["urdf"]).resolve(), out.resolve().parent)
     content["effects"] = [*(content.get("effects") or []), *(dict(effect) for effect in findings["amended"])]
     evidence = {
         "sentence": findings["sentence"],
         "verdict": findings["verdict"],
-        "verify": {key: findings["verify"][key] for key in ("before", "after", "closure")} if findings["verify"] else None,
+        "verify": {key: findings["verify"][key] for key in ("before", "after", "closure", "unit")}
+        if findings["verify"]
+        else None,
         "intervals": {
             " ".join(filter(None, (item["name"], item["joint"]))): {
                 k: row["interval90"] for k, row in item["parameters"].items()

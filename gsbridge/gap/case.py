@@ -1,18 +1,15 @@
-"""A user's case: a YAML file that names a model and records, diagnosed into a folder."""
+"""A user's case: a YAML file that names a model and records."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from gsbridge.errors import InputError
-from gsbridge.files import write_json
-from gsbridge.gap.amend import amend_model
-from gsbridge.gap.diagnose import ROLES, diagnose, findings_of
+from gsbridge.gap.diagnose import ROLES
 from gsbridge.gap.effects import effect_of
 from gsbridge.gap.formats.logs import read_log
 from gsbridge.gap.records import SHORTEST, Layout, Record, check_degrees
@@ -138,17 +135,3 @@ def _cut(record: Record, first: int, last: int, name: str) -> Record:
         commands={kind: values[rows] for kind, values in record.commands.items()},
         measured={kind: values[rows] for kind, values in record.measured.items()},
     )
-
-
-def run_case(path: str | Path, out: str | Path, bank_folder: str | Path, seed: int = 0) -> dict[str, Any]:
-    """Diagnose a case into `out`: `findings.json` and the amended `model.yaml`. Returns the findings.
-
-    Raises:
-        InputError: As `read_case`; nothing is written then.
-    """
-    case, out = read_case(path), Path(out)
-    diagnosis = diagnose(case.system, case.records, bank_folder, names=case.names, seed=seed)
-    findings = findings_of(diagnosis, case.records, seed=seed, reasons=case.reasons)
-    write_json(out / "findings.json", findings)
-    amend_model(case.model, findings, out / "model.yaml")
-    return findings

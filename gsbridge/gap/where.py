@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -35,22 +35,24 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Map:
-    """Root mean square residuals, in units of the noise.
+    """Root mean square residuals, of a mechanism in units of the noise.
 
     Args:
         channels: Rows.
         values: Not-a-number where too few samples fall into a cell. [channels, columns].
         marked: Cells that noise alone does not explain, at most `LEVEL` of them by chance. [channels, columns].
+        groups: Names of the columns.
     """
 
     channels: tuple[str, ...]
     values: Array
     marked: Array
+    groups: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: GROUPS)
 
     def record(self) -> dict[str, Any]:
         """As in `comparison.json`."""
         return {
-            "groups": {name: list(columns) for name, columns in GROUPS.items()},
+            "groups": {name: list(columns) for name, columns in self.groups.items()},
             "channels": list(self.channels),
             "values": self.values,
             "marked": self.marked.astype(bool),

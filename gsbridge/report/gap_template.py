@@ -58,30 +58,30 @@ GAP_PAGE = (
 </header>
 <h2 id="residuals">Before and after</h2>
 <p>{{ residuals_text }}</p>
-<figure class="picture"><img src="{{ residuals }}" alt="residuals before and after over time"></figure>
-<figure class="picture"><img src="{{ channels }}" alt="residual of each channel before and after"><figcaption>{{ channels_text }}</figcaption></figure>
+<figure class="picture"><img src="{{ residuals }}" alt="{{ residuals_alt }}"></figure>
+<figure class="picture"><img src="{{ channels }}" alt="{{ channels_alt }}"><figcaption>{{ channels_text }}</figcaption></figure>
 {% if effects %}
 <h2 id="found">{{ found_title }}</h2>
 <div class="scroll"><table>
-<thead><tr><th>effect</th><th class="text">where</th><th class="text">parameter</th><th>value</th><th>90 % interval</th><th class="text">unit</th></tr></thead>
+<thead><tr><th>effect</th><th class="text">where</th><th class="text">parameter</th><th>value</th><th>90 % interval</th><th class="text">unit</th>{% if becomes %}<th>the model's own</th>{% endif %}</tr></thead>
 <tbody>
-{% for row in effects %}<tr><td><b>{{ row.title }}</b></td><td class="text">{{ row.joint }}</td><td class="text">{{ row.parameter }}</td><td>{{ row.value }}</td><td>{{ row.interval }}</td><td class="text">{{ row.unit }}</td></tr>
+{% for row in effects %}<tr><td><b>{{ row.title }}</b></td><td class="text">{{ row.joint }}</td><td class="text">{{ row.parameter }}</td><td>{{ row.value }}</td><td>{{ row.interval }}</td><td class="text">{{ row.unit }}</td>{% if becomes %}<td><b>{{ row.becomes }}</b></td>{% endif %}</tr>
 {% endfor %}</tbody></table></div>
 {% for note in effect_notes %}<p class="note">{{ note }}</p>
 {% endfor %}
 {% endif %}
 <h2 id="where">Where it shows</h2>
 <p>{{ where_text }}</p>
-<figure class="picture"><img src="{{ where }}" alt="map of the residuals by channel, phase and state"><figcaption>Root mean square residual on the record <i>select</i>, in units of the noise (1 is noise alone), by channel and by what the joint does; + and − are its directions. Bold: noise alone does not explain it (of the bold cells, one in a hundred may be chance). Dots: too few samples.</figcaption></figure>
+<figure class="picture"><img src="{{ where }}" alt="map of the residuals by channel, phase and state"><figcaption>{{ where_caption }}</figcaption></figure>
 {% if rivals %}
 <h2 id="rivals">The rivals</h2>
-<p>Explanations that were fitted to one record and judged on another. {{ rivals_text }}</p>
+<p>{{ rivals_text }}</p>
 <div class="scroll"><table>
 <thead><tr><th>explanation</th><th class="text">share of the gap that it closes</th><th></th><th>behind the best</th><th>probability of being best</th></tr></thead>
 <tbody>
 {% for row in rivals %}<tr><td>{% if loop.first %}<b>{{ row.title }}</b>{% else %}{{ row.title }}{% endif %}</td><td class="barcell"><span class="bar" style="width: {{ row.share }}%"></span></td><td>{{ row.closure }}</td><td>{{ row.behind }}</td><td>{{ row.probability }}</td></tr>
 {% endfor %}</tbody></table></div>
-<p class="note">Behind: squared residual more than the best one's, in units of the noise. The probability is a bootstrap over blocks of time.</p>
+<p class="note">{{ rivals_note }}</p>
 {% endif %}
 <h2 id="remains">What remains</h2>
 <p>{{ remains_text }}</p>
@@ -89,15 +89,15 @@ GAP_PAGE = (
 <p class="note">{{ alike }}</p>
 {% endif %}
 {% if unseen %}
-<p class="note">Could not show in these records at any sensible size: {{ unseen }}.</p>
+<p class="note">Could not show in these {{ logs }} at any sensible size: {{ unseen }}.</p>
 {% endif %}
-<h2 id="noise">Noise floor and records</h2>
+<h2 id="noise">Noise floor and {{ logs }}</h2>
 <div class="scroll"><table>
 <thead><tr><th>channel</th><th>noise of one sample</th><th class="text">unit</th>{% for role in roles %}<th>gap in {{ role }}</th>{% endfor %}</tr></thead>
 <tbody>
 {% for row in noise %}<tr><td>{{ row.channel }}</td><td>{{ row.sigma }}</td><td class="text">{{ row.unit }}</td>{% for value in row.gaps %}<td>{{ value }}</td>{% endfor %}</tr>
 {% endfor %}</tbody></table></div>
-<p class="note">Gap: root mean square residual of the model as it was, in units of the noise.</p>
+<p class="note">{{ noise_note }}</p>
 <div class="scroll"><table>
 <thead><tr><th>record</th><th class="text">role</th><th>seconds</th><th>samples</th><th>rate, Hz</th><th class="text">channels</th><th class="text">SHA-256</th></tr></thead>
 <tbody>

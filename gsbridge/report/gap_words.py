@@ -37,8 +37,13 @@ def explanation_title(names: Any) -> str:
     return " + ".join(effect_title(name) for name in explanation(names).split(" + "))
 
 
-def most(found: Mapping[str, Any]) -> str | None:
-    """Where a map is darkest among its marked cells, in words; None where nothing is marked."""
+def most(found: Mapping[str, Any], unit: str = "noise") -> str | None:
+    """Where a map is darkest among its marked cells, in words; None where nothing is marked.
+
+    Args:
+        found: The map.
+        unit: Of its values, as findings state it.
+    """
     values, marked = np.array(found["values"], dtype=float), np.array(found["marked"], dtype=bool)
     if not marked.any():
         return None
@@ -51,13 +56,23 @@ def most(found: Mapping[str, Any]) -> str | None:
         "position": f"in the {name} third of its range",
     }
     how["load"] = f"under {name} load"
+    how["start speed"] = f"in {name} throws"
+    how["start spin"] = f"in throws with {name} spin"
     place = {
+        "flight": "in flight",
+        "impact": "at the first impact",
+        "after": "behind the first impact",
         "at rest": "while the joint is at rest",
         "steady +": "at steady speed forwards",
         "steady −": "at steady speed backwards",
     }
-    words = place.get(name, how[group]).replace(" +", " forwards").replace(" −", " backwards")
-    return f"{channel_name(found['channels'][row])}, {words}: {values[row, column]:.3g} times the noise"
+    words = (place.get(name) or how[group]).replace(" +", " forwards").replace(" −", " backwards")
+    return f"{channel_name(found['channels'][row])}, {words}: {amount(values[row, column], unit)}"
+
+
+def amount(value: float, unit: str) -> str:
+    """A size of residuals: multiples of the noise, or a length."""
+    return f"{value:.3g} times the noise" if unit == "noise" else f"{value:.3g} {unit}"
 
 
 def remains(findings: Mapping[str, Any], after: Mapping[str, Any]) -> str:
@@ -67,7 +82,7 @@ def remains(findings: Mapping[str, Any], after: Mapping[str, Any]) -> str:
         findings: `findings.json`.
         after: Map of what remains, on `select`.
     """
-    where = most(after)
+    where = most(after, findings["select"]["unit"])
     if findings["verdict"] == "no_discrepancy":
         return "Nothing beyond the noise."
     if not findings["effects"]:
@@ -95,7 +110,7 @@ def looks_like(findings: Mapping[str, Any], screening: Mapping[str, Any]) -> str
         out.append(f"{title} looks much like {listed}" if listed else f"{title} looks like no other known effect")
     if not out:
         return ""
-    return "In these records, before any fit (cosine of signatures): " + "; ".join(out) + "."
+    return "Before any fit (cosine of signatures): " + "; ".join(out) + "."
 
 
 def next_steps(findings: Mapping[str, Any], about: Mapping[str, Any], screening: Mapping[str, Any], case: str) -> list[str]:
@@ -128,6 +143,8 @@ def next_steps(findings: Mapping[str, Any], about: Mapping[str, Any], screening:
         )
         if findings.get("suggestion"):
             out.append(f"A sparse regression of what remains suggests: {findings['suggestion']}.")
+    elif verdict == "not_enough_excitation" and about["mode"] == "body":
+        out.append("Throw it so that it hits, slides, tumbles and comes to rest: fast and slow, with spin, in all attitudes.")
     elif verdict == "not_enough_excitation":
         out.append("Log records of larger, faster and slower motion with reversals, over the whole range.")
     elif screening["unseen"]:

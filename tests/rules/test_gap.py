@@ -32,13 +32,25 @@ def write_case(folder: Path, header: list[str], rows: np.ndarray, model: str = M
     return folder / "case.yaml"
 
 
+def write_thrown_case(folder: Path, columns: str = "throw,time [s],position.x [m]") -> Path:
+    """A case about a thrown box whose log lacks most of its columns; returns its file."""
+    folder.mkdir(parents=True)
+    (folder / "model.yaml").write_text("box: [0.1, 0.1, 0.1]\nmass: 0.4\ncontroller: {mode: body}\ncontact: {friction: 0.5}\n")
+    np.savetxt(folder / "log.csv", np.zeros((20, columns.count(",") + 1)), delimiter=",", header=columns, comments="")
+    (folder / "case.yaml").write_text("model: model.yaml\nrecords: {fit: log.csv}\n")
+    return folder / "case.yaml"
+
+
 def planned(plan: str) -> set[str]:
     """Rules of a dry run."""
     return set(re.findall(r"^(\w+) +\d+$", plan.split("Job stats:")[1].split("total")[0], re.MULTILINE))
 
 
-def test_a_case_is_named_by_its_file_alone(snakemake, tmp_path):
-    case = write_case(tmp_path / "My axis", *table())
+@pytest.mark.parametrize("thrown", [False, True])
+def test_a_case_is_named_by_its_file_alone(snakemake, tmp_path, thrown):
+    """Whether it is about a mechanism or a thrown body: the same targets."""
+    folder = tmp_path / "My axis"
+    case = write_thrown_case(folder) if thrown else write_case(folder, *table())
     plan = snakemake("--dry-run", "--directory", str(tmp_path / "run"), "--config", f"gap_case={case}", "--", "gap").stdout
     assert planned(plan) == {*STEPS, "record_gap", "collect_gap", "gap"}
     assert "results/gap/my_axis/report.html" in plan
@@ -74,6 +86,7 @@ def test_bad_records_end_with_one_sentence_and_leave_nothing(snakemake, tmp_path
             write_case(tmp_path / "d", header, rows, MODEL.replace("urdf: axis.urdf", "urdf: axis.urdf\njoints: [elbow]")),
             "the URDF has no moving joint 'elbow'",
         ),
+        "thrown": (write_thrown_case(tmp_path / "e"), "the column 'position.y' is missing"),
     }
     cases = ", ".join(f"{name}: {path}" for name, (path, _) in bad.items())
     process = snakemake(

@@ -216,7 +216,11 @@ def test_mass_properties_survive_the_way_through_a_urdf(tmp_path):
     ("change", "said"),
     [
         ({"contact": {}}, "friction is missing"),
-        ({"contact": {"friction": -1}}, "cannot be negative"),
+        ({"contact": {"friction": -1}}, "'contact.friction' is -1"),
+        ({"contact": {"friction": "high"}}, "'contact.friction' is no number"),
+        ({"contact": {"friction": 0.5, "restitution": 1.5}}, "Give 0 to 1"),
+        ({"physics_rate": 0}, "'physics_rate' is 0"),
+        ({"effects": ["restitution"]}, "names with parameters"),
         ({"contact": {"friction": 0.5, "stiffness": 1e4}}, "go together"),
         ({"urdf": "a.urdf"}, "either"),
         ({"mass": 0.0}, "no body"),
@@ -240,6 +244,9 @@ def test_a_urdf_that_is_no_rigid_body_is_refused(tmp_path):
         parse_body(model, tmp_path)
     (tmp_path / "two.urdf").write_text('<robot name="a"><link name="a"/></robot>')
     with pytest.raises(InputError, match="lacks"):
+        parse_body(model, tmp_path)
+    (tmp_path / "two.urdf").write_text(SPHERE.replace('value="0.2"', 'value="heavy"'))
+    with pytest.raises(InputError, match="'inertial' lacks a number"):
         parse_body(model, tmp_path)
 
 

@@ -13,11 +13,11 @@ from gsbridge.gap.benchmark.generate import UNIT, draw_case
 from gsbridge.gap.benchmark.noises import NOISES
 from gsbridge.gap.benchmark.plants import axis_plant
 from gsbridge.gap.candidates import Candidate
-from gsbridge.gap.case import run_case
 from gsbridge.gap.diagnose import diagnose, findings_of
 from gsbridge.gap.effects import catalogue
 from gsbridge.gap.fit import Fit
 from gsbridge.gap.replay import Mechanism
+from gsbridge.gap.stages import run_case
 from gsbridge.gap.system import Applied, read_system
 from gsbridge.gap.trials import Rules
 from gsbridge.gap.verify import Verification

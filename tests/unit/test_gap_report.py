@@ -65,8 +65,8 @@ def test_the_page_says_all_that_is_asked_for(tmp_path):
 @pytest.fixture
 def without_figures(monkeypatch):
     """Pages of words alone: drawing takes most of the time."""
-    for name in ("draw_residuals", "draw_channels", "draw_where"):
-        monkeypatch.setattr(f"gsbridge.report.gap_page.{name}", lambda *arguments: "data:,")
+    for name in ("gap_parts.draw_residuals", "gap_parts.draw_channels", "gap_page.draw_where"):
+        monkeypatch.setattr(f"gsbridge.report.{name}", lambda *arguments: "data:,")
 
 
 @pytest.mark.usefixtures("without_figures")

@@ -8,7 +8,7 @@ import pytest
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
 from gsbridge.gap.formats.store import load_records
-from gsbridge.gap.stages import ready, write_case_records, write_comparison, write_replays
+from gsbridge.gap.stages import load_work, write_case_records, write_comparison, write_replays
 from gsbridge.gap.where import GROUPS, where
 
 URDF = """<robot name="axis"><link name="base"/><link name="arm"><inertial><origin xyz="0.2 0 0"/><mass value="1"/>
@@ -56,7 +56,7 @@ def test_stages_leave_records_comparison_and_replays(folder):
     assert about["records"]["select"]["samples"] == 250
     assert about["records"]["fit"]["rate_hz"] == pytest.approx(100)
     assert list(load_records(data)) == ["fit", "select", "verify"]
-    assert ready(folder / "model.yaml", data, record).records["fit"].digest == about["records"]["fit"]["digest"]
+    assert load_work(folder / "model.yaml", data, record).case.records["fit"].digest == about["records"]["fit"]["digest"]
 
     write_comparison(folder / "model.yaml", data, record, folder / "out/comparison.json")
     compared = read_json(folder / "out/comparison.json")["records"]["select"]

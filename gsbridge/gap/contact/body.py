@@ -68,6 +68,12 @@ class FreeBody:
         text = json.dumps([*parts, [effect.record() for effect in self.effects]], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
+    @property
+    def meshes(self) -> tuple[Path, ...]:
+        """Files that its shapes name."""
+        elements = (ElementTree.fromstring(shape) for shape in self.shapes)
+        return tuple(Path(mesh.attrib["filename"]) for element in elements for mesh in element.iter("mesh"))
+
     def urdf(self, mass: float, com: Array, inertia_factor: float, size: float) -> str:
         """A URDF of the body with these mass properties and all lengths of its shape multiplied by `size`.
 
@@ -151,8 +157,8 @@ def parse_body(content: Any, folder: Path, source: str | Path = "model") -> Free
     if "box" in content:
         shapes, mass, com, inertia = _box(content, source)
     else:
-        shapes, mass, com, inertia = _link(folder / content["urdf"])
-        scale = float(content.get("mass", mass)) / mass
+        shapes, mass, com, inertia = _link(folder / str(content["urdf"]))
+        scale = number(content.get("mass", mass), source, "mass") / mass
         mass, inertia = mass * scale, inertia * scale
     com = _row(content.get("centre_of_mass"), com, source, "centre_of_mass")
     if "inertia" in content:
@@ -161,22 +167,54 @@ def parse_body(content: Any, folder: Path, source: str | Path = "model") -> Free
     if mass <= 0 or moments[0] <= 0 or moments[2] > moments[:2].sum() * (1 + 1e-6):
         raise InputError(source, f"no body has the mass {mass:g} kg and the inertia {moments.tolist()} kg m2", "Correct them")
     tilt = _row(sections["surface"].get("tilt"), np.zeros(2), source, "surface.tilt")
-    figures = {name: float(contact.get(name, 0.0)) for name in CONTACT}
+
+    def positive(section: Mapping[str, Any], prefix: str, key: str, default: float = 0.0, high: float = np.inf) -> float:
+        return number(section.get(key, default), source, prefix + key, 0.0, high)
+
+    damping = sections["damping"]
+    figures = {name: positive(contact, "contact.", name, high=1.0 if name == "restitution" else np.inf) for name in CONTACT}
     figures |= {
-        "compliance": 1.0 / float(contact["stiffness"]) if "stiffness" in contact else 0.0,
-        "contact_damping": float(contact.get("damping", 0.0)),
-        "height": float(sections["surface"].get("height", 0.0)),
+        "compliance": 1.0 / number(contact["stiffness"], source, "contact.stiffness", 1.0) if "stiffness" in contact else 0.0,
+        "contact_damping": positive(contact, "contact.", "damping"),
+        "height": number(sections["surface"].get("height", 0.0), source, "surface.height"),
         "tilt_x": float(tilt[0]),
         "tilt_y": float(tilt[1]),
-        "linear_damping": float(sections["damping"].get("linear", 0.0)),
-        "angular_damping": float(sections["damping"].get("angular", 0.0)),
-        "gravity": float(content.get("gravity", 9.81)),
+        "linear_damping": positive(damping, "damping.", "linear"),
+        "angular_damping": positive(damping, "damping.", "angular"),
+        "gravity": positive(content, "", "gravity", 9.81),
     }
-    for name in (*CONTACT, "compliance", "contact_damping", "linear_damping", "angular_damping", "gravity"):
-        if not 0.0 <= figures[name] < np.inf or (name == "restitution" and figures[name] > 1.0):
-            raise InputError(source, f"'{name}' is {figures[name]:g}", "It cannot be negative, nor restitution above 1")
-    effects = tuple(Applied(item["name"], "", dict(item["parameters"])) for item in content.get("effects") or [])
-    return FreeBody(source, shapes, mass, com, inertia, figures, float(content.get("physics_rate", 500.0)), effects)
+    rate = number(content.get("physics_rate", 500.0), source, "physics_rate", 50.0)
+    return FreeBody(source, shapes, mass, com, inertia, figures, rate, _effects(content, source))
+
+
+def number(value: Any, source: str | Path, key: str, low: float = -np.inf, high: float = np.inf) -> float:
+    """A number of a file.
+
+    Raises:
+        InputError: It is none, or out of bounds.
+    """
+    try:
+        out = float(value)
+    except (TypeError, ValueError) as error:
+        raise InputError(source, f"'{key}' is no number but {value!r}", "Give a number") from error
+    if not low <= out <= high or not np.isfinite(out):
+        bounds = f"at least {low:g}" if high == np.inf else f"{low:g} to {high:g}"
+        raise InputError(source, f"'{key}' is {out:g}", f"Give {bounds}" if np.isfinite(low) else "Give a finite number")
+    return out
+
+
+def _effects(content: Mapping[str, Any], source: Path) -> tuple[Applied, ...]:
+    """Effects that were added to a model before."""
+    try:
+        return tuple(
+            Applied(item["name"], "", {key: float(value) for key, value in item["parameters"].items()})
+            for item in content.get("effects") or []
+        )
+    except (TypeError, KeyError, ValueError, AttributeError) as error:
+        raise InputError(
+            source, "'effects' holds something else than names with parameters", "E.g. {name: restitution, parameters: "
+            "{restitution: 0.1}}",
+        ) from error  # fmt: skip
 
 
 def _check(content: Any, known: tuple[str, ...], source: Path, prefix: str) -> None:
@@ -204,7 +242,7 @@ def _box(content: Mapping[str, Any], source: Path) -> tuple[tuple[str, ...], flo
     edges = _row(content["box"], np.zeros(3), source, "box")
     if "mass" not in content or (edges <= 0).any():
         raise InputError(source, "a box needs 'mass' (kg) and three edges above zero (m)", "State them")
-    mass = float(content["mass"])
+    mass = number(content["mass"], source, "mass")
     inertia = np.diag(mass / 12.0 * (np.sum(edges**2) - edges**2))
     return (f'<collision><geometry><box size="{_text(edges)}"/></geometry></collision>',), mass, np.zeros(3), inertia
 
@@ -234,9 +272,16 @@ def _link(path: Path) -> tuple[tuple[str, ...], float, Array, Array]:
         shapes.append(ElementTree.tostring(element, encoding="unicode"))
     if mass is None or moments is None or not shapes:
         raise InputError(path, "the link lacks 'inertial' or 'collision'", "Add mass, inertia and a shape")
-    attributes = {} if origin is None else origin.attrib
-    com = np.array([float(value) for value in attributes.get("xyz", "0 0 0").split()])
-    turn = Rotation.from_euler("xyz", [float(value) for value in attributes.get("rpy", "0 0 0").split()]).as_matrix()
-    xx, yy, zz, xy, xz, yz = (float(moments.attrib.get(key, 0.0)) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
+    try:
+        return tuple(shapes), *_inertial(mass.attrib, {} if origin is None else origin.attrib, moments.attrib)
+    except (KeyError, ValueError) as error:
+        raise InputError(path, f"'inertial' lacks a number or holds something else ({error})", "Export it again") from error
+
+
+def _inertial(mass: Mapping[str, str], origin: Mapping[str, str], moments: Mapping[str, str]) -> tuple[float, Array, Array]:
+    """Mass, centre of mass, and inertia about it along the link's axes."""
+    com = np.array([float(value) for value in origin.get("xyz", "0 0 0").split()])
+    turn = Rotation.from_euler("xyz", [float(value) for value in origin.get("rpy", "0 0 0").split()]).as_matrix()
+    xx, yy, zz, xy, xz, yz = (float(moments.get(key, 0.0)) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
     own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return tuple(shapes), float(mass.attrib["value"]), com, turn @ own @ turn.T
+    return float(mass["value"]), com, turn @ own @ turn.T

@@ -1,27 +1,19 @@
-"""A user's case of throws: a YAML file that names a model and records, diagnosed into a folder."""
+"""A user's case of throws: a YAML file that names a model and records."""
 
 from __future__ import annotations
 
-import os
-import time
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yaml
 
 from gsbridge.errors import InputError
-from gsbridge.files import atomic_file, write_json
-from gsbridge.gap.contact.body import FreeBody, read_body
-from gsbridge.gap.contact.findings import Diagnosis, Verification, findings_of
-from gsbridge.gap.contact.identify import Identification, Rules, shift
-from gsbridge.gap.contact.interval import intervals
-from gsbridge.gap.contact.replay import HORIZON, PHASES, Replay
+from gsbridge.gap.contact.body import FreeBody, number, read_body
+from gsbridge.gap.contact.checks import check_throws
+from gsbridge.gap.contact.replay import HORIZON
 from gsbridge.gap.contact.setup import build_setup
-from gsbridge.gap.contact.starts import check_fall
-from gsbridge.gap.contact.throws import FEWEST, Throws, read_throws
+from gsbridge.gap.contact.throws import FEWEST, SHORTEST, Throws, read_throws
 from gsbridge.gap.diagnose import ROLES
 from gsbridge.gap.effects import effect_of
 from gsbridge.gap.yaml_file import read_yaml
@@ -63,20 +55,26 @@ def read_case(path: str | Path) -> Case:
     for key in content:
         if key not in _KEYS:
             raise InputError(path, f"the key '{key}' is unknown", f"Use only: {', '.join(_KEYS)}")
-    body = read_body(path.parent / content["model"])
+    for key in ("columns", "units"):
+        if not isinstance(content.get(key) or {}, Mapping):
+            raise InputError(path, f"'{key}' is no section", "Write 'name: value' lines below it; see docs/gap_objects.md")
+    horizon = number(content.get("horizon", HORIZON), path, "horizon", low=SHORTEST)
+    body = read_body(path.parent / str(content["model"]))
     build_setup(body)
-    for name in content.get("effects") or ():
+    names = content.get("effects") or ()
+    if isinstance(names, str) or not all(isinstance(name, str) for name in names):
+        raise InputError(path, "'effects' is no list of names", "E.g. [contact_friction, restitution]")
+    for name in names:
         if effect_of(name, str(path)).scope != "body":
             raise InputError(path, f"the effect '{name}' acts on mechanisms", "Name effects of a thrown body")
     throws = {}
     for role, file in content["records"].items():
         if role not in ROLES:
             raise InputError(path, f"the record '{role}' has no role", f"Name records {', '.join(ROLES)}")
-        throws[role] = read_throws(path.parent / file, content.get("columns"), content.get("units"))
-        check_fall(throws[role], body.figures["gravity"], path.parent / file)
+        throws[role] = read_throws(path.parent / str(file), content.get("columns"), content.get("units"))
+        check_throws(throws[role], body.figures["gravity"], path.parent / str(file))
     throws, reasons = split_throws(throws, path)
-    names = tuple(content["effects"]) if content.get("effects") else None
-    return Case(path.parent / content["model"], body, throws, names, float(content.get("horizon", HORIZON)), reasons)
+    return Case(path.parent / str(content["model"]), body, throws, tuple(names) or None, horizon, reasons)
 
 
 def split_throws(throws: Mapping[str, Throws], source: str | Path) -> tuple[dict[str, Throws], tuple[str, ...]]:
@@ -102,85 +100,3 @@ def split_throws(throws: Mapping[str, Throws], source: str | Path) -> tuple[dict
                 source, f"'{role}' has {len(out[role])} throws", f"Record at least {FEWEST} for each role, better 60"
             )
     return {role: out[role] for role in ROLES}, reasons
-
-
-def diagnose_throws(
-    body: FreeBody,
-    throws: Mapping[str, Throws],
-    *,
-    names: Collection[str] | None = None,
-    rules: Rules | None = None,
-    horizon: float = HORIZON,
-    seed: int = 0,
-) -> Diagnosis:
-    """Find out what the simulation of a thrown body lacks.
-
-    Args:
-        body: The model.
-        throws: By role: `fit`, `select`, `verify`.
-        names: Effects that may be the reason; None for all of a body.
-        rules: Thresholds.
-        horizon: Length that is replayed, s.
-        seed: Of replicates and bootstraps.
-    """
-    begin = time.perf_counter()
-    replays = {role: Replay(body, throws[role], horizon) for role in ROLES}
-    finding = Identification(replays["fit"], replays["select"], names, rules, seed).run()
-    select, verification, spans = replays["select"], None, []
-    phases = select.phases()
-    where = {phase: (phases[phase], phases[phase]) for phase in PHASES if phase in phases}
-    if finding.best is not None:
-        effects = finding.best.fit.effects
-        third = replays["verify"]
-        verification = Verification(float(third.errors().mean()), float(third.errors(effects).mean()), finding.floor)
-        if finding.verdict == "named" and not verification.transfers:
-            # It closed the gap where it was chosen, but not elsewhere: whatever is missing, it is something else.
-            finding = shift(finding, "none_of_the_known")
-        spans = intervals(replays["fit"], effects, np.random.default_rng([seed, 1]))
-        after = select.phases(effects)
-        where = {phase: (before, after[phase]) for phase, (before, _) in where.items()}
-    return Diagnosis(body, finding, verification, tuple(spans), where, time.perf_counter() - begin)
-
-
-def run_case(path: str | Path, out: str | Path, seed: int = 0) -> dict[str, Any]:
-    """Diagnose a case of throws into `out`: `findings.json` and the amended `model.yaml`. Returns the findings.
-
-    Raises:
-        InputError: As `read_case`; nothing is written then.
-    """
-    case, out = read_case(path), Path(out)
-    diagnosis = diagnose_throws(case.body, case.throws, names=case.names, horizon=case.horizon, seed=seed)
-    findings = findings_of(diagnosis, case.throws, seed=seed, reasons=case.reasons)
-    write_json(out / "findings.json", findings)
-    amend_body(case.model, findings, out / "model.yaml")
-    return findings
-
-
-def amend_body(model: str | Path, findings: Mapping[str, Any], out: str | Path) -> None:
-    """Write a copy of a body's model file with what `findings` names; without a name it is a plain copy.
-
-    Args:
-        model: The model file that was diagnosed.
-        findings: As written to `findings.json`.
-        out: The amended model; a URDF's path is made relative to it.
-    """
-    model, out = Path(model), Path(out)
-    content = read_yaml(model, "model", "docs/gap_objects.md")
-    if "urdf" in content:
-        content["urdf"] = os.path.relpath((model.parent / content["urdf"]).resolve(), out.resolve().parent)
-    content["effects"] = [*(content.get("effects") or []), *(dict(effect) for effect in findings["amended"])]
-    evidence = {
-        **{key: findings[key] for key in ("sentence", "verdict", "verify", "seed")},
-        "intervals": {
-            item["name"]: {key: row["interval90"] for key, row in item["parameters"].items()} for item in findings["effects"]
-        }
-        if findings["amended"]
-        else {},
-        "rivals": [{key: row[key] for key in ("effects", "behind")} for row in findings["rivals"][1:4]],
-        "records": dict(findings["records"]),
-    }
-    if findings["verify"]:
-        evidence["verify"] = {key: findings["verify"][key] for key in ("before", "after", "closure", "unit")}
-    content["evidence"] = [*(content.get("evidence") or []), evidence]
-    with atomic_file(out) as temporary:
-        temporary.write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True), encoding="utf-8")

@@ -3,79 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from gsbridge.gap.contact.body import FreeBody
-from gsbridge.gap.contact.identify import Finding, closure
+from gsbridge.gap.contact.diagnose import TRANSFERS, Diagnosis
 from gsbridge.gap.contact.setup import build_setup
 from gsbridge.gap.contact.throws import Throws
 from gsbridge.gap.effects import effect_of
-from gsbridge.gap.system import Applied
 
 UNIT = "mm"
-
-_TRANSFERS = 0.5
-"""Share of the gap that a name must close on throws that neither fitting nor choosing has seen."""
-
-
-@dataclass(frozen=True)
-class Verification:
-    """Mean distances on `verify`, m.
-
-    Args:
-        before: Without the effects.
-        after: With them.
-        floor: What noise, chaos and the engine's choices explain.
-    """
-
-    before: float
-    after: float
-    floor: float
-
-    @property
-    def closure(self) -> float:
-        """Share of the gap above the floor that is closed."""
-        return closure(self.before, self.after, self.floor)
-
-    @property
-    def accepted(self) -> bool:
-        """Whether the amended model is no worse."""
-        return self.after <= self.before
-
-    @property
-    def transfers(self) -> bool:
-        """Whether the effects close a good part of the gap there too."""
-        return self.closure >= _TRANSFERS
-
-
-@dataclass(frozen=True)
-class Diagnosis:
-    """All about one case of throws.
-
-    Args:
-        body: The model.
-        finding: Verdict and trials.
-        verification: On the third role, where something was fitted.
-        intervals: 90 % intervals of the best trial's parameters, by effect.
-        where: Mean distance on `select` in each phase before and after, m.
-        seconds: Of the whole.
-    """
-
-    body: FreeBody
-    finding: Finding
-    verification: Verification | None
-    intervals: tuple[Mapping[str, tuple[float, float]], ...]
-    where: Mapping[str, tuple[float, float]]
-    seconds: float
-
-    @property
-    def effects(self) -> tuple[Applied, ...]:
-        """What may be added to the model: named, and no worse on the third role."""
-        named = self.finding.verdict == "named" and self.verification is not None and self.verification.accepted
-        return self.finding.best.fit.effects if named and self.finding.best is not None else ()
 
 
 def findings_of(
@@ -125,7 +62,7 @@ def findings_of(
         "where": {phase: [1e3 * before, 1e3 * after] for phase, (before, after) in diagnosis.where.items()},
         "noise_floor": {"position": finding.floor},
         "unseen": list(finding.unseen),
-        "simulations": {"bank": finding.bank, "case": finding.runs},
+        "simulations": {"bank": diagnosis.bank_runs, "case": diagnosis.runs},
         "seconds": diagnosis.seconds,
         "throws": {role: len(items) for role, items in throws.items()},
         "records": {role: items.digest or items.content_digest() for role, items in throws.items()},
@@ -134,11 +71,11 @@ def findings_of(
 
 
 def describe(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """Parameters of the best trial's effects with units, 90 % intervals, and what the model's own figures become."""
+    """Parameters of the best trial's effects with units, 90 % intervals, and what the model's own figures were and become."""
     best = diagnosis.finding.best
     if best is None:
         return []
-    became = build_setup(diagnosis.body, best.fit.effects).figures
+    was, became = (build_setup(diagnosis.body, effects).figures for effects in ((), best.fit.effects))
     out = []
     for applied, spans in zip(best.fit.effects, diagnosis.intervals, strict=True):
         effect = effect_of(applied.name)
@@ -147,6 +84,7 @@ def describe(diagnosis: Diagnosis) -> list[dict[str, Any]]:
                 "value": applied.parameters[parameter.name],
                 "unit": "" if parameter.unit == "1" else parameter.unit,
                 "interval90": list(spans[parameter.name]),
+                "was": was[effect.figures[parameter.name]],  # type: ignore[attr-defined]
                 "becomes": became[effect.figures[parameter.name]],  # type: ignore[attr-defined]
             }
             for parameter in effect.parameters
@@ -179,7 +117,7 @@ def sentence(diagnosis: Diagnosis) -> str:
     names = " + ".join(best.names)
     if finding.verdict == "none_of_the_known":
         seen = f"leaves {after} of {before}, where noise and chaos explain {floor}"
-        if checked is not None and not checked.transfers and finding.closure(finding.after) >= _TRANSFERS:
+        if checked is not None and not checked.transfers and finding.closure(finding.after) >= TRANSFERS:
             seen = f"closes {checked.closure:.0%} of the gap on throws that it has not seen"
         return f"Something is missing that is in no catalogue: the best known explanation ({names}) {seen}."
     if finding.verdict == "ambiguous":
@@ -187,19 +125,27 @@ def sentence(diagnosis: Diagnosis) -> str:
         return f"These throws cannot decide between {' and '.join(finding.ambiguous)}. To tell them apart: {how}."
     parts = []
     for item in describe(diagnosis):
-        figures = ", ".join(_figure(name, row) for name, row in item["parameters"].items())
-        parts.append(f"The model lacks {item['title']} ({figures})")
+        share = effect_of(item["name"]).relative  # type: ignore[attr-defined]
+        figures = ", ".join(
+            _figure("" if len(item["parameters"]) == 1 else name.replace("_", " "), row, share)
+            for name, row in item["parameters"].items()
+        )
+        parts.append(f"{item['title'][0].upper()}{item['title'][1:]}: {figures}")
     tail = ""
     if checked is not None:
         verb = "falls" if checked.after <= checked.before else "rises"
-        tail = (
-            f"; the mean error {verb} from {1e3 * checked.before:.3g} to {1e3 * checked.after:.3g} mm on throws it has not seen"
-        )
+        sizes = f"{1e3 * checked.before:.3g} to {1e3 * checked.after:.3g} mm"
+        tail = f"; the mean distance {verb} from {sizes} on throws it has not seen"
     return "; ".join(parts) + tail + (", but something remains" if finding.something_remains else "") + "."
 
 
-def _figure(name: str, row: Mapping[str, Any]) -> str:
-    """A parameter's change with half the width of its interval, and what the figure becomes."""
+def _figure(name: str, row: Mapping[str, Any], share: bool) -> str:
+    """What a figure of the model becomes, with half the width of its interval, and what it was; shares in per cent."""
     half = max(0.5 * (row["interval90"][1] - row["interval90"][0]), 1e-12)
-    digits = max(0, int(1 - np.floor(np.log10(half))))
-    return f"{name} {row['value']:+.{digits}f} ± {half:.{digits}f} {row['unit']}".rstrip() + f", to {row['becomes']:.3g}"
+    scale = 100.0 if share else 1.0
+    digits = max(0, int(1 - np.floor(np.log10(scale * half))))
+    if share:
+        text = f"{100 * row['value']:+.{digits}f} ± {100 * half:.{digits}f} %"
+    else:
+        text = f"{row['becomes']:.{digits}f} ± {half:.{digits}f} {row['unit']}".rstrip() + f" instead of {row['was']:.3g}"
+    return f"{name} {text}".lstrip()

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gsbridge.gap.contact.bank import FEW, Bank
 from gsbridge.gap.contact.null import Null, calibrate
 from gsbridge.gap.contact.replay import Replay
 from gsbridge.gap.contact.search import Fit, Match, refine, screen
-from gsbridge.gap.effects import catalogue
 from gsbridge.gap.system import Applied
+from gsbridge.gap.trials import Finding as AnyFinding
 from gsbridge.geometry import Array
 
-FEW = 20
-"""Throws of `fit` on which grids are walked; sizes are then fitted on all."""
+FEWER = 10
+"""Throws on which grids are walked on top of an explanation; no bank can hold those."""
+
+_NEAR = 1.5
+"""Multiple of the best fit's error up to which others are fitted on all throws too."""
+
+_FINE = 0.3
+"""Share of the grid's spacing in which a size that was fitted on a few throws is looked for on all."""
 
 logger = logging.getLogger("gsbridge")
 
@@ -35,6 +42,7 @@ class Rules:
         gain: Share of what is left above the floor that a further effect must take away on throws it has not seen.
         most: Effects that are looked for at once.
         draws: Of the bootstrap over throws.
+        budget: Passes over the throws of a role beside the bank, after which no further effect is looked for.
     """
 
     alarm: float = 0.01
@@ -46,6 +54,7 @@ class Rules:
     gain: float = 0.15
     most: int = 3
     draws: int = 500
+    budget: float = 90.0
 
 
 @dataclass(frozen=True)
@@ -72,38 +81,14 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Finding:
-    """What was found. Lengths are mean distances on `select`, m.
+class Finding(AnyFinding):
+    """What was found. Gaps are mean distances on `select`, m; simulations are passes over the throws of a role.
 
     Args:
-        verdict: As in `gsbridge.gap.identify.VERDICTS`.
-        best: The best trial; None where nothing was fitted.
-        rivals: All trials with the probability that each is best, the best first.
-        ambiguous: Names among which the throws cannot decide.
-        something_remains: Whether the best explanation leaves more than the floor.
-        p_value: Of the hypothesis that nothing is missing.
-        p_remaining: Of the hypothesis that nothing is missing beyond the best explanation.
-        before: Without effects.
-        after: With the best explanation.
         floor: What noise, chaos and the engine's choices explain.
-        bank: Passes over all throws of `fit` for the grids.
-        runs: Further passes over the throws of a role.
-        unseen: Effects that do not show in these throws.
     """
 
-    verdict: str
-    best: Trial | None
-    rivals: tuple[tuple[Trial, float], ...]
-    ambiguous: tuple[str, ...]
-    something_remains: bool
-    p_value: float
-    p_remaining: float
-    before: float
-    after: float
-    floor: float
-    bank: int
-    runs: int
-    unseen: tuple[str, ...] = ()
+    floor: float = 0.0
 
     def closure(self, error: float) -> float:
         """Share of the gap above the floor that an error leaves closed."""
@@ -121,40 +106,28 @@ class Identification:
     Args:
         first: Throws of `fit`.
         second: Throws of `select`.
-        names: Effects that may be the reason; None for all of a body.
+        bank: Grids that were walked on throws of `first`.
         rules: Thresholds.
         seed: Of replicates and bootstrap.
     """
 
-    def __init__(
-        self, first: Replay, second: Replay, names: Collection[str] | None = None, rules: Rules | None = None, seed: int = 0
-    ) -> None:
-        self.first, self.second, self.rules = first, second, rules or Rules()
+    def __init__(self, first: Replay, second: Replay, bank: Bank, rules: Rules | None = None, seed: int = 0) -> None:
+        self.first, self.second, self.bank, self.rules = first, second, bank, rules or Rules()
+        self.few = first.part(FEW)
         self.rng = np.random.default_rng(seed)
-        self.names = tuple(
-            name
-            for name, effect in catalogue().items()
-            if effect.scope == "body"
-            and (names is None or name in names)
-            and (first.starts.logged or not getattr(effect, "needs_speeds", False))
-        )
         self.plain = second.errors()
-        self.bank = 0.0
 
     def run(self) -> Finding:
         """Detect, screen, fit, rank, decide."""
         rules = self.rules
         null = calibrate(self.second, (), self.rng)
         p_value = null.p_value(self.plain)
-        matches = self._screen(())
-        seen = [match for match in matches if match.change > 3.0 * self.first.noise.position]
-        unseen = tuple(sorted(set(self.names) - {match.effect.name for match in seen}))
+        seen, unseen = self.bank.seen(self.first), self.bank.unseen(self.first)
         if p_value >= rules.alarm:
-            few = len(unseen) > 0.5 * len(self.names)
+            few = len(unseen) > 0.5 * len(self.bank.names)
             return self._quiet("not_enough_excitation" if few else "no_discrepancy", p_value, null, unseen)
         logger.info("throws: %s", ", ".join(f"{match.effect.name} {1e3 * match.error:.1f} mm" for match in seen[:8]))
-        trials = [self._trial(refine(self.first, (match.effect,))) for match in seen[: rules.rivals]]
-        trials = sorted((trial for trial in trials if trial.fit.converged), key=lambda trial: trial.error)
+        trials = self._trials([refine(self.few, (match.effect,)) for match in seen[: rules.rivals]])
         if not trials:
             return self._quiet("none_of_the_known", p_value, null, unseen)
         best, rest = trials[0], calibrate(self.second, trials[0].fit.effects, self.rng)
@@ -164,26 +137,25 @@ class Identification:
                 trials, rest = [grown, *trials], calibrate(self.second, grown.fit.effects, self.rng)
         return self._decide(trials, rest, p_value, unseen)
 
-    def _screen(self, base: Sequence[Applied]) -> list[Match]:
-        """Grids of all effects on top of others, the best first."""
-        throws = self.first.part(FEW)
-        begin = throws.runs
-        taken = {applied.name for applied in base}
-        matches = [screen(throws, name, base) for name in self.names if name not in taken]
-        self.bank += (throws.runs - begin) * len(throws) / len(self.first)
-        return sorted(matches, key=lambda match: match.error)
-
-    def _trial(self, fit: Fit) -> Trial:
-        return Trial(fit, self.second.errors(fit.effects))
+    def _trials(self, fits: Sequence[Fit]) -> list[Trial]:
+        """Judge fits of a few throws on `select`, the best first; those near the best are fitted on all throws before."""
+        fits = [fit for fit in fits if fit.converged]
+        bar = _NEAR * min((fit.error for fit in fits), default=0.0)
+        if self.few is not self.first:
+            fits = [refine(self.first, fit.effects, _FINE) if fit.error <= bar else fit for fit in fits]
+        trials = [Trial(fit, self.second.errors(fit.effects)) for fit in fits if fit.converged]
+        return sorted(trials, key=lambda trial: trial.error)
 
     def _runs(self) -> int:
-        return round(self.first.passes + self.second.passes - self.bank)
+        return round(self.first.passes + self.second.passes)
+
+    def _affords(self, passes: float) -> bool:
+        """Whether the budget holds so many passes more."""
+        return self._runs() + passes <= self.rules.budget
 
     def _quiet(self, verdict: str, p_value: float, null: Null, unseen: tuple[str, ...]) -> Finding:
         size, missing = float(self.plain.mean()), verdict == "none_of_the_known"
-        return Finding(
-            verdict, None, (), (), missing, p_value, p_value, size, size, null.floor, round(self.bank), self._runs(), unseen
-        )  # fmt: skip
+        return Finding(verdict, None, (), (), missing, p_value, p_value, size, size, self._runs(), unseen, floor=null.floor)
 
     def _better(self, new: Trial, old: Trial, floor: float) -> bool:
         """Whether one trial is better than another on `select`, beyond chance and by a part of what is left."""
@@ -195,39 +167,48 @@ class Identification:
         """Add effects while throws that were not fitted agree: the best addition, swaps of earlier ones, dropping."""
         best = singles[0]
         for _ in range(self.rules.most - 1):
-            grown = self._grow(best.fit.effects, 2)
+            grown = self._grow(best.fit.effects, 2, floor)
             if grown is None or not self._better(grown, best, floor):
                 break
             best = self._slim(self._swap(grown, singles), floor)
         return best
 
-    def _grow(self, base: Sequence[Applied], tries: int) -> Trial | None:
-        """The best explanation with one effect more."""
-        found = [self._trial(refine(self.first, (*base, match.effect))) for match in self._screen(base)[:tries]]
-        return min((trial for trial in found if trial.fit.converged), key=lambda trial: trial.error, default=None)
+    def _grow(self, base: Sequence[Applied], tries: int, floor: float) -> Trial | None:
+        """The best explanation with one effect more; None where a few throws show no use of any."""
+        fewer = self.first.part(FEWER)
+        taken = {applied.name for applied in base}
+        if not self._affords(len(self.bank.matches) * FEWER / len(self.first)):
+            return None
+        matches: list[Match] = sorted(
+            (screen(fewer, name, base) for name in self.bank.names if name not in taken), key=lambda match: match.error
+        )
+        left = float(self.few.errors(base).mean())
+        fits = [refine(self.few, (*base, match.effect)) for match in matches[:tries]]
+        # What wins less than half of what it must win on other throws is not worth fitting on all.
+        fits = [fit for fit in fits if left - fit.error > 0.5 * self.rules.gain * max(left - floor, 0.0)]
+        fits = sorted((fit for fit in fits if fit.converged), key=lambda fit: fit.error)
+        return next(iter(self._trials(fits[:1])), None)
 
     def _swap(self, trial: Trial, singles: Sequence[Trial]) -> Trial:
         """Replace each effect but the last by the other singles that did well."""
-        best = trial
+        fits = []
         for place in range(len(trial.fit.effects) - 1):
             for single in singles[1:3]:
-                if single.names[0] in trial.names:
-                    continue
-                effects = list(trial.fit.effects)
-                effects[place] = single.fit.effects[0]
-                other = self._trial(refine(self.first, effects))
-                if other.fit.converged and other.error < best.error:
-                    best = other
-        return best
+                if single.names[0] not in trial.names and self._affords(10.0):
+                    effects = list(trial.fit.effects)
+                    effects[place] = single.fit.effects[0]
+                    fits.append(refine(self.few, effects))
+        bar = _NEAR * float(self.few.errors(trial.fit.effects).mean())
+        return min([trial, *self._trials([fit for fit in fits if fit.error <= bar])], key=lambda one: one.error)
 
     def _slim(self, trial: Trial, floor: float) -> Trial:
         """Drop effects that cost nothing on throws that were not fitted."""
         for place in range(len(trial.fit.effects)):
-            if len(trial.fit.effects) == 1:
+            if len(trial.fit.effects) == 1 or not self._affords(10.0):
                 break
-            less = self._trial(refine(self.first, trial.fit.effects[:place] + trial.fit.effects[place + 1 :]))
-            if less.fit.converged and not self._better(trial, less, floor):
-                return self._slim(less, floor)
+            less = self._trials([refine(self.few, trial.fit.effects[:place] + trial.fit.effects[place + 1 :])])
+            if less and not self._better(trial, less[0], floor):
+                return self._slim(less[0], floor)
         return trial
 
     def _decide(self, trials: Sequence[Trial], rest: Null, p_value: float, unseen: tuple[str, ...]) -> Finding:
@@ -251,7 +232,7 @@ class Identification:
         order = sorted(range(len(trials)), key=lambda k: trials[k].error)
         return Finding(
             verdict, best, tuple((trials[k], float(chances[k])) for k in order), names, remains, p_value, p_remaining,
-            before, best.error, floor, round(self.bank), self._runs(), unseen,
+            before, best.error, self._runs(), unseen, floor=floor,
         )  # fmt: skip
 
     def _near(self, trial: Trial, best: Trial, gap: float) -> bool:

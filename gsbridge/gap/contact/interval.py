@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
 from gsbridge.gap.contact.replay import Replay
+from gsbridge.gap.contact.search import Fit
 from gsbridge.gap.effects import effect_of
 from gsbridge.gap.system import Applied
 
-_POINTS = np.linspace(-1.0, 1.0, 7)
+_POINTS = np.linspace(-1.0, 1.0, 5)
 _DRAWS = 400
 _RISES = (0.03, 0.3)
 """By which share the mean error shall rise towards the ends of the profile."""
@@ -18,15 +19,15 @@ _RISES = (0.03, 0.3)
 _TRIES = 4
 
 
-def intervals(replay: Replay, effects: Sequence[Applied], rng: np.random.Generator) -> list[dict[str, tuple[float, float]]]:
+def intervals(replay: Replay, fit: Fit, rng: np.random.Generator) -> list[dict[str, tuple[float, float]]]:
     """90 % intervals of all parameters, one by one, by a bootstrap over throws of a parabola through the error's profile.
 
     Args:
         replay: The throws that were fitted.
-        effects: As fitted.
+        fit: To these throws.
         rng: Of the bootstrap.
     """
-    out = []
+    out, effects = [], fit.effects
     for place, applied in enumerate(effects):
         rows = {}
         for parameter in effect_of(applied.name).parameters:
@@ -37,8 +38,8 @@ def intervals(replay: Replay, effects: Sequence[Applied], rng: np.random.Generat
                 changed[place] = Applied(changed[place].name, "", {**changed[place].parameters, key: at})
                 return replay.errors(changed)
 
-            width = max(0.15 * abs(value), 0.2 * abs(parameter.typical))
             best = float(errors(value).mean())
+            width = _width(fit.profiles[place, parameter.name], best) or max(0.15 * abs(value), 0.2 * abs(parameter.typical))
             for _ in range(_TRIES):
                 rise = min(float(errors(value + sign * width).mean()) for sign in (-1.0, 1.0)) / best - 1.0
                 if rise < _RISES[0]:
@@ -57,3 +58,12 @@ def intervals(replay: Replay, effects: Sequence[Applied], rng: np.random.Generat
             rows[parameter.name] = (max(low, parameter.low), min(high, parameter.high))
         out.append(rows)
     return out
+
+
+def _width(profile: Mapping[float, float], best: float) -> float | None:
+    """Width at which the error has risen by the mean of `_RISES`, by what the search has seen; None where it tells nothing."""
+    near = {value: error for value, error in profile.items() if error < (1.0 + 2.0 * _RISES[1]) * best}
+    if len(near) < 3:
+        return None
+    square = np.polyfit(np.array(list(near)) - np.mean(list(near)), list(near.values()), 2)[0]
+    return float(np.sqrt(float(np.mean(_RISES)) * best / square)) if square > 0 else None

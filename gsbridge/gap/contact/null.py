@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gsbridge.gap.contact.replay import Replay, distances
+from gsbridge.gap.contact.replay import Replay
 from gsbridge.gap.contact.world import Numerics
 from gsbridge.gap.system import Applied
 from gsbridge.geometry import Array
@@ -59,18 +59,35 @@ def _statistics(errors: Array) -> Array:
     return np.stack([errors.mean(axis=1), np.log(np.maximum(errors, 1e-9)).mean(axis=1)], axis=1)
 
 
-def calibrate(replay: Replay, effects: Sequence[Applied], rng: np.random.Generator, replicates: int = REPLICATES) -> Null:
-    """Replicates of a model with these effects as truth, replayed by the same model."""
-    size, replay = len(replay), replay.part(FEW)
+def replicates(
+    replay: Replay, effects: Sequence[Applied], rng: np.random.Generator, count: int = REPLICATES
+) -> list[list[Array]]:
+    """Differences between sets of throws of a model with these effects as truth, measured with noise, and their replay.
+
+    Args:
+        replay: Throws and model.
+        effects: Of the truth and of the replay.
+        rng: Of noise, first states and the engine's choices.
+        count: Sets.
+
+    Returns:
+        Log's frame, m, for each set and throw. Each [T, 3].
+    """
     plain, noise = replay.flights(effects), replay.noise
-    rows = []
-    for _ in range(replicates):
+    out = []
+    for _ in range(count):
         step, push = (float(np.exp(rng.uniform(np.log(low), np.log(high)))) for low, high in (_STEPS, _PUSHES))
         truth = replay.simulate(effects, replay.starts.shifted(noise, rng), Numerics(step, push))
         seen = [flight.position + rng.normal(0.0, noise.position, flight.position.shape) for flight in truth]
-        rows.append(distances(plain, seen))
-    errors = np.stack(rows)
+        out.append([at - flight.position for at, flight in zip(seen, plain, strict=True)])
+    return out
+
+
+def calibrate(replay: Replay, effects: Sequence[Applied], rng: np.random.Generator) -> Null:
+    """Errors of the first throws as they would be with these effects as truth, replayed by the same model."""
+    rows = replicates(replay.part(FEW), effects, rng)
+    errors = np.array([[np.linalg.norm(difference, axis=1).mean() for difference in row] for row in rows])
     # One engine makes all throws of a set, so that sets are drawn from one replicate each.
-    which = rng.integers(0, replicates, _DRAWS)
-    throws = rng.integers(0, errors.shape[1], (_DRAWS, size))
+    which = rng.integers(0, len(errors), _DRAWS)
+    throws = rng.integers(0, errors.shape[1], (_DRAWS, len(replay)))
     return Null(errors, _statistics(errors[which[:, None], throws]))

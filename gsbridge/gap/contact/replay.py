@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -72,6 +72,10 @@ class Replay:
                 self._known.pop(next(item for item in self._known if item != self._plain))
         return self._known[key]
 
+    def remember(self, flights: Mapping[tuple[float, ...], list[Flight]]) -> None:
+        """Take simulated throws from elsewhere, by the figures of their setup."""
+        self._known |= flights
+
     def simulate(
         self, effects: Sequence[Applied], starts: Starts | None = None, numerics: Numerics | None = None
     ) -> list[Flight]:
@@ -86,14 +90,21 @@ class Replay:
     def phases(self, effects: Sequence[Applied] = ()) -> dict[str, float]:
         """Mean distance in each phase, m; the first touch is the nominal replay's. Phases that do not occur are missing."""
         sums = {phase: [0.0, 0] for phase in PHASES}
-        for plain, flight, measured, time in zip(self.flights(), self.flights(effects), self.measured, self.times, strict=True):
-            touch = time[np.argmax(plain.touched)] if plain.touched.any() else np.inf
+        for number, flight, measured in zip(phase_numbers(self), self.flights(effects), self.measured, strict=True):
             error = np.linalg.norm(flight.position - measured, axis=1)
-            number = (time >= touch).astype(int) + (time >= touch + _IMPACT)
             for place, phase in enumerate(PHASES):
                 sums[phase][0] += float(error[number == place].sum())
                 sums[phase][1] += int((number == place).sum())
         return {phase: total / count for phase, (total, count) in sums.items() if count}
+
+
+def phase_numbers(replay: Replay) -> list[Array]:
+    """Place in `PHASES` of every sample; the first touch is the nominal replay's. Each [T]."""
+    out = []
+    for plain, time in zip(replay.flights(), replay.times, strict=True):
+        touch = time[np.argmax(plain.touched)] if plain.touched.any() else np.inf
+        out.append((time >= touch).astype(int) + (time >= touch + _IMPACT))
+    return out
 
 
 def distances(flights: Sequence[Flight], positions: Sequence[Array]) -> Array:

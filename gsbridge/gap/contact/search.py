@@ -1,23 +1,33 @@
-"""Sizes of effects by grid and golden section: errors of a chaotic motion have no useful slope."""
+"""Sizes of effects by grid and line search: errors of a chaotic motion have no useful slope."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from gsbridge.gap.contact.replay import Replay
-from gsbridge.gap.effects import effect_of
-from gsbridge.gap.effects.base import Effect
+from gsbridge.gap.contact.setup import BOUNDS, build_setup
+from gsbridge.gap.effects import catalogue, effect_of
+from gsbridge.gap.effects.base import Effect, Parameter
 from gsbridge.gap.system import Applied
 
-_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
-_SHRINK = 0.06
+_GOLDEN = 0.5 * (3.0 - np.sqrt(5.0))
+"""Share of the wider half of a bracket at which a golden section looks."""
+
+_SHRINK = 0.12
 """Part of its first width to which a bracket is narrowed."""
+
+_GAIN = 2e-3
+"""Share of the error that a parabola must promise, once its bracket is half of the first one; below, a further simulation
+tells nothing. A wide one says little, since errors rise like a V."""
 
 _WIDEN = 6
 """How often a bracket may be doubled while the error still falls at its edge."""
+
+_LOOKS = 12
+"""Values that a search looks at within its bracket, at most."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +53,30 @@ class Fit:
         effects: The effects.
         error: Mean error over the throws, m.
         converged: Whether every size is inside its bounds and its bracket.
+        profiles: Values that were looked at and their errors, by place and parameter.
     """
 
     effects: tuple[Applied, ...]
     error: float
     converged: bool
+    profiles: Mapping[tuple[int, str], Mapping[float, float]] = field(default_factory=dict, repr=False)
+
+
+def body_effects(replay: Replay, names: Collection[str] | None) -> tuple[str, ...]:
+    """Effects that may be the reason in these throws; of `names` only, if given."""
+    return tuple(
+        name
+        for name, effect in catalogue().items()
+        if effect.scope == "body"
+        and (names is None or name in names)
+        and (replay.starts.logged or not getattr(effect, "needs_speeds", False))
+    )
+
+
+def grid(name: str) -> list[Applied]:
+    """Where an effect is looked at first: its directions, each in growing sizes."""
+    effect = effect_of(name)
+    return [Applied(name, "", effect.scaled(values, size)) for values in effect.directions() for size in effect.sizes]
 
 
 def mean_error(replay: Replay, effects: Sequence[Applied]) -> float:
@@ -58,51 +87,63 @@ def mean_error(replay: Replay, effects: Sequence[Applied]) -> float:
 def screen(replay: Replay, name: str, base: Sequence[Applied] = ()) -> Match:
     """Walk an effect's grid on top of other effects."""
     effect = effect_of(name)
-    plain = replay.flights(base)
-    best, change = Match(Applied(name, "", effect.directions()[0]), np.inf, 0.0), 0.0
-    for values in effect.directions():
-        for size in effect.sizes:
-            applied = Applied(name, "", effect.scaled(values, size))
-            error = mean_error(replay, (*base, applied))
-            if size == effect.sizes[-1]:
-                moved = zip(plain, replay.flights((*base, applied)), strict=True)
-                change = max(change, float(np.mean([np.linalg.norm(a.position - b.position, axis=1).mean() for a, b in moved])))
-            if error < best.error:
-                best = Match(applied, error, 0.0)
-    return Match(best.effect, best.error, change)
+    plain, points = replay.flights(base), grid(name)
+    errors = [mean_error(replay, (*base, applied)) for applied in points]
+    change = 0.0
+    for applied in points[len(effect.sizes) - 1 :: len(effect.sizes)]:
+        moved = zip(plain, replay.flights((*base, applied)), strict=True)
+        change = max(change, float(np.mean([np.linalg.norm(a.position - b.position, axis=1).mean() for a, b in moved])))
+    best = int(np.argmin(errors))
+    return Match(points[best], errors[best], change)
 
 
-def refine(replay: Replay, effects: Sequence[Applied], rounds: int = 1) -> Fit:
+def reach(replay: Replay, others: Sequence[Applied], effect: Effect, parameter: Parameter) -> tuple[float, float]:
+    """Bounds of a parameter: its own, and those of the figure that it changes.
+
+    Args:
+        replay: Throws and model.
+        others: Effects that are there besides.
+        effect: The effect.
+        parameter: Of it.
+    """
+    figure = effect.figures[parameter.name]  # type: ignore[attr-defined]
+    now, (low, high) = build_setup(replay.body, others).figures[figure], BOUNDS[figure]
+    if effect.relative:  # type: ignore[attr-defined]
+        low, high = (low / now - 1.0, high / now - 1.0) if now > 0 else (-np.inf, np.inf)
+    else:
+        low, high = low - now, high - now
+    return max(low, parameter.low), min(high, parameter.high)
+
+
+def refine(replay: Replay, effects: Sequence[Applied], share: float = 1.0) -> Fit:
     """Fit all sizes together, one after the other, from where the grid found them.
 
     Args:
         replay: Throws.
         effects: Start values.
-        rounds: Passes over all parameters; more than one only matters where there are several.
+        share: Of the grid's spacing, for the first brackets.
     """
     current = list(effects)
-    inside = {}
-    count = sum(len(effect_of(applied.name).parameters) for applied in current)
-    for number in range(rounds if count > 1 else 1):
-        for place, applied in enumerate(effects):
-            effect = effect_of(applied.name)
-            for parameter in effect.parameters:
+    inside, profiles = {}, {}
+    for place, applied in enumerate(effects):
+        effect = effect_of(applied.name)
+        for parameter in effect.parameters:
 
-                def error(value: float, place: int = place, key: str = parameter.name) -> float:
-                    trial = list(current)
-                    trial[place] = _with(current[place], key, value)
-                    return mean_error(replay, trial)
+            def error(value: float, place: int = place, key: str = parameter.name) -> float:
+                return mean_error(replay, [*current[:place], _with(current[place], key, value), *current[place + 1 :]])
 
-                value = current[place].parameters[parameter.name]
-                width = _width(effect, parameter.name, value) * 0.5**number
-                found, free = golden(error, value, width, parameter.low, parameter.high)
-                inside[place, parameter.name] = free or not parameter.amplitude
-                current[place] = _with(current[place], parameter.name, found)
-    return Fit(tuple(current), mean_error(replay, current), all(inside.values()))
+            value = current[place].parameters[parameter.name]
+            width = share * _width(effect, parameter.name, value)
+            others = [*current[:place], *current[place + 1 :]]
+            known, free = lowest(error, value, width, *reach(replay, others, effect, parameter))
+            profiles[place, parameter.name] = known
+            inside[place, parameter.name] = free or not parameter.amplitude
+            current[place] = _with(current[place], parameter.name, min(known, key=lambda at: known[at]))
+    return Fit(tuple(current), mean_error(replay, current), all(inside.values()), profiles)
 
 
 def _with(applied: Applied, key: str, value: float) -> Applied:
-    return Applied(applied.name, "", {**applied.parameters, key: value})
+    return Applied(applied.name, "", {**applied.parameters, key: float(value)})
 
 
 def _width(effect: Effect, key: str, value: float) -> float:
@@ -112,8 +153,10 @@ def _width(effect: Effect, key: str, value: float) -> float:
     return max(abs(value) * (1.0 - 1.0 / ratio), abs(typical) * 0.5)
 
 
-def golden(error: Callable[[float], float], start: float, width: float, low: float, high: float) -> tuple[float, bool]:
-    """Minimum of one parameter by golden section, from a bracket that is widened while its edge is best.
+def lowest(
+    error: Callable[[float], float], start: float, width: float, low: float, high: float
+) -> tuple[dict[float, float], bool]:
+    """Minimum of one parameter from a bracket that is widened while its edge is best, by parabolas and golden sections.
 
     Args:
         error: Of a value.
@@ -123,11 +166,11 @@ def golden(error: Callable[[float], float], start: float, width: float, low: flo
         high: Largest value.
 
     Returns:
-        The best value looked at, and whether it is inside its bounds and its bracket.
+        The values looked at with their errors, and whether the best is inside its bounds and its bracket.
 
-    Source: Kiefer, Proc. AMS 4(3), 1953.
+    Source: Brent, Algorithms for Minimization without Derivatives, 1973, chapter 5.
     """
-    start = float(start)
+    start = float(np.clip(start, low, high))
     known = {start: error(start)}
 
     def at(value: float) -> float:
@@ -135,34 +178,38 @@ def golden(error: Callable[[float], float], start: float, width: float, low: flo
             known[value] = error(value)
         return known[value]
 
-    a, b, centre = max(start - width, low), min(start + width, high), start
+    a, b, centre = float(max(start - width, low)), float(min(start + width, high)), start
     for _ in range(_WIDEN):
         edge = min((a, b), key=at)
         if at(edge) >= at(centre) or edge in (low, high):
             break
         # The edge is better: go on in its direction, twice as far.
-        reach = 2.0 * (edge - centre)
-        a, b, centre = (max(edge + reach, low), centre, edge) if edge < centre else (centre, min(edge + reach, high), edge)
-    stop = _SHRINK * max(b - a, 1e-12)
-    left, right = b - _GOLDEN * (b - a), a + _GOLDEN * (b - a)
-    while b - a > stop:
-        if at(left) <= at(right):
-            b, right = right, left
-            left = b - _GOLDEN * (b - a)
-        else:
-            a, left = left, right
-            right = a + _GOLDEN * (b - a)
-    at(_vertex(known))
+        far = 2.0 * (edge - centre)
+        a, b, centre = (max(edge + far, low), centre, edge) if edge < centre else (centre, min(edge + far, high), edge)
+    stop = _SHRINK * (b - a)
+    for _ in range(_LOOKS):
+        best = min(known, key=lambda value: known[value])
+        left, right = (max((v for v in known if v < best), default=low), min((v for v in known if v > best), default=high))
+        if right - left <= stop or not low < best < high:
+            break
+        vertex, promised = _parabola(known, left, best, right)
+        if promised < _GAIN * known[best] and right - left <= 0.5 * (b - a):
+            break
+        # A vertex on a known value would look there again; the wider half has more to tell.
+        if min(abs(vertex - left), abs(vertex - best), abs(right - vertex)) < 0.25 * stop:
+            vertex = best + _GOLDEN * (right - best if right - best > best - left else left - best)
+        at(vertex)
     best = min(known, key=lambda value: known[value])
-    return best, low < best < high and min(known) < best < max(known)
+    return known, low < best < high and min(known) < best < max(known)
 
 
-def _vertex(known: Mapping[float, float]) -> float:
-    """Lowest point of the parabola through the best value and its neighbours, or that value."""
-    values = sorted(known)
-    place = values.index(min(known, key=lambda value: known[value]))
-    if place in (0, len(values) - 1):
-        return values[place]
-    x = np.array(values[place - 1 : place + 2])
-    square, slope, _ = np.polyfit(x - x[1], [known[value] for value in x.tolist()], 2)
-    return float(np.clip(x[1] - slope / (2.0 * square), x[0], x[2])) if square > 0 else values[place]
+def _parabola(known: Mapping[float, float], left: float, best: float, right: float) -> tuple[float, float]:
+    """Lowest point of the parabola through three values, and by how much it is below the middle one; infinite if none opens."""
+    if left not in known or right not in known:
+        return best, np.inf
+    x = np.array([left, best, right]) - best
+    square, slope, _ = np.polyfit(x, [known[value] for value in (left, best, right)], 2)
+    if square <= 0:
+        return best, np.inf
+    step = float(np.clip(-slope / (2.0 * square), x[0], x[2]))
+    return best + step, float(-(square * step + slope) * step)

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from gsbridge.errors import InputError
 from gsbridge.gap.contact.throws import Throw, Throws
 from gsbridge.geometry import Array, quat_multiply
 
@@ -80,7 +78,7 @@ def starts_of(throws: Throws) -> tuple[Starts, Noise]:
     Speeds are the logged ones where all throws have them. Otherwise a parabola through the poses of the first stretch gives
     them; it also gives the noise of the poses, since nothing but gravity bends that stretch.
     """
-    fits = [_parabolas(throw) for throw in throws.items]
+    fits = [parabolas(throw) for throw in throws.items]
     position, quat = (np.stack([getattr(throw, key)[0] for throw in throws.items]) for key in ("position", "quat"))
     speeds, spins = np.stack([fit.speed for fit in fits]), np.stack([fit.spin for fit in fits])
     # Medians: a few throws may touch something in the first stretch.
@@ -101,32 +99,8 @@ def starts_of(throws: Throws) -> tuple[Starts, Noise]:
     return Starts(position, quat, speeds, spins, acceleration, logged), noise
 
 
-def check_fall(throws: Throws, gravity: float, source: str | Path) -> None:
-    """Refuse logs whose lengths or axes are evidently others than stated: in flight a body falls along -z by what gravity says.
-
-    Args:
-        throws: Throws; those that slide from the start say nothing and pass.
-        gravity: m/s2.
-        source: Their file, for messages.
-
-    Raises:
-        InputError: As said.
-    """
-    fall = -np.median([_parabolas(throw).acceleration for throw in throws.items], axis=0)
-    along = int(np.abs(fall).argmax())
-    for factor, unit in ((1e3, "millimetres"), (1e2, "centimetres")):
-        if 0.7 < np.abs(fall[along]) / (factor * gravity) < 1.4:
-            raise InputError(
-                source, f"bodies fall by {np.abs(fall[along]):.4g} m/s2: the positions look like {unit}",
-                "State the unit that was logged, e.g. [mm]",
-            )  # fmt: skip
-    if 0.7 < np.abs(fall[along]) / gravity < 1.4 and (along != 2 or fall[2] < 0):
-        name = f"{'+' if fall[along] < 0 else '-'}{'xyz'[along]}"
-        raise InputError(source, f"bodies fall along {name}, not along -z", "Turn positions and attitudes so that z is up")
-
-
 @dataclass(frozen=True)
-class _Fit:
+class Parabolas:
     """Parabolas through the first stretch: speeds at its first sample, mean squared residuals, spread of a speed per spread of
     a sample (1/s)."""
 
@@ -137,7 +111,8 @@ class _Fit:
     gain: float
 
 
-def _parabolas(throw: Throw) -> _Fit:
+def parabolas(throw: Throw) -> Parabolas:
+    """Motion of a throw's first stretch, from its poses alone."""
     count = max(_FEWEST, int(np.searchsorted(throw.time, WINDOW)))
     time = throw.time[:count]
     rows = np.stack([np.ones_like(time), time, 0.5 * time**2], axis=1)
@@ -147,4 +122,4 @@ def _parabolas(throw: Throw) -> _Fit:
     free = 3.0 * (len(time) - 3)
     squares = tuple(float(((value - rows @ fit) ** 2).sum() / free) for value, fit in zip(values, fits, strict=True))
     # Rotation vectors about the first sample carry its noise in all of them, which their constant takes up.
-    return _Fit(fits[0][1], fits[1][1], fits[0][2], squares, float(np.sqrt((inverse[1] ** 2).sum())))  # type: ignore[arg-type]
+    return Parabolas(fits[0][1], fits[1][1], fits[0][2], squares, float(np.sqrt((inverse[1] ** 2).sum())))  # type: ignore[arg-type]

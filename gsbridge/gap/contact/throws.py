@@ -64,17 +64,19 @@ class Throws:
     Args:
         items: One by one.
         digest: SHA-256 of the files, or of the arrays.
+        name: For reports.
     """
 
     items: tuple[Throw, ...]
     digest: str = field(default="")
+    name: str = ""
 
     def __len__(self) -> int:
         return len(self.items)
 
     def part(self, first: int, last: int) -> Throws:
         """Some of them, in their order."""
-        return Throws(self.items[first:last], self.digest)
+        return Throws(self.items[first:last], self.digest, self.name)
 
     def content_digest(self) -> str:
         """SHA-256 over times and poses."""
@@ -115,7 +117,7 @@ def read_throws(path: str | Path, columns: Mapping[str, str] | None = None, unit
         except (ValueError, UnicodeDecodeError) as error:
             raise InputError(file, f"this is no table ({error})", "Give CSV with a header line, or Parquet") from error
         items += _throws_of(table, file, columns or {}, units or {}, alone=path.is_dir())
-    return Throws(tuple(items), digest.hexdigest())
+    return Throws(tuple(items), digest.hexdigest(), path.stem)
 
 
 def _natural(path: Path) -> tuple[int, str]:

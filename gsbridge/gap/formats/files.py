@@ -6,10 +6,13 @@ import difflib
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from xml.etree import ElementTree
 
 import yaml
 
 from gsbridge.errors import InputError
+
+_NUMBERS = (".csv", ".parquet", ".json", ".jsonl")
 
 
 def case_path(name: str, value: str, places: Sequence[str | Path]) -> Path:
@@ -49,7 +52,10 @@ def case_name(value: str) -> str:
 
 
 def case_files(case: str | Path) -> list[Path]:
-    """Files that a case names and that are there: its model, the model's URDF, its records. A damaged case names none."""
+    """Files that a case names and that are there: its model, the model's URDF and its meshes, its records.
+
+    A damaged case names none.
+    """
     case = Path(case)
     content = _content(case)
     names = [content.get("model"), *_values(content.get("records"))]
@@ -58,7 +64,7 @@ def case_files(case: str | Path) -> list[Path]:
     found = [case.parent / name.partition("#")[0] for name in names if isinstance(name, str)]
     urdf = _content(model).get("urdf")
     if isinstance(urdf, str):
-        found.append(model.parent / urdf)
+        found += [model.parent / urdf, *_meshes(model.parent / urdf)]
     return [file for path in found for file in _inside(path)]
 
 
@@ -103,8 +109,18 @@ def _values(content: object) -> list[object]:
     return list(content.values()) if isinstance(content, dict) else []
 
 
+def _meshes(urdf: Path) -> list[Path]:
+    """Shapes of contact that a URDF names; none where it cannot be read."""
+    try:
+        root = ElementTree.parse(urdf).getroot()
+    except (OSError, ElementTree.ParseError):
+        return []
+    names = [mesh.attrib.get("filename", "") for mesh in root.iterfind("link/collision/geometry/mesh")]
+    return [urdf.parent / name.removeprefix("package://") for name in names if name]
+
+
 def _inside(path: Path) -> list[Path]:
-    """A file, or the files of a data set's folder that hold numbers; nothing where there is none."""
+    """A file, or the files of a folder that hold numbers (a data set, one file per throw); nothing where there is none."""
     if path.is_dir():
-        return sorted(file for file in path.rglob("*") if file.suffix in (".parquet", ".json", ".jsonl") and file.is_file())
+        return sorted(file for file in path.rglob("*") if file.suffix in _NUMBERS and file.is_file())
     return [path] if path.is_file() else []

@@ -12,13 +12,13 @@ from scipy.spatial.transform import Rotation
 from gsbridge.files import read_json
 from gsbridge.gap.bodies import Skeleton
 from gsbridge.gap.chain import Chain
+from gsbridge.gap.contact.body import is_body
 from gsbridge.gap.system import read_system
 from gsbridge.geometry import Array
-from gsbridge.report.gap_page import JUDGED, read_series
+from gsbridge.report.gap_parts import JUDGED, read_series
+from gsbridge.report.recordings.gap_look import COLOURS, WAYS, summary
+from gsbridge.report.recordings.gap_throws import record_throws
 from gsbridge.report.recordings.recording import recording
-
-WAYS = {"measured": "Measured", "nominal": "Model as it was", "explained": "With the explanation"}
-COLOURS = {"measured": [90, 100, 112], "nominal": [194, 102, 12], "explained": [31, 111, 139]}
 
 FRAMES_PER_S = 25.0
 """Poses drawn per second; curves keep every sample."""
@@ -30,7 +30,7 @@ VISIBLE_RAD = 0.25
 def record_gap(
     model: str | Path, findings: str | Path, series: str | Path, replays: str | Path, case: str, out: str | Path
 ) -> None:
-    """Record the motion of the record `verify`.
+    """Record the motion of the record `verify`; throws as `gsbridge.report.recordings.gap_throws` does.
 
     Entities on the timeline `time` (s): `{way}/mechanism` and, grey, `{way}/measured` for each way of `WAYS`, with deviations
     from the measured motion enlarged; `plots/position/{joint}/{way}`, rad; `plots/residual/{channel}/before` and `/after`, in
@@ -47,6 +47,9 @@ def record_gap(
     Raises:
         InputError: A file is missing or damaged.
     """
+    if is_body(model):
+        record_throws(model, findings, series, case, out)
+        return
     found, motion, rows = read_json(findings), read_series(series), read_json(replays)["records"][JUDGED]
     system = read_system(model)
     skeleton = Skeleton.read(system.urdf, system.joints)
@@ -58,9 +61,10 @@ def record_gap(
         positions["explained"] = motion[f"{JUDGED}/explained_position"]
         residuals["after"] = motion[f"{JUDGED}/after"]
     factor = enlargement(positions)
+    enlarged = f"Deviations from the measured motion are drawn {factor:g} times as large." if factor > 1 else ""
     time = motion[f"{JUDGED}/time"]
     with recording(out, "gap", case, _layout(tuple(positions), system.joints, rows["channels"], factor)) as stream:
-        stream.log("summary", rr.TextDocument(_summary(found, factor), media_type="text/markdown"), static=True)
+        stream.log("summary", rr.TextDocument(summary(found, enlarged), media_type="text/markdown"), static=True)
         _log_curves(stream, system.joints, rows["channels"], time, positions, residuals)
         _log_motion(stream, chain, centres, time, positions, factor)
 
@@ -162,9 +166,3 @@ def _layout(ways: tuple[str, ...], joints: tuple[str, ...], channels: list[str],
     return rrb.Vertical(
         rrb.Horizontal(*spaces, rrb.TextDocumentView(origin="summary", name="Finding")), rrb.Grid(*plots), row_shares=[2, 3]
     )
-
-
-def _summary(found: dict[str, object], factor: float) -> str:
-    """The finding as Markdown."""
-    enlarged = f"Deviations from the measured motion are drawn {factor:g} times as large." if factor > 1 else ""
-    return f"**{str(found['verdict']).replace('_', ' ')}**\n\n{found['sentence']}\n\n{enlarged}\n"
