@@ -13,7 +13,7 @@ from gsbridge.files import atomic_file, read_json
 from gsbridge.report.gap_figures import UNITS, channel_name, draw_where
 from gsbridge.report.gap_parts import JUDGED, MECHANISM, THROWS, Parts, read_series
 from gsbridge.report.gap_template import GAP_PAGE
-from gsbridge.report.gap_words import LABELS, effect_title, explanation_title, looks_like, most, next_steps, remains
+from gsbridge.report.gap_words import LABELS, effect_title, explanation_title, looks_like, most, next_steps, plain, remains
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def _rivals(findings: Mapping[str, Any], short: str, count: int = 8) -> list[dic
             "title": explanation_title(row["effects"]),
             "share": f"{100 * min(max(row['closure'], 0.0), 1.0):.1f}",
             "closure": f"{100 * row['closure']:.0f} %" if row["closure"] > 0 else "none",
-            "behind": "–" if number == 0 else f"{_count(row['behind'])} {short}".rstrip(),
+            "behind": "–" if number == 0 else f"{plain(row['behind'])} {short}".rstrip(),
             "probability": f"{100 * row['probability']:.3g} %",
         }
         for number, row in enumerate(findings["rivals"][:count])
@@ -148,14 +148,9 @@ def _rivals_text(findings: Mapping[str, Any], parts: Parts) -> str:
         return f"{text} None of them explains the data well enough to be named."
     if len(findings["rivals"]) > 1:
         second = findings["rivals"][1]
-        behind = f"{_count(second['behind'])} {parts.short}".rstrip()
+        behind = f"{plain(second['behind'])} {parts.short}".rstrip()
         return f"{text} The next best, {explanation_title(second['effects'])}, is {behind} behind{parts.enough}."
     return f"{text} There is no other that came near."
-
-
-def _count(value: float) -> str:
-    """A large number for people."""
-    return f"{value:,.0f}".replace(",", "\u202f") if value >= 100 else f"{value:.3g}"
 
 
 def _noise(comparison: Mapping[str, Any]) -> list[dict[str, Any]]:

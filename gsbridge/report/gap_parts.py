@@ -14,6 +14,7 @@ from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.report.gap_figures import draw_channels, draw_residuals
 from gsbridge.report.gap_throw_figures import draw_each, draw_throws
+from gsbridge.report.gap_words import plain
 
 JUDGED = "verify"
 """The record whose residuals are shown: neither fitting nor choosing has seen it."""
@@ -72,9 +73,9 @@ class MechanismParts(Parts):
         """Multiples of the noise."""
         checked = findings["verify"]
         before = checked["before"] if checked else judged["before"]
-        out = [_number(f"{before:.3g} ×", "the noise: gap before, on a record not fitted", "before")]
+        out = [_number(f"{plain(before)} ×", "the noise: gap before, on a record not fitted", "before")]
         if checked and explained:
-            out.append(_number(f"{checked['after']:.3g} ×", f"the noise: gap {_adopted(findings)}", "after"))
+            out.append(_number(f"{plain(checked['after'])} ×", f"the noise: gap {_adopted(findings)}", "after"))
             out.append(_number(f"{100 * checked['closure']:.0f} %", "of what stands above the noise is closed"))
         return [*out, _number(f"{findings['p_value']:.2g}", "p: chance of such residuals without any gap")]
 

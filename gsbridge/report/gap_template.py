@@ -23,6 +23,7 @@ body { max-width: 66rem; }
 code { font-size: .88em; overflow-wrap: anywhere; }
 .scroll { margin-top: .6rem; }
 td.text, th.text { text-align: left; white-space: normal; }
+td.barcell { min-width: 9rem; }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: .25rem 1.2rem; font-size: .9rem; }
 dt { color: var(--soft); } dd { margin: 0; overflow-wrap: anywhere; }
 """
@@ -77,9 +78,9 @@ GAP_PAGE = (
 <h2 id="rivals">The rivals</h2>
 <p>{{ rivals_text }}</p>
 <div class="scroll"><table>
-<thead><tr><th>explanation</th><th class="text">share of the gap that it closes</th><th></th><th>behind the best</th><th>probability of being best</th></tr></thead>
+<thead><tr><th>explanation</th><th class="text">share of the gap closed</th><th></th><th>behind the best</th><th>probability</th></tr></thead>
 <tbody>
-{% for row in rivals %}<tr><td>{% if loop.first %}<b>{{ row.title }}</b>{% else %}{{ row.title }}{% endif %}</td><td class="barcell"><span class="bar" style="width: {{ row.share }}%"></span></td><td>{{ row.closure }}</td><td>{{ row.behind }}</td><td>{{ row.probability }}</td></tr>
+{% for row in rivals %}<tr><td class="text">{% if loop.first %}<b>{{ row.title }}</b>{% else %}{{ row.title }}{% endif %}</td><td class="barcell"><span class="bar" style="width: {{ row.share }}%"></span></td><td>{{ row.closure }}</td><td>{{ row.behind }}</td><td>{{ row.probability }}</td></tr>
 {% endfor %}</tbody></table></div>
 <p class="note">{{ rivals_note }}</p>
 {% endif %}

@@ -70,9 +70,14 @@ def most(found: Mapping[str, Any], unit: str = "noise") -> str | None:
     return f"{channel_name(found['channels'][row])}, {words}: {amount(values[row, column], unit)}"
 
 
+def plain(value: float) -> str:
+    """A number for people: three digits, large ones whole and in groups."""
+    return f"{value:,.0f}".replace(",", "\u202f") if value >= 100 else f"{value:.3g}"
+
+
 def amount(value: float, unit: str) -> str:
     """A size of residuals: multiples of the noise, or a length."""
-    return f"{value:.3g} times the noise" if unit == "noise" else f"{value:.3g} {unit}"
+    return f"{plain(value)} times the noise" if unit == "noise" else f"{plain(value)} {unit}"
 
 
 def remains(findings: Mapping[str, Any], after: Mapping[str, Any]) -> str:
