@@ -1,5 +1,6 @@
-"""Write the page of measured figures and their floors."""
+"""Write the page of measured figures and their floors, areas recorded earlier included."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
@@ -9,4 +10,4 @@ if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake
 
 start(snakemake.threads, snakemake.log[0])
-write_results_page(snakemake.input.scores, snakemake.output.page)
+write_results_page(Path(snakemake.input.scores[0]).parent, snakemake.output.page)

@@ -1,12 +1,15 @@
-"""`benchmarks/RESULTS.md`: every figure of `results/scores`, its floor, and where the number comes from."""
+"""`benchmarks/RESULTS.md`: every figure of `benchmarks/scores`, its floor, and where the number comes from."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from gsbridge.files import atomic_file, read_json
+
+AREAS = ("real2sim", "simulator", "policies", "gap")
+"""In the page's order."""
 
 SIGNS = {"at_least": "≥", "at_most": "≤"}
 
@@ -48,7 +51,7 @@ def results_markdown(scores: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> s
     lines = [
         "# Results",
         "",
-        "Generated from `results/scores/*.json` by the rule `write_results_page`; do not edit by hand. Floors are listed in",
+        "Generated from `benchmarks/scores/*.json` by the rule `write_results_page`; do not edit by hand. Floors are listed in",
         "`benchmarks/floors.yaml`. A figure that was not measured, or was measured on less than the floor asks for, is unmet.",
     ]
     for area, figures in scores.items():
@@ -89,17 +92,17 @@ def _by_scene(figures: Mapping[str, Mapping[str, Any]]) -> list[str]:
     return lines
 
 
-def write_results_page(scores: str | Path | Sequence[str | Path], out: str | Path) -> None:
+def write_results_page(folder: str | Path, out: str | Path) -> None:
     """Write `benchmarks/RESULTS.md`.
 
     Args:
-        scores: Files `scores/{area}.json`, or one of them.
+        folder: Recorded scores, `{area}.json`; areas without one are not on the page.
         out: The page.
 
     Raises:
         InputError: A file is damaged.
     """
-    files = [scores] if isinstance(scores, (str, Path)) else scores
-    text = results_markdown({path.stem: read_json(path) for path in sorted(map(Path, files))})
+    files = [Path(folder) / f"{area}.json" for area in AREAS]
+    text = results_markdown({path.stem: read_json(path) for path in files if path.exists()})
     with atomic_file(out) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -230,7 +230,7 @@ def test_the_paper_itself_against_the_floors(run, tmp_path):
     assert (scores["make_tables_wall"]["value"], scores["make_tables_wall"]["met"]) == (2.5, True)
     assert scores["make_toy_wall"]["reason"] == "not measured"
     assert scores["toy_sim_success"]["value"] == pytest.approx(87.5)
-    write_results_page([tmp_path / "policies.json"], tmp_path / "RESULTS.md")
+    write_results_page(tmp_path, tmp_path / "RESULTS.md")
     text = (tmp_path / "RESULTS.md").read_text()
     floors = {name: entry for name, entry in read_floors(FLOORS).items() if entry["area"] == "policies"}
     assert all(f"`{name}`" in text for name in floors)

@@ -311,8 +311,12 @@ def test_scores_and_page_from_files(tmp_path: Path, scored: dict) -> None:
     assert scores["banana_photos_registered"]["met"]
     assert scores["apple_video_registered_percent"]["reason"] == "not measured"
     assert {"value", "floor", "unit", "n", "interval", "met", "where", "preset", "commit"} <= set(scores["camera_error_median"])
-    write_results_page([tmp_path / "desktop.json"], tmp_path / "RESULTS.md")
+    (tmp_path / "scores").mkdir()
+    (tmp_path / "desktop.json").rename(tmp_path / "scores" / "real2sim.json")
+    write_results_page(tmp_path / "scores", tmp_path / "RESULTS.md")
     text = (tmp_path / "RESULTS.md").read_text()
+    assert "## real2sim" in text
+    assert "## simulator" not in text
     assert "**unmet**: measured on 1 of 7 scenes only" in text
     assert all(f"`{name}`" in text for name, entry in read_floors(FLOORS).items() if entry["area"] == "real2sim")
 
@@ -376,3 +380,9 @@ def test_malformed_floors_are_refused(tmp_path: Path, entry: str) -> None:
     (tmp_path / "floors.yaml").write_text(entry)
     with pytest.raises(InputError):
         read_floors(tmp_path / "floors.yaml")
+
+
+def test_the_page_in_the_repository_is_that_of_its_records(tmp_path: Path) -> None:
+    folder = FLOORS.parent
+    write_results_page(folder / "scores", tmp_path / "RESULTS.md")
+    assert (tmp_path / "RESULTS.md").read_text() == (folder / "RESULTS.md").read_text()
