@@ -8,6 +8,7 @@ import pytest
 from robot_fixture import kinematics, robot
 
 from gsbridge.errors import InputError
+from gsbridge.images import linear_from_srgb
 from gsbridge.reality.mirror.objects import make_object
 from gsbridge.reality.mirror.studio import SCENES
 from gsbridge.reality.world import camera as module
@@ -165,6 +166,19 @@ def test_tint_and_pedestal_act_on_the_encoded_value():
     grey = np.full((8, 8, 3), 0.2140411)  # 0.5 in sRGB
     out = expose(grey, Hidden(tint=(0.9, 1.0, 1.15), pedestal=0.03), np.random.default_rng(0))
     np.testing.assert_allclose(out[0, 0], 255 * (0.5 * np.array([0.9, 1.0, 1.15]) + 0.03), atol=0.6)
+
+
+def test_the_lens_darkens_the_corners_and_nothing_else():
+    grey = np.full((48, 64, 3), 0.5)
+    clear, dark = (expose(grey, Hidden(vignette=lost), np.random.default_rng(0)).astype(float) for lost in (0.0, 0.4))
+    linear = linear_from_srgb(dark / 255) / linear_from_srgb(clear / 255)
+    # Cosine-fourth law about the middle: cos^4 of the angle whose square cosine is that of the corner in proportion to r^2.
+    tangent = np.sqrt(0.6**-0.5 - 1)
+    for row, column in ((0, 0), (24, 32), (0, 32), (40, 5)):
+        radius = np.hypot(column + 0.5 - 32, row + 0.5 - 24) / np.hypot(32, 24)
+        assert linear[row, column, 1] == pytest.approx(np.cos(np.arctan(tangent * radius)) ** 4, abs=0.01)
+    with pytest.raises(InputError, match="vignette"):
+        Hidden(vignette=1.0)
 
 
 def test_bad_input_is_refused():

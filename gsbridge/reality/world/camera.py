@@ -222,7 +222,7 @@ def _integrator(depth: int) -> dict[str, Any]:
 
 
 def expose(light: Array, hidden: Hidden, rng: np.random.Generator) -> Array:
-    """The sensor: shot and readout noise in linear light, saturation, sRGB encoding, tint, 8 bits.
+    """Lens and sensor: falloff, shot and readout noise in linear light, saturation, sRGB encoding, tint, 8 bits.
 
     Args:
         light: Linear light, 1 saturates at unit exposure. [H, W, 3].
@@ -233,10 +233,25 @@ def expose(light: Array, hidden: Hidden, rng: np.random.Generator) -> Array:
         uint8 [H, W, 3].
     """
     signal = np.maximum(np.asarray(light, dtype=np.float64) * hidden.exposure, 0.0)
+    if hidden.vignette > 0.0:
+        signal = signal * _falloff(*signal.shape[:2], hidden.vignette)[..., None]
     spread = np.sqrt(signal / hidden.full_well + hidden.read_noise**2)
     signal = np.clip(signal + spread * rng.standard_normal(signal.shape), 0.0, 1.0)
     encoded = srgb_from_linear(signal) * hidden.tint + hidden.pedestal
     return np.rint(255.0 * np.clip(encoded, 0.0, 1.0)).astype(np.uint8)
+
+
+def _falloff(height: int, width: int, lost: float) -> Array:
+    """Share of the light that reaches each pixel by the cosine-fourth law. [H, W].
+
+    Args:
+        height, width: Size of the picture, px.
+        lost: Share lost at the outer corners of the corner pixels.
+    """
+    y, x = (np.arange(height) + 0.5) / height * 2 - 1, (np.arange(width) + 0.5) / width * 2 - 1
+    # Of the squared radius, 1 at the corners, in units that the law's angle makes free.
+    square = (x**2 * width**2 + (y**2)[:, None] * height**2) / (width**2 + height**2)
+    return (1.0 + ((1.0 - lost) ** -0.5 - 1.0) * square) ** -2.0
 
 
 def _room(mi: Any, setting: Setting, hidden: Hidden) -> dict[str, Any]:

@@ -56,6 +56,7 @@ class Hidden:
         exposure: Factor of the camera on the light, before it saturates.
         tint: Factors of the camera on the encoded red, green and blue; no range draws it, worlds may set it.
         pedestal: What the camera adds to the encoded value, 0..1; likewise.
+        vignette: Share of the light that the lens loses at the picture's corners, below 1; likewise.
     """
 
     mass: float = 1.0
@@ -87,11 +88,14 @@ class Hidden:
     exposure: float = 1.0
     tint: Triple = (1.0, 1.0, 1.0)
     pedestal: float = 0.0
+    vignette: float = 0.0
 
     def __post_init__(self) -> None:
         for item in dataclasses.fields(self):
             value = _checked(item.name, getattr(self, item.name), item.default)
             object.__setattr__(self, item.name, value)
+        if self.vignette >= 1.0:
+            raise InputError("hidden parameters", f"'vignette' is {self.vignette!r}", "Give a share below 1")
 
     @classmethod
     def draw(cls, seed: int, ranges: Ranges | None = None) -> Hidden:
