@@ -30,6 +30,10 @@ _LARGEST = 2e4
 """Multiple of the typical size beyond which nothing is looked for."""
 
 
+_EDITION = 2
+"""Raised when an effect's simulation changes, so that no signature of the old one is read."""
+
+
 @dataclass(frozen=True)
 class Signature:
     """What a candidate of one size changes.
@@ -124,7 +128,7 @@ def bank_of(view: View, who: Sequence[Candidate], folder: str | Path) -> Bank:
     """The bank of a view, from `folder` where an equal one was made before."""
     # Noise sets sizes only, where a factor of two does not matter: in coarse steps, cases of one sensor share a bank.
     steps = np.round(np.log2(view.sigma) / _COARSE)
-    key = hashlib.sha256(view.digest().encode())
+    key = hashlib.sha256(f"{_EDITION}{view.digest()}".encode())
     for candidate in who:
         effect = candidate.effect
         key.update(f"{candidate}{effect.parameters}{effect.directions()}{effect.sizes}".encode())

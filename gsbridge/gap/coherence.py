@@ -17,7 +17,7 @@ from gsbridge.geometry import Array
 _HIGHEST = 8.0
 """Hz: above, the derivative of a position is noise."""
 
-_SURROGATES = 199
+_SURROGATES = 999
 
 
 def coherence_p(views: Sequence[View], residuals: Sequence[Array], rng: np.random.Generator) -> float:

@@ -38,6 +38,9 @@ _REACH = 3.0
 _EDGE = 1e-3
 """Share of a parameter's range within which it lies on its bound."""
 
+_CLEAR = 3.0
+"""Standard deviations by which an effect beside others must differ from none."""
+
 _HIDDEN = 1e-2
 """Share of the strongest parameter's influence below which one does not show."""
 
@@ -81,6 +84,21 @@ class Fit:
             for parameter in candidate.effect.parameters
             for bound in (parameter.low, parameter.high)
         )
+
+    @property
+    def blurred(self) -> bool:
+        """Whether one of several effects may as well be absent: they make up for each other to mimic something else."""
+        if len(self.who) < 2:
+            return False
+        place = 0
+        for candidate, values in zip(self.who, self.values, strict=True):
+            clear = False
+            for parameter in candidate.effect.parameters:
+                clear |= parameter.amplitude and abs(values[parameter.name]) >= _CLEAR * self.deviations[place]
+                place += 1
+            if not clear:
+                return True
+        return False
 
 
 class _Problem:
@@ -164,7 +182,7 @@ def polish(view: View, rough: Fit) -> Fit:
     r = problem.residual(x)
     jacobian = np.stack([problem.difference(x, r, k) for k in range(len(x))], axis=1)
     # An estimate that stops a standard deviation short of the best one is no estimate to put an interval around.
-    return _descend(problem, x, r, jacobian, np.inf, fresh=True, share=0.0)
+    return _descend(problem, x, r, jacobian, np.inf, fresh=True, share=0.0, last=True)
 
 
 def _first(problem: _Problem, x: Array, r: Array, start: Sequence[dict[str, float]], screen: Screen | None) -> Array:
@@ -179,8 +197,13 @@ def _first(problem: _Problem, x: Array, r: Array, start: Sequence[dict[str, floa
     return jacobian
 
 
-def _descend(problem: _Problem, x: Array, r: Array, jacobian: Array, bar: float, fresh: bool, share: float = _SHARE) -> Fit:
-    """Steps until none could win anything: less than `share` of the squared residual, or less than noise tells."""
+def _descend(
+    problem: _Problem, x: Array, r: Array, jacobian: Array, bar: float, fresh: bool, share: float = _SHARE, last: bool = False
+) -> Fit:
+    """Steps until none could win anything: less than `share` of the squared residual, or less than noise tells.
+
+    The `last` fit also asks what the step of time does where it ends, which limits and dry friction magnify.
+    """
     best, damping, settled, failures = float(r @ r), 1e-4, False, 0
     for _ in range(_ROUNDS):
         new, promise = problem.step(x, r, jacobian, damping)
@@ -215,7 +238,8 @@ def _descend(problem: _Problem, x: Array, r: Array, jacobian: Array, bar: float,
     covariance = np.linalg.pinv(curvature * np.outer(scale, scale), rcond=1e-10) * np.outer(scale, scale)
     # What is not sure about the step of time moves the estimates as noise does.
     astray = _UNSURE * covariance @ (jacobian.T @ problem.view.stepping().ravel())
-    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0) + astray**2)
+    beyond = covariance @ (jacobian.T @ problem.view.stepping_beyond(problem.effects(x)).ravel()) if last else 0.0
+    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0) + astray**2 + beyond**2)
     spread = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
     correlation = np.abs(covariance / np.maximum(spread, 1e-300) - np.eye(len(x))).max() if len(x) > 1 else 0.0
     shown = np.linalg.svd(jacobian * problem.scale(x), compute_uv=False)

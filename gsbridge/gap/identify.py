@@ -29,6 +29,15 @@ _HUGE = 5.0
 """Residual, in units of the noise, that no colour of the noise explains."""
 
 
+_TOGETHER = 0.002
+"""Probability below which channels do not move together by chance. Smaller than that of an alarm, since nothing else speaks for
+motion where this decides."""
+
+
+_ALLOWED = 0.02
+"""Share of a gap's squares that may be left to noise where a closure is judged."""
+
+
 class Identification:
     """One diagnosis.
 
@@ -98,7 +107,7 @@ class Identification:
         """Whether the channels of the residuals move together, or are too large for any noise."""
         sizes = [float(np.sqrt((residual**2).mean(axis=0)).max()) for residual in (self.start, self.plain)]
         p_value = coherence_p((self.first, self.second), (self.start, self.plain), self.rng)
-        return max(sizes) >= _HUGE or p_value < self.rules.alarm
+        return max(sizes) >= _HUGE or p_value < _TOGETHER
 
     def _quiet(self, verdict: str, p_value: float, unseen: tuple[str, ...]) -> Finding:
         size = float(np.sqrt(self.plain_chi2 / self.second.freedom))
@@ -179,7 +188,7 @@ class Identification:
         out = []
         for trial in trials:
             parts = [t for t in trials if set(t.fit.who) < set(trial.fit.who)]
-            if all(t.score - trial.score > self.rules.margin * max(1.0, trial.chi2 / self.floor) for t in parts):
+            if all(t.score - trial.score > self.rules.join * max(1.0, trial.chi2 / self.floor) for t in parts):
                 out.append(trial)
         return out
 
@@ -191,7 +200,7 @@ class Identification:
         for trial in first.trials:
             if (
                 id(trial) in again
-                and self._used() + sum(len(c.effect.parameters) for c in trial.fit.who) + 4 <= rules.budget + _RESERVE
+                and self._used() + sum(len(c.effect.parameters) for c in trial.fit.who) + 5 <= rules.budget + _RESERVE
             ):
                 better = polish(self.first, trial.fit)
                 trial = self._trial(better) if better.converged or better.chi2 < trial.fit.chi2 else trial
@@ -202,8 +211,8 @@ class Identification:
         remains = p_remaining < rules.alarm
         names: tuple[str, ...] = ()
         # Several effects together fit much that they do not explain; what they explain, they explain to the noise.
-        poor = best.closure < rules.closure or len(best.fit.who) > 1
-        if best.fit.stopped or (remains and poor):
+        poor = self._closed(best) < rules.closure or len(best.fit.who) > 1
+        if best.fit.stopped or best.fit.blurred or (remains and poor):
             verdict = "none_of_the_known"
         elif found.near or found.chances[0] < rules.sure:
             verdict = "ambiguous"
@@ -218,6 +227,15 @@ class Identification:
             float(np.sqrt(self.plain_chi2 / self.second.freedom)), float(np.sqrt(best.chi2 / self.second.freedom)),
             self._used(), unseen,
         )  # fmt: skip
+
+    def _closed(self, trial: Trial) -> float:
+        """Share of the gap on `select` that a trial closes, as far as noise tells.
+
+        One spread of the noise's squares is allowed, which hides that a large gap is closed; of a small gap it is much.
+        """
+        gap = max(self.plain_chi2 - self.floor, 1e-9)
+        left = trial.chi2 - self.floor - min(np.sqrt(2.0 * self.plain.size), _ALLOWED * gap)
+        return 1.0 - float(np.sqrt(max(left, 0.0) / gap))
 
     def _unfitted(self, best: Trial, matches: Sequence[Match], trials: Sequence[Trial]) -> list[str]:
         """Candidates that were not fitted, but whose signatures explain as much: they are not ruled out either."""

@@ -20,6 +20,7 @@ class Rules:
         rivals: Candidates that are fitted.
         sure: Probability of being best that a name needs.
         margin: Squared residual, in units of the noise, by which all rivals must be behind.
+        join: The same by which one effect more must be better: the best of many candidates always wins a little by chance.
         earn: The same for further parameters of an explanation that holds a simpler one.
         closure: Share of the gap that the name of one effect must close where something remains; several must leave nothing.
         deviations: Of the mean, by which a gain on `select` must exceed chance, for coloured noise too.
@@ -32,6 +33,7 @@ class Rules:
     rivals: int = 7
     sure: float = 0.95
     margin: float = 9.0
+    join: float = 25.0
     earn: float = 4.0
     closure: float = 0.9
     deviations: float = 3.0

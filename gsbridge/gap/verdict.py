@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
 
 from gsbridge.gap.trials import Rules, Trial
 from gsbridge.geometry import Array
@@ -39,6 +41,10 @@ def decide(trials: Sequence[Trial], rules: Rules, floor: float, rng: np.random.G
         rng: Of the bootstrap.
     """
     ranked = sorted(trials, key=lambda trial: trial.score)
+    # What would have to be larger than makes sense explains nothing, beside something sensible that does as well.
+    sensible = [trial for trial in ranked if not trial.fit.stopped]
+    if sensible and sensible[0].score - ranked[0].score < rules.margin * max(1.0, sensible[0].chi2 / floor):
+        ranked = sensible
     best = ranked[0]
     wide = max(1.0, best.chi2 / floor)
     earn = rules.earn * wide
@@ -79,12 +85,29 @@ def _chances(trials: Sequence[Trial], rng: np.random.Generator, draws: int) -> A
 
 
 def transfer(plain: Array, residual: Array) -> float:
-    """By how many standard deviations an explanation does better than none on a record that it was not fitted to.
+    """By how many standard deviations an explanation agrees with a record that it was not fitted to. Both [T, C].
 
-    Deviations come from blocks of time, so that coloured noise does not count as certainty. Both [T, C].
+    What it explains is held against the residual without it, and the spread of that against what it leaves: from blocks of
+    time, so that coloured noise does not count as certainty. An explanation that acts in a few blocks only (a limit) is held
+    against what is left at all other times, too.
     """
-    gain = (plain**2 - residual**2).sum(axis=1)
-    length = max(5, len(gain) // _BLOCKS)
-    rows = len(gain) // length
-    blocks = gain[: rows * length].reshape(rows, length).sum(axis=1)
-    return float(blocks.sum() / max(float(blocks.std(ddof=1)) * np.sqrt(rows), 1e-300))
+    part = plain - residual
+    length = max(5, len(plain) // _BLOCKS)
+    rows = len(plain) // length
+    part, left = part[: rows * length], residual[: rows * length]
+
+    def blocks(values: Array) -> Array:
+        return values.sum(axis=1).reshape(rows, length).sum(axis=1)
+
+    squares = blocks(part**2)
+    if not squares.any():
+        return 0.0
+    count = float(squares.sum() ** 2 / (squares**2).sum())
+    if count * count >= rows:
+        variance = float((blocks(left * part) ** 2).sum())
+    else:
+        moved = [float((left * np.roll(part, k * length, axis=0)).sum()) for k in range(rows)]
+        variance, count = float(np.mean(np.square(moved))), rows / count
+    # As many blocks, or places, as there are tell the spread; few of them have heavy tails.
+    deviations = float((plain[: rows * length] * part).sum()) / max(np.sqrt(variance), 1e-300)
+    return float(norm.isf(max(student.sf(deviations, count), 1e-300)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -184,6 +184,19 @@ class View:
     def stepping(self) -> Array:
         """What another step of time changes in the nominal replay, in units of the noise. [T, C]."""
         return self.whiten(self._columns(self.frame.stepping))
+
+    def stepping_beyond(self, effects: Sequence[Applied]) -> Array:
+        """What a vanishing step of time would change in a replay with effects, beyond what it changes in the nominal one.
+
+        In units of the noise; zero where the nominal error is not taken off. [T, C].
+        """
+        system = self.mechanism.system
+        if not system.centred:
+            return np.zeros((len(self.record.time), len(self.channels)))
+        fine = Mechanism(replace(system, physics_rate=FINE * system.physics_rate))
+        moved = self.stack(fine.run(self.record, build_setup(fine, effects), self.spans, self.states))
+        self.mechanism.runs += fine.runs
+        return self.whiten(_RICHARDSON * (moved + self._fine - self.replay(effects)) - self._fine)
 
     def _columns(self, values: Array) -> Array:
         """Channels of an array of the frame side by side. [T, kinds, N] -> [T, C]."""

@@ -20,10 +20,13 @@ POOLED = {
     "unknown_abstained": "gap_unknown_abstained",
     "interval_coverage": "gap_interval_coverage",
 }
-"""Rates over the cases of all tiers together, and the floors' names for them."""
+"""Rates over the cases of several tiers together, and the floors' names for them."""
 
 _DYNAMIC = ("t1", "t2")
-"""Tiers whose cases count for pooled figures: the analytic ones are too easy."""
+"""Tiers whose cases count for names and closures: those of arms, whose truths are engines."""
+
+_STATISTICS = ("false_alarm", "interval_coverage")
+"""What depends on noise and its treatment, not on how hard a name is: over all tiers, as the floors count their cases."""
 
 
 def read_tiers(scores: Sequence[str | Path]) -> dict[str, dict[str, Any]]:
@@ -49,7 +52,8 @@ def gap_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, A
         out[f"gap_wrong_{tier}"] = _percent(scores["named_wrong"])
     dynamic = [scores for tier, scores in ours.items() if tier in _DYNAMIC]
     for key, name in POOLED.items():
-        out[name] = _percent(pooled([scores[key] for scores in dynamic]))
+        over = list(ours.values()) if key in _STATISTICS else dynamic
+        out[name] = _percent(pooled([scores[key] for scores in over]))
     sets = [(scores["set_f1"]["value"], scores["set_f1"]["n"]) for scores in dynamic if scores["set_f1"]["value"] is not None]
     total = sum(n for _, n in sets)
     out["gap_set_f1"] = _plain(sum(value * n for value, n in sets) / total if total else None, total)

@@ -1,11 +1,13 @@
 """The blind benchmark: truths that know nothing of the diagnosis, hidden and sealed, and their scoring."""
 
 import ast
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from scipy.signal import lfilter
 
 import gsbridge.gap.benchmark
 from gsbridge.errors import InputError
@@ -14,15 +16,16 @@ from gsbridge.gap.assemble import build_setup
 from gsbridge.gap.benchmark.axis_truth import run_axis
 from gsbridge.gap.benchmark.baselines import METHODS, available
 from gsbridge.gap.benchmark.bullet_truth import BulletTruth
-from gsbridge.gap.benchmark.campaign import case_keys, diagnose_cases, generate_cases
-from gsbridge.gap.benchmark.generate import _joined
+from gsbridge.gap.benchmark.campaign import _drawn, case_keys, diagnose_cases, generate_cases
+from gsbridge.gap.benchmark.generate import NotShownError, Plant, _joined, size_of_units
 from gsbridge.gap.benchmark.mujoco_truth import MujocoTruth
-from gsbridge.gap.benchmark.orders import SPLITS, TIER_SIZE, TIERS, orders_of
-from gsbridge.gap.benchmark.plants import axis_plant
+from gsbridge.gap.benchmark.orders import SPLITS, TIER_SIZE, TIERS, Order, orders_of
+from gsbridge.gap.benchmark.plants import Site, axis_plant
 from gsbridge.gap.benchmark.score import score, score_findings, wilson
 from gsbridge.gap.benchmark.trajectories import course
 from gsbridge.gap.benchmark.twins import twins_of
 from gsbridge.gap.benchmark.verdicts import Verdict
+from gsbridge.gap.effects.lag import smoothed
 from gsbridge.gap.records import Record
 from gsbridge.gap.replay import Mechanism
 from gsbridge.gap.system import Applied
@@ -74,6 +77,87 @@ def test_engines_agree_with_the_replay_on_what_an_effect_does(tmp_path, hidden, 
         theirs = truth(wanted, 1.0, times, hidden)
         assert np.abs(theirs["position"] - ours["position"]).max() < (4e-4 if "coulomb" in hidden else 1.5e-4)
         assert np.abs(theirs["effort"] - ours["effort"]).max() < (0.06 if "coulomb" in hidden else 0.03)
+
+
+def test_a_lag_is_the_filters_exact_answer(tmp_path):
+    # Reference: the differential equation of the filter, T y' = u - y, stepped a thousand times finer.
+    wanted, times = axis_course()
+    slow, fine = 2.5e-3, np.arange(0.0, 1.0, 1e-6)
+    knots = np.arange(102) * 1e-2
+    lines = np.interp(fine, knots, [float(wanted(t)[0]) for t in knots])
+    share = 5e-7 / slow
+    exact = lines[0] + lfilter([share / (1 + share)] * 2, [1.0, -(1 - share) / (1 + share)], lines - lines[0])
+    grid = fine[::1000]
+    ours = smoothed(np.interp(grid, fine, lines)[:, None], slow, 1e-3)[:, 0]
+    assert np.abs(ours - exact[::1000]).max() < 1e-6
+    # And the truths of arms and of the axis, seen in the motion that they lead to.
+    system, _ = axis_plant(tmp_path)
+    moved = [truth(wanted, 1.0, times, {"lag": slow})["position"] for truth in (run_axis, MujocoTruth(system))]
+    plain = [truth(wanted, 1.0, times, {})["position"] for truth in (run_axis, MujocoTruth(system))]
+    changes = [a - b for a, b in zip(moved, plain, strict=True)]
+    assert np.abs(changes[0] - changes[1]).max() < 0.01 * np.abs(changes[0]).max()
+
+
+def test_dry_friction_holds_in_the_engines_without_creeping(tmp_path):
+    # 0.05 N m pull at a joint that 0.2 N m hold: it must not move at all, and by default MuJoCo lets it creep.
+    system, _ = axis_plant(tmp_path)
+    times = np.arange(100) / 100
+    for truth in (MujocoTruth(system), BulletTruth(system)):
+        held = truth(lambda time: np.array([0.3]), 1.0, times, {"coulomb": 0.2, "effort_offset": 0.05})
+        assert np.abs(held["position"] - 0.3).max() < 1e-5
+
+
+def plant_of(sizes, shows):
+    """A plant whose position is `shows` of the hidden sizes, under noise of one."""
+
+    def truth(wanted, duration, times, hidden):
+        return {"position": np.full((len(times), 1), shows(hidden) / np.sqrt(len(times)))}
+
+    return Plant(("a",), np.zeros(1), np.ones(1), {"position": np.ones(1)}, truth, sizes)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        lambda x: x,
+        lambda x: 1e4 * x * x,
+        # A lag smaller than the period of the loop once looked like this, and the search went to and fro.
+        lambda x: 1e5 * x * np.exp(-1e-3 / x),
+        lambda x: 1e3 * np.sqrt(x),
+        # Nothing below a threshold.
+        lambda x: 1e3 * max(x - 0.05, 0.0),
+    ],
+)
+@pytest.mark.parametrize("units", [1.0, 20.0])
+def test_unit_is_found_whatever_the_law_of_the_size(law, units):
+    plant = plant_of({"odd": (1e-3, 1)}, lambda hidden: law(hidden["odd"]) if hidden else 0.0)
+    times = np.arange(10) / 10
+    plain = plant.truth(None, 1.0, times, {})
+    size = size_of_units(plant, "odd", 1.0, units, None, 1.0, times, ("position",), plain)
+    assert law(size) == pytest.approx(5 * units, rel=0.05)
+
+
+def test_what_does_not_show_gives_way_and_what_cancels_is_not_hidden():
+    def shows(hidden):
+        return 1e3 * np.hypot(hidden.get("good", 0.0), hidden.get("late", 0.0) - hidden.get("early", 0.0))
+
+    plant = plant_of(dict.fromkeys(("good", "mute", "late", "early"), (1e-2, 1)), shows)
+    site = Site("axis", None, plant, ("good", "mute", "late", "early"), ())
+    for names in (("mute",), ("early", "late")):
+        order, case = _drawn(site, Order("a", "single", names, 5.0, 1, 2, ("position",)))
+        assert "mute" not in case.hidden
+        assert set(order.names) == set(case.hidden) != set(names)
+    with pytest.raises(InputError, match="shows in no joint"):
+        _drawn(replace(site, names=("mute",)), Order("a", "single", ("mute",), 5.0, 1, 2, ("position",)))
+
+
+def test_no_effect_is_larger_than_a_likely_fault():
+    plant = replace(plant_of({"weak:a": (1e-3, 1)}, lambda hidden: hidden.get("weak:a", 0.0)), largest={"weak": 2.0})
+    times = np.arange(10) / 10
+    plain = plant.truth(None, 1.0, times, {})
+    assert size_of_units(plant, "weak:a", 1.0, 0.3, None, 1.0, times, ("position",), plain) == pytest.approx(1.5, rel=0.05)
+    with pytest.raises(NotShownError):
+        size_of_units(plant, "weak:a", 1.0, 1.0, None, 1.0, times, ("position",), plain)
 
 
 def test_twins_are_one_equation():

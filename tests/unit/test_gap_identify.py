@@ -5,21 +5,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from scipy.signal import lfilter
 
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.gap.assemble import build_setup
-from gsbridge.gap.benchmark.generate import UNIT, draw_case
+from gsbridge.gap.benchmark.generate import UNIT, _joined, draw_case
 from gsbridge.gap.benchmark.noises import NOISES
 from gsbridge.gap.benchmark.plants import axis_plant
+from gsbridge.gap.benchmark.trajectories import KINDS, course
 from gsbridge.gap.candidates import Candidate
 from gsbridge.gap.diagnose import diagnose, findings_of
 from gsbridge.gap.effects import catalogue
-from gsbridge.gap.fit import Fit
+from gsbridge.gap.fit import Fit, fit, polish
 from gsbridge.gap.replay import Mechanism
 from gsbridge.gap.stages import run_case
 from gsbridge.gap.system import Applied, read_system
-from gsbridge.gap.trials import Rules
+from gsbridge.gap.trials import Rules, Trial
+from gsbridge.gap.verdict import decide, transfer
 from gsbridge.gap.verify import Verification
 from gsbridge.gap.view import View
 
@@ -107,6 +110,45 @@ def test_a_fit_on_its_bound_is_told(name, value, stopped):
     assert Fit((candidate,), effects, 1.0, True, np.zeros(1), 0.0, 1).stopped == stopped
 
 
+@pytest.mark.parametrize("first", [0, 100], ids=["throughout", "in two blocks"])
+def test_what_holds_on_another_record_is_told_from_coloured_noise(first):
+    # An explanation of five standard deviations and more, all the time or in a moment, under white noise.
+    rng, shape = np.random.default_rng(3), np.zeros((400, 3))
+    shape[first : first + 20 if first else None] = np.sin(np.arange(20 if first else 400) / 7.0)[:, None] + 0.5
+    shape *= 12.0 / np.sqrt((shape**2).sum())
+    noise = rng.standard_normal(shape.shape)
+    assert transfer(noise + shape, noise) > Rules().deviations
+    # The same explanation has nothing to do with noise that a filter coloured.
+    said = []
+    for _ in range(400):
+        noise = lfilter([1.0], [1.0, -0.85], rng.standard_normal((500, 3)), axis=0)[100:]
+        said.append(transfer(noise, noise - shape) > Rules().deviations)
+    assert np.mean(said) < 0.02
+
+
+@pytest.mark.parametrize(("spread", "blurred"), [(0.02, False), (0.05, True)])
+def test_effects_that_may_as_well_be_absent_mimic_something_else(spread, blurred):
+    who = (Candidate("viscous", "axis"), Candidate("coulomb", "axis"))
+    effects = tuple(candidate.from_vector(np.array([0.1])) for candidate in who)
+    assert Fit(who, effects, 1.0, True, np.array([0.001, spread]), 0.9, 2).blurred == blurred
+    assert not Fit(who[1:], effects[1:], 1.0, True, np.array([spread]), 0.0, 1).blurred
+
+
+def test_what_would_be_larger_than_makes_sense_is_no_rival_of_what_does_as_well():
+    def trial(name, values, square):
+        candidate, rest = Candidate(name, "axis"), np.full((400, 1), np.sqrt(square / 400))
+        fitted = Fit((candidate,), (candidate.from_vector(np.array(values)),), square, True, np.zeros(len(values)), 0.0, 1)
+        return Trial(fitted, rest, rest, square, 1.0)
+
+    bound = catalogue()["eccentricity"].parameters[0].high
+    sensible, huge = trial("encoder_scale", [0.1], 400.0), trial("eccentricity", [bound, 0.0], 399.5)
+    found = decide([sensible, huge], Rules(), 400.0, np.random.default_rng(0))
+    assert found.trials == (sensible,)
+    assert found.near == ()
+    # It still says that nothing known fits where all that is sensible does worse.
+    assert decide([trial("encoder_scale", [0.1], 500.0), huge], Rules(), 400.0, np.random.default_rng(0)).trials[0] is huge
+
+
 @pytest.mark.parametrize(
     ("closure", "p_remaining", "one", "several"),
     [(0.99, 0.5, True, True), (0.95, 0.005, True, False), (0.7, 0.005, False, False), (0.3, 0.5, False, False)],
@@ -132,6 +174,27 @@ def test_same_seed_gives_the_same_findings(axis):
         result = findings_of(diagnose(axis[0], case.records, axis[2] / "bank", seed=3), case.records, seed=3)
         found.append({key: value for key, value in result.items() if key != "seconds"})
     assert found[0] == found[1]
+
+
+def test_intervals_know_what_the_step_of_time_does_where_a_limit_magnifies_it(axis):
+    # A motor too weak for the courses falls: the truth, stepped ten times finer, parts from the replay exponentially.
+    system, plant, _ = axis
+    case, mechanism = case_of(axis, ("viscous",), 1.0), Mechanism(system)
+    record = case.records["fit"]
+    weak = 0.36
+    roads = np.random.default_rng(COURSES)
+    wanted = _joined(course(KINDS["fit"], plant.centre, plant.reach, 4.0, roads), 100.0)
+    clean = plant.truth(wanted, 4.0, record.time, {"saturation": weak})
+    view = View.of(mechanism, replace(record.with_measured(clean), sigma=plant.noise))
+    candidate = Candidate("saturation", "axis")
+    rough = fit(view, (candidate,), ({"weakness": weak},))
+    final = polish(view, rough)
+    error = abs(final.values[0]["weakness"] - weak)
+    assert error < 1.7 * final.deviations[0]
+    # Smooth motion is none of its business.
+    viscous = (Applied("viscous", "axis", {"coefficient": 0.03}),)
+    assert (view.stepping_beyond(viscous) ** 2).sum() < 0.01
+    assert (view.stepping_beyond(rough.effects) ** 2).sum() > 1.0
 
 
 def test_unit_is_the_stated_signature(axis):

@@ -53,14 +53,17 @@ def run_arm(
     cubic, shake, patchy, weakness = row("cubic_spring"), row("shaking"), row("patchy_friction"), row("saturation")
     limit = np.where(weakness > 0, 1.0 / np.where(weakness > 0, weakness, 1.0), np.inf)
     dead, slow = hidden.get("command_delay", 0.0), hidden.get("lag", 0.0)
-    wanted = np.asarray(course(0.0), dtype=np.float64)
+    wanted = sent = np.asarray(course(0.0), dtype=np.float64)
     engine.begin((wanted - offset) / scale)
     out = np.empty((3, steps, count))
     pulled = bool(drag.any() or cubic.any() or shake.any())
     for number in range(steps):
         time = number * PERIOD
-        # The filter's exact answer to commands that are held over a millisecond; none without one.
-        wanted = wanted + (course(max(time - dead, 0.0)) - wanted) * (1 - np.exp(-PERIOD / slow) if slow else 1.0)
+        sent, before = np.asarray(course(max(time - dead, 0.0)), dtype=np.float64), sent
+        # The filter's exact answer to a line from the last command to this one: behind it by the line's rise in the time
+        # constant, but for what is left of the last distance.
+        behind = (sent - before) * (slow / PERIOD)
+        wanted = sent - behind + (wanted - before + behind) * np.exp(-PERIOD / slow) if slow else sent
         q, v = engine.state()
         seen, rate = scale * q + offset, scale * v
         asked = np.clip(stiff * (wanted - seen) - damp * rate + share * engine.weight(seen), -limit, limit)

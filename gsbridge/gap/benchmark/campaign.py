@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ import yaml
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_directory, read_json, write_json
 from gsbridge.gap.benchmark.baselines import METHODS, run_baseline
-from gsbridge.gap.benchmark.generate import Case, draw_case
+from gsbridge.gap.benchmark.generate import Case, NotShownError, draw_case
 from gsbridge.gap.benchmark.noises import STATED
 from gsbridge.gap.benchmark.orders import SPLITS, TIER_SIZE, TIERS, Order, orders_of
 from gsbridge.gap.benchmark.plants import Plant, Site, site_of
@@ -31,7 +32,7 @@ logger = logging.getLogger("gsbridge")
 _UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m"}
 
 _REDRAWS = 20
-"""Tries to find another joint where an effect shows."""
+"""Tries to find another joint where an effect shows, or another effect."""
 
 
 def generate_cases(
@@ -70,24 +71,40 @@ def generate_cases(
 
 
 def _drawn(site: Site, order: Order) -> tuple[Order, Case]:
-    """A case, on another joint where the effect that was ordered does not show in its courses.
+    """A case; what cannot be hidden in its courses gives way to the same effect on another joint, then to another effect.
 
     Raises:
-        InputError: It shows nowhere.
+        InputError: Nothing shows.
     """
-    rng = np.random.default_rng(order.seed)
+    rng, failed = np.random.default_rng(order.seed), set[str]()
     for _ in range(_REDRAWS):
         try:
-            return order, draw_case(
+            case = draw_case(
                 site.plant, order.names, order.units, order.seed, order.course_seed,
                 duration=order.duration, kinds=order.channels, spoil=order.noise,
             )  # fmt: skip
-        except ValueError as error:
+        except NotShownError as error:
             logger.info("%s: %s", order.key, error)
-        effects = [name.split(":")[0] for name in order.names]
-        names = tuple(str(rng.choice([n for n in site.plant.sizes if n.split(":")[0] == effect])) for effect in effects)
-        order = Order(**{**vars(order), "names": names})
+            lost = error.name
+        else:
+            if all(len(twin) >= len(case.hidden) for twin in twins_of(site.kind, case.hidden, order.channels)):
+                return order, case
+            # Two that are the same equation as one of them hide only one: a short delay and a short lag, say.
+            lost = order.names[-1]
+        failed.add(lost)
+        kept = [name for name in order.names if name != lost]
+        pool = site.strange if order.kind == "unknown" else site.names
+        left = [name for name in pool if name not in failed and all(_effect(name) != _effect(other) for other in kept)]
+        same = [name for name in left if _effect(name) == _effect(lost)]
+        if not left:
+            break
+        order = replace(order, names=tuple(sorted([*kept, str(rng.choice(same or left))])))
     raise InputError("benchmark", f"{' + '.join(order.names)} shows in no joint", "Take other courses")
+
+
+def _effect(name: str) -> str:
+    """A hidden name without its joint."""
+    return name.split(":")[0]
 
 
 def _write_case(folder: Path, site: Site, order: Order, case: Case) -> dict[str, str]:

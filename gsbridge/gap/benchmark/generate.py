@@ -24,6 +24,23 @@ _TRIES = 18
 UNIT = 25.0
 """Squared length, in units of the noise, of the noise-free signature on `select` that an effect of size one unit has."""
 
+_SHARE = 0.5
+"""Share of one effect's size that all must show together, on `select` and `fit`: a delay and a clock that cancel hide nothing,
+and a limit that the courses of `fit` never reach can be learnt from no data."""
+
+
+class NotShownError(ValueError):
+    """An effect has no size at which it shows as wanted.
+
+    Args:
+        name: Of the effect, with its joint.
+        message: Why.
+    """
+
+    def __init__(self, name: str, message: str) -> None:
+        super().__init__(message)
+        self.name = name
+
 
 @dataclass(frozen=True)
 class Plant:
@@ -36,6 +53,7 @@ class Plant:
         noise: Standard deviation of one sample, by kind. Each [N].
         truth: How it really moves.
         sizes: For every name that may be hidden: a size to begin the search for the unit with, and its sign (0 for both).
+        largest: Sizes beyond which an effect is no longer a likely fault of a machine, by its name without the joint.
         plain: Effect-free motions, kept from case to case: by role, seed of the courses, duration and rate.
     """
 
@@ -45,6 +63,7 @@ class Plant:
     noise: Mapping[str, Array]
     truth: Truth
     sizes: Mapping[str, tuple[float, int]]
+    largest: Mapping[str, float] = field(default_factory=dict)
     plain: dict[tuple[str, int, float, float], dict[str, Array]] = field(default_factory=dict, repr=False, compare=False)
 
 
@@ -118,6 +137,8 @@ def draw_case(
     made, clean = {}, {}
     for role, wanted in courses.items():
         clean = plant.truth(wanted, duration, times, hidden) if hidden else effect_free(role)
+        if role != "verify" and _length(plant, clean, effect_free(role), kinds) < _SHARE * units * np.sqrt(UNIT):
+            raise NotShownError(names[-1], f"{' and '.join(names)} hardly show on '{role}'")
         measured = {kind: spoiled(clean[kind], plant.noise[kind], spoil, rng) for kind in kinds}
         made[role] = Record(role, times, plant.joints, {"command": np.array([wanted(t) for t in times])}, measured)
     clean, plain = ({kind: values[kind] for kind in kinds} for values in (clean, effect_free("verify")))
@@ -150,26 +171,42 @@ def size_of_units(
     """Size at which the noise-free signature on `select` has the squared length `units`^2 times `UNIT`.
 
     Raises:
-        ValueError: There is no such size: it does not show in these courses.
+        NotShownError: There is no such size that makes sense: it does not show in these courses, or shows at once as more.
     """
 
     def length(size: float) -> float:
-        moved = plant.truth(wanted, duration, times, {name: sign * size})
-        return float(np.sqrt(sum((((moved[kind] - plain[kind]) / plant.noise[kind]) ** 2).sum() for kind in kinds)))
+        return _length(plant, plant.truth(wanted, duration, times, {name: sign * size}), plain, kinds)
 
-    aim, size, low, high = units * np.sqrt(UNIT), plant.sizes[name][0], 0.0, np.inf
+    aim, size = units * np.sqrt(UNIT), plant.sizes[name][0]
+    low, high = (0.0, 0.0), (np.inf, np.inf)
+    side, stay, most = 0, False, plant.largest.get(name.split(":")[0], np.inf)
     for _ in range(_TRIES):
+        size = min(size, most)
         found = length(size)
-        if not np.isfinite(found):
-            high = min(high, size)
-            size = 0.5 * (low + high)
-            continue
         if abs(found / aim - 1.0) < 0.05:
             return size
-        if found < aim:
-            low = max(low, size)
-        else:
-            high = min(high, size)
-        guess = size * float(np.clip(aim / max(found, 1e-9), 0.1, 8.0))
-        size = guess if low < guess < high else (0.5 * (low + high) if np.isfinite(high) else 2.0 * size)
-    raise ValueError(f"{name} reaches no {units:g} units in these courses")
+        above = not found < aim
+        # A side that moves twice running leaves the other one far off: the next try halves, or the search would creep.
+        side, stay = (1 if above else -1), side == (1 if above else -1)
+        low, high = (low, (size, found)) if above else ((size, found), high)
+        if low[0] >= most:
+            break
+        size = _between(low, high, aim, stay)
+    raise NotShownError(name, f"{name} reaches no {units:g} units in these courses")
+
+
+def _length(plant: Plant, moved: Mapping[str, Array], plain: Mapping[str, Array], kinds: tuple[str, ...]) -> float:
+    """Of a noise-free signature, in units of the noise."""
+    return float(np.sqrt(sum((((moved[kind] - plain[kind]) / plant.noise[kind]) ** 2).sum() for kind in kinds)))
+
+
+def _between(low: tuple[float, float], high: tuple[float, float], aim: float, halve: bool) -> float:
+    """A size between two that are too small and too large, by a power law through their lengths. Pairs of size and length."""
+    if not np.isfinite(high[0]):
+        return low[0] * float(np.clip(aim / max(low[1], 1e-9), 1.02, 8.0))
+    if low[0] <= 0.0:
+        return high[0] * (float(np.clip(aim / high[1], 0.1, 0.98)) if np.isfinite(high[1]) else 0.5)
+    share = 0.5
+    if low[1] > 0.0 and np.isfinite(high[1]) and not halve:
+        share = float(np.clip(np.log(aim / low[1]) / np.log(high[1] / low[1]), 0.05, 0.95))
+    return float(low[0] * (high[0] / low[0]) ** share)

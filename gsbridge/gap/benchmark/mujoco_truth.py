@@ -1,5 +1,5 @@
-"""Truths of any mechanism in MuJoCo, each effect by MuJoCo's own mechanism where it has one, at an eighth of the model's step:
-what an engine's step does is no part of what is hidden.
+"""Truths of any mechanism in MuJoCo, each effect by MuJoCo's own mechanism where it has one, at a sixteenth of the model's
+step: what an engine's step does is no part of what is hidden.
 
 Nothing here knows the effects of the diagnosis.
 """
@@ -19,10 +19,13 @@ from gsbridge.gap.bodies import Skeleton
 from gsbridge.gap.system import System
 from gsbridge.geometry import Array
 
-STEP = 1.25e-4
+STEP = 6.25e-5
 """Of MuJoCo, s; the controller acts every millisecond."""
 
-_EVERY = 8
+_EVERY = 16
+
+_HARD = 0.9999
+"""Impedance of dry friction, the largest there is."""
 
 
 class MujocoTruth:
@@ -67,6 +70,8 @@ class MujocoTruth:
             column = model.joint(name).dofadr[0]
             model.dof_damping[column] = system.viscous[k] + size_at(hidden, "viscous", name)
             model.dof_frictionloss[column] = system.coulomb[k] + size_at(hidden, "coulomb", name)
+            # As hard as MuJoCo has it: by default a light joint that dry friction should hold creeps by more than the noise.
+            model.dof_solref[column], model.dof_solimp[column, :2] = (2 * STEP, 1.0), _HARD
             model.dof_armature[column] = system.armature[k] + size_at(hidden, "armature", name)
             number = model.joint(name).id
             model.jnt_stiffness[number] = size_at(hidden, "spring", name)

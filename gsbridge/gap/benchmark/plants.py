@@ -34,6 +34,15 @@ UNKNOWN = ("cubic_spring", "shaking", "patchy_friction")
 """In no catalogue of the diagnosis."""
 
 
+LARGEST = {
+    "torque_gain": 0.5, "link_mass": 0.5, "gain_p": 0.5, "gain_d": 0.5, "gravcomp": 0.3, "encoder_offset": 0.1,
+    "encoder_scale": 0.1, "base_tilt": 0.1, "effort_offset": 10.0, "coulomb": 10.0, "stribeck": 5.0, "viscous": 20.0,
+    "quadratic_drag": 20.0, "armature": 1.0, "spring": 20.0, "payload": 5.0, "command_delay": 0.15, "lag": 0.1,
+    "clock_offset": 0.05,
+}  # fmt: skip
+"""Sizes, SI, up to which a fault is likely at all: where an effect hardly shows, twenty units of it are a broken machine."""
+
+
 def axis_model(folder: str | Path) -> Path:
     """Write the single axis: `axis.urdf` and `model.yaml`. Returns the model's path."""
     folder = Path(folder)
@@ -83,7 +92,7 @@ def axis_plant(folder: str | Path, engine: str = "analytic") -> tuple[System, Pl
     sizes = {name: (0.01, 0 if name in (*SIGNED, "gravcomp") else 1) for name in NAMES}
     sizes |= {"saturation": (0.2, 1), "command_delay": (1e-3, 1), "lag": (1e-3, 1), "clock_offset": (1e-3, 0)}
     noise = {"position": np.array([2e-4]), "velocity": np.array([5e-3]), "effort": np.array([0.02])}
-    return system, Plant(system.joints, np.array([0.3]), np.array([0.9]), noise, truth, sizes)
+    return system, Plant(system.joints, np.array([0.3]), np.array([0.9]), noise, truth, sizes, LARGEST)
 
 
 def arm_plant(system: System, centre: Sequence[float], reach: Sequence[float]) -> Plant:
@@ -98,7 +107,7 @@ def arm_plant(system: System, centre: Sequence[float], reach: Sequence[float]) -
         "velocity": np.full(count, 5e-3),
         "effort": np.full(count, 0.05),
     }
-    return Plant(system.joints, np.asarray(centre, float), np.asarray(reach, float), noise, MujocoTruth(system), sizes)
+    return Plant(system.joints, np.asarray(centre, float), np.asarray(reach, float), noise, MujocoTruth(system), sizes, LARGEST)
 
 
 _ARM = {

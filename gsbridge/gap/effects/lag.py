@@ -11,11 +11,13 @@ from gsbridge.geometry import Array
 
 
 def smoothed(values: Array, seconds: float, step: float) -> Array:
-    """Commands behind a filter of first order that has settled at the first one. [K, N]."""
+    """Commands behind a filter of first order that has settled at the first one: exact for lines between them. [K, N]."""
     if seconds <= 0:
         return values
     keep = np.exp(-step / seconds)
-    return lfilter([1 - keep], [1, -keep], values, axis=0, zi=keep * values[:1])[0]
+    # Commands that were held for a step instead would come out half a step too early, which is a lag of its own.
+    old = seconds / step * (1 - keep)
+    return lfilter([1 - old, old - keep], [1, -keep], values, axis=0, zi=old * values[:1])[0]
 
 
 class Lag(Effect):
