@@ -51,7 +51,8 @@ def simulated_scene(wildcards):
         "photometry": "results/workspace/photometry.json",
         "item": f"{item}/asset/asset.json",
         "background": f"results/scenes/{wildcards.background}/asset/asset.json",
-        "model": str(ROOT / model),
+        # A model that the workflow makes lies where it runs, others in the project.
+        "model": model if model.startswith("results/") else str(ROOT / model),
         "views": f"{item}/align/views.json",
         "images": f"{item}/sfm/images",
         "masks": f"{item}/masks/images",

@@ -2,6 +2,7 @@ rule study:
     input:
         "results/rows/study.csv",
         "results/gap-benchmark/report.html",
+        "results/rows/loop.csv",
     localrule: True
 
 

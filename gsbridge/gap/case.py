@@ -81,7 +81,7 @@ def read_case(path: str | Path) -> Case:
     return Case(model, system, records, tuple(content["effects"]) if content.get("effects") else None, (*reasons, *split))
 
 
-def _check(record: Record, system: System, source: Path, noise: Mapping[str, float]) -> Record:
+def _check(record: Record, system: System, source: Path, noise: Mapping[str, float | list[float]]) -> Record:
     """A record that fits its mechanism.
 
     Raises:
@@ -95,7 +95,11 @@ def _check(record: Record, system: System, source: Path, noise: Mapping[str, flo
             f"Mode {system.controller.mode} needs them",
         )
     check_degrees(record, source, system.limits)
-    sigma = {kind: np.full(len(record.joints), float(value)) for kind, value in noise.items() if kind in record.measured}
+    sigma = {
+        kind: np.broadcast_to(np.asarray(value, dtype=np.float64), len(record.joints)).copy()
+        for kind, value in noise.items()
+        if kind in record.measured
+    }
     return replace(record, sigma=sigma)
 
 

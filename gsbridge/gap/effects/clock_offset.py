@@ -17,6 +17,7 @@ class ClockOffset(Effect):
     hook = "clock"
     scope = "mechanism"
     parameters = (Parameter("time", "s", -0.1, 0.1, 0.005, True, "by which motion is stamped too late"),)
+    sizes = (1.0, 6.0, 40.0, 250.0, 1000.0, 2500.0, 5000.0)  # a delay that shows at microseconds may be a quarter of a second
     signature = "position error follows the speed; effort is right"
     confused_with = ("command_delay", "lag")
     tell_apart = "compare with the command's echo; efforts tell"

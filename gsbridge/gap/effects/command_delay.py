@@ -24,6 +24,7 @@ class CommandDelay(Effect):
     scope = "mechanism"
     parameters = (Parameter("time", "s", 0.0, 0.4, 0.005, True, "from a command to the controller"),)
     modes = DRIVEN
+    sizes = (1.0, 6.0, 40.0, 250.0, 1000.0, 2500.0, 5000.0)  # a delay that shows at microseconds may be a quarter of a second
     signature = "position error follows the speed; sharp at steps"
     confused_with = ("lag", "clock_offset")
     tell_apart = "a square wave; compare with the command's echo"

@@ -29,6 +29,7 @@ class Lag(Effect):
     scope = "mechanism"
     parameters = (Parameter("time", "s", 0.0, 0.4, 0.005, True, "time constant"),)
     modes = DRIVEN
+    sizes = (1.0, 6.0, 40.0, 250.0, 1000.0, 2500.0, 5000.0)  # a delay that shows at microseconds may be a quarter of a second
     signature = "smoothed response, rounded corners"
     confused_with = ("command_delay", "gain_d")
     tell_apart = "a square wave or a chirp of 2 to 10 Hz"

@@ -1,0 +1,99 @@
+"""The simulated arm as a mechanism of the gap: the same description, controller and losses.
+
+What the simulation calls `arm.stiffness`, `arm.armature` and so on becomes the controller block of a model as users write it;
+the delay of a simulation that has been amended before becomes an effect.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import yaml
+from scipy.spatial.transform import Rotation
+
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_file
+from gsbridge.gap.bodies import Skeleton
+from gsbridge.geometry import Array
+from gsbridge.robot.assembly import RobotFiles
+from gsbridge.sim.model import Model
+
+
+def write_arm(robot: RobotFiles, model: Model, base_from_table: Array, urdf: str | Path, out: str | Path) -> None:
+    """Write the arm as the simulation knows it: its description without shapes, and its model.
+
+    Args:
+        robot: The robot's files.
+        model: The simulation model.
+        base_from_table: Registered place of the table; which way is down for the base follows from it. [4, 4].
+        urdf: The description.
+        out: The model, in the same folder.
+
+    Raises:
+        InputError: The description cannot be used.
+    """
+    urdf, out = Path(urdf), Path(out)
+    joints = tuple(robot.record["arm_joints"])
+    skeleton = Skeleton.read(robot.urdf, joints)
+    _hold_open(skeleton.tree, robot)
+    with atomic_file(urdf) as temporary:
+        skeleton.write(temporary, skeleton.inertials)
+    with atomic_file(out) as temporary:
+        content = arm_content(robot, model, base_from_table, urdf.name)
+        temporary.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None), encoding="utf-8")
+
+
+def arm_content(robot: RobotFiles, model: Model, base_from_table: Array, urdf: str) -> dict[str, Any]:
+    """Content of that model; `urdf` is the description's name beside it."""
+    arm, joints = model.arm, list(robot.record["arm_joints"])
+    limits = [float(robot.record["limits"][name]["effort"]) for name in joints]
+    down = np.asarray(base_from_table)[:3, :3] @ [0.0, 0.0, -model.gravity]
+    effects: list[dict[str, Any]] = []
+    if arm.delay:
+        effects.append({"name": "command_delay", "parameters": {"time": arm.delay}})
+    return {
+        "urdf": urdf,
+        "joints": joints,
+        "gravity": [float(value) for value in down],
+        "controller": {
+            "mode": "pd",
+            "rate": model.timing.physics_hz,
+            "stiffness": list(arm.stiffness),
+            "damping": list(arm.damping),
+            "gravity_compensation": arm.gravity_compensation,
+            "torque_limit": limits,
+            # The driver logs every cycle of its loop, and what it sends holds until the next.
+            "between": "hold",
+        },
+        "viscous": list(arm.viscous_friction),
+        "coulomb": [0.0] * len(joints),
+        "armature": list(arm.armature),
+        "physics_rate": model.timing.physics_hz,
+        # As the engine of the simulation steps: the gap is that of the simulation, not that of the equations.
+        "scheme": "euler",
+        "effects": effects,
+    }
+
+
+def _hold_open(tree: ElementTree.Element, robot: RobotFiles) -> None:
+    """Turn the fingers' frames to where the hand is open: joints that are not driven are held at zero."""
+    angle = float(robot.record["gripper"]["open_angle"])
+    for joint in tree.findall("joint"):
+        factor = robot.record["gripper"]["joints"].get(joint.get("name"))
+        if factor is None:
+            continue
+        origin, axis = joint.find("origin"), joint.find("axis")
+        if origin is None or axis is None:
+            raise InputError(
+                robot.urdf, f"the finger joint '{joint.get('name')}' has no origin or axis", "Build the robot again"
+            )
+        fixed = Rotation.from_euler("xyz", _floats(origin.get("rpy", "0 0 0")))
+        turned = fixed * Rotation.from_rotvec(factor * angle * _floats(axis.get("xyz", "1 0 0")))
+        origin.set("rpy", " ".join(repr(float(value)) for value in turned.as_euler("xyz")))
+
+
+def _floats(text: str) -> Array:
+    return np.array([float(value) for value in text.split()])

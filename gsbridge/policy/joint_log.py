@@ -1,0 +1,183 @@
+"""Trials once more, logged at the joints: what a robot's driver writes while a policy fails, as records of a gap case.
+
+The trials are those of a table and its log (`gsbridge.environment.policy_trials`): from the same start, with the same seed and
+the same actions, so that no picture has to be taken again and the arm moves as it did. On a robot the driver logs the trials
+themselves.
+"""
+
+from __future__ import annotations
+
+import csv
+import logging
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gsbridge.environment.env import PickEnvironment
+from gsbridge.environment.rendering import BlankRenderer
+from gsbridge.environment.settings import EnvironmentSettings
+from gsbridge.environment.trial_log import TrialPath, read_trial_log
+from gsbridge.errors import InputError, StageError
+from gsbridge.files import atomic_file, write_stage
+from gsbridge.geometry import Array
+from gsbridge.reality.world.driver_log import DriverLog, LoggedPhysics
+from gsbridge.reality.world.physics import CONTROL_HZ
+
+logger = logging.getLogger("gsbridge")
+
+SHORTEST = 1.5
+"""Shortest trial that makes a record, s; with the rest before it and `AFTER` a record lasts 2.5 s or more."""
+
+AFTER = 0.5
+"""How long the arm holds its last command while the driver goes on logging, s."""
+
+SAME = 1e-5
+"""Distance of the tool from the logged path above which a repeated trial is another one, m; logs keep 32 bits."""
+
+ROLES = ("fit", "select", "verify")
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """A trial to repeat.
+
+    Args:
+        number: Its row in the table, which is its seed.
+        success: Whether it succeeded, as worlds but the simulated one are judged: excess contact forgiven.
+        path: What was done in it.
+    """
+
+    number: int
+    success: bool
+    path: TrialPath
+
+
+def choose_trials(table: str | Path, log: str | Path, period: float, count: int = len(ROLES)) -> list[Repeat]:
+    """Trials that are logged once more: failed ones first, the longest of them; from different quadrants of the table.
+
+    Args:
+        table: Trials, CSV.
+        log: Their log.
+        period: Of a step, s.
+        count: How many.
+
+    Raises:
+        InputError: Table and log do not belong together.
+        StageError: Too few trials are long enough.
+    """
+    with open(table, newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    paths = read_trial_log(log)
+    if [(row["pose_set"], int(row["index"])) for row in rows] != [(path.pose_set, path.index) for path in paths]:
+        raise InputError(log, f"it does not hold the trials of {table}", "Make both again")
+    trials = [Repeat(k, row["success_tolerant"] == "true", path) for k, (row, path) in enumerate(zip(rows, paths, strict=True))]
+    long = [trial for trial in trials if (len(trial.path) - 1) * period >= SHORTEST]
+    if len(long) < count:
+        raise StageError(
+            "log_trials",
+            f"{len(long)} of {len(trials)} trials last {SHORTEST:g} s, {count} records are needed",
+            "Judge from more start poses",
+        )
+    ranked = sorted(long, key=lambda trial: (trial.success, -len(trial.path), trial.number))
+    # Different excitation: one trial towards each quadrant of the table before a second one towards the same.
+    turns: Counter[tuple[bool, str]] = Counter()
+    order = []
+    for place, trial in enumerate(ranked):
+        kind = trial.success, rows[trial.number]["quadrant"]
+        order.append((trial.success, turns[kind], place))
+        turns[kind] += 1
+    return [ranked[place] for _, _, place in sorted(order)[:count]]
+
+
+def repeat_trial(world: LoggedPhysics, settings: EnvironmentSettings, trial: Repeat) -> DriverLog:
+    """Carry out a trial's actions again.
+
+    Args:
+        world: The world in which it was tried.
+        settings: Of the environment.
+        trial: The trial.
+
+    Raises:
+        StageError: The tool takes another way than it did.
+    """
+    environment = PickEnvironment(world, settings, BlankRenderer(settings.image_size))
+    environment.reset(seed=trial.number, options={"pose_set": trial.path.pose_set, "index": trial.path.index})
+    tools = [world.state().tool_position[0]]
+    for action in trial.path.actions[:-1]:
+        environment.step(action)
+        tools.append(world.state().tool_position[0])
+    off = float(np.abs(np.array(tools) - trial.path.tool).max())
+    if off > SAME:
+        raise StageError(
+            "log_trials",
+            f"trial {trial.path.pose_set} {trial.path.index} takes another way when repeated: {1e3 * off:.3g} mm off",
+            "World, seed or code are not those of the trials; make the trials again",
+        )
+    for _ in range(round(AFTER * CONTROL_HZ)):
+        world.step()
+    return world.log()
+
+
+def write_driver_log(path: str | Path, joints: Sequence[str], log: DriverLog) -> None:
+    """Write a log as the gap reads it: CSV, its header `name [unit]`."""
+    columns: Mapping[str, tuple[Array, str, int]] = {
+        "command": (log.command, "rad", 8),
+        "command_velocity": (log.command_velocity, "rad/s", 8),
+        "position": (log.position, "rad", 8),
+        "velocity": (log.velocity, "rad/s", 7),
+        "effort": (log.effort, "N m", 5),
+    }
+    header = ["time [s]", *(f"{kind}.{joint} [{unit}]" for kind, (_, unit, _) in columns.items() for joint in joints)]
+    with atomic_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        for k, time in enumerate(log.time):
+            row = [f"{value:.{digits}f}" for values, _, digits in columns.values() for value in values[k]]
+            writer.writerow([f"{time:.6f}", *row])
+
+
+def log_trials(
+    table: str | Path,
+    log: str | Path,
+    world: LoggedPhysics,
+    settings: EnvironmentSettings,
+    out: Mapping[str, str | Path],
+    record: str | Path,
+    *,
+    name: str,
+) -> None:
+    """Repeat trials of a policy, failed ones first, and write what the driver logs.
+
+    Args:
+        table: Trials of the policy in that world, CSV.
+        log: Their log.
+        world: The world in which they were made.
+        settings: Of the environment.
+        out: File of each role of `ROLES`.
+        record: Record of the stage: which trials.
+        name: The world's name.
+
+    Raises:
+        InputError: Table and log do not belong together.
+        StageError: Too few trials are long enough, or a repeated one takes another way.
+    """  # fmt: skip
+    chosen = choose_trials(table, log, 1.0 / CONTROL_HZ, len(out))
+    rows = []
+    for (role, path), trial in zip(out.items(), chosen, strict=True):
+        found = repeat_trial(world, settings, trial)
+        write_driver_log(path, world.robot.record["arm_joints"], found)
+        rows.append(
+            {
+                "role": role,
+                "pose_set": trial.path.pose_set,
+                "index": trial.path.index,
+                "success": trial.success,
+                "seconds": float(found.time[-1]),
+                "rate_hz": 1.0 / float(found.time[1] - found.time[0]),
+            }
+        )
+        logger.info("%s: trial %s %d, %.1f s", role, trial.path.pose_set, trial.path.index, found.time[-1])
+    write_stage(record, packages=("mujoco",), world=name, trials=rows)

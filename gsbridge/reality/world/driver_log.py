@@ -1,0 +1,127 @@
+"""What the driver of the mirror's arm would log: a row per cycle of its control loop, with the noise of its sensors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gsbridge.geometry import Array
+from gsbridge.reality.mirror.backgrounds import PLATE_CENTRE_M, make_plate
+from gsbridge.reality.world.bodies import true_body
+from gsbridge.reality.world.camera import Setting
+from gsbridge.reality.world.hidden import Hidden
+from gsbridge.reality.world.layout import true_base_from_table, true_robot
+from gsbridge.reality.world.model import STEP, Stand
+from gsbridge.reality.world.physics import CONTROL_HZ, MirrorPhysics
+from gsbridge.reality.world.pieces import plate_pieces
+
+_PLATE_DETAIL = 2.0
+"""Spacing of the plate's mesh behind its pieces, of that in films."""
+
+
+WAIT = 0.5
+"""How long the arm is logged at rest before an episode, s."""
+
+
+@dataclass(frozen=True)
+class DriverLog:
+    """Rows of one episode.
+
+    Args:
+        time: s; the episode begins at `WAIT`. [T].
+        command: Set points sent to the joint controllers, rad. [T, N].
+        command_velocity: Their speeds, sent with them, rad/s. [T, N].
+        position: Measured angles, rad. [T, N].
+        velocity: Measured speeds, rad/s. [T, N].
+        effort: Measured motor torques, what carries the weight included, N m. [T, N].
+    """
+
+    time: Array
+    command: Array
+    command_velocity: Array
+    position: Array
+    velocity: Array
+    effort: Array
+
+
+class LoggedPhysics(MirrorPhysics):
+    """The mirror's physics, which moves as it does without a log; the log's noise has a random stream of its own."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        self._logged: list[Array] = []
+        self._sent: Array | None = None
+        super().__init__(*args, **options)
+
+    def reset(self, object_pose: ArrayLike, seed: int) -> None:
+        """Begin an episode, and a log that starts while the arm waits for it: commands on their way have a past then."""
+        self.place(self.kinematics.rest, self.dimensions.stroke)
+        still = self._point.copy()
+        self._logged = []
+        for _ in range(round(WAIT / STEP)):
+            self._control(still, np.zeros_like(still))
+            mujoco.mj_step(self.model, self.data)
+            self._feel()
+        waited, self._logged, self._sent = self._logged, [], None
+        super().reset(np.asarray(object_pose), seed)
+        self._grain = np.random.default_rng([seed, 2])
+        self._logged, self._sent = waited, None
+
+    def log(self) -> DriverLog:
+        """The log since the episode's begin; to be asked for once."""
+        arm = len(self._q) - 1
+        command, speed, position, velocity, effort = np.array(self._logged).reshape(-1, 5, arm).transpose(1, 0, 2)
+        noise = self._grain.standard_normal((3, *position.shape))
+        return DriverLog(
+            STEP * np.arange(len(command)),
+            command,
+            speed,
+            position + self.hidden.encoder_noise * noise[0],
+            # The speed that the driver reports is as good as the one that `joints` tells.
+            velocity + self.hidden.encoder_noise * CONTROL_HZ * noise[1],
+            effort + self.hidden.torque_noise * noise[2],
+        )
+
+    def _control(self, point: Array, speed: Array) -> None:
+        """Keep what is sent, and the state that it meets."""
+        super()._control(point, speed)
+        arm = len(point) - 1
+        state = self.data.qpos[self._q[:arm]], self.data.qvel[self._v[:arm]]
+        self._sent = np.stack([point[:arm], speed[:arm], *state])
+
+    def _feel(self) -> None:
+        """Complete the row: after a step, torques are still those of its begin."""
+        super()._feel()
+        if self._sent is not None:
+            joints = self._v[:-1]
+            torque = self.data.qfrc_actuator[joints] + self.data.qfrc_gravcomp[joints]
+            self._logged.append(np.concatenate([self._sent, torque[None]]))
+            self._sent = None
+
+
+def logged_physics(
+    setting: Setting, hidden: Hidden, *, pieces: str | Path, commanded_from: Array | None = None
+) -> LoggedPhysics:
+    """The mirror's physics with a log of the driver, and without a camera.
+
+    Args:
+        setting: What stands in the room.
+        hidden: Hidden parameters.
+        pieces: Folder that keeps convex pieces from run to run.
+        commanded_from: Registered `base_from_table`, by which commands become postures; None for the true one. [4, 4].
+
+    Raises:
+        InputError: Unknown object.
+    """
+    with TemporaryDirectory() as folder:
+        robot = true_robot(Path(folder) / "robot", hidden)
+        plated = setting.background == "plate"
+        stand = Stand(np.asarray(true_base_from_table(hidden)), PLATE_CENTRE_M if plated else None)
+        body = None if setting.object is None else true_body(setting.object, setting.seed, hidden.mass, pieces)
+        plate = plate_pieces(make_plate(setting.seed, _PLATE_DETAIL)[0]) if plated else None
+        return LoggedPhysics(robot, stand, body, hidden, plate, commanded_from=commanded_from)

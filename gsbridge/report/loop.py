@@ -1,0 +1,175 @@
+"""Closing the loop: successes before, in the changed world, and after, with what the finding cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_file, read_json
+from gsbridge.report.formats import Table, markdown
+from gsbridge.report.rows import write_rows
+from gsbridge.report.statistics import wilson_interval
+from gsbridge.report.success import STRICT_WORLD, read_trials
+
+COLUMNS = (
+    *("task", "object", "background", "variant", "world", "trials", "successes", "success_rate", "ci95_low", "ci95_high"),
+    "training_steps",
+)
+"""`training_steps`: environment steps that the policy learned from."""
+
+
+@dataclass(frozen=True)
+class LoopFiles:
+    """What the table is made of.
+
+    Args:
+        cell: Task, object, background, seed.
+        plan: `variant` and `world` of each row.
+        trials: Trials of each row.
+        trainings: `training.json` of the policies, before and after.
+        logged: `trials.json` of the logged worlds.
+        calibration: `calibration.json`.
+        findings: `findings.json` of the reference and of the changed world.
+        amendment: `amendment.json`.
+    """
+
+    cell: Mapping[str, Any]
+    plan: Sequence[Mapping[str, str]]
+    trials: Sequence[str | Path]
+    trainings: Sequence[str | Path]
+    logged: Sequence[str | Path]
+    calibration: str | Path
+    findings: Sequence[str | Path]
+    amendment: str | Path
+
+
+def write_loop(files: LoopFiles, rows_csv: str | Path, page: str | Path, figure: str | Path) -> None:
+    """Write the rows, a page in Markdown and a figure.
+
+    Args:
+        files: What they are made of.
+        rows_csv: The rows.
+        page: The page.
+        figure: The picture.
+
+    Raises:
+        InputError: A file is missing or damaged.
+    """
+    steps = {Path(path).parts[-3]: int(_field(path, "steps")) for path in files.trainings}
+    rows = [_row(files.cell, plan, path, steps) for plan, path in zip(files.plan, files.trials, strict=True)]
+    write_rows(rows_csv, COLUMNS, rows)
+    _draw(rows, figure)
+    with atomic_file(page) as temporary:
+        temporary.write_text(_page(files, rows), encoding="utf-8")
+
+
+def _field(path: str | Path, name: str) -> Any:
+    """A field of a record."""
+    content = read_json(path)
+    if name not in content:
+        raise InputError(path, f"it has no '{name}'", "Run the rule that makes it again")
+    return content[name]
+
+
+def _row(cell: Mapping[str, Any], plan: Mapping[str, str], path: str | Path, steps: Mapping[str, int]) -> dict[str, Any]:
+    """One policy in one world."""
+    trials = read_trials(path)
+    good = trials.judged(plan["world"])
+    low, high = wilson_interval(int(good.sum()), len(trials))
+    return {
+        **{name: cell[name] for name in ("task", "object", "background")},
+        "variant": plan["variant"],
+        "world": plan["world"],
+        "trials": len(trials),
+        "successes": int(good.sum()),
+        "success_rate": float(good.mean()),
+        "ci95_low": low,
+        "ci95_high": high,
+        "training_steps": steps[plan["variant"]],
+    }
+
+
+def _page(files: LoopFiles, rows: Sequence[Mapping[str, Any]]) -> str:
+    """The page."""
+    table = Table(
+        title=f"Closing the loop, {files.cell['task']}: {files.cell['object']} on {files.cell['background']}",
+        columns=("policy", "world", "successes", "rate (95 %)", "learned from"),
+        rows=tuple(
+            (
+                row["variant"],
+                row["world"],
+                f"{row['successes']}/{row['trials']}",
+                f"{row['success_rate']:.1%} ({row['ci95_low']:.1%} to {row['ci95_high']:.1%})",
+                f"{row['training_steps']} steps",
+            )
+            for row in rows
+        ),
+        notes=(f"One policy each, seed {files.cell['seed']}. Both sets of start poses. {STRICT_WORLD} is the simulation.",),
+    )
+    reference, changed = (read_json(path) for path in files.findings)
+    calibration, amendment = read_json(files.calibration), read_json(files.amendment)
+    lines = [
+        "# Closing the loop: the arm",
+        "",
+        markdown(table),
+        "",
+        "## What was found",
+        "",
+        f"- The world in which the policy works, against the simulation: **{reference['verdict']}**. {reference['sentence']}",
+        f"- Calibrated there, the residual on a record that was not fitted falls from {calibration['before']['verify']:.3g} to"
+        f" {calibration['after']['verify']:.3g} times the noise of the sensors; the commands take"
+        f" {1e3 * calibration['delay']:.1f} ms.",
+        f"- The changed world, against the calibrated arm: **{changed['verdict']}**. {changed['sentence']}",
+        *(f"- Left out: {reason}." for reason in amendment["reasons"]),
+        "",
+        "## The price",
+        "",
+        *_price(files, calibration, (reference, changed)),
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _price(files: LoopFiles, calibration: Mapping[str, Any], findings: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Records, simulations and minutes."""
+    logged = [trial for path in files.logged for trial in _field(path, "trials")]
+    failed = sum(not trial["success"] for trial in logged)
+    seconds = sum(trial["seconds"] for trial in logged)
+    bank = sum(item["simulations"]["bank"] for item in findings)
+    case = sum(item["simulations"]["case"] for item in findings)
+    minutes = (calibration["seconds"] + sum(item["seconds"] for item in findings)) / 60
+    training = sum(_field(files.trainings[-1], "cpu_seconds").values()) / 60
+    return [
+        f"- {len(logged)} records of {seconds:.0f} s together, {failed} of them of failed trials.",
+        f"- {calibration['simulations']} simulations of the arm to calibrate, {bank} for the banks of two cases, {case} for"
+        f" their diagnosis: {minutes:.0f} minutes.",
+        f"- A new training of {_field(files.trainings[-1], 'steps')} steps: {training:.0f} minutes of processor time.",
+    ]
+
+
+def _draw(rows: Sequence[Mapping[str, Any]], out: str | Path) -> None:
+    """A bar and its interval for each row."""
+    figure, axis = plt.subplots(figsize=(7.0, 0.45 * len(rows) + 1.1), layout="constrained")
+    rates = [row["success_rate"] for row in rows]
+    errors = [
+        [rate - row["ci95_low"] for rate, row in zip(rates, rows, strict=True)],
+        [row["ci95_high"] - rate for rate, row in zip(rates, rows, strict=True)],
+    ]
+    axis.barh(range(len(rows)), rates, xerr=errors, color="#1f6f8b", ecolor="#555555", height=0.6, capsize=3)
+    labels = [f"{row['variant']} in {row['world']} ({row['successes']}/{row['trials']})" for row in rows]
+    axis.set_yticks(range(len(rows)), labels)
+    axis.invert_yaxis()
+    axis.set_xlim(0, 1.05)
+    axis.set_xlabel("success rate, 95 % interval")
+    with atomic_file(out) as temporary:
+        figure.savefig(temporary, dpi=130)
+    plt.close(figure)
