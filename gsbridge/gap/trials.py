@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from gsbridge.gap.effects import effect_of
 from gsbridge.gap.fit import Fit
 from gsbridge.geometry import Array
 
@@ -87,8 +86,7 @@ class Trial:
         if len(self.fit.who) != len(other.fit.who) or set(self.fit.who) == set(other.fit.who):
             return False
         return all(
-            any(b == a or (b.name in effect_of(a.name).contains and a.joint == b.joint) for b in other.fit.who)
-            for a in self.fit.who
+            any(b == a or (b.name in a.effect.contains and a.joint == b.joint) for b in other.fit.who) for a in self.fit.who
         )
 
 

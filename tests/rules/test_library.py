@@ -28,6 +28,7 @@ FLOORS = {
         "schema",
         "tags",
         "sparse",
+        "catalogue",
     ],
     1: ["capture", "sfm", "align", "masks", "mesh", "splats", "robot", "tasks"],
     # Bundles what the stages of floor 1 made, so it stands on splats; what simulates stands on both.

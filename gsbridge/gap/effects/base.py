@@ -4,39 +4,18 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import ClassVar
 
+from gsbridge.catalogue import Parameter
 from gsbridge.gap.setup import Setup
+
+__all__ = ["ALL", "DRIVEN", "HOOKS", "Effect", "FigureEffect", "Parameter"]
 
 HOOKS = ("command", "actuator", "transmission", "body", "contact", "sensor", "clock", "image")
 """Places where an effect takes hold, on the way from the command to the log."""
 
 DRIVEN = ("torque", "pd", "position")
 ALL = ("torque", "pd", "position", "free")
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A parameter of an effect.
-
-    Args:
-        name: As in model files.
-        unit: SI.
-        low: Smallest value that makes sense.
-        high: Largest.
-        typical: A size at which to begin looking.
-        amplitude: Whether the effect vanishes as this goes to zero with the other amplitudes; others are shapes.
-        meaning: In words.
-    """
-
-    name: str
-    unit: str
-    low: float
-    high: float
-    typical: float
-    amplitude: bool
-    meaning: str
 
 
 class Effect(ABC):

@@ -1,0 +1,68 @@
+"""Fitting the parameters of image effects to photos: bounded least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from gsbridge.gap.fit import Fit
+from gsbridge.gap.image.model import ImageCandidate
+from gsbridge.gap.image.view import View
+from gsbridge.geometry import Array
+
+_ROUNDS = 14
+_STEP = 0.04
+"""Of finite differences, in typical sizes of an amplitude or fiftieths of a shape's range."""
+
+_HIDDEN = 1e-2
+"""Share of the strongest parameter's influence below which one does not show."""
+
+
+def fit(view: View, who: Sequence[ImageCandidate], starts: Sequence[Mapping[str, float]], rounds: int = _ROUNDS) -> Fit:
+    """Fit all parameters of some effects together.
+
+    Args:
+        view: Photos to fit.
+        who: Effects.
+        starts: Parameters of each to start from.
+        rounds: Steps at most.
+    """
+    parameters = [p for candidate in who for p in candidate.effect.parameters]
+    cuts = np.cumsum([len(candidate.effect.parameters) for candidate in who])[:-1]
+    low, high = (np.array([getattr(p, side) for p in parameters]) for side in ("low", "high"))
+    scale = np.array([p.typical if p.amplitude else 0.02 * (p.high - p.low) for p in parameters])
+    begin = np.concatenate([c.vector(values) for c, values in zip(who, starts, strict=True)])
+    inside = 1e-3 * (high - low)
+    begin = np.clip(begin, low + np.minimum(inside, 0.1 * scale), high - np.minimum(inside, 0.1 * scale))
+
+    def effects(x: Array):  # type: ignore[no-untyped-def]
+        return tuple(c.from_vector(part) for c, part in zip(who, np.split(np.clip(x * scale, low, high), cuts), strict=True))
+
+    def residual(x: Array) -> Array:
+        return view.residual(effects(x)).ravel().astype(np.float64)
+
+    def slopes(x: Array) -> Array:
+        here, columns = residual(x), []
+        for k in range(len(x)):
+            step = _STEP if x[k] * scale[k] + _STEP * scale[k] <= high[k] else -_STEP
+            moved = x.copy()
+            moved[k] += step
+            columns.append((residual(moved) - here) / step)
+        return np.stack(columns, axis=1)
+
+    found = least_squares(
+        residual, begin / scale, slopes, bounds=(low / scale, high / scale), x_scale="jac", ftol=1e-6, xtol=1e-4, gtol=None,
+        max_nfev=rounds,
+    )  # fmt: skip
+    curvature = found.jac.T @ found.jac
+    size = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+    covariance = np.linalg.pinv(curvature * np.outer(size, size), rcond=1e-8) * np.outer(size, size)
+    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * scale
+    spread = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+    correlation = float(np.abs(covariance / np.maximum(spread, 1e-300) - np.eye(len(scale))).max()) if len(scale) > 1 else 0.0
+    shown = np.linalg.svd(found.jac, compute_uv=False)
+    rank = max(1, int((shown > _HIDDEN * shown[0]).sum()))
+    chi2 = 2.0 * float(found.cost)
+    return Fit(tuple(who), effects(found.x), chi2, found.status > 0, deviations, correlation, rank)

@@ -1,0 +1,78 @@
+"""What an image effect is. Each lives in one file of this package; `catalogue` finds it there."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from itertools import product
+from typing import ClassVar
+
+from gsbridge.catalogue import Parameter
+from gsbridge.scene.shooting import Shooting
+
+__all__ = ["HOOKS", "ImageEffect", "Parameter"]
+
+HOOKS = ("time", "geometry", "light", "sensor")
+"""Places where an effect takes hold, on the way from the scene to the file: when and from where the camera looks, through
+what geometry, what happens to the linear light, and what the sensor makes of it."""
+
+
+class ImageEffect(ABC):
+    """One thing that pictures of a simulation may lack.
+
+    Attributes:
+        name: In files and reports.
+        title: In sentences.
+        hook: One of `HOOKS`.
+        parameters: With all amplitudes at zero there is no effect.
+        signature: How it looks in the difference of photo and picture.
+        confused_with: Effects that look alike.
+        tell_apart: The experiment that separates them.
+        contains: Effects that are this one with some amplitudes at zero.
+        sizes: Multiples of the typical size at which signatures are made.
+        places: Values of shape parameters at which one begins to look, all combinations; the typical one where none are given.
+        grain: Whether it changes the noise of the pictures only, not their expectation.
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    hook: ClassVar[str]
+    parameters: ClassVar[tuple[Parameter, ...]]
+    signature: ClassVar[str]
+    confused_with: ClassVar[tuple[str, ...]]
+    tell_apart: ClassVar[str]
+    contains: ClassVar[tuple[str, ...]] = ()
+    sizes: ClassVar[tuple[float, ...]] = (1.0,)
+    places: ClassVar[Mapping[str, tuple[float, ...]]] = {}
+    grain: ClassVar[bool] = False
+
+    @abstractmethod
+    def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
+        """Put the effect into the way in which photos are taken."""
+
+    @property
+    def amplitudes(self) -> tuple[Parameter, ...]:
+        """Parameters that vanish with the effect."""
+        return tuple(parameter for parameter in self.parameters if parameter.amplitude)
+
+    def shapes(self) -> tuple[dict[str, float], ...]:
+        """Shape parameters at which one begins to look; one empty set for an effect without any."""
+        forms = [parameter for parameter in self.parameters if not parameter.amplitude]
+        grids = [self.places.get(parameter.name, (parameter.typical,)) for parameter in forms]
+        return tuple({p.name: value for p, value in zip(forms, row, strict=True)} for row in product(*grids))
+
+    def directions(self) -> tuple[dict[str, float], ...]:
+        """Parameter sets of typical size: each amplitude alone, both ways where both make sense, at every shape."""
+        out = []
+        for shape in self.shapes():
+            rest = {p.name: shape.get(p.name, 0.0) for p in self.parameters}
+            for parameter in self.amplitudes:
+                for sign in (1.0, -1.0):
+                    value = sign * parameter.typical
+                    if parameter.low <= value <= parameter.high:
+                        out.append(rest | {parameter.name: value})
+        return tuple(out)
+
+    def clipped(self, values: Mapping[str, float]) -> dict[str, float]:
+        """All parameters within their bounds."""
+        return {p.name: min(max(values[p.name], p.low), p.high) for p in self.parameters}

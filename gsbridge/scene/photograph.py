@@ -1,0 +1,208 @@
+"""Taking photos of splats as a `Shooting` says: exposures in time, lens, light, sensor."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from scipy.special import ive
+
+from gsbridge.cameras import Camera
+from gsbridge.geometry import Array
+from gsbridge.images import linear_from_srgb, srgb_from_linear
+from gsbridge.scene.shooting import Frame, Shooting
+from gsbridge.scene.track import Track
+from gsbridge.splats.cloud import Cloud
+from gsbridge.splats.rasterize import cpu
+
+EXPOSURES = 7
+"""Pictures over the time in which the shutter is open."""
+
+STRIPS = 24
+"""Strips of rows that a rolling shutter reads at one time."""
+
+MARGIN = 0.15
+"""Share of the image that is drawn beyond its edges, for lenses that show more than a pinhole."""
+
+BLURS = (0.7, 1.4)
+"""Deviations of the copies against which pictures are sharpened, px."""
+
+OPAQUE = 0.95
+"""Share of the light from splats from which on there is no hole."""
+
+_KEPT = 64
+"""Pictures that are kept for the next photo that needs them."""
+
+
+class Photographer:
+    """Takes photos of one scene with one camera.
+
+    Args:
+        cloud: The scene, colours sRGB.
+        camera: Pinhole.
+        background: sRGB where there are no splats. [3].
+        threads: Of the rasteriser.
+    """
+
+    def __init__(self, cloud: Cloud, camera: Camera, background: Sequence[float] = (0.0, 0.0, 0.0), threads: int = 1) -> None:
+        if not camera.is_pinhole:
+            raise ValueError("splats are drawn by a camera without distortion")
+        self.cloud, self.camera, self.threads = cloud, camera, threads
+        self.background = np.asarray(background, np.float32)
+        self.pictures = 0
+        self._kept: OrderedDict[tuple[object, ...], tuple[Array, Array, Array]] = OrderedDict()
+
+    def draw(self, camera: Camera, cam_from_world: Array) -> tuple[Array, Array]:
+        """Linear light and depth (m) of one picture. [H, W, 3], [H, W]."""
+        cloud = self.cloud
+        colours, alphas, depths = cpu.render(
+            cloud.means, cloud.quats, cloud.scales, cloud.opacities, cloud.colours, camera=camera,
+            cam_from_table=cam_from_world, background=self.background, threads=self.threads,
+        )  # fmt: skip
+        return linear_from_srgb(np.clip(colours, 0.0, 1.0)), depths / np.maximum(alphas, np.float32(1e-6))
+
+    def covered(self, track: Track, times: Array) -> Array:
+        """One where splats hide the background, three pixels away from any hole; zero elsewhere. [N, H, W] float32."""
+        cloud, out = self.cloud, []
+        for pose in track.at(times):
+            alphas = cpu.render(
+                cloud.means, cloud.quats, cloud.scales, cloud.opacities, cloud.colours, camera=self.camera,
+                cam_from_table=pose, background=self.background, threads=self.threads,
+            )[1]  # fmt: skip
+            out.append(cv2.erode((alphas > OPAQUE).astype(np.uint8), np.ones((7, 7), np.uint8)).astype(np.float32))
+        return np.stack(out)
+
+    def photos(self, track: Track, times: Array, shooting: Shooting | None = None) -> Array:
+        """Expected photos, without noise, sRGB-encoded, clamped.
+
+        Args:
+            track: Where the camera was.
+            times: Time stamps of the photos, s. [N].
+            shooting: How they are taken; plainly when None.
+
+        Returns:
+            [N, H, W, 3] float32.
+        """
+        shooting = shooting or Shooting()
+        return np.stack([self._photo(track, float(time), shooting) for time in times])
+
+    def _photo(self, track: Track, time: float, shooting: Shooting) -> Array:
+        light, depths, pose = self._exposed(track, time, shooting)
+        frame = Frame(self.camera, time, depths, pose)
+        return develop(light, frame, shooting)
+
+    def _exposed(self, track: Track, time: float, shooting: Shooting) -> tuple[Array, Array, Array]:
+        """Linear light gathered by one photo, depth in the middle of the exposure, and the pose there."""
+        geometry = (shooting.delay, shooting.row_time, shooting.exposure_time, shooting.focal)
+        key = (track, time, *geometry, shooting.mount.tobytes(), shooting.distortion.tobytes())
+        if key in self._kept:
+            self._kept.move_to_end(key)
+            return self._kept[key]
+        camera, pad = self._lens(shooting)
+        middle = time - shooting.delay
+        # Middles of equal parts of the exposure.
+        span = (np.arange(EXPOSURES) + 0.5) / EXPOSURES - 0.5 if shooting.exposure_time else np.zeros(1)
+        light, depths = np.float32(0.0), np.zeros(0)
+        for k, offset in enumerate(span):
+            seen, depth = self._shutter(track, middle + float(offset) * shooting.exposure_time, shooting, camera)
+            light = light + seen / np.float32(len(span))
+            depths = depth if k == len(span) // 2 else depths
+        if shooting.distortion.any():
+            light, depths = _bent(light, depths, camera, pad, shooting.distortion)
+        out = (light, depths, shooting.mount @ track.at(np.array([middle]))[0])
+        self._kept[key] = out
+        if len(self._kept) > _KEPT:
+            self._kept.popitem(last=False)
+        return out
+
+    def _lens(self, shooting: Shooting) -> tuple[Camera, int]:
+        """The pinhole to draw with, and by how many pixels it is wider than the photo on each side."""
+        camera = replace(self.camera, fx=self.camera.fx * shooting.focal, fy=self.camera.fy * shooting.focal)
+        if not shooting.distortion.any():
+            return camera, 0
+        pad = round(MARGIN * max(camera.width, camera.height))
+        return camera.cropped(-pad, -pad, camera.width + 2 * pad, camera.height + 2 * pad), pad
+
+    def _shutter(self, track: Track, time: float, shooting: Shooting, camera: Camera) -> tuple[Array, Array]:
+        """One moment: all rows at once, or strips of rows one after the other."""
+        if not shooting.row_time:
+            self.pictures += 1
+            return self.draw(camera, shooting.mount @ track.at(np.array([time]))[0])
+        edges = np.unique(np.linspace(0, camera.height, STRIPS + 1).round().astype(int))
+        rows = 0.5 * (edges[:-1] + edges[1:]) - 0.5 * camera.height
+        poses = track.at(time + rows * shooting.row_time)
+        parts = [
+            self.draw(camera.cropped(0, int(top), camera.width, int(end - top)), shooting.mount @ pose)
+            for top, end, pose in zip(edges[:-1], edges[1:], poses, strict=True)
+        ]
+        self.pictures += 1
+        return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+
+
+def develop(light: Array, frame: Frame, shooting: Shooting) -> Array:
+    """What lens, light and sensor make of linear light: an encoded photo without noise. [H, W, 3] -> [H, W, 3] float32."""
+    steps = sorted(shooting.light, key=lambda item: item[0])
+    for _, step in (item for item in steps if item[0] < 1):
+        light = step(light, frame)
+    if shooting.softness:
+        light = np.maximum(softened(light, shooting.softness), 0.0)
+    if shooting.blur > 0.0:
+        light = blurred(light, float(np.sqrt(shooting.blur)))
+    for _, step in (item for item in steps if item[0] >= 1):
+        light = step(light, frame)
+    values = srgb_from_linear(np.clip(light, 0.0, 1.0))
+    for _, turn in sorted(shooting.sensor, key=lambda item: item[0]):
+        values = turn(values)
+    return np.clip(values, 0.0, 1.0).astype(np.float32)
+
+
+def with_noise(photos: Array, shooting: Shooting, rng: np.random.Generator) -> Array:
+    """Photos with the noise that a shooting says, clamped and rounded to 8 bits. Any shape."""
+    spread = np.sqrt(shooting.read_noise + shooting.shot_noise * photos)
+    return np.rint(np.clip(photos + spread * rng.standard_normal(photos.shape), 0.0, 1.0) * 255.0).astype(np.float32) / 255.0
+
+
+def blurred(image: Array, sigma: float) -> Array:
+    """An image through a Gaussian of some deviation, px; what lies beyond the edges repeats them. [H, W, 3].
+
+    The discrete Gaussian has that deviation exactly, below a pixel too, where a sampled one has not.
+
+    Source: Lindeberg, IEEE PAMI 12(3), 1990.
+    """
+    reach = int(np.ceil(4.0 * sigma)) + 1
+    kernel = ive(np.arange(-reach, reach + 1), sigma**2)
+    kernel = (kernel / kernel.sum()).astype(np.float32)
+    return cv2.sepFilter2D(image, -1, kernel, kernel, borderType=cv2.BORDER_REPLICATE)
+
+
+def softened(image: Array, amounts: Sequence[float]) -> Array:
+    """An image sharpened against its blurred copies (negative amounts soften it). [H, W, 3]."""
+    out = image
+    for amount, sigma in zip(amounts, BLURS, strict=True):
+        out = out + np.float32(amount) * (image - blurred(image, sigma))
+    return out
+
+
+def _bent(light: Array, depths: Array, camera: Camera, pad: int, distortion: Array) -> tuple[Array, Array]:
+    """A pinhole picture as a lens with radial distortion shows it, cropped to the photo."""
+    height, width = light.shape[0] - 2 * pad, light.shape[1] - 2 * pad
+    x = (np.arange(width) + 0.5 + pad - camera.cx) / camera.fx
+    y = ((np.arange(height) + 0.5 + pad - camera.cy) / camera.fy)[:, None]
+    far = np.hypot(x, y)
+    k1, k2 = distortion
+    straight = far.copy()
+    for _ in range(8):
+        # Newton's steps on r (1 + k1 r2 + k2 r4) = far; the slope is kept off zero where the lens folds over.
+        square = straight**2
+        slope = np.maximum(1.0 + 3.0 * k1 * square + 5.0 * k2 * square**2, 0.2)
+        straight = straight - (straight * (1.0 + k1 * square + k2 * square**2) - far) / slope
+    factor = straight / np.maximum(far, 1e-12)
+    # OpenCV counts pixel centres from zero.
+    across = (x * factor * camera.fx + camera.cx - 0.5).astype(np.float32)
+    down = (y * factor * camera.fy + camera.cy - 0.5).astype(np.float32)
+    edge = cv2.BORDER_REPLICATE
+    bent = cv2.remap(light, across, down, cv2.INTER_CUBIC, borderMode=edge)
+    return np.maximum(bent, 0.0), cv2.remap(depths, across, down, cv2.INTER_NEAREST, borderMode=edge)
