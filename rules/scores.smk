@@ -137,11 +137,15 @@ rule record_scores:
     output:
         # Kept with the code: what was measured, at which commit, while results/ comes and goes.
         record="benchmarks/scores/{area}.json",
+    log:
+        "results/logs/record_scores/{area}.log",
     localrule: True
+    conda:
+        "../envs/report.yaml"
     message:
         "Record the figures of {wildcards.area}"
     shell:
-        "cp {input.scores} {output.record}"
+        "cp {input.scores} {output.record} 2> {log}"
 
 
 rule write_results_page:
