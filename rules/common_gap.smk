@@ -8,6 +8,7 @@ from gsbridge.gap.formats.files import (
     case_name,
     case_path,
     check_asked_cases,
+    check_own_cases,
 )
 
 GAP = settings("gap")
@@ -31,6 +32,7 @@ GAP_METHODS = [
 
 if workflow.is_main_process:
     check_asked_cases(sys.argv[1:], [*GAP_CASES, *LOOP_CASES])
+    check_own_cases(GAP_CASES, LOOP_CASES)
 
 
 def gap_case(wildcards):

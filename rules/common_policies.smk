@@ -98,7 +98,8 @@ def trial_state(world, wildcards, input):
     made = [Path(path).stat().st_mtime_ns for path in (input.weights, input.item)]
     item = "-".join([*wildcards, *([] if "world" in wildcards.keys() else [world])])
     code = code_digest("gsbridge.policy.trials")
-    return state_folder("try_policy", item, code, settings("trials"), made, SEED)
+    hidden = config["worlds"].get(world)
+    return state_folder("try_policy", item, code, settings("trials"), made, SEED, hidden)
 
 
 def pictured_worlds(cell):

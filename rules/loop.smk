@@ -11,7 +11,7 @@ rule describe_arm:
     conda:
         "../envs/gap.yaml"
     params:
-        code=code_digest("gsbridge.gap.loop.arm"),
+        code=code_digest("gsbridge.gap.loop.stages"),
     message:
         "Describe the simulated arm as the gap takes it"
     script:
@@ -43,7 +43,12 @@ rule log_trials:
         mem_mb=1500,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.policy.joint_log"),
+        code=code_digest(
+            "gsbridge.policy.joint_log",
+            "gsbridge.environment.build",
+            "gsbridge.reality.world.further",
+            "gsbridge.registration.result",
+        ),
         cell=LOOP_CELL,
         world=world_settings,
         sheet=settings("films")["sheet"],

@@ -145,7 +145,7 @@ rule record_scores:
     message:
         "Record the figures of {wildcards.area}"
     shell:
-        "cp {input.scores} {output.record} 2> {log}"
+        "cp {input.scores} {output.record}.part 2> {log} && mv {output.record}.part {output.record}"
 
 
 rule write_results_page:

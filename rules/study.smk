@@ -2,7 +2,7 @@ rule study:
     input:
         "results/rows/study.csv",
         "results/gap-benchmark/report.html",
-        "results/rows/loop.csv",
+        loop_rows,
     localrule: True
 
 

@@ -15,6 +15,7 @@ from gsbridge.gap.formats.logs import read_log
 from gsbridge.gap.records import SHORTEST, Layout, Record, check_degrees
 from gsbridge.gap.system import System, read_system
 from gsbridge.gap.yaml_file import read_yaml
+from gsbridge.geometry import Array
 
 _KEYS = ("model", "records", "columns", "units", "torque_per_ampere", "noise", "effects")
 
@@ -96,11 +97,22 @@ def _check(record: Record, system: System, source: Path, noise: Mapping[str, flo
         )
     check_degrees(record, source, system.limits)
     sigma = {
-        kind: np.broadcast_to(np.asarray(value, dtype=np.float64), len(record.joints)).copy()
-        for kind, value in noise.items()
-        if kind in record.measured
+        kind: _noise_of(kind, value, len(record.joints), source) for kind, value in noise.items() if kind in record.measured
     }
     return replace(record, sigma=sigma)
+
+
+def _noise_of(kind: str, value: float | list[float], count: int, source: Path) -> Array:
+    """Noise of a kind for every joint. [N].
+
+    Raises:
+        InputError: It is no positive number, nor one per joint.
+    """
+    values = value if isinstance(value, list) else [value] * count
+    numbers = all(isinstance(one, (int, float)) and not isinstance(one, bool) and one > 0 for one in values)
+    if len(values) != count or not numbers:
+        raise InputError(source, f"noise.{kind} is {value!r}", f"Give one positive number, or one for each of {count} joints")
+    return np.array(values, dtype=np.float64)
 
 
 def split_records(records: Mapping[str, Record], source: str | Path) -> tuple[dict[str, Record], tuple[str, ...]]:

@@ -11,6 +11,9 @@ from gsbridge.errors import InputError
 from gsbridge.policy.settings import PolicySettings
 from gsbridge.reality.world.further import further_world
 
+AMENDED = "results/loop/model.yaml"
+"""Simulation model that the loop amends."""
+
 
 def check_policies(config: Mapping[str, Any], root: str | Path) -> None:
     """Refuse settings of policies and worlds that would fail hours later.
@@ -48,12 +51,34 @@ def check_policies(config: Mapping[str, Any], root: str | Path) -> None:
         if variant not in config["variants"]:
             choices = ", ".join(sorted(config["variants"]))
             raise InputError("config: study.variants", f"'{variant}' is not configured", f"Use one of: {choices}")
-    loop = config["loop"]
-    for key, section in (("variant", "variants"), ("reference", "worlds"), ("changed", "worlds")):
-        # The defaults stand for no demonstration at all.
-        if loop["variant"] != "default" and loop[key] not in config[section]:
-            choices = ", ".join(sorted(config[section]))
-            raise InputError(f"config: loop.{key}", f"'{loop[key]}' is not configured", f"Use one of: {choices}")
+    if config["loop"]["variant"] != "default":  # the default stands for no demonstration at all
+        _check_loop(config)
     for name, world in config["worlds"].items():
         seed = config["seed"] if world["seed"] is None else world["seed"]
         further_world(config["seed"], seed, world["hidden"], f"config: worlds.{name}.hidden")
+
+
+def _check_loop(config: Mapping[str, Any]) -> None:
+    """Whether the closed loop can be run.
+
+    Raises:
+        InputError: It names what is not configured, its worlds are one, or its variant learns with another model.
+    """
+    loop = config["loop"]
+    places = {
+        "variant": (loop["variant"], "variants"),
+        "reference": (loop["reference"], "worlds"),
+        "changed": (loop["changed"], "worlds"),
+        "cell.object": (loop["cell"]["object"], "scenes"),
+        "cell.background": (loop["cell"]["background"], "scenes"),
+    }
+    for key, (name, section) in places.items():
+        if name not in config[section]:
+            choices = ", ".join(sorted(config[section]))
+            raise InputError(f"config: loop.{key}", f"'{name}' is not configured", f"Use one of: {choices}")
+    if loop["reference"] == loop["changed"]:
+        raise InputError("config: loop.changed", "it is the reference", "Name a world in which something changed")
+    if config["variants"][loop["variant"]]["model"] != AMENDED:
+        raise InputError(
+            f"config: variants.{loop['variant']}.model", "it is not what the loop amends", f"Write model: {AMENDED}"
+        )

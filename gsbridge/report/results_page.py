@@ -55,6 +55,9 @@ def results_markdown(scores: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> s
         "`benchmarks/floors.yaml`. A figure that was not measured, or was measured on less than the floor asks for, is unmet.",
     ]
     for area, figures in scores.items():
+        if not figures:
+            lines += ["", f"## {area}", "", "Not recorded yet."]
+            continue
         floors = [score for score in figures.values() if score["floor"] is not None]
         met = sum(score["met"] for score in floors)
         commits = sorted({score["commit"] for score in figures.values()})
@@ -96,13 +99,13 @@ def write_results_page(folder: str | Path, out: str | Path) -> None:
     """Write `benchmarks/RESULTS.md`.
 
     Args:
-        folder: Recorded scores, `{area}.json`; areas without one are not on the page.
+        folder: Recorded scores, `{area}.json`; areas without one are said to be missing.
         out: The page.
 
     Raises:
         InputError: A file is damaged.
     """
     files = [Path(folder) / f"{area}.json" for area in AREAS]
-    text = results_markdown({path.stem: read_json(path) for path in files if path.exists()})
+    text = results_markdown({path.stem: read_json(path) if path.exists() else {} for path in files})
     with atomic_file(out) as temporary:
         temporary.write_text(text, encoding="utf-8")

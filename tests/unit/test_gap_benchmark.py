@@ -147,7 +147,7 @@ def test_what_does_not_show_gives_way_and_what_cancels_is_not_hidden():
         order, case = _drawn(site, Order("a", "single", names, 5.0, 1, 2, ("position",)))
         assert "mute" not in case.hidden
         assert set(order.names) == set(case.hidden) != set(names)
-    with pytest.raises(InputError, match="shows in no joint"):
+    with pytest.raises(InputError, match="mute do not show"):
         _drawn(replace(site, names=("mute",)), Order("a", "single", ("mute",), 5.0, 1, 2, ("position",)))
 
 

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gsbridge.errors import InputError
-from gsbridge.gap.formats.files import case_files, case_model, case_name, case_path, check_asked_cases
+from gsbridge.gap.case import _noise_of
+from gsbridge.gap.formats.files import case_files, case_model, case_name, case_path, check_asked_cases, check_own_cases
 from gsbridge.gap.formats.logs import read_log
 from gsbridge.gap.formats.store import load_records, save_records
 from gsbridge.gap.records import Layout, Record, read_record
@@ -315,3 +316,16 @@ def test_the_same_table_is_read_directly_and_through_a_log(tmp_path):
         tmp_path / "log.csv", index=False
     )
     assert read_log(tmp_path / "log.csv", Layout(JOINTS)).digest == read_record(tmp_path / "log.csv", Layout(JOINTS)).digest
+
+
+def test_names_of_the_workflows_own_cases_are_taken():
+    check_own_cases(["axis"], ["loop_changed"])
+    with pytest.raises(InputError, match="loop_changed"):
+        check_own_cases(["loop_changed", "axis"], ["loop_changed"])
+
+
+@pytest.mark.parametrize("noise", [0.0, -1e-3, [1e-3], [1e-3, "small"], "small", True])
+def test_noise_that_makes_no_sense_is_refused(noise):
+    with pytest.raises(InputError, match=r"noise.position"):
+        _noise_of("position", noise, 2, "case.yaml")
+    assert _noise_of("position", [1e-3, 2e-3], 2, "case.yaml").tolist() == [1e-3, 2e-3]

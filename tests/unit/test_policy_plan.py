@@ -5,7 +5,7 @@ import copy
 import pytest
 
 from gsbridge.errors import InputError
-from gsbridge.policy.plan import check_policies
+from gsbridge.policy.plan import AMENDED, check_policies
 
 CONFIG = {
     "seed": 1,
@@ -13,8 +13,19 @@ CONFIG = {
     "pick_and_place_policy": {"steps": 900},
     "trials": {"worlds": ["mirror", "late"]},
     "study": {"variants": ["default", "bc"]},
+    "scenes": {"cake": {}, "foam_pad": {}},
+    "loop": {
+        "cell": {"object": "cake", "background": "foam_pad"},
+        "reference": "mirror",
+        "changed": "late",
+        "variant": "amended",
+    },
     "presets": {"toy": {"grasp_policy": {"steps": 50}}, "desktop": {}},
-    "variants": {"default": {"policy": {}, "model": None}, "bc": {"policy": {"algo": "bc"}, "model": "m.yaml"}},
+    "variants": {
+        "default": {"policy": {}, "model": None},
+        "bc": {"policy": {"algo": "bc"}, "model": "m.yaml"},
+        "amended": {"policy": {}, "model": AMENDED},
+    },
     "worlds": {"mirror": {"seed": None, "hidden": {}}, "late": {"seed": 4, "hidden": {"latency": 0.1}}},
 }
 
@@ -33,6 +44,11 @@ def test_sound_settings_pass(tmp_path):
         (("study", "variants"), ["default", "td3"], ["config: study.variants", "td3"]),
         (("trials", "worlds"), ["mirror", "mars"], ["config: trials.worlds", "mars"]),
         (("presets", "desktop", "trials"), {"worlds": ["mars"]}, ["presets.desktop.trials.worlds", "mars"]),
+        (("loop", "variant"), "mended", ["loop.variant", "mended"]),
+        (("loop", "changed"), "mars", ["loop.changed", "mars"]),
+        (("loop", "changed"), "mirror", ["loop.changed", "the reference"]),
+        (("loop", "variant"), "bc", ["variants.bc.model", AMENDED]),
+        (("loop", "cell"), {"object": "hat", "background": "foam_pad"}, ["loop.cell.object", "hat"]),
         (("worlds", "late", "hidden"), {"latencey": 0.1}, ["worlds.late.hidden", "latencey"]),
         (("worlds", "late", "hidden"), {"mass": "heavy"}, ["worlds.late.hidden", "mass"]),
     ],

@@ -316,7 +316,7 @@ def test_scores_and_page_from_files(tmp_path: Path, scored: dict) -> None:
     write_results_page(tmp_path / "scores", tmp_path / "RESULTS.md")
     text = (tmp_path / "RESULTS.md").read_text()
     assert "## real2sim" in text
-    assert "## simulator" not in text
+    assert "## simulator\n\nNot recorded yet." in text
     assert "**unmet**: measured on 1 of 7 scenes only" in text
     assert all(f"`{name}`" in text for name, entry in read_floors(FLOORS).items() if entry["area"] == "real2sim")
 

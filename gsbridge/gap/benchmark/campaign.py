@@ -99,7 +99,7 @@ def _drawn(site: Site, order: Order) -> tuple[Order, Case]:
         if not left:
             break
         order = replace(order, names=tuple(sorted([*kept, str(rng.choice(same or left))])))
-    raise InputError("benchmark", f"{' + '.join(order.names)} shows in no joint", "Take other courses")
+    raise InputError("benchmark", f"nothing could be hidden; {', '.join(sorted(failed))} do not show", "Take other courses")
 
 
 def _effect(name: str) -> str:

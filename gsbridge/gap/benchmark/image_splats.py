@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
-from gsbridge.cameras import Camera
+from gsbridge.cameras import Camera, camera_centre
 from gsbridge.gap.benchmark.image_world import World
 from gsbridge.geometry import Array
 from gsbridge.images import srgb_from_linear
@@ -65,11 +65,6 @@ def fit_splats(
         return Cloud(*(part.numpy() for part in parts))
 
 
-def camera_places(poses: Array) -> Array:
-    """Positions of cameras. [N, 4, 4] -> [N, 3]."""
-    return -np.einsum("nji,nj->ni", poses[:, :3, :3], poses[:, :3, 3])
-
-
 def _surface(world: World, camera: Camera, poses: Array, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
     """Places on surfaces that the photos show, and their encoded colours. [count, 3] each."""
     rays = camera.pixel_rays().reshape(-1, 3)
@@ -77,7 +72,7 @@ def _surface(world: World, camera: Camera, poses: Array, count: int, rng: np.ran
     places, colours = [], []
     for pose in poses:
         some = rays[rng.choice(len(rays), per)] + np.array([1.0, 1.0, 0.0]) * rng.normal(0, 0.5, (per, 3)) / camera.fx
-        colour, place = world.look(np.broadcast_to(camera_places(pose[None])[0], some.shape), some @ pose[:3, :3])
+        colour, place = world.look(np.broadcast_to(camera_centre(pose), some.shape), some @ pose[:3, :3])
         places.append(place)
         colours.append(srgb_from_linear(colour))
     keep = rng.permutation(per * len(poses))[:count]

@@ -108,14 +108,15 @@ class Site:
 
     def spread(self, name: str, hidden: Mapping[str, float], spin: Mapping[str, float]) -> float:
         """Mean square of what effect-free films show of an effect, in units of white noise: splats err in the same ways."""
-        if name not in self._spreads:
+        key = json.dumps([name, dict(sorted(hidden.items())), dict(sorted(spin.items()))])
+        if key not in self._spreads:
             squares = []
             for track, times, left in self.empty()[::2]:
                 change = self.lens(hidden, spin).photos(track, times) - self.lens().photos(track, times)
                 shape, rest = self.weigh(change).ravel(), self.weigh(left).ravel()
                 squares.append((shape @ rest) ** 2 / max(shape @ shape, 1e-12))
-            self._spreads[name] = 1.0 + float(np.mean(squares))
-        return self._spreads[name]
+            self._spreads[key] = 1.0 + float(np.mean(squares))
+        return self._spreads[key]
 
 
 def film(seed: int, photos: int, duration: float = 4.0, rounds: float = 0.0) -> tuple[Track, Array]:

@@ -124,3 +124,13 @@ def _inside(path: Path) -> list[Path]:
     if path.is_dir():
         return sorted(file for file in path.rglob("*") if file.suffix in _NUMBERS and file.is_file())
     return [path] if path.is_file() else []
+
+
+def check_own_cases(cases: Iterable[str], own: Iterable[str]) -> None:
+    """Refuse cases that bear a name of the workflow's own.
+
+    Raises:
+        InputError: One does.
+    """
+    for name in sorted(set(cases) & set(own)):
+        raise InputError("config: gap.cases", f"'{name}' is a case that the workflow makes", "Call yours something else")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from gsbridge.geometry import Array
@@ -14,7 +13,7 @@ from gsbridge.scene.track import Track
 ROLES = ("fit", "select", "verify")
 
 REFERENCE = "reference"
-"""Photos that the splats were made from, or others of the same camera and light: by them the floor is learnt."""
+"""Photos of the same camera and light that the splats were not made from: by them the floor is learnt."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +45,3 @@ class Shots:
     def part(self, keep: Array) -> Shots:
         """Some of the photos."""
         return replace(self, times=self.times[keep], photos=self.photos[keep])
-
-    def shrunk(self, width: int, height: int) -> Shots:
-        """Photos averaged down to another size."""
-        small = np.stack([cv2.resize(photo, (width, height), interpolation=cv2.INTER_AREA) for photo in self.photos])
-        return replace(self, photos=small)

@@ -120,12 +120,6 @@ class View:
         """Where splats leave no hole: elsewhere nothing is compared. [N, H, W]."""
         return self.model.photographer.covered(self.shots.track, self.shots.times)
 
-    @property
-    def freedom(self) -> int:
-        """Numbers in a residual."""
-        count, height, width = self.shots.photos.shape[:3]
-        return count * 3 * (height * width) + int((self.flats.counts >= 20).sum()) * 3
-
     def by_photo(self, table: Array) -> Array:
         """A residual with the numbers of each photo together. [N * H + N, 3 * W] -> [N, (H + 1) * 3 * W]."""
         count, height = self.shots.photos.shape[:2]

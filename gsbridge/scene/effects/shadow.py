@@ -13,7 +13,10 @@ from gsbridge.scene.shooting import SURFACE, Frame, Shooting
 
 
 class Shadow(ImageEffect):
-    """A shadow on the table, grey and fixed to it."""
+    """A shadow on the table, grey and fixed to it.
+
+    Places are those of the nominal pinhole: beside a wrong focal length or distortion it lies off by as much.
+    """
 
     name = "shadow"
     title = "shadow"
