@@ -99,7 +99,9 @@ def trial_state(world, wildcards, input):
     item = "-".join([*wildcards, *([] if "world" in wildcards.keys() else [world])])
     code = code_digest("gsbridge.policy.trials")
     hidden = config["worlds"].get(world)
-    return state_folder("try_policy", item, code, settings("trials"), made, SEED, hidden)
+    return state_folder(
+        "try_policy", item, code, settings("trials"), made, SEED, hidden
+    )
 
 
 def pictured_worlds(cell):
