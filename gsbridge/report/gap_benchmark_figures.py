@@ -43,6 +43,8 @@ TIERS = {
 }
 
 _ACCENT, _SOFT = "#1f6f8b", "#5b6b7b"
+
+_MARKS = (("o", _ACCENT), ("s", "#b08a4f"), ("^", "#8a5fa8"), ("D", "#c0573d"), ("v", "#5d7f3b"), ("P", "#6b7280"))
 _COUNTS = LinearSegmentedColormap.from_list("counts", ["#eaf2f5", "#1f6f8b"])
 _WRONG = LinearSegmentedColormap.from_list("wrong", ["#f6dcda", "#b3261e"])
 
@@ -94,20 +96,20 @@ def draw_methods(tier: str, methods: Mapping[str, Mapping[str, Any]]) -> str:
     """
     with plt.rc_context(PLAIN):
         figure, axis = plt.subplots(figsize=(6.6, 3.9), layout="constrained")
-        for method, scores in methods.items():
+        for number, (method, scores) in enumerate(methods.items()):
             right, wrong = scores["named_right"], scores["named_wrong"]
             if right["value"] is None or wrong["value"] is None:
                 continue
             x, y = 100 * wrong["value"], 100 * right["value"]
             reach = [[max(value, 0.0)] for value in (x - 100 * wrong["ci95_low"], 100 * wrong["ci95_high"] - x)]
             rise = [[max(value, 0.0)] for value in (y - 100 * right["ci95_low"], 100 * right["ci95_high"] - y)]
-            ours = method == "gsbridge"
-            colour = _ACCENT if ours else "#b08a4f"
-            axis.errorbar(x, y, rise, reach, fmt="o", color=colour, capsize=2, markersize=8 if ours else 6, linewidth=1)
-            axis.annotate(
-                METHODS.get(method, method), (x, y), (7, 6), textcoords="offset points", fontsize=9.5, color=colour,
-                fontweight="bold" if ours else "normal",
+            ours, (mark, colour) = method == "gsbridge", _MARKS[number % len(_MARKS)]
+            axis.errorbar(
+                x, y, rise, reach, fmt=mark, color=colour, capsize=2, markersize=8 if ours else 6, linewidth=1,
+                label=METHODS.get(method, method),
             )  # fmt: skip
+        # A legend: the best ways lie too close together for words beside them.
+        axis.legend(loc="lower left", frameon=False, fontsize=9.5)
         axis.set_xlim(-2, 102)
         axis.set_ylim(-2, 104)
         axis.set_xlabel("wrong names, % of single effects")
