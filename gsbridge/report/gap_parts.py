@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +35,7 @@ def read_series(path: str | Path) -> dict[str, Array]:
 
 
 @dataclass(frozen=True)
-class Parts:
+class Parts(ABC):
     """What differs from one kind of case to another.
 
     Args:
@@ -55,15 +56,15 @@ class Parts:
     rivals_note: str
     noise_note: str
 
+    @abstractmethod
     def numbers(self, findings: Mapping[str, Any], judged: Mapping[str, Any], explained: bool) -> list[dict[str, str]]:
         """The figures at the top: gap before and after on the record that was judged."""
-        raise NotImplementedError
 
+    @abstractmethod
     def pictures(
         self, findings: Mapping[str, Any], series: Mapping[str, Array], judged: Mapping[str, Any], explained: bool
     ) -> dict[str, str]:
         """The two figures of before and after with their words."""
-        raise NotImplementedError
 
 
 class MechanismParts(Parts):
