@@ -187,6 +187,8 @@ def policy_place(policy):
 
 def policies_of(table):
     """Policies that a table of successes shows; those trained on a mesh stand beside the splats of the same cell."""
+    if table == "worlds":
+        return [policy for policy in POLICIES if policy["renderer"] == "gs"]
     task = "pick_and_place" if table == "pick_and_place" else "grasp"
     chosen = [policy for policy in POLICIES if policy["task"] == task]
     if table != "renderer_contrast":
@@ -210,12 +212,12 @@ def policy_files(policies, name):
     ]
 
 
-def policy_trials(policies, ending):
-    """Trials of policies in all worlds; the mirrors have their own scenes only."""
+def policy_trials(policies, ending, worlds=WORLDS):
+    """Trials of policies in worlds; the mirrors have their own scenes only."""
     return [
         f"results/trials/{policy_place(policy)}/{world}/seed{seed}.{ending}"
         for policy in policies
-        for world in WORLDS
+        for world in worlds
         if world == "sim" or {policy["object"], policy["background"]} <= set(films())
         for seed in POLICY_SEEDS
     ]
@@ -231,19 +233,30 @@ def robot_trials(policies):
     }
 
 
+def worlds_of(table):
+    """Worlds that a table of successes shows."""
+    return ["sim", *config["study"]["worlds"]] if table == "worlds" else WORLDS
+
+
 def table_trials(wildcards):
     """Trials that a table of successes is made of."""
-    return policy_trials(policies_of(wildcards.table), "csv")
+    table = wildcards.table
+    return policy_trials(policies_of(table), "csv", worlds_of(table))
 
 
 def table_trial_records(wildcards):
     """Records of the same trials."""
-    return policy_trials(policies_of(wildcards.table), "json")
+    table = wildcards.table
+    return policy_trials(policies_of(table), "json", worlds_of(table))
 
 
 def table_robot_trials(wildcards):
     """A user's own trials that stand in a table of successes, by the place of their policy."""
-    return robot_trials(policies_of(wildcards.table))
+    return (
+        {}
+        if wildcards.table == "worlds"
+        else robot_trials(policies_of(wildcards.table))
+    )
 
 
 def table_robot_files(wildcards):

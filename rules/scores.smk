@@ -131,6 +131,50 @@ rule score_policies:
         "../scripts/score_policies.py"
 
 
+rule score_worlds:
+    input:
+        # Its date changes with every checkout; its digest below tells whether it changed.
+        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
+        worlds="results/rows/worlds.csv",
+    output:
+        measured="results/scores/measured/worlds.json",
+        scores="results/scores/worlds.json",
+    log:
+        "results/logs/score_worlds.log",
+    conda:
+        "../envs/report.yaml"
+    params:
+        code=code_digest("gsbridge.report.score", "gsbridge.report.measured_policies"),
+        floors_digest=file_digest("benchmarks/floors.yaml"),
+        preset=config["preset"],
+    message:
+        "Compare the policies in further worlds with the floors"
+    script:
+        "../scripts/score_worlds.py"
+
+
+rule score_study:
+    input:
+        # Its date changes with every checkout; its digest below tells whether it changed.
+        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
+        study="results/rows/study.csv",
+    output:
+        measured="results/scores/measured/study.json",
+        scores="results/scores/study.json",
+    log:
+        "results/logs/score_study.log",
+    conda:
+        "../envs/report.yaml"
+    params:
+        code=code_digest("gsbridge.report.score", "gsbridge.report.measured_study"),
+        floors_digest=file_digest("benchmarks/floors.yaml"),
+        preset=config["preset"],
+    message:
+        "Compare the study with the floors"
+    script:
+        "../scripts/score_study.py"
+
+
 rule record_scores:
     input:
         scores="results/scores/{area}.json",

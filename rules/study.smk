@@ -1,6 +1,7 @@
 rule study:
     input:
-        "results/rows/study.csv",
+        "results/study.md",
+        "results/worlds.md",
         "results/gap-benchmark/report.html",
         loop_rows,
     localrule: True
@@ -23,3 +24,21 @@ rule collect_study:
         "Compare the ways of learning"
     script:
         "../scripts/collect_study.py"
+
+
+rule write_worlds:
+    input:
+        rows="results/rows/worlds.csv",
+    output:
+        page="results/worlds.md",
+    log:
+        "results/logs/write_worlds.log",
+    localrule: True
+    conda:
+        "../envs/report.yaml"
+    params:
+        code=code_digest("gsbridge.report.further"),
+    message:
+        "Compare the policies in further worlds"
+    script:
+        "../scripts/write_worlds.py"

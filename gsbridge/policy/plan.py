@@ -47,10 +47,11 @@ def check_policies(config: Mapping[str, Any], root: str | Path) -> None:
                     f"'{world}' is not configured",
                     f"Use one of: {', '.join(sorted(config['worlds']))}",
                 )
-    for variant in config["study"]["variants"]:
-        if variant not in config["variants"]:
-            choices = ", ".join(sorted(config["variants"]))
-            raise InputError("config: study.variants", f"'{variant}' is not configured", f"Use one of: {choices}")
+    for key in ("variants", "worlds"):
+        for name in config["study"][key]:
+            if name not in config[key]:
+                choices = ", ".join(sorted(config[key]))
+                raise InputError(f"config: study.{key}", f"'{name}' is not configured", f"Use one of: {choices}")
     if config["loop"]["variant"] != "default":  # the default stands for no demonstration at all
         _check_loop(config)
     for name, world in config["worlds"].items():

@@ -1,4 +1,4 @@
-"""Figures of the area `policies`, gathered from the rows of the tables under the names of `floors.yaml`.
+"""Figures of the areas `policies` and `worlds`, gathered from the rows of the tables under the names of `floors.yaml`.
 
 A figure that cannot be formed from what is there is left out, and the `score` rule then counts it as unmet. `cells` is the
 number of cells behind a figure, `trials` the fewest trials of any of them in one world and set of start poses.
@@ -26,6 +26,7 @@ GRASPING = "results/rows/grasping.csv"
 CONTRAST = "results/rows/renderer_contrast.csv"
 PLACING = "results/rows/pick_and_place.csv"
 TRAINING = "results/rows/training.csv"
+WORLDS = "results/rows/worlds.csv"
 TOY = "toy/results/rows/grasping.csv"
 WALL_TIMES = "results/benchmarks/wall_times.json"
 
@@ -186,3 +187,22 @@ def write_policy_figures(
             out, f"rows about the policies are damaged ({error!r})", "Delete the rows that it is made of and run again"
         ) from error
     write_json(out, {"preset": preset, "figures": figures})
+
+
+def write_world_figures(out: str | Path, rows_csv: str | Path, preset: str) -> None:
+    """Gather the figures of the area `worlds`, policies in further worlds, and write them.
+
+    Args:
+        out: JSON of measured figures, an input of `score.write_scores`.
+        rows_csv: `rows/worlds.csv`: all cells that were trained on splats.
+        preset: Preset that ran.
+
+    Raises:
+        InputError: The rows are damaged.
+    """
+    rows = read_rows(rows_csv, success_table.COLUMNS)
+    try:
+        figures = success_figures(rows, [], rows)
+    except (KeyError, ValueError) as error:
+        raise InputError(rows_csv, f"rows about the policies are damaged ({error!r})", "Delete them and run again") from error
+    write_json(out, {"preset": preset, "figures": {name: {**figure, "where": WORLDS} for name, figure in figures.items()}})

@@ -12,7 +12,7 @@ CONFIG = {
     "grasp_policy": {},
     "pick_and_place_policy": {"steps": 900},
     "trials": {"worlds": ["mirror", "late"]},
-    "study": {"variants": ["default", "bc"]},
+    "study": {"variants": ["default", "bc"], "worlds": ["late"]},
     "scenes": {"cake": {}, "foam_pad": {}},
     "loop": {
         "cell": {"object": "cake", "background": "foam_pad"},
@@ -42,6 +42,7 @@ def test_sound_settings_pass(tmp_path):
         (("presets", "toy", "grasp_policy"), {"critic_batch": 16}, ["presets.toy.grasp_policy", "critic_batch"]),
         (("variants", "bc", "model"), "gone.yaml", ["variants.bc.model", "gone.yaml"]),
         (("study", "variants"), ["default", "td3"], ["config: study.variants", "td3"]),
+        (("study", "worlds"), ["mirror", "mars"], ["config: study.worlds", "mars"]),
         (("trials", "worlds"), ["mirror", "mars"], ["config: trials.worlds", "mars"]),
         (("presets", "desktop", "trials"), {"worlds": ["mars"]}, ["presets.desktop.trials.worlds", "mars"]),
         (("loop", "variant"), "mended", ["loop.variant", "mended"]),

@@ -6,6 +6,7 @@ from policy_files import trial_rows, write_policy, write_trials
 from scipy.stats import binomtest
 
 from gsbridge.errors import InputError
+from gsbridge.report.measured_study import study_figures
 from gsbridge.report.places import Cell
 from gsbridge.report.rows import read_rows
 from gsbridge.report.study import write_study
@@ -15,11 +16,11 @@ def cell(variant):
     return Cell("grasp", "bear", "foam_pad", variant=variant)
 
 
-def policies(folder, variant, successes, *, offset=0.0, evaluations=3):
+def policies(folder, variant, successes, *, offset=0.0, evaluations=3, algo="sacwb"):
     """Trainings and trials of one variant: successes of 64 by seed."""
     trainings, trials = [], []
     for seed, good in enumerate(successes, start=1):
-        more = {"controller_offset": [offset, 0.0], "controller_success": 0.34 if offset else 1.0}
+        more = {"algo": algo, "controller_offset": [offset, 0.0], "controller_success": 0.34 if offset else 1.0}
         more |= {"cpu_seconds": {"update": 120.0, "environment": 60.0}}
         training, _ = write_policy(folder, cell(variant), [0.5] * evaluations, seed=seed, **more)
         trainings.append(training)
@@ -50,3 +51,31 @@ def test_unequal_steps_are_no_comparison(tmp_path):
     with pytest.raises(InputError, match="stop_after"):
         write_study(first[0] + second[0], first[1] + second[1], tmp_path / "study.csv", tmp_path / "study.md")
     assert not (tmp_path / "study.csv").exists()
+
+
+def rows_of(tmp_path, **successes):
+    """Rows of a study: successes of 64 by variant and seed; `biased_` ones learned from a controller that is 30 mm off."""
+    found = [
+        policies(tmp_path, name, good, offset=0.03 if name.startswith("biased") else 0.0, algo=name.split("_")[-1])
+        for name, good in successes.items()
+    ]
+    trainings, trials = ([path for paths in parts for path in paths] for parts in zip(*found, strict=True))
+    write_study(trainings, trials, tmp_path / "study.csv", tmp_path / "study.md")
+    return read_rows(tmp_path / "study.csv")
+
+
+def test_leads_are_over_the_controller_and_over_the_better_imitation(tmp_path):
+    ways = {"sacwb": [64, 64, 64], "bc": [64, 64, 64], "dagger": [64, 60, 62], "sac": [1, 2, 3]}
+    biased = {"biased_sacwb": [48, 48, 48], "biased_bc": [32, 32, 32], "biased_dagger": [40, 40, 40]}
+    found = study_figures(rows_of(tmp_path, **ways, **biased))
+    # The controllers of these files succeed in 100 and 34 %.
+    assert found["study_lead_min"]["value"] == pytest.approx(0.0)
+    assert found["study_lead_min"]["interval"] == pytest.approx([0.0, 75 - 34])
+    assert found["study_imitation_good"]["value"] == pytest.approx(0.0)
+    assert found["study_imitation_biased"]["value"] == pytest.approx(75 - 62.5)
+    assert {figure["seeds"] for figure in found.values()} == {3}
+
+
+def test_half_a_study_has_no_lead(tmp_path):
+    found = study_figures(rows_of(tmp_path, sacwb=[64], bc=[64]))
+    assert found == {}

@@ -1,0 +1,21 @@
+"""Compare the study with its floors."""
+
+from typing import TYPE_CHECKING
+
+from gsbridge.logs import start
+from gsbridge.report.measured_study import write_study_figures
+from gsbridge.report.score import current_commit, write_scores
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+write_study_figures(snakemake.output.measured, snakemake.input.study, snakemake.params.preset)
+write_scores(
+    snakemake.input.floors,
+    [snakemake.output.measured],
+    snakemake.output.scores,
+    area="study",
+    preset=snakemake.params.preset,
+    commit=current_commit(),
+)

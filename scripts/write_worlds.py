@@ -1,0 +1,12 @@
+"""Write the page about further worlds."""
+
+from typing import TYPE_CHECKING
+
+from gsbridge.logs import start
+from gsbridge.report.further import write_further
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+write_further(snakemake.input.rows, snakemake.output.page)
