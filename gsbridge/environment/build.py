@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from gsbridge.asset.bundle import Asset, read_asset
-from gsbridge.environment.controllers import GraspController, PlaceController, grip_of
+from gsbridge.environment.controllers import GraspController, PlaceController, grip_of, stable_gain
 from gsbridge.environment.env import PickEnvironment
 from gsbridge.environment.gaussian_renderer import GaussianRenderer
 from gsbridge.environment.mesh_renderer import MeshRenderer
@@ -141,21 +141,25 @@ def environment_makers(files: StageFiles, settings: EnvironmentSettings, count: 
     return [partial(build_environment, files, settings) for _ in range(count)]
 
 
-def build_controller(item: str | Path, settings: EnvironmentSettings, stroke: float = 0.14) -> GraspController:
+def build_controller(
+    item: str | Path, settings: EnvironmentSettings, stroke: float = 0.14, *, delay: float = 0.0
+) -> GraspController:
     """The baseline controller of the settings' task for an object.
 
     Args:
         item: `asset.json` of the object.
         settings: Task and action scale.
         stroke: Largest opening of the gripper, m.
+        delay: Of commands, control periods: the later they act, the gentler it is.
     """
     asset = _asset(item, "object")
     assert asset.properties is not None
     grip = grip_of(Item.of(asset, item).points, asset.properties.centre)
     rules = settings.rules()
+    gain = stable_gain(delay)
     if isinstance(rules, Place):
-        return PlaceController(grip, settings.action_scale(), stroke=stroke, task=rules)
-    return GraspController(grip, settings.action_scale(), stroke=stroke)
+        return PlaceController(grip, settings.action_scale(), stroke=stroke, gain=gain, task=rules)
+    return GraspController(grip, settings.action_scale(), stroke=stroke, gain=gain)
 
 
 def _asset(path: str | Path, kind: str) -> Asset:

@@ -5,7 +5,7 @@ What a phase-based program would remember is read off the state instead: an obje
 around the object are about to close; pads that closed on nothing go up and open again.
 
 Commands are integrated by the environment, and the arm follows with a lag of up to three steps. Errors are therefore
-answered by `GAIN` per step, which is stable for that lag: the limit of `e' = e - k e_delayed` by 3 steps is k = 0.445.
+answered by `GAIN` per step, which is stable for that lag, see `stable_gain`; where commands take longer, by less.
 
 Source: the idea of a light controller from RL-GSBridge (SACwB); its hidden counters are not copied.
 """
@@ -24,7 +24,10 @@ from gsbridge.tasks.place import Place
 from gsbridge.tasks.state import State
 
 GAIN = 0.3
-"""Share of an error that one step answers."""
+"""Share of an error that one step answers, of an arm without delay."""
+
+LAG = 3.0
+"""Steps that such an arm lags behind."""
 
 DESCENT = 2.0 / 3.0
 """Share of that while going down on the object: with a lag of three steps the whole of it overshoots by 6 mm."""
@@ -37,6 +40,26 @@ HALF_PAD = 0.0325
 
 LOWEST_GRIP = 0.043
 """Of the tool point over the foot of the object, m: fingertips 10 mm above the table, or the plate when it is set down."""
+
+
+def gain_limit(lag: float) -> float:
+    """Largest share of an error that may be answered per step, if the error is seen `lag` steps late.
+
+    Above it `e[t + 1] = e[t] - k e[t - lag]` swings up; at it a root `exp(i w)` of its characteristic equation lies on the unit
+    circle, with `w = pi / (2 lag + 1)`.
+
+    Source: Levin and May, A note on difference-delay equations, Theoretical Population Biology 9 (1976).
+    """
+    return float(2.0 * np.sin(np.pi / (4.0 * lag + 2.0)))
+
+
+def stable_gain(delay: float) -> float:
+    """`GAIN`, or less where commands are late: as far below the limit as `GAIN` is without delay.
+
+    Args:
+        delay: Of commands, control periods.
+    """
+    return GAIN * (gain_limit(LAG + delay) / gain_limit(LAG))
 
 
 @dataclass(frozen=True)
@@ -128,6 +151,7 @@ class GraspController:
         aligned: Horizontal error at which it may go down, m.
         turned: Error in yaw at which it may go down, rad.
         firm: Force of each pad from which the object counts as held, N.
+        gain: Share of an error that one step answers.
     """
 
     grip: Grip
@@ -139,13 +163,14 @@ class GraspController:
     aligned: float = 0.006
     turned: float = 0.08
     firm: float = 5.0
+    gain: float = GAIN
 
     def __call__(self, state: State) -> Array:
         """Actions for N worlds. float32 [N, 5], each -1..1."""
         reach = self._reach(state)
         motion, opening = self._approach(state, reach)
         up = np.zeros_like(motion)
-        up[:, 2] = _towards(self.lift - state.object_clearance, self.scale.position)
+        up[:, 2] = self._towards(self.lift - state.object_clearance, self.scale.position)
         return _packed(np.where(reach.held[:, None], up, motion), np.where(reach.held, -1.0, opening))
 
     def _reach(self, state: State) -> Reach:
@@ -184,13 +209,18 @@ class GraspController:
         rising = (goal > 0) & (reach.height < hover - 0.02)
         motion = np.zeros((len(state), 4))
         # Sideways only above the object, or as a small correction on the way down.
-        sideways = _towards(reach.offset, self.scale.position)
+        sideways = self._towards(reach.offset, self.scale.position)
         motion[:, :2] = np.where((rising & (distance > 0.03))[:, None], 0.0, sideways)
-        motion[:, 2] = _towards(goal - reach.height, self.scale.position) * np.where(goal > 0, 1.0, DESCENT)
-        motion[:, 3] = _towards(reach.turn, self.scale.yaw)
+        motion[:, 2] = self._towards(goal - reach.height, self.scale.position) * np.where(goal > 0, 1.0, DESCENT)
+        motion[:, 3] = self._towards(reach.turn, self.scale.yaw)
         motion[closing] = 0.0
-        opening = np.clip(APERTURE_GAIN * (free - state.aperture) / self.scale.aperture, -1.0, 1.0)
+        share = APERTURE_GAIN * (self.gain / GAIN)
+        opening = np.clip(share * (free - state.aperture) / self.scale.aperture, -1.0, 1.0)
         return motion, np.where(closing, -1.0, opening)
+
+    def _towards(self, error: Array, step: float) -> Array:
+        """Action that answers an error by a share of it. Any shape."""
+        return np.clip(self.gain * np.asarray(error) / step, -1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -223,8 +253,8 @@ class PlaceController(GraspController):
         goal = np.where(over | ((distance < 1.5 * self.near) & (above < 0.5 * self.carry)), 0.5 * self.drop, self.carry)
         carried = np.zeros((len(state), 4))
         free_to_go = above > 0.7 * self.carry
-        carried[:, :2] = np.where((free_to_go | over)[:, None], _towards(away, self.scale.position), 0.0)
-        carried[:, 2] = _towards(goal - above, self.scale.position)
+        carried[:, :2] = np.where((free_to_go | over)[:, None], self._towards(away, self.scale.position), 0.0)
+        carried[:, 2] = self._towards(goal - above, self.scale.position)
         # On the way down every step is short enough that the arm's lag does not press the object on the plate.
         lowering = goal < self.carry
         slow = np.maximum(0.1 * above / self.scale.position, 0.03)
@@ -240,15 +270,10 @@ class PlaceController(GraspController):
         # Let go: up only when the pads are clear of the object.
         clear = state.aperture > np.minimum(self.grip.width + 0.015, 0.95 * self.stroke)
         back = np.zeros_like(motion)
-        back[:, 2] = np.where(clear, _towards(self.retreat - reach.height, self.scale.position), 0.0)
+        back[:, 2] = np.where(clear, self._towards(self.retreat - reach.height, self.scale.position), 0.0)
         motion = np.where(seated[:, None], back, motion)
         spread = np.where(clear, 0.0, 1.0)
         return _packed(motion, np.where(release, 1.0, np.where(seated, spread, opening)))
-
-
-def _towards(error: Array, step: float) -> Array:
-    """Action that answers an error by `GAIN` of it. Any shape."""
-    return np.clip(GAIN * np.asarray(error) / step, -1.0, 1.0)
 
 
 def _packed(motion: Array, opening: Array) -> Array:

@@ -17,6 +17,7 @@ from gsbridge.policy.observation import Controller
 from gsbridge.policy.onnx import export_onnx
 from gsbridge.policy.settings import PolicySettings
 from gsbridge.policy.trainer import Trainer, Training
+from gsbridge.sim.model import read_model
 
 ENOUGH = 0.95
 """Success at which a policy counts as trained, for the time that it took."""
@@ -58,7 +59,9 @@ def train_policy(
     """
     environment = build_environment(files, environment_settings)
     try:
-        controller: Controller = build_controller(files.item, environment_settings)
+        model = read_model(files.model)
+        delay = model.arm.delay * model.timing.control_hz
+        controller: Controller = build_controller(files.item, environment_settings, delay=delay)
         if any(controller_offset):
             controller = BiasedController(controller, controller_offset)
         key = {"files": files_digest(files), "controller_offset": list(controller_offset)}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from environment_fixture import EDGE, GRIP, PLATE, hand_environment
 
-from gsbridge.environment.controllers import GraspController, Grip, PlaceController, grip_of
+from gsbridge.environment.controllers import GAIN, GraspController, Grip, PlaceController, gain_limit, grip_of, stable_gain
 from gsbridge.environment.env import state_of
 from gsbridge.errors import InputError
 from gsbridge.tasks.state import State
@@ -55,6 +55,39 @@ def test_places_on_the_plate_without_pressing(lag):
         assert info["success"], (index, info["failure"])
         assert info["terms"]["distance"] < 0.015
         assert info["steps"] <= 100
+
+
+@pytest.mark.parametrize("delay", [1, 2, 3])
+def test_the_later_commands_act_the_gentler_it_grasps(delay):
+    env = hand_environment(3 + delay)
+    for index in range(0, 32, 4):
+        _, info = play(env, GraspController(GRIP, gain=stable_gain(delay)), {"pose_set": "fixed", "index": index})
+        assert info["success"], (index, info["failure"])
+        assert env.world.crashes == 0
+
+
+def test_without_being_gentler_it_swings():
+    env = hand_environment(6)
+    ended = [play(env, GraspController(GRIP), {"pose_set": "fixed", "index": index})[1] for index in range(0, 32, 4)]
+    assert sum(info["success"] for info in ended) < 4
+
+
+@pytest.mark.parametrize("lag", [0, 1, 3, 6, 12])
+def test_the_limit_is_where_the_slowest_root_leaves_the_unit_circle(lag):
+    def largest(gain):
+        # z^(lag + 1) - z^lag + gain = 0, of e[t + 1] = e[t] - gain e[t - lag].
+        equation = np.zeros(lag + 2)
+        equation[[0, 1]] = 1.0, -1.0
+        equation[-1] += gain
+        return np.abs(np.roots(equation)).max()
+
+    limit = gain_limit(lag)
+    assert largest(0.999 * limit) < 1.0 < largest(1.001 * limit)
+
+
+def test_an_arm_without_delay_is_led_as_ever():
+    assert stable_gain(0.0) == GAIN == GraspController(GRIP).gain
+    assert stable_gain(3.2) / gain_limit(6.2) == pytest.approx(GAIN / gain_limit(3.0))
 
 
 def test_no_memory_and_any_number_of_worlds():
