@@ -424,4 +424,4 @@ wildcard_constraints:
     task="grasp|pick_and_place",
     seed=r"\d+",
     origin="mirror|real",
-    table="grasping|renderer_contrast|pick_and_place|worlds",
+    table="grasping|renderer_contrast|pick_and_place|worlds|sight",

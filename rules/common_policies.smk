@@ -189,6 +189,12 @@ def policies_of(table):
     """Policies that a table of successes shows; those trained on a mesh stand beside the splats of the same cell."""
     if table == "worlds":
         return [policy for policy in POLICIES if policy["renderer"] == "gs"]
+    if table == "sight":
+        plan = config["study"]
+        return [
+            {**plan["cell"], "renderer": "gs", "variant": name}
+            for name in plan["sight"]["variants"]
+        ]
     task = "pick_and_place" if table == "pick_and_place" else "grasp"
     chosen = [policy for policy in POLICIES if policy["task"] == task]
     if table != "renderer_contrast":
@@ -235,7 +241,9 @@ def robot_trials(policies):
 
 def worlds_of(table):
     """Worlds that a table of successes shows."""
-    return ["sim", *config["study"]["worlds"]] if table == "worlds" else WORLDS
+    plan = config["study"]
+    further = {"worlds": plan["worlds"], "sight": plan["sight"]["worlds"]}
+    return ["sim", *further[table]] if table in further else WORLDS
 
 
 def table_trials(wildcards):
@@ -323,6 +331,13 @@ def study_files(folder, ending):
         for policy in policies
         for seed in seeds
     ]
+
+
+def further_pages(wildcards):
+    """Pages about policies in further worlds, where any are named."""
+    plan = config["study"]
+    named = {"worlds": plan["worlds"], "sight": plan["sight"]["variants"]}
+    return [f"results/{table}.md" for table, found in named.items() if found]
 
 
 def measured_rows(name):

@@ -1,7 +1,7 @@
 rule study:
     input:
         "results/study.md",
-        "results/worlds.md",
+        further_pages,
         "results/gap-benchmark/report.html",
         loop_rows,
     localrule: True
@@ -26,19 +26,21 @@ rule collect_study:
         "../scripts/collect_study.py"
 
 
-rule write_worlds:
+rule write_further:
     input:
-        rows="results/rows/worlds.csv",
+        rows="results/rows/{table}.csv",
     output:
-        page="results/worlds.md",
+        page="results/{table}.md",
     log:
-        "results/logs/write_worlds.log",
+        "results/logs/write_further/{table}.log",
     localrule: True
+    wildcard_constraints:
+        table="worlds|sight",
     conda:
         "../envs/report.yaml"
     params:
         code=code_digest("gsbridge.report.further"),
     message:
-        "Compare the policies in further worlds"
+        "Compare policies in further worlds: {wildcards.table}"
     script:
-        "../scripts/write_worlds.py"
+        "../scripts/write_further.py"

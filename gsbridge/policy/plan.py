@@ -47,11 +47,12 @@ def check_policies(config: Mapping[str, Any], root: str | Path) -> None:
                     f"'{world}' is not configured",
                     f"Use one of: {', '.join(sorted(config['worlds']))}",
                 )
-    for key in ("variants", "worlds"):
-        for name in config["study"][key]:
-            if name not in config[key]:
-                choices = ", ".join(sorted(config[key]))
-                raise InputError(f"config: study.{key}", f"'{name}' is not configured", f"Use one of: {choices}")
+    for place, section in (("study", config["study"]), ("study.sight", config["study"]["sight"])):
+        for key in ("variants", "worlds"):
+            for name in section[key]:
+                if name not in config[key]:
+                    choices = ", ".join(sorted(config[key]))
+                    raise InputError(f"config: {place}.{key}", f"'{name}' is not configured", f"Use one of: {choices}")
     if config["loop"]["variant"] != "default":  # the default stands for no demonstration at all
         _check_loop(config)
     for name, world in config["worlds"].items():

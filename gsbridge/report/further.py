@@ -24,7 +24,7 @@ def write_further(rows_csv: str | Path, page: str | Path) -> None:
     rows = read_rows(rows_csv, COLUMNS)
     found = (
         summary_table(rows, "grasp", title="Grasping: means over the cells"),
-        mirrors_table(rows, title="Every cell"),
+        mirrors_table(rows, title="Every policy"),
     )
     text = "\n".join(markdown(table) for table in found if table is not None)
     with atomic_file(page) as temporary:

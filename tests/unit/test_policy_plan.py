@@ -12,7 +12,7 @@ CONFIG = {
     "grasp_policy": {},
     "pick_and_place_policy": {"steps": 900},
     "trials": {"worlds": ["mirror", "late"]},
-    "study": {"variants": ["default", "bc"], "worlds": ["late"]},
+    "study": {"variants": ["default", "bc"], "worlds": ["late"], "sight": {"variants": ["bc"], "worlds": ["mirror"]}},
     "scenes": {"cake": {}, "foam_pad": {}},
     "loop": {
         "cell": {"object": "cake", "background": "foam_pad"},
@@ -43,6 +43,8 @@ def test_sound_settings_pass(tmp_path):
         (("variants", "bc", "model"), "gone.yaml", ["variants.bc.model", "gone.yaml"]),
         (("study", "variants"), ["default", "td3"], ["config: study.variants", "td3"]),
         (("study", "worlds"), ["mirror", "mars"], ["config: study.worlds", "mars"]),
+        (("study", "sight", "variants"), ["dark"], ["config: study.sight.variants", "dark"]),
+        (("study", "sight", "worlds"), ["moon"], ["config: study.sight.worlds", "moon"]),
         (("trials", "worlds"), ["mirror", "mars"], ["config: trials.worlds", "mars"]),
         (("presets", "desktop", "trials"), {"worlds": ["mars"]}, ["presets.desktop.trials.worlds", "mars"]),
         (("loop", "variant"), "mended", ["loop.variant", "mended"]),

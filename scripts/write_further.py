@@ -1,4 +1,4 @@
-"""Write the page about further worlds."""
+"""Write a page about further worlds."""
 
 from typing import TYPE_CHECKING
 
