@@ -33,9 +33,9 @@ rule write_further:
         page="results/{table}.md",
     log:
         "results/logs/write_further/{table}.log",
-    localrule: True
     wildcard_constraints:
         table="worlds|sight",
+    localrule: True
     conda:
         "../envs/report.yaml"
     params:
