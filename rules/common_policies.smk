@@ -260,11 +260,9 @@ def table_trial_records(wildcards):
 
 def table_robot_trials(wildcards):
     """A user's own trials that stand in a table of successes, by the place of their policy."""
-    return (
-        {}
-        if wildcards.table == "worlds"
-        else robot_trials(policies_of(wildcards.table))
-    )
+    if wildcards.table not in success_tables():
+        return {}
+    return robot_trials(policies_of(wildcards.table))
 
 
 def table_robot_files(wildcards):
@@ -336,8 +334,12 @@ def study_files(folder, ending):
 def further_pages(wildcards):
     """Pages about policies in further worlds, where any are named."""
     plan = config["study"]
-    named = {"worlds": plan["worlds"], "sight": plan["sight"]["variants"]}
-    return [f"results/{table}.md" for table, found in named.items() if found]
+    named = {"worlds": plan["worlds"], "sight": plan["sight"]["worlds"]}
+    return [
+        f"results/{table}.md"
+        for table, worlds in named.items()
+        if worlds and policies_of(table)
+    ]
 
 
 def measured_rows(name):
