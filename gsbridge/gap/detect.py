@@ -11,6 +11,7 @@ import numpy as np
 
 from gsbridge.gap.noise import white_noise
 from gsbridge.gap.screen import Screen
+from gsbridge.gap.tail import tail_p
 from gsbridge.gap.view import View
 from gsbridge.geometry import Array
 
@@ -18,7 +19,7 @@ SCALES = (1, 4, 16, 64)
 """Lengths of the blocks over which residuals are averaged, samples: an effect lasts longer than noise."""
 
 REPLICATES = 199
-"""p-values down to 1/200."""
+"""Of noise."""
 
 _UNSURE = 0.5
 """Spread, in multiples of what a finer step changes, of what is left of the step's error after it was taken off."""
@@ -75,13 +76,13 @@ class Null:
         return np.maximum(np.quantile(self.excesses, 0.975, axis=0) - self._middle, 1.0) / 1.96
 
     def p_value(self, residual: Array) -> float:
-        """Share of replicates at least as large."""
+        """Share of replicates at least as large, beyond most of them by their tail."""
         replicas = ((self.excesses - self._middle) / self._spread).max(axis=1)
-        return float((1 + (replicas >= self.statistic(residual)).sum()) / (1 + len(replicas)))
+        return tail_p(replicas, self.statistic(residual))
 
     def p_gain(self, gain: float) -> float:
-        """Share of replicates in which some signature gains as much by chance."""
-        return float((1 + (self.gains >= gain).sum()) / (1 + len(self.gains)))
+        """Share of replicates in which some signature gains as much by chance; 1 without a bank."""
+        return tail_p(self.gains, gain) if len(self.gains) else 1.0
 
 
 def _estimated(view: View, noise: Array) -> Array:

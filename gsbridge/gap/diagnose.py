@@ -76,7 +76,7 @@ def diagnose(
         bank_folder: Keeps signatures from run to run.
         names: Effects that may be the reason; None for the whole catalogue.
         rules: Thresholds.
-        seed: Of replicates and bootstraps.
+        seed: Of replicates.
     """
     begin = time.perf_counter()
     mechanism = Mechanism(system)

@@ -115,6 +115,10 @@ class _Problem:
     def effects(self, vector: Array) -> tuple[Applied, ...]:
         return tuple(c.from_vector(part) for c, part in zip(self.who, np.split(vector, self.cuts), strict=True))
 
+    @property
+    def runs(self) -> int:
+        return self.view.mechanism.runs
+
     def residual(self, vector: Array) -> Array:
         return self.view.residual(self.effects(vector)).ravel()
 
@@ -157,7 +161,12 @@ class _Problem:
 
 
 def fit(
-    view: View, who: Sequence[Candidate], start: Sequence[dict[str, float]], bar: float = np.inf, screen: Screen | None = None
+    view: View,
+    who: Sequence[Candidate],
+    start: Sequence[dict[str, float]],
+    bar: float = np.inf,
+    screen: Screen | None = None,
+    limit: float = np.inf,
 ) -> Fit:
     """Fit all parameters of some effects together.
 
@@ -167,22 +176,23 @@ def fit(
         start: Parameters of each to start from.
         bar: Squared residual that a rival has reached: a fit that is not on its way there is given up, unconverged.
         screen: Signatures on that record, for the first derivatives.
+        limit: Simulations of the mechanism, those before included, at which a fit is given up, unconverged.
     """
     problem = _Problem(view, who)
     x = np.concatenate([candidate.vector(values) for candidate, values in zip(who, start, strict=True)])
     r = problem.residual(x)
     jacobian = _first(problem, x, r, start, screen)
-    return _descend(problem, x, r, jacobian, bar, fresh=screen is None)
+    return _descend(problem, x, r, jacobian, bar, fresh=screen is None, limit=limit)
 
 
-def polish(view: View, rough: Fit) -> Fit:
-    """The same fit with derivatives taken anew where it ended, and at most a few steps more."""
+def polish(view: View, rough: Fit, limit: float = np.inf) -> Fit:
+    """The same fit with derivatives taken anew where it ended, and at most a few steps more; `limit` as for `fit`."""
     problem = _Problem(view, rough.who)
     x = np.concatenate([c.vector(values) for c, values in zip(rough.who, rough.values, strict=True)])
     r = problem.residual(x)
     jacobian = np.stack([problem.difference(x, r, k) for k in range(len(x))], axis=1)
     # An estimate that stops a standard deviation short of the best one is no estimate to put an interval around.
-    return _descend(problem, x, r, jacobian, np.inf, fresh=True, share=0.0, last=True)
+    return _descend(problem, x, r, jacobian, np.inf, fresh=True, share=0.0, last=True, limit=limit)
 
 
 def _first(problem: _Problem, x: Array, r: Array, start: Sequence[dict[str, float]], screen: Screen | None) -> Array:
@@ -198,7 +208,15 @@ def _first(problem: _Problem, x: Array, r: Array, start: Sequence[dict[str, floa
 
 
 def _descend(
-    problem: _Problem, x: Array, r: Array, jacobian: Array, bar: float, fresh: bool, share: float = _SHARE, last: bool = False
+    problem: _Problem,
+    x: Array,
+    r: Array,
+    jacobian: Array,
+    bar: float,
+    fresh: bool,
+    share: float = _SHARE,
+    last: bool = False,
+    limit: float = np.inf,
 ) -> Fit:
     """Steps until none could win anything: less than `share` of the squared residual, or less than noise tells.
 
@@ -210,7 +228,7 @@ def _descend(
         if promise < max(_SMALL, share * best):
             settled = True
             break
-        if best - 1.5 * promise > bar:
+        if best - 1.5 * promise > bar or problem.runs >= limit:
             break
         r_new = problem.residual(new)
         chi2, moved = float(r_new @ r_new), new - x
@@ -230,6 +248,8 @@ def _descend(
                 if fresh:
                     # Kinks (dry friction, limits) keep a promise that no step fulfils.
                     settled = promise < max(20 * _SMALL, 10 * _SHARE * best)
+                    break
+                if problem.runs + len(x) >= limit:
                     break
                 jacobian = np.stack([problem.difference(x, r, k) for k in range(len(x))], axis=1)
                 damping, failures, fresh = 1e-3, 0, True

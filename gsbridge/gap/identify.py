@@ -10,13 +10,14 @@ import numpy as np
 
 from gsbridge.gap.bank import Bank
 from gsbridge.gap.candidates import Candidate
-from gsbridge.gap.coherence import coherence_p
-from gsbridge.gap.detect import Null, calibrate
+from gsbridge.gap.coherence import coherence_p, line_p
+from gsbridge.gap.detect import Null, block_means, calibrate
 from gsbridge.gap.fit import Fit, fit, polish
 from gsbridge.gap.screen import Match, Mixture, Screen
 from gsbridge.gap.trials import VERDICTS, Finding, Rules, Trial
 from gsbridge.gap.verdict import decide, transfer
 from gsbridge.gap.view import View
+from gsbridge.geometry import Array
 
 __all__ = ["VERDICTS", "Finding", "Identification", "Rules", "Trial"]
 
@@ -24,6 +25,9 @@ logger = logging.getLogger("gsbridge")
 
 _RESERVE = 12
 """Simulations kept for the derivatives of the best explanation."""
+
+_JUDGED = 2
+"""Simulations after a fit: with another step of time, and on the record that it has not seen."""
 
 _HUGE = 5.0
 """Residual, in units of the noise, that no colour of the noise explains."""
@@ -33,6 +37,9 @@ _TOGETHER = 0.002
 """Probability below which channels do not move together by chance. Smaller than that of an alarm, since nothing else speaks for
 motion where this decides."""
 
+
+_LENGTHS = (1, 16)
+"""Samples of the blocks over which a closure is judged."""
 
 _ALLOWED = 0.02
 """Share of a gap's squares that may be left to noise where a closure is judged."""
@@ -47,7 +54,7 @@ class Identification:
         bank: Signatures on `fit`.
         who: Candidates.
         rules: Thresholds.
-        seed: Of replicates and bootstrap.
+        seed: Of replicates.
     """
 
     def __init__(
@@ -85,7 +92,7 @@ class Identification:
             return replace(self._quiet("no_discrepancy", p_value, unseen), coloured=True)
         if best is None:
             return self._quiet("none_of_the_known", p_value, unseen)
-        if p_first >= rules.alarm and p_gain >= rules.alarm and not moves:
+        if p_first >= rules.alarm and p_gain >= rules.alarm and not moves and not self._vibrates():
             # The difference shows on `select` alone, so that nothing can be fitted to it and then tested.
             return self._quiet("not_enough_excitation", p_value, unseen)
         return self._decide(trials, matches, p_value, unseen)
@@ -97,6 +104,10 @@ class Identification:
         """Whether simulations are left for so many fits' parameters."""
         return self._used() + 4 + fits <= self.rules.budget - _RESERVE
 
+    def _limit(self, reserve: int = _RESERVE) -> int:
+        """Simulations at which a fit is given up, so that judging it and the reserve stay within the budget."""
+        return self._begin + self.rules.budget - reserve - _JUDGED
+
     def _transfers(self, trial: Trial) -> bool:
         """Whether a trial explains a part of the other record, by more than chance and colour of the noise allow."""
         if self.plain_chi2 - trial.chi2 < self.rules.margin:
@@ -107,7 +118,11 @@ class Identification:
         """Whether the channels of the residuals move together, or are too large for any noise."""
         sizes = [float(np.sqrt((residual**2).mean(axis=0)).max()) for residual in (self.start, self.plain)]
         p_value = coherence_p((self.first, self.second), (self.start, self.plain), self.rng)
-        return max(sizes) >= _HUGE or p_value < _TOGETHER
+        return max(sizes) >= _HUGE or p_value < _TOGETHER or self._vibrates()
+
+    def _vibrates(self) -> bool:
+        """Whether channels of a joint share a line of their spectra, which no colour of the noise makes."""
+        return line_p((self.first, self.second), (self.start, self.plain), self.rng) < _TOGETHER
 
     def _quiet(self, verdict: str, p_value: float, unseen: tuple[str, ...]) -> Finding:
         size = float(np.sqrt(self.plain_chi2 / self.second.freedom))
@@ -130,7 +145,8 @@ class Identification:
         """Probability that noise leaves as much on either record, or as much that looks like some effect."""
         left = self.screen.matches(trial.first)
         p_gain = self.null_first.p_gain(left[0].gain) if left else 1.0
-        return min(self.null.p_value(trial.residual), self.null_first.p_value(trial.first), p_gain)
+        looks = (self.null.p_value(trial.residual), self.null_first.p_value(trial.first), p_gain)
+        return min(1.0, len(looks) * min(looks))
 
     def _singles(self, matches: Sequence[Match]) -> list[Trial]:
         """Fits of one effect each; those that cannot reach the best are not fitted, those that did not converge left out."""
@@ -143,7 +159,7 @@ class Identification:
             if far or not self._affords(2 + len(match.candidate.effect.parameters)):
                 break
             bar = chi2 - reached + 0.3 * max(reached, 0.0) + 100.0 if np.isfinite(reached) else np.inf
-            fitted = fit(self.first, (match.candidate,), (match.starts[0],), bar, self.screen)
+            fitted = fit(self.first, (match.candidate,), (match.starts[0],), bar, self.screen, self._limit())
             if fitted.converged:
                 out.append(self._trial(fitted))
                 reached = max(reached, chi2 - fitted.chi2)
@@ -163,7 +179,7 @@ class Identification:
                 if not self._affords(3 + sum(len(c.effect.parameters) for c in mixture.who)):
                     break
                 tried.add(who)
-                fitted = fit(self.first, mixture.who, mixture.starts, 1.3 * reached + 100.0, self.screen)
+                fitted = fit(self.first, mixture.who, mixture.starts, 1.3 * reached + 100.0, self.screen, self._limit())
                 if fitted.converged:
                     trials.append(self._trial(fitted))
                     reached = min(reached, fitted.chi2)
@@ -194,24 +210,22 @@ class Identification:
 
     def _decide(self, trials: list[Trial], matches: Sequence[Match], p_value: float, unseen: tuple[str, ...]) -> Finding:
         rules = self.rules
-        first = decide(trials, rules, self.floor, np.random.default_rng(0))
+        first = decide(trials, rules, self.floor)
         # The best and what comes near it are fitted once more, with derivatives of their own.
         again, kept = {id(t) for t in (first.trials[0], *first.near[:2])}, []
         for trial in first.trials:
-            if (
-                id(trial) in again
-                and self._used() + sum(len(c.effect.parameters) for c in trial.fit.who) + 5 <= rules.budget + _RESERVE
-            ):
-                better = polish(self.first, trial.fit)
+            derivatives = sum(len(c.effect.parameters) for c in trial.fit.who)
+            if id(trial) in again and self.first.mechanism.runs + derivatives < self._limit(0):
+                better = polish(self.first, trial.fit, self._limit(0))
                 trial = self._trial(better) if better.converged or better.chi2 < trial.fit.chi2 else trial
             kept.append(trial)
-        found = decide(kept, rules, self.floor, self.rng)
+        found = decide(kept, rules, self.floor)
         best = found.trials[0]
         p_remaining = self._p_remaining(best)
         remains = p_remaining < rules.alarm
         names: tuple[str, ...] = ()
         # Several effects together fit much that they do not explain; what they explain, they explain to the noise.
-        poor = self._closed(best) < rules.closure or len(best.fit.who) > 1
+        poor = min(self._closed(best), self._closed_first(best)) < rules.closure or len(best.fit.who) > 1
         if best.fit.stopped or best.fit.blurred or (remains and poor):
             verdict = "none_of_the_known"
         elif found.near or found.chances[0] < rules.sure:
@@ -229,13 +243,12 @@ class Identification:
         )  # fmt: skip
 
     def _closed(self, trial: Trial) -> float:
-        """Share of the gap on `select` that a trial closes, as far as noise tells.
+        """Share of the gap on `select` that a trial closes, as far as noise tells."""
+        return _closed(self.plain, trial.residual, self.null.share)
 
-        One spread of the noise's squares is allowed, which hides that a large gap is closed; of a small gap it is much.
-        """
-        gap = max(self.plain_chi2 - self.floor, 1e-9)
-        left = trial.chi2 - self.floor - min(np.sqrt(2.0 * self.plain.size), _ALLOWED * gap)
-        return 1.0 - float(np.sqrt(max(left, 0.0) / gap))
+    def _closed_first(self, trial: Trial) -> float:
+        """The same on `fit`."""
+        return _closed(self.start, trial.first, self.null_first.share)
 
     def _unfitted(self, best: Trial, matches: Sequence[Match], trials: Sequence[Trial]) -> list[str]:
         """Candidates that were not fitted, but whose signatures explain as much: they are not ruled out either."""
@@ -244,3 +257,28 @@ class Identification:
         tried = {candidate for trial in trials for candidate in trial.fit.who}
         gained = float((self.start**2).sum()) - best.fit.chi2
         return [str(m.candidate) for m in matches if m.candidate not in tried and m.bound > gained - self.rules.margin]
+
+
+def _closed(before: Array, after: Array, share: float) -> float:
+    """Share of a gap that is closed: of the samples themselves and, if the gap is slow, of means over blocks, the lesser one.
+
+    One spread of the noise's squares is allowed, which hides that a large gap is closed; of a small gap it is much. Means have
+    less noise, so that they show what is left of a slow motion where the samples hide it.
+
+    Args:
+        before: Whitened residual without the explanation. [T, C].
+        after: With it. [T, C].
+        share: Mean square of noise alone.
+    """
+    out: list[float] = []
+    whole = 0.0
+    for scale in _LENGTHS:
+        sums = [float((block_means(residual, scale) ** 2).sum()) for residual in (before, after)]
+        count = block_means(before, scale).size
+        gap = max(sums[0] - share * count, 1e-9)
+        whole = max(whole, gap)
+        if gap < 0.5 * whole:
+            continue
+        left = sums[1] - share * count - min(np.sqrt(2.0 * count), _ALLOWED * gap)
+        out.append(1.0 - float(np.sqrt(max(left, 0.0) / gap)))
+    return min(out)

@@ -132,7 +132,7 @@ def write_findings(
         bank: Folder of signatures.
         findings: `findings.json`.
         amended: `model.yaml`.
-        seed: Of replicates and bootstraps.
+        seed: Of replicates.
     """
     _diagnose(load_work(model, data, record), model, bank, findings, amended, seed)
 
@@ -183,7 +183,7 @@ def run_case(path: str | Path, out: str | Path, bank_folder: str | Path, seed: i
         path: The case.
         out: Folder of the results.
         bank_folder: Keeps signatures from run to run.
-        seed: Of replicates and bootstraps.
+        seed: Of replicates.
 
     Raises:
         InputError: Something in the case cannot be used; nothing is written then.

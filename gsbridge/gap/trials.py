@@ -18,9 +18,11 @@ class Rules:
         alarm: p-value below which a discrepancy counts.
         rivals: Candidates that are fitted.
         sure: Probability of being best that a name needs.
-        margin: Squared residual, in units of the noise, by which all rivals must be behind.
+        margin: Squared residual, in units of the noise, that a search looks beyond what was reached.
         join: The same by which one effect more must be better: the best of many candidates always wins a little by chance.
-        earn: The same for further parameters of an explanation that holds a simpler one.
+        earn: The same for a rival on the record that neither was fitted to, and for larger sets of effects.
+        simple: The same for further parameters of an effect that holds a simpler one: Schwarz's logarithm of ten thousand
+            samples instead of Akaike's two (Annals of Statistics 6, 1978).
         closure: Share of the gap that the name of one effect must close where something remains; several must leave nothing.
         deviations: Of the mean, by which a gain on `select` must exceed chance, for coloured noise too.
         most: Effects that are looked for at once.
@@ -34,6 +36,7 @@ class Rules:
     margin: float = 9.0
     join: float = 25.0
     earn: float = 4.0
+    simple: float = 7.2
     closure: float = 0.9
     deviations: float = 3.0
     most: int = 3

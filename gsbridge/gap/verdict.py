@@ -13,7 +13,7 @@ from gsbridge.gap.trials import Rules, Trial
 from gsbridge.geometry import Array
 
 _BLOCKS = 40
-"""Blocks of time of a bootstrap."""
+"""Blocks of time that tell how a sum spreads."""
 
 
 @dataclass(frozen=True)
@@ -31,14 +31,13 @@ class Decision:
     near: tuple[Trial, ...]
 
 
-def decide(trials: Sequence[Trial], rules: Rules, floor: float, rng: np.random.Generator) -> Decision:
+def decide(trials: Sequence[Trial], rules: Rules, floor: float) -> Decision:
     """Rank trials.
 
     Args:
         trials: Converged fits.
         rules: Thresholds.
         floor: Squared residual of noise alone on `select`.
-        rng: Of the bootstrap.
     """
     ranked = sorted(trials, key=lambda trial: trial.score)
     # What would have to be larger than makes sense explains nothing, beside something sensible that does as well.
@@ -47,17 +46,18 @@ def decide(trials: Sequence[Trial], rules: Rules, floor: float, rng: np.random.G
         ranked = sensible
     best = ranked[0]
     wide = max(1.0, best.chi2 / floor)
-    earn = rules.earn * wide
+    earn, simple = rules.earn * wide, rules.simple * wide
     # What holds a simpler explanation as a special case must earn its further parameters, and otherwise says nothing else.
     for trial in sorted(ranked[1:], key=lambda trial: trial.parameters):
-        if best.contains(trial) and trial.score - best.score < earn:
+        if best.contains(trial) and trial.score - best.score < simple:
             best = trial
-    others = [t for t in ranked if t is not best and not (t.contains(best) and best.score - t.score < earn)]
+    others = [t for t in ranked if t is not best and not (t.contains(best) and best.score - t.score < simple)]
     # So must a set of several effects that takes more parameters to do as well: enough of them mimic anything.
     others = [t for t in others if not (_is_larger(t, best) and best.squares - t.squares < earn)]
     kept = [best, *others]
-    chances = _chances(kept, rng, rules.draws)
-    margin = rules.margin * wide
+    chances = _chances(kept)
+    # What the probability asks of white noise, and more where the best leaves more than noise.
+    margin = 2.0 * np.log(rules.sure / (1.0 - rules.sure)) * wide
     near = tuple(
         trial
         for trial, chance in zip(others, chances[1:], strict=True)
@@ -72,16 +72,22 @@ def _is_larger(trial: Trial, best: Trial) -> bool:
     return len(trial.fit.who) > 1 and trial.parameters > best.parameters
 
 
-def _chances(trials: Sequence[Trial], rng: np.random.Generator, draws: int) -> Array:
-    """Probability that each trial is best, by a bootstrap over blocks of time of both records. [trials]."""
-    totals = np.array([[2.0 * trial.parameters] for trial in trials])
-    for residuals in ([trial.residual for trial in trials], [trial.first for trial in trials]):
-        squares = np.stack([(residual**2).sum(axis=1) for residual in residuals])
-        length = max(5, squares.shape[1] // _BLOCKS)
-        rows = squares.shape[1] // length
-        blocks = squares[:, : rows * length].reshape(len(trials), rows, length).sum(axis=2)
-        totals = totals + blocks[:, rng.integers(0, rows, (draws, rows))].sum(axis=2)
-    return np.bincount(totals.argmin(axis=0), minlength=len(trials)) / draws
+def _chances(trials: Sequence[Trial]) -> Array:
+    """Probability that each trial is best, the first being the best guess. [trials].
+
+    Likelihoods, tempered: if the noise were white, squared residuals would be twice the negative logarithms. How much more they
+    spread is taken from blocks of time of both records: of what the best guess leaves, along what the other would change.
+    """
+    best, odds = trials[0], [0.0]
+    for trial in trials[1:]:
+        variance = squares = 0.0
+        for left, other in ((best.residual, trial.residual), (best.first, trial.first)):
+            apart = other - left
+            variance += _spread(left, apart)[0]
+            squares += float((apart**2).sum())
+        odds.append(0.5 * (best.score - trial.score) / max(1.0, variance / max(squares, 1e-300)))
+    weights = np.exp(np.array(odds) - max(odds))
+    return weights / weights.sum()
 
 
 def transfer(plain: Array, residual: Array) -> float:
@@ -92,22 +98,29 @@ def transfer(plain: Array, residual: Array) -> float:
     against what is left at all other times, too.
     """
     part = plain - residual
-    length = max(5, len(plain) // _BLOCKS)
-    rows = len(plain) // length
-    part, left = part[: rows * length], residual[: rows * length]
+    if not part.any():
+        return 0.0
+    variance, count = _spread(residual, part)
+    # As many blocks, or places, as there are tell the spread; few of them have heavy tails.
+    deviations = float((plain * part).sum()) / max(np.sqrt(variance), 1e-300)
+    return float(norm.isf(max(student.sf(deviations, count), 1e-300)))
+
+
+def _spread(left: Array, part: Array) -> tuple[float, float]:
+    """Variance of the product of what is left, as noise, and something else, and how many numbers tell it. Both [T, C].
+
+    From blocks of time; of something that acts in a few of them only, from what is left at all other times, too.
+    """
+    length = max(5, len(part) // _BLOCKS)
+    rows = len(part) // length
+    left, part = left[: rows * length], part[: rows * length]
 
     def blocks(values: Array) -> Array:
         return values.sum(axis=1).reshape(rows, length).sum(axis=1)
 
     squares = blocks(part**2)
-    if not squares.any():
-        return 0.0
-    count = float(squares.sum() ** 2 / (squares**2).sum())
+    count = float(squares.sum() ** 2 / max(float((squares**2).sum()), 1e-300))
     if count * count >= rows:
-        variance = float((blocks(left * part) ** 2).sum())
-    else:
-        moved = [float((left * np.roll(part, k * length, axis=0)).sum()) for k in range(rows)]
-        variance, count = float(np.mean(np.square(moved))), rows / count
-    # As many blocks, or places, as there are tell the spread; few of them have heavy tails.
-    deviations = float((plain[: rows * length] * part).sum()) / max(np.sqrt(variance), 1e-300)
-    return float(norm.isf(max(student.sf(deviations, count), 1e-300)))
+        return float((blocks(left * part) ** 2).sum()), count
+    moved = [float((left * np.roll(part, k * length, axis=0)).sum()) for k in range(rows)]
+    return float(np.mean(np.square(moved))), rows / max(count, 1e-300)

@@ -150,8 +150,8 @@ MECHANISM = MechanismParts(
     where_caption="Root mean square residual on the record select, in units of the noise (1 is noise alone), by channel and "
     "by what the joint does; + and − are its directions. Bold: noise alone does not explain it (of the bold cells, one in a "
     "hundred may be chance). Dots: too few samples.",
-    rivals_note="Behind: squared residual more than the best one's, in units of the noise. The probability is a bootstrap over "
-    "blocks of time.",
+    rivals_note="Behind: squared residual more than the best one's, in units of the noise. The probability is one of "
+    "likelihood, less sure by as much as blocks of time spread more than white noise.",
     noise_note="Gap: root mean square residual of the model as it was, in units of the noise.",
 )
 """For every model with joints."""

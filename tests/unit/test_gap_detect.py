@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from gsbridge.gap.benchmark.generate import draw_case
 from gsbridge.gap.benchmark.noises import NOISES, spoiled
 from gsbridge.gap.benchmark.plants import axis_plant
-from gsbridge.gap.coherence import coherence_p
+from gsbridge.gap.coherence import _pairs, coherence_p, line_p
 from gsbridge.gap.detect import block_means, calibrate
 from gsbridge.gap.noise import pooled, white_noise
 from gsbridge.gap.replay import Mechanism
@@ -80,6 +80,40 @@ def test_coloured_noise_is_no_motion(views):
         found.append(coherence_p(views[0], noises, rng))
     assert np.mean(np.array(found) < 0.05) <= 0.3
     assert np.median(found) > 0.1
+
+
+def test_a_vibration_is_told_from_hum_and_coloured_noise(views):
+    # A motion of one frequency shows in position, speed and effort of the axis with the phases of one motion.
+    rng, pair = np.random.default_rng(5), views[0]
+    system = pair[0].mechanism.system
+    stiffness, damping = system.controller.stiffness[0], system.controller.damping[0]
+    found: dict[str, list[float]] = {"noise": [], "hum": [], "motion": []}
+    for _ in range(12):
+        for kind, out in found.items():
+            residuals = []
+            for view in pair:
+                shape = view.residual().shape
+                values = lfilter([1.0], [1.0, -0.8], rng.normal(size=(shape[0] + 100, shape[1])), axis=0)[100:]
+                wave = np.exp(2j * np.pi * (3.3 * view.record.time + rng.random()))
+                if kind == "hum":
+                    values += 5.0 * (wave[:, None] * np.exp(2j * np.pi * rng.random(shape[1]))).real
+                if kind == "motion":
+                    rate = 2j * np.pi * 3.3
+                    gains = {"position": 1.0, "velocity": rate, "effort": -stiffness - damping * rate}
+                    moved = np.stack([(gains[name] * wave).real for name, _ in view.channels], axis=1) / view.sigma
+                    # As strong against the noise in the weakest channel as hum is.
+                    values += 5.0 * moved / moved.std(axis=0).min()
+                residuals.append(values)
+            out.append(line_p(pair, residuals, rng))
+    assert max(found["motion"]) < 0.001
+    assert min(found["noise"]) > 0.01
+    assert np.mean(np.array(found["hum"]) < 0.002) <= 0.1
+
+
+def test_surrogates_are_the_record_when_no_phase_is_turned(views):
+    for pair in _pairs(views[1][0], views[1][0].residual()):
+        again = pair.ahead @ pair.raw + pair.back @ pair.raw.conj()
+        assert np.abs(again - pair.one).max() < 1e-4 * np.abs(pair.one).max()
 
 
 def test_a_gain_by_chance_does_not_transfer():

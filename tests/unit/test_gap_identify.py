@@ -142,11 +142,11 @@ def test_what_would_be_larger_than_makes_sense_is_no_rival_of_what_does_as_well(
 
     bound = catalogue()["eccentricity"].parameters[0].high
     sensible, huge = trial("encoder_scale", [0.1], 400.0), trial("eccentricity", [bound, 0.0], 399.5)
-    found = decide([sensible, huge], Rules(), 400.0, np.random.default_rng(0))
+    found = decide([sensible, huge], Rules(), 400.0)
     assert found.trials == (sensible,)
     assert found.near == ()
     # It still says that nothing known fits where all that is sensible does worse.
-    assert decide([trial("encoder_scale", [0.1], 500.0), huge], Rules(), 400.0, np.random.default_rng(0)).trials[0] is huge
+    assert decide([trial("encoder_scale", [0.1], 500.0), huge], Rules(), 400.0).trials[0] is huge
 
 
 @pytest.mark.parametrize(

@@ -188,7 +188,7 @@ def diagnose_cases(
         findings: Gets `{key}.json`.
         bank: Folder of signatures, which all parts may share.
         method: One of `METHODS`: this package's own, or a baseline.
-        seed: Of replicates and bootstraps.
+        seed: Of replicates.
 
     Raises:
         InputError: A case cannot be read, or the method is unknown or cannot run here.

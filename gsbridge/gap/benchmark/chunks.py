@@ -38,7 +38,7 @@ def diagnose_chunk(
         bank: Folder of signatures.
         state: Folder that outlives a killed job.
         out: Folder of the findings.
-        seed: Of replicates and bootstraps.
+        seed: Of replicates.
     """
     cases = Path(cases)
     # Cases drawn anew have the same names; their manifest tells them apart.

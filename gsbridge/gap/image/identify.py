@@ -194,7 +194,7 @@ class Identification:
 
     def _decide(self, trials: list[Trial], p_value: float, unseen: tuple[str, ...]) -> Finding:
         rules = self.rules
-        found = decide(trials, rules, self.floor, self.rng)
+        found = decide(trials, rules, self.floor)
         best = found.trials[0]
         p_remaining = self._p_remaining(best)
         remains = p_remaining < rules.alarm

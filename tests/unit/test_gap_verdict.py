@@ -1,0 +1,84 @@
+"""Probabilities of explanations and tails of p-values, against what they are by construction."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from scipy.stats import norm
+
+from gsbridge.gap.candidates import Candidate
+from gsbridge.gap.detect import REPLICATES, Null
+from gsbridge.gap.fit import Fit
+from gsbridge.gap.trials import Rules, Trial
+from gsbridge.gap.verdict import decide
+
+SHAPE = (400, 3)
+
+
+def trial(name, values, select, fitted):
+    candidate = Candidate(name, "axis")
+    square = float((fitted**2).sum())
+    fit = Fit((candidate,), (candidate.from_vector(np.array(values)),), square, True, np.zeros(len(values)), 0.0, len(values))
+    return Trial(fit, select, fitted, float((select**2).sum()), 1.0)
+
+
+def decided(noises, apart, floor):
+    """The verdict over the truth, which leaves noise, and a rival that is apart from it by some shape."""
+    rivals = trial("viscous", [0.1], *noises), trial("coulomb", [0.1], *(noise + apart for noise in noises))
+    return decide(rivals, Rules(), floor)
+
+
+def shape_of(size):
+    """A motion of some squared length on both records together. [T, C]."""
+    shape = np.sin(np.arange(SHAPE[0]) / 7.0)[:, None] * np.array([1.0, -0.5, 0.3])
+    return shape * np.sqrt(0.5 * size / (shape**2).sum())
+
+
+@pytest.mark.parametrize("size", [2.0, 6.0, 12.0])
+def test_stated_probabilities_hold_in_white_noise(size):
+    rng, apart, stated, held = np.random.default_rng(1), shape_of(size), [], []
+    for _ in range(600):
+        found = decided(rng.standard_normal((2, *SHAPE)), apart, float(np.prod(SHAPE)))
+        stated.append(found.chances[0])
+        held.append(found.trials[0].names == ("viscous:axis",))
+        assert found.chances.sum() == pytest.approx(1.0)
+    # By likelihood, the truth is best with this probability (Neyman and Pearson: half the distance, in deviations).
+    assert np.mean(held) == pytest.approx(norm.cdf(0.5 * np.sqrt(size)), abs=0.05)
+    assert np.mean(stated) == pytest.approx(np.mean(held), abs=0.05)
+
+
+def test_coloured_noise_makes_less_sure():
+    rng, apart, wrong, sure = np.random.default_rng(2), shape_of(12.0), 0, 0
+    for _ in range(600):
+        noises = lfilter([1.0], [1.0, -0.85], rng.standard_normal((2, SHAPE[0] + 100, SHAPE[1])), axis=1)[:, 100:]
+        found = decided(noises * np.sqrt(1 - 0.85**2), apart, float(np.prod(SHAPE)))
+        if found.chances[0] >= Rules().sure and not found.near:
+            sure += 1
+            wrong += found.trials[0].names != ("viscous:axis",)
+    # Taken for white noise, it would make 435 of them sure, and 78 of those wrong.
+    assert sure > 0
+    assert wrong <= 0.08 * sure
+
+
+def test_a_simpler_explanation_stands_until_the_richer_one_has_earned_its_parameters():
+    rng = np.random.default_rng(3)
+    noises = rng.standard_normal((2, *SHAPE))
+    for size, best in ((6.0, "coulomb:axis"), (40.0, "coulomb_asym:axis")):
+        # What the noise itself wins: the rival leaves less than noise by so much.
+        closer = [noise - noise * 0.5 * size / (2 * (noise**2).sum()) for noise in noises]
+        rivals = trial("coulomb", [0.1], *noises), trial("coulomb_asym", [0.1, 0.01], *closer)
+        found = decide(rivals, Rules(), float(np.prod(SHAPE)))
+        assert found.trials[0].names == (best,)
+
+
+def test_p_values_go_on_where_replicates_end():
+    rng = np.random.default_rng(4)
+    found = []
+    for _ in range(200):
+        null = Null(np.zeros((REPLICATES, 1)), rng.standard_normal(REPLICATES), 1.0)
+        found.append([null.p_gain(value) for value in (0.0, 1.0, 2.0, 3.0)])
+    middle = np.median(found, axis=0)
+    np.testing.assert_allclose(middle[:3], norm.sf([0.0, 1.0, 2.0]), rtol=0.3)
+    # An exponential tail falls slower than a normal one: it errs towards chance, and not by much.
+    assert norm.sf(3.0) <= middle[3] <= 6.0 * norm.sf(3.0)
+    assert null.p_gain(1e9) == pytest.approx(1e-6)
+    assert Null(np.zeros((3, 1)), np.zeros(0), 1.0).p_gain(5.0) == 1.0
