@@ -10,14 +10,14 @@ import numpy as np
 
 from gsbridge.gap.bank import Bank
 from gsbridge.gap.candidates import Candidate
+from gsbridge.gap.closure import closed
 from gsbridge.gap.coherence import coherence_p, line_p
-from gsbridge.gap.detect import Null, block_means, calibrate
+from gsbridge.gap.detect import Null, calibrate
 from gsbridge.gap.fit import Fit, fit, polish
 from gsbridge.gap.screen import Match, Mixture, Screen
 from gsbridge.gap.trials import VERDICTS, Finding, Rules, Trial
 from gsbridge.gap.verdict import decide, transfer
 from gsbridge.gap.view import View
-from gsbridge.geometry import Array
 
 __all__ = ["VERDICTS", "Finding", "Identification", "Rules", "Trial"]
 
@@ -36,13 +36,6 @@ _HUGE = 5.0
 _TOGETHER = 0.002
 """Probability below which channels do not move together by chance. Smaller than that of an alarm, since nothing else speaks for
 motion where this decides."""
-
-
-_LENGTHS = (1, 16)
-"""Samples of the blocks over which a closure is judged."""
-
-_ALLOWED = 0.02
-"""Share of a gap's squares that may be left to noise where a closure is judged."""
 
 
 class Identification:
@@ -244,11 +237,11 @@ class Identification:
 
     def _closed(self, trial: Trial) -> float:
         """Share of the gap on `select` that a trial closes, as far as noise tells."""
-        return _closed(self.plain, trial.residual, self.null.share)
+        return closed(self.plain, trial.residual, self.null.share)
 
     def _closed_first(self, trial: Trial) -> float:
         """The same on `fit`."""
-        return _closed(self.start, trial.first, self.null_first.share)
+        return closed(self.start, trial.first, self.null_first.share)
 
     def _unfitted(self, best: Trial, matches: Sequence[Match], trials: Sequence[Trial]) -> list[str]:
         """Candidates that were not fitted, but whose signatures explain as much: they are not ruled out either."""
@@ -257,28 +250,3 @@ class Identification:
         tried = {candidate for trial in trials for candidate in trial.fit.who}
         gained = float((self.start**2).sum()) - best.fit.chi2
         return [str(m.candidate) for m in matches if m.candidate not in tried and m.bound > gained - self.rules.margin]
-
-
-def _closed(before: Array, after: Array, share: float) -> float:
-    """Share of a gap that is closed: of the samples themselves and, if the gap is slow, of means over blocks, the lesser one.
-
-    One spread of the noise's squares is allowed, which hides that a large gap is closed; of a small gap it is much. Means have
-    less noise, so that they show what is left of a slow motion where the samples hide it.
-
-    Args:
-        before: Whitened residual without the explanation. [T, C].
-        after: With it. [T, C].
-        share: Mean square of noise alone.
-    """
-    out: list[float] = []
-    whole = 0.0
-    for scale in _LENGTHS:
-        sums = [float((block_means(residual, scale) ** 2).sum()) for residual in (before, after)]
-        count = block_means(before, scale).size
-        gap = max(sums[0] - share * count, 1e-9)
-        whole = max(whole, gap)
-        if gap < 0.5 * whole:
-            continue
-        left = sums[1] - share * count - min(np.sqrt(2.0 * count), _ALLOWED * gap)
-        out.append(1.0 - float(np.sqrt(max(left, 0.0) / gap)))
-    return min(out)

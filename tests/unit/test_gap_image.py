@@ -1,4 +1,4 @@
-"""The diagnosis of pictures on a small site of the benchmark, whose truths know nothing of our effects."""
+"""What changed between photos of two days, on a small site of the benchmark, whose truths know nothing of our effects."""
 
 from dataclasses import replace
 
@@ -7,23 +7,43 @@ import pytest
 
 from gsbridge.cameras import Camera
 from gsbridge.errors import InputError
-from gsbridge.gap.benchmark.image_truth import grainy
-from gsbridge.gap.benchmark.images import SIZES, STRANGE, draw_image_case, film, site_of
-from gsbridge.gap.image.diagnose import diagnose_images, image_findings
-from gsbridge.gap.image.floor import Flats, learn_floor
-from gsbridge.gap.image.model import ImageCandidate, check, image_candidates
+from gsbridge.gap.benchmark.image_truth import READ, SHOT
+from gsbridge.gap.benchmark.images import SIZES, STRANGE, draw_image_case, film, hidden_pairs, site_of
+from gsbridge.gap.image.diagnose import UNSTEADY, diagnose_images, image_findings, unsteady
+from gsbridge.gap.image.expect import Expectation
+from gsbridge.gap.image.grain import Flats
+from gsbridge.gap.image.model import ImageCandidate, check, image_candidates, shooting
+from gsbridge.gap.image.null import Null
+from gsbridge.gap.image.pairs import ROLES, Pairs
 from gsbridge.gap.image.screen import gains_of
-from gsbridge.gap.image.shots import REFERENCE, ROLES, Shots
-from gsbridge.gap.image.view import View
+from gsbridge.gap.image.view import View, compared, learn_noise
 from gsbridge.gap.system import Applied
+from gsbridge.gap.trials import Rules
 from gsbridge.scene.effects import catalogue
 
-UNFINISHED = pytest.mark.xfail(reason="the diagnosis of pictures is not calibrated; no rule uses it", strict=False)
+SPIN = {"wr": 0.8, "wb": -0.6, "x": 0.6, "y": 0.8, "z": 0.0, "a": 0.0, "b": 0.0, "c": 1.0}
+
+
+STILL = ("black_level", "defocus", "exposure", "extrinsics", "focal", "noise", "vignetting", "white_balance")
+NAMES = (*STILL, "flicker", "latency", "motion_blur", "rolling_shutter")
 
 
 @pytest.fixture(scope="module")
 def site():
-    return site_of(7, camera=Camera(40, 30, 38.0, 38.0, 20.0, 15.0), photos=4, splats=900, steps=120)
+    return site_of(7, camera=Camera(64, 48, 60.0, 60.0, 32.0, 24.0), photos=5)
+
+
+@pytest.fixture(scope="module")
+def fine():
+    """Photos of twice the size at which they are compared, as geometry asks."""
+    return site_of(7, camera=Camera(128, 96, 120.0, 120.0, 64.0, 48.0), photos=4)
+
+
+def hidden_case(site, hidden, seed=11, moving=False):
+    """Photos of all roles with sizes that are given, not searched."""
+    rng = np.random.default_rng(seed)
+    films = {role: film(int(rng.integers(1 << 30)), site.photos) for role in ROLES}
+    return hidden_pairs(site, hidden, films, SPIN, rng, moving=moving)
 
 
 def test_gains_are_those_of_least_squares():
@@ -45,25 +65,77 @@ def test_grain_is_the_variance_of_noise_and_blind_to_slopes():
     assert np.nanmean(found) == pytest.approx(4e-4, rel=0.05)
 
 
-def test_floor_whitens_what_splats_leave(site):
-    floor = learn_floor(site.model, site.reference)
-    view = View(site.model, site.reference, floor)
-    table = view.residual()
-    count, height = view.shots.photos.shape[:2]
-    assert (table[: count * height] ** 2).mean() == pytest.approx(1.0, abs=0.15)
+def test_noise_is_that_of_the_sensor(site):
+    noise = learn_noise(list(hidden_case(site, {}).values()))
+    # Counting, reading, and rounding to 8 bits.
+    assert noise.at(0.5) == pytest.approx(READ**2 + 0.5 * SHOT + 1 / (12 * 255**2), rel=0.1)
 
 
-@UNFINISHED
-def test_floor_knows_how_much_grain_varies(site):
-    view = View(site.model, site.reference, learn_floor(site.model, site.reference))
-    count, height = view.shots.photos.shape[:2]
-    measured = 3 * (view.flats.counts >= 20).sum()
-    assert (view.residual()[count * height :] ** 2).sum() / measured == pytest.approx(1.0, abs=0.4)
+def test_places_where_something_may_hide_are_not_compared(site):
+    pairs = hidden_case(site, {})["fit"]
+    flat = replace(pairs, depths=np.full_like(pairs.depths, 0.4))
+    step = flat.depths.copy()
+    step[:, :, 30:] = 0.5
+    step[:, 5, 5] = np.nan
+    kept, held = (compared(views)[0] for views in (flat, replace(flat, depths=step)))
+    assert kept[10:-10, 10:-10].all()
+    assert not kept[0].any()
+    assert not held[:, 29:31].any()
+    assert held[24, 40]
+    assert held[24, 20]
 
 
-def test_too_few_effect_free_photos_are_refused(site):
-    with pytest.raises(InputError, match="effect-free"):
-        learn_floor(site.model, site.reference.part(np.arange(5)))
+@pytest.mark.parametrize(
+    ("hidden", "effect", "values", "moving"),
+    [
+        ({"exposure": 0.3}, "exposure", {"stops": 0.3}, False),
+        ({"extrinsics": 0.006}, "extrinsics", None, False),
+        ({"focal": 0.03}, "focal", {"change": 0.03}, False),
+        ({"latency": 0.06}, "latency", {"delay": 0.06}, True),
+        ({"rolling_shutter": 1e-3}, "rolling_shutter", {"row_time": 1e-3}, True),
+    ],
+)
+def test_an_effect_in_the_expectation_predicts_the_photos(fine, hidden, effect, values, moving):
+    """Against the truth's own formulation, by rays: the same effect on the earlier photo takes the difference away."""
+    if values is None:
+        # The truth says where the camera is in the frame of where it is thought to be.
+        values = {"x": 0.6 * 0.006, "y": 0.8 * 0.006, "z": 0.0, "about_x": 0.0, "about_y": 0.0, "about_z": -0.012}
+    pairs = hidden_case(fine, hidden, moving=moving)["fit"]
+    view = View(pairs, learn_noise([pairs]))
+    plain, known = ((view.residual(effects) ** 2).sum() / view.numbers for effects in ((), (Applied(effect, "", values),)))
+    assert plain > 4.0
+    assert known - 1.0 < 0.05 * (plain - 1.0)
+
+
+def test_blurring_effects_win_nothing_by_smoothing_noise(site):
+    pairs = hidden_case(site, {})["fit"]
+    view = View(pairs, learn_noise([pairs]))
+    squares = [(view.residual(effects) ** 2).sum() for effects in ((), (Applied("defocus", "", {"sigma": 0.25}),))]
+    assert squares[1] > squares[0] - 9.0
+
+
+def test_photos_with_nothing_changed_are_rarely_odd_and_changed_ones_are(site):
+    found = []
+    for seed in range(8):
+        pairs = hidden_case(site, {}, seed=100 + seed)["fit"]
+        view = View(pairs, learn_noise([pairs]))
+        found.append(Null.of(view, np.random.default_rng(seed), 99).p_value(view, view.residual()))
+    # Edges count less than their noise alone would have them, so that chance is rarely as odd as it might be.
+    assert min(found) > 0.02
+    changed = View(hidden_case(site, {"exposure": 0.02}, seed=100)["fit"], view.noise)
+    assert Null.of(changed, np.random.default_rng(0), 99).p_value(changed, changed.residual()) < 1e-3
+
+
+def test_photos_that_make_no_sense_are_refused(site):
+    pairs = hidden_case(site, {})["fit"]
+    with pytest.raises(InputError, match="views"):
+        Pairs(**{**vars(pairs), **{k: getattr(pairs, k)[:3] for k in ("before", "again", "after", "depths", "poses")}})
+    with pytest.raises(InputError, match="'after' is 5 x 48 x 60 x 3"):
+        replace(pairs, after=pairs.after[:, :, :60])
+    with pytest.raises(InputError, match="no poses"):
+        replace(pairs, poses=np.full_like(pairs.poses, np.nan))
+    with pytest.raises(InputError, match="'verify'"):
+        diagnose_images({"fit": pairs, "select": pairs})
 
 
 def test_unknown_parameters_and_values_out_of_bounds_are_refused():
@@ -80,63 +152,72 @@ def test_truths_and_catalogue_agree_on_what_may_be_hidden():
     assert ImageCandidate("focal").effect is catalogue()["focal"]
 
 
-@UNFINISHED
 def test_unit_of_an_effect_is_found_and_grows(site):
     sizes = [draw_image_case(site, ("exposure",), units, 5).hidden["exposure"] for units in (2.0, 8.0)]
     assert abs(sizes[1] / sizes[0]) == pytest.approx(4.0, rel=0.25)
     one, other = (draw_image_case(site, (), 0.0, 6) for _ in range(2))
-    assert np.array_equal(one.shots["fit"].photos, other.shots["fit"].photos)
+    assert np.array_equal(one.pairs["fit"].after, other.pairs["fit"].after)
     assert one.seal == other.seal
 
 
-def test_model_with_the_effect_in_it_predicts_the_photos(site):
-    """Against the truth's own formulation: the same exposure and latency in the splats take the difference away."""
-    for name, values in (("exposure", {"stops": 0.3}), ("latency", {"delay": 0.06})):
-        hidden = {name: next(iter(values.values()))}
-        track, times = site.reference.track, site.reference.times[:6]
-        wanted = site.lens(hidden).photos(track, times)
-        plain = site.model.photographer.photos(track, times)
-        known = replace(site.model, effects=(Applied(name, "", values),))
-        explained = known.photographer.photos(track, times, known.shooting())
-        empty = site.lens().photos(track, times)
-        floor = ((empty - plain) ** 2).mean()
-        assert ((wanted - explained) ** 2).mean() < 1.3 * floor < 0.6 * ((wanted - plain) ** 2).mean()
+def test_light_of_a_photo_is_moved_only_where_geometry_changes(site):
+    pairs = hidden_case(site, {})["fit"]
+    expectation = Expectation(pairs)
+    np.testing.assert_allclose(expectation.photos(shooting()), pairs.before, atol=1e-6)
+    lit = expectation.photos(shooting([Applied("exposure", "", {"stops": 0.2})]))
+    assert (lit > pairs.before).mean() > 0.95
 
 
-NAMES = ("exposure", "extrinsics", "noise", "white_balance")
+def test_effect_free_photos_raise_no_alarm(site):
+    pairs = hidden_case(site, {})
+    diagnosis = diagnose_images(pairs)
+    assert diagnosis.finding.verdict == "no_discrepancy"
+    findings = image_findings(diagnosis, pairs, seed=0)
+    assert "agree" in findings["sentence"]
+    assert findings["amended"] == []
+    assert unsteady(pairs) == ()
 
 
-def hidden_case(site, hidden, seed=11):
-    """Photos of all roles with sizes that are given, not searched."""
-    rng, shots = np.random.default_rng(seed), {REFERENCE: site.reference}
-    spin = {"wr": 0.8, "wb": -0.6}
-    for role in ROLES:
-        track, times = film(int(rng.integers(1 << 30)), site.photos)
-        shots[role] = Shots(times, grainy(site.lens(hidden, spin).photos(track, times), hidden, rng), track, role)
-    return shots
+def test_unsteady_light_is_told(site):
+    pairs = {role: replace(views, again=np.clip(views.again * 1.05, 0, 1)) for role, views in hidden_case(site, {}).items()}
+    assert unsteady(pairs) == (UNSTEADY,)
 
 
-@UNFINISHED
+def test_exposure_is_named_with_its_size(site):
+    diagnosis = diagnose_images(hidden_case(site, {"exposure": 0.1}), names=NAMES)
+    assert diagnosis.finding.verdict == "named"
+    (effect,) = diagnosis.effects
+    assert effect.name == "exposure"
+    assert effect.parameters["stops"] == pytest.approx(0.1, abs=0.01)
+    assert diagnosis.verification.closure > 0.8
+    # Without time stamps flicker is no rival, and what only motion shows cannot be told.
+    assert {"flicker", "latency", "motion_blur", "rolling_shutter"} <= set(diagnosis.finding.unseen)
+
+
 def test_noise_is_named_by_its_grain(site):
-    diagnosis = diagnose_images(site.model, hidden_case(site, {"noise": 0.04}), names=NAMES)
+    diagnosis = diagnose_images(hidden_case(site, {"noise": 0.02}), names=STILL)
     assert diagnosis.finding.verdict == "named"
     (effect,) = diagnosis.effects
     assert effect.name == "noise"
-    assert effect.parameters["read"] == pytest.approx(0.04, rel=0.15)
+    assert effect.parameters["read"] == pytest.approx(0.02, rel=0.2)
 
 
-@UNFINISHED
-def test_effect_free_photos_raise_no_alarm(site):
-    diagnosis = diagnose_images(site.model, hidden_case(site, {}), names=NAMES)
-    assert diagnosis.finding.verdict == "no_discrepancy"
-    findings = image_findings(diagnosis, hidden_case(site, {}), seed=0)
-    assert "agree" in findings["sentence"]
-    assert findings["amended"] == []
+def test_a_cast_and_dark_corners_are_named_together(site):
+    diagnosis = diagnose_images(hidden_case(site, {"white_balance": 0.04, "vignetting": 0.3}), names=NAMES)
+    assert diagnosis.finding.verdict == "named"
+    assert diagnosis.finding.best.names == ("vignetting", "white_balance")
 
 
-@UNFINISHED
-def test_exposure_is_found_with_its_size(site):
-    diagnosis = diagnose_images(site.model, hidden_case(site, {"exposure": 0.5}), names=NAMES)
-    assert diagnosis.finding.best.names == ("exposure",)
-    assert diagnosis.finding.best.fit.effects[0].parameters["stops"] == pytest.approx(0.5, abs=0.05)
-    assert diagnosis.verification.closure > 0.8
+def test_a_moved_camera_is_named_with_its_shift(fine):
+    diagnosis = diagnose_images(hidden_case(fine, {"extrinsics": 0.005}), names=NAMES)
+    assert diagnosis.finding.verdict == "named"
+    assert diagnosis.finding.best.names == ("extrinsics",)
+    values = diagnosis.finding.best.fit.effects[0].parameters
+    assert values["x"] == pytest.approx(0.003, abs=0.0006)
+    assert values["y"] == pytest.approx(0.004, abs=0.0006)
+
+
+def test_what_is_in_no_catalogue_is_not_named(site):
+    diagnosis = diagnose_images(hidden_case(site, {"ghost": 0.08}), names=NAMES)
+    assert diagnosis.finding.verdict == "none_of_the_known"
+    assert diagnosis.finding.p_value < Rules().alarm

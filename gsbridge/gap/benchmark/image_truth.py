@@ -60,7 +60,7 @@ class Lens:
         points = np.stack([u, v], axis=-1).reshape(-1, 1, 2)
         if bend:
             stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-9)
-            flat = cv2.undistortPointsIter(points, matrix, np.array([bend, 0.0, 0.0, 0.0]), None, None, stop)[:, 0]
+            flat = cv2.undistortPoints(points, matrix, np.array([bend, 0.0, 0.0, 0.0]), criteria=stop)[:, 0]
         else:
             flat = (points[:, 0] - matrix[:2, 2]) / np.diag(matrix)[:2]
         flat = flat / (1.0 + fringe)

@@ -1,26 +1,23 @@
-"""Drawing blind image cases: a world, splats of it, photos with hidden effects, and sizes in units of what can be seen."""
+"""Drawing blind image cases: a world, photos of two days with hidden effects between them, sizes in units of the noise."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import dctn
 
 from gsbridge.cameras import Camera
 from gsbridge.gap.benchmark.generate import UNIT
-from gsbridge.gap.benchmark.image_splats import fit_splats
-from gsbridge.gap.benchmark.image_truth import Lens, grainy
+from gsbridge.gap.benchmark.image_truth import READ, SHOT, Lens, grainy
 from gsbridge.gap.benchmark.image_world import World, course
-from gsbridge.gap.image.model import ImageModel
-from gsbridge.gap.image.shots import REFERENCE, ROLES, Shots
+from gsbridge.gap.image.pairs import ROLES, Pairs
 from gsbridge.geometry import Array
 from gsbridge.scene.track import Track
 
-CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
+CAMERA = Camera(128, 96, 120.0, 120.0, 64.0, 48.0)
 
 SIZES: Mapping[str, tuple[float, int, float]] = {
     "exposure": (0.05, 0, 2.0),
@@ -51,72 +48,46 @@ STRANGE: Mapping[str, tuple[float, int, float]] = {
 }
 """Effects outside the catalogue: colours of a lens that differ in size, a reflection, haze at the top, a pattern of columns."""
 
-_FILMS = 12
-"""Effect-free courses by which the generator knows what splats leave."""
+STILL = ("rolling_shutter", "motion_blur", "latency", "flicker")
+"""What shows in photos of a moving camera alone, or in the light of one moment."""
 
-_TRIES = 12
+REPEATS = 4
+"""Further photos of each view before something changes."""
+
+_DEPTH = 0.004
+"""By how much the depths that a diagnosis gets are off, as a share: as a registered mesh is."""
+
+_TRIES = 14
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Site:
-    """A world, its splats, and effect-free photos of it.
+    """A world and the camera in it.
 
     Args:
         world: The truth.
-        model: What a simulation has of it.
-        reference: Effect-free photos that were not used to fit the splats.
+        camera: Of all photos.
         photos: Of each role.
         seed: Of everything.
     """
 
     world: World
-    model: ImageModel
-    reference: Shots
+    camera: Camera
     photos: int
     seed: int
-    _empty: list[tuple[Track, Array, Array]] = field(default_factory=list, repr=False)
-    _weights: Array | None = field(default=None, repr=False)
-    _spreads: dict[str, float] = field(default_factory=dict, repr=False)
 
     def lens(self, hidden: Mapping[str, float] | None = None, spin: Mapping[str, float] | None = None) -> Lens:
         """A camera in the world."""
-        return Lens(self.world, self.model.camera, hidden or {}, spin or {})
+        return Lens(self.world, self.camera, hidden or {}, spin or {})
 
-    def empty(self) -> list[tuple[Track, Array, Array]]:
-        """Course, times, and what splats leave of effect-free photos, without noise, for some courses."""
-        if not self._empty:
-            for number in range(_FILMS):
-                track, times = film(self.seed * 1000 + 500 + number, self.photos)
-                photos = self.lens().photos(track, times)
-                plain = self.model.photographer.photos(track, times)
-                self._empty.append((track, times, photos - plain))
-        return self._empty
-
-    def weigh(self, change: Array) -> Array:
-        """Waves of a change of photos, divided by what splats and noise leave at their frequency. [N, H, W, 3] -> the same."""
-        if self._weights is None:
-            noise = 1.0e-4
-            power = np.stack([(dctn(left, axes=(1, 2), norm="ortho") ** 2).mean(axis=0) for _, _, left in self.empty()])
-            power = power.mean(axis=0)
-            height, width = power.shape[:2]
-            ring = np.hypot(np.arange(height)[:, None] / height, np.arange(width) / width)
-            kind = np.digitize(ring, np.linspace(0.03, 1.3, 14))
-            flat = np.stack([np.bincount(kind.ravel(), power[..., k].ravel(), 15) for k in range(3)], axis=-1)
-            flat /= np.maximum(np.bincount(kind.ravel(), minlength=15), 1)[:, None]
-            self._weights = 1.0 / np.sqrt(flat[kind] + noise)
-        return dctn(change, axes=(1, 2), norm="ortho") * self._weights
-
-    def spread(self, name: str, hidden: Mapping[str, float], spin: Mapping[str, float]) -> float:
-        """Mean square of what effect-free films show of an effect, in units of white noise: splats err in the same ways."""
-        key = json.dumps([name, dict(sorted(hidden.items())), dict(sorted(spin.items()))])
-        if key not in self._spreads:
-            squares = []
-            for track, times, left in self.empty()[::2]:
-                change = self.lens(hidden, spin).photos(track, times) - self.lens().photos(track, times)
-                shape, rest = self.weigh(change).ravel(), self.weigh(left).ravel()
-                squares.append((shape @ rest) ** 2 / max(shape @ shape, 1e-12))
-            self._spreads[key] = 1.0 + float(np.mean(squares))
-        return self._spreads[key]
+    def depths(self, poses: Array, rng: np.random.Generator) -> Array:
+        """Camera z of what views show, nearly. [N, 4, 4] -> [N, H, W]."""
+        rays, out = self.camera.pixel_rays().reshape(-1, 3), []
+        for pose in poses:
+            centre = -pose[:3, :3].T @ pose[:3, 3]
+            _, places = self.world.look(np.broadcast_to(centre, rays.shape), rays @ pose[:3, :3])
+            out.append((places @ pose[2, :3] + pose[2, 3]).reshape(self.camera.height, self.camera.width))
+        return np.stack(out) * (1.0 + _DEPTH * rng.standard_normal((len(poses), 1, 1)))
 
 
 def film(seed: int, photos: int, duration: float = 4.0, rounds: float = 0.0) -> tuple[Track, Array]:
@@ -125,28 +96,16 @@ def film(seed: int, photos: int, duration: float = 4.0, rounds: float = 0.0) -> 
     return course(seed, duration, rounds), np.sort(rng.uniform(0.25, duration - 0.25, photos))
 
 
-def site_of(
-    seed: int, pictures: Sequence[Array] = (), *, camera: Camera = CAMERA, photos: int = 8, splats: int = 3000, steps: int = 600
-) -> Site:
+def site_of(seed: int, pictures: Sequence[Array] = (), *, camera: Camera = CAMERA, photos: int = 8) -> Site:
     """A site.
 
     Args:
-        seed: Of the world, its films and its splats.
+        seed: Of the world and its films.
         pictures: sRGB pictures, one of which lies on the table.
         camera: Of all photos.
         photos: Of each role.
-        splats: How many: the fewer, the higher the floor.
-        steps: Of their fit.
     """
-    world = World.draw(seed, pictures)
-    lens, films = Lens(world, camera), []
-    for number in range(4):
-        track, times = film(seed * 1000 + number, 28, 16.0, 1.0)
-        films.append((track, times, grainy(lens.photos(track, times), {}, np.random.default_rng([seed, number]))))
-    model = ImageModel(fit_splats(world, camera, films, seed, splats=splats, steps=steps), camera)
-    track, times = film(seed * 1000 + 400, 4 * photos, 20.0, 1.0)
-    taken = grainy(lens.photos(track, times), {}, np.random.default_rng([seed, 400]))
-    return Site(world, model, Shots(times, taken, track, REFERENCE), photos, seed)
+    return Site(World.draw(seed, pictures), camera, photos, seed)
 
 
 @dataclass(frozen=True)
@@ -157,7 +116,7 @@ class ImageCase:
         name: Of the case.
         hidden: Sizes by name; empty for an effect-free case.
         units: Size in units of what can be seen.
-        shots: By role, the reference among them.
+        pairs: By role.
         clean: What `verify` would have been without noise. [N, H, W, 3].
         plain: The same without anything hidden. [N, H, W, 3].
         seal: SHA-256 of the truth.
@@ -166,39 +125,81 @@ class ImageCase:
     name: str
     hidden: Mapping[str, float]
     units: float
-    shots: Mapping[str, Shots]
+    pairs: Mapping[str, Pairs]
     clean: Array
     plain: Array
     seal: str
 
 
-def draw_image_case(site: Site, names: tuple[str, ...], units: float, seed: int) -> ImageCase:
+def draw_image_case(site: Site, names: tuple[str, ...], units: float, seed: int, *, moving: bool | None = None) -> ImageCase:
     """Draw one case.
 
     Args:
         site: Where.
         names: What is hidden; each of `units` by itself.
         units: Size.
-        seed: Of courses, signs, directions and noise.
+        seed: Of views, signs, directions and noise.
+        moving: Whether the camera moves while photos are taken; None where something is hidden that shows in motion alone.
 
     Raises:
         ValueError: An effect does not reach that size within what makes sense.
     """
     rng = np.random.default_rng(seed)
+    moving = any(name in STILL for name in names) if moving is None else moving
     films = {role: film(int(rng.integers(1 << 30)), site.photos) for role in ROLES}
     spin, known = _spin(rng), {**SIZES, **STRANGE}
-    hidden = {}
+    hidden: dict[str, float] = {}
     for name in names:
         sign = float(known[name][1]) or float(rng.choice((-1.0, 1.0)))
-        hidden[name] = sign * size_of_units(site, name, sign, units, films["select"], spin)
-    shots = {REFERENCE: site.reference}
-    for role, (track, times) in films.items():
-        clean = site.lens(hidden, spin).photos(track, times)
-        shots[role] = Shots(times, grainy(clean, hidden, rng), track, role)
-    plain = site.lens().photos(*films["verify"])
+        hidden[name] = sign * size_of_units(site, name, sign, units, _posed(films["select"], moving), spin)
+    pairs = hidden_pairs(site, hidden, films, spin, rng, moving=moving)
+    track = _posed(films["verify"], moving)
+    clean, plain = site.lens(hidden, spin).photos(*track), site.lens().photos(*track)
     text = json.dumps({"seed": seed, "site": site.seed, "hidden": dict(sorted(hidden.items())), "spin": spin})
     seal = hashlib.sha256(text.encode()).hexdigest()
-    return ImageCase("+".join(names) or "none", hidden, units, shots, clean, plain, seal)
+    return ImageCase("+".join(names) or "none", hidden, units, pairs, clean, plain, seal)
+
+
+def hidden_pairs(
+    site: Site,
+    hidden: Mapping[str, float],
+    films: Mapping[str, tuple[Track, Array]],
+    spin: Mapping[str, float],
+    rng: np.random.Generator,
+    *,
+    moving: bool = False,
+) -> dict[str, Pairs]:
+    """Photos of all roles before and after something was hidden in the camera.
+
+    Args:
+        site: Where.
+        hidden: Sizes by name.
+        films: By role: the camera's way, and times of photos on it.
+        spin: Directions, places and colours of what is hidden.
+        rng: Of noise.
+        moving: Whether the camera moves; otherwise it stands at the same places.
+    """
+    out = {}
+    for role, (way, times) in films.items():
+        track, moments = _posed((way, times), moving)
+        plain, changed = site.lens().photos(track, moments), site.lens(hidden, spin).photos(track, moments)
+        poses = track.at(moments)
+        again = np.mean([grainy(plain, {}, rng) for _ in range(REPEATS)], axis=0).astype(np.float32)
+        taken = (grainy(plain, {}, rng), again, grainy(changed, hidden, rng))
+        depths, moved = site.depths(poses, rng), (track, moments) if moving else (None, None)
+        out[role] = Pairs(site.camera, *taken, depths, poses, *moved, REPEATS, role)
+    return out
+
+
+def _posed(film: tuple[Track, Array], moving: bool) -> tuple[Track, Array]:
+    """A way that a camera goes, or rests on: it stays at each place for long enough that nothing of the motion shows."""
+    if moving:
+        return film
+    track, times = film
+    poses = track.at(times)
+    rests = 10.0 * np.arange(len(times))
+    stamps = np.stack([rests - 1.0, rests, rests + 1.0], axis=1).ravel()
+    return Track(stamps, np.repeat(poses, 3, axis=0)), rests
 
 
 def size_of_units(
@@ -206,20 +207,21 @@ def size_of_units(
 ) -> float:
     """Size at which the noise-free signature on `select` has the squared length `units`^2 times `UNIT`.
 
-    Lengths are in units of noise and of what splats leave, both as the generator knows them.
+    Lengths are in units of the true noise of an earlier and a later photo.
 
     Raises:
         ValueError: There is no such size.
     """
     start, _, most = {**SIZES, **STRANGE}[name]
     aim = units * np.sqrt(UNIT)
-    if name == "noise":
-        return _noise_of_units(site, aim)
     plain = site.lens().photos(*film)
+    if name == "noise":
+        return _noise_of_units(plain, aim)
+    deviations = np.sqrt(2.0 * (READ**2 + SHOT * plain + 1.0 / (12.0 * 255.0**2)))
 
     def length(size: float) -> float:
         change = site.lens({name: sign * size}, spin).photos(*film) - plain
-        return float(np.linalg.norm(site.weigh(change)) / np.sqrt(site.spread(name, {name: sign * start}, spin)))
+        return float(np.linalg.norm(change / deviations))
 
     size, low, high = start, 0.0, most
     for _ in range(_TRIES):
@@ -229,20 +231,16 @@ def size_of_units(
         low, high = (size, high) if found < aim else (low, size)
         if low >= most:
             break
-        guess = size * float(np.clip(aim / max(found, 1e-9), 0.2, 6.0))
+        guess = size * float(np.clip(aim / max(found, 1e-9), 0.02, 6.0))
         size = guess if low < guess < high else (0.5 * (low + high) if high < most or low > 0.3 * most else most)
     raise ValueError(f"{name} reaches no {units:g} units here")
 
 
-def _noise_of_units(site: Site, aim: float) -> float:
-    """Deviation of added noise whose grain exceeds that of effect-free photos by so many deviations of its logarithm."""
-
-    def grain(photos: Array) -> Array:
-        return np.log(((photos[:, :, 1:] - photos[:, :, :-1]) ** 2).mean(axis=(1, 2, 3)))
-
-    usual = np.concatenate([grain(left + np.random.default_rng(0).normal(0, 0.008, left.shape)) for _, _, left in site.empty()])
-    shift = aim * usual.std() / np.sqrt(site.photos)
-    return float(np.sqrt(np.expm1(shift) * 0.5 * np.exp(usual.mean())))
+def _noise_of_units(plain: Array, aim: float) -> float:
+    """Deviation of added noise whose logarithm of variance exceeds that of the photos by so many of its own deviations."""
+    usual = float((READ**2 + SHOT * plain).mean())
+    # The logarithm of a variance from n numbers has a variance of 2 / n; that of a ratio twice as much.
+    return float(np.sqrt(usual * np.expm1(aim * np.sqrt(4.0 / plain.size))))
 
 
 def _spin(rng: np.random.Generator) -> dict[str, float]:

@@ -1,1 +1,1 @@
-"""What pictures lack: the diagnosis of photos against splats. Unfinished: it is not calibrated, and no rule uses it."""
+"""What changed between two sets of photos of the same views."""

@@ -12,7 +12,7 @@ from gsbridge.gap.image.model import ImageCandidate
 from gsbridge.gap.image.view import View
 from gsbridge.geometry import Array
 
-_ROUNDS = 14
+_ROUNDS = 30
 _STEP = 0.04
 """Of finite differences, in typical sizes of an amplitude or fiftieths of a shape's range."""
 
@@ -60,7 +60,8 @@ def fit(view: View, who: Sequence[ImageCandidate], starts: Sequence[Mapping[str,
     size = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
     covariance = np.linalg.pinv(curvature * np.outer(size, size), rcond=1e-8) * np.outer(size, size)
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * scale
-    spread = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+    root = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    spread = np.outer(root, root)
     correlation = float(np.abs(covariance / np.maximum(spread, 1e-300) - np.eye(len(scale))).max()) if len(scale) > 1 else 0.0
     shown = np.linalg.svd(found.jac, compute_uv=False)
     rank = max(1, int((shown > _HIDDEN * shown[0]).sum()))

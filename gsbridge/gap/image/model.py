@@ -1,25 +1,18 @@
-"""What should look like the photos: splats, a camera, and the effects added to them."""
+"""Image effects as candidates of a diagnosis."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from gsbridge.cameras import Camera
 from gsbridge.errors import InputError
 from gsbridge.gap.candidates import Candidate
-from gsbridge.gap.image.shots import Shots
 from gsbridge.gap.system import Applied
-from gsbridge.geometry import Array
 from gsbridge.scene.effects import catalogue, effect_of
 from gsbridge.scene.effects.base import ImageEffect
-from gsbridge.scene.photograph import Photographer
 from gsbridge.scene.shooting import Shooting
-from gsbridge.splats.cloud import Cloud
 
 
 @dataclass(frozen=True, order=True)
@@ -32,53 +25,22 @@ class ImageCandidate(Candidate):
         return effect_of(self.name)
 
 
-def image_candidates(names: Sequence[str] | None = None) -> tuple[ImageCandidate, ...]:
+def image_candidates(names: Collection[str] | None = None) -> tuple[ImageCandidate, ...]:
     """All image effects; of these only, if `names` is given."""
     return tuple(ImageCandidate(name) for name in catalogue() if names is None or name in names)
 
 
-@dataclass(frozen=True, eq=False)
-class ImageModel:
-    """A scene and its camera as they are simulated.
+def shooting(effects: Sequence[Applied] = ()) -> Shooting:
+    """How photos are taken with some effects.
 
-    Args:
-        cloud: Splats, world frame.
-        camera: Pinhole.
-        background: sRGB where there are no splats.
-        effects: What was added.
+    Raises:
+        InputError: An effect or one of its parameters is unknown.
     """
-
-    cloud: Cloud
-    camera: Camera
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    effects: tuple[Applied, ...] = ()
-    photographer: Photographer = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "photographer", Photographer(self.cloud, self.camera, self.background))
-
-    def digest(self) -> str:
-        """SHA-256 over everything that pictures depend on."""
-        cloud = self.cloud
-        parts = b"".join(getattr(cloud, name).tobytes() for name in ("means", "quats", "scales", "opacities", "colours"))
-        text = json.dumps([self.camera.to_json(), self.background, [effect.record() for effect in self.effects]])
-        return hashlib.sha256(parts + text.encode()).hexdigest()
-
-    def shooting(self, effects: Sequence[Applied] = (), softness: tuple[float, ...] = ()) -> Shooting:
-        """How photos are taken with the model's own effects and further ones.
-
-        Raises:
-            InputError: An effect or one of its parameters is unknown.
-        """
-        how = Shooting(softness=softness)
-        for applied in (*self.effects, *effects):
-            check(applied)
-            effect_of(applied.name).apply(how, applied.parameters)
-        return how
-
-    def expected(self, shots: Shots, how: Shooting) -> Array:
-        """Pictures where and when some photos were taken. [N, H, W, 3]."""
-        return self.photographer.photos(shots.track, shots.times, how)
+    how = Shooting()
+    for applied in effects:
+        check(applied)
+        effect_of(applied.name).apply(how, applied.parameters)
+    return how
 
 
 def check(applied: Applied, source: str = "model") -> None:

@@ -1,180 +1,88 @@
-"""How effect-free residuals look: replicates are drawn from reference photos, which hold what no theory knows of splats."""
+"""Do photos differ by more than noise? Sums over blocks of pixels, calibrated by noise that passed the same mask."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
 
-from gsbridge.gap.image.floor import LEVELS
-from gsbridge.gap.image.model import ImageCandidate
-from gsbridge.gap.image.screen import Group, features, gains_of, signatures
 from gsbridge.gap.image.view import View
+from gsbridge.gap.tail import tail_p
 from gsbridge.geometry import Array
 
-SCALES = (1, 4, 12)
-"""Edges of the blocks over which residuals are averaged, px: an effect is wider than noise."""
+SCALES = (1, 2, 4, 8, 16)
+"""Edges of blocks, pixels as compared."""
+
+REPLICATES = 199
+
+_UNSURE = 0.015
+"""Relative spread of the variance of the noise of each colour as it is learnt from photos."""
+
+_FILLED = 0.5
+"""Share of a block that must be compared for its mean to count."""
 
 
-def coherence(groups: Sequence[Group], rows: Array, members: Array) -> float:
-    """Mean squared scalar product of effect-free residuals with unit signatures of runs of photos.
+def sums(view: View, table: Array) -> Array:
+    """Squares of a residual and of its means over blocks, of each photo and of what all have in common. [K].
 
-    One where residuals are white; more where the same splats are off in all photos, and that is not known yet.
+    Every colour by itself and their sum, at every scale; then the grain: of classes, of their means over photos, of all.
 
     Args:
-        groups: Signatures on the reference.
-        rows: Its residuals. [N, D].
-        members: Photos of each run. [R, n].
+        view: Whose residual.
+        table: As from `View.residual`.
     """
-    shares: dict[str, list[float]] = {}
-    for group in groups:
-        along, gram = group.along(rows)[members].sum(axis=1), group.grams()[members].sum(axis=1)
-        gain, _ = gains_of(along, gram, np.full(along.shape[1], -np.inf))
-        shares.setdefault(group.key, []).append(float(gain.mean()) / along.shape[1])
-    return float(np.mean([np.mean(row) for row in shares.values()]))
-
-
-def block_sums(view: View, table: Array) -> Array:
-    """Squares of block means, in units of white noise, of each photo: at every scale and colour, and of the grain. [N, K]."""
-    count, height, width = view.shots.photos.shape[:3]
-    white = table[: count * height].reshape(count, height, width, 3)
+    white, mask = view.pictures(table), view.mask[..., None]
+    # Most effects stay where they are in the image, or change all of it.
+    count = view.mask.sum(axis=0)[None, ..., None]
+    common = white.sum(axis=0)[None] / np.sqrt(np.maximum(count, 1.0))
     out = []
-    for scale in SCALES:
-        tall, wide = height // scale, width // scale
-        parts = white[:, : tall * scale, : wide * scale].reshape(count, tall, scale, wide, scale, 3)
-        means = parts.sum(axis=(2, 4)) / scale
-        out.append((means.astype(np.float64) ** 2).mean(axis=(1, 2)))
-    grain = table[count * height :].astype(np.float64) ** 2
-    used = np.maximum((view.flats.counts >= 20).sum(axis=1) * 3, 1)
-    return np.concatenate([*out, (grain.sum(axis=1) / used)[:, None]], axis=1)
+    for values, weight in ((white, mask), (common, (count > 0).astype(np.float32))):
+        values = np.concatenate([values, values.sum(axis=-1, keepdims=True) / np.sqrt(3.0)], axis=-1)
+        for scale in SCALES:
+            total, filled = _blocks(values, scale), _blocks(weight, scale)
+            means = np.where(filled >= _FILLED * scale**2, total / np.sqrt(np.maximum(filled, 1.0)), 0.0)
+            out.append((means.astype(np.float64) ** 2).sum(axis=(0, 1, 2)))
+    grain = view.grains(table).astype(np.float64)
+    measured = np.maximum((grain != 0).sum(axis=0), 1)
+    mean = grain.sum() ** 2 / max(int((grain != 0).sum()), 1)
+    out.append(np.array([(grain**2).sum(), (grain.sum(axis=0) ** 2 / measured).sum(), mean]))
+    return np.concatenate(out)
 
 
-@dataclass(frozen=True)
-class _Kind:
-    """What is needed of one effect's groups on the reference: per photo and group."""
-
-    alongs: tuple[Array, ...]
-    grams: tuple[Array, ...]
-    lows: tuple[Array, ...]
-
-    def gains(self, draws: Array) -> Array:
-        """Largest gain in replicates. [R, n] -> [R]."""
-        best = np.zeros(len(draws))
-        for along, gram, low in zip(self.alongs, self.grams, self.lows, strict=True):
-            best = np.maximum(best, gains_of(along[draws].sum(axis=1), gram[draws].sum(axis=1), low)[0])
-        return best
-
-
-@dataclass(frozen=True)
-class Reference:
-    """Effect-free photos, prepared for replicates.
-
-    Args:
-        blocks: As `block_sums`. [N, K].
-        squares: Squared residual of each photo. [N].
-        kinds: By effect and feature.
-    """
-
-    blocks: Array
-    squares: Array
-    kinds: dict[str, _Kind]
-
-    @classmethod
-    def of(cls, view: View, who: Sequence[ImageCandidate], run: int) -> tuple[Reference, dict[str, float]]:
-        """From the reference photos; and the coherence of runs of photos, by effect."""
-        table = view.residual()
-        rows = view.by_photo(table)
-        shared, parts = {}, {}
-        members = runs(len(rows), run)
-        for candidate in (*who, None):
-            groups = features(view) if candidate is None else signatures(view, (candidate,))
-            for key in dict.fromkeys(group.key for group in groups):
-                mine = [group for group in groups if group.key == key]
-                grams = tuple(group.grams() for group in mine)
-                parts[key] = _Kind(tuple(g.along(rows) for g in mine), grams, tuple(g.lows for g in mine))
-            if candidate is not None:
-                shared[str(candidate)] = coherence(groups, rows, members)
-        return cls(block_sums(view, table), (rows.astype(np.float64) ** 2).sum(axis=1), parts), shared
-
-    def joined(self, other: Reference) -> Reference:
-        """With the photos of another, in their order."""
-        kinds = {
-            key: _Kind(
-                tuple(np.concatenate(pair) for pair in zip(kind.alongs, other.kinds[key].alongs, strict=True)),
-                tuple(np.concatenate(pair) for pair in zip(kind.grams, other.kinds[key].grams, strict=True)),
-                kind.lows,
-            )
-            for key, kind in self.kinds.items()
-        }
-        squares = np.concatenate([self.squares, other.squares])
-        return Reference(np.concatenate([self.blocks, other.blocks]), squares, kinds)
-
-    def scaled(self, scale: float) -> Reference:
-        """With all variances of the floor multiplied."""
-        kinds = {
-            key: _Kind(tuple(a / scale for a in kind.alongs), tuple(g / scale for g in kind.grams), kind.lows)
-            for key, kind in self.kinds.items()
-        }
-        return Reference(self.blocks / scale, self.squares / scale, kinds)
-
-    def null(self, photos: int) -> Null:
-        """Replicates of a role with some photos."""
-        # Runs of a film, not photos drawn one by one: a role sees the same things in all of its photos.
-        draws = runs(len(self.squares), photos)
-        gains = {key: kind.gains(draws) for key, kind in self.kinds.items()}
-        free = len(self.squares) // photos
-        return Null(self.blocks[draws].mean(axis=1), gains, float(self.squares.mean()) * photos, free, 3.0 * LEVELS * photos)
-
-
-def runs(count: int, length: int) -> Array:
-    """Photos that follow one another, from each on, in a circle. [count, length]."""
-    return (np.arange(count)[:, None] + np.arange(min(length, count))) % count
+def _blocks(values: Array, scale: int) -> Array:
+    """Sums over blocks; the image is filled up with zeros. [N, h, w, C] -> [N, h / scale, w / scale, C]."""
+    count, height, width, colours = values.shape
+    tall, wide = -height % scale, -width % scale
+    filled = np.pad(values, ((0, 0), (0, tall), (0, wide), (0, 0)))
+    parts = filled.reshape(count, (height + tall) // scale, scale, (width + wide) // scale, scale, colours)
+    return parts.sum(axis=(2, 4))
 
 
 @dataclass(frozen=True)
 class Null:
-    """Replicates of a role.
+    """How photos with nothing changed look.
 
     Args:
-        blocks: Block sums. [R, K].
-        gains: Of every effect and feature. [R] each.
-        floor: Squared residual that is to be expected.
-        independent: How many of them have no photo in common.
-        grains: Measured grains of a role.
+        sums: Of the replicates, as from `sums`. [R, K].
     """
 
-    blocks: Array
-    gains: dict[str, Array]
-    floor: float
-    independent: int
-    grains: float
+    sums: Array
 
-    def p_blocks(self, blocks: Array) -> float:
-        """Probability of larger block sums. [N, K]."""
-        middle, spread = self.blocks.mean(axis=0), np.maximum(self.blocks.std(axis=0, ddof=1), 1e-12)
-        table = (self.blocks - middle) / spread
-        seen = float(((blocks.mean(axis=0) - middle) / spread).max())
-        return self._p_value(np.exp(0.5 * table.max(axis=1)), float(np.exp(0.5 * min(seen, 1e3))))
+    @classmethod
+    def of(cls, view: View, rng: np.random.Generator, replicates: int = REPLICATES) -> Null:
+        """Draw noise for the views of a role."""
+        shape, grain = view.pictures(view.residual()).shape, view.grains(view.residual()) != 0
+        drawn = []
+        for _ in range(replicates):
+            size = np.sqrt(np.maximum(1.0 + _UNSURE * rng.standard_normal(shape[-1]), 0.0)).astype(np.float32)
+            white = rng.standard_normal(shape).astype(np.float32) * view.mask[..., None] * size
+            rough = rng.standard_normal(grain.shape).astype(np.float32) * grain
+            drawn.append(sums(view, np.concatenate([white.reshape(-1, grain.shape[1]), rough])))
+        return cls(np.stack(drawn))
 
-    def p_gains(self, gains: dict[str, float]) -> float:
-        """Probability that any of these is as much larger than it is without effects."""
-        keys = [key for key in gains if key in self.gains]
-        if not keys:
-            return 1.0
-        usual = np.array([max(float(self.gains[key].mean()), 0.3) for key in keys])
-        table = np.stack([self.gains[key] for key in keys], axis=1) / usual
-        return self._p_value(table.max(axis=1), float((np.array([gains[key] for key in keys]) / usual).max()))
-
-    def structure(self, keys: Collection[str]) -> float:
-        """Mean sum of gains, and of grain, as `Identification.structure` takes it."""
-        return float(sum(self.gains[key].mean() for key in keys) + self.blocks[:, -1].mean() * self.grains)
-
-    def _p_value(self, replicates: Array, seen: float) -> float:
-        """Of a statistic whose logarithm is taken for Student's: few photos say little about the far tail. [R]."""
-        values = np.log(np.maximum(replicates, 1e-6))
-        # Of a further value, where mean and spread themselves come from few.
-        spread = max(float(values.std(ddof=1)), 0.1) * np.sqrt(1.0 + 1.0 / max(self.independent, 1))
-        free = max(self.independent - 1, 3)
-        return float(student.sf((np.log(max(seen, 1e-6)) - values.mean()) / spread, free))
+    def p_value(self, view: View, table: Array) -> float:
+        """Probability that noise alone differs as much somewhere."""
+        middle = np.median(self.sums, axis=0)
+        spread = np.maximum(np.quantile(self.sums, 0.975, axis=0) - middle, 1e-9)
+        replicas = ((self.sums - middle) / spread).max(axis=1)
+        return tail_p(replicas, float(((sums(view, table) - middle) / spread).max()))

@@ -1,4 +1,4 @@
-"""Photos of one role against pictures of the model: residuals in units of the floor."""
+"""Later photos less earlier ones as effects would have changed them, in units of the noise."""
 
 from __future__ import annotations
 
@@ -6,122 +6,207 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import cv2
 import numpy as np
+from scipy.optimize import nnls
 
-from gsbridge.gap.image.common import directions
-from gsbridge.gap.image.floor import Flats, Floor, slopes_of
-from gsbridge.gap.image.model import ImageModel
-from gsbridge.gap.image.shots import Shots
+from gsbridge.gap.image.expect import Expectation
+from gsbridge.gap.image.grain import LEAST, Flats, slopes_of
+from gsbridge.gap.image.model import shooting
+from gsbridge.gap.image.pairs import Pairs
 from gsbridge.gap.system import Applied
 from gsbridge.geometry import Array
 from gsbridge.scene.shooting import Shooting
 
+HEIGHT = 48
+"""Rows, about, at which photos are compared, as means over blocks: light that is moved by parts of a pixel gets soft."""
 
-@dataclass(frozen=True, eq=False)
-class View:
-    """Photos and the model they are compared with.
+_BORDER = 0.05
+"""Share of the width along each edge that is not compared: a displaced camera sees more there than the earlier photo shows."""
+
+_REACH = 0.03
+"""Share of the width round steps of depth that is not compared: what was hidden behind them may come into sight."""
+
+_STEP = 0.02
+"""Relative step of depth, beyond a plane's, from which on something may hide behind it."""
+
+_PLACE = 0.1
+"""Of pixels as compared: how well it is known where things are, with depths and interpolation as they are."""
+
+_PARTS = 12
+"""Classes of brightness by which noise is learnt."""
+
+_OUTLIER = 4.0
+"""Deviations beyond which a difference of two equal photos is no noise."""
+
+_CLEAR = 5.0
+"""Deviations by which later photos must be noisier to count as noisier."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Variance of one photo at the size at which photos are compared.
 
     Args:
-        model: The model.
-        shots: The photos.
-        floor: What they differ by if nothing is missing.
+        dark: Where it is dark.
+        light: By how much it grows up to white.
     """
 
-    model: ImageModel
-    shots: Shots
-    floor: Floor
+    dark: float
+    light: float
 
-    def shooting(self, effects: Sequence[Applied] = ()) -> Shooting:
-        """How pictures are taken with some effects, as soft as the reference says."""
-        return self.model.shooting(effects, self.floor.softness)
+    def at(self, levels: Array) -> Array:
+        """Variance at encoded levels, 0..1."""
+        return self.dark + self.light * np.clip(levels, 0.0, 1.0)
 
-    def pictures(self, effects: Sequence[Applied] = ()) -> Array:
-        """Expected photos. [N, H, W, 3]."""
-        return self.model.expected(self.shots, self.shooting(effects))
 
-    @cached_property
-    def plain(self) -> Array:
-        """Without further effects."""
-        return self.pictures()
+def learn_noise(pairs: Sequence[Pairs]) -> Noise:
+    """Noise from photos of the same views with nothing changed."""
+    levels, squares = [], []
+    for views in pairs:
+        size = shrinking(views)
+        one, other = (shrunk(photos, size) for photos in (views.before, views.again))
+        kept = compared(views) > 0
+        levels.append(0.5 * (one + other)[kept])
+        squares.append((other - one)[kept] ** 2 / (1.0 + 1.0 / views.repeats))
+    level, square = np.concatenate(levels).ravel().astype(np.float64), np.concatenate(squares).ravel().astype(np.float64)
+    order = np.argsort(level)
+    rows, means = [], []
+    for part in np.array_split(order, _PARTS):
+        # Few pixels may show what moved by itself.
+        limit = _OUTLIER**2 * np.median(square[part]) / 0.455
+        rows.append([1.0, level[part].mean()])
+        means.append(square[part][square[part] <= limit].mean() if limit > 0 else 0.0)
+    size = shrinking(pairs[0])
+    least = LEAST / size**2
+    weight = 1.0 / np.maximum(means, least)
+    dark, light = nnls(np.array(rows) * weight[:, None], np.array(means) * weight)[0]
+    return Noise(max(float(dark), least), float(light))
 
-    @cached_property
-    def _slopes(self) -> Array:
-        return slopes_of(self.plain)
 
-    @cached_property
-    def sizes(self) -> Array:
-        """Deviations of residuals, from the plain pictures. [N, H, W]."""
-        return self.floor.sizes(self._slopes) / np.maximum(self.covered, 1e-6)
+def shrinking(pairs: Pairs) -> int:
+    """Edge of the blocks of pixels over which photos are averaged."""
+    return max(1, round(pairs.camera.height / HEIGHT))
 
-    @cached_property
-    def flats(self) -> Flats:
-        """Where grain is measured."""
-        return Flats.of(self.plain, self._slopes, self.covered > 0)
 
-    @cached_property
-    def extra(self) -> float:
-        """Variance of noise beyond the reference's, in units of the floor: residuals must not count noise as shape."""
-        found = self.flats.variances(self.shots.photos - self.plain)
-        more = np.nanmedian(found - self.floor.grain[0] - self.floor.grain[1] * self.flats.levels)
-        return float(max(more, 0.0) / np.median(self.floor.sizes(self._slopes) ** 2))
+def shrunk(photos: Array, size: int) -> Array:
+    """Means over blocks; rows and columns that fill none are left out. [N, H, W, ...] -> [N, h, w, ...]."""
+    count, height, width = photos.shape[:3]
+    tall, wide = height // size, width // size
+    parts = photos[:, : tall * size, : wide * size].reshape(count, tall, size, wide, size, *photos.shape[3:])
+    return parts.mean(axis=(2, 4))
 
-    def grain(self, how: Shooting) -> Array:
-        """Logarithm of the variance of grain that is expected. [N, L, 3]."""
-        dark, light = self.floor.grain
-        level = np.clip(self.flats.levels, 0.0, 1.0)
-        return np.log(dark + how.read_noise + (light + how.shot_noise) * level)
+
+def compared(pairs: Pairs) -> Array:
+    """Where photos are compared: off the border, off steps of depth, and where the depth is known. [N, h, w], 0 or 1."""
+    size, width = shrinking(pairs), pairs.camera.width
+    border, reach = max(1, round(_BORDER * width)), max(1, round(_REACH * width))
+    depths = pairs.depths.astype(np.float64)
+    known = np.isfinite(depths) & (depths > 0)
+    # The inverse depth of a plane is linear over the image.
+    inverse = np.where(known, 1.0 / np.where(known, depths, 1.0), 0.0).astype(np.float32)
+    out = []
+    for near, there in zip(inverse, known, strict=True):
+        bend = np.abs(cv2.Laplacian(near, cv2.CV_32F, borderType=cv2.BORDER_REPLICATE))
+        off = ~there | (bend > _STEP * np.maximum(near, 1e-6))
+        off = cv2.dilate(off.astype(np.uint8), np.ones((2 * reach + 1,) * 2, np.uint8)) > 0
+        off[:border] = off[-border:] = True
+        off[:, :border] = off[:, -border:] = True
+        out.append(~off)
+    return (shrunk(np.stack(out).astype(np.float32), size) >= 1.0).astype(np.float32)
+
+
+class View:
+    """The views of a role in units of the noise.
+
+    Args:
+        pairs: The views.
+        noise: Of one photo.
+        grain: Whether the photos' grain is compared, too: means of several photos have less.
+
+    Attributes:
+        shape: Photos, rows, columns as they are compared.
+        mask: Where they are. [N, h, w].
+    """
+
+    def __init__(self, pairs: Pairs, noise: Noise, *, grain: bool = True) -> None:
+        self.pairs, self.noise, self._grainy = pairs, noise, grain
+        self.expectation = Expectation(pairs)
+        self.size = shrinking(pairs)
+        self.after = shrunk(pairs.after, self.size)
+        self.mask = compared(pairs)
+        self.shape = self.mask.shape
+        # Noisier photos say less, whatever made them so; that they are noisier, their grain alone says.
+        before = shrunk(pairs.before, self.size)
+        variance = self._rougher() * noise.at(self.after) + noise.at(before)
+        variance = variance + _PLACE**2 * slopes_of(before.astype(np.float32))[..., None]
+        self._weights = (self.mask[..., None] / np.sqrt(variance)).astype(np.float32)
 
     def residual(self, effects: Sequence[Applied] = ()) -> Array:
-        """Photos minus pictures in units of the floor, a row per line of a photo, then the grain of every photo.
-
-        [N * H + N, 3 * W].
-        """
-        how = self.shooting(effects)
-        apart = self.shots.photos - self.model.expected(self.shots, how)
-        rough = np.log(self.flats.variances(apart)) - self.grain(how)
-        return self.stack(apart, np.nan_to_num(rough))
-
-    def stack(self, apart: Array, rough: Array) -> Array:
-        """Encoded differences and differences of the logarithm of grain as one table; see `residual`."""
-        rows = self.rows(apart, rough)
-        count, height, width = self.shots.photos.shape[:3]
-        body, grain = rows[:, : 3 * height * width], rows[:, 3 * height * width :]
-        return np.concatenate([body.reshape(count * height, 3 * width), grain])
-
-    def rows(self, apart: Array, rough: Array) -> Array:
-        """The same with the numbers of each photo together. [N, (H + 1) * 3 * W]."""
-        rows = self.white(apart, rough)
-        if self.floor.common:
-            axes, shares = self._common
-            along = shares[:, :, None] * (axes.transpose(0, 2, 1) @ rows[:, :, None])
-            rows = rows - (axes @ along)[:, :, 0]
-        return rows
-
-    def white(self, apart: Array, rough: Array) -> Array:
-        """The same before what pictures are off by as a whole is weighed. [N, (H + 1) * 3 * W]."""
-        white = self.floor.whiten(apart, self.sizes, self.extra)
-        rough = rough * self.flats.weights(self.floor.scatter) / np.sqrt(self.floor.scale)
-        count, width = white.shape[0], white.shape[2]
+        """Later photos less expected ones, a row per line of a photo, then the grain of every photo. [N * h + N, 3 * w]."""
+        how = shooting(effects)
+        apart = (self.after - shrunk(self.expectation.photos(how), self.size)) * self._weights
+        count, height, width = self.shape
+        rough = self._rough(how)
         grain = np.zeros((count, 3 * width), np.float32)
         grain[:, : rough[0].size] = rough.reshape(count, -1)
-        return np.concatenate([white.reshape(count, -1), grain], axis=1)
+        return np.concatenate([apart.reshape(count * height, 3 * width), grain])
+
+    def pictures(self, table: Array) -> Array:
+        """The part of a residual that is pictures. [N * h + N, 3 * w] -> [N, h, w, 3]."""
+        count, height, width = self.shape
+        return table[: count * height].reshape(count, height, width, 3)
+
+    def grains(self, table: Array) -> Array:
+        """The part that is grain. [N * h + N, 3 * w] -> [N, 3 * w]."""
+        return table[self.shape[0] * self.shape[1] :]
+
+    @property
+    def numbers(self) -> int:
+        """Measured numbers in a residual."""
+        return 3 * int(self.mask.sum()) + 3 * int(np.isfinite(self._spread).sum())
+
+    def quiet(self) -> View:
+        """The same views with nothing changed."""
+        return View(self.pairs.quiet(), self.noise, grain=self.pairs.repeats == 1)
 
     @cached_property
-    def _common(self) -> tuple[Array, Array]:
-        """Axes in which pictures are off as a whole, and the share by which lengths along them shrink. [N, D, M], [N, M]."""
-        columns = directions(self) * np.sqrt(np.asarray(self.floor.common) / self.floor.scale).astype(np.float32)
-        # By orthogonal columns: squares of lengths that differ by thousands leave nothing of the short ones.
-        whole, small = np.linalg.qr(columns)
-        turn, lengths, _ = np.linalg.svd(small.astype(np.float64))
-        return whole @ turn.astype(np.float32), (1.0 - 1.0 / np.sqrt(1.0 + lengths**2)).astype(np.float32)
+    def _flats(self) -> Flats:
+        covered = cv2.resize(
+            self.mask.transpose(1, 2, 0),
+            (self.shape[2] * self.size, self.shape[1] * self.size),
+            interpolation=cv2.INTER_NEAREST,
+        )
+        covered = covered.reshape(*covered.shape[:2], -1).transpose(2, 0, 1) > 0
+        height, width = self.pairs.camera.height, self.pairs.camera.width
+        whole = np.zeros((len(self.pairs), height, width), bool)
+        whole[:, : covered.shape[1], : covered.shape[2]] = covered
+        before = self.pairs.before.astype(np.float32)
+        return Flats.of(before, slopes_of(before), whole)
 
     @cached_property
-    def covered(self) -> Array:
-        """Where splats leave no hole: elsewhere nothing is compared. [N, H, W]."""
-        return self.model.photographer.covered(self.shots.track, self.shots.times)
+    def _spread(self) -> Array:
+        """Deviation of the logarithm of the ratio of two measured grains. [N, L]."""
+        spread = np.sqrt(2.0) * self._flats.deviations()
+        return spread if self._grainy else np.full_like(spread, np.inf)
 
-    def by_photo(self, table: Array) -> Array:
-        """A residual with the numbers of each photo together. [N * H + N, 3 * W] -> [N, (H + 1) * 3 * W]."""
-        count, height = self.shots.photos.shape[:2]
-        body = table[: count * height].reshape(count, -1)
-        return np.concatenate([body, table[count * height :].reshape(count, -1)], axis=1)
+    @cached_property
+    def _grain(self) -> Array:
+        return self._flats.variances(self.pairs.after.astype(np.float32))
+
+    def _rougher(self) -> float:
+        """Variance of the later photos' noise in multiples of the earlier ones', 1 where it is not clearly more."""
+        rough = self._rough(shooting())
+        measured = np.isfinite(self._spread)
+        if not measured.any():
+            return 1.0
+        weight = 1.0 / self._spread[measured] ** 2
+        mean = float((rough[measured] * self._spread[measured][:, None]).mean(axis=1) @ weight / weight.sum())
+        return float(np.exp(mean)) if mean > _CLEAR / np.sqrt(3.0 * weight.sum()) else 1.0
+
+    def _rough(self, how: Shooting) -> Array:
+        """Logarithm of the later photos' grain over the expected one, in deviations; 0 where it is not measured. [N, L, 3]."""
+        expected = self._flats.variances(self.expectation.flat(how))
+        expected = expected + how.read_noise + how.shot_noise * np.clip(self._flats.levels, 0.0, 1.0)
+        ratio = np.nan_to_num(np.log(self._grain) - np.log(expected))
+        return ratio / self._spread[..., None]

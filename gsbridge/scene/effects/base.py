@@ -32,6 +32,7 @@ class ImageEffect(ABC):
         sizes: Multiples of the typical size at which signatures are made.
         places: Values of shape parameters at which one begins to look, all combinations; the typical one where none are given.
         grain: Whether it changes the noise of the pictures only, not their expectation.
+        timed: Whether it depends on when a photo was taken, beyond where the camera was then.
     """
 
     name: ClassVar[str]
@@ -45,6 +46,7 @@ class ImageEffect(ABC):
     sizes: ClassVar[tuple[float, ...]] = (1.0,)
     places: ClassVar[Mapping[str, tuple[float, ...]]] = {}
     grain: ClassVar[bool] = False
+    timed: ClassVar[bool] = False
 
     @abstractmethod
     def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:

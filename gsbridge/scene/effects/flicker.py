@@ -18,6 +18,7 @@ class Flicker(ImageEffect):
     name = "flicker"
     title = "flicker"
     hook = "light"
+    timed = True
     parameters = (
         Parameter("sine", "1", -0.8, 0.8, 0.03, True, "amplitude of the sine of the time stamps"),
         Parameter("cosine", "1", -0.8, 0.8, 0.03, True, "amplitude of the cosine"),

@@ -1,0 +1,143 @@
+"""What photos would look like after a change: earlier photos, seen by a camera that sits, bends or develops otherwise.
+
+The change is that of further photos of the view, whose light is moved by the depth of what it shows, so that all detail and
+every shade is there; it is added to the photo. Were the photo itself blurred or moved, its noise would get less, and whatever
+blurs would explain every pair of photos better than nothing does.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from gsbridge.gap.image.pairs import Pairs
+from gsbridge.geometry import Array
+from gsbridge.images import linear_from_srgb, to_u8
+from gsbridge.scene.photograph import EXPOSURES, STRIPS, develop
+from gsbridge.scene.shooting import Frame, Shooting
+
+_STRENGTH = 3.0
+"""Differences, of 255, that count as noise in a single photo."""
+
+_TURNS = 5
+"""Of the search for the depth along a ray."""
+
+_KEPT = 4
+"""Ways of looking whose light is kept: a search changes colours more often than places."""
+
+
+def _clean(photo: Array, strength: float) -> Array:
+    """A photo with little noise and all of its detail. [H, W, 3].
+
+    Source: Buades, Coll and Morel, Non-local means denoising, Image Processing On Line 1, 2011.
+    """
+    return cv2.fastNlMeansDenoisingColored(to_u8(photo), None, strength, strength, 5, 15).astype(np.float32) / 255.0
+
+
+class Expectation:
+    """Photos of some views as effects would change them.
+
+    Args:
+        pairs: The views.
+    """
+
+    def __init__(self, pairs: Pairs) -> None:
+        self.pairs = pairs
+        self.depths = np.nan_to_num(pairs.depths, nan=0.0, posinf=0.0, neginf=0.0).astype(np.float32)
+        known = self.depths > 0
+        # Where it is unknown nothing is compared; some depth must stand there all the same.
+        self.depths = np.where(known, self.depths, np.median(self.depths[known]) if known.any() else 1.0).astype(np.float32)
+        self.clean = np.stack([_clean(photo, _STRENGTH / np.sqrt(pairs.repeats)) for photo in pairs.again])
+        self.light = linear_from_srgb(self.clean)
+        self.pictures = 0
+        self._kept: OrderedDict[tuple[object, ...], Array] = OrderedDict()
+
+    def photos(self, how: Shooting) -> Array:
+        """Encoded photos, without noise of their own. [N, H, W, 3] float32."""
+        light, pairs = self._seen(how), self.pairs
+        self.pictures += 1
+        changed = np.stack([develop(light[n], self._frame(n, how), how) for n in range(len(pairs))])
+        return pairs.before + (changed - self.clean)
+
+    def flat(self, how: Shooting) -> Array:
+        """The same by a camera that did not move, with a lens as sharp: for their grain. [N, H, W, 3] float32."""
+        still = replace(how, mount=np.eye(4), focal=1.0, distortion=np.zeros(2), delay=0.0, row_time=0.0, exposure_time=0.0)
+        still = replace(still, blur=0.0)
+        light = linear_from_srgb(self.pairs.before.astype(np.float32))
+        return np.stack([develop(light[n], self._frame(n, still), still) for n in range(len(self.pairs))])
+
+    def _frame(self, n: int, how: Shooting) -> Frame:
+        pairs = self.pairs
+        time = 0.0 if pairs.times is None else float(pairs.times[n])
+        return Frame(pairs.camera, time, self.depths[n], how.mount @ pairs.poses[n])
+
+    def _seen(self, how: Shooting) -> Array:
+        """Linear light that reaches the sensor. [N, H, W, 3]."""
+        moving = (how.delay, how.row_time, how.exposure_time) if self.pairs.track is not None else (0.0, 0.0, 0.0)
+        key = (*moving, how.focal, how.mount.tobytes(), how.distortion.tobytes())
+        if key == (0.0, 0.0, 0.0, 1.0, np.eye(4).tobytes(), np.zeros(2).tobytes()):
+            return self.light
+        if key not in self._kept:
+            rays = self._rays(how)
+            span = (np.arange(EXPOSURES) + 0.5) / EXPOSURES - 0.5 if moving[2] else np.zeros(1)
+            whole = [
+                sum(self._shutter(n, float(offset) * how.exposure_time - how.delay, how, rays) for offset in span) / len(span)
+                for n in range(len(self.pairs))
+            ]
+            self._kept[key] = np.stack(whole).astype(np.float32)
+            if len(self._kept) > _KEPT:
+                self._kept.popitem(last=False)
+        return self._kept[key]
+
+    def _rays(self, how: Shooting) -> Array:
+        """Directions of the pixels behind the lens as it is now, z = 1. [H, W, 3]."""
+        camera = self.pairs.camera
+        camera = replace(camera, fx=camera.fx * how.focal, fy=camera.fy * how.focal)
+        rays = camera.pixel_rays()
+        if how.distortion.any():
+            far = np.hypot(rays[..., 0], rays[..., 1])
+            k1, k2 = how.distortion
+            straight = far.copy()
+            for _ in range(8):
+                # Newton's steps on r (1 + k1 r2 + k2 r4) = far; the slope is kept off zero where the lens folds over.
+                square = straight**2
+                slope = np.maximum(1.0 + 3.0 * k1 * square + 5.0 * k2 * square**2, 0.2)
+                straight = straight - (straight * (1.0 + k1 * square + k2 * square**2) - far) / slope
+            rays[..., :2] *= (straight / np.maximum(far, 1e-12))[..., None]
+        return rays
+
+    def _shutter(self, n: int, later: float, how: Shooting, rays: Array) -> Array:
+        """Light of one moment: all rows at once, or strips of rows one after the other. [H, W, 3]."""
+        pairs, height = self.pairs, self.pairs.camera.height
+        if pairs.track is None or pairs.times is None:
+            return self._warped(n, how.mount @ pairs.poses[n], rays)
+        time = float(pairs.times[n]) + later
+        if not how.row_time:
+            return self._warped(n, how.mount @ pairs.track.at(np.array([time]))[0], rays)
+        edges = np.unique(np.linspace(0, height, STRIPS + 1).round().astype(int))
+        rows = 0.5 * (edges[:-1] + edges[1:]) - 0.5 * height
+        poses = pairs.track.at(time + rows * how.row_time)
+        strips = zip(edges[:-1], edges[1:], poses, strict=True)
+        return np.concatenate([self._warped(n, how.mount @ pose, rays[top:end], int(top)) for top, end, pose in strips])
+
+    def _warped(self, n: int, pose: Array, rays: Array, top: int = 0) -> Array:
+        """Light of a photo as a camera at another pose sees it; `rays` begin in row `top` of the image. [h, W, 3]."""
+        camera, depth = self.pairs.camera, self.depths[n]
+        old_from_new = self.pairs.poses[n] @ np.linalg.inv(pose)
+        turned = rays @ old_from_new[:3, :3].T
+        # Along every ray, the place whose depth in the old view is what was seen there.
+        far = depth[top : top + len(rays)].astype(np.float64)
+        across = down = np.zeros(0, np.float32)
+        for _ in range(_TURNS):
+            places = turned * far[..., None] + old_from_new[:3, 3]
+            deep = np.maximum(places[..., 2], 1e-6)
+            # OpenCV counts pixel centres from zero.
+            across = (camera.fx * places[..., 0] / deep + camera.cx - 0.5).astype(np.float32)
+            down = (camera.fy * places[..., 1] / deep + camera.cy - 0.5).astype(np.float32)
+            there = cv2.remap(depth, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            far = far * np.clip(there / deep, 0.5, 2.0)
+        seen = cv2.remap(self.light[n], across, down, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        return np.maximum(seen, 0.0)
