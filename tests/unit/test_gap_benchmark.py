@@ -196,11 +196,15 @@ def test_orders_keep_the_mix_and_splits_share_nothing():
         sets = [{getattr(order, field) for order in drawn[split] if order.names} for split in SPLITS]
         assert not sets[0] & sets[1]
     kinds = [order.kind for order in drawn["scored"]]
-    few = [order.kind for order in orders_of("t2", "scored", names, strange, 25)]
+    few = [order.kind for order in orders_of("t2", "scored", names, strange, 26)]
     for kind in set(kinds):
-        assert kinds.count(kind) == few.count(kind) * TIER_SIZE["t2"] // 25
+        assert kinds.count(kind) == few.count(kind) * TIER_SIZE["t2"] // 26
     assert sorted(order.key for order in drawn["scored"]) == [f"t2-{k:03d}" for k in range(TIER_SIZE["t2"])]
     assert all(order.noise == "white" or order.kind in ("free", "coloured") for order in drawn["scored"])
+    lossy = [order for order in drawn["scored"] if order.kind == "dropped"]
+    assert lossy
+    assert all(order.lost > 0 and "clock_drift" in order.names and len(order.names) == 2 for order in lossy)
+    assert {order.lost for order in drawn["scored"] if order.kind != "dropped"} == {0.0}
     free = sum(order.kind == "free" for tier in TIERS for order in orders_of(tier, "scored", names, strange))
     assert free >= 150
     assert sum(TIER_SIZE.values()) <= 500

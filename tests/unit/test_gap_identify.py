@@ -159,6 +159,16 @@ def test_third_record_refutes_what_does_not_close_the_gap_there(closure, p_remai
     assert seen.transfers(Rules(), several=True) == several
 
 
+def test_lost_samples_and_a_clock_that_drifts_hide_no_friction(axis):
+    case, result = diagnosed(axis, ("clock_drift", "coulomb"), 20.0, lost=0.03)
+    record = case.records["fit"]
+    assert 370 < len(record.time) < 400
+    assert record.time[-1] == pytest.approx(3.99)
+    assert all(len(values) == len(case.records["verify"].time) for values in (*case.clean.values(), *case.plain.values()))
+    assert result.finding.verdict == "named"
+    assert result.finding.best.names == ("clock_drift", "coulomb:axis")
+
+
 def test_without_efforts_the_verdict_is_still_right(axis):
     rivals = ("coulomb", "viscous", "gain_d", "gain_p", "load_friction")
     case, result = diagnosed(axis, ("coulomb",), 20.0, kinds=("position",), only=rivals)

@@ -77,7 +77,9 @@ def run_arm(
             moment = time + part * PERIOD / engine.steps
             extra = push - drag * v * np.abs(v) - cubic * q**3 + shake * np.sin(2 * np.pi * 3.3 * moment)
             engine.advance(asked, extra, dry, 1)
-    grid, late = np.arange(steps) * PERIOD, hidden.get("clock_offset", 0.0)
+    grid = np.arange(steps) * PERIOD
+    # A clock that is late, or that loses time: a sample's stamp is not when it was taken.
+    late = hidden.get("clock_offset", 0.0) + hidden.get("clock_drift", 0.0) * times
     shift = {"position": late, "velocity": late, "effort": 0.0}
     return {
         kind: np.stack([np.interp(times - shift[kind], grid, column) for column in values.T], axis=1)

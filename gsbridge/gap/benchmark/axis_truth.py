@@ -24,6 +24,7 @@ AXIS = {"inertia": 0.06, "moment": 0.2, "gravity": 9.81, "stiffness": 60.0, "dam
 NAMES = (
     "viscous", "coulomb", "stribeck", "quadratic_drag", "armature", "torque_gain", "effort_offset", "spring", "link_mass",
     "gain_p", "gain_d", "gravcomp", "encoder_offset", "encoder_scale", "command_delay", "lag", "saturation", "clock_offset",
+    "clock_drift",
     "cubic_spring", "shaking", "patchy_friction",
 )  # fmt: skip
 """What can be hidden; the last three are in no catalogue."""
@@ -64,7 +65,7 @@ def run_axis(course: Course, duration: float, times: Array, hidden: Mapping[str,
     out = np.empty((3, len(grid)))
     # It begins at rest, where its encoder says that it should be.
     march(wanted, p, (float(wanted[0]) - p[13]) / (1.0 + p[14]), out)
-    late = hidden.get("clock_offset", 0.0)
+    late = hidden.get("clock_offset", 0.0) + hidden.get("clock_drift", 0.0) * times
     return {
         "position": np.interp(times - late, grid, out[0])[:, None],
         "velocity": np.interp(times - late, grid, out[1])[:, None],

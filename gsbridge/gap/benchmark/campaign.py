@@ -81,7 +81,7 @@ def _drawn(site: Site, order: Order) -> tuple[Order, Case]:
         try:
             case = draw_case(
                 site.plant, order.names, order.units, order.seed, order.course_seed,
-                duration=order.duration, kinds=order.channels, spoil=order.noise,
+                duration=order.duration, kinds=order.channels, spoil=order.noise, lost=order.lost,
             )  # fmt: skip
         except NotShownError as error:
             logger.info("%s: %s", order.key, error)
@@ -147,6 +147,7 @@ def _write_truth(folder: Path, site: Site, order: Order, case: Case, split: str,
         "hidden": dict(case.hidden),
         "known": order.kind != "unknown",
         "units": order.units,
+        "lost": order.lost,
         "twins": [sorted(names) for names in twins_of(site.kind, case.hidden, order.channels)],
         "sigma": {kind: plant.noise[kind] for kind in order.channels},
         "clean_sha256": hashlib.sha256(clean.read_bytes()).hexdigest(),

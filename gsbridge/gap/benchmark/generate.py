@@ -76,7 +76,7 @@ class Case:
         hidden: Sizes of what is hidden, by name, `name:joint` for one joint; empty for an effect-free case.
         units: Size in units of the detection limit.
         records: By role: `fit`, `select`, `verify`.
-        clean: What `verify` would have been without noise. Each [T, N].
+        clean: What `verify` would have been without noise, where it has samples. Each [T, N].
         plain: The same without anything hidden, too. Each [T, N].
         seal: SHA-256 of the truth.
     """
@@ -101,6 +101,7 @@ def draw_case(
     rate: float = 100.0,
     kinds: tuple[str, ...] = ("position", "velocity", "effort"),
     spoil: str = "white",
+    lost: float = 0.0,
 ) -> Case:
     """Draw one case.
 
@@ -114,6 +115,7 @@ def draw_case(
         rate: Samples per second.
         kinds: Channels that are logged.
         spoil: What the noise is like, one of `gsbridge.gap.benchmark.noises.NOISES`.
+        lost: Share of the samples that are missing from the logs.
     """
     rng = np.random.default_rng(seed)
     times = np.arange(round(duration * rate)) / rate
@@ -134,14 +136,20 @@ def draw_case(
             size = size_of_units(plant, name, signs[name], units, courses["select"], duration, times, kinds, plain)
             hidden[name] = signs[name] * size
     text = json.dumps({"seed": seed, "hidden": dict(sorted(hidden.items()))})
-    made, clean = {}, {}
+    made, clean, kept = {}, {}, np.ones(len(times), bool)
     for role, wanted in courses.items():
         clean = plant.truth(wanted, duration, times, hidden) if hidden else effect_free(role)
         if role != "verify" and _length(plant, clean, effect_free(role), kinds) < _SHARE * units * np.sqrt(UNIT):
             raise NotShownError(names[-1], f"{' and '.join(names)} hardly show on '{role}'")
         measured = {kind: spoiled(clean[kind], plant.noise[kind], spoil, rng) for kind in kinds}
-        made[role] = Record(role, times, plant.joints, {"command": np.array([wanted(t) for t in times])}, measured)
-    clean, plain = ({kind: values[kind] for kind in kinds} for values in (clean, effect_free("verify")))
+        if lost:
+            kept = rng.random(len(times)) >= lost
+            kept[[0, -1]] = True
+        sent = np.array([wanted(t) for t in times[kept]])
+        measured = {kind: values[kept] for kind, values in measured.items()}
+        made[role] = Record(role, times[kept], plant.joints, {"command": sent}, measured)
+    # Those of the last record, `verify`.
+    clean, plain = ({kind: values[kind][kept] for kind in kinds} for values in (clean, effect_free("verify")))
     return Case("+".join(names) or "none", hidden, units, made, clean, plain, hashlib.sha256(text.encode()).hexdigest())
 
 

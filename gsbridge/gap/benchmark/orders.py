@@ -14,7 +14,7 @@ TIERS = ("t0", "t1", "t2")
 SPLITS = ("development", "scored")
 """Thresholds may be set on the first; only the second is reported. They differ in seeds, courses and sizes."""
 
-TIER_SIZE = {"t0": 125, "t1": 150, "t2": 200}
+TIER_SIZE = {"t0": 130, "t1": 156, "t2": 208}
 
 ALL_CHANNELS = ("position", "velocity", "effort")
 
@@ -24,9 +24,17 @@ _MIX: tuple[tuple[str, int], ...] = (
     ("single", 2), ("free", 0), ("single", 3), ("unknown", 3), ("single", 2), ("free", 1), ("single", 0), ("pair", 2),
     ("free", 3), ("single", 3), ("no_effort", 3), ("single", 1), ("free", 0), ("single", 2), ("unknown", 2), ("free", 2),
     ("single", 3), ("triple", 3), ("free", 1), ("single", 2), ("short", 2), ("free", 4), ("single", 3), ("coloured", 3),
-    ("free", 3),
+    ("free", 3), ("dropped", 3),
 )  # fmt: skip
 """Kind of each case, and which of a split's sizes it has, or which noise for an effect-free one; repeated."""
+
+_DRIFT = "clock_drift"
+"""What is hidden where samples are lost, beside something else."""
+
+_LOST = 0.03
+
+_SHORTEST = 2.01
+"""Of a record, s: its last sample is two seconds after the first."""
 
 _UNITS = {"development": (1.4, 3.0, 7.0, 15.0), "scored": (1.0, 2.0, 5.0, 20.0)}
 
@@ -39,7 +47,8 @@ class Order:
 
     Args:
         key: Its name, which says nothing about it.
-        kind: What it tries: `single`, `pair`, `triple`, `unknown`, `free`, or a single effect under a difficulty.
+        kind: What it tries: `single`, `pair`, `triple`, `unknown`, `free`, or a single effect under a difficulty: no efforts, a
+            short record, coloured noise, or samples that were lost beside a clock that drifts.
         names: What is hidden.
         units: Size of each.
         seed: Of signs and noise.
@@ -47,6 +56,7 @@ class Order:
         channels: Logged ones.
         duration: Of each record, s.
         noise: One of `gsbridge.gap.benchmark.noises.NOISES`.
+        lost: Share of the samples that are missing.
     """
 
     key: str
@@ -58,6 +68,7 @@ class Order:
     channels: tuple[str, ...] = ALL_CHANNELS
     duration: float = 4.0
     noise: str = "white"
+    lost: float = 0.0
 
 
 def orders_of(
@@ -83,14 +94,18 @@ def orders_of(
         units = 0.0 if kind == "free" else _UNITS[split][which]
         many = {"pair": 2, "triple": 3, "free": 0}.get(kind, 1)
         hidden = odd.draw(1) if kind == "unknown" else known.draw(many)
+        while kind == "dropped" and hidden == (_DRIFT,):
+            hidden = known.draw(1)
+        hidden = tuple(sorted((*hidden, _DRIFT))) if kind == "dropped" else hidden
         out.append(
             Order(
                 f"{tier}-{places[number]:03d}", kind, hidden, units, int(rng.integers(2**31)),
                 # Block by block, so that a few cases share one bank.
                 _COURSES[split][number // len(_MIX) % 2],
                 ("position", "velocity") if kind == "no_effort" else ALL_CHANNELS,
-                2.5 if kind == "short" else 4.0,
+                _SHORTEST if kind == "short" else 4.0,
                 _FREE[which] if kind == "free" else "coloured" if kind == "coloured" else NOISES[0],
+                _LOST if kind == "dropped" else 0.0,
             )
         )  # fmt: skip
     return tuple(sorted(out, key=lambda order: order.key))

@@ -38,7 +38,7 @@ LARGEST = {
     "torque_gain": 0.5, "link_mass": 0.5, "gain_p": 0.5, "gain_d": 0.5, "gravcomp": 0.3, "encoder_offset": 0.1,
     "encoder_scale": 0.1, "base_tilt": 0.1, "effort_offset": 10.0, "coulomb": 10.0, "stribeck": 5.0, "viscous": 20.0,
     "quadratic_drag": 20.0, "armature": 1.0, "spring": 20.0, "payload": 5.0, "command_delay": 0.15, "lag": 0.1,
-    "clock_offset": 0.05,
+    "clock_offset": 0.05, "clock_drift": 0.02,
 }  # fmt: skip
 """Sizes, SI, up to which a fault is likely at all: where an effect hardly shows, twenty units of it are a broken machine."""
 
@@ -91,6 +91,7 @@ def axis_plant(folder: str | Path, engine: str = "analytic") -> tuple[System, Pl
     truth: Truth = run_axis if engine == "analytic" else MujocoTruth(system)
     sizes = {name: (0.01, 0 if name in (*SIGNED, "gravcomp") else 1) for name in NAMES}
     sizes |= {"saturation": (0.2, 1), "command_delay": (1e-3, 1), "lag": (1e-3, 1), "clock_offset": (1e-3, 0)}
+    sizes |= {"clock_drift": (5e-4, 0)}
     noise = {"position": np.array([2e-4]), "velocity": np.array([5e-3]), "effort": np.array([0.02])}
     return system, Plant(system.joints, np.array([0.3]), np.array([0.9]), noise, truth, sizes, LARGEST)
 
@@ -98,6 +99,7 @@ def axis_plant(folder: str | Path, engine: str = "analytic") -> tuple[System, Pl
 def arm_plant(system: System, centre: Sequence[float], reach: Sequence[float]) -> Plant:
     """An arm with truths of MuJoCo. `centre` and `reach` as in `Plant`."""
     sizes = {"command_delay": (1e-3, 1), "lag": (1e-3, 1), "clock_offset": (1e-3, 0), "payload": (0.05, 1)}
+    sizes |= {"clock_drift": (5e-4, 0)}
     sizes |= {"base_tilt": (5e-3, 0), "gravcomp": (0.01, 0)}
     for joint in system.joints:
         sizes |= {f"{name}:{joint}": (0.05, 1) for name in POSITIVE} | {f"{name}:{joint}": (0.02, 0) for name in SIGNED}

@@ -57,7 +57,7 @@ def twins_of(plant: str, hidden: Mapping[str, float], channels: Iterable[str]) -
         # Not from twin to twin: a payload is like many things because it has many parameters.
         alike = {effect}.union(*(group for group in groups if effect in group))
         alike |= set(_UPRIGHT) if joint == UPRIGHT and effect in _UPRIGHT else set()
-        whole = ("payload", "base_tilt", "command_delay", "lag", "clock_offset", "gravcomp")
+        whole = ("payload", "base_tilt", "command_delay", "lag", "clock_offset", "clock_drift", "gravcomp")
         options = [other if other in whole or not joint else f"{other}:{joint}" for other in sorted(alike)]
         sets = {done | {option} for done in sets for option in options}
     return tuple(sorted(sets - {frozenset(hidden)}, key=sorted))
