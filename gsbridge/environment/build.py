@@ -13,6 +13,7 @@ from gsbridge.asset.bundle import Asset, read_asset
 from gsbridge.environment.controllers import GraspController, PlaceController, grip_of, stable_gain
 from gsbridge.environment.env import PickEnvironment
 from gsbridge.environment.gaussian_renderer import GaussianRenderer
+from gsbridge.environment.lens import EFFECTS, Lens
 from gsbridge.environment.mesh_renderer import MeshRenderer
 from gsbridge.environment.photometry import Photometry, Response, read_photometry
 from gsbridge.environment.rendering import Renderer, wrist_camera
@@ -70,7 +71,7 @@ def build_renderer(files: StageFiles, settings: EnvironmentSettings) -> Renderer
         InputError: A file is missing or of the wrong kind.
     """
     item, background = _asset(files.item, "object"), _asset(files.background, "background")
-    camera = wrist_camera(settings.image_size)
+    camera = lens_of(files, settings).camera
     if settings.renderer == "gs":
         if files.robot_splats is None:
             raise InputError("robot splats", "the renderer 'gs' draws the robot as splats", "Give their folder")
@@ -96,12 +97,18 @@ def build_environment(files: StageFiles, settings: EnvironmentSettings) -> PickE
     """
     world = build_world(files)
     renderer = build_renderer(files, settings)
-    return PickEnvironment(world, settings, renderer, stroke=world.dimensions.stroke, response=camera_response(files))
+    stroke, response, lens = world.dimensions.stroke, camera_response(files), lens_of(files, settings)
+    return PickEnvironment(world, settings, renderer, stroke=stroke, response=response, lens=lens)
+
+
+def lens_of(files: StageFiles, settings: EnvironmentSettings) -> Lens:
+    """What the model's effects change in the pictures."""
+    return Lens(read_model(files.model, EFFECTS).effects, wrist_camera(settings.image_size))
 
 
 def camera_response(files: StageFiles) -> Camera:
     """What the wrist camera makes of a rendered picture: as it was calibrated, and the model's changes on top."""
-    return _photometry(files).response.after(read_model(files.model).camera)
+    return _photometry(files).response.after(read_model(files.model, EFFECTS).camera)
 
 
 def build_world(files: StageFiles) -> SimWorld:
@@ -113,7 +120,7 @@ def build_world(files: StageFiles) -> SimWorld:
     return SimWorld(
         RobotFiles.read(files.robot),
         Item.of(_asset(files.item, "object"), files.item),
-        read_model(files.model),
+        read_model(files.model, EFFECTS),
         base_from_table=_base_from_table(files.registration),
         plate=_asset(files.background, "background").relief_urdf,
     )

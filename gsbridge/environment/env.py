@@ -26,6 +26,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from gsbridge.environment.lens import Lens
 from gsbridge.environment.proprioception import PROPRIO, PROPRIO_BOUND, Reached, begin, next_command, proprioception
 from gsbridge.environment.rendering import Renderer
 from gsbridge.environment.settings import EnvironmentSettings
@@ -62,10 +63,11 @@ class DrawnEye:
     Args:
         renderer: See `Renderer`.
         response: Response and noise of the sensor, from the simulation model; None leaves the picture as it was drawn.
+        lens: What the model's effects change; None for none.
     """
 
-    def __init__(self, renderer: Renderer, response: Response | None = None) -> None:
-        self.renderer, self.response, self.size = renderer, response, renderer.camera.width
+    def __init__(self, renderer: Renderer, response: Response | None = None, lens: Lens | None = None) -> None:
+        self.renderer, self.response, self.lens, self.size = renderer, response, lens, renderer.camera.width
         self._rng = np.random.default_rng(0)
 
     def begin(self, seed: int) -> None:
@@ -74,8 +76,10 @@ class DrawnEye:
 
     def look(self, world: World) -> Array:
         """See `Eye`."""
-        image = self.renderer.render(world.body_poses(), world.camera_pose())
-        return image if self.response is None else respond(image, self.response, self._rng)
+        pose = world.camera_pose() if self.lens is None else self.lens.pose(world.camera_pose())
+        image = self.renderer.render(world.body_poses(), pose)
+        image = image if self.response is None else respond(image, self.response, self._rng)
+        return image if self.lens is None else self.lens.photo(image, pose, self._rng)
 
 
 class OwnEye:
@@ -106,6 +110,7 @@ class PickEnvironment(gymnasium.Env):
         stroke: Largest opening of the gripper, m.
         workspace: Room in which the tool may be commanded; None for the world's own, or the nominal one.
         response: Response of the simulated camera.
+        lens: What the simulation model's effects change in its pictures.
 
     Raises:
         InputError: Neither renderer nor camera, or a renderer of another size than the settings'.
@@ -122,10 +127,11 @@ class PickEnvironment(gymnasium.Env):
         stroke: float = 0.14,
         workspace: Workspace | None = None,
         response: Response | None = None,
+        lens: Lens | None = None,
     ) -> None:
         self.world, self.settings = world, settings
         self.workspace = workspace or getattr(world, "workspace", None) or Workspace.around()
-        self.eye = _eye(world, renderer, response, settings.image_size)
+        self.eye = _eye(world, renderer, response, lens, settings.image_size)
         self.rules, self.region = settings.rules(), settings.region()
         if not self.workspace.contains(np.array([*settings.start_centre, self.workspace.upper[2]])):
             raise InputError("start region", "its middle lies outside the workspace", "Move the region or the workspace")
@@ -272,7 +278,7 @@ def state_of(info: Mapping[str, Any]) -> State:
     return State(**values)
 
 
-def _eye(world: World, renderer: Renderer | None, response: Response | None, size: int) -> Eye:
+def _eye(world: World, renderer: Renderer | None, response: Response | None, lens: Lens | None, size: int) -> Eye:
     """The eye that a world is seen with."""
     if renderer is None:
         if not hasattr(world, "image"):
@@ -284,4 +290,4 @@ def _eye(world: World, renderer: Renderer | None, response: Response | None, siz
             f"the renderer draws {renderer.camera.width} x {renderer.camera.height} px, the settings ask for {size}",
             "Make its camera with `wrist_camera(settings.image_size)`",
         )
-    return DrawnEye(renderer, response)
+    return DrawnEye(renderer, response, lens)

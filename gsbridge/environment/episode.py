@@ -9,8 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from gsbridge.environment.build import StageFiles, build_controller, build_environment, build_renderer, camera_response
+from gsbridge.environment.build import (
+    StageFiles,
+    build_controller,
+    build_environment,
+    build_renderer,
+    camera_response,
+    lens_of,
+)
 from gsbridge.environment.env import DrawnEye, Eye, PickEnvironment, state_of
+from gsbridge.environment.lens import EFFECTS
 from gsbridge.environment.settings import RENDERERS, EnvironmentSettings
 from gsbridge.files import write_stage
 from gsbridge.geometry import Array
@@ -110,8 +118,8 @@ def play_episode(
     Raises:
         InputError: A file is missing or of the wrong kind.
     """
-    model, response = read_model(files.model), camera_response(files)
-    eyes = {name: DrawnEye(build_renderer(files, replace(settings, renderer=name)), response) for name in RENDERERS}
+    model, response, lens = read_model(files.model, EFFECTS), camera_response(files), lens_of(files, settings)
+    eyes = {name: DrawnEye(build_renderer(files, replace(settings, renderer=name)), response, lens) for name in RENDERERS}
     environment = build_environment(files, replace(settings, renderer="mesh"))
     try:
         controller = build_controller(files.item, settings)

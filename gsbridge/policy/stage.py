@@ -9,6 +9,7 @@ from pathlib import Path
 
 from gsbridge.environment.biased import BiasedController
 from gsbridge.environment.build import StageFiles, build_controller, build_environment
+from gsbridge.environment.lens import EFFECTS
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_stage
@@ -59,7 +60,7 @@ def train_policy(
     """
     environment = build_environment(files, environment_settings)
     try:
-        model = read_model(files.model)
+        model = read_model(files.model, EFFECTS)
         delay = model.arm.delay * model.timing.control_hz
         controller: Controller = build_controller(files.item, environment_settings, delay=delay)
         if any(controller_offset):

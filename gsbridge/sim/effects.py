@@ -44,7 +44,8 @@ class Effect:
 
 
 CATALOGUE: Final[Mapping[str, Description]] = MappingProxyType({})
-"""Effects by name. None yet: the nominal model stands for itself."""
+"""Effects of the physics by name: none, since what the gap finds in an arm has its place in the model. Effects of pictures
+are the renderer's (`gsbridge.environment.lens.EFFECTS`)."""
 
 
 def read_effects(items: Any, source: str, catalogue: Mapping[str, Description] = CATALOGUE) -> tuple[Effect, ...]:

@@ -15,7 +15,7 @@ from typing import Annotated, Any, NamedTuple, get_type_hints
 import yaml
 
 from gsbridge.errors import InputError
-from gsbridge.sim.effects import Effect, checked_number, read_effects
+from gsbridge.sim.effects import CATALOGUE, Description, Effect, checked_number, read_effects
 
 ARM = 7
 """Joints of the arm."""
@@ -198,8 +198,12 @@ class Model:
         return self.substeps * self.time_step
 
 
-def read_model(path: str | Path) -> Model:
+def read_model(path: str | Path, catalogue: Mapping[str, Description] = CATALOGUE) -> Model:
     """Read a model file.
+
+    Args:
+        path: The file.
+        catalogue: Effects that it may hold.
 
     Raises:
         InputError: The file is missing or damaged, a key is unknown or missing, a value is no number or out of range.
@@ -212,22 +216,23 @@ def read_model(path: str | Path) -> Model:
         ) from error
     except (UnicodeDecodeError, yaml.YAMLError) as error:
         raise InputError(path, f"this is not valid YAML ({error})", "Correct it after models/nominal.yaml") from error
-    return parse_model(content, str(path))
+    return parse_model(content, str(path), catalogue)
 
 
-def parse_model(content: Any, source: str = "model") -> Model:
+def parse_model(content: Any, source: str = "model", catalogue: Mapping[str, Description] = CATALOGUE) -> Model:
     """A model from the content of a model file.
 
     Args:
         content: Nested mappings as in `models/nominal.yaml`.
         source: Where it comes from, for messages.
+        catalogue: Effects that it may hold.
 
     Raises:
         InputError: As `read_model`.
     """
     if not isinstance(content, Mapping) or "effects" not in content:
         raise InputError(source, "the model has no list 'effects'", "Write effects: [] for the nominal model")
-    effects = read_effects(content["effects"], source)
+    effects = read_effects(content["effects"], source, catalogue)
     model = _section(Model, {key: value for key, value in content.items() if key != "effects"}, "", source, effects=effects)
     ratio = model.timing.physics_hz / model.timing.control_hz
     if abs(ratio - round(ratio)) > 1e-9:

@@ -1,0 +1,81 @@
+"""Image effects of a model in the pictures that a policy learns from: what the gap of pictures named, drawn.
+
+An effect is told against the wrist camera as it was calibrated, so it comes after the camera's response.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+
+from gsbridge.cameras import Camera
+from gsbridge.geometry import Array
+from gsbridge.images import linear_from_srgb, to_u8
+from gsbridge.scene.effects import catalogue, effect_of
+from gsbridge.scene.photograph import develop, with_noise
+from gsbridge.scene.shooting import Frame, Shooting
+from gsbridge.sim.effects import Description, Effect, Parameter
+
+UNDRAWN: Final = ("distortion", "flicker", "latency", "motion_blur", "rolling_shutter", "shadow")
+"""Effects that an episode's pictures cannot have: of more moments than one, of the depth of pixels, or of a bent lens."""
+
+_LIGHT = linear_from_srgb(np.arange(256, dtype=np.float32) / np.float32(255.0))
+
+
+def _descriptions() -> Mapping[str, Description]:
+    return MappingProxyType(
+        {
+            name: Description(
+                {p.name: Parameter(p.name, p.unit, p.low, p.high) for p in effect.parameters}, ("image",), effect.title
+            )
+            for name, effect in catalogue().items()
+            if name not in UNDRAWN
+        }
+    )
+
+
+EFFECTS: Final[Mapping[str, Description]] = _descriptions()
+"""Effects that a model's list `effects` may hold."""
+
+
+class Lens:
+    """The wrist camera as a model's effects change it.
+
+    Args:
+        effects: Of the model; none change nothing.
+        camera: Pinhole of the pictures, as it is thought to be.
+    """
+
+    def __init__(self, effects: Sequence[Effect], camera: Camera) -> None:
+        self.nominal, self.how = camera, Shooting()
+        for effect in effects:
+            effect_of(effect.name).apply(self.how, effect.parameters)
+        self.camera = replace(camera, fx=camera.fx * self.how.focal, fy=camera.fy * self.how.focal)
+        how = self.how
+        self._noisy = how.read_noise > 0.0 or how.shot_noise > 0.0
+        self._develops = bool(how.light or how.sensor or how.blur)
+
+    def pose(self, cam_from_table: Array) -> Array:
+        """Where the camera really sits. [4, 4]."""
+        return self.how.mount @ cam_from_table
+
+    def photo(self, image: Array, cam_from_table: Array, rng: np.random.Generator) -> Array:
+        """What becomes of a picture of the camera without effects. uint8 [H, W, 3].
+
+        Args:
+            image: sRGB. uint8 [H, W, 3].
+            cam_from_table: Where the camera really sits.
+            rng: Of the noise; left alone where there is none.
+        """
+        if self._develops:
+            frame = Frame(self.nominal, 0.0, np.zeros(image.shape[:2], np.float32), cam_from_table)
+            values = develop(_LIGHT[image], frame, self.how)
+        elif self._noisy:
+            values = image.astype(np.float32) / np.float32(255.0)
+        else:
+            return image
+        return to_u8(with_noise(values, self.how, rng) if self._noisy else values)

@@ -1,0 +1,102 @@
+"""Image effects of a model in the pictures that a policy learns from."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from gsbridge.cameras import Camera
+from gsbridge.environment.env import DrawnEye
+from gsbridge.environment.lens import EFFECTS, UNDRAWN, Lens
+from gsbridge.errors import InputError
+from gsbridge.images import linear_from_srgb
+from gsbridge.scene.effects import catalogue
+from gsbridge.sim.camera import respond
+from gsbridge.sim.effects import Effect
+from gsbridge.sim.model import parse_model, read_model
+
+NOMINAL = Path(__file__).resolve().parents[2] / "models" / "nominal.yaml"
+CAMERA = Camera(16, 16, 20.0, 20.0, 8.0, 8.0)
+RNG = np.random.default_rng(0)
+IMAGE = RNG.integers(20, 200, (16, 16, 3)).astype(np.uint8)
+
+
+class Room:
+    """A world of which only the camera's place is asked."""
+
+    def body_poses(self):
+        return {}
+
+    def camera_pose(self):
+        return np.eye(4)
+
+
+class Renderer:
+    """Draws one picture and remembers from where."""
+
+    camera = CAMERA
+
+    def render(self, body_poses, cam_from_table):
+        self.pose = cam_from_table
+        return IMAGE
+
+
+def lens(name, **values):
+    full = {p.name: 0.0 if p.amplitude else p.typical for p in catalogue()[name].parameters} | values
+    return Lens([Effect(name, full)], CAMERA)
+
+
+def test_without_effects_nothing_changes():
+    plain = Lens([], CAMERA)
+    assert plain.photo(IMAGE, np.eye(4), RNG) is IMAGE
+    assert plain.camera == CAMERA
+    pose = np.linalg.qr(RNG.normal(size=(4, 4)))[0]
+    assert np.array_equal(plain.pose(pose), pose)
+
+
+def test_white_balance_is_that_of_the_camera_response():
+    seen = lens("white_balance", red=0.2, blue=-0.3).photo(IMAGE, np.eye(4), RNG)
+    camera = replace(read_model(NOMINAL).camera, red_gain=float(np.exp(0.2)), blue_gain=float(np.exp(-0.3)))
+    assert np.abs(seen.astype(int) - respond(IMAGE, camera, RNG).astype(int)).max() <= 1
+
+
+def test_vignetting_darkens_as_its_law_says():
+    seen = lens("vignetting", strength=0.8).photo(IMAGE, np.eye(4), RNG)
+    across = (np.arange(16) + 0.5 - 8) / np.hypot(8, 8)
+    law = 1.0 / (1.0 + 0.8 * (across**2 + across[:, None] ** 2)) ** 2
+    light, before = (linear_from_srgb(image / 255.0) for image in (seen, IMAGE))
+    np.testing.assert_allclose(light, before * law[..., None], atol=0.006)
+
+
+def test_a_moved_camera_draws_from_elsewhere_and_a_longer_lens_draws_narrower():
+    renderer = Renderer()
+    moved = lens("extrinsics", y=0.015)
+    assert DrawnEye(renderer, None, moved).look(Room()) is IMAGE
+    # The camera sits 15 mm further down its own image: everything else further up.
+    np.testing.assert_allclose(renderer.pose[:3, 3], [0.0, -0.015, 0.0])
+    assert lens("focal", change=0.1).camera.fx == pytest.approx(22.0)
+
+
+def test_noise_is_drawn_from_the_episodes_seed():
+    noisy, renderer = lens("noise", read=0.03), Renderer()
+    photos = []
+    for seed in (1, 1, 2):
+        eye = DrawnEye(renderer, None, noisy)
+        eye.begin(seed)
+        photos.append(eye.look(Room()))
+    assert np.array_equal(photos[0], photos[1])
+    assert not np.array_equal(photos[0], photos[2])
+    assert (photos[0] / 255.0 - IMAGE / 255.0).std() == pytest.approx(0.03, rel=0.15)
+
+
+def test_models_hold_the_effects_that_can_be_drawn():
+    content = yaml.safe_load(NOMINAL.read_text(encoding="utf-8"))
+    assert set(EFFECTS) | set(UNDRAWN) == set(catalogue())
+    good = content | {"effects": [{"name": "exposure", "parameters": {"stops": -0.5}}]}
+    (effect,) = parse_model(good, catalogue=EFFECTS).effects
+    assert (effect.name, dict(effect.parameters)) == ("exposure", {"stops": -0.5})
+    for name, parameters in (("latency", {"delay": 0.1}), ("exposure", {"stops": 9.0}), ("exposure", {})):
+        with pytest.raises(InputError):
+            parse_model(content | {"effects": [{"name": name, "parameters": parameters}]}, catalogue=EFFECTS)
