@@ -53,14 +53,18 @@ class Expectation:
         self.clean = np.stack([_clean(photo, _STRENGTH / np.sqrt(pairs.repeats)) for photo in pairs.again])
         self.light = linear_from_srgb(self.clean)
         self.pictures = 0
-        self._kept: OrderedDict[tuple[object, ...], Array] = OrderedDict()
+        self._kept: OrderedDict[tuple[object, ...], tuple[Array, Array]] = OrderedDict()
 
     def photos(self, how: Shooting) -> Array:
         """Encoded photos, without noise of their own. [N, H, W, 3] float32."""
-        light, pairs = self._seen(how), self.pairs
+        light, pairs = self._seen(how)[0], self.pairs
         self.pictures += 1
         changed = np.stack([develop(light[n], self._frame(n, how), how) for n in range(len(pairs))])
         return pairs.before + (changed - self.clean)
+
+    def shown(self, how: Shooting) -> Array:
+        """Which pixels show what the earlier photo shows somewhere, and not what lies beyond its edges. [N, H, W] bool."""
+        return self._seen(how)[1]
 
     def flat(self, how: Shooting) -> Array:
         """The same by a camera that did not move, with a lens as sharp: for their grain. [N, H, W, 3] float32."""
@@ -74,12 +78,12 @@ class Expectation:
         time = 0.0 if pairs.times is None else float(pairs.times[n])
         return Frame(pairs.camera, time, self.depths[n], how.mount @ pairs.poses[n])
 
-    def _seen(self, how: Shooting) -> Array:
-        """Linear light that reaches the sensor. [N, H, W, 3]."""
+    def _seen(self, how: Shooting) -> tuple[Array, Array]:
+        """Linear light that reaches the sensor, and where the earlier photo has it. [N, H, W, 3], [N, H, W]."""
         moving = (how.delay, how.row_time, how.exposure_time) if self.pairs.track is not None else (0.0, 0.0, 0.0)
         key = (*moving, how.focal, how.mount.tobytes(), how.distortion.tobytes())
         if key == (0.0, 0.0, 0.0, 1.0, np.eye(4).tobytes(), np.zeros(2).tobytes()):
-            return self.light
+            return self.light, np.ones(self.light.shape[:3], bool)
         if key not in self._kept:
             rays = self._rays(how)
             span = (np.arange(EXPOSURES) + 0.5) / EXPOSURES - 0.5 if moving[2] else np.zeros(1)
@@ -87,7 +91,9 @@ class Expectation:
                 sum(self._shutter(n, float(offset) * how.exposure_time - how.delay, how, rays) for offset in span) / len(span)
                 for n in range(len(self.pairs))
             ]
-            self._kept[key] = np.stack(whole).astype(np.float32)
+            table = np.stack(whole).astype(np.float32)
+            # The mean of moments shows all of them, or less than all.
+            self._kept[key] = table[..., :3], table[..., 3] > 0.999
             if len(self._kept) > _KEPT:
                 self._kept.popitem(last=False)
         return self._kept[key]
@@ -110,7 +116,7 @@ class Expectation:
         return rays
 
     def _shutter(self, n: int, later: float, how: Shooting, rays: Array) -> Array:
-        """Light of one moment: all rows at once, or strips of rows one after the other. [H, W, 3]."""
+        """Light of one moment and where it is known: all rows at once, or strips of rows one after the other. [H, W, 4]."""
         pairs, height = self.pairs, self.pairs.camera.height
         if pairs.track is None or pairs.times is None:
             return self._warped(n, how.mount @ pairs.poses[n], rays)
@@ -124,7 +130,10 @@ class Expectation:
         return np.concatenate([self._warped(n, how.mount @ pose, rays[top:end], int(top)) for top, end, pose in strips])
 
     def _warped(self, n: int, pose: Array, rays: Array, top: int = 0) -> Array:
-        """Light of a photo as a camera at another pose sees it; `rays` begin in row `top` of the image. [h, W, 3]."""
+        """Light of a photo as a camera at another pose sees it, and 1 where the photo shows it. [h, W, 4].
+
+        `rays` begin in row `top` of the image.
+        """
         camera, depth = self.pairs.camera, self.depths[n]
         old_from_new = self.pairs.poses[n] @ np.linalg.inv(pose)
         turned = rays @ old_from_new[:3, :3].T
@@ -140,4 +149,5 @@ class Expectation:
             there = cv2.remap(depth, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             far = far * np.clip(there / deep, 0.5, 2.0)
         seen = cv2.remap(self.light[n], across, down, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        return np.maximum(seen, 0.0)
+        inside = (across >= 0) & (across <= camera.width - 1) & (down >= 0) & (down <= camera.height - 1)
+        return np.concatenate([np.maximum(seen, 0.0), inside[..., None].astype(np.float32)], axis=2)

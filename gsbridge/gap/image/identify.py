@@ -25,6 +25,12 @@ logger = logging.getLogger("gsbridge")
 _SHOWN = 1.0
 """Squared length, in units of the noise, from which on the signature of an effect of typical size shows at all."""
 
+_LAW = 1e-3
+"""Share of a gap's squares within which the laws of effects are known: one effect more must explain more than that."""
+
+_COARSE = 12
+"""Rows at which what moved is looked for first."""
+
 _BESIDE = 3
 """Further effects that are tried beside an explanation."""
 
@@ -44,6 +50,7 @@ class Identification:
         self, first: View, second: View, who: Sequence[ImageCandidate], rules: Rules | None = None, seed: int = 0
     ) -> None:
         self.first, self.second = first, second
+        self.rough = View(first.pairs, first.noise, grain=False, height=_COARSE)
         # Without time stamps a flicker is any other light.
         self.who = tuple(c for c in who if first.pairs.times is not None or not c.effect.timed)
         self.blind = tuple(sorted(str(c) for c in who if c not in self.who))
@@ -81,10 +88,13 @@ class Identification:
 
     def _used(self) -> int:
         """Sets of pictures so far."""
-        return self.first.expectation.pictures + self.second.expectation.pictures
+        return sum(view.expectation.pictures for view in (self.first, self.second, self.rough))
 
     def _fitted(self, who: Sequence[ImageCandidate], starts: Sequence[dict[str, float]]) -> Trial | None:
         """A trial of some effects; None where the fit did not converge."""
+        if any(candidate.effect.hook in ("geometry", "time") for candidate in who):
+            # Details that moved by more than their own size lead a fit astray.
+            starts = fit(self.rough, who, starts).values
         found = fit(self.first, who, starts)
         logger.info("%s: %.1f%s", " + ".join(map(str, who)), found.chi2, "" if found.converged else " (not converged)")
         if not found.converged:
@@ -155,10 +165,11 @@ class Identification:
 
     def _slim(self, trials: list[Trial]) -> list[Trial]:
         """Leave out sets that are hardly better than one of their subsets."""
-        out = []
+        out, gap = [], self.plain_chi2 + _squares(self.start) - self.floor - self.first.numbers
         for trial in trials:
             parts = [t for t in trials if set(t.fit.who) < set(trial.fit.who)]
-            if all(t.score - trial.score > self.rules.join * max(1.0, trial.chi2 / self.floor) for t in parts):
+            least = max(self.rules.join * max(1.0, trial.chi2 / self.floor), _LAW * gap)
+            if all(t.score - trial.score > least for t in parts):
                 out.append(trial)
         return out
 

@@ -1,4 +1,4 @@
-"""Do photos differ by more than noise? Sums over blocks of pixels, calibrated by noise that passed the same mask."""
+"""Do photos differ by more than noise? Sums over blocks of pixels, calibrated by photos of one day."""
 
 from __future__ import annotations
 
@@ -71,11 +71,15 @@ class Null:
     @classmethod
     def of(cls, view: View, rng: np.random.Generator, replicates: int = REPLICATES) -> Null:
         """Draw noise for the views of a role."""
-        shape, grain = view.pictures(view.residual()).shape, view.grains(view.residual()) != 0
+        grain = view.grains(view.residual()) != 0
+        # What photos of one day differ by, with signs drawn anew: outliers of the noise stay, and what lies together does not.
+        quiet = view.quiet()
+        usual = quiet.pictures(quiet.residual())
+        usual = usual / np.sqrt(np.maximum((usual**2).sum(axis=(0, 1, 2)) / max(float(view.mask.sum()), 1.0), 1e-12))
         drawn = []
         for _ in range(replicates):
-            size = np.sqrt(np.maximum(1.0 + _UNSURE * rng.standard_normal(shape[-1]), 0.0)).astype(np.float32)
-            white = rng.standard_normal(shape).astype(np.float32) * view.mask[..., None] * size
+            size = np.sqrt(np.maximum(1.0 + _UNSURE * rng.standard_normal(usual.shape[-1]), 0.0)).astype(np.float32)
+            white = usual * rng.choice(np.array((-1.0, 1.0), np.float32), usual.shape) * size
             rough = rng.standard_normal(grain.shape).astype(np.float32) * grain
             drawn.append(sums(view, np.concatenate([white.reshape(-1, grain.shape[1]), rough])))
         return cls(np.stack(drawn))

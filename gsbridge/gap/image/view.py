@@ -39,6 +39,9 @@ _PARTS = 12
 _OUTLIER = 4.0
 """Deviations beyond which a difference of two equal photos is no noise."""
 
+_NEAR = 5
+"""Pixels as compared, on either side, over which noise is taken to be alike."""
+
 _CLEAR = 5.0
 """Deviations by which later photos must be noisier to count as noisier."""
 
@@ -84,9 +87,9 @@ def learn_noise(pairs: Sequence[Pairs]) -> Noise:
     return Noise(max(float(dark), least), float(light))
 
 
-def shrinking(pairs: Pairs) -> int:
-    """Edge of the blocks of pixels over which photos are averaged."""
-    return max(1, round(pairs.camera.height / HEIGHT))
+def shrinking(pairs: Pairs, height: int = HEIGHT) -> int:
+    """Edge of the blocks of pixels over which photos are averaged, for about so many rows."""
+    return max(1, round(pairs.camera.height / height))
 
 
 def shrunk(photos: Array, size: int) -> Array:
@@ -97,9 +100,9 @@ def shrunk(photos: Array, size: int) -> Array:
     return parts.mean(axis=(2, 4))
 
 
-def compared(pairs: Pairs) -> Array:
+def compared(pairs: Pairs, height: int = HEIGHT) -> Array:
     """Where photos are compared: off the border, off steps of depth, and where the depth is known. [N, h, w], 0 or 1."""
-    size, width = shrinking(pairs), pairs.camera.width
+    size, width = shrinking(pairs, height), pairs.camera.width
     border, reach = max(1, round(_BORDER * width)), max(1, round(_REACH * width))
     depths = pairs.depths.astype(np.float64)
     known = np.isfinite(depths) & (depths > 0)
@@ -123,22 +126,24 @@ class View:
         pairs: The views.
         noise: Of one photo.
         grain: Whether the photos' grain is compared, too: means of several photos have less.
+        height: Rows, about, at which they are compared: few, to find what moved far; their noise is then not that of blocks.
 
     Attributes:
         shape: Photos, rows, columns as they are compared.
         mask: Where they are. [N, h, w].
     """
 
-    def __init__(self, pairs: Pairs, noise: Noise, *, grain: bool = True) -> None:
+    def __init__(self, pairs: Pairs, noise: Noise, *, grain: bool = True, height: int = HEIGHT) -> None:
         self.pairs, self.noise, self._grainy = pairs, noise, grain
         self.expectation = Expectation(pairs)
-        self.size = shrinking(pairs)
+        self.size = shrinking(pairs, height)
         self.after = shrunk(pairs.after, self.size)
-        self.mask = compared(pairs)
+        self.mask = compared(pairs, height)
         self.shape = self.mask.shape
         # Noisier photos say less, whatever made them so; that they are noisier, their grain alone says.
         before = shrunk(pairs.before, self.size)
-        variance = self._rougher() * noise.at(self.after) + noise.at(before)
+        local = self._local(shrunk(pairs.again, self.size) - before, noise.at(before))
+        variance = local * (self._rougher() * noise.at(self.after) + noise.at(before))
         variance = variance + _PLACE**2 * slopes_of(before.astype(np.float32))[..., None]
         self._weights = (self.mask[..., None] / np.sqrt(variance)).astype(np.float32)
 
@@ -146,6 +151,11 @@ class View:
         """Later photos less expected ones, a row per line of a photo, then the grain of every photo. [N * h + N, 3 * w]."""
         how = shooting(effects)
         apart = (self.after - shrunk(self.expectation.photos(how), self.size)) * self._weights
+        shown = shrunk(self.expectation.shown(how).astype(np.float32), self.size) >= 1.0
+        if not shown.all():
+            # What comes into sight says nothing; the rest stands for it, or it would pay to look elsewhere.
+            kept = np.maximum((self.mask * shown).sum(), 1.0)
+            apart *= shown[..., None] * np.float32(np.sqrt(self.mask.sum() / kept))
         count, height, width = self.shape
         rough = self._rough(how)
         grain = np.zeros((count, 3 * width), np.float32)
@@ -193,6 +203,15 @@ class View:
     @cached_property
     def _grain(self) -> Array:
         return self._flats.variances(self.pairs.after.astype(np.float32))
+
+    def _local(self, apart: Array, variance: Array) -> Array:
+        """Variance of the noise in multiples of what its brightness says, where photos of one day tell: in shades that flicker
+        a little, on things that shine. [N, h, w, 1]."""
+        square = (apart**2 / (variance * (1.0 + 1.0 / self.pairs.repeats))).mean(axis=-1) * self.mask
+        size = (2 * _NEAR + 1,) * 2
+        near = np.stack([cv2.blur(part.astype(np.float64), size) for part in square])
+        filled = np.stack([cv2.blur(part.astype(np.float64), size) for part in self.mask])
+        return np.maximum(near / np.maximum(filled, 1e-6), 1.0).astype(np.float32)[..., None]
 
     def _rougher(self) -> float:
         """Variance of the later photos' noise in multiples of the earlier ones', 1 where it is not clearly more."""
