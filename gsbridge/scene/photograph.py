@@ -186,12 +186,13 @@ def softened(image: Array, amounts: Sequence[float]) -> Array:
     return out
 
 
-def _bent(light: Array, depths: Array, camera: Camera, pad: int, distortion: Array) -> tuple[Array, Array]:
-    """A pinhole picture as a lens with radial distortion shows it, cropped to the photo."""
-    height, width = light.shape[0] - 2 * pad, light.shape[1] - 2 * pad
-    x = (np.arange(width) + 0.5 + pad - camera.cx) / camera.fx
-    y = ((np.arange(height) + 0.5 + pad - camera.cy) / camera.fy)[:, None]
-    far = np.hypot(x, y)
+def straightening(far: Array, distortion: Array) -> Array:
+    """Factor by which a radial distortion is undone at normalised radii on the sensor. Any shape.
+
+    Args:
+        far: Radii.
+        distortion: k1, k2 of the OPENCV model.
+    """
     k1, k2 = distortion
     straight = far.copy()
     for _ in range(8):
@@ -199,7 +200,15 @@ def _bent(light: Array, depths: Array, camera: Camera, pad: int, distortion: Arr
         square = straight**2
         slope = np.maximum(1.0 + 3.0 * k1 * square + 5.0 * k2 * square**2, 0.2)
         straight = straight - (straight * (1.0 + k1 * square + k2 * square**2) - far) / slope
-    factor = straight / np.maximum(far, 1e-12)
+    return straight / np.maximum(far, 1e-12)
+
+
+def _bent(light: Array, depths: Array, camera: Camera, pad: int, distortion: Array) -> tuple[Array, Array]:
+    """A pinhole picture as a lens with radial distortion shows it, cropped to the photo."""
+    height, width = light.shape[0] - 2 * pad, light.shape[1] - 2 * pad
+    x = (np.arange(width) + 0.5 + pad - camera.cx) / camera.fx
+    y = ((np.arange(height) + 0.5 + pad - camera.cy) / camera.fy)[:, None]
+    factor = straightening(np.hypot(x, y), distortion)
     # OpenCV counts pixel centres from zero.
     across = (x * factor * camera.fx + camera.cx - 0.5).astype(np.float32)
     down = (y * factor * camera.fy + camera.cy - 0.5).astype(np.float32)

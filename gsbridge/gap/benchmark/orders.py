@@ -32,6 +32,7 @@ _DRIFT = "clock_drift"
 """What is hidden where samples are lost, beside something else."""
 
 _LOST = 0.03
+"""Share of the samples that are lost there."""
 
 _SHORTEST = 2.01
 """Of a record, s: its last sample is two seconds after the first."""

@@ -2,11 +2,9 @@
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from gsbridge.gap.effects.base import Effect, Parameter
+from gsbridge.gap.effects.clock_offset import restamp
 from gsbridge.gap.setup import Setup
-from gsbridge.geometry import Array
 
 
 class ClockDrift(Effect):
@@ -25,12 +23,4 @@ class ClockDrift(Effect):
 
     def apply(self, setup: Setup, joint: int, values: Mapping[str, float]) -> None:
         """Stretch the logged motion."""
-
-        def late(time: Array, channels: dict[str, Array]) -> dict[str, Array]:
-            out = dict(channels)
-            for kind in ("position", "velocity"):
-                columns = [np.interp(time * (1.0 - values["drift"]), time, column) for column in channels[kind].T]
-                out[kind] = np.stack(columns, axis=1)
-            return out
-
-        setup.outputs.append(late)
+        restamp(setup, lambda time: time * (1.0 - values["drift"]))

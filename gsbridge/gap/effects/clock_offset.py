@@ -1,12 +1,29 @@
 """Measurements that are stamped too late or too early."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from gsbridge.gap.effects.base import Effect, Parameter
 from gsbridge.gap.setup import Setup
 from gsbridge.geometry import Array
+
+
+def restamp(setup: Setup, taken: Callable[[Array], Array]) -> None:
+    """Log positions and speeds as they were at other times than their stamps say.
+
+    Args:
+        setup: The mechanism's.
+        taken: Stamps to the times of the samples, s. [T] -> [T].
+    """
+
+    def late(time: Array, channels: dict[str, Array]) -> dict[str, Array]:
+        out = dict(channels)
+        for kind in ("position", "velocity"):
+            out[kind] = np.stack([np.interp(taken(time), time, column) for column in channels[kind].T], axis=1)
+        return out
+
+    setup.outputs.append(late)
 
 
 class ClockOffset(Effect):
@@ -25,12 +42,4 @@ class ClockOffset(Effect):
 
     def apply(self, setup: Setup, joint: int, values: Mapping[str, float]) -> None:
         """Shift the logged motion."""
-
-        def late(time: Array, channels: dict[str, Array]) -> dict[str, Array]:
-            out = dict(channels)
-            for kind in ("position", "velocity"):
-                columns = [np.interp(time - values["time"], time, column) for column in channels[kind].T]
-                out[kind] = np.stack(columns, axis=1)
-            return out
-
-        setup.outputs.append(late)
+        restamp(setup, lambda time: time - values["time"])

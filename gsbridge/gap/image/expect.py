@@ -16,7 +16,7 @@ import numpy as np
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.geometry import Array
 from gsbridge.images import linear_from_srgb, to_u8
-from gsbridge.scene.photograph import EXPOSURES, STRIPS, develop
+from gsbridge.scene.photograph import EXPOSURES, STRIPS, develop, straightening
 from gsbridge.scene.shooting import Frame, Shooting
 
 _STRENGTH = 3.0
@@ -104,15 +104,7 @@ class Expectation:
         camera = replace(camera, fx=camera.fx * how.focal, fy=camera.fy * how.focal)
         rays = camera.pixel_rays()
         if how.distortion.any():
-            far = np.hypot(rays[..., 0], rays[..., 1])
-            k1, k2 = how.distortion
-            straight = far.copy()
-            for _ in range(8):
-                # Newton's steps on r (1 + k1 r2 + k2 r4) = far; the slope is kept off zero where the lens folds over.
-                square = straight**2
-                slope = np.maximum(1.0 + 3.0 * k1 * square + 5.0 * k2 * square**2, 0.2)
-                straight = straight - (straight * (1.0 + k1 * square + k2 * square**2) - far) / slope
-            rays[..., :2] *= (straight / np.maximum(far, 1e-12))[..., None]
+            rays[..., :2] *= straightening(np.hypot(rays[..., 0], rays[..., 1]), how.distortion)[..., None]
         return rays
 
     def _shutter(self, n: int, later: float, how: Shooting, rays: Array) -> Array:

@@ -71,12 +71,8 @@ class Null:
     @classmethod
     def of(cls, view: View, rng: np.random.Generator, replicates: int = REPLICATES) -> Null:
         """Draw noise for the views of a role."""
-        grain = view.grains(view.residual()) != 0
         # What photos of one day differ by, with signs drawn anew: outliers of the noise stay, and what lies together does not.
-        quiet = view.quiet()
-        usual = quiet.pictures(quiet.residual())
-        usual = usual / np.sqrt(np.maximum((usual**2).sum(axis=(0, 1, 2)) / max(float(view.mask.sum()), 1.0), 1e-12))
-        drawn = []
+        usual, grain, drawn = view.usual(), view.grains(view.residual()) != 0, []
         for _ in range(replicates):
             size = np.sqrt(np.maximum(1.0 + _UNSURE * rng.standard_normal(usual.shape[-1]), 0.0)).astype(np.float32)
             white = usual * rng.choice(np.array((-1.0, 1.0), np.float32), usual.shape) * size

@@ -141,10 +141,11 @@ class View:
         self.mask = compared(pairs, height)
         self.shape = self.mask.shape
         # Noisier photos say less, whatever made them so; that they are noisier, their grain alone says.
-        before = shrunk(pairs.before, self.size)
-        local = self._local(shrunk(pairs.again, self.size) - before, noise.at(before))
+        before, again = (shrunk(photos, self.size) for photos in (pairs.before, pairs.again))
+        local = self._local(again - before, noise.at(before))
         variance = local * (self._rougher() * noise.at(self.after) + noise.at(before))
         variance = variance + _PLACE**2 * slopes_of(before.astype(np.float32))[..., None]
+        self._usual = again - before
         self._weights = (self.mask[..., None] / np.sqrt(variance)).astype(np.float32)
 
     def residual(self, effects: Sequence[Applied] = ()) -> Array:
@@ -175,6 +176,11 @@ class View:
     def numbers(self) -> int:
         """Measured numbers in a residual."""
         return 3 * int(self.mask.sum()) + 3 * int(np.isfinite(self._spread).sum())
+
+    def usual(self) -> Array:
+        """What photos of one day differ by, in units of its own size in each colour. [N, h, w, 3]."""
+        apart = self._usual * self._weights
+        return apart / np.sqrt(np.maximum((apart**2).sum(axis=(0, 1, 2)) / max(float(self.mask.sum()), 1.0), 1e-12))
 
     def quiet(self) -> View:
         """The same views with nothing changed."""
