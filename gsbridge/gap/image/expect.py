@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from gsbridge.gap.image.pairs import Pairs
+from gsbridge.gap.image.sight import off_steps, seen_from
 from gsbridge.geometry import Array
 from gsbridge.images import linear_from_srgb, to_u8
 from gsbridge.scene.photograph import EXPOSURES, STRIPS, develop, straightening
@@ -22,19 +23,35 @@ from gsbridge.scene.shooting import Frame, Shooting
 _STRENGTH = 3.0
 """Differences, of 255, that count as noise in a single photo."""
 
+_ROUND = 5
+"""Pixels on either side over which texture is taken to be alike."""
+
 _TURNS = 5
 """Of the search for the depth along a ray."""
+
+_HIDING = 0.5
+"""Pixels by which near and far things move apart, from which on it matters what hides what."""
+
+_SAME = 0.02
+"""Relative difference of two depths of one place: an interpolated and a moved one."""
 
 _KEPT = 4
 """Ways of looking whose light is kept: a search changes colours more often than places."""
 
 
-def _clean(photo: Array, strength: float) -> Array:
-    """A photo with little noise and all of its detail. [H, W, 3].
+def _clean(photo: Array, other: Array, strength: float) -> Array:
+    """A photo with little noise and its detail. [H, W, 3].
+
+    Smoothing takes fine texture for noise; of what it takes away, the share that another photo of the view shows too is kept.
 
     Source: Buades, Coll and Morel, Non-local means denoising, Image Processing On Line 1, 2011.
     """
-    return cv2.fastNlMeansDenoisingColored(to_u8(photo), None, strength, strength, 5, 15).astype(np.float32) / 255.0
+    smooth = cv2.fastNlMeansDenoisingColored(to_u8(photo), None, strength, strength, 5, 15).astype(np.float32) / 255.0
+    taken, others = photo - smooth, other - smooth
+    size = (2 * _ROUND + 1,) * 2
+    alike, whole = cv2.blur(taken * others, size).mean(axis=2), cv2.blur(taken * taken, size).mean(axis=2)
+    share = np.clip(alike / np.maximum(whole, 1e-12), 0.0, 1.0)[..., None]
+    return (smooth + share * taken).astype(np.float32)
 
 
 class Expectation:
@@ -50,7 +67,9 @@ class Expectation:
         known = self.depths > 0
         # Where it is unknown nothing is compared; some depth must stand there all the same.
         self.depths = np.where(known, self.depths, np.median(self.depths[known]) if known.any() else 1.0).astype(np.float32)
-        self.clean = np.stack([_clean(photo, _STRENGTH / np.sqrt(pairs.repeats)) for photo in pairs.again])
+        self.clean = np.stack(
+            [_clean(*both, _STRENGTH / np.sqrt(pairs.repeats)) for both in zip(pairs.again, pairs.before, strict=True)]
+        )
         self.light = linear_from_srgb(self.clean)
         self.pictures = 0
         self._kept: OrderedDict[tuple[object, ...], tuple[Array, Array]] = OrderedDict()
@@ -129,9 +148,16 @@ class Expectation:
         camera, depth = self.pairs.camera, self.depths[n]
         old_from_new = self.pairs.poses[n] @ np.linalg.inv(pose)
         turned = rays @ old_from_new[:3, :3].T
-        # Along every ray, the place whose depth in the old view is what was seen there.
+        known = np.ones(rays.shape[:2], bool)
         far = depth[top : top + len(rays)].astype(np.float64)
-        across = down = np.zeros(0, np.float32)
+        hiding = camera.fx * np.linalg.norm(old_from_new[:3, 3]) * (1.0 / depth.min() - 1.0 / depth.max()) > _HIDING
+        if hiding:
+            # Begin at the nearest thing on every ray, or the search ends at what it hides.
+            nearest = self._nearest(n, np.linalg.inv(old_from_new), rays)
+            known = nearest > 0
+            far = np.where(known, nearest, far)
+        # Along every ray, the place whose depth in the old view is what was seen there.
+        across = down = there = deep = np.zeros(0, np.float32)
         for _ in range(_TURNS):
             places = turned * far[..., None] + old_from_new[:3, 3]
             deep = np.maximum(places[..., 2], 1e-6)
@@ -142,4 +168,15 @@ class Expectation:
             far = far * np.clip(there / deep, 0.5, 2.0)
         seen = cv2.remap(self.light[n], across, down, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         inside = (across >= 0) & (across <= camera.width - 1) & (down >= 0) & (down <= camera.height - 1)
+        if hiding:
+            known &= np.abs(there - deep) <= _SAME * deep
+            inside &= off_steps(np.where(known, far, 0.0))
         return np.concatenate([np.maximum(seen, 0.0), inside[..., None].astype(np.float32)], axis=2)
+
+    def _nearest(self, n: int, new_from_old: Array, rays: Array) -> Array:
+        """Depth of the nearest thing along rays of the new view, 0 where the earlier photo knows none. [h, W]."""
+        camera = self.pairs.camera
+        seen = seen_from(self.depths[n], camera, new_from_old)
+        across = (camera.fx * rays[..., 0] + camera.cx - 0.5).astype(np.float32)
+        down = (camera.fy * rays[..., 1] + camera.cy - 0.5).astype(np.float32)
+        return cv2.remap(seen, across, down, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)

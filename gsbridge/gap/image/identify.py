@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -140,9 +141,15 @@ class Identification:
                     grown += [] if base is None else self._beside(base, tried)
             trials += grown
             new = min(trials, key=lambda trial: trial.score)
-            if new is best or self._p_remaining(new) >= self.rules.alarm:
+            if new is best:
                 break
             best = new
+            if self._p_remaining(best) >= self.rules.alarm:
+                break
+        # A part of the best set may do as well, and only have been fitted from a worse start.
+        for rest in combinations(best.fit.who, len(best.fit.who) - 1):
+            trial = self._again(rest, best) if rest else None
+            trials += [] if trial is None else [trial]
         return self._slim(trials)
 
     def _again(self, who: Sequence[ImageCandidate], top: Trial) -> Trial | None:
@@ -164,7 +171,11 @@ class Identification:
         return out
 
     def _slim(self, trials: list[Trial]) -> list[Trial]:
-        """Leave out sets that are hardly better than one of their subsets."""
+        """Leave out sets that are hardly better than one of their subsets, and worse fits of the same set."""
+        fits: dict[frozenset[ImageCandidate], Trial] = {}
+        for trial in sorted(trials, key=lambda trial: trial.score):
+            fits.setdefault(frozenset(trial.fit.who), trial)
+        trials = list(fits.values())
         out, gap = [], self.plain_chi2 + _squares(self.start) - self.floor - self.first.numbers
         for trial in trials:
             parts = [t for t in trials if set(t.fit.who) < set(trial.fit.who)]

@@ -14,6 +14,7 @@ from gsbridge.gap.image.expect import Expectation
 from gsbridge.gap.image.grain import LEAST, Flats, slopes_of
 from gsbridge.gap.image.model import shooting
 from gsbridge.gap.image.pairs import Pairs
+from gsbridge.gap.image.sight import off_steps
 from gsbridge.gap.system import Applied
 from gsbridge.geometry import Array
 from gsbridge.scene.shooting import Shooting
@@ -23,12 +24,6 @@ HEIGHT = 48
 
 _BORDER = 0.05
 """Share of the width along each edge that is not compared: a displaced camera sees more there than the earlier photo shows."""
-
-_REACH = 0.03
-"""Share of the width round steps of depth that is not compared: what was hidden behind them may come into sight."""
-
-_STEP = 0.02
-"""Relative step of depth, beyond a plane's, from which on something may hide behind it."""
 
 _PLACE = 0.1
 """Of pixels as compared: how well it is known where things are, with depths and interpolation as they are."""
@@ -102,21 +97,11 @@ def shrunk(photos: Array, size: int) -> Array:
 
 def compared(pairs: Pairs, height: int = HEIGHT) -> Array:
     """Where photos are compared: off the border, off steps of depth, and where the depth is known. [N, h, w], 0 or 1."""
-    size, width = shrinking(pairs, height), pairs.camera.width
-    border, reach = max(1, round(_BORDER * width)), max(1, round(_REACH * width))
-    depths = pairs.depths.astype(np.float64)
-    known = np.isfinite(depths) & (depths > 0)
-    # The inverse depth of a plane is linear over the image.
-    inverse = np.where(known, 1.0 / np.where(known, depths, 1.0), 0.0).astype(np.float32)
-    out = []
-    for near, there in zip(inverse, known, strict=True):
-        bend = np.abs(cv2.Laplacian(near, cv2.CV_32F, borderType=cv2.BORDER_REPLICATE))
-        off = ~there | (bend > _STEP * np.maximum(near, 1e-6))
-        off = cv2.dilate(off.astype(np.uint8), np.ones((2 * reach + 1,) * 2, np.uint8)) > 0
-        off[:border] = off[-border:] = True
-        off[:, :border] = off[:, -border:] = True
-        out.append(~off)
-    return (shrunk(np.stack(out).astype(np.float32), size) >= 1.0).astype(np.float32)
+    size, border = shrinking(pairs, height), max(1, round(_BORDER * pairs.camera.width))
+    kept = np.stack([off_steps(depth) for depth in pairs.depths])
+    kept[:, :border] = kept[:, -border:] = False
+    kept[:, :, :border] = kept[:, :, -border:] = False
+    return (shrunk(kept.astype(np.float32), size) >= 1.0).astype(np.float32)
 
 
 class View:
