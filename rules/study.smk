@@ -4,6 +4,7 @@ rule study:
         further_pages,
         "results/gap-benchmark/report.html",
         loop_rows,
+        sight_loop_rows,
     localrule: True
 
 

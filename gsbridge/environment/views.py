@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from gsbridge.environment.build import StageFiles, build_controller, build_environment, build_renderer, camera_response
-from gsbridge.environment.env import state_of
+from gsbridge.environment.env import PickEnvironment, state_of
 from gsbridge.environment.settings import RENDERERS, EnvironmentSettings
 from gsbridge.errors import StageError
 from gsbridge.files import atomic_directory, write_stage
+from gsbridge.geometry import Array
 from gsbridge.images import write_image
 from gsbridge.logs import Progress
 from gsbridge.sim.camera import respond
@@ -61,11 +64,11 @@ def draw_views(
     with atomic_directory(out) as folder:
         for start in range(count):
             _, info = environment.reset(seed=start, options={"pose_set": pose_set, "index": start})
-            moments = [_moment(environment, info, start)]
+            moments = [moment_of(environment, info, start)]
             gripped = False
             while not gripped:
                 _, _, terminated, truncated, info = environment.step(controller(state_of(info))[0])
-                moments.append(_moment(environment, info, start))
+                moments.append(moment_of(environment, info, start))
                 gripped = bool(state_of(info).gripped(controller.firm)[0])
                 if terminated or truncated:
                     break
@@ -93,8 +96,10 @@ def draw_views(
     )
 
 
-def _moment(environment, info, start: int):
-    """State, body poses and camera pose of now."""
+def moment_of(
+    environment: PickEnvironment, info: Mapping[str, Any], start: int
+) -> tuple[ViewState, Mapping[str, Array], Array]:
+    """State, body poses and `cam_from_table` of now, in the episode from a start."""
     world = environment.world
     state = state_of(info)
     w, x, y, z = state.object_quat[0]

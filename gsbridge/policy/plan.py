@@ -14,6 +14,9 @@ from gsbridge.reality.world.further import further_world
 AMENDED = "results/loop/model.yaml"
 """Simulation model that the loop amends."""
 
+SEEN = "results/sight/{world}/model.yaml"
+"""The same of the gap of pictures."""
+
 
 def check_policies(config: Mapping[str, Any], root: str | Path) -> None:
     """Refuse settings of policies and worlds that would fail hours later.
@@ -53,11 +56,40 @@ def check_policies(config: Mapping[str, Any], root: str | Path) -> None:
                 if name not in config[key]:
                     choices = ", ".join(sorted(config[key]))
                     raise InputError(f"config: {place}.{key}", f"'{name}' is not configured", f"Use one of: {choices}")
+    if config["study"]["sight"]["amended"]:
+        _check_sight(config)
     if config["loop"]["variant"] != "default":  # the default stands for no demonstration at all
         _check_loop(config)
     for name, world in config["worlds"].items():
         seed = config["seed"] if world["seed"] is None else world["seed"]
         further_world(config["seed"], seed, world["hidden"], f"config: worlds.{name}.hidden")
+
+
+def _check_sight(config: Mapping[str, Any]) -> None:
+    """Whether the loop of pictures can be run.
+
+    Raises:
+        InputError: It names what is not configured, a world is the reference, or a variant learns with another model.
+    """
+    sight = config["study"]["sight"]
+    for world in (sight["reference"], *sight["amended"]):
+        if world not in config["worlds"]:
+            choices = ", ".join(sorted(config["worlds"]))
+            raise InputError("config: study.sight", f"'{world}' is not configured", f"Use one of: {choices}")
+    for world, variants in sight["amended"].items():
+        place = f"config: study.sight.amended.{world}"
+        if world == sight["reference"]:
+            raise InputError(place, "it is the reference", "Name a world in which something changed")
+        for name in variants:
+            if name not in config["variants"]:
+                choices = ", ".join(sorted(config["variants"]))
+                raise InputError(place, f"'{name}' is not configured", f"Use one of: {choices}")
+            if config["variants"][name]["model"] != SEEN.format(world=world):
+                raise InputError(
+                    f"config: variants.{name}.model",
+                    f"it is not what photos of {world} amend",
+                    f"Write model: {SEEN.format(world=world)}",
+                )
 
 
 def _check_loop(config: Mapping[str, Any]) -> None:

@@ -68,9 +68,9 @@ def write_gap_report(case: str, files: CaseFiles, out: str | Path) -> None:
         steps=next_steps(findings, about, screening, case),
         **parts.pictures(findings, series, replays["records"][JUDGED], explained),
         found_title="What was found" if findings["amended"] else "The best explanation, which was not adopted",
-        effects=_effects(findings, parts.whole),
+        effects=effect_rows(findings, parts.whole),
         becomes=any("becomes" in row for item in findings["effects"] for row in item["parameters"].values()),
-        effect_notes=_effect_notes(findings),
+        effect_notes=effect_notes(findings),
         where=draw_where(before_map, select["remains"] if explained else None),
         where_text=_where_text(before_map, findings["select"]["unit"]),
         where_caption=parts.where_caption,
@@ -91,7 +91,7 @@ def write_gap_report(case: str, files: CaseFiles, out: str | Path) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def _effects(findings: Mapping[str, Any], whole: str) -> list[dict[str, str]]:
+def effect_rows(findings: Mapping[str, Any], whole: str) -> list[dict[str, str]]:
     """Parameters of what was found, one row each; `whole` is what an effect without a joint acts on."""
     return [
         {
@@ -108,7 +108,7 @@ def _effects(findings: Mapping[str, Any], whole: str) -> list[dict[str, str]]:
     ]
 
 
-def _effect_notes(findings: Mapping[str, Any]) -> list[str]:
+def effect_notes(findings: Mapping[str, Any]) -> list[str]:
     """How each effect could be confirmed."""
     return [
         f"{item['title'].capitalize()} is easily taken for {', '.join(effect_title(n) for n in item['confused_with'])}. "

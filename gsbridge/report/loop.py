@@ -7,24 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt
-
-from gsbridge.errors import InputError
 from gsbridge.files import atomic_file, read_json
-from gsbridge.report.formats import Table, markdown
+from gsbridge.report.formats import markdown
+from gsbridge.report.loop_rows import COLUMNS, draw_rows, field_of, loop_rows, rows_table
 from gsbridge.report.rows import write_rows
-from gsbridge.report.statistics import wilson_interval
-from gsbridge.report.success import STRICT_WORLD, read_trials
-
-COLUMNS = (
-    *("task", "object", "background", "variant", "world", "trials", "successes", "success_rate", "ci95_low", "ci95_high"),
-    "training_steps",
-)
-"""`training_steps`: environment steps that the policy learned from."""
 
 
 @dataclass(frozen=True)
@@ -64,57 +50,16 @@ def write_loop(files: LoopFiles, rows_csv: str | Path, page: str | Path, figure:
     Raises:
         InputError: A file is missing or damaged.
     """
-    steps = {Path(path).parts[-3]: int(_field(path, "steps")) for path in files.trainings}
-    rows = [_row(files.cell, plan, path, steps) for plan, path in zip(files.plan, files.trials, strict=True)]
+    rows = loop_rows(files.cell, files.plan, files.trials, files.trainings)
     write_rows(rows_csv, COLUMNS, rows)
-    _draw(rows, figure)
+    draw_rows(rows, figure)
     with atomic_file(page) as temporary:
         temporary.write_text(_page(files, rows), encoding="utf-8")
 
 
-def _field(path: str | Path, name: str) -> Any:
-    """A field of a record."""
-    content = read_json(path)
-    if name not in content:
-        raise InputError(path, f"it has no '{name}'", "Run the rule that makes it again")
-    return content[name]
-
-
-def _row(cell: Mapping[str, Any], plan: Mapping[str, str], path: str | Path, steps: Mapping[str, int]) -> dict[str, Any]:
-    """One policy in one world."""
-    trials = read_trials(path)
-    good = trials.judged(plan["world"])
-    low, high = wilson_interval(int(good.sum()), len(trials))
-    return {
-        **{name: cell[name] for name in ("task", "object", "background")},
-        "variant": plan["variant"],
-        "world": plan["world"],
-        "trials": len(trials),
-        "successes": int(good.sum()),
-        "success_rate": float(good.mean()),
-        "ci95_low": low,
-        "ci95_high": high,
-        "training_steps": steps[plan["variant"]],
-    }
-
-
 def _page(files: LoopFiles, rows: Sequence[Mapping[str, Any]]) -> str:
     """The page."""
-    table = Table(
-        title=f"Closing the loop, {files.cell['task']}: {files.cell['object']} on {files.cell['background']}",
-        columns=("policy", "world", "successes", "rate (95 %)", "learned from"),
-        rows=tuple(
-            (
-                row["variant"],
-                row["world"],
-                f"{row['successes']}/{row['trials']}",
-                f"{row['success_rate']:.1%} ({row['ci95_low']:.1%} to {row['ci95_high']:.1%})",
-                f"{row['training_steps']} steps",
-            )
-            for row in rows
-        ),
-        notes=(f"One policy each, seed {files.cell['seed']}. Both sets of start poses. {STRICT_WORLD} is the simulation.",),
-    )
+    table = rows_table(files.cell, rows)
     reference, changed = (read_json(path) for path in files.findings)
     calibration, amendment = read_json(files.calibration), read_json(files.amendment)
     lines = [
@@ -141,35 +86,16 @@ def _page(files: LoopFiles, rows: Sequence[Mapping[str, Any]]) -> str:
 
 def _price(files: LoopFiles, calibration: Mapping[str, Any], findings: Sequence[Mapping[str, Any]]) -> list[str]:
     """Records, simulations and minutes."""
-    logged = [trial for path in files.logged for trial in _field(path, "trials")]
+    logged = [trial for path in files.logged for trial in field_of(path, "trials")]
     failed = sum(not trial["success"] for trial in logged)
     seconds = sum(trial["seconds"] for trial in logged)
     bank = sum(item["simulations"]["bank"] for item in findings)
     case = sum(item["simulations"]["case"] for item in findings)
     minutes = (calibration["seconds"] + sum(item["seconds"] for item in findings)) / 60
-    training = sum(_field(files.trainings[-1], "cpu_seconds").values()) / 60
+    training = sum(field_of(files.trainings[-1], "cpu_seconds").values()) / 60
     return [
         f"- {len(logged)} records of {seconds:.0f} s together, {failed} of them of failed trials.",
         f"- {calibration['simulations']} simulations of the arm to calibrate, {bank} for the banks of two cases, {case} for"
         f" their diagnosis: {minutes:.0f} minutes.",
-        f"- A new training of {_field(files.trainings[-1], 'steps')} steps: {training:.0f} minutes of processor time.",
+        f"- A new training of {field_of(files.trainings[-1], 'steps')} steps: {training:.0f} minutes of processor time.",
     ]
-
-
-def _draw(rows: Sequence[Mapping[str, Any]], out: str | Path) -> None:
-    """A bar and its interval for each row."""
-    figure, axis = plt.subplots(figsize=(7.0, 0.45 * len(rows) + 1.1), layout="constrained")
-    rates = [row["success_rate"] for row in rows]
-    errors = [
-        [rate - row["ci95_low"] for rate, row in zip(rates, rows, strict=True)],
-        [row["ci95_high"] - rate for rate, row in zip(rates, rows, strict=True)],
-    ]
-    axis.barh(range(len(rows)), rates, xerr=errors, color="#1f6f8b", ecolor="#555555", height=0.6, capsize=3)
-    labels = [f"{row['variant']} in {row['world']} ({row['successes']}/{row['trials']})" for row in rows]
-    axis.set_yticks(range(len(rows)), labels)
-    axis.invert_yaxis()
-    axis.set_xlim(0, 1.05)
-    axis.set_xlabel("success rate, 95 % interval")
-    with atomic_file(out) as temporary:
-        figure.savefig(temporary, dpi=130)
-    plt.close(figure)

@@ -5,14 +5,18 @@ import copy
 import pytest
 
 from gsbridge.errors import InputError
-from gsbridge.policy.plan import AMENDED, check_policies
+from gsbridge.policy.plan import AMENDED, SEEN, check_policies
 
 CONFIG = {
     "seed": 1,
     "grasp_policy": {},
     "pick_and_place_policy": {"steps": 900},
     "trials": {"worlds": ["mirror", "late"]},
-    "study": {"variants": ["default", "bc"], "worlds": ["late"], "sight": {"variants": ["bc"], "worlds": ["mirror"]}},
+    "study": {
+        "variants": ["default", "bc"],
+        "worlds": ["late"],
+        "sight": {"variants": ["bc"], "worlds": ["mirror"], "reference": "mirror", "amended": {"late": ["seen"]}},
+    },
     "scenes": {"cake": {}, "foam_pad": {}},
     "loop": {
         "cell": {"object": "cake", "background": "foam_pad"},
@@ -25,6 +29,7 @@ CONFIG = {
         "default": {"policy": {}, "model": None},
         "bc": {"policy": {"algo": "bc"}, "model": "m.yaml"},
         "amended": {"policy": {}, "model": AMENDED},
+        "seen": {"policy": {}, "model": SEEN.format(world="late")},
     },
     "worlds": {"mirror": {"seed": None, "hidden": {}}, "late": {"seed": 4, "hidden": {"latency": 0.1}}},
 }
@@ -45,6 +50,11 @@ def test_sound_settings_pass(tmp_path):
         (("study", "worlds"), ["mirror", "mars"], ["config: study.worlds", "mars"]),
         (("study", "sight", "variants"), ["dark"], ["config: study.sight.variants", "dark"]),
         (("study", "sight", "worlds"), ["moon"], ["config: study.sight.worlds", "moon"]),
+        (("study", "sight", "reference"), "moon", ["config: study.sight", "moon"]),
+        (("study", "sight", "amended"), {"moon": ["seen"]}, ["config: study.sight", "moon"]),
+        (("study", "sight", "amended"), {"mirror": ["seen"]}, ["study.sight.amended.mirror", "the reference"]),
+        (("study", "sight", "amended"), {"late": ["dark"]}, ["study.sight.amended.late", "dark"]),
+        (("study", "sight", "amended"), {"late": ["bc"]}, ["variants.bc.model", SEEN.format(world="late")]),
         (("trials", "worlds"), ["mirror", "mars"], ["config: trials.worlds", "mars"]),
         (("presets", "desktop", "trials"), {"worlds": ["mars"]}, ["presets.desktop.trials.worlds", "mars"]),
         (("loop", "variant"), "mended", ["loop.variant", "mended"]),

@@ -20,6 +20,10 @@ _HIDDEN = 1e-2
 """Share of the strongest parameter's influence below which one does not show."""
 
 
+class _LostError(Exception):
+    """No parameter shows where the search is, and the solver would divide by nothing."""
+
+
 def fit(view: View, who: Sequence[ImageCandidate], starts: Sequence[Mapping[str, float]], rounds: int = _ROUNDS) -> Fit:
     """Fit all parameters of some effects together.
 
@@ -41,6 +45,8 @@ def fit(view: View, who: Sequence[ImageCandidate], starts: Sequence[Mapping[str,
         return tuple(c.from_vector(part) for c, part in zip(who, np.split(np.clip(x * scale, low, high), cuts), strict=True))
 
     def residual(x: Array) -> Array:
+        if not np.isfinite(x).all():
+            raise _LostError
         return view.residual(effects(x)).ravel().astype(np.float64)
 
     def slopes(x: Array) -> Array:
@@ -50,12 +56,18 @@ def fit(view: View, who: Sequence[ImageCandidate], starts: Sequence[Mapping[str,
             moved = x.copy()
             moved[k] += step
             columns.append((residual(moved) - here) / step)
+        if not any(column.any() for column in columns):
+            raise _LostError
         return np.stack(columns, axis=1)
 
-    found = least_squares(
-        residual, begin / scale, slopes, bounds=(low / scale, high / scale), x_scale="jac", ftol=1e-6, xtol=1e-4, gtol=None,
-        max_nfev=rounds,
-    )  # fmt: skip
+    try:
+        found = least_squares(
+            residual, begin / scale, slopes, bounds=(low / scale, high / scale), x_scale="jac", ftol=1e-6, xtol=1e-4, gtol=None,
+            max_nfev=rounds,
+        )  # fmt: skip
+    except _LostError:
+        unknown = np.full(len(scale), np.inf)
+        return Fit(tuple(who), effects(begin / scale), float((residual(begin / scale) ** 2).sum()), False, unknown, 0.0, 1)
     curvature = found.jac.T @ found.jac
     size = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
     covariance = np.linalg.pinv(curvature * np.outer(size, size), rcond=1e-8) * np.outer(size, size)

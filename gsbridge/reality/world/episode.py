@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from gsbridge.reality.world.camera import Setting
+from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.views import Exposure, take_photos
 from gsbridge.tasks.views import read_states
 
@@ -38,4 +39,5 @@ def photograph_episode(
     """
     found = read_states(states)
     chosen = found[::every] + ([found[-1]] if (len(found) - 1) % every else [])
-    take_photos({f"{state.step:04d}.png": state for state in chosen}, setting, hidden_seed, out, record, exposure, every=every)
+    photos = {f"{state.step:04d}.png": state for state in chosen}
+    take_photos(photos, setting, Hidden.draw(hidden_seed), out, record, exposure, seed=hidden_seed, every=every)

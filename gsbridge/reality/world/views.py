@@ -26,12 +26,14 @@ class Exposure:
         size: Edge of the pictures, px.
         samples: Samples per pixel, at least.
         threads: Threads to render with.
+        first: Number of the first photo; each has the noise of its number.
     """
 
     pieces: str | Path
     size: int
     samples: int
     threads: int = 1
+    first: int = 0
 
 
 def photograph_states(
@@ -51,13 +53,40 @@ def photograph_states(
         InputError: The states are damaged, or object or background are unknown.
     """
     chosen = {f"{index:02d}.png": state for index, state in enumerate(read_states(states))}
-    take_photos(chosen, setting, hidden_seed, out, record, exposure)
+    take_photos(chosen, setting, Hidden.draw(hidden_seed), out, record, exposure, seed=hidden_seed)
+
+
+def photograph_postures(
+    states: str | Path,
+    setting: Setting,
+    hidden: Hidden,
+    out: str | Path,
+    record: str | Path,
+    exposure: Exposure,
+    *,
+    shots: int = 1,
+    seed: int,
+) -> None:
+    """Photograph an arm that comes back to each posture some times: `{view}_{shot}.png`.
+
+    Args:
+        states: File of `gsbridge.tasks.views`.
+        setting, out, record, exposure: See `photograph_states`.
+        hidden: Parameters of the world.
+        shots: Photos of each posture.
+        seed: The world's, for the record.
+
+    Raises:
+        InputError: The states are damaged, or object or background are unknown.
+    """
+    chosen = {f"{index:02d}_{shot}.png": state for index, state in enumerate(read_states(states)) for shot in range(shots)}
+    take_photos(chosen, setting, hidden, out, record, exposure, seed=seed, shots=shots)
 
 
 def take_photos(
     chosen: Mapping[str, ViewState],
     setting: Setting,
-    hidden_seed: int,
+    hidden: Hidden,
     out: str | Path,
     record: str | Path,
     exposure: Exposure,
@@ -67,26 +96,25 @@ def take_photos(
 
     Args:
         chosen: States by file name.
-        setting, hidden_seed, out, record, exposure: See `photograph_states`.
+        setting, out, record, exposure: See `photograph_states`.
+        hidden: Parameters of the world.
         **numbers: Further figures of the record.
 
     Raises:
         InputError: Object or background are unknown, or a pose makes no sense.
     """
-    hidden = Hidden.draw(hidden_seed)
     progress = Progress(len(chosen), "photos")
     with TemporaryDirectory() as folder, atomic_directory(out) as temporary:
         world = build_mirror(
             setting, true_robot(Path(folder) / "robot", hidden), true_base_from_table(hidden), hidden, pieces=exposure.pieces,
             threads=exposure.threads, quality=Quality(samples=exposure.samples),
         )  # fmt: skip
-        for number, (name, state) in enumerate(chosen.items()):
+        for number, (name, state) in enumerate(chosen.items(), exposure.first):
             world.place(state.q, state.aperture, state.object_pose, number)
             write_image(temporary / name, world.image(exposure.size))
             progress.update()
     write_stage(
         record,
-        seed=hidden_seed,
         packages=("mitsuba", "mujoco"),
         views=len(chosen),
         size=exposure.size,

@@ -1,0 +1,145 @@
+"""Photos of two days as files: a folder that says what the views are, and a folder of photos for each day.
+
+| path | content |
+|---|---|
+| `views.json` | `camera` (width, height, fx, fy, cx, cy) and `views`: of each its `name`, `role`, `cam_from_world` |
+| `depths.npz` | `depths`: camera z of every pixel, m, 0 where unknown. [N, H, W] |
+| `before/{name}_{k}.png` | photos while all was well, k = 0, 1, ...; two or more of each view |
+| `after/{name}_{k}.png` | photos of the same views since; the first counts |
+"""
+
+from __future__ import annotations
+
+import hashlib
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsbridge.cameras import Camera
+from gsbridge.errors import InputError
+from gsbridge.files import read_json
+from gsbridge.gap.image.pairs import ROLES, Pairs
+from gsbridge.geometry import Array
+from gsbridge.images import read_image
+
+VIEWS, DEPTHS = "views.json", "depths.npz"
+
+_PAGE = "See docs/gap_images.md"
+
+
+def read_pairs(views: str | Path, before: str | Path, after: str | Path, *, shot: int = 0) -> dict[str, Pairs]:
+    """Read the photos of two days.
+
+    Args:
+        views: Folder of `views.json` and `depths.npz`.
+        before: Folder of earlier photos.
+        after: Folder of later ones; it may be the same.
+        shot: Which of the later photos counts. Of the earlier ones, the first is compared and all others tell the noise,
+            without this one if both days are one.
+
+    Raises:
+        InputError: Something is missing, damaged or of another size; the message names the file.
+    """
+    views, before, after = Path(views), Path(before), Path(after)
+    content = read_json(views / VIEWS)
+    camera, rows = _camera(content, views / VIEWS), _rows(content, views / VIEWS)
+    depths = _depths(views / DEPTHS, (len(rows), camera.height, camera.width))
+    same = before.resolve() == after.resolve()
+    out: dict[str, Pairs] = {}
+    for role in ROLES:
+        chosen = [index for index, row in enumerate(rows) if row["role"] == role]
+        if not chosen:
+            raise InputError(views / VIEWS, f"no view has the role '{role}'", _PAGE)
+        first, again, later, repeats, digest = [], [], [], set(), hashlib.sha256()
+        for index in chosen:
+            name = rows[index]["name"]
+            shots = sorted(before.glob(f"{name}_*.png"), key=_number)
+            left_out = [path for path in shots if same and _number(path) == shot]
+            shots = [path for path in shots if path not in left_out]
+            if len(shots) < 2:
+                raise InputError(
+                    before, f"there are {len(shots)} photos of the view '{name}'", "Take two or more while all is well"
+                )
+            paths = [*shots, after / f"{name}_{shot}.png"]
+            photos = [_photo(path, camera) for path in paths]
+            for path in paths:
+                digest.update(path.read_bytes())
+            first.append(photos[0])
+            again.append(np.mean(photos[1:-1], axis=0, dtype=np.float64).astype(np.float32))
+            later.append(photos[-1])
+            repeats.add(len(shots) - 1)
+        if len(repeats) > 1:
+            raise InputError(
+                before,
+                f"of some views there are {min(repeats) + 1} photos, of others {max(repeats) + 1}",
+                "Take as many of all",
+            )
+        poses = np.stack([rows[index]["cam_from_world"] for index in chosen])
+        digest.update(depths[chosen].tobytes() + poses.tobytes())
+        out[role] = Pairs(
+            camera, np.stack(first), np.stack(again), np.stack(later), depths[chosen], poses,
+            repeats=repeats.pop(), name=f"{before}, {role}", digest=digest.hexdigest(),
+        )  # fmt: skip
+    return out
+
+
+def _number(path: Path) -> int:
+    """Which photo of its view a file is; -1 for a name without a number."""
+    tail = path.stem.rsplit("_", 1)[-1]
+    return int(tail) if tail.isdigit() else -1
+
+
+def _camera(content: Any, source: Path) -> Camera:
+    try:
+        return Camera.from_json(content["camera"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(source, f"its 'camera' is no camera ({error})", "Give width, height, fx, fy, cx, cy") from error
+
+
+def _rows(content: Any, source: Path) -> Sequence[dict[str, Any]]:
+    """Name, role and pose of every view."""
+    found = content.get("views")
+    if not isinstance(found, list) or not found:
+        raise InputError(source, "it lists no 'views'", _PAGE)
+    out, names = [], set()
+    for number, item in enumerate(found):
+        name = str(item.get("name", number)) if isinstance(item, dict) else str(number)
+        if not isinstance(item, dict) or item.get("role") not in ROLES:
+            raise InputError(source, f"the view '{name}' has no role", f"Give one of {', '.join(ROLES)}")
+        if name in names:
+            raise InputError(source, f"two views are called '{name}'", "Give each a name of its own")
+        names.add(name)
+        if item.get("cam_from_world") is None:
+            raise InputError(source, f"the view '{name}' has no pose", "Give its cam_from_world, 4 x 4")
+        try:
+            pose = np.array(item["cam_from_world"], dtype=np.float64).reshape(4, 4)
+        except (TypeError, ValueError) as error:
+            raise InputError(source, f"the pose of the view '{name}' is no 4 x 4 matrix", "Give its cam_from_world") from error
+        out.append({"name": name, "role": item["role"], "cam_from_world": pose})
+    return out
+
+
+def _depths(path: Path, shape: tuple[int, int, int]) -> Array:
+    try:
+        with np.load(path) as content:
+            depths = np.asarray(content["depths"], np.float32)
+    except OSError as error:
+        raise InputError(path, "the depths cannot be read", _PAGE) from error
+    except (KeyError, ValueError, zipfile.BadZipFile) as error:
+        raise InputError(path, f"it holds no depths ({error})", _PAGE) from error
+    if depths.shape != shape:
+        seen, wanted = (" x ".join(map(str, size)) for size in (depths.shape, shape))
+        raise InputError(path, f"its depths are {seen}", f"Give {wanted}: one per view and pixel")
+    return depths
+
+
+def _photo(path: Path, camera: Camera) -> Array:
+    """A photo, 0..1. [H, W, 3] float32."""
+    image = np.asarray(read_image(path), np.float32)
+    if image.shape != (camera.height, camera.width, 3):
+        seen = f"{image.shape[1]} x {image.shape[0]}"
+        raise InputError(path, f"the photo is {seen} pixels", f"The camera of views.json has {camera.width} x {camera.height}")
+    return image

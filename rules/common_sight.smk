@@ -1,0 +1,65 @@
+"""The gap of pictures on one cell: files that its rules share; no rule stands here."""
+
+SIGHT = config["study"]["sight"]
+SIGHT_CELL = {**config["study"]["cell"], "renderer": "gs", "seed": SEED}
+# Photos of one posture in the reference: the one that is compared, further ones, and one that stands for a later day.
+SIGHT_SHOTS = SIGHT["repeats"] + 2
+# Worlds that are photographed. The reference itself is diagnosed too: nothing may be found in it.
+SIGHT_WORLDS = [SIGHT["reference"], *SIGHT["amended"]] if SIGHT["amended"] else []
+
+
+def sight_shots(wildcards):
+    """Photos of each posture in a world."""
+    return SIGHT_SHOTS if wildcards.world == SIGHT["reference"] else 1
+
+
+def sight_trials():
+    """Variant and world of each row of the table: what was there before, and what learned anew."""
+    before = [
+        {"variant": variant, "world": world}
+        for variant in SIGHT["variants"]
+        for world in ("sim", *SIGHT_WORLDS)
+    ]
+    after = [
+        {"variant": variant, "world": place}
+        for world, variants in SIGHT["amended"].items()
+        for variant in variants
+        for place in ("sim", world)
+    ]
+    return before + after
+
+
+def sight_tables():
+    """Trials of those rows."""
+    return [
+        trial_file(plan["world"], "csv").format(**SIGHT_CELL, variant=plan["variant"])
+        for plan in sight_trials()
+    ]
+
+
+def sight_trainings():
+    """Records of the trainings of those policies."""
+    variants = dict.fromkeys(plan["variant"] for plan in sight_trials())
+    return [
+        policy_file("training.json").format(**SIGHT_CELL, variant=variant)
+        for variant in variants
+    ]
+
+
+def sight_loop_rows(wildcards):
+    """The table; none where no policy learns with what photos say."""
+    return ["results/rows/sight_loop.csv"] if SIGHT["amended"] else []
+
+
+def sight_scene(wildcards):
+    """All that the simulated world of the cell is made of."""
+    return {
+        "robot": "results/robot/description",
+        "robot_splats": "results/robot/splats",
+        "registration": "results/workspace/registration.json",
+        "photometry": "results/workspace/photometry.json",
+        "item": f"results/scenes/{SIGHT_CELL['object']}/asset/asset.json",
+        "background": f"results/scenes/{SIGHT_CELL['background']}/asset/asset.json",
+        "model": str(ROOT / "models/nominal.yaml"),
+        "kernels": ancient("results/.state/compile_kernels.done"),
+    }

@@ -1,0 +1,175 @@
+rule draw_postures:
+    input:
+        unpack(sight_scene),
+    output:
+        views=directory("results/sight/postures"),
+        record="results/sight/postures.json",
+    log:
+        "results/logs/draw_postures.log",
+    benchmark:
+        "results/benchmarks/draw_postures.jsonl"
+    conda:
+        "../envs/world.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime="20m",
+    params:
+        code=code_digest("gsbridge.environment.postures"),
+        postures=SIGHT["postures"],
+        size=settings("views")["size"],
+        seed=SEED,
+    message:
+        "Choose the postures from which the wrist camera is photographed"
+    script:
+        "../scripts/draw_postures.py"
+
+
+rule photograph_postures:
+    input:
+        views="results/sight/postures",
+        record="results/sight/postures.json",
+    output:
+        photos=directory("results/sight/photos/{world}"),
+        record="results/sight/photos/{world}.json",
+    log:
+        "results/logs/photograph_postures/{world}.log",
+    benchmark:
+        "results/benchmarks/photograph_postures/{world}.jsonl"
+    wildcard_constraints:
+        world=one_of(SIGHT_WORLDS),
+    conda:
+        "../envs/world.yaml"
+    threads: 1
+    resources:
+        mem_mb=2500,
+        runtime="60m",
+    params:
+        code=code_digest(
+            "gsbridge.reality.world.views", "gsbridge.reality.world.further"
+        ),
+        cell=SIGHT_CELL,
+        world=world_settings,
+        shots=sight_shots,
+        first=lambda wildcards: (
+            0
+            if wildcards.world == SIGHT["reference"]
+            else SIGHT_SHOTS * SIGHT["postures"]
+        ),
+        size=settings("views")["size"],
+        samples=SIGHT["samples"],
+        sheet=settings("films")["sheet"],
+        pieces="results/.state/pieces",
+        seed=SEED,
+    message:
+        "Photograph the postures in {wildcards.world}"
+    script:
+        "../scripts/photograph_postures.py"
+
+
+rule diagnose_photos:
+    input:
+        views="results/sight/postures",
+        before=f"results/sight/photos/{SIGHT['reference']}",
+        after="results/sight/photos/{world}",
+    output:
+        findings="results/sight/{world}/findings.json",
+        pictures="results/sight/{world}/pictures.npz",
+    log:
+        "results/logs/diagnose_photos/{world}.log",
+    benchmark:
+        "results/benchmarks/diagnose_photos/{world}.jsonl"
+    wildcard_constraints:
+        world=one_of(SIGHT_WORLDS),
+    conda:
+        "../envs/gap.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime="30m",
+    params:
+        code=code_digest("gsbridge.gap.image.stages"),
+        # Of the reference, the last photo of each posture stands for a later day.
+        shot=lambda wildcards: sight_shots(wildcards) - 1,
+        seed=SEED,
+    message:
+        "Find what changed in the photos of {wildcards.world}"
+    script:
+        "../scripts/diagnose_photos.py"
+
+
+rule report_photos:
+    input:
+        findings="results/sight/{world}/findings.json",
+        pictures="results/sight/{world}/pictures.npz",
+    output:
+        page=report(
+            "results/sight/{world}/report.html",
+            caption="captions/sight.rst",
+            category="Gap",
+            labels={"case": "pictures of {world}"},
+        ),
+    log:
+        "results/logs/report_photos/{world}.log",
+    wildcard_constraints:
+        world=one_of(SIGHT_WORLDS),
+    conda:
+        "../envs/report.yaml"
+    params:
+        code=code_digest("gsbridge.report.sight_page"),
+    message:
+        "Write the report on the photos of {wildcards.world}"
+    script:
+        "../scripts/report_photos.py"
+
+
+rule amend_camera:
+    input:
+        nominal=f"{workflow.basedir}/models/nominal.yaml",
+        findings="results/sight/{world}/findings.json",
+    output:
+        model="results/sight/{world}/model.yaml",
+    log:
+        "results/logs/amend_camera/{world}.log",
+    wildcard_constraints:
+        world=one_of(SIGHT["amended"]),
+    conda:
+        "../envs/policy.yaml"
+    params:
+        code=code_digest("gsbridge.gap.image.stages"),
+    message:
+        "Put what changed in {wildcards.world} into the simulation's camera"
+    script:
+        "../scripts/amend_camera.py"
+
+
+rule collect_sight_loop:
+    input:
+        trials=sight_tables(),
+        trainings=sight_trainings(),
+        photos=collect("results/sight/photos/{world}.json", world=SIGHT_WORLDS),
+        findings=collect("results/sight/{world}/findings.json", world=SIGHT_WORLDS),
+        # The pages that tell how the findings came about.
+        reports=collect("results/sight/{world}/report.html", world=SIGHT_WORLDS),
+    output:
+        rows="results/rows/sight_loop.csv",
+        page="results/sight/loop.md",
+        figure=report(
+            "results/figures/sight_loop.png",
+            caption="captions/sight_loop.rst",
+            category="Gap",
+            labels={"figure": "closing the loop of pictures"},
+        ),
+    log:
+        "results/logs/collect_sight_loop.log",
+    conda:
+        "../envs/report.yaml"
+    params:
+        code=code_digest("gsbridge.report.sight_loop"),
+        plan=sight_trials(),
+        cell=SIGHT_CELL,
+        worlds=SIGHT_WORLDS,
+    message:
+        "Collect the successes before and after the camera was amended, and the price"
+    script:
+        "../scripts/collect_sight_loop.py"

@@ -1,0 +1,12 @@
+"""Put what changed between photos into the simulation's model."""
+
+from typing import TYPE_CHECKING
+
+from gsbridge.gap.image.stages import amend_camera
+from gsbridge.logs import start
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+amend_camera(snakemake.input.nominal, snakemake.input.findings, snakemake.output.model)

@@ -1,0 +1,21 @@
+"""Collect the successes before and after the camera was amended, and the price."""
+
+from typing import TYPE_CHECKING
+
+from gsbridge.logs import start
+from gsbridge.report.sight_loop import SightFiles, write_sight_loop
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+files = SightFiles(
+    snakemake.params.cell,
+    snakemake.params.plan,
+    snakemake.params.worlds,
+    snakemake.input.trials,
+    snakemake.input.trainings,
+    snakemake.input.photos,
+    snakemake.input.findings,
+)
+write_sight_loop(files, snakemake.output.rows, snakemake.output.page, snakemake.output.figure)

@@ -1,0 +1,26 @@
+"""Photograph the chosen postures with the wrist camera of a world of the mirror."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gsbridge.environment.postures import STATES
+from gsbridge.logs import start
+from gsbridge.reality.world.camera import Setting
+from gsbridge.reality.world.further import further_world
+from gsbridge.reality.world.views import Exposure, photograph_postures
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+asked, cell, world = snakemake.params, snakemake.params.cell, snakemake.params.world
+photograph_postures(
+    Path(snakemake.input.views) / STATES,
+    Setting(cell["object"], cell["background"], asked.sheet, asked.seed),
+    further_world(asked.seed, world["seed"], world["hidden"], f"config: worlds.{snakemake.wildcards.world}"),
+    snakemake.output.photos,
+    snakemake.output.record,
+    Exposure(asked.pieces, asked.size, asked.samples, snakemake.threads, asked.first),
+    shots=asked.shots,
+    seed=world["seed"],
+)

@@ -1,0 +1,12 @@
+"""Write the report on what changed between photos."""
+
+from typing import TYPE_CHECKING
+
+from gsbridge.logs import start
+from gsbridge.report.sight_page import write_sight_report
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+write_sight_report(snakemake.wildcards.world, snakemake.input.findings, snakemake.input.pictures, snakemake.output.page)
