@@ -113,16 +113,27 @@ class Identification:
         """Fits of one effect each; those that cannot reach the best are not fitted."""
         out: list[Trial] = []
         chi2, reached = _squares(self.start), 0.0
-        for number, match in enumerate(match for match in matches if match.gain > 0.0):
+        # What moved far is not what its signature, of a small motion, seems to gain.
+        matches = sorted(matches, key=lambda match: not match.candidate.effect.far)
+        for number, match in enumerate(match for match in matches if match.gain > 0.0 or match.candidate.effect.far):
             # Signatures of geometry bend as they grow: what they seem to gain is a rough guess.
             slack = 4.0 * self.rules.margin + 0.5 * reached if number < self.rules.rivals else self.rules.margin
-            if match.gain < reached - slack:
+            if match.gain < reached - slack and not match.candidate.effect.far:
                 break
-            trial = self._fitted((match.candidate,), (match.start,))
+            trial = self._fitted((match.candidate,), (self._start(match),))
             if trial is not None:
                 out.append(trial)
                 reached = max(reached, chi2 - trial.fit.chi2)
         return out
+
+    def _start(self, match: Match) -> dict[str, float]:
+        """Where a fit begins: where the signature says, or far away if that explains more on few rows."""
+        none = {parameter.name: 0.0 for parameter in match.candidate.effect.parameters}
+        starts = [match.start, *(none | dict(values) for values in match.candidate.effect.far)]
+        if len(starts) == 1:
+            return match.start
+        who = match.candidate
+        return min(starts, key=lambda start: _squares(self.rough.residual((who.from_vector(who.vector(start)),))))
 
     def _several(self, singles: Sequence[Trial]) -> list[Trial]:
         """Sets of effects: forward from the best, each earlier effect swapped, then slimmed."""

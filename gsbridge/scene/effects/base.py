@@ -31,6 +31,8 @@ class ImageEffect(ABC):
         contains: Effects that are this one with some amplitudes at zero.
         sizes: Multiples of the typical size at which signatures are made.
         places: Values of shape parameters at which one begins to look, all combinations; the typical one where none are given.
+        far: Values of some amplitudes, the others being zero, at which one begins to look, too, since from nothing the way to
+            what moved that far leads astray.
         grain: Whether it changes the noise of the pictures only, not their expectation.
         timed: Whether it depends on when a photo was taken, beyond where the camera was then.
     """
@@ -45,6 +47,7 @@ class ImageEffect(ABC):
     contains: ClassVar[tuple[str, ...]] = ()
     sizes: ClassVar[tuple[float, ...]] = (1.0,)
     places: ClassVar[Mapping[str, tuple[float, ...]]] = {}
+    far: ClassVar[tuple[Mapping[str, float], ...]] = ()
     grain: ClassVar[bool] = False
     timed: ClassVar[bool] = False
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import product
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gsbridge.scene.effects.base import ImageEffect, Parameter
 from gsbridge.scene.shooting import Shooting
+
+_TURNS = (-0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15)
+"""Turns to begin with, rad: steps of a few centimetres where a wrist camera looks."""
 
 
 class Extrinsics(ImageEffect):
@@ -25,6 +29,7 @@ class Extrinsics(ImageEffect):
         Parameter("about_y", "rad", -0.2, 0.2, 0.004, True, "turn about its axis y"),
         Parameter("about_z", "rad", -0.2, 0.2, 0.004, True, "turn about its axis z"),
     )
+    far = tuple({"about_x": x, "about_y": y} for x, y in product(_TURNS, repeat=2) if x or y)
     signature = "edges are displaced, near things more than far ones, the same way in every pose"
     confused_with = ("focal", "latency", "distortion")
     tell_apart = (
