@@ -20,12 +20,7 @@ from gsbridge.errors import StageError
 from gsbridge.files import atomic_directory, write_json, write_stage
 from gsbridge.images import write_image
 from gsbridge.logs import Progress
-from gsbridge.tasks.views import write_states
-
-VIEWS, DEPTHS = "views.json", "depths.npz"
-
-ROLES = ("fit", "select", "verify")
-"""Of the postures, in turn."""
+from gsbridge.tasks.views import DEPTHS, ROLES, VIEWS, write_states
 
 _SOLID = 0.9
 """Share of a pixel that splats must cover for its depth to be known."""

@@ -12,6 +12,12 @@ from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
 from gsbridge.geometry import Array
 
+ROLES = ("fit", "select", "verify")
+"""What records of a diagnosis are for: to fit, to choose among fits, to judge the choice."""
+
+VIEWS, DEPTHS = "views.json", "depths.npz"
+"""Files of views that are photographed: camera, names, roles and poses; camera z of every pixel."""
+
 
 @dataclass(frozen=True)
 class ViewState:

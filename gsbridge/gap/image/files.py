@@ -24,8 +24,7 @@ from gsbridge.files import read_json
 from gsbridge.gap.image.pairs import ROLES, Pairs
 from gsbridge.geometry import Array
 from gsbridge.images import read_image
-
-VIEWS, DEPTHS = "views.json", "depths.npz"
+from gsbridge.tasks.views import DEPTHS, VIEWS
 
 _PAGE = "See docs/gap_images.md"
 

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
 from gsbridge.gap.closure import closed
+from gsbridge.gap.fit import Fit
 from gsbridge.gap.image.fit import fit
 from gsbridge.gap.image.model import ImageCandidate
 from gsbridge.gap.image.null import Null
@@ -212,10 +214,16 @@ class Identification:
             names = tuple(dict.fromkeys(" + ".join(trial.names) for trial in (best, *near)))
         else:
             verdict = "named"
+        best = replace(best, fit=self._widened(best.fit))
         return Finding(
             verdict, best, tuple(zip(found.trials, found.chances.tolist(), strict=True)), names, remains, p_value, p_remaining,
             float(np.sqrt(self.plain_chi2 / self.floor)), float(np.sqrt(best.chi2 / self.floor)), self._used(), unseen,
         )  # fmt: skip
+
+    def _widened(self, found: Fit) -> Fit:
+        """With deviations by which parameters may move until the fit is worse by what laws are known to."""
+        law = np.sqrt(_LAW * max(_squares(self.start) - self.first.numbers, 0.0))
+        return replace(found, deviations=found.deviations * np.hypot(1.0, law))
 
 
 def _squares(residual: Array) -> float:

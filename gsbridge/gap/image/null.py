@@ -75,7 +75,8 @@ class Null:
         usual, grain, drawn = view.usual(), view.grains(view.residual()) != 0, []
         for _ in range(replicates):
             size = np.sqrt(np.maximum(1.0 + _UNSURE * rng.standard_normal(usual.shape[-1]), 0.0)).astype(np.float32)
-            white = usual * rng.choice(np.array((-1.0, 1.0), np.float32), usual.shape) * size
+            # One sign for all colours of a pixel: what makes one of them brighter often does so to all.
+            white = usual * rng.choice(np.array((-1.0, 1.0), np.float32), (*usual.shape[:-1], 1)) * size
             rough = rng.standard_normal(grain.shape).astype(np.float32) * grain
             drawn.append(sums(view, np.concatenate([white.reshape(-1, grain.shape[1]), rough])))
         return cls(np.stack(drawn))

@@ -16,8 +16,9 @@ from gsbridge.cameras import Camera
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.scene.track import Track
+from gsbridge.tasks.views import ROLES
 
-ROLES = ("fit", "select", "verify")
+__all__ = ["FEWEST", "ROLES", "Pairs"]
 
 FEWEST = 4
 """Views of a role."""
