@@ -51,6 +51,40 @@ def sight_loop_rows(wildcards):
     return ["results/rows/sight_loop.csv"] if SIGHT["amended"] else []
 
 
+def learns_alike(variant):
+    """The variant of the table that differs from one which learned anew in its model alone."""
+    wanted = config["variants"][variant]["policy"]
+    for name in SIGHT["variants"]:
+        if config["variants"][name]["policy"] == wanted:
+            return name
+    return ""
+
+
+def closed_loops():
+    """Worlds that changed, with the policies before and after, and the table that they stand in."""
+    loops = [
+        {
+            "table": "loop",
+            "reference": LOOP["reference"],
+            "world": LOOP["changed"],
+            "before": "default",
+            "after": LOOP["variant"],
+        }
+    ]
+    for world, variants in SIGHT["amended"].items():
+        after = variants[0] if variants else ""
+        loops.append(
+            {
+                "table": "sight_loop",
+                "reference": SIGHT["reference"],
+                "world": world,
+                "before": learns_alike(after) if after else "default",
+                "after": after,
+            }
+        )
+    return loops
+
+
 def sight_scene(wildcards):
     """All that the simulated world of the cell is made of."""
     return {

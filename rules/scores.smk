@@ -175,6 +175,30 @@ rule score_study:
         "../scripts/score_study.py"
 
 
+rule score_loops:
+    input:
+        # Its date changes with every checkout; its digest below tells whether it changed.
+        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
+        sight="results/rows/sight_loop.csv",
+        arm="results/rows/loop.csv",
+    output:
+        measured="results/scores/measured/loops.json",
+        scores="results/scores/loops.json",
+    log:
+        "results/logs/score_loops.log",
+    conda:
+        "../envs/report.yaml"
+    params:
+        code=code_digest("gsbridge.report.score", "gsbridge.report.measured_loops"),
+        floors_digest=file_digest("benchmarks/floors.yaml"),
+        loops=closed_loops(),
+        preset=config["preset"],
+    message:
+        "Compare the closed loops with the floors"
+    script:
+        "../scripts/score_loops.py"
+
+
 rule record_scores:
     input:
         scores="results/scores/{area}.json",

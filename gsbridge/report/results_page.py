@@ -8,7 +8,7 @@ from typing import Any
 
 from gsbridge.files import atomic_file, read_json
 
-AREAS = ("real2sim", "simulator", "policies", "worlds", "study", "gap")
+AREAS = ("real2sim", "simulator", "policies", "worlds", "study", "gap", "loops")
 """In the page's order."""
 
 SIGNS = {"at_least": "≥", "at_most": "≤"}

@@ -1,0 +1,26 @@
+"""Compare the closed loops with their floors."""
+
+from typing import TYPE_CHECKING
+
+from gsbridge.logs import start
+from gsbridge.report.measured_loops import write_loop_figures
+from gsbridge.report.score import current_commit, write_scores
+
+if TYPE_CHECKING:
+    from snakemake.iocontainers import snakemake
+
+start(snakemake.threads, snakemake.log[0])
+write_loop_figures(
+    snakemake.output.measured,
+    {"sight_loop": snakemake.input.sight, "loop": snakemake.input.arm},
+    snakemake.params.loops,
+    snakemake.params.preset,
+)
+write_scores(
+    snakemake.input.floors,
+    [snakemake.output.measured],
+    snakemake.output.scores,
+    area="loops",
+    preset=snakemake.params.preset,
+    commit=current_commit(),
+)
