@@ -54,8 +54,8 @@ def decide(trials: Sequence[Trial], rules: Rules, floor: float) -> Decision:
     others = [t for t in ranked if t is not best and not (t.contains(best) and best.score - t.score < simple)]
     # So must a set of several effects that takes more parameters to do as well: enough of them mimic anything.
     others = [t for t in others if not (_is_larger(t, best) and best.squares - t.squares < earn)]
-    kept = [best, *others]
-    chances = _chances(kept)
+    kept = _without_unsure_parts([best, *others], rules.sure)
+    best, others, chances = kept[0], kept[1:], _chances(kept)
     # What the probability asks of white noise, and more where the best leaves more than noise.
     margin = 2.0 * np.log(rules.sure / (1.0 - rules.sure)) * wide
     near = tuple(
@@ -65,6 +65,23 @@ def decide(trials: Sequence[Trial], rules: Rules, floor: float) -> Decision:
         if trial.score - best.score < margin or best.chi2 - trial.chi2 > earn or chance > 1.0 - rules.sure
     )
     return Decision(tuple(kept), chances, near)
+
+
+def _without_unsure_parts(trials: list[Trial], sure: float) -> list[Trial]:
+    """Trials, the best first, without sets of effects of which a part may as well be all that there is.
+
+    One effect more than there is always explains some of a coloured residual: it must be as sure as a name.
+    """
+
+    def unsure(whole: Trial, part: Trial) -> bool:
+        return set(part.fit.who) < set(whole.fit.who) and _chances([whole, part])[0] < sure
+
+    while True:
+        parts = [trial for trial in trials[1:] if unsure(trials[0], trial)]
+        if not parts:
+            return trials
+        best = min(parts, key=lambda trial: trial.score)
+        trials = [best, *(trial for trial in trials if trial is not best and not unsure(trial, best))]
 
 
 def _is_larger(trial: Trial, best: Trial) -> bool:

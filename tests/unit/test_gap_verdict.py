@@ -70,6 +70,41 @@ def test_a_simpler_explanation_stands_until_the_richer_one_has_earned_its_parame
         assert found.trials[0].names == (best,)
 
 
+def test_one_effect_more_must_be_as_sure_as_a_name():
+    """It explains much of slow noise, on both records, without being there; where it is there, it stays."""
+    rng, rules, alone, named, both = np.random.default_rng(6), Rules(), 0, 0, 0
+    # A slow motion, as the noise is.
+    shape = np.sin(np.arange(SHAPE[0]) / 40.0)[:, None] * np.array([1.0, -0.5, 0.3])
+    shape /= np.sqrt((shape**2).sum())
+
+    def rival(names, select, fitted):
+        who = tuple(Candidate(name, "axis") for name in names)
+        effects = tuple(candidate.from_vector(np.array([0.1])) for candidate in who)
+        size = len(names)
+        fit = Fit(who, effects, float((fitted**2).sum()), True, np.full(size, 0.01), 0.0, size)
+        return Trial(fit, select, fitted, float((select**2).sum()), 1.0)
+
+    for hidden in (0.0, 60.0):
+        for _ in range(100):
+            slow = lfilter([1.0], [1.0, -0.92], rng.standard_normal((2, SHAPE[0] + 100, SHAPE[1])), axis=1)[:, 100:]
+            noises = slow * np.sqrt(1 - 0.92**2) + hidden * shape
+            # What the further effect, of whatever size fits both records best, takes away.
+            size = float((noises * shape).sum() / (2 * (shape**2).sum()))
+            rivals = rival(["viscous"], *noises), rival(["viscous", "coulomb"], *(noises - size * shape))
+            found = decide(rivals, rules, float(np.prod(SHAPE)))
+            single = found.trials[0].names == ("viscous:axis",)
+            if hidden:
+                both += not single and found.chances[0] >= rules.sure
+            else:
+                earned = rivals[0].score - rivals[1].score > rules.earn
+                alone += earned
+                named += earned and single and not found.near
+    # By squares of residuals alone the further effect would have earned its place each time.
+    assert alone > 30
+    assert named > 0.7 * alone
+    assert both > 95
+
+
 def test_p_values_go_on_where_replicates_end():
     rng = np.random.default_rng(4)
     found = []
