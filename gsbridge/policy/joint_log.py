@@ -25,6 +25,10 @@ from gsbridge.files import atomic_file, write_stage
 from gsbridge.geometry import Array
 from gsbridge.reality.world.driver_log import DriverLog, LoggedPhysics
 from gsbridge.reality.world.physics import CONTROL_HZ
+from gsbridge.tasks.outcome import Failure
+from gsbridge.tasks.views import ROLES
+
+__all__ = ["ROLES", "Repeat", "choose_trials", "log_trials", "repeat_trial", "write_driver_log"]
 
 logger = logging.getLogger("gsbridge")
 
@@ -37,7 +41,8 @@ AFTER = 0.5
 SAME = 1e-5
 """Distance of the tool from the logged path above which a repeated trial is another one, m; logs keep 32 bits."""
 
-ROLES = ("fit", "select", "verify")
+_TOUCHED = tuple(str(outcome) for outcome in (Failure.DROPPED, Failure.PUSHED_AWAY, Failure.EXCESS_CONTACT))
+"""Failures in which the hand pushed or carried something."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +62,8 @@ class Repeat:
 
 def choose_trials(table: str | Path, log: str | Path, period: float, count: int = len(ROLES)) -> list[Repeat]:
     """Trials that are logged once more: failed ones first, the longest of them; from different quadrants of the table.
+
+    Of the failed ones, those in which nothing was pushed or dropped come first: the arm's model knows no contact.
 
     Args:
         table: Trials, CSV.
@@ -81,15 +88,17 @@ def choose_trials(table: str | Path, log: str | Path, period: float, count: int 
             f"{len(long)} of {len(trials)} trials last {SHORTEST:g} s, {count} records are needed",
             "Judge from more start poses",
         )
-    ranked = sorted(long, key=lambda trial: (trial.success, -len(trial.path), trial.number))
+    touched = {trial.number: rows[trial.number]["failure"] in _TOUCHED for trial in long}
+    ranked = sorted(long, key=lambda trial: (trial.success, touched[trial.number], -len(trial.path), trial.number))
     # Different excitation: one trial towards each quadrant of the table before a second one towards the same.
-    turns: Counter[tuple[bool, str]] = Counter()
+    turns: Counter[tuple[bool, bool, str]] = Counter()
     order = []
     for place, trial in enumerate(ranked):
-        kind = trial.success, rows[trial.number]["quadrant"]
-        order.append((trial.success, turns[kind], place))
+        free = trial.success, touched[trial.number]
+        kind = (*free, rows[trial.number]["quadrant"])
+        order.append((*free, turns[kind], place))
         turns[kind] += 1
-    return [ranked[place] for _, _, place in sorted(order)[:count]]
+    return [ranked[place] for *_, place in sorted(order)[:count]]
 
 
 def repeat_trial(world: LoggedPhysics, settings: EnvironmentSettings, trial: Repeat) -> DriverLog:

@@ -149,9 +149,9 @@ def trials_of(folder, rows) -> tuple:
     with open(folder / "trials.csv", "w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
-        for index, (success, quadrant, steps) in enumerate(rows):
+        for index, (success, quadrant, steps, *failure) in enumerate(rows):
             word = "true" if success else "false"
-            writer.writerow(("fixed", index, quadrant, 0, 0, 0, word, word, "", steps))
+            writer.writerow(("fixed", index, quadrant, 0, 0, 0, word, word, *(failure or [""]), steps))
             states = {"tool": 3, "object_position": 3, "object_quat": 4, "forces": 4, "actions": 5}
             arrays = {name: np.zeros((steps + 1, width)) for name, width in states.items()}
             line = {name: np.zeros(steps + 1) for name in ("tool_yaw", "aperture")}
@@ -167,6 +167,12 @@ def test_failed_trials_are_logged_first(tmp_path):
     # Two quadrants failed, the second failure of the first comes after; the last failure is too short.
     assert [trial.number for trial in chosen] == [1, 3, 2]
     assert not any(trial.success for trial in chosen)
+
+
+def test_failed_trials_without_contact_come_before_those_with(tmp_path):
+    rows = [(True, 1, 40, ""), (False, 1, 80, "dropped"), (False, 2, 80, "pushed_away"), (False, 3, 60, "time_out")]
+    table, log = trials_of(tmp_path, [*rows, (False, 3, 50, "not_grasped")])
+    assert [trial.number for trial in choose_trials(table, log, 0.05)] == [3, 4, 1]
 
 
 def test_too_few_trials_are_refused(tmp_path):
