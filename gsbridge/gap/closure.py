@@ -10,6 +10,12 @@ from gsbridge.geometry import Array
 _LENGTHS = (1, 16)
 """Samples of the blocks over which a closure is judged."""
 
+_MOMENTS = 25
+"""Parts of a record among which those are sought in which something else happened."""
+
+_LEFT_OUT = 5
+"""Of these, at most so many."""
+
 _ALLOWED = 0.02
 """Share of a gap's squares that may be left to noise where a closure is judged."""
 
@@ -37,3 +43,21 @@ def closed(before: Array, after: Array, share: float) -> float:
         left = sums[1] - share * count - min(np.sqrt(2.0 * count), _ALLOWED * gap)
         out.append(1.0 - float(np.sqrt(max(left, 0.0) / gap)))
     return min(out)
+
+
+def closed_at_most_times(before: Array, after: Array, share: float) -> float:
+    """The same without the fifth of the record in which most is left: an arm that touched something, a push.
+
+    Args:
+        before: Whitened residual without the explanation. [T, C].
+        after: With it. [T, C].
+        share: Mean square of noise alone.
+    """
+    length = len(after) // _MOMENTS
+    if length == 0:
+        return closed(before, after, share)
+    left = (after[: _MOMENTS * length].astype(np.float64) ** 2).sum(axis=1).reshape(_MOMENTS, length).sum(axis=1)
+    kept = np.ones(len(after), bool)
+    for moment in np.argsort(left)[-_LEFT_OUT:]:
+        kept[moment * length : (moment + 1) * length] = False
+    return max(closed(before, after, share), closed(before[kept], after[kept], share))

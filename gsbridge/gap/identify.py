@@ -10,7 +10,7 @@ import numpy as np
 
 from gsbridge.gap.bank import Bank
 from gsbridge.gap.candidates import Candidate
-from gsbridge.gap.closure import closed
+from gsbridge.gap.closure import closed, closed_at_most_times
 from gsbridge.gap.coherence import coherence_p, line_p
 from gsbridge.gap.detect import Null, calibrate
 from gsbridge.gap.fit import Fit, fit, polish
@@ -240,8 +240,8 @@ class Identification:
         return closed(self.plain, trial.residual, self.null.share)
 
     def _closed_first(self, trial: Trial) -> float:
-        """The same on `fit`."""
-        return closed(self.start, trial.first, self.null_first.share)
+        """The same on `fit`, where something else may have happened for a while; `select` tells whether it did."""
+        return closed_at_most_times(self.start, trial.first, self.null_first.share)
 
     def _unfitted(self, best: Trial, matches: Sequence[Match], trials: Sequence[Trial]) -> list[str]:
         """Candidates that were not fitted, but whose signatures explain as much: they are not ruled out either."""

@@ -74,28 +74,40 @@ def test_one_day_against_itself_keeps_the_later_photo_out_of_the_noise(folder):
     assert np.abs(pairs["fit"].after - pairs["fit"].again).max() > 0
 
 
-def spoil_pose(copy):
+def edit(copy, change):
     content = json.loads((copy / "views/views.json").read_text())
-    del content["views"][3]["cam_from_world"]
+    change(content)
     (copy / "views/views.json").write_text(json.dumps(content))
+
+
+def test_names_that_begin_alike_are_told_apart(folder, copy):
+    """Photos of another view, and files that are no photos of any, are left alone."""
+    for shot in range(SHOTS):
+        (copy / f"before/verify-0_{shot}.png").rename(copy / f"before/fit-0_b_{shot}.png")
+    (copy / "after/verify-0_0.png").rename(copy / "after/fit-0_b_0.png")
+    edit(copy, lambda content: content["views"][10].update(name="fit-0_b"))
+    shutil.copy(copy / "before/verify-1_0.png", copy / "before/fit-0_old.png")
+    pairs, wanted = read_pairs(*parts(copy)), read_pairs(*parts(folder))
+    for role in ROLES:
+        assert pairs[role].repeats == SHOTS - 1
+        np.testing.assert_array_equal(pairs[role].before, wanted[role].before)
+        np.testing.assert_array_equal(pairs[role].again, wanted[role].again)
+
+
+def spoil_pose(copy):
+    edit(copy, lambda content: content["views"][3].pop("cam_from_world"))
 
 
 def spoil_role(copy):
-    content = json.loads((copy / "views/views.json").read_text())
-    content["views"][3]["role"] = "train"
-    (copy / "views/views.json").write_text(json.dumps(content))
+    edit(copy, lambda content: content["views"][3].update(role="train"))
 
 
 def spoil_name(copy):
-    content = json.loads((copy / "views/views.json").read_text())
-    content["views"][3]["name"] = content["views"][2]["name"]
-    (copy / "views/views.json").write_text(json.dumps(content))
+    edit(copy, lambda content: content["views"][3].update(name=content["views"][2]["name"]))
 
 
 def spoil_camera(copy):
-    content = json.loads((copy / "views/views.json").read_text())
-    del content["camera"]["fx"]
-    (copy / "views/views.json").write_text(json.dumps(content))
+    edit(copy, lambda content: content["camera"].pop("fx"))
 
 
 @pytest.mark.parametrize(
@@ -112,6 +124,18 @@ def spoil_camera(copy):
         (lambda copy: np.savez(copy / "views/depths.npz", depths=np.ones((2, 48, 64))), ["depths.npz", "2 x 48 x 64"]),
         (lambda copy: np.savez(copy / "views/depths.npz", depth=np.ones(2)), ["depths.npz", "no depths"]),
         (lambda copy: (copy / "views/depths.npz").unlink(), ["depths.npz", "cannot be read"]),
+        (lambda copy: (copy / "views/depths.npz").write_bytes(b""), ["depths.npz", "no depths"]),
+        (lambda copy: np.savez(copy / "views/depths.npz", depths=np.zeros((15, 48, 64))), ["depths.npz", "no depth is known"]),
+        (lambda copy: edit(copy, lambda c: c.update(camera="phone")), ["views.json", "no camera"]),
+        (lambda copy: edit(copy, lambda c: c["camera"].update(fx=0)), ["views.json", "focal length"]),
+        (
+            lambda copy: edit(copy, lambda c: c["views"][3].update(cam_from_world=np.zeros((4, 4)).tolist())),
+            ["views.json", "'fit-3' is no turn and shift"],
+        ),
+        (
+            lambda copy: shutil.copy(copy / "before/fit-0_0.png", copy / "before/fit-0_00.png"),
+            ["two photos of the view 'fit-0' have the number 0"],
+        ),
     ],
 )
 def test_what_cannot_be_used_is_named_and_nothing_is_written(copy, tmp_path, spoil, words):

@@ -8,6 +8,7 @@ blurs would explain every pair of photos better than nothing does.
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import replace
 
 import cv2
@@ -67,6 +68,7 @@ class Expectation:
         known = self.depths > 0
         # Where it is unknown nothing is compared; some depth must stand there all the same.
         self.depths = np.where(known, self.depths, np.median(self.depths[known]) if known.any() else 1.0).astype(np.float32)
+        self._known = None if known.all() else known.astype(np.float32)
         self.clean = np.stack(
             [_clean(*both, _STRENGTH / np.sqrt(pairs.repeats)) for both in zip(pairs.again, pairs.before, strict=True)]
         )
@@ -130,20 +132,29 @@ class Expectation:
         """Light of one moment and where it is known: all rows at once, or strips of rows one after the other. [H, W, 4]."""
         pairs, height = self.pairs, self.pairs.camera.height
         if pairs.track is None or pairs.times is None:
-            return self._warped(n, how.mount @ pairs.poses[n], rays)
+            return self._settled([self._warped(n, how.mount @ pairs.poses[n], rays)])
         time = float(pairs.times[n]) + later
         if not how.row_time:
-            return self._warped(n, how.mount @ pairs.track.at(np.array([time]))[0], rays)
+            return self._settled([self._warped(n, how.mount @ pairs.track.at(np.array([time]))[0], rays)])
         edges = np.unique(np.linspace(0, height, STRIPS + 1).round().astype(int))
         rows = 0.5 * (edges[:-1] + edges[1:]) - 0.5 * height
         poses = pairs.track.at(time + rows * how.row_time)
         strips = zip(edges[:-1], edges[1:], poses, strict=True)
-        return np.concatenate([self._warped(n, how.mount @ pose, rays[top:end], int(top)) for top, end, pose in strips])
+        return self._settled([self._warped(n, how.mount @ pose, rays[top:end], int(top)) for top, end, pose in strips])
 
-    def _warped(self, n: int, pose: Array, rays: Array, top: int = 0) -> Array:
+    @staticmethod
+    def _settled(strips: Sequence[tuple[Array, Array, bool]]) -> Array:
+        """Strips of rows as one photo, without what lies near a step of depth if things hide others. [H, W, 4]."""
+        table = np.concatenate([strip[0] for strip in strips])
+        if any(strip[2] for strip in strips):
+            table[..., 3] *= off_steps(np.concatenate([strip[1] for strip in strips]))
+        return table
+
+    def _warped(self, n: int, pose: Array, rays: Array, top: int = 0) -> tuple[Array, Array, bool]:
         """Light of a photo as a camera at another pose sees it, and 1 where the photo shows it. [h, W, 4].
 
-        `rays` begin in row `top` of the image.
+        Also the depth that is seen, 0 where it is unknown, [h, W], and whether things hide others. `rays` begin in row `top` of
+        the image.
         """
         camera, depth = self.pairs.camera, self.depths[n]
         old_from_new = self.pairs.poses[n] @ np.linalg.inv(pose)
@@ -170,8 +181,14 @@ class Expectation:
         inside = (across >= 0) & (across <= camera.width - 1) & (down >= 0) & (down <= camera.height - 1)
         if hiding:
             known &= np.abs(there - deep) <= _SAME * deep
-            inside &= off_steps(np.where(known, far, 0.0))
-        return np.concatenate([np.maximum(seen, 0.0), inside[..., None].astype(np.float32)], axis=2)
+        if self._known is not None:
+            # What is nowhere known may be as near as half of the rest, and hide more of it than it did.
+            reach = int(np.ceil(camera.fx * np.linalg.norm(old_from_new[:3, 3]) / np.median(depth))) + 1
+            sure = cv2.erode(self._known[n], np.ones((2 * reach + 1,) * 2, np.uint8))
+            known &= cv2.remap(sure, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) > 0.999
+        inside &= known
+        table = np.concatenate([np.maximum(seen, 0.0), inside[..., None].astype(np.float32)], axis=2)
+        return table, np.where(known, far, 0.0), bool(hiding)
 
     def _nearest(self, n: int, new_from_old: Array, rays: Array) -> Array:
         """Depth of the nearest thing along rays of the new view, 0 where the earlier photo knows none. [h, W]."""

@@ -11,6 +11,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -55,9 +56,8 @@ def read_pairs(views: str | Path, before: str | Path, after: str | Path, *, shot
         first, again, later, repeats, digest = [], [], [], set(), hashlib.sha256()
         for index in chosen:
             name = rows[index]["name"]
-            shots = sorted(before.glob(f"{name}_*.png"), key=_number)
-            left_out = [path for path in shots if same and _number(path) == shot]
-            shots = [path for path in shots if path not in left_out]
+            taken = _shots(before, name)
+            shots = [path for number, path in sorted(taken.items()) if not (same and number == shot)]
             if len(shots) < 2:
                 raise InputError(
                     before, f"there are {len(shots)} photos of the view '{name}'", "Take two or more while all is well"
@@ -85,17 +85,31 @@ def read_pairs(views: str | Path, before: str | Path, after: str | Path, *, shot
     return out
 
 
-def _number(path: Path) -> int:
-    """Which photo of its view a file is; -1 for a name without a number."""
-    tail = path.stem.rsplit("_", 1)[-1]
-    return int(tail) if tail.isdigit() else -1
+def _shots(folder: Path, name: str) -> dict[int, Path]:
+    """Photos of a view by their number.
+
+    Raises:
+        InputError: Two have the same number.
+    """
+    pattern, out = re.compile(re.escape(name) + r"_(\d+)\.png"), {}
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+        found = pattern.fullmatch(path.name)
+        if found is None:
+            continue
+        if int(found[1]) in out:
+            raise InputError(path, f"two photos of the view '{name}' have the number {int(found[1])}", "Number them 0, 1, ...")
+        out[int(found[1])] = path
+    return out
 
 
 def _camera(content: Any, source: Path) -> Camera:
     try:
-        return Camera.from_json(content["camera"])
-    except (KeyError, TypeError, ValueError) as error:
+        camera = Camera.from_json(content["camera"])
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(source, f"its 'camera' is no camera ({error})", "Give width, height, fx, fy, cx, cy") from error
+    if min(camera.width, camera.height, camera.fx, camera.fy) <= 0:
+        raise InputError(source, "its 'camera' has no size or no focal length", "Give width, height, fx, fy, cx, cy in pixels")
+    return camera
 
 
 def _rows(content: Any, source: Path) -> Sequence[dict[str, Any]]:
@@ -117,8 +131,23 @@ def _rows(content: Any, source: Path) -> Sequence[dict[str, Any]]:
             pose = np.array(item["cam_from_world"], dtype=np.float64).reshape(4, 4)
         except (TypeError, ValueError) as error:
             raise InputError(source, f"the pose of the view '{name}' is no 4 x 4 matrix", "Give its cam_from_world") from error
+        if not _is_rigid(pose):
+            raise InputError(
+                source, f"the pose of the view '{name}' is no turn and shift", "Give its cam_from_world, in metres, OpenCV axes"
+            )
         out.append({"name": name, "role": item["role"], "cam_from_world": pose})
     return out
+
+
+def _is_rigid(pose: Array) -> bool:
+    """Whether a 4 x 4 matrix turns and shifts, and does nothing else."""
+    turn = pose[:3, :3]
+    return bool(
+        np.isfinite(pose).all()
+        and np.allclose(turn @ turn.T, np.eye(3), atol=1e-3)
+        and np.linalg.det(turn) > 0
+        and np.allclose(pose[3], (0.0, 0.0, 0.0, 1.0), atol=1e-6)
+    )
 
 
 def _depths(path: Path, shape: tuple[int, int, int]) -> Array:
@@ -127,11 +156,13 @@ def _depths(path: Path, shape: tuple[int, int, int]) -> Array:
             depths = np.asarray(content["depths"], np.float32)
     except OSError as error:
         raise InputError(path, "the depths cannot be read", _PAGE) from error
-    except (KeyError, ValueError, zipfile.BadZipFile) as error:
+    except (EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
         raise InputError(path, f"it holds no depths ({error})", _PAGE) from error
     if depths.shape != shape:
         seen, wanted = (" x ".join(map(str, size)) for size in (depths.shape, shape))
         raise InputError(path, f"its depths are {seen}", f"Give {wanted}: one per view and pixel")
+    if not (np.isfinite(depths) & (depths > 0)).any(axis=(1, 2)).all():
+        raise InputError(path, "of a view, no depth is known", "Give camera z of what it shows, m; 0 only where unknown")
     return depths
 
 
