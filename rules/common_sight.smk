@@ -53,24 +53,31 @@ def sight_loop_rows(wildcards):
 
 def learns_alike(variant):
     """The variant of the table that differs from one which learned anew in its model alone."""
-    wanted = config["variants"][variant]["policy"]
-    for name in SIGHT["variants"]:
-        if config["variants"][name]["policy"] == wanted:
-            return name
-    return ""
+
+    def rest(name):
+        return {
+            key: value
+            for key, value in config["variants"][name].items()
+            if key != "model"
+        }
+
+    alike = [name for name in SIGHT["variants"] if rest(name) == rest(variant)]
+    return alike[0] if alike else ""
 
 
 def closed_loops():
     """Worlds that changed, with the policies before and after, and the table that they stand in."""
-    loops = [
-        {
-            "table": "loop",
-            "reference": LOOP["reference"],
-            "world": LOOP["changed"],
-            "before": "default",
-            "after": LOOP["variant"],
-        }
-    ]
+    loops = []
+    if LOOP["variant"] != "default":
+        loops.append(
+            {
+                "table": "loop",
+                "reference": LOOP["reference"],
+                "world": LOOP["changed"],
+                "before": "default",
+                "after": LOOP["variant"],
+            }
+        )
     for world, variants in SIGHT["amended"].items():
         after = variants[0] if variants else ""
         loops.append(
@@ -83,6 +90,12 @@ def closed_loops():
             }
         )
     return loops
+
+
+def measured_loops(wildcards):
+    """Rows of the loops that are configured."""
+    names = {loop["table"] for loop in closed_loops()}
+    return {name: f"results/rows/{name}.csv" for name in sorted(names)}
 
 
 def sight_scene(wildcards):

@@ -177,10 +177,9 @@ rule score_study:
 
 rule score_loops:
     input:
+        unpack(measured_loops),
         # Its date changes with every checkout; its digest below tells whether it changed.
         floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
-        sight="results/rows/sight_loop.csv",
-        arm="results/rows/loop.csv",
     output:
         measured="results/scores/measured/loops.json",
         scores="results/scores/loops.json",

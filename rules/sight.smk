@@ -127,6 +127,8 @@ rule amend_camera:
     input:
         nominal=f"{workflow.basedir}/models/nominal.yaml",
         findings="results/sight/{world}/findings.json",
+        # In photos of one day nothing may be found.
+        reference=f"results/sight/{SIGHT['reference']}/findings.json",
     output:
         model="results/sight/{world}/model.yaml",
     log:

@@ -9,4 +9,4 @@ if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake
 
 start(snakemake.threads, snakemake.log[0])
-amend_camera(snakemake.input.nominal, snakemake.input.findings, snakemake.output.model)
+amend_camera(snakemake.input.nominal, snakemake.input.findings, snakemake.output.model, snakemake.input.reference)

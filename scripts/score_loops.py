@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 start(snakemake.threads, snakemake.log[0])
 write_loop_figures(
     snakemake.output.measured,
-    {"sight_loop": snakemake.input.sight, "loop": snakemake.input.arm},
+    {name: path for name, path in snakemake.input.items() if name != "floors"},
     snakemake.params.loops,
     snakemake.params.preset,
 )

@@ -71,7 +71,11 @@ def _check_sight(config: Mapping[str, Any]) -> None:
     Raises:
         InputError: It names what is not configured, a world is the reference, or a variant learns with another model.
     """
-    sight = config["study"]["sight"]
+    sight, cell = config["study"]["sight"], config["study"]["cell"]
+    for key in ("object", "background"):
+        if cell[key] not in config["scenes"]:
+            choices = ", ".join(sorted(config["scenes"]))
+            raise InputError(f"config: study.cell.{key}", f"'{cell[key]}' is not configured", f"Use one of: {choices}")
     for world in (sight["reference"], *sight["amended"]):
         if world not in config["worlds"]:
             choices = ", ".join(sorted(config["worlds"]))

@@ -17,6 +17,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from gsbridge.environment.lens import UNDRAWN
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file, read_json
 from gsbridge.geometry import Array
@@ -136,8 +137,8 @@ def write_sight_report(case: str, findings: str | Path, pictures: str | Path, ou
 def _read(path: str | Path) -> dict[str, Array]:
     try:
         with np.load(path) as data:
-            return {name: data[name] for name in data.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
+            return {name: data[name] for name in ("before", "after", "expected", "compared", "gap", "left")}
+    except (EOFError, KeyError, OSError, TypeError, ValueError, zipfile.BadZipFile) as error:
         raise InputError(path, f"the pictures cannot be read ({error})", "Delete the file and run the rule again") from error
 
 
@@ -161,11 +162,12 @@ def _steps(found: Mapping[str, Any]) -> list[str]:
     """What to do now."""
     verdict = found["verdict"]
     if verdict == "named":
-        geometry = any(item["hook"] == "geometry" for item in found["effects"])
-        return [
-            "Mend the camera, or let the policy learn with the amended model.",
-            *(["The camera sits or looks otherwise than it was registered: register it again."] if geometry else []),
-        ]
+        names = {item["name"] for item in found["effects"]}
+        learnt = "." if names & set(UNDRAWN) else ", or let the policy learn with the amended model."
+        moved = (
+            ["The camera sits or looks otherwise than it was registered: register it again."] if "extrinsics" in names else []
+        )
+        return [f"Mend the camera{learnt}", *moved]
     if verdict == "ambiguous":
         return [f"To tell them apart: {found['effects'][0]['tell_apart']}."]
     if verdict == "none_of_the_known":

@@ -175,6 +175,14 @@ def test_nothing_is_found_in_photos_of_one_day_and_nothing_is_amended(folder, tm
     assert "agree" in files[2].read_text()
     with pytest.raises(StageError, match="named nothing"):
         amend_camera("models/nominal.yaml", files[0], files[3])
+    # As the reference of a later day it is what it should be; a finding there would stop everything.
+    named = {**found, "verdict": "named", "amended": [{"name": "exposure", "parameters": {"stops": 0.3}}]}
+    (tmp_path / "later.json").write_text(json.dumps(named))
+    with pytest.raises(StageError, match="photos of one day differ"):
+        amend_camera("models/nominal.yaml", tmp_path / "later.json", files[3], tmp_path / "later.json")
+    amend_camera("models/nominal.yaml", tmp_path / "later.json", files[3], files[0])
+    assert files[3].exists()
+    files[3].unlink()
     assert not files[3].exists()
 
 

@@ -15,6 +15,7 @@ CONFIG = {
     "study": {
         "variants": ["default", "bc"],
         "worlds": ["late"],
+        "cell": {"task": "grasp", "object": "cake", "background": "foam_pad"},
         "sight": {"variants": ["bc"], "worlds": ["mirror"], "reference": "mirror", "amended": {"late": ["seen"]}},
     },
     "scenes": {"cake": {}, "foam_pad": {}},
@@ -50,6 +51,7 @@ def test_sound_settings_pass(tmp_path):
         (("study", "worlds"), ["mirror", "mars"], ["config: study.worlds", "mars"]),
         (("study", "sight", "variants"), ["dark"], ["config: study.sight.variants", "dark"]),
         (("study", "sight", "worlds"), ["moon"], ["config: study.sight.worlds", "moon"]),
+        (("study", "cell"), {"object": "teapot", "background": "foam_pad"}, ["study.cell.object", "teapot"]),
         (("study", "sight", "reference"), "moon", ["config: study.sight", "moon"]),
         (("study", "sight", "amended"), {"moon": ["seen"]}, ["config: study.sight", "moon"]),
         (("study", "sight", "amended"), {"mirror": ["seen"]}, ["study.sight.amended.mirror", "the reference"]),

@@ -53,6 +53,6 @@ def test_each_world_is_told_before_since_and_after(tables, tmp_path):
 def test_damaged_rows_are_refused(tables, tmp_path):
     text = tables["loop"].read_text().replace(",32,", ",many,")
     tables["loop"].write_text(text)
-    with pytest.raises(InputError, match="loop"):
+    with pytest.raises(InputError, match="rows of the loop are damaged"):
         write_loop_figures(tmp_path / "out.json", tables, LOOPS, "desktop")
     assert not (tmp_path / "out.json").exists()

@@ -81,19 +81,27 @@ def _pictures(pairs: dict[str, Pairs], found: dict[str, Any]) -> dict[str, np.nd
     }
 
 
-def amend_camera(nominal: str | Path, findings: str | Path, model: str | Path) -> None:
+def amend_camera(nominal: str | Path, findings: str | Path, model: str | Path, reference: str | Path | None = None) -> None:
     """Write the simulation's model with the image effects that were named: a policy that learns with it sees them.
 
     Args:
         nominal: The simulation's model as it was.
         findings: `findings.json`.
         model: The amended model; the evidence stands in its head.
+        reference: `findings.json` of further photos of the first day, in which nothing may be found.
 
     Raises:
-        StageError: Nothing was named.
-        InputError: An episode's pictures cannot have a named effect, or the model is damaged.
+        StageError: Nothing was named, or something was found in photos of one day.
+        InputError: An episode's pictures cannot have a named effect, or a file is damaged.
     """
-    found, content = read_json(findings), read_yaml(nominal, "model", "models/nominal.yaml")
+    found, content = _findings(findings), read_yaml(nominal, "model", "models/nominal.yaml")
+    parse_model(content, str(nominal), EFFECTS)
+    if reference is not None and _findings(reference)["verdict"] != "no_discrepancy":
+        raise StageError(
+            "amend_camera",
+            f"photos of one day differ: {_findings(reference)['sentence']}",
+            f"Take them again, or more of them; see {reference}",
+        )
     if not found["amended"]:
         raise StageError(
             "amend_camera", f"the diagnosis named nothing ({found['verdict']}): {found['sentence']}", f"See {findings}"
@@ -108,7 +116,7 @@ def amend_camera(nominal: str | Path, findings: str | Path, model: str | Path) -
     content["effects"] = [*(content.get("effects") or []), *found["amended"]]
     parse_model(content, str(nominal), EFFECTS)
     head = [
-        "Amended by the gap of pictures; made from models/nominal.yaml and not to be edited.",
+        f"Amended by the gap of pictures; made from {Path(nominal).name} and not to be edited.",
         found["sentence"],
         *(f"photos {role}: {digest}" for role, digest in found["records"].items()),
         f"seed {found['seed']}",
@@ -117,3 +125,16 @@ def amend_camera(nominal: str | Path, findings: str | Path, model: str | Path) -
     text += yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=128)
     with atomic_file(model) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def _findings(path: str | Path) -> dict[str, Any]:
+    """What a diagnosis has left.
+
+    Raises:
+        InputError: It is damaged.
+    """
+    found = read_json(path)
+    missing = [key for key in ("verdict", "sentence", "amended", "records", "seed") if key not in found]
+    if missing:
+        raise InputError(path, f"it has no '{missing[0]}'", "Diagnose the photos again")
+    return found
