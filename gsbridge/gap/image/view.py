@@ -28,9 +28,6 @@ _BORDER = 0.05
 _PLACE = 0.1
 """Of pixels as compared: how well it is known where things are, with depths and interpolation as they are."""
 
-_STANDS = 0.3
-"""Share of what is compared that can stand for the rest; a camera that shows less explains nothing of the rest."""
-
 _PARTS = 12
 """Classes of brightness by which noise is learnt."""
 
@@ -134,9 +131,7 @@ class View:
         variance = local * (self._rougher() * noise.at(self.after) + noise.at(before))
         variance = variance + _PLACE**2 * slopes_of(before.astype(np.float32))[..., None]
         self._usual = again - before
-        self._plain = self.after - before
         self._weights = (self.mask[..., None] / np.sqrt(variance)).astype(np.float32)
-        self._plain = (self._plain * self._weights).astype(np.float32)
 
     def residual(self, effects: Sequence[Applied] = ()) -> Array:
         """Later photos less expected ones, a row per line of a photo, then the grain of every photo. [N * h + N, 3 * w]."""
@@ -145,11 +140,8 @@ class View:
         shown = shrunk(self.expectation.shown(how).astype(np.float32), self.size) >= 1.0
         if not shown.all():
             # What comes into sight says nothing; the rest stands for it, or it would pay to look elsewhere.
-            share = (self.mask * shown).sum() / max(float(self.mask.sum()), 1.0)
-            if share >= _STANDS:
-                apart *= shown[..., None] * np.float32(1.0 / np.sqrt(share))
-            else:
-                apart = np.where(shown[..., None], apart, self._plain)
+            kept = np.maximum((self.mask * shown).sum(), 1.0)
+            apart *= shown[..., None] * np.float32(np.sqrt(self.mask.sum() / kept))
         count, height, width = self.shape
         rough = self._rough(how)
         grain = np.zeros((count, 3 * width), np.float32)
