@@ -73,6 +73,13 @@ def policy_settings(wildcards):
     }
 
 
+def policy_memory(wildcards):
+    """Memory of a training, MB: libraries and pictures in use, the replay, and each further environment."""
+    chosen = policy_settings(wildcards)
+    replay = 3e-6 * chosen["replay_capacity"] * chosen["image_size"] ** 2
+    return round(2350 + replay + 400 * (chosen["environments"] - 1))
+
+
 def policy_state(wildcards):
     """Where a training keeps its checkpoint."""
     return state_folder(

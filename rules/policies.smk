@@ -20,10 +20,12 @@ rule train_policy:
     priority: 10
     conda:
         "../envs/policy.yaml"
-    threads: 1
+    # One per environment that is played in at a time.
+    threads: lambda wildcards: policy_settings(wildcards)["environments"]
     resources:
-        mem_mb=2500,
+        mem_mb=policy_memory,
         runtime="60m",
+        gpu=lambda wildcards: int(policy_settings(wildcards)["device"] == "cuda"),
     params:
         code=code_digest("gsbridge.policy.stage"),
         settings=policy_settings,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,40 +75,49 @@ class Agent:
         """Temperature."""
         return float(self.log_alpha.detach().exp())
 
-    @torch.no_grad()
     def act(self, sight: Sight, share: float) -> Choice:
-        """Choose an action in training.
+        """Choose an action in training, see `act_all`."""
+        return self.act_all([sight], share)[0]
+
+    @torch.no_grad()
+    def act_all(self, sights: Sequence[Sight], share: float) -> list[Choice]:
+        """Choose an action in each of several states.
 
         With probability lambda the controller's; otherwise, in `sacwb`, the one of greater min Q of the controller's and one
         drawn from the actor; in `dagger` the actor's mean, in `sac` one drawn from the actor.
 
         Args:
-            sight: The state.
+            sights: The states.
             share: lambda, 0..1.
         """
         settings = self.settings
-        # Drawn in any case, so that the stream does not depend on the outcome.
-        coin = float(torch.rand((), generator=self.generator))
-        noise = settings.base_noise * torch.randn(SIZE, generator=self.generator)
-        base = np.clip(sight.base + noise.numpy(), -1.0, 1.0).astype(np.float32)
-        if settings.has_controller and coin < share:
-            return Choice(base, by_actor=False)
-        distribution = self._distribution(sight)
-        if settings.algo == "dagger":
-            return Choice(distribution.mode[0].cpu().numpy(), by_actor=True)
-        action = distribution.sample(self.generator)[0]
-        if settings.algo == "sac":
-            return Choice(action[0].cpu().numpy(), by_actor=True)
-        both = torch.cat([torch.from_numpy(sight.base)[None].to(self.device), action])
-        values = self.critics.least(self._tensor(sight.privileged).expand(2, -1), both)
-        if values[0] > values[1]:
-            return Choice(base, by_actor=False)
-        return Choice(action[0].cpu().numpy(), by_actor=True)
+        coins, bases = [], []
+        for sight in sights:
+            # Drawn in any case, so that the stream does not depend on the outcome.
+            coins.append(float(torch.rand((), generator=self.generator)))
+            noise = settings.base_noise * torch.randn(SIZE, generator=self.generator)
+            bases.append(np.clip(sight.base + noise.numpy(), -1.0, 1.0).astype(np.float32))
+        out = [Choice(base, by_actor=False) for base in bases]
+        asked = [k for k, coin in enumerate(coins) if not (settings.has_controller and coin < share)]
+        if not asked:
+            return out
+        seen = [sights[k] for k in asked]
+        distribution = self._distribution(seen)
+        action = distribution.mode if settings.algo == "dagger" else distribution.sample(self.generator)[0]
+        better = np.ones(len(asked), bool)
+        if settings.algo == "sacwb":
+            privileged, base = (self._stack(seen, name) for name in ("privileged", "base"))
+            values = self.critics.least(torch.cat([privileged, privileged]), torch.cat([base, action])).cpu().numpy()
+            better = values[: len(asked)] <= values[len(asked) :]
+        for k, mine, own in zip(asked, action.cpu().numpy(), better, strict=True):
+            if own:
+                out[k] = Choice(mine, by_actor=True)
+        return out
 
     @torch.no_grad()
     def value(self, sight: Sight) -> float:
         """min Q of the actor's mean action: what it expects to return from here."""
-        return float(self.critics.least(self._tensor(sight.privileged), self._distribution(sight).mode))
+        return float(self.critics.least(self._stack([sight], "privileged"), self._distribution([sight]).mode))
 
     def update(self, batch: Batch, share: float) -> dict[str, float]:
         """One gradient step of everything that the algorithm learns.
@@ -237,13 +246,13 @@ class Agent:
         with torch.autocast(kind, dtype=torch.bfloat16, enabled=self.settings.bf16):
             return self.actor(pictures, proprio)
 
-    def _distribution(self, sight: Sight) -> TanhGaussian:
-        """The actor in full precision, for one state."""
-        image = torch.from_numpy(np.ascontiguousarray(sight.image))[None].to(self.device)
-        return self.actor(picture(image), self._tensor(sight.proprio))[0]
+    def _distribution(self, sights: Sequence[Sight]) -> TanhGaussian:
+        """The actor in full precision, for some states."""
+        return self.actor(picture(self._stack(sights, "image")), self._stack(sights, "proprio"))[0]
 
-    def _tensor(self, values: Array) -> Tensor:
-        return torch.from_numpy(np.ascontiguousarray(values))[None].to(self.device)
+    def _stack(self, sights: Sequence[Sight], name: str) -> Tensor:
+        """One field of some states, where the networks are. [B, ...]."""
+        return torch.from_numpy(np.stack([getattr(sight, name) for sight in sights])).to(self.device)
 
 
 @torch.no_grad()

@@ -63,23 +63,27 @@ class Meter:
 
 
 class Clock:
-    """CPU seconds by part of the work.
+    """CPU seconds of this process by part of the work, and seconds that passed in all parts but evaluation.
 
     Args:
         seconds: To go on from.
+        wall: Likewise.
     """
 
-    def __init__(self, seconds: Mapping[str, float] | None = None) -> None:
+    def __init__(self, seconds: Mapping[str, float] | None = None, wall: float = 0.0) -> None:
         self.seconds = {part: float((seconds or {}).get(part, 0.0)) for part in PARTS}
+        self.wall = float(wall)
 
     @contextmanager
     def on(self, part: str) -> Iterator[None]:
-        """Count the CPU seconds of a block."""
-        begin = time.process_time()
+        """Count the seconds of a block."""
+        begin, now = time.process_time(), time.perf_counter()
         try:
             yield
         finally:
             self.seconds[part] += time.process_time() - begin
+            if part != "evaluate":
+                self.wall += time.perf_counter() - now
 
 
 def evaluation_row(evaluation: Evaluation) -> Row:

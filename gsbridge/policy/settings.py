@@ -12,6 +12,7 @@ from gsbridge.errors import InputError
 
 ALGORITHMS = ("sacwb", "sac", "bc", "dagger")
 TARGETS = ("official", "paper", "none")
+DEVICES = ("cpu", "cuda")
 
 RETURN_BOUND = 1.0
 """Largest return of an episode: one reward of 1, at its end."""
@@ -44,6 +45,7 @@ _COUNTS = {
     "eval_every": (1, 1_000_000),
     "eval_poses": (4, 1024),
     "stop_after": (0, 1000),
+    "environments": (1, 256),
 }
 _SWITCHES = ("augment", "bounded_critic", "bf16")
 
@@ -85,6 +87,9 @@ class PolicySettings:
         eval_every: Steps between two evaluations.
         eval_poses: Start poses of an evaluation, a multiple of 4.
         stop_after: Stop after so many evaluations in a row without a failure; 0 never stops early.
+        environments: Environments that training episodes are played in at a time, a process each, so that the actor sees a
+            batch of pictures. With several, an evaluation cuts the episodes that run when it begins.
+        device: Where the networks are.
 
     Raises:
         InputError: A setting is unknown or out of range.
@@ -119,9 +124,11 @@ class PolicySettings:
     eval_every: int = 1_000
     eval_poses: int = 32
     stop_after: int = 2
+    environments: int = 1
+    device: str = "cpu"
 
     def __post_init__(self) -> None:
-        for name, allowed in (("algo", ALGORITHMS), ("target", TARGETS), ("image_size", IMAGE_SIZES)):
+        for name, allowed in (("algo", ALGORITHMS), ("target", TARGETS), ("image_size", IMAGE_SIZES), ("device", DEVICES)):
             value = getattr(self, name)
             if isinstance(value, bool) or value not in allowed:
                 raise _wrong(name, value, f"Use one of {', '.join(map(str, allowed))}")

@@ -8,7 +8,7 @@ from dataclasses import asdict, fields
 from pathlib import Path
 
 from gsbridge.environment.biased import BiasedController
-from gsbridge.environment.build import StageFiles, build_controller, build_environment
+from gsbridge.environment.build import StageFiles, build_controller, build_environment, environment_makers
 from gsbridge.environment.lens import EFFECTS
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.errors import InputError
@@ -40,7 +40,6 @@ def train_policy(
     seed: int,
     state: str | Path,
     controller_offset: tuple[float, float] = (0.0, 0.0),
-    device: str = "cpu",
 ) -> Training:
     """Train a policy in the simulated world and write it.
 
@@ -53,7 +52,6 @@ def train_policy(
         seed: Of everything random.
         state: Folder of checkpoints; it is removed at the end.
         controller_offset: Error of the baseline controller, see `BiasedController`, m.
-        device: Where networks learn.
 
     Raises:
         InputError: A file is missing, damaged or of the wrong kind; settings do not fit together.
@@ -66,8 +64,12 @@ def train_policy(
         if any(controller_offset):
             controller = BiasedController(controller, controller_offset)
         key = {"files": files_digest(files), "controller_offset": list(controller_offset)}
-        trainer = Trainer(environment, controller, settings, seed=seed, state=state, key=key, device=device)
-        training = trainer.run(out)
+        makers = environment_makers(files, environment_settings, settings.environments)
+        trainer = Trainer(environment, controller, settings, seed=seed, state=state, key=key, makers=makers)
+        try:
+            training = trainer.run(out)
+        finally:
+            trainer.close()
         onnx_error = export_onnx(out)
     finally:
         environment.close()
@@ -87,6 +89,7 @@ def train_policy(
         updates=training.rows[-1]["update"],
         target_alarms=trainer.agent.alarm.count,
         replay_mb=training.replay_bytes / 1e6,
+        frames_per_second=training.frames_per_second,
         cpu_seconds=seconds,
         cpu_seconds_to_enough=cpu_seconds_to(training.rows, ENOUGH),
         onnx_error=onnx_error,

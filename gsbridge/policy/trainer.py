@@ -1,14 +1,14 @@
 """Training of one policy in one environment, and its files: the policy, the learning curve, checkpoints to resume from.
 
 An interrupted training goes on from its last checkpoint and gives the same curve and weights, bit for bit, as one that was
-never interrupted; only its CPU seconds differ.
+never interrupted; only its seconds differ.
 """
 
 from __future__ import annotations
 
 import copy
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,8 +25,9 @@ from gsbridge.policy.checkpoints import Checkpoint, load_checkpoint, save_checkp
 from gsbridge.policy.curve import LEARNED, Clock, Meter, Row, evaluation_row, write_curve
 from gsbridge.policy.evaluation import bare, episode_seed, evaluate, evaluate_controller, evaluation_poses
 from gsbridge.policy.export import Policy, describe, save_policy
-from gsbridge.policy.observation import Controller, Frame, Observer
+from gsbridge.policy.observation import Controller, Frame, Observer, Sight
 from gsbridge.policy.replay import Replay
+from gsbridge.policy.rollouts import Rollouts
 from gsbridge.policy.settings import PolicySettings
 
 logger = logging.getLogger("gsbridge")
@@ -46,6 +47,7 @@ class Training:
         controller: Success of the controller; NaN without one.
         policy: The best weights.
         replay_bytes: Memory of the replay buffer.
+        frames_per_second: Environment steps, each with its picture, per second of acting and learning.
     """
 
     rows: list[Row]
@@ -54,6 +56,7 @@ class Training:
     controller: float
     policy: Policy
     replay_bytes: int
+    frames_per_second: float
 
 
 @dataclass
@@ -71,6 +74,20 @@ class _Counters:
     rows: list[Row] = field(default_factory=list)
 
 
+@dataclass
+class _Episode:
+    """An episode that is being played beside others.
+
+    Args:
+        sight: Where it stands.
+        past: Its steps so far, as `Replay.add` takes them; the first state is `first`.
+    """
+
+    first: Sight
+    sight: Sight
+    past: list[tuple[np.ndarray, float, bool, Sight]] = field(default_factory=list)
+
+
 class Trainer:
     """See the module.
 
@@ -81,10 +98,11 @@ class Trainer:
         seed: Of everything that is random.
         state: Folder of checkpoints; None for none.
         key: What else the training depends on (digests of files and code): a checkpoint of another key is left aside.
-        device: Where the networks are.
+        makers: Of the environments that episodes are played in, where the settings ask for several; `environment` then serves
+            evaluations alone.
 
     Raises:
-        InputError: The environment's pictures have another size, or there is no controller.
+        InputError: The environment's pictures have another size, there is no controller, or no CUDA GPU where one is asked for.
     """
 
     def __init__(
@@ -96,16 +114,21 @@ class Trainer:
         seed: int,
         state: str | Path | None = None,
         key: Mapping[str, Any] | None = None,
-        device: str = "cpu",
+        makers: Sequence[Callable[[], gymnasium.Env]] = (),
     ) -> None:
         inside = bare(environment)
         _check(inside, controller, settings)
+        several = settings.environments > 1
+        if several and len(makers) != settings.environments:
+            raise ValueError(f"{len(makers)} makers for {settings.environments} environments")
+        # Before anything is on a GPU: its processes are forks of this one.
+        self.rollouts = Rollouts(makers) if several else None
         # One thread: small networks gain little from more, and sums in another order would change the curve.
         torch.set_num_threads(1)
         self.environment, self.controller, self.settings, self.seed = environment, controller, settings, seed
         self.state = None if state is None else Path(state)
         self.key = {"settings": asdict(settings), "environment": asdict(inside.settings), "seed": seed, **(key or {})}
-        self.agent = Agent(settings, seed, device)
+        self.agent = Agent(settings, seed, settings.device)
         self.observer = Observer(Frame.of(inside), controller if settings.has_controller else None)
         self.replay = Replay(settings.replay_capacity, settings.image_size)
         self.rng = np.random.default_rng([seed, 4])
@@ -127,13 +150,21 @@ class Trainer:
         progress.update(count=min(self.at.step, settings.steps))
         while not self._done():
             before = self.at.step
-            self._episode()
+            if self.rollouts is None:
+                self._episode()
+            else:
+                self._episodes(self.rollouts)
             last = self.at.step >= settings.steps
             if self.at.step >= self.at.next_eval or last:
                 self._evaluate(out)
             rate = f"success {self.at.rows[-1]['success']:.0%}" if self.at.rows else ""
             progress.update(rate, count=min(self.at.step, settings.steps) - min(before, settings.steps))
         return self._finish(out)
+
+    def close(self) -> None:
+        """End the processes of further environments."""
+        if self.rollouts is not None:
+            self.rollouts.close()
 
     def _done(self) -> bool:
         enough = 0 < self.settings.stop_after <= self.at.perfect
@@ -164,17 +195,74 @@ class Trainer:
         at.episode += 1
         self.meter.see({"training_success": float(info["success"])})
 
-    def _act(self, sight: Any, share: float) -> tuple[np.ndarray, bool]:
-        """An action in training; before the first update at random for `sac`."""
+    def _episodes(self, rollouts: Rollouts) -> None:
+        """Play in all environments at once, and learn meanwhile, until an evaluation is due.
+
+        An episode enters the replay as a whole. Those that still run in the end are cut: a truncation does not end the value,
+        and nothing of them is left that a checkpoint would have to hold.
+        """
+        at, clock, settings = self.at, self.clock, self.settings
+        with clock.on("environment"):
+            running = self._begin(rollouts, range(len(rollouts)))
+        while at.step < min(at.next_eval, settings.steps):
+            share = settings.lambda_at(at.step)
+            with clock.on("act"):
+                chosen = self._act_all([running[k].sight for k in range(len(rollouts))], share)
+            over: list[int] = []
+            with clock.on("environment"):
+                taken = rollouts.step(np.stack([action for action, _ in chosen]))
+                for k, ((seen, reward, terminated, truncated), (action, by_actor)) in enumerate(
+                    zip(taken, chosen, strict=True)
+                ):
+                    episode = running[k]
+                    episode.sight = self.observer(*seen)
+                    episode.past.append((action, reward, terminated, episode.sight))
+                    self.meter.see({"actor_share": float(by_actor)})
+                    if terminated or truncated:
+                        over.append(k)
+                        self._keep(episode)
+                        self.meter.see({"training_success": float(seen[1]["success"])})
+                if over:
+                    running |= self._begin(rollouts, over)
+            with clock.on("update"):
+                for _ in chosen:
+                    at.step += 1
+                    self._learn(share)
+        for episode in running.values():
+            self._keep(episode)
+
+    def _begin(self, rollouts: Rollouts, numbers: Iterable[int]) -> dict[int, _Episode]:
+        """The next episodes, in some of the environments."""
+        seeds = {}
+        for number in numbers:
+            seeds[number] = episode_seed(self.seed, 0, self.at.episode)
+            self.at.episode += 1
+        sights = {number: self.observer(*seen) for number, seen in rollouts.begin(seeds).items()}
+        return {number: _Episode(sight, sight) for number, sight in sights.items()}
+
+    def _keep(self, episode: _Episode) -> None:
+        """Put an episode into the replay."""
+        if not episode.past:
+            return
+        self.replay.begin(episode.first)
+        for number, (action, reward, terminated, sight) in enumerate(episode.past, 1):
+            self.replay.add(action, reward, terminated, sight, ended=number == len(episode.past))
+
+    def _act(self, sight: Sight, share: float) -> tuple[np.ndarray, bool]:
+        """An action in training, see `_act_all`."""
+        return self._act_all([sight], share)[0]
+
+    def _act_all(self, sights: Sequence[Sight], share: float) -> list[tuple[np.ndarray, bool]]:
+        """Actions in training, and whether they are the actor's; before the first update at random for `sac`."""
         if self.settings.algo == "sac" and self.at.step < self.settings.start_steps:
-            return self.rng.uniform(-1.0, 1.0, len(sight.base)).astype(np.float32), False
-        choice = self.agent.act(sight, 1.0 if self.at.step < self.settings.start_steps else share)
-        return choice.action, choice.by_actor
+            return [(self.rng.uniform(-1.0, 1.0, len(sight.base)).astype(np.float32), False) for sight in sights]
+        choices = self.agent.act_all(sights, 1.0 if self.at.step < self.settings.start_steps else share)
+        return [(choice.action, choice.by_actor) for choice in choices]
 
     def _learn(self, share: float) -> None:
         """The gradient steps that are owed."""
         settings = self.settings
-        if self.at.step < settings.start_steps:
+        if self.at.step < settings.start_steps or not len(self.replay):
             return
         self.at.owed += settings.updates_per_step
         while self.at.owed >= 1.0:
@@ -234,12 +322,14 @@ class Trainer:
         save_policy(out, self.best, {**policy.spec, "figures": figures})
         write_curve(out / CURVE, self.at.rows)
         logger.info("best success %.0f %%, on other poses %.0f %%", 100 * self.at.best, 100 * retest)
-        return Training(self.at.rows, self.at.best, retest, self.at.controller, policy, self.replay.nbytes)
+        rate = self.at.step / max(self.clock.wall, 1e-9)
+        logger.info("%.0f frames per second of acting and learning", rate)
+        return Training(self.at.rows, self.at.best, retest, self.at.controller, policy, self.replay.nbytes, rate)
 
     def _save(self) -> None:
         """Make a checkpoint, between two episodes and right after an evaluation: the meter is empty."""
         assert self.state is not None
-        run = {**asdict(self.at), "seconds": self.clock.seconds, "rng": self.rng.bit_generator.state}
+        run = {**asdict(self.at), "seconds": self.clock.seconds, "wall": self.clock.wall, "rng": self.rng.bit_generator.state}
         learner = {"agent": self.agent.state(), "best": self.best}
         save_checkpoint(self.state, self.key, Checkpoint(run, learner, self.replay))
 
@@ -250,7 +340,7 @@ class Trainer:
             return False
         run = dict(checkpoint.run)
         try:
-            self.clock = Clock(run.pop("seconds"))
+            self.clock = Clock(run.pop("seconds"), run.pop("wall"))
             self.rng.bit_generator.state = run.pop("rng")
             # JSON knows no NaN.
             self.at = _Counters(**{**run, "controller": np.nan if run["controller"] is None else run["controller"]})
@@ -271,5 +361,7 @@ def _check(environment: PickEnvironment, controller: Controller | None, settings
             f"the environment's pictures have {environment.settings.image_size} px, the policy asks for {settings.image_size}",
             "Give both the same",
         )
+    if settings.device == "cuda" and not torch.cuda.is_available():
+        raise InputError("policy: device", "there is no CUDA GPU here, or this PyTorch was built without CUDA", "Give cpu")
     if settings.has_controller and controller is None:
         raise InputError("policy", f"{settings.algo} needs a baseline controller", "Give one, or use sac")

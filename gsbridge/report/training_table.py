@@ -23,11 +23,13 @@ ENOUGH = 0.95
 
 COLUMNS = (
     *(*CELL_COLUMNS, "seed", "steps", "best_success", "retest_success", "controller_success"),
-    *(*(f"cpu_{part}_min" for part in PARTS), "cpu_min", "steps_to_95", "cpu_min_to_95", "replay_mb", "status", "reasons"),
+    *(*(f"cpu_{part}_min" for part in PARTS), "cpu_min", "steps_to_95", "cpu_min_to_95", "replay_mb"),
+    *("frames_per_second", "status", "reasons"),
 )
 """`cpu_*_min`: CPU minutes of the whole training, by what they went into; drawing the pictures is part of `environment`.
 `cpu_min_to_95`: CPU minutes, evaluations included, until the first evaluation with at least 95 % success. `retest_success`: of
-the chosen weights, on start poses that they were not chosen by."""
+the chosen weights, on start poses that they were not chosen by. `frames_per_second`: environment steps, each with its picture,
+per second of acting and learning, evaluations aside; empty for trainings that did not record it."""
 
 
 def training_row(training_json: str | Path, curve_csv: str | Path) -> dict[str, Any]:
@@ -58,6 +60,7 @@ def training_row(training_json: str | Path, curve_csv: str | Path) -> dict[str, 
             "steps_to_95": int(float(curve[enough[0]]["step"])) if enough else None,
             "cpu_min_to_95": cpu[enough[0]] if enough else None,
             "replay_mb": _known(record.get("replay_mb")),
+            "frames_per_second": _known(record.get("frames_per_second")),
             "status": record.get("status", "pass"),
             "reasons": "; ".join(record.get("reasons", [])),
         }
@@ -101,15 +104,17 @@ def training_table(rows: Sequence[Row]) -> Table | None:
                 " · ".join(_minutes(row[f"cpu_{part}_min"]) for part in PARTS),
                 _minutes(row["cpu_min_to_95"]),
                 f"{float(row['replay_mb']):.0f}" if row["replay_mb"] else DASH,
+                f"{float(row['frames_per_second']):.0f}" if row["frames_per_second"] else DASH,
                 row["status"],
             )
         )
     columns = ("cell", "trained on", "seed", "steps", "best", "retest", "controller")
-    columns += ("CPU min", "by part", "min to 95 %", "replay MB", "status")
+    columns += ("CPU min", "by part", "min to 95 %", "replay MB", "frames/s", "status")
     notes = (
-        f"CPU minutes of one thread. By part: {' · '.join(PARTS)}, of which environment is physics and drawing pictures. To "
-        "95 %: until the first evaluation with so much success. Best chose the weights; retest is the same weights from other "
-        "random poses.",
+        "CPU minutes of one thread; processes of further environments are not in them. By part: "
+        f"{' · '.join(PARTS)}, of which environment is physics and drawing pictures. To 95 %: until the first evaluation with "
+        "so much success. Best chose the weights; retest is the same weights from other random poses. Frames per second: "
+        "environment steps with their pictures, while acting and learning.",
     )
     return Table("Training", columns, tuple(body), notes, status=tuple(row["status"] for row in rows))
 

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from functools import partial
 
 import gymnasium
 import numpy as np
@@ -169,3 +170,77 @@ def test_one_thread(tmp_path):
     torch.set_num_threads(2)
     Trainer(blob_environment(), CONTROLLER, settings(), seed=0)
     assert torch.get_num_threads() == 1
+
+
+def together(algo="sacwb", **values):
+    """Settings of a training in three environments, and their makers."""
+    return settings(algo=algo, environments=3, **values), [environment] * 3
+
+
+@pytest.mark.parametrize("algo", ["sacwb", "sac", "dagger"])
+def test_several_environments_are_resumed_bit_for_bit_too(tmp_path, algo):
+    chosen, makers = together(algo)
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    trainer = Trainer(environment(), CONTROLLER, chosen, seed=3, makers=makers)
+    trainer.run(whole)
+    trainer.close()
+    # While the second policy is evaluated, never.
+    for at in (100, 10_000):
+        trainer = Trainer(Killed(environment(), at), CONTROLLER, chosen, seed=3, state=parts / "state", makers=makers)
+        try:
+            trainer.run(parts)
+        except KeyboardInterrupt:
+            killed = len(curve(parts))
+        finally:
+            trainer.close()
+    assert 0 < killed < len(curve(parts))
+    assert curve(whole) == curve(parts)
+    assert (whole / WEIGHTS).read_bytes() == (parts / WEIGHTS).read_bytes()
+
+
+def test_several_environments_play_the_episodes_of_one(tmp_path):
+    """With the controller alone, without noise, each episode is the same, whoever plays it; cut ones keep their steps."""
+    quiet = {"algo": "bc", "base_noise": 0.0, "steps": 60, "eval_every": 60, "start_steps": 1000}
+    alone = Trainer(blob_environment(max_steps=12), CONTROLLER, settings(**quiet), seed=3)
+    alone.run(tmp_path / "alone")
+    chosen, _ = together(**quiet)
+    crew = Trainer(blob_environment(), CONTROLLER, chosen, seed=3, makers=[partial(blob_environment, max_steps=12)] * 3)
+    crew.run(tmp_path / "crew")
+    crew.close()
+    one, other = (stored_episodes(trainer.replay) for trainer in (alone, crew))
+    assert len(crew.replay) == crew.at.step == 60
+    shared = set(one) & set(other)
+    assert len(shared) >= 3
+    for start in shared:
+        steps = min(len(one[start]), len(other[start]))
+        assert steps >= 1
+        np.testing.assert_array_equal(one[start][:steps], other[start][:steps])
+
+
+def stored_episodes(replay):
+    """Privileged vectors of each stored episode, by the first one's bytes."""
+    arrays, out, begun = replay._arrays, {}, None
+    for slot in range(replay._filled):
+        begun = slot if begun is None else begun
+        if not arrays["starts"][slot]:
+            rows = arrays["privileged"][begun : slot + 1]
+            out[rows[0].tobytes()] = rows.copy()
+            begun = None
+    return out
+
+
+def test_a_gpu_that_is_not_there_is_named():
+    if torch.cuda.is_available():
+        pytest.skip("there is one")
+    with pytest.raises(InputError, match="CUDA"):
+        Trainer(environment(), CONTROLLER, settings(device="cuda"), seed=0)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA GPU")
+def test_learning_on_a_gpu_is_resumed_bit_for_bit(tmp_path):
+    chosen = settings(device="cuda", algo="bc")
+    Trainer(environment(), CONTROLLER, chosen, seed=3).run(tmp_path / "whole")
+    with pytest.raises(KeyboardInterrupt):
+        Trainer(Killed(environment(), 115), CONTROLLER, chosen, seed=3, state=tmp_path / "state").run(tmp_path / "parts")
+    Trainer(environment(), CONTROLLER, chosen, seed=3, state=tmp_path / "state").run(tmp_path / "parts")
+    assert curve(tmp_path / "whole") == curve(tmp_path / "parts")

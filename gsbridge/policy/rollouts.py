@@ -1,0 +1,78 @@
+"""Episodes in several environments at a time, one process each, so that the actor sees a batch of pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode
+
+from gsbridge.geometry import Array
+
+Seen = tuple[dict[str, Array], dict[str, Any]]
+"""Observation and `info` of one environment."""
+
+
+class Rollouts:
+    """See the module. Every episode begins with a seed of its own, whichever environment it is played in.
+
+    Args:
+        makers: Of the environments, all alike.
+    """
+
+    def __init__(self, makers: Sequence[Callable[[], gymnasium.Env]]) -> None:
+        # Forked: the main module of a job is a script, which a fresh interpreter would run a second time.
+        self._vector = AsyncVectorEnv(list(makers), autoreset_mode=AutoresetMode.DISABLED, context="fork")
+
+    def __len__(self) -> int:
+        """Environments."""
+        return int(self._vector.num_envs)
+
+    def begin(self, seeds: Mapping[int, int]) -> dict[int, Seen]:
+        """Begin episodes in some environments.
+
+        Args:
+            seeds: Of the episodes, by number of the environment.
+
+        Returns:
+            What is seen first, by number.
+        """
+        chosen = np.array([number in seeds for number in range(len(self))])
+        listed = [seeds.get(number) for number in range(len(self))]
+        observations, infos = self._vector.reset(seed=listed, options={"reset_mask": chosen})
+        return {number: _one(observations, infos, number) for number in seeds}
+
+    def step(self, actions: Array) -> list[tuple[Seen, float, bool, bool]]:
+        """A step of all environments.
+
+        Args:
+            actions: [N, 5].
+
+        Returns:
+            Of each what is seen, the reward, and whether the episode is terminated or truncated.
+        """
+        observations, rewards, terminated, truncated, infos = self._vector.step(actions)
+        return [
+            (_one(observations, infos, number), float(rewards[number]), bool(terminated[number]), bool(truncated[number]))
+            for number in range(len(self))
+        ]
+
+    def close(self) -> None:
+        """End the processes."""
+        self._vector.close()
+
+
+def _one(observations: Mapping[str, Array], infos: Mapping[str, Any], number: int) -> Seen:
+    """Of one environment. The vector draws its next pictures into the same memory: a copy."""
+    return {name: np.array(values[number]) for name, values in observations.items()}, _row(infos, number)
+
+
+def _row(table: Mapping[str, Any], number: int) -> dict[str, Any]:
+    """One environment's entries of a table of gymnasium's, without the columns that say who has an entry."""
+    return {
+        name: _row(values, number) if isinstance(values, Mapping) else values[number]
+        for name, values in table.items()
+        if not name.startswith("_")
+    }
