@@ -70,11 +70,23 @@ def gap_state(wildcards):
     return state_folder("diagnose_gap_cases", "-".join(wildcards), code, SEED)
 
 
+def gap_methods(tier):
+    """Ways of naming in one tier; CMA-ES on all parameters would draw every photo for every guess."""
+    return [name for name in GAP_METHODS if (tier, name) != ("t4", "cma_es")]
+
+
+def gap_contents(tier, kind):
+    """Folders of pictures that lie on the tables of a tier's worlds: photos of scenes, or renders of their splats."""
+    place = {"photos": "capture/frames", "renders": "splats/soft/views"}[kind]
+    scenes = [name for name in GAP["contents"][kind] if name in SCENES]
+    return [f"results/scenes/{name}/{place}" for name in scenes if tier == "t4"]
+
+
 def gap_chunks(wildcards):
     """Findings of all ways of naming in one tier, a folder per chunk: those of a way lie side by side."""
     return [
         f"results/gap-benchmark/{wildcards.tier}/findings/{method}-{chunk}"
-        for method in GAP_METHODS
+        for method in gap_methods(wildcards.tier)
         for chunk in range(GAP["chunks"])
     ]
 

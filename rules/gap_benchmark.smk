@@ -1,4 +1,7 @@
 rule generate_gap_cases:
+    input:
+        photos=lambda wildcards: gap_contents(wildcards.tier, "photos"),
+        renders=lambda wildcards: gap_contents(wildcards.tier, "renders"),
     output:
         cases=directory("results/gap-benchmark/{tier}/cases"),
         # Hashed in the cases' manifest before any diagnosis begins; read by the scoring rule alone.
@@ -70,7 +73,7 @@ rule score_gap_cases:
         runtime="10m",
     params:
         code=code_digest("gsbridge.gap.benchmark.chunks"),
-        methods=GAP_METHODS,
+        methods=lambda wildcards: gap_methods(wildcards.tier),
         chunks=GAP["chunks"],
     message:
         "Score the findings of tier {wildcards.tier} against what was hidden"

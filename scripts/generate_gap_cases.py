@@ -16,4 +16,6 @@ generate_tier(
     snakemake.params.seed,
     snakemake.output.cases,
     snakemake.output.truths,
+    photos=list(snakemake.input.photos),
+    renders=list(snakemake.input.renders),
 )

@@ -5,8 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pybullet
 import pytest
 import yaml
+from pybullet_utils.bullet_client import BulletClient
 from scipy.signal import lfilter
 
 import gsbridge.gap.benchmark
@@ -18,9 +20,13 @@ from gsbridge.gap.benchmark.baselines import METHODS, available
 from gsbridge.gap.benchmark.bullet_truth import BulletTruth
 from gsbridge.gap.benchmark.campaign import _drawn, case_keys, diagnose_cases, generate_cases
 from gsbridge.gap.benchmark.generate import NotShownError, Plant, _joined, size_of_units
+from gsbridge.gap.benchmark.images import draw_image_case
+from gsbridge.gap.benchmark.images import site_of as photo_site
 from gsbridge.gap.benchmark.mujoco_truth import MujocoTruth
 from gsbridge.gap.benchmark.orders import SPLITS, TIER_SIZE, TIERS, Order, orders_of
-from gsbridge.gap.benchmark.plants import Site, axis_plant
+from gsbridge.gap.benchmark.photo_baselines import run_photo_baseline
+from gsbridge.gap.benchmark.photo_cases import photo_closure, read_photos, write_photos
+from gsbridge.gap.benchmark.plants import Site, axis_plant, site_of
 from gsbridge.gap.benchmark.score import score, score_findings, wilson
 from gsbridge.gap.benchmark.trajectories import course
 from gsbridge.gap.benchmark.twins import twins_of
@@ -197,8 +203,11 @@ def test_orders_keep_the_mix_and_splits_share_nothing():
         assert not sets[0] & sets[1]
     kinds = [order.kind for order in drawn["scored"]]
     few = [order.kind for order in orders_of("t2", "scored", names, strange, 26)]
-    for kind in set(kinds):
-        assert kinds.count(kind) == few.count(kind) * TIER_SIZE["t2"] // 26
+    mixed = [kind for kind in kinds if kind != "contact"]
+    assert len(mixed) < len(kinds)
+    for kind in set(mixed):
+        assert kinds.count(kind) == few.count(kind) * len(mixed) // 26
+    assert all(order.touched == (order.kind == "contact") for order in drawn["scored"])
     assert sorted(order.key for order in drawn["scored"]) == [f"t2-{k:03d}" for k in range(TIER_SIZE["t2"])]
     assert all(order.noise == "white" or order.kind in ("free", "coloured") for order in drawn["scored"])
     lossy = [order for order in drawn["scored"] if order.kind == "dropped"]
@@ -320,3 +329,83 @@ def test_sets_that_are_one_equation_count_as_found_and_other_ambiguous_ones_do_n
 def test_wilson_interval_equals_that_of_the_reports():
     for successes, total in ((81, 263), (0, 20), (150, 150)):
         assert wilson(successes, total, 1.959964) == pytest.approx(wilson_interval(successes, total), abs=1e-6)
+
+
+@pytest.mark.parametrize("engine", [BulletTruth, MujocoTruth])
+def test_a_push_is_the_engines_own_and_passes(engine, tmp_path):
+    """A slow push down: the controller's torques grow by the Jacobian's transpose times the force, where the arm then is."""
+    site = site_of("t1", tmp_path)
+    truth, times = engine(site.system), np.arange(300) / 100
+    still = np.array(site.plant.centre)
+    push = {"touch_at": 0.2, "touch_for": 2.2, "touch_x": 0.0, "touch_y": 0.0, "touch_z": -10.0}
+    plain, pushed = (truth(lambda _: still, 3.0, times, hidden) for hidden in ({}, push))
+    change = pushed["effort"] - plain["effort"]
+    assert np.abs(change[:18]).max() < 1e-9
+    middle = slice(125, 136)
+    asked, where = (pushed[kind][middle].mean(axis=0) for kind in ("effort", "position"))
+    np.testing.assert_allclose(asked, held_torques(site.system, where, -10.0), atol=0.15)
+    assert np.abs(change[middle]).max() > 3.0
+    assert np.abs(change[-1]).max() < 0.02 * np.abs(change[middle]).max()
+
+
+def held_torques(system, q, force):
+    """Torques that hold an arm against its weight and a force along z on its last link, by PyBullet and finite differences."""
+    client = BulletClient(pybullet.DIRECT)
+    client.setGravity(*system.gravity.tolist())
+    body = client.loadURDF(str(system.urdf), useFixedBase=True, flags=client.URDF_USE_INERTIA_FROM_FILE)
+    numbers = {client.getJointInfo(body, k)[1].decode(): k for k in range(client.getNumJoints(body))}
+    columns = [numbers[name] for name in system.joints]
+
+    def height(at):
+        for number, value in zip(columns, at, strict=True):
+            client.resetJointState(body, number, float(value))
+        return client.getLinkState(body, columns[-1], computeForwardKinematics=1)[0][2]
+
+    slopes = [(height(q + step) - height(q - step)) / 2e-4 for step in 1e-4 * np.eye(len(q))]
+    zero = [0.0] * len(q)
+    weight = np.array(client.calculateInverseDynamics(body, q.tolist(), zero, zero))
+    client.disconnect()
+    return weight - force * np.array(slopes)
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("photos")
+    contents = ((), (np.linspace(0, 1, 64 * 64 * 3, dtype=np.float32).reshape(64, 64, 3),))
+    generate_cases("t4", "development", folder / "cases", folder / "truths", count=3, seed=1, contents=contents)
+    return folder
+
+
+def test_photos_are_cases_like_others(photos, tmp_path):
+    keys = case_keys(photos / "cases")
+    kinds = {key: read_json(photos / "truths" / f"{key}.json")["kind"] for key in keys}
+    assert sorted(kinds.values()) == ["free", "single", "single"]
+    for key in keys:
+        pairs = read_photos(photos / "cases" / key)
+        assert set(pairs) == {"fit", "select", "verify"}
+        photo = pairs["fit"].after
+        np.testing.assert_allclose(photo * 255, np.round(photo * 255), atol=1e-4)
+    (free,) = (key for key, kind in kinds.items() if kind == "free")
+    for method in ("gsbridge", "cosine", "sparse"):
+        diagnose_cases(photos / "cases", [free], tmp_path / method, tmp_path / "bank", method=method)
+    found = read_json(tmp_path / "gsbridge" / f"{free}.json")
+    assert found["verdict"] == "no_discrepancy"
+
+
+def test_closure_of_photos_is_whole_with_the_truth_and_nothing_without(tmp_path):
+    case = draw_image_case(photo_site(5), ("exposure",), 60.0, 4, moving=False)
+    write_photos(tmp_path, case.pairs)
+    stops = Applied("exposure", "", {"stops": case.hidden["exposure"]})
+    closure, _ = photo_closure(tmp_path, case.clean, case.plain, [stops])
+    assert closure == pytest.approx(1.0, abs=0.02)
+    assert photo_closure(tmp_path, case.clean, case.plain, [])[0] == pytest.approx(0.0, abs=1e-6)
+    assert photo_closure(tmp_path, case.plain, case.plain, [])[0] is None
+
+
+def test_baselines_of_photos_name_what_is_plain(tmp_path):
+    pairs = draw_image_case(photo_site(5), ("white_balance",), 60.0, 4, moving=False).pairs
+    for method in METHODS[1:-1]:
+        found = run_photo_baseline(method, pairs)
+        assert found["verdict"] == "named"
+        if method in ("training_bic", "sparse"):
+            assert "white_balance" in [effect["name"] for effect in found["effects"]]

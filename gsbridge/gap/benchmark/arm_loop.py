@@ -33,6 +33,9 @@ class Engine(Protocol):
     def advance(self, asked: Array, extra: Array, dry: Array | None, steps: int) -> None:
         """Steps of its own with the torques asked of the motors, others, and dry friction where it changes. [N] each."""
 
+    def touch(self, force: Array) -> None:
+        """From now on something pushes the last link at its centre of mass. World frame, N. [3]."""
+
     @property
     def steps(self) -> int:
         """Of its own in a period of the controller."""
@@ -69,6 +72,8 @@ def run_arm(
         asked = np.clip(stiff * (wanted - seen) - damp * rate + share * engine.weight(seen), -limit, limit)
         out[:, number] = seen, rate, asked
         dry = patchy * (1 + np.sin(5 * q)) if patchy.any() else None
+        if "touch_for" in hidden:
+            engine.touch(_push(hidden, time))
         if not pulled:
             engine.advance(asked, push, dry, engine.steps)
             continue
@@ -85,6 +90,12 @@ def run_arm(
         kind: np.stack([np.interp(times - shift[kind], grid, column) for column in values.T], axis=1)
         for kind, values in zip(shift, out, strict=True)
     }
+
+
+def _push(hidden: Mapping[str, float], time: float) -> Array:
+    """Force of what the arm touches: it grows and falls like half a wave. World frame, N. [3]."""
+    share = np.clip((time - hidden["touch_at"]) / hidden["touch_for"], 0.0, 1.0)
+    return np.array([hidden["touch_x"], hidden["touch_y"], hidden["touch_z"]]) * np.sin(np.pi * share)
 
 
 def size_at(hidden: Mapping[str, float], name: str, joint: str) -> float:

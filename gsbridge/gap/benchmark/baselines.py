@@ -27,9 +27,10 @@ METHODS = ("gsbridge", "largest_change", "training_bic", "cosine", "sparse", "cm
 """This package's own, and: fit all parameters at once and name the largest change; the best training BIC; the signature of the
 largest cosine; sparse regression on signatures; CMA-ES on all parameters."""
 
-_ALARM = 0.01
+ALARM = 0.01
+"""Probability below which a baseline takes a residual for more than noise."""
 
-_FITTED = 7
+FITTED = 7
 """Candidates that the training BIC compares."""
 
 _ROUNDS = 60
@@ -65,7 +66,7 @@ def run_baseline(
     made = mechanism.runs - before
     residual = first.residual()
     # Theory's own test, which believes in white noise; none of these methods has another.
-    loud = chi2_law.sf((residual**2).sum(), first.freedom) < _ALARM
+    loud = chi2_law.sf((residual**2).sum(), first.freedom) < ALARM
     found: Sequence[Applied] = ()
     if loud:
         screen = Screen(first, bank)
@@ -77,6 +78,12 @@ def run_baseline(
             "sparse": lambda: _sparse(screen, residual),
             "cma_es": lambda: _cma(first, bank, rng),
         }[method]()
+    runs = {"bank": bank.runs, "case": mechanism.runs - made - mechanism.shared}
+    return answer(found, runs, time.perf_counter() - begin)
+
+
+def answer(found: Sequence[Applied], simulations: Mapping[str, int], seconds: float) -> dict[str, Any]:
+    """What a baseline says, in the form of `findings.json` as far as it has any."""
     return {
         "status": "pass",
         "verdict": "named" if found else "no_discrepancy",
@@ -86,8 +93,8 @@ def run_baseline(
         "something_remains": False,
         "rivals": [],
         "verify": None,
-        "simulations": {"bank": bank.runs, "case": mechanism.runs - made - mechanism.shared},
-        "seconds": time.perf_counter() - begin,
+        "simulations": dict(simulations),
+        "seconds": seconds,
     }
 
 
@@ -127,7 +134,7 @@ def _largest(screen: Screen, residual: Array) -> list[Applied]:
 def _bic(view: View, screen: Screen, residual: Array) -> list[Applied]:
     """The fit with the smallest BIC on the record that it was fitted to."""
     best, least = [], float((residual**2).sum())
-    for match in screen.matches(residual)[:_FITTED]:
+    for match in screen.matches(residual)[:FITTED]:
         fitted = fit(view, (match.candidate,), (match.starts[0],), screen=screen)
         bic = fitted.chi2 + len(match.candidate.effect.parameters) * np.log(residual.size)
         if bic < least:

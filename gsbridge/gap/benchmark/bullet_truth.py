@@ -58,6 +58,7 @@ class _Running:
         lean, strength = hidden.get("base_tilt", 0.0), -system.gravity[2]
         self._gravity = [np.sin(lean) * strength, 0.0, -np.cos(lean) * strength]
         self._clients: list[BulletClient] = []
+        self._force = np.zeros(3)
 
     def __enter__(self) -> _Running:
         bodies = dict(self._skeleton.inertials)
@@ -119,7 +120,16 @@ class _Running:
             if self._spring.any():
                 torque = torque - self._spring * self.state()[0]
             self._world.setJointMotorControlArray(self._body, self._columns, self._world.TORQUE_CONTROL, forces=torque.tolist())
+            if self._force.any():
+                # PyBullet forgets forces after every step.
+                place = self._world.getLinkState(self._body, self._columns[-1])[0]
+                self._world.applyExternalForce(
+                    self._body, self._columns[-1], self._force.tolist(), place, self._world.WORLD_FRAME
+                )
             self._world.stepSimulation()
+
+    def touch(self, force: Array) -> None:
+        self._force = force
 
     def weight(self, q: Array) -> Array:
         zero = [0.0] * len(q)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,13 +17,19 @@ from gsbridge.errors import InputError
 from gsbridge.files import atomic_directory, read_json, write_json
 from gsbridge.gap.benchmark.baselines import METHODS, run_baseline
 from gsbridge.gap.benchmark.generate import Case, NotShownError, draw_case
+from gsbridge.gap.benchmark.images import SIZES, STRANGE, ImageCase, draw_image_case
+from gsbridge.gap.benchmark.images import site_of as world_of
 from gsbridge.gap.benchmark.noises import STATED
-from gsbridge.gap.benchmark.orders import SPLITS, TIER_SIZE, TIERS, Order, orders_of
+from gsbridge.gap.benchmark.orders import IMAGES, SPLITS, TIER_SIZE, TIERS, Order, orders_of
+from gsbridge.gap.benchmark.photo_baselines import run_photo_baseline
+from gsbridge.gap.benchmark.photo_cases import CAMERA_FILE, read_photos, write_photos
 from gsbridge.gap.benchmark.plants import Plant, Site, site_of
 from gsbridge.gap.benchmark.twins import twins_of
 from gsbridge.gap.case import read_case
 from gsbridge.gap.diagnose import diagnose, findings_of
+from gsbridge.gap.image.diagnose import diagnose_images, image_findings, unsteady
 from gsbridge.gap.records import Record
+from gsbridge.geometry import Array
 
 __all__ = ["METHODS", "SPLITS", "TIERS", "TIER_SIZE", "case_keys", "diagnose_cases", "generate_cases"]
 
@@ -36,7 +42,14 @@ _REDRAWS = 20
 
 
 def generate_cases(
-    tier: str, split: str, cases: str | Path, truths: str | Path, *, count: int | None = None, seed: int = 0
+    tier: str,
+    split: str,
+    cases: str | Path,
+    truths: str | Path,
+    *,
+    count: int | None = None,
+    seed: int = 0,
+    contents: Sequence[Sequence[Array]] = ((),),
 ) -> dict[str, Any]:
     """Draw the cases of a tier, with the truths in a folder of their own.
 
@@ -47,6 +60,7 @@ def generate_cases(
         truths: Gets `{key}.json` and `{key}.npz`; no diagnosis may read it.
         count: Cases; `TIER_SIZE[tier]` by default. A smaller count keeps the mix.
         seed: Of the draw.
+        contents: For photos, what may lie on the tables of the worlds that they show, in turn: pictures, each [H, W, 3].
 
     Returns:
         The manifest.
@@ -56,18 +70,63 @@ def generate_cases(
     """
     if tier not in TIERS or split not in SPLITS:
         raise InputError("benchmark", f"there is no '{tier}', '{split}'", f"Use {', '.join(TIERS)}; {', '.join(SPLITS)}")
-    rows = []
     with atomic_directory(cases) as made, atomic_directory(truths) as hidden:
-        site = site_of(tier, made / "models")
-        for order in orders_of(tier, split, site.names, site.strange, count, seed):
-            order, case = _drawn(site, order)
-            records = _write_case(made / order.key, site, order, case)
-            rows.append({"key": order.key, "courses": order.course_seed, "records": records})
-            rows[-1]["truth_sha256"] = _write_truth(hidden, site, order, case, split, seed)
-            logger.info("%s drawn", order.key)
-        manifest = {"tier": tier, "split": split, "seed": seed, "plant": site.kind, "cases": rows}
+        if tier == IMAGES:
+            plant, rows = "camera", _photo_cases(made, hidden, split, count, seed, contents)
+        else:
+            plant, rows = _motion_cases(made, hidden, tier, split, count, seed)
+        manifest = {"tier": tier, "split": split, "seed": seed, "plant": plant, "cases": rows}
         write_json(made / "manifest.json", manifest)
     return manifest
+
+
+def _motion_cases(
+    made: Path, hidden: Path, tier: str, split: str, count: int | None, seed: int
+) -> tuple[str, list[dict[str, Any]]]:
+    """Cases of an axis or an arm: the kind of mechanism, and the manifest's rows."""
+    site, rows = site_of(tier, made / "models"), []
+    for order in orders_of(tier, split, site.names, site.strange, count, seed):
+        order, case = _drawn(site, order)
+        records = _write_case(made / order.key, site, order, case)
+        rows.append({"key": order.key, "courses": order.course_seed, "records": records})
+        rows[-1]["truth_sha256"] = _write_truth(hidden, site, order, case, split, seed)
+        logger.info("%s drawn", order.key)
+    return site.kind, rows
+
+
+def _photo_cases(
+    made: Path, hidden: Path, split: str, count: int | None, seed: int, contents: Sequence[Sequence[Array]]
+) -> list[dict[str, Any]]:
+    """Cases of photos: the manifest's rows."""
+    rows = []
+    for order in orders_of(IMAGES, split, tuple(SIZES), tuple(STRANGE), count, seed):
+        order, case = _drawn_photos(order, contents[order.course_seed % len(contents)])
+        (made / order.key).mkdir()
+        records = write_photos(made / order.key, case.pairs)
+        rows.append({"key": order.key, "courses": order.course_seed, "records": records})
+        truth = {**_common(order, split, seed), "plant": "camera", "hidden": dict(case.hidden), "twins": [], "sigma": {}}
+        rows[-1]["truth_sha256"] = _sealed_truth(hidden, truth, {"clean": case.clean, "plain": case.plain})
+        logger.info("%s drawn", order.key)
+    return rows
+
+
+def _drawn_photos(order: Order, pictures: Sequence[Array]) -> tuple[Order, ImageCase]:
+    """A case of photos; what cannot be hidden in its views gives way to another effect.
+
+    Raises:
+        InputError: Nothing shows.
+    """
+    site, rng = world_of(order.course_seed, pictures), np.random.default_rng(order.seed)
+    moving = None if order.names else bool(rng.integers(2))
+    for _ in range(_REDRAWS):
+        try:
+            return order, draw_image_case(site, order.names, order.units, order.seed, moving=moving)
+        except ValueError as error:
+            logger.info("%s: %s", order.key, error)
+            pool = [name for name in (STRANGE if order.kind == "unknown" else SIZES) if name not in order.names]
+            names = rng.choice(pool, len(order.names), replace=False)
+            order = replace(order, names=tuple(sorted(str(name) for name in names)))
+    raise InputError("benchmark", f"nothing of {order.units:g} units could be hidden in photos", "Take other worlds")
 
 
 def _drawn(site: Site, order: Order) -> tuple[Order, Case]:
@@ -82,6 +141,7 @@ def _drawn(site: Site, order: Order) -> tuple[Order, Case]:
             case = draw_case(
                 site.plant, order.names, order.units, order.seed, order.course_seed,
                 duration=order.duration, kinds=order.channels, spoil=order.noise, lost=order.lost,
+                touched=order.touched,
             )  # fmt: skip
         except NotShownError as error:
             logger.info("%s: %s", order.key, error)
@@ -135,26 +195,36 @@ def _table(record: Record) -> pd.DataFrame:
 
 
 def _write_truth(folder: Path, site: Site, order: Order, case: Case, split: str, seed: int) -> str:
-    """What is hidden, salted so that its SHA-256 tells nothing. Returns the SHA-256."""
-    clean = folder / f"{order.key}.npz"
-    np.savez_compressed(clean, **case.clean, **{f"plain_{kind}": values for kind, values in case.plain.items()})
+    """What is hidden in a mechanism. Returns the SHA-256."""
     plant: Plant = site.plant
     truth = {
-        "key": order.key,
+        **_common(order, split, seed),
         "plant": site.kind,
+        "hidden": dict(case.hidden),
+        "twins": [sorted(names) for names in twins_of(site.kind, case.hidden, order.channels)],
+        "sigma": {kind: plant.noise[kind] for kind in order.channels},
+    }
+    return _sealed_truth(folder, truth, {**case.clean, **{f"plain_{kind}": values for kind, values in case.plain.items()}})
+
+
+def _common(order: Order, split: str, seed: int) -> dict[str, Any]:
+    """What truths of all tiers say; salted so that their SHA-256 tells nothing."""
+    return {
+        "key": order.key,
         "kind": order.kind,
         "noise": order.noise,
-        "hidden": dict(case.hidden),
         "known": order.kind != "unknown",
         "units": order.units,
         "lost": order.lost,
-        "twins": [sorted(names) for names in twins_of(site.kind, case.hidden, order.channels)],
-        "sigma": {kind: plant.noise[kind] for kind in order.channels},
-        "clean_sha256": hashlib.sha256(clean.read_bytes()).hexdigest(),
         "salt": np.random.default_rng([order.seed, seed, SPLITS.index(split)]).bytes(16).hex(),
     }
-    path = folder / f"{order.key}.json"
-    write_json(path, truth)
+
+
+def _sealed_truth(folder: Path, truth: Mapping[str, Any], clean: Mapping[str, Array]) -> str:
+    """Write a truth and what would have been seen without noise. Returns the truth's SHA-256."""
+    arrays, path = folder / f"{truth['key']}.npz", folder / f"{truth['key']}.json"
+    np.savez_compressed(arrays, **clean)
+    write_json(path, {**truth, "clean_sha256": hashlib.sha256(arrays.read_bytes()).hexdigest()})
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
@@ -198,12 +268,17 @@ def diagnose_cases(
         path = Path(findings) / f"{key}.json"
         if path.exists():
             continue
-        write_json(path, _found(Path(cases) / key / "case.yaml", Path(bank), method, seed))
+        write_json(path, _found(Path(cases) / key, Path(bank), method, seed))
         logger.info("%s diagnosed by %s", key, method)
 
 
-def _found(path: Path, bank: Path, method: str, seed: int) -> Mapping[str, Any]:
-    case = read_case(path)
+def _found(folder: Path, bank: Path, method: str, seed: int) -> Mapping[str, Any]:
+    if (folder / CAMERA_FILE).exists():
+        pairs = read_photos(folder)
+        if method != METHODS[0]:
+            return run_photo_baseline(method, pairs)
+        return image_findings(diagnose_images(pairs, seed=seed), pairs, seed=seed, reasons=unsteady(pairs, seed=seed))
+    case = read_case(folder / "case.yaml")
     if method != METHODS[0]:
         return run_baseline(method, case.system, case.records, bank, seed)
     diagnosis = diagnose(case.system, case.records, bank, names=case.names, seed=seed)

@@ -9,9 +9,19 @@ from pathlib import Path
 
 from gsbridge.files import atomic_directory, write_json
 from gsbridge.gap.benchmark import campaign, score
+from gsbridge.gap.benchmark.photo_cases import contents_of
 
 
-def generate_tier(tier: str, split: str, count: int | None, seed: int, cases: str | Path, truths: str | Path) -> None:
+def generate_tier(
+    tier: str,
+    split: str,
+    count: int | None,
+    seed: int,
+    cases: str | Path,
+    truths: str | Path,
+    photos: Sequence[str | Path] = (),
+    renders: Sequence[str | Path] = (),
+) -> None:
     """Draw the cases of a tier and hide their truths.
 
     Args:
@@ -21,8 +31,11 @@ def generate_tier(tier: str, split: str, count: int | None, seed: int, cases: st
         seed: Of everything.
         cases: Folder of the cases.
         truths: Folder of the truths; their hashes stand in the cases' manifest.
+        photos: Folders of photos that may lie on the tables of the worlds of `t4`.
+        renders: Folders of renders of splats that may lie there.
     """
-    campaign.generate_cases(tier, split, Path(cases), Path(truths), count=count, seed=seed)
+    contents = contents_of(photos, renders)
+    campaign.generate_cases(tier, split, Path(cases), Path(truths), count=count, seed=seed, contents=contents)
 
 
 def diagnose_chunk(

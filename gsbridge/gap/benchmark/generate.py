@@ -29,6 +29,10 @@ _SHARE = 0.5
 and a limit that the courses of `fit` never reach can be learnt from no data."""
 
 
+_PUSH, _PUSH_TIME = (10.0, 30.0), (0.2, 0.5)
+"""Range of the largest force of what is touched, N, and of how long, s."""
+
+
 class NotShownError(ValueError):
     """An effect has no size at which it shows as wanted.
 
@@ -76,7 +80,7 @@ class Case:
         hidden: Sizes of what is hidden, by name, `name:joint` for one joint; empty for an effect-free case.
         units: Size in units of the detection limit.
         records: By role: `fit`, `select`, `verify`.
-        clean: What `verify` would have been without noise, where it has samples. Each [T, N].
+        clean: What `verify` would have been without noise and touch, where it has samples. Each [T, N].
         plain: The same without anything hidden, too. Each [T, N].
         seal: SHA-256 of the truth.
     """
@@ -102,6 +106,7 @@ def draw_case(
     kinds: tuple[str, ...] = ("position", "velocity", "effort"),
     spoil: str = "white",
     lost: float = 0.0,
+    touched: bool = False,
 ) -> Case:
     """Draw one case.
 
@@ -116,6 +121,7 @@ def draw_case(
         kinds: Channels that are logged.
         spoil: What the noise is like, one of `gsbridge.gap.benchmark.noises.NOISES`.
         lost: Share of the samples that are missing from the logs.
+        touched: Whether the mechanism touches something for a moment of each record.
     """
     rng = np.random.default_rng(seed)
     times = np.arange(round(duration * rate)) / rate
@@ -141,7 +147,8 @@ def draw_case(
         clean = plant.truth(wanted, duration, times, hidden) if hidden else effect_free(role)
         if role != "verify" and _length(plant, clean, effect_free(role), kinds) < _SHARE * units * np.sqrt(UNIT):
             raise NotShownError(names[-1], f"{' and '.join(names)} hardly show on '{role}'")
-        measured = {kind: spoiled(clean[kind], plant.noise[kind], spoil, rng) for kind in kinds}
+        moved = plant.truth(wanted, duration, times, {**hidden, **_touch(duration, rng)}) if touched else clean
+        measured = {kind: spoiled(moved[kind], plant.noise[kind], spoil, rng) for kind in kinds}
         if lost:
             kept = rng.random(len(times)) >= lost
             kept[[0, -1]] = True
@@ -151,6 +158,14 @@ def draw_case(
     # Those of the last record, `verify`.
     clean, plain = ({kind: values[kind][kept] for kind in kinds} for values in (clean, effect_free("verify")))
     return Case("+".join(names) or "none", hidden, units, made, clean, plain, hashlib.sha256(text.encode()).hexdigest())
+
+
+def _touch(duration: float, rng: np.random.Generator) -> dict[str, float]:
+    """A moment in which something pushes the mechanism, as truths take it."""
+    way = rng.normal(size=3)
+    x, y, z = rng.uniform(*_PUSH) * way / np.linalg.norm(way)
+    length = float(rng.uniform(*_PUSH_TIME))
+    return {"touch_at": float(rng.uniform(0.2, 0.7)) * duration, "touch_for": length, "touch_x": x, "touch_y": y, "touch_z": z}
 
 
 def _joined(wanted: Course, rate: float) -> Course:

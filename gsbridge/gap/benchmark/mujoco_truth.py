@@ -92,7 +92,8 @@ class MujocoTruth:
 
     def __call__(self, course: Course, duration: float, times: Array, hidden: Mapping[str, float]) -> dict[str, Array]:
         """What the mechanism with something hidden would log; see `generate.Truth`."""
-        engine = _Running(self._compile(hidden), self._brain, self.system.joints)
+        last = self._skeleton.child_of[self.system.joints[-1]]
+        engine = _Running(self._compile(hidden), self._brain, self.system.joints, last)
         return run_arm(engine, self.system, course, duration, times, hidden)
 
 
@@ -101,12 +102,13 @@ class _Running:
 
     steps = _EVERY
 
-    def __init__(self, model: mujoco.MjModel, brain: mujoco.MjModel, joints: tuple[str, ...]) -> None:
+    def __init__(self, model: mujoco.MjModel, brain: mujoco.MjModel, joints: tuple[str, ...], last: str) -> None:
         self._model, self._brain = model, brain
         self._data, self._brain_data = mujoco.MjData(model), mujoco.MjData(brain)
         self._rows = [model.joint(name).qposadr[0] for name in joints]
         self._dofs = [model.joint(name).dofadr[0] for name in joints]
         self._bare = model.dof_frictionloss[self._dofs].copy()
+        self._last = model.body(last).id
 
     def begin(self, q: Array) -> None:
         self._data.qpos[self._rows] = q
@@ -122,6 +124,9 @@ class _Running:
         if dry is not None:
             self._model.dof_frictionloss[self._dofs] = self._bare + dry
         mujoco.mj_step(self._model, self._data, nstep=steps)
+
+    def touch(self, force: Array) -> None:
+        self._data.xfrc_applied[self._last, :3] = force
 
     def weight(self, q: Array) -> Array:
         model, data = self._brain, self._brain_data

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gsbridge.gap.benchmark.noises import NOISES
 
-TIERS = ("t0", "t1", "t2")
-"""A single axis whose truth is an equation; an arm with truths of PyBullet; the same with truths of MuJoCo."""
+TIERS = ("t0", "t1", "t2", "t4")
+"""A single axis whose truth is an equation; an arm with truths of PyBullet; the same with truths of MuJoCo; photos. What is
+called T3 are measured logs, whose truth nobody knows."""
+
+IMAGES = "t4"
 
 SPLITS = ("development", "scored")
 """Thresholds may be set on the first; only the second is reported. They differ in seeds, courses and sizes."""
 
-TIER_SIZE = {"t0": 130, "t1": 156, "t2": 208}
+TIER_SIZE = {"t0": 52, "t1": 164, "t2": 218, "t4": 64}
+
+_TOUCHED = {"t1": 8, "t2": 10}
+"""Cases of a whole tier in which the arm touches something for a while, beside those of the mix."""
 
 ALL_CHANNELS = ("position", "velocity", "effort")
 
@@ -28,6 +34,12 @@ _MIX: tuple[tuple[str, int], ...] = (
 )  # fmt: skip
 """Kind of each case, and which of a split's sizes it has, or which noise for an effect-free one; repeated."""
 
+_IMAGE_MIX: tuple[tuple[str, int], ...] = (
+    ("free", 0), ("single", 2), ("single", 3), ("free", 0), ("unknown", 3), ("single", 2), ("free", 0), ("single", 3),
+    ("free", 0), ("pair", 3), ("single", 1), ("free", 0), ("single", 2), ("unknown", 2), ("free", 0), ("single", 3),
+)  # fmt: skip
+"""The same for photos, whose noise is a sensor's."""
+
 _DRIFT = "clock_drift"
 """What is hidden where samples are lost, beside something else."""
 
@@ -39,7 +51,13 @@ _SHORTEST = 2.01
 
 _UNITS = {"development": (1.4, 3.0, 7.0, 15.0), "scored": (1.0, 2.0, 5.0, 20.0)}
 
+_IMAGE_UNITS = {"development": (3.0, 7.0, 30.0, 150.0), "scored": (2.0, 5.0, 20.0, 100.0)}
+"""Of photos: their many pixels make a unit so small that twenty of them move a camera by a tenth of a pixel."""
+
 _COURSES = {"development": (110, 111), "scored": (9110, 9111)}
+
+_WORLDS = {"development": (120, 121, 122, 123), "scored": (9120, 9121, 9122, 9123)}
+"""Seeds of the worlds that photos show."""
 
 
 @dataclass(frozen=True)
@@ -49,15 +67,16 @@ class Order:
     Args:
         key: Its name, which says nothing about it.
         kind: What it tries: `single`, `pair`, `triple`, `unknown`, `free`, or a single effect under a difficulty: no efforts, a
-            short record, coloured noise, or samples that were lost beside a clock that drifts.
+            short record, coloured noise, samples that were lost beside a clock that drifts, or an arm that touches something.
         names: What is hidden.
         units: Size of each.
         seed: Of signs and noise.
-        course_seed: Of the courses; cases that share it share a bank.
+        course_seed: Of the courses, or of the world that photos show; cases that share it share a bank.
         channels: Logged ones.
         duration: Of each record, s.
         noise: One of `gsbridge.gap.benchmark.noises.NOISES`.
         lost: Share of the samples that are missing.
+        touched: Whether the arm touches something for a while.
     """
 
     key: str
@@ -70,6 +89,7 @@ class Order:
     duration: float = 4.0
     noise: str = "white"
     lost: float = 0.0
+    touched: bool = False
 
 
 def orders_of(
@@ -85,9 +105,22 @@ def orders_of(
         count: Cases; the tier's full number by default. A smaller count keeps the mix.
         seed: Of the draw.
     """
-    rng = np.random.default_rng([TIERS.index(tier), SPLITS.index(split), seed])
-    count = TIER_SIZE[tier] if count is None else count
-    places = rng.permutation(count)
+    key = [TIERS.index(tier), SPLITS.index(split), seed]
+    whole = TIER_SIZE[tier] if count is None else count
+    touched = _TOUCHED.get(tier, 0) if whole == TIER_SIZE[tier] else 0
+    draw = _photos if tier == IMAGES else _motions
+    orders = [*draw(whole - touched, split, names, strange, key), *_touching(touched, split, names, key)]
+    # Numbers that say nothing about a case.
+    places = np.random.default_rng([*key, 2]).permutation(whole)
+    named = (replace(order, key=f"{tier}-{place:03d}") for order, place in zip(orders, places, strict=True))
+    return tuple(sorted(named, key=lambda order: order.key))
+
+
+def _motions(count: int, split: str, names: tuple[str, ...], strange: tuple[str, ...], key: list[int]) -> list[Order]:
+    """Cases of an axis or an arm, without keys."""
+    rng = np.random.default_rng(key)
+    # Here numbers were drawn; the stream of what follows, and so the cases of earlier versions, stay.
+    rng.permutation(count)
     known, odd = _Deck(names, rng), _Deck(strange, rng)
     out = []
     for number in range(count):
@@ -100,7 +133,7 @@ def orders_of(
         hidden = tuple(sorted((*hidden, _DRIFT))) if kind == "dropped" else hidden
         out.append(
             Order(
-                f"{tier}-{places[number]:03d}", kind, hidden, units, int(rng.integers(2**31)),
+                "", kind, hidden, units, int(rng.integers(2**31)),
                 # Block by block, so that a few cases share one bank.
                 _COURSES[split][number // len(_MIX) % 2],
                 ("position", "velocity") if kind == "no_effort" else ALL_CHANNELS,
@@ -109,7 +142,32 @@ def orders_of(
                 _LOST if kind == "dropped" else 0.0,
             )
         )  # fmt: skip
-    return tuple(sorted(out, key=lambda order: order.key))
+    return out
+
+
+def _touching(count: int, split: str, names: tuple[str, ...], key: list[int]) -> list[Order]:
+    """Cases of an arm that touches something for a while, without keys."""
+    rng = np.random.default_rng([*key, 1])
+    known, out = _Deck(names, rng), []
+    for number in range(count):
+        courses = _COURSES[split][number % 2]
+        out.append(Order("", "contact", known.draw(1), _UNITS[split][3], int(rng.integers(2**31)), courses, touched=True))
+    return out
+
+
+def _photos(count: int, split: str, names: tuple[str, ...], strange: tuple[str, ...], key: list[int]) -> list[Order]:
+    """Cases of photos, without keys."""
+    rng = np.random.default_rng(key)
+    known, odd = _Deck(names, rng), _Deck(strange, rng)
+    out = []
+    for number in range(count):
+        kind, which = _IMAGE_MIX[number % len(_IMAGE_MIX)]
+        many = {"pair": 2, "free": 0}.get(kind, 1)
+        hidden = odd.draw(1) if kind == "unknown" else known.draw(many)
+        units = 0.0 if kind == "free" else _IMAGE_UNITS[split][which]
+        world = _WORLDS[split][number // len(_IMAGE_MIX) % len(_WORLDS[split])]
+        out.append(Order("", kind, hidden, units, int(rng.integers(2**31)), world, (), 0.0, "sensor"))
+    return out
 
 
 class _Deck:

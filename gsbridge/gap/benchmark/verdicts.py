@@ -12,6 +12,7 @@ import numpy as np
 
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
+from gsbridge.gap.benchmark.photo_cases import SAME, photo_closure
 from gsbridge.gap.case import read_case
 from gsbridge.gap.effects import catalogue
 from gsbridge.gap.replay import Mechanism
@@ -118,7 +119,7 @@ def read_verdicts(cases: str | Path, truths: str | Path, folders: Sequence[str |
         if found is None:
             raise InputError(Path(folders[0]), f"the finding of case {key} is missing", "Diagnose all cases first")
         finding = read_json(found)
-        out.append(_closed(_verdict(finding, truth), finding, truth, Path(cases) / key / "case.yaml", Path(truths)))
+        out.append(_closed(_verdict(finding, truth), finding, truth, Path(cases) / key, Path(truths)))
     return out
 
 
@@ -143,12 +144,14 @@ def _name(effect: Mapping[str, Any], single: bool) -> str:
 
 
 def _verdict(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> Verdict:
-    single = truth["plant"] == "axis"
+    single, photos = truth["plant"] == "axis", truth["plant"] == "camera"
     short = (lambda name: name.split(":")[0]) if single else (lambda name: name)
     covers = []
     for effect in finding["effects"] if finding["verdict"] == "named" else ():
         name = _name(effect, single)
-        shown = _SHOWS.get(effect["name"], catalogue()[effect["name"]].parameters[0].name)
+        if photos and name not in SAME:
+            continue
+        shown = SAME[name] if photos else _SHOWS.get(effect["name"], catalogue()[effect["name"]].parameters[0].name)
         low, high = effect["parameters"][shown]["interval90"]
         if name in truth["hidden"] and high > low:
             covers.append(low <= truth["hidden"][name] <= high)
@@ -171,13 +174,17 @@ def _verdict(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> Verdict:
     )
 
 
-def _closed(verdict: Verdict, finding: Mapping[str, Any], truth: Mapping[str, Any], case: Path, truths: Path) -> Verdict:
+def _closed(verdict: Verdict, finding: Mapping[str, Any], truth: Mapping[str, Any], folder: Path, truths: Path) -> Verdict:
     """With the gap that the named effects close; see `Verdict.closure`."""
     if verdict.verdict != "named" or not verdict.hidden:
         return verdict
-    content = read_case(case)
+    effects = tuple(Applied(e["name"], e.get("joint", ""), e["parameters"]) for e in _applied(finding))
     with np.load(truths / f"{verdict.key}.npz") as data:
         arrays = {name: data[name] for name in data.files}
+    if truth["plant"] == "camera":
+        closure, after = photo_closure(folder, arrays["clean"], arrays["plain"], effects)
+        return replace(verdict, closure=closure, left=None if closure is None else float(np.hypot(1.0, after)))
+    content = read_case(folder / "case.yaml")
     plain = {name.removeprefix("plain_"): values for name, values in arrays.items() if name.startswith("plain_")}
     clean = {name: arrays[name] for name in plain}
     sigma = {kind: np.asarray(values, dtype=np.float64) for kind, values in truth["sigma"].items()}
@@ -187,7 +194,6 @@ def _closed(verdict: Verdict, finding: Mapping[str, Any], truth: Mapping[str, An
         view = View.of(mechanism, replace(record.with_measured(measured), sigma=sigma, quantum={}))
         return float(np.sqrt((view.residual(effects) ** 2).mean()))
 
-    effects = tuple(Applied(e["name"], e.get("joint", ""), e["parameters"]) for e in _applied(finding))
     floor, before, after = gap(plain, ()), gap(clean, ()), gap(clean, effects)
     closure = 1.0 - max(after - floor, 0.0) / max(before - floor, 1e-12)
     return replace(verdict, closure=closure, left=float(np.hypot(1.0, after)))

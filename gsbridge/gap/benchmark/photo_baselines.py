@@ -1,0 +1,111 @@
+"""Simpler ways of naming what changed between photos, on the same signatures and noise; see `baselines` for what they are."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.optimize import lsq_linear
+from scipy.stats import chi2 as chi2_law
+
+from gsbridge.gap.benchmark.baselines import ALARM, FITTED, answer
+from gsbridge.gap.image.fit import fit
+from gsbridge.gap.image.model import ImageCandidate, image_candidates
+from gsbridge.gap.image.pairs import Pairs
+from gsbridge.gap.image.screen import Group, screen, signatures
+from gsbridge.gap.image.view import View, learn_noise
+from gsbridge.gap.system import Applied
+from gsbridge.geometry import Array
+
+
+def run_photo_baseline(method: str, pairs: Mapping[str, Pairs]) -> dict[str, Any]:
+    """Findings of a baseline, in the form of `findings.json` as far as it has any.
+
+    Args:
+        method: `largest_change`, `training_bic`, `cosine` or `sparse`.
+        pairs: Photos by role.
+    """
+    begin = time.perf_counter()
+    first = View(pairs["fit"], learn_noise(list(pairs.values())))
+    who = [one for one in image_candidates() if first.pairs.times is not None or not one.effect.timed]
+    groups, residual = signatures(first, who), first.residual()
+    found: Sequence[Applied] = ()
+    if chi2_law.sf((residual.astype(np.float64) ** 2).sum(), first.numbers) < ALARM:
+        if method == "training_bic":
+            found = _bic(first, groups, residual)
+        else:
+            table = _Table(groups, residual)
+            found = {"largest_change": table.largest, "cosine": table.nearest, "sparse": table.few}[method]()
+    return answer(found, {"bank": 0, "case": first.expectation.pictures}, time.perf_counter() - begin)
+
+
+def _bic(view: View, groups: Sequence[Group], residual: Array) -> list[Applied]:
+    """The fit with the smallest BIC on the photos that it was fitted to."""
+    best, least = [], float((residual.astype(np.float64) ** 2).sum())
+    for match in screen(groups, residual)[:FITTED]:
+        fitted = fit(view, (match.candidate,), (match.start,))
+        bic = fitted.chi2 + len(match.candidate.effect.parameters) * np.log(view.numbers)
+        if bic < least:
+            best, least = list(fitted.effects), bic
+    return best
+
+
+class _Table:
+    """Signatures side by side, either way round where an effect has two."""
+
+    def __init__(self, groups: Sequence[Group], residual: Array) -> None:
+        rows = [
+            (group.who, dict(group.values[k]), parameter.name, float(low), group.tables[k])
+            for group in groups
+            for k, (parameter, low) in enumerate(zip(group.who.effect.amplitudes, group.lows, strict=True))
+        ]
+        self.rows = [row for row in rows if row[4].any()]
+        self.columns = np.stack([row[4].astype(np.float64) for row in self.rows], axis=1)
+        self.lengths = np.linalg.norm(self.columns, axis=0)
+        self.residual = residual.ravel().astype(np.float64)
+
+    def _applied(self, number: int, factor: float) -> Applied:
+        who, values, name, _, _ = self.rows[number]
+        return who.applied(who.effect.clipped({**values, name: factor * values[name]}))
+
+    def _typical(self, number: int) -> float:
+        who, values, name, _, _ = self.rows[number]
+        (parameter,) = (p for p in who.effect.parameters if p.name == name)
+        return abs(values[name]) / parameter.typical
+
+    def nearest(self) -> list[Applied]:
+        """The signature that is most nearly parallel to the residual."""
+        along = self.columns.T @ self.residual
+        both = np.array([row[3] < 0 for row in self.rows])
+        cosines = np.where(both, np.abs(along), along) / self.lengths
+        number = int(np.argmax(cosines))
+        return [self._applied(number, float(along[number] / self.lengths[number] ** 2))]
+
+    def largest(self) -> list[Applied]:
+        """All signatures together by linear least squares; the one that moved most in typical sizes."""
+        lows = np.array([row[3] for row in self.rows])
+        bounds = (np.minimum(lows, -1e-12) * self.lengths, np.inf)
+        factors = lsq_linear(self.columns / self.lengths, self.residual, bounds=bounds, max_iter=50).x / self.lengths
+        best = max(range(len(self.rows)), key=lambda k: abs(factors[k]) * self._typical(k))
+        return [self._applied(best, float(factors[best]))]
+
+    def few(self) -> list[Applied]:
+        """Signatures taken one by one by what they explain beside the others, until BIC is against it."""
+        left, chosen, factors = self.residual, list[int](), np.zeros(0)
+        owners: list[ImageCandidate] = []
+        while True:
+            scores = np.abs(self.columns.T @ left) / self.lengths
+            scores[[k for k, row in enumerate(self.rows) if row[0] in owners]] = -np.inf
+            number = int(np.argmax(scores))
+            tried = [*chosen, number]
+            solved = np.linalg.lstsq(self.columns[:, tried], self.residual, rcond=None)[0]
+            new = self.residual - self.columns[:, tried] @ solved
+            lows = np.array([self.rows[k][3] for k in tried])
+            gained = float(left @ left - new @ new)
+            if not np.isfinite(scores[number]) or gained < np.log(self.residual.size) or (solved < lows).any():
+                break
+            chosen, factors, left = tried, solved, new
+            owners.append(self.rows[number][0])
+        return [self._applied(k, float(f)) for k, f in zip(chosen, factors, strict=True)]

@@ -1,0 +1,142 @@
+"""Cases of photos as files: what a diagnosis gets, what is hidden from it, and how much of the gap its findings close."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from gsbridge.cameras import Camera
+from gsbridge.errors import InputError
+from gsbridge.files import read_json, write_json
+from gsbridge.gap.image.pairs import ROLES, Pairs
+from gsbridge.gap.image.view import View, learn_noise
+from gsbridge.gap.system import Applied
+from gsbridge.geometry import Array
+from gsbridge.images import read_image
+from gsbridge.scene.track import Track
+
+CAMERA_FILE = "camera.json"
+
+SAME = {
+    "exposure": "stops",
+    "black_level": "level",
+    "saturation": "change",
+    "response": "curve",
+    "focal": "change",
+    "motion_blur": "exposure_time",
+    "latency": "delay",
+    "rolling_shutter": "row_time",
+}
+"""Effects whose hidden size is a parameter of the diagnosis, too, though by another formulation; of the others no interval is
+judged."""
+
+
+def write_photos(folder: Path, pairs: Mapping[str, Pairs]) -> dict[str, str]:
+    """Write the photos of a case. Returns the files' SHA-256 by role.
+
+    Args:
+        folder: Of the case; it is there.
+        pairs: By role; 8-bit photos, and `again` their mean over some.
+    """
+    digests = {}
+    for role, views in pairs.items():
+        path = folder / f"{role}.npz"
+        moving = {} if views.track is None else {"track_times": views.track.times, "track_poses": views.track.poses}
+        moving |= {} if views.times is None else {"times": views.times}
+        np.savez_compressed(
+            path,
+            **{
+                name: np.round(getattr(views, name) * scale).astype(np.uint16) for name, scale in _scales(views.repeats).items()
+            },
+            depths=views.depths.astype(np.float32),
+            poses=views.poses,
+            repeats=np.array(views.repeats),
+            **moving,
+        )
+        digests[role] = hashlib.sha256(path.read_bytes()).hexdigest()
+        camera = views.camera
+    write_json(folder / CAMERA_FILE, camera.to_json())
+    return digests
+
+
+def _scales(repeats: int) -> dict[str, int]:
+    """Whole numbers per unit of brightness in which photos are stored: 8 bits, and a sum of such photos."""
+    return {"before": 255, "again": 255 * repeats, "after": 255}
+
+
+def read_photos(folder: str | Path) -> dict[str, Pairs]:
+    """What `write_photos` wrote.
+
+    Raises:
+        InputError: A file is missing or damaged.
+    """
+    folder = Path(folder)
+    camera = Camera.from_json(read_json(folder / CAMERA_FILE))
+    return {role: _pairs(folder / f"{role}.npz", camera, role) for role in ROLES}
+
+
+def _pairs(path: Path, camera: Camera, role: str) -> Pairs:
+    try:
+        with np.load(path) as file:
+            content = {name: file[name] for name in file.files}
+        repeats = int(content["repeats"])
+        track = Track(content["track_times"], content["track_poses"]) if "track_times" in content else None
+        return Pairs(
+            camera, *(content[name].astype(np.float32) / scale for name, scale in _scales(repeats).items()),
+            content["depths"], content["poses"], track, content.get("times"), repeats, role,
+            hashlib.sha256(path.read_bytes()).hexdigest(),
+        )  # fmt: skip
+    except (OSError, EOFError, KeyError, ValueError) as error:
+        raise InputError(path, f"the photos cannot be read ({error})", "Generate the cases again") from error
+
+
+def photo_closure(folder: str | Path, clean: Array, plain: Array, effects: Sequence[Applied]) -> tuple[float | None, float]:
+    """Share of the gap that effects close on `verify` against photos without noise, and what is left in units of the noise.
+
+    As for motion: 1 - (after - floor) / (before - floor), the floor being the gap where nothing is hidden, which is that of the
+    noisy earlier photos themselves. None where what is hidden leaves photos without noise as they were: noise does.
+
+    Args:
+        folder: Of the case.
+        clean: Photos of `verify` with what is hidden. [N, H, W, 3].
+        plain: Without it.
+        effects: Named ones.
+    """
+    pairs = read_photos(folder)
+    noise = learn_noise(list(pairs.values()))
+
+    def gap(photos: Array, with_effects: Sequence[Applied]) -> float:
+        view = View(replace(pairs["verify"], after=photos.astype(np.float32)), noise, grain=False)
+        return float(np.sqrt((view.residual(with_effects).astype(np.float64) ** 2).mean()))
+
+    floor, before, after = gap(plain, ()), gap(clean, ()), gap(clean, effects)
+    return (1.0 - max(after - floor, 0.0) / (before - floor) if before > floor else None), after
+
+
+def contents_of(photos: Sequence[str | Path], renders: Sequence[str | Path], few: int = 4) -> tuple[tuple[Array, ...], ...]:
+    """Pictures that may lie on the tables of the worlds, in turn: none, photos, renders of splats.
+
+    Args:
+        photos: Folders of photos.
+        renders: Folders of renders.
+        few: Pictures taken from each folder.
+
+    Raises:
+        InputError: A folder holds no picture.
+    """
+    return ((), *(found for folders in (photos, renders) if (found := tuple(_pictures(folders, few)))))
+
+
+def _pictures(folders: Sequence[str | Path], few: int) -> list[Array]:
+    out = []
+    for folder in folders:
+        paths = sorted(path for path in Path(folder).glob("*.png"))
+        if not paths:
+            raise InputError(folder, "it holds no picture", "Make its stage again")
+        chosen = np.linspace(0, len(paths) - 1, min(few, len(paths))).round().astype(int)
+        out += [np.asarray(read_image(paths[k]), np.float32) for k in chosen]
+    return out
