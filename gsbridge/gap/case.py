@@ -12,7 +12,7 @@ from gsbridge.errors import InputError
 from gsbridge.gap.diagnose import ROLES
 from gsbridge.gap.effects import effect_of
 from gsbridge.gap.formats.logs import read_log
-from gsbridge.gap.records import SHORTEST, Layout, Record, check_degrees
+from gsbridge.gap.records import SHORTEST, TOOL, Layout, Record, check_degrees
 from gsbridge.gap.system import System, read_system
 from gsbridge.gap.yaml_file import read_yaml
 from gsbridge.geometry import Array
@@ -79,6 +79,8 @@ def read_case(path: str | Path) -> Case:
     records, split = split_records(records, path)
     if "effort" not in records["fit"].measured and system.controller.closed_loop:
         reasons.append("no efforts are logged: latency and filters, viscous friction and damping are hard to tell apart")
+    if "position" not in records["fit"].measured:
+        reasons.append("no joint positions are logged: what moves the tool alike cannot be told apart")
     return Case(model, system, records, tuple(content["effects"]) if content.get("effects") else None, (*reasons, *split))
 
 
@@ -95,9 +97,17 @@ def _check(record: Record, system: System, source: Path, noise: Mapping[str, flo
             f"there are no columns 'command.{system.joints[0]}' with {record_needs}",
             f"Mode {system.controller.mode} needs them",
         )
+    if TOOL in record.measured and not system.tool:
+        raise InputError(source, "it has columns 'tool.x', but the model does not say which link that is", "Add 'tool: LINK'")
+    if "position" not in record.measured and not system.controller.closed_loop:
+        raise InputError(
+            source, f"without joint positions nobody knows where mode {system.controller.mode} begins", "Log positions, too"
+        )
     check_degrees(record, source, system.limits)
     sigma = {
-        kind: _noise_of(kind, value, len(record.joints), source) for kind, value in noise.items() if kind in record.measured
+        kind: _noise_of(kind, value, record.measured[kind].shape[1], source)
+        for kind, value in noise.items()
+        if kind in record.measured
     }
     return replace(record, sigma=sigma)
 
@@ -111,7 +121,7 @@ def _noise_of(kind: str, value: float | list[float], count: int, source: Path) -
     values = value if isinstance(value, list) else [value] * count
     numbers = all(isinstance(one, (int, float)) and not isinstance(one, bool) and one > 0 for one in values)
     if len(values) != count or not numbers:
-        raise InputError(source, f"noise.{kind} is {value!r}", f"Give one positive number, or one for each of {count} joints")
+        raise InputError(source, f"noise.{kind} is {value!r}", f"Give one positive number, or one for each of {count} columns")
     return np.array(values, dtype=np.float64)
 
 

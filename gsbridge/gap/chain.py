@@ -72,6 +72,32 @@ class Chain:
         order, parents, fixed, axes, slides = (np.array(column) for column in zip(*rows, strict=True))
         return cls(order, parents, fixed, axes, slides, links)
 
+    def place(self, link: str, q: Array) -> Array:
+        """Where a link's frame is, base frame, m.
+
+        Args:
+            link: Its name.
+            q: Positions in the order of the joints here. [T, N].
+
+        Returns:
+            [T, 3].
+        """
+        joint, pose = self.links[link]
+        origin = np.tile(pose[:3, 3], (len(q), 1))
+        # From the link back to the base: a point of each joint's frame in the frame of the one that carries it.
+        while joint >= 0:
+            axis, values = self.axes[joint], q[:, joint]
+            if self.slides[joint]:
+                origin = origin + values[:, None] * axis
+            else:
+                cosine, sine = np.cos(values)[:, None], np.sin(values)[:, None]
+                along = (origin @ axis)[:, None] * axis
+                origin = along + cosine * (origin - along) + sine * np.cross(axis, origin)
+            turn, shift = self.fixed[joint][:3, :3], self.fixed[joint][:3, 3]
+            origin = origin @ turn.T + shift
+            joint = int(self.parents[joint])
+        return origin
+
     def bodies(self, inertials: Mapping[str, Inertial]) -> Array:
         """Mass, centre (3) and inertia about it (9) of what each joint moves, joint frame. [N, 13]."""
         groups: list[list[tuple[float, Array, Array]]] = [[] for _ in self.parents]

@@ -97,7 +97,7 @@ def diagnose(
         if said and not verification.transfers(rules or Rules(), len(effects) > 1):
             # It closed the gap where it was chosen, but not elsewhere: whatever is missing, it is something else.
             finding = replace(finding, verdict="none_of_the_known", ambiguous=(), something_remains=True)
-    floor = {f"{kind}.{system.joints[k]}": float(s) for (kind, k), s in zip(second.channels, second.sigma, strict=True)}
+    floor = {second.record.label(kind, k): float(s) for (kind, k), s in zip(second.channels, second.sigma, strict=True)}
     runs = mechanism.runs - made - mechanism.shared
     return Diagnosis(finding, verification, floor, bank.runs, runs, time.perf_counter() - begin)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,11 +12,11 @@ import numpy as np
 
 from gsbridge.files import atomic_file
 from gsbridge.gap.assemble import build_setup
-from gsbridge.gap.records import Record
+from gsbridge.gap.records import TOOL, Record
 from gsbridge.gap.replay import Mechanism, Span, State
 from gsbridge.geometry import Array
 
-KINDS = ("position", "velocity", "effort")
+KINDS = ("position", "velocity", "effort", TOOL)
 
 FINE = 4
 """Factor by which the step is divided to see what it does."""
@@ -30,7 +30,8 @@ class Frame:
     """Derivatives of a nominal replay.
 
     Args:
-        nudges: By position and speed of each joint at the start, SI units. [2 N, T, kinds, N].
+        nudges: By position and speed of each joint at the start, SI units. [2 N, T, kinds, N]; with a tool the last axis has at
+            least three columns, and what is not there is not-a-number.
         stepping: What a finer step changes: engines differ by about as much, each taking speeds or positions of the begin or
             the end of a step. [T, kinds, N].
         made: Simulations spent on it now; 0 where it was read.
@@ -57,7 +58,8 @@ def frame_of(
     states = start_states(mechanism, record, spans, measured)
     if folder is None:
         return _make(mechanism, record, spans, states)
-    key = hashlib.sha256(f"frame{mechanism.system.digest()}{record.content_digest()}{list(spans)}".encode())
+    which = TOOL if TOOL in record.measured else ""
+    key = hashlib.sha256(f"frame{mechanism.system.digest()}{record.content_digest()}{list(spans)}{which}".encode())
     for q, v in states:
         key.update(q.tobytes() + v.tobytes())
     path = Path(folder) / f"{key.hexdigest()[:32]}.npz"
@@ -76,12 +78,22 @@ def frame_of(
     return frame
 
 
+def _laid(outputs: Mapping[str, Array]) -> Array:
+    """Outputs of a replay side by side. [T, kinds, columns]."""
+    kinds = [kind for kind in KINDS if kind in outputs]
+    wide = max(outputs[kind].shape[1] for kind in kinds)
+    table = np.full((len(outputs[kinds[0]]), len(kinds), wide), np.nan)
+    for row, kind in enumerate(kinds):
+        table[:, row, : outputs[kind].shape[1]] = outputs[kind]
+    return table
+
+
 def _make(mechanism: Mechanism, record: Record, spans: Sequence[Span], states: list[State]) -> Frame:
     begin, count, setup = mechanism.runs, len(record.joints), build_setup(mechanism, ())
 
     def run(who: Mechanism, begins: list[State]) -> Array:
         out = who.run(record, build_setup(who, ()) if who is not mechanism else setup, spans, begins)
-        return np.stack([out[kind] for kind in KINDS], axis=1)
+        return _laid(out)
 
     plain, nudges = run(mechanism, states), []
     unit = np.eye(2 * count)

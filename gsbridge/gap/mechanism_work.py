@@ -133,14 +133,16 @@ class MechanismWork:
             before, after = view.residual(), view.residual(effects)
             arrays |= {f"{role}/time": item.time, f"{role}/sigma": view.sigma, f"{role}/measured": view.stack(item.measured)}
             arrays |= {f"{role}/nominal": view.stack(nominal), f"{role}/before": before}
-            arrays |= {f"{role}/position": item.measured["position"], f"{role}/nominal_position": nominal["position"]}
+            # Where nobody measured the joints, a picture shows them as they were told to be.
+            seen = item.measured["position"] if "position" in item.measured else item.commands["command"]
+            arrays |= {f"{role}/position": seen, f"{role}/nominal_position": nominal["position"]}
             if effects:
                 arrays |= {f"{role}/explained": view.stack(explained), f"{role}/after": after}
                 arrays[f"{role}/explained_position"] = explained["position"]
             rows[role] = {
                 "before": float(np.sqrt((before**2).sum() / view.freedom)),
                 "after": float(np.sqrt((after**2).sum() / view.freedom)),
-                "channels": [f"{kind}.{item.joints[k]}" for kind, k in view.channels],
+                "channels": [item.label(kind, k) for kind, k in view.channels],
                 "remains": where(view, after, explained).record(),
             }
         return arrays, {"unit": "noise", "records": rows, "simulations": mechanism.runs}

@@ -23,6 +23,11 @@ COMMANDS = {"command": "angle", "command_velocity": "angular speed", "feedforwar
 MEASURED = {"position": "angle", "velocity": "angular speed", "effort": "torque"}
 """Kinds of measured columns, each per joint."""
 
+TOOL = "tool"
+"""Kind of the measured place of one link in the base frame, m; its columns are `AXES` instead of joints."""
+
+AXES = ("x", "y", "z")
+
 _DEGREES = 180 / np.pi
 
 _Column = Callable[[str, str, bool], Array | None]
@@ -38,7 +43,7 @@ class Record:
         time: s, rising, from 0. [T].
         joints: Names of the mechanism's joints.
         commands: By kind. Each [T, N].
-        measured: By kind. Each [T, N].
+        measured: By kind. Each [T, N]; `tool` [T, 3].
         sigma: Noise of one sample, by kind, where it is known. Each [N].
         quantum: Step of the digits, by kind, 0 where there is none. Each [N].
         digest: SHA-256 of the file, or of the arrays.
@@ -54,6 +59,10 @@ class Record:
     quantum: Mapping[str, Array] = field(default_factory=dict)
     digest: str = ""
     torque_commands: bool = False
+
+    def label(self, kind: str, number: int) -> str:
+        """Name of a channel: `position.joint`, or `tool.x`."""
+        return f"{kind}.{AXES[number] if kind == TOOL else self.joints[number]}"
 
     @property
     def duration(self) -> float:
@@ -162,7 +171,10 @@ def record_of(table: pd.DataFrame, path: Path, layout: Layout, *, digest: str) -
         found = _per_joint(kind, dimension, layout.joints, column, path)
         if found is not None:
             measured[kind] = found
-    if "position" not in measured:
+    tool = _per_joint(TOOL, "length", AXES, column, path)
+    if tool is not None:
+        measured[TOOL] = tool
+    elif "position" not in measured:
         column(f"position.{layout.joints[0]}", "angle", True)
     record = Record(
         path.stem, time - time[0], layout.joints, commands, measured, digest=digest, torque_commands=layout.torque_mode

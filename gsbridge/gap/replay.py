@@ -16,7 +16,7 @@ import numpy as np
 from gsbridge.gap.bodies import Skeleton
 from gsbridge.gap.chain import Chain
 from gsbridge.gap.law import MODE, simulate
-from gsbridge.gap.records import Record
+from gsbridge.gap.records import AXES, TOOL, Record
 from gsbridge.gap.setup import Setup
 from gsbridge.gap.system import System
 from gsbridge.geometry import Array
@@ -63,8 +63,8 @@ class Mechanism:
             states: State of the joints at the begin of each stretch, as measured.
 
         Returns:
-            `position`, `velocity`, `effort` (what the controller asks of the motors) at the record's times; not-a-number
-            outside the stretches and after a divergence. Each [T, N].
+            `position`, `velocity`, `effort` (what the controller asks of the motors) at the record's times, and `tool` where
+            the record has it; not-a-number outside the stretches and after a divergence. Each [T, N]; `tool` [T, 3].
         """
         self.runs += 1
         system, chain, order = self.system, self.chain, self.chain.order
@@ -74,6 +74,8 @@ class Mechanism:
         bodies = chain.bodies(setup.inertials)
         law = np.ascontiguousarray(setup.rows()[:, order])
         out = {kind: np.full((len(record.time), count), np.nan) for kind in ("position", "velocity", "effort")}
+        if TOOL in record.measured:
+            out[TOOL] = np.full((len(record.time), len(AXES)), np.nan)
         every = round(system.physics_rate / system.controller.rate)
         for (first, end), (q, v) in zip(spans, states, strict=True):
             begin = int(round(record.time[first] / step))
@@ -89,11 +91,15 @@ class Mechanism:
             for kind, values in zip(("position", "velocity", "effort"), raw, strict=True):
                 channels[kind] = np.empty_like(values)
                 channels[kind][:, order] = values
+            if TOOL in out:
+                # Encoders may err; the tool is where the joints really are.
+                true, _ = true_state(setup, channels["position"], channels["velocity"])
+                channels[TOOL] = chain.place(system.tool, true[:, order])
             grid = begin * step + step * np.arange(length)
             for hook in setup.outputs:
                 channels = hook(grid, channels)
             for kind, values in channels.items():
-                for k in range(count):
+                for k in range(values.shape[1]):
                     out[kind][first:end, k] = np.interp(record.time[first:end], grid, values[:, k])
         return out
 

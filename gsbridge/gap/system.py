@@ -83,6 +83,7 @@ class System:
         physics_rate: Steps of the engine per second.
         effects: What was added.
         centred: Whether positions move with the mean of a step's two speeds instead of the new one.
+        tool: Link whose place `tool` columns are; empty for none.
     """
 
     urdf: Path
@@ -96,6 +97,7 @@ class System:
     physics_rate: float
     effects: tuple[Applied, ...] = ()
     centred: bool = True
+    tool: str = ""
 
     @property
     def time_step(self) -> float:
@@ -121,6 +123,7 @@ class System:
             self.centred,
         ]
         figures += [[effect.record() for effect in self.effects]]
+        figures += [self.tool] if self.tool else []
         text = json.dumps([item.tolist() if isinstance(item, np.ndarray) else item for item in figures])
         return hashlib.sha256(self.urdf.read_bytes() + text.encode()).hexdigest()
 
@@ -146,6 +149,7 @@ _KEYS = (
     "armature",
     "physics_rate",
     "scheme",
+    "tool",
     "effects",
     "evidence",
 )
@@ -218,6 +222,9 @@ def parse_system(content: Any, folder: Path, source: str | Path = "model") -> Sy
         raise InputError(source, f"controller.between is '{controller.between}'", "Use hold or line")
     if controller.velocity_reference not in ("zero", "derivative"):
         raise InputError(source, f"velocity_reference is '{controller.velocity_reference}'", "Use zero or derivative")
+    tool = content.get("tool") or ""
+    if tool and tool not in urdf_links(urdf):
+        raise InputError(source, f"the URDF has no link '{tool}'", f"It has: {', '.join(urdf_links(urdf))}")
     effects = tuple(
         Applied(item["name"], item.get("joint", ""), dict(item["parameters"])) for item in content.get("effects") or []
     )
@@ -227,7 +234,7 @@ def parse_system(content: Any, folder: Path, source: str | Path = "model") -> Sy
         urdf, joints, gravity, controller,
         row(content.get("viscous", own[0]), "viscous", 0.0), row(content.get("coulomb", own[1]), "coulomb", 0.0),
         row(content.get("armature"), "armature", 0.0), limits, physics, effects,
-        scheme == "centred",
+        scheme == "centred", tool,
     )  # fmt: skip
 
 
@@ -241,6 +248,11 @@ def _check_keys(content: Any, known: tuple[str, ...], needed: tuple[str, ...], s
     for key in needed:
         if key not in content:
             raise InputError(source, f"the key '{prefix}{key}' is missing", "See docs/gap.md")
+
+
+def urdf_links(urdf: str | Path) -> list[str]:
+    """Links of a description that `urdf_joints` could read."""
+    return [str(link.get("name")) for link in ElementTree.parse(urdf).getroot().findall("link")]
 
 
 def urdf_joints(urdf: str | Path) -> dict[str, dict[str, Any]]:

@@ -67,7 +67,7 @@ def verify(view: View, effects: Sequence[Applied], rng: np.random.Generator) -> 
         sizes.append((float(np.sqrt((residual**2).sum() / view.freedom)), np.sqrt((residual**2).mean(axis=0))))
     (before, rows_before), (after, rows_after) = sizes
     gap, left = np.sqrt(max(before**2 - 1.0, 1e-12)), np.sqrt(max(after**2 - 1.0, 0.0))
-    names = [f"{kind}.{view.record.joints[k]}" for kind, k in view.channels]
+    names = [view.record.label(kind, k) for kind, k in view.channels]
     channels = {name: (float(a), float(b)) for name, a, b in zip(names, rows_before, rows_after, strict=True)}
     p_remaining = calibrate(view, rng).p_value(residual)
     return Verification(before, after, float(1.0 - left / gap), channels, after <= before, p_remaining)

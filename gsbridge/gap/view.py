@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from gsbridge.gap.assemble import build_setup
-from gsbridge.gap.frame import FINE, KINDS, Frame, frame_of
+from gsbridge.gap.frame import FINE, KINDS, Frame, frame_of, start_states
 from gsbridge.gap.noise import pooled, white_noise
 from gsbridge.gap.records import Record
 from gsbridge.gap.replay import Mechanism, Span, State
@@ -111,10 +111,14 @@ class View:
         """
         system = mechanism.system
         spans = spans_of(record, system)
-        states = [state_at(record, first) for first, _ in spans]
+        if "position" in record.measured:
+            states = [state_at(record, first) for first, _ in spans]
+        else:
+            # Nobody measured the joints: they begin where they are told to be.
+            states = start_states(mechanism, record, spans, ())
         # What the controller asks is the command itself where nothing is fed back.
         kinds = [k for k in KINDS if k in record.measured and (k != "effort" or system.controller.closed_loop)]
-        channels = tuple((kind, k) for kind in kinds for k in range(len(record.joints)))
+        channels = tuple((kind, k) for kind in kinds for k in range(record.measured[kind].shape[1]))
         frame = frame_of(mechanism, record, spans, states, folder)
         view = cls(mechanism, record, spans, states, np.ones(len(channels)), channels, frame)
         if system.centred:
@@ -150,7 +154,7 @@ class View:
         found = np.median([white_noise(inside[a:b]) for a, b in self.spans if b - a > 20] or [white_noise(inside)], axis=0)
         for column, (kind, k) in enumerate(self.channels):
             declared = self.record.sigma.get(kind)
-            quantum = self.record.quantum.get(kind, np.zeros(len(self.record.joints)))[k]
+            quantum = self.record.quantum[kind][k] if kind in self.record.quantum else 0.0
             # White noise that is there cannot be less because a file says so.
             out[column] = max(found[column], 0.0 if declared is None else declared[k], quantum / np.sqrt(12), 1e-12)
         return out

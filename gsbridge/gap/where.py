@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from gsbridge.gap.records import TOOL
 from gsbridge.gap.view import View
 from gsbridge.geometry import Array
 
@@ -65,14 +66,19 @@ def where(view: View, residual: Array, outputs: Mapping[str, Array]) -> Map:
     Args:
         view: The record's view.
         residual: Whitened. [T, C].
-        outputs: Simulated motion without noise, `position`, `velocity`, `effort`. Each [T, N].
+        outputs: Simulated motion without noise, `position`, `velocity`, `effort`. Each [T, N]; `tool` [T, 3] where measured.
     """
-    names = tuple(f"{kind}.{view.record.joints[k]}" for kind, k in view.channels)
-    cells = [_cells(outputs, k, view.record.time) for k in range(len(view.record.joints))]
+    names, time = tuple(view.record.label(kind, k) for kind, k in view.channels), view.record.time
+    motion = [np.nan_to_num(outputs[kind]) for kind in ("position", "velocity", "effort")]
+    cells = {False: [_cells(*(values[:, k] for values in motion), time) for k in range(len(view.record.joints))]}
+    if TOOL in outputs:
+        # Of the tool itself, along each axis; its load is that of all motors.
+        load = np.abs(motion[2]).sum(axis=1)
+        cells[True] = [_cells(q, np.gradient(q, time), load, time) for q in np.nan_to_num(outputs[TOOL]).T]
     count = sum(len(columns) for columns in GROUPS.values())
     values, chances = np.full((len(names), count), np.nan), np.ones((len(names), count))
-    for row, (_, k) in enumerate(view.channels):
-        for column, inside in enumerate(cells[k]):
+    for row, (kind, k) in enumerate(view.channels):
+        for column, inside in enumerate(cells[kind == TOOL][k]):
             number = int(inside.sum())
             if number >= FEWEST:
                 total = float((residual[inside, row] ** 2).sum())
@@ -81,11 +87,9 @@ def where(view: View, residual: Array, outputs: Mapping[str, Array]) -> Map:
     return Map(names, values, few_false(chances, np.isfinite(values)))
 
 
-def _cells(outputs: Mapping[str, Array], joint: int, time: Array) -> list[Array]:
-    """Samples of each column of the map, for one joint. Each [T] of bool."""
-    q, v = (np.nan_to_num(outputs[kind][:, joint]) for kind in ("position", "velocity"))
-    load = np.abs(np.nan_to_num(outputs["effort"][:, joint]))
-    a = np.gradient(v, time)
+def _cells(q: Array, v: Array, effort: Array, time: Array) -> list[Array]:
+    """Samples of each column of the map, for one joint or axis: positions, speeds, efforts. Each [T] of bool."""
+    load, a = np.abs(effort), np.gradient(v, time)
     rest = np.abs(v) <= REST * max(np.abs(v).max(), 1e-12)
     even = ~rest & (np.abs(a) <= STEADY * np.quantile(np.abs(a), 0.99))
     faster, slower = ~rest & ~even & (a * v > 0), ~rest & ~even & (a * v <= 0)

@@ -27,7 +27,7 @@ SHOWN = 3
 ROWS = 14
 """Channels of the map and of the bars, at most; the largest are shown."""
 
-UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m"}
+UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m", "tool": "m"}
 
 _INK, _SOFT = "#1d2733", "#5b6b7b"
 _HEAT = LinearSegmentedColormap.from_list("gap", ["#f3f6f9", "#f5d9ad", "#d9822b", "#8c2f08"])

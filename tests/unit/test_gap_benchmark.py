@@ -203,11 +203,12 @@ def test_orders_keep_the_mix_and_splits_share_nothing():
         assert not sets[0] & sets[1]
     kinds = [order.kind for order in drawn["scored"]]
     few = [order.kind for order in orders_of("t2", "scored", names, strange, 26)]
-    mixed = [kind for kind in kinds if kind != "contact"]
+    mixed = [kind for kind in kinds if kind not in ("contact", "tool")]
     assert len(mixed) < len(kinds)
     for kind in set(mixed):
         assert kinds.count(kind) == few.count(kind) * len(mixed) // 26
     assert all(order.touched == (order.kind == "contact") for order in drawn["scored"])
+    assert all((order.channels == ("tool",)) == (order.kind == "tool") for order in drawn["scored"])
     assert sorted(order.key for order in drawn["scored"]) == [f"t2-{k:03d}" for k in range(TIER_SIZE["t2"])]
     assert all(order.noise == "white" or order.kind in ("free", "coloured") for order in drawn["scored"])
     lossy = [order for order in drawn["scored"] if order.kind == "dropped"]

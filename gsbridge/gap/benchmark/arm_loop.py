@@ -33,6 +33,9 @@ class Engine(Protocol):
     def advance(self, asked: Array, extra: Array, dry: Array | None, steps: int) -> None:
         """Steps of its own with the torques asked of the motors, others, and dry friction where it changes. [N] each."""
 
+    def place(self) -> Array:
+        """Where the frame of the last link is at the time of `state`. Base frame, m. [3]."""
+
     def touch(self, force: Array) -> None:
         """From now on something pushes the last link at its centre of mass. World frame, N. [3]."""
 
@@ -58,7 +61,7 @@ def run_arm(
     dead, slow = hidden.get("command_delay", 0.0), hidden.get("lag", 0.0)
     wanted = sent = np.asarray(course(0.0), dtype=np.float64)
     engine.begin((wanted - offset) / scale)
-    out = np.empty((3, steps, count))
+    out, places = np.empty((3, steps, count)), np.empty((steps, 3))
     pulled = bool(drag.any() or cubic.any() or shake.any())
     for number in range(steps):
         time = number * PERIOD
@@ -70,7 +73,7 @@ def run_arm(
         q, v = engine.state()
         seen, rate = scale * q + offset, scale * v
         asked = np.clip(stiff * (wanted - seen) - damp * rate + share * engine.weight(seen), -limit, limit)
-        out[:, number] = seen, rate, asked
+        out[:, number], places[number] = (seen, rate, asked), engine.place()
         dry = patchy * (1 + np.sin(5 * q)) if patchy.any() else None
         if "touch_for" in hidden:
             engine.touch(_push(hidden, time))
@@ -85,10 +88,10 @@ def run_arm(
     grid = np.arange(steps) * PERIOD
     # A clock that is late, or that loses time: a sample's stamp is not when it was taken.
     late = hidden.get("clock_offset", 0.0) + hidden.get("clock_drift", 0.0) * times
-    shift = {"position": late, "velocity": late, "effort": 0.0}
+    shift = {"position": late, "velocity": late, "effort": 0.0, "tool": late}
     return {
         kind: np.stack([np.interp(times - shift[kind], grid, column) for column in values.T], axis=1)
-        for kind, values in zip(shift, out, strict=True)
+        for kind, values in zip(shift, (*out, places), strict=True)
     }
 
 

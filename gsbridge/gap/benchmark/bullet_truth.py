@@ -128,6 +128,11 @@ class _Running:
                 )
             self._world.stepSimulation()
 
+    def place(self) -> Array:
+        for number, value in zip(self._columns, self.state()[0], strict=True):
+            self._brain.resetJointState(self._brain_body, number, float(value))
+        return np.array(self._brain.getLinkState(self._brain_body, self._columns[-1], computeForwardKinematics=1)[4])
+
     def touch(self, force: Array) -> None:
         self._force = force
 

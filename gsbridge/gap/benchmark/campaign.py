@@ -35,7 +35,7 @@ __all__ = ["METHODS", "SPLITS", "TIERS", "TIER_SIZE", "case_keys", "diagnose_cas
 
 logger = logging.getLogger("gsbridge")
 
-_UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m"}
+_UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m", "tool": "m"}
 
 _REDRAWS = 20
 """Tries to find another joint where an effect shows, or another effect."""
@@ -189,8 +189,8 @@ def _table(record: Record) -> pd.DataFrame:
     """A record with units in its headers."""
     columns = {"time [s]": record.time}
     for kind, values in {**record.commands, **record.measured}.items():
-        for name, column in zip(record.joints, values.T, strict=True):
-            columns[f"{kind}.{name} [{_UNITS.get(kind, 'rad')}]"] = column
+        for number, column in enumerate(values.T):
+            columns[f"{record.label(kind, number)} [{_UNITS.get(kind, 'rad')}]"] = column
     return pd.DataFrame(columns)
 
 

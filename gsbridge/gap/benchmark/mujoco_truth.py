@@ -108,7 +108,7 @@ class _Running:
         self._rows = [model.joint(name).qposadr[0] for name in joints]
         self._dofs = [model.joint(name).dofadr[0] for name in joints]
         self._bare = model.dof_frictionloss[self._dofs].copy()
-        self._last = model.body(last).id
+        self._last, self._shown = model.body(last).id, mujoco.MjData(model)
 
     def begin(self, q: Array) -> None:
         self._data.qpos[self._rows] = q
@@ -124,6 +124,11 @@ class _Running:
         if dry is not None:
             self._model.dof_frictionloss[self._dofs] = self._bare + dry
         mujoco.mj_step(self._model, self._data, nstep=steps)
+
+    def place(self) -> Array:
+        self._shown.qpos[self._rows] = self.state()[0]
+        mujoco.mj_kinematics(self._model, self._shown)
+        return self._shown.xpos[self._last].copy()
 
     def touch(self, force: Array) -> None:
         self._data.xfrc_applied[self._last, :3] = force

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,8 +20,8 @@ SPLITS = ("development", "scored")
 
 TIER_SIZE = {"t0": 52, "t1": 164, "t2": 218, "t4": 64}
 
-_TOUCHED = {"t1": 8, "t2": 10}
-"""Cases of a whole tier in which the arm touches something for a while, beside those of the mix."""
+_FURTHER = {"t1": {"contact": 4, "tool": 4}, "t2": {"contact": 5, "tool": 5}}
+"""Cases of a whole tier beside those of the mix: the arm touches something for a while; of the arm only its tool is seen."""
 
 ALL_CHANNELS = ("position", "velocity", "effort")
 
@@ -67,7 +68,8 @@ class Order:
     Args:
         key: Its name, which says nothing about it.
         kind: What it tries: `single`, `pair`, `triple`, `unknown`, `free`, or a single effect under a difficulty: no efforts, a
-            short record, coloured noise, samples that were lost beside a clock that drifts, or an arm that touches something.
+            short record, coloured noise, samples that were lost beside a clock that drifts, an arm that touches something,
+            or one of which only the tool is seen.
         names: What is hidden.
         units: Size of each.
         seed: Of signs and noise.
@@ -107,9 +109,9 @@ def orders_of(
     """
     key = [TIERS.index(tier), SPLITS.index(split), seed]
     whole = TIER_SIZE[tier] if count is None else count
-    touched = _TOUCHED.get(tier, 0) if whole == TIER_SIZE[tier] else 0
+    further = _FURTHER.get(tier, {}) if whole == TIER_SIZE[tier] else {}
     draw = _photos if tier == IMAGES else _motions
-    orders = [*draw(whole - touched, split, names, strange, key), *_touching(touched, split, names, key)]
+    orders = [*draw(whole - sum(further.values()), split, names, strange, key), *_further(further, split, names, key)]
     # Numbers that say nothing about a case.
     places = np.random.default_rng([*key, 2]).permutation(whole)
     named = (replace(order, key=f"{tier}-{place:03d}") for order, place in zip(orders, places, strict=True))
@@ -145,13 +147,15 @@ def _motions(count: int, split: str, names: tuple[str, ...], strange: tuple[str,
     return out
 
 
-def _touching(count: int, split: str, names: tuple[str, ...], key: list[int]) -> list[Order]:
-    """Cases of an arm that touches something for a while, without keys."""
+def _further(counts: Mapping[str, int], split: str, names: tuple[str, ...], key: list[int]) -> list[Order]:
+    """Cases beside the mix, without keys: how many of each kind."""
     rng = np.random.default_rng([*key, 1])
     known, out = _Deck(names, rng), []
-    for number in range(count):
-        courses = _COURSES[split][number % 2]
-        out.append(Order("", "contact", known.draw(1), _UNITS[split][3], int(rng.integers(2**31)), courses, touched=True))
+    for kind, count in counts.items():
+        for number in range(count):
+            order = Order("", kind, known.draw(1), _UNITS[split][3], int(rng.integers(2**31)), _COURSES[split][number % 2])
+            alone = ("tool",) if kind == "tool" else ALL_CHANNELS
+            out.append(replace(order, channels=alone, touched=kind == "contact"))
     return out
 
 

@@ -108,6 +108,7 @@ def arm_plant(system: System, centre: Sequence[float], reach: Sequence[float]) -
         "position": np.full(count, 2e-4),
         "velocity": np.full(count, 5e-3),
         "effort": np.full(count, 0.05),
+        "tool": np.full(3, 2e-4),
     }
     return Plant(system.joints, np.asarray(centre, float), np.asarray(reach, float), noise, MujocoTruth(system), sizes, LARGEST)
 
@@ -118,8 +119,9 @@ _ARM = {
     "viscous": [2.0, 2.0, 1.0, 1.0, 0.2, 0.1, 0.02],
     "centre": [0.0, 0.4, 0.0, -1.2, 0.0, 0.8, 0.0],
     "reach": 0.5,
+    "tool": "lbr_iiwa_link_7",
 }
-"""The arm of the benchmark, an iiwa: gains of its controller, known losses, posture."""
+"""The arm of the benchmark, an iiwa: gains of its controller, known losses, posture, and the link that a tracker sees."""
 
 
 def arm_model(folder: str | Path) -> Path:
@@ -130,7 +132,7 @@ def arm_model(folder: str | Path) -> Path:
     with atomic_file(folder / "arm.urdf") as temporary:
         skeleton.write(temporary, skeleton.inertials)
     model = {"urdf": "arm.urdf", "joints": list(_ARM["joints"]), "controller": controller(*_ARM["controller"])}
-    model |= {"viscous": _ARM["viscous"], "effects": []}
+    model |= {"viscous": _ARM["viscous"], "tool": _ARM["tool"], "effects": []}
     with atomic_file(folder / "model.yaml") as temporary:
         temporary.write_text(yaml.safe_dump(model, sort_keys=False), encoding="utf-8")
     return folder / "model.yaml"

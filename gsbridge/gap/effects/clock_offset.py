@@ -5,8 +5,11 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from gsbridge.gap.effects.base import Effect, Parameter
+from gsbridge.gap.records import TOOL
 from gsbridge.gap.setup import Setup
 from gsbridge.geometry import Array
+
+MOTION = ("position", "velocity", TOOL)
 
 
 def restamp(setup: Setup, taken: Callable[[Array], Array]) -> None:
@@ -19,7 +22,7 @@ def restamp(setup: Setup, taken: Callable[[Array], Array]) -> None:
 
     def late(time: Array, channels: dict[str, Array]) -> dict[str, Array]:
         out = dict(channels)
-        for kind in ("position", "velocity"):
+        for kind in (kind for kind in MOTION if kind in channels):
             out[kind] = np.stack([np.interp(taken(time), time, column) for column in channels[kind].T], axis=1)
         return out
 

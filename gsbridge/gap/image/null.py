@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from gsbridge.gap.image.view import View
 from gsbridge.gap.tail import tail_p
@@ -83,7 +84,16 @@ class Null:
 
     def p_value(self, view: View, table: Array) -> float:
         """Probability that noise alone differs as much somewhere."""
-        middle = np.median(self.sums, axis=0)
-        spread = np.maximum(np.quantile(self.sums, 0.975, axis=0) - middle, 1e-9)
-        replicas = ((self.sums - middle) / spread).max(axis=1)
-        return tail_p(replicas, float(((sums(view, table) - middle) / spread).max()))
+        replicas = self._surprise(self.sums).max(axis=1)
+        return tail_p(replicas, float(self._surprise(sums(view, table)).max()))
+
+    def _surprise(self, found: Array) -> Array:
+        """Minus the logarithm of the chance of each sum: some are of one square, others of thousands, and those of few have
+        longer tails. Sums of squares are taken for chi-squared ones of the replicates' means and spreads. [..., K].
+
+        Source: Satterthwaite, Biometrics Bulletin 2, 1946.
+        """
+        mean, variance = self.sums.mean(axis=0), self.sums.var(axis=0)
+        counted = (mean > 0) & (variance > 0)
+        mean, variance = np.where(counted, mean, 1.0), np.where(counted, variance, 2.0)
+        return np.where(counted, -chi2.logsf(found * 2.0 * mean / variance, 2.0 * mean**2 / variance), 0.0)

@@ -1,0 +1,142 @@
+"""Records of an arm's tool alone: where it is, what an effect does to it, and what is named from that."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pybullet
+import pytest
+import yaml
+from pybullet_utils.bullet_client import BulletClient
+
+from gsbridge.errors import InputError
+from gsbridge.gap.assemble import build_setup
+from gsbridge.gap.benchmark.bullet_truth import BulletTruth
+from gsbridge.gap.benchmark.generate import _joined
+from gsbridge.gap.benchmark.mujoco_truth import MujocoTruth
+from gsbridge.gap.benchmark.plants import arm_model
+from gsbridge.gap.benchmark.trajectories import KINDS, course
+from gsbridge.gap.case import read_case
+from gsbridge.gap.mechanism_work import MechanismWork
+from gsbridge.gap.records import Record
+from gsbridge.gap.replay import Mechanism
+from gsbridge.gap.system import Applied, read_system
+
+CENTRE, REACH = np.array([0.0, 0.4, 0.0, -1.2, 0.0, 0.8, 0.0]), np.full(7, 0.5)
+LINK = "lbr_iiwa_link_7"
+NOISE = 2e-4
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    return arm_model(tmp_path_factory.mktemp("arm"))
+
+
+def test_place_of_a_link_is_that_of_pybullet(model):
+    system = read_system(model)
+    mechanism, rng = Mechanism(system), np.random.default_rng(0)
+    client = BulletClient(pybullet.DIRECT)
+    body = client.loadURDF(str(system.urdf), useFixedBase=True)
+    numbers = {client.getJointInfo(body, k)[1].decode(): k for k in range(client.getNumJoints(body))}
+    links = {client.getJointInfo(body, k)[12].decode(): k for k in range(client.getNumJoints(body))}
+    for q in rng.uniform(-1.5, 1.5, (5, 7)):
+        for name, value in zip(system.joints, q, strict=True):
+            client.resetJointState(body, numbers[name], float(value))
+        for link in (LINK, "lbr_iiwa_link_3"):
+            theirs = client.getLinkState(body, links[link], computeForwardKinematics=1)[4]
+            ours = mechanism.chain.place(link, q[None, mechanism.chain.order])[0]
+            np.testing.assert_allclose(ours, theirs, atol=1e-6)
+    client.disconnect()
+
+
+def motion(system, truth, hidden, role, duration=4.0):
+    """Commands and what a truth logs."""
+    kind = KINDS[role]
+    wanted = _joined(course(kind, CENTRE, REACH, duration, np.random.default_rng(len(role))), 100.0)
+    times = np.arange(round(100 * duration)) / 100
+    return times, np.array([wanted(t) for t in times]), truth(wanted, duration, times, hidden)
+
+
+@pytest.mark.parametrize("engine", [BulletTruth, MujocoTruth])
+def test_replayed_tool_is_that_of_the_engines(model, engine):
+    system = read_system(model)
+    times, sent, logged = motion(system, engine(system), {}, "fit", 2.5)
+    record = Record("fit", times, system.joints, {"command": sent}, {"tool": logged["tool"]})
+    mechanism = Mechanism(system)
+    state = (sent[0], np.zeros(7))
+    out = mechanism.run(record, build_setup(mechanism, ()), [(0, len(times))], [state])
+    own = mechanism.chain.place(LINK, logged["position"][:, mechanism.chain.order])
+    np.testing.assert_allclose(logged["tool"], own, atol=2e-6)
+    # By the model's step of a millisecond.
+    assert np.abs(out["tool"] - logged["tool"]).max() < 2e-4
+    # An encoder that errs moves the tool, and is not seen by itself.
+    off = [Applied("encoder_offset", system.joints[1], {"angle": 0.01})]
+    moved = mechanism.run(record, build_setup(mechanism, off), [(0, len(times))], [state])
+    arm = np.linalg.norm(logged["tool"][0] - [0, 0, 0.34])
+    assert np.linalg.norm(moved["tool"][0] - out["tool"][0]) == pytest.approx(0.01 * arm, rel=0.05)
+
+
+def write_case(folder, model, hidden):
+    """A case whose records hold commands and the tool."""
+    system, rng = read_system(model), np.random.default_rng(5)
+    for role in KINDS:
+        times, sent, logged = motion(system, MujocoTruth(system), hidden, role)
+        columns = {"time [s]": times}
+        columns |= {f"command.{name} [rad]": column for name, column in zip(system.joints, sent.T, strict=True)}
+        seen = 1e3 * (logged["tool"] + NOISE * rng.standard_normal(logged["tool"].shape))
+        columns |= {f"tool.{axis} [mm]": column for axis, column in zip("xyz", seen.T, strict=True)}
+        pd.DataFrame(columns).to_csv(folder / f"{role}.csv", index=False)
+    case = {"model": str(model), "records": {role: f"{role}.csv" for role in KINDS}}
+    (folder / "case.yaml").write_text(yaml.safe_dump(case), encoding="utf-8")
+    return folder / "case.yaml"
+
+
+LATE = {"command_delay", "lag", "clock_offset"}
+SECOND = "lbr_iiwa_joint_2"
+
+
+@pytest.mark.parametrize(
+    ("hidden", "names"), [({}, None), ({"command_delay": 0.02}, LATE), ({f"coulomb:{SECOND}": 4.0}, {"coulomb"})]
+)
+def test_tool_alone_tells_what_is_missing(model, tmp_path, hidden, names):
+    work = MechanismWork.read(write_case(tmp_path, model, hidden))
+    assert any("no joint positions" in reason for reason in work.reasons)
+    found = work.diagnose(tmp_path / "bank", 0)
+    if names is None:
+        assert found["verdict"] == "no_discrepancy", found["sentence"]
+        return
+    said = [effect["name"] for effect in found["effects"]]
+    assert found["verdict"] in ("named", "ambiguous"), found["sentence"]
+    assert said[0] in names
+    assert set(found["noise_floor"]) == {"tool.x", "tool.y", "tool.z"}
+    assert found["noise_floor"]["tool.x"] == pytest.approx(NOISE, rel=0.15)
+    values = [{name: row["value"] for name, row in effect["parameters"].items()} for effect in found["effects"]]
+    effects = [Applied(e["name"], e["joint"], v) for e, v in zip(found["effects"], values, strict=True)]
+    arrays, rows = work.replay(effects)
+    assert rows["records"]["verify"]["channels"] == ["tool.x", "tool.y", "tool.z"]
+    assert rows["records"]["verify"]["after"] < 0.5 * rows["records"]["verify"]["before"]
+    assert arrays["verify/position"].shape == (400, 7)
+
+
+def test_what_tells_no_tool_is_refused(model, tmp_path):
+    path = write_case(tmp_path, model, {})
+    content = yaml.safe_load(model.read_text(encoding="utf-8"))
+    bare = tmp_path / "bare.yaml"
+    bare.write_text(yaml.safe_dump({**content, "urdf": str(model.parent / "arm.urdf"), "tool": None}), encoding="utf-8")
+    case = yaml.safe_load(path.read_text(encoding="utf-8"))
+    path.write_text(yaml.safe_dump({**case, "model": str(bare)}), encoding="utf-8")
+    with pytest.raises(InputError, match="does not say which link"):
+        read_case(path)
+    bare.write_text(yaml.safe_dump({**content, "urdf": str(model.parent / "arm.urdf"), "tool": "hand"}), encoding="utf-8")
+    with pytest.raises(InputError, match="no link 'hand'"):
+        read_case(path)
+    table = pd.read_csv(tmp_path / "fit.csv").drop(columns="tool.y [mm]")
+    table.to_csv(tmp_path / "fit.csv", index=False)
+    path.write_text(yaml.safe_dump({**case, "model": str(model)}), encoding="utf-8")
+    with pytest.raises(InputError, match="none for joint 'y'"):
+        read_case(path)
+
+
+def test_system_with_a_tool_is_another(model):
+    system = read_system(model)
+    assert system.digest() != replace(system, tool="").digest()
