@@ -13,7 +13,7 @@ from gsbridge.files import atomic_file, read_json
 from gsbridge.report.gap_figures import UNITS, channel_name, draw_where
 from gsbridge.report.gap_parts import JUDGED, MECHANISM, THROWS, Parts, read_series
 from gsbridge.report.gap_template import GAP_PAGE
-from gsbridge.report.gap_words import LABELS, effect_title, explanation_title, looks_like, most, next_steps, plain, remains
+from gsbridge.report.gap_words import effect_title, explanation_title, head, looks_like, most, next_steps, plain, remains
 
 
 @dataclass(frozen=True)
@@ -55,15 +55,10 @@ def write_gap_report(case: str, files: CaseFiles, out: str | Path) -> None:
     select, explained = replays["records"]["select"], f"{JUDGED}/after" in series
     before_map = comparison["records"]["select"]["where"]
     parts = THROWS if about["mode"] == "body" else MECHANISM
-    label, tone = LABELS[findings["verdict"]]
     environment = jinja2.Environment(autoescape=True, trim_blocks=False, undefined=jinja2.StrictUndefined)
     text = environment.from_string(GAP_PAGE).render(
         case=case,
-        verdict=label,
-        tone=tone,
-        remaining=findings["something_remains"] and findings["verdict"] == "named",
-        reasons=findings["reasons"],
-        sentence=findings["sentence"],
+        **head(findings),
         numbers=parts.numbers(findings, replays["records"][JUDGED], explained),
         steps=next_steps(findings, about, screening, case),
         **parts.pictures(findings, series, replays["records"][JUDGED], explained),

@@ -28,23 +28,33 @@ dl { display: grid; grid-template-columns: max-content 1fr; gap: .25rem 1.2rem; 
 dt { color: var(--soft); } dd { margin: 0; overflow-wrap: anywhere; }
 """
 
-GAP_PAGE = (
-    """\
+
+def gap_page(title: str, lead: str, body: str) -> str:
+    """Template of a page that tells a finding: its sentence and what to do next come first.
+
+    Args:
+        title: Of the page.
+        lead: Line above the verdict.
+        body: What follows, down to the end of the page.
+    """
+    return f"""\
 <!DOCTYPE html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
-<title>gsbridge: the gap of {{ case }}</title>
+<title>{title}</title>
 <style>
-"""
-    + STYLE
-    + GAP_STYLE
-    + """</style>
+{STYLE}{GAP_STYLE}</style>
 </head>
 <body>
 <header>
-<p class="note">The gap of <b>{{ case }}</b>: what its simulation lacks</p>
+<p class="note">{lead}</p>
+{_HEADER}</header>
+{body}"""
+
+
+_HEADER = """\
 <span class="verdict {{ tone }}">{{ verdict }}</span>{% if remaining %} <span class="verdict warn">something remains</span>{% endif %}{% if reasons %} <span class="verdict warn">degraded</span>{% endif %}
 <p class="sentence">{{ sentence }}</p>
 <div class="numbers">
@@ -56,7 +66,12 @@ GAP_PAGE = (
 {% if reasons %}<div class="degraded-box"><p><b>Degraded</b>: the result holds with reserve.</p>
 {% for reason in reasons %}<p>{{ reason }}</p>
 {% endfor %}</div>{% endif %}
-</header>
+"""
+
+GAP_PAGE = gap_page(
+    "gsbridge: the gap of {{ case }}",
+    "The gap of <b>{{ case }}</b>: what its simulation lacks",
+    """\
 <h2 id="residuals">Before and after</h2>
 <p>{{ residuals_text }}</p>
 <figure class="picture"><img src="{{ residuals }}" alt="{{ residuals_alt }}"></figure>
@@ -111,5 +126,5 @@ GAP_PAGE = (
 <p class="note">For machines: <code>findings.json</code>, <code>comparison.json</code>, <code>screen.json</code> and <code>replays.json</code> beside this page. In motion: <code>results/rerun/gap/{{ case }}.rrd</code>, open with <code>rerun</code>.</p>
 </body>
 </html>
-"""
+""",
 )

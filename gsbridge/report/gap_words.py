@@ -20,6 +20,18 @@ LABELS = {
 """Verdicts for people, and whether they are an answer."""
 
 
+def head(found: Mapping[str, Any]) -> dict[str, Any]:
+    """What stands at the head of a page about findings, under the names of its template."""
+    label, tone = LABELS[found["verdict"]]
+    return {
+        "verdict": label,
+        "tone": tone,
+        "remaining": found["something_remains"] and found["verdict"] == "named",
+        "reasons": found["reasons"],
+        "sentence": found["sentence"],
+    }
+
+
 def explanation(names: Any) -> str:
     """One explanation: a set of effects with their joints, from a list of names or a joined text."""
     return names if isinstance(names, str) else " + ".join(names)

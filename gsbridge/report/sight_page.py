@@ -23,44 +23,18 @@ from gsbridge.files import atomic_file, read_json
 from gsbridge.geometry import Array
 from gsbridge.report.gap_figures import data_uri
 from gsbridge.report.gap_page import effect_notes, effect_rows
-from gsbridge.report.gap_template import GAP_STYLE
-from gsbridge.report.gap_words import LABELS, plain
-from gsbridge.report.page_style import STYLE
+from gsbridge.report.gap_template import gap_page
+from gsbridge.report.gap_words import head, plain
 
 _FULL = 6.0
 """Deviations that are drawn as white."""
 
 _TITLES = ("earlier photo", "later photo", "as expected", "apart before", "apart after")
 
-_PAGE = (
+_PAGE = gap_page(
+    "gsbridge: photos of {{ case }}",
+    "Photos of <b>{{ case }}</b>: what changed since the first day",
     """\
-<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>gsbridge: photos of {{ case }}</title>
-<style>
-"""
-    + STYLE
-    + GAP_STYLE
-    + """</style>
-</head>
-<body>
-<header>
-<p class="note">Photos of <b>{{ case }}</b>: what changed since the first day</p>
-<span class="verdict {{ tone }}">{{ verdict }}</span>{% if remaining %} <span class="verdict warn">something remains</span>{% endif %}{% if reasons %} <span class="verdict warn">degraded</span>{% endif %}
-<p class="sentence">{{ sentence }}</p>
-<div class="numbers">
-{% for item in numbers %}<div><b class="{{ item.tone }}">{{ item.value }}</b><span>{{ item.label }}</span></div>
-{% endfor %}</div>
-<div class="next"><p><b>What to do next</b></p>
-{% for step in steps %}<p>{{ step }}</p>
-{% endfor %}</div>
-{% if reasons %}<div class="degraded-box"><p><b>Degraded</b>: the result holds with reserve.</p>
-{% for reason in reasons %}<p>{{ reason }}</p>
-{% endfor %}</div>{% endif %}
-</header>
 <h2 id="pictures">Before and after</h2>
 <p>Views that neither fitting nor choosing has seen. Grey is what is apart, in units of the noise, white at {{ full }} times it; black where nothing is compared: at edges of things, where other things may come into sight.</p>
 <figure class="picture"><img src="{{ picture }}" alt="photos before, after, as expected, and what is apart"></figure>
@@ -93,7 +67,7 @@ _PAGE = (
 <p class="note">For machines: <code>findings.json</code> beside this page.</p>
 </body>
 </html>
-"""
+""",
 )
 
 
@@ -110,15 +84,10 @@ def write_sight_report(case: str, findings: str | Path, pictures: str | Path, ou
         InputError: A file is missing or damaged.
     """
     found, shown = read_json(findings), _read(pictures)
-    label, tone = LABELS[found["verdict"]]
     environment = jinja2.Environment(autoescape=True, trim_blocks=False, undefined=jinja2.StrictUndefined)
     text = environment.from_string(_PAGE).render(
         case=case,
-        verdict=label,
-        tone=tone,
-        remaining=found["something_remains"] and found["verdict"] == "named",
-        reasons=found["reasons"],
-        sentence=found["sentence"],
+        **head(found),
         numbers=_numbers(found),
         steps=_steps(found),
         full=f"{_FULL:g}",

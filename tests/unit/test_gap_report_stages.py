@@ -8,6 +8,7 @@ import pytest
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
 from gsbridge.gap.formats.store import load_records
+from gsbridge.gap.records import Record
 from gsbridge.gap.stages import load_work, write_case_records, write_comparison, write_replays
 from gsbridge.gap.where import GROUPS, where
 
@@ -169,7 +170,7 @@ def test_a_difference_in_one_direction_is_found_there():
     residual = np.random.default_rng(3).normal(size=(2000, 2))
     faster = (v[:, 0] > 0.05) & (q[:, 0] < -0.2)
     residual[faster, 0] *= 4
-    view = SimpleNamespace(record=SimpleNamespace(joints=("a", "b"), time=time), channels=(("position", 0), ("position", 1)))
+    view = SimpleNamespace(record=Record("fit", time, ("a", "b"), {}, {}), channels=(("position", 0), ("position", 1)))
     found = where(view, residual, outputs)
     columns = [name for names in GROUPS.values() for name in names]
     place = columns.index("speeds up +")
