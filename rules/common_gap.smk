@@ -8,6 +8,7 @@ from gsbridge.gap.formats.files import (
     case_name,
     case_path,
     check_asked_cases,
+    check_contents,
     check_own_cases,
 )
 
@@ -33,6 +34,7 @@ GAP_METHODS = [
 if workflow.is_main_process:
     check_asked_cases(sys.argv[1:], [*GAP_CASES, *LOOP_CASES])
     check_own_cases(GAP_CASES, LOOP_CASES)
+    check_contents(GAP["contents"], config["scenes"])
 
 
 def gap_case(wildcards):

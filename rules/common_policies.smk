@@ -80,6 +80,11 @@ def policy_memory(wildcards):
     return round(2350 + replay + 400 * (chosen["environments"] - 1))
 
 
+def policy_minutes(wildcards):
+    """Time limit of a training, minutes: with room for slow machines."""
+    return max(60, round(policy_settings(wildcards)["steps"] / 100))
+
+
 def policy_state(wildcards):
     """Where a training keeps its checkpoint."""
     return state_folder(

@@ -24,7 +24,7 @@ rule train_policy:
     threads: lambda wildcards: policy_settings(wildcards)["environments"]
     resources:
         mem_mb=policy_memory,
-        runtime="60m",
+        runtime=policy_minutes,
         gpu=lambda wildcards: int(policy_settings(wildcards)["device"] == "cuda"),
     params:
         code=code_digest("gsbridge.policy.stage"),

@@ -97,6 +97,9 @@ def _check(record: Record, system: System, source: Path, noise: Mapping[str, flo
             f"there are no columns 'command.{system.joints[0]}' with {record_needs}",
             f"Mode {system.controller.mode} needs them",
         )
+    if TOOL in record.measured and not system.tool and "position" in record.measured:
+        # A log may hold more than a model asks for.
+        record = replace(record, measured={kind: values for kind, values in record.measured.items() if kind != TOOL})
     if TOOL in record.measured and not system.tool:
         raise InputError(source, "it has columns 'tool.x', but the model does not say which link that is", "Add 'tool: LINK'")
     if "position" not in record.measured and not system.controller.closed_loop:

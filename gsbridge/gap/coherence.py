@@ -61,6 +61,13 @@ class _Pair:
         return turned @ self.ahead.T + turned.conj() @ self.back.T
 
 
+def has_related(view: View) -> bool:
+    """Whether a record has channels that measure the same motion: speeds beside positions, or a controller's efforts."""
+    kinds = {kind for kind, _ in view.channels}
+    efforts = "effort" in kinds and view.mechanism.system.controller.mode == "pd"
+    return "position" in kinds and ("velocity" in kinds or efforts)
+
+
 def coherence_p(views: Sequence[View], residuals: Sequence[Array], rng: np.random.Generator) -> float:
     """Probability that channels without any relation would agree as well as these do, at all frequencies or in one line.
 

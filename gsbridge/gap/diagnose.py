@@ -184,6 +184,11 @@ def describe(trial: Trial, finding: Finding) -> list[dict[str, Any]]:
 def sentence(diagnosis: Diagnosis) -> str:
     """The finding in words."""
     finding, checked = diagnosis.finding, diagnosis.verification
+    if finding.coloured and finding.untold:
+        return (
+            "No known effect: more than white noise is left, nothing learnt from one record holds on the other, and no two "
+            "channels here measure the same motion, which would tell noise of another colour from motion. Log speeds, too."
+        )
     if finding.coloured:
         return (
             "Simulation and measurement agree: what exceeds white noise is no motion, and nothing learnt from one record holds "

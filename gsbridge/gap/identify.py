@@ -11,7 +11,7 @@ import numpy as np
 from gsbridge.gap.bank import Bank
 from gsbridge.gap.candidates import Candidate
 from gsbridge.gap.closure import closed, closed_at_most_times
-from gsbridge.gap.coherence import coherence_p, line_p
+from gsbridge.gap.coherence import coherence_p, has_related, line_p
 from gsbridge.gap.detect import Null, calibrate
 from gsbridge.gap.fit import Fit, fit, polish
 from gsbridge.gap.screen import Match, Mixture, Screen
@@ -82,7 +82,8 @@ class Identification:
         moves = best is not None and self._transfers(best)
         if not moves and not self._is_motion():
             # What exceeds white noise is no motion, and nothing learnt from one record holds on the other.
-            return replace(self._quiet("no_discrepancy", p_value, unseen), coloured=True)
+            untold = not has_related(self.first)
+            return replace(self._quiet("no_discrepancy", p_value, unseen), coloured=True, untold=untold)
         if best is None:
             return self._quiet("none_of_the_known", p_value, unseen)
         if p_first >= rules.alarm and p_gain >= rules.alarm and not moves and not self._vibrates():

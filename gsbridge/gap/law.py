@@ -103,7 +103,7 @@ def simulate(
         every: Physics steps per control step.
         centred: Whether positions move with the mean of a step's two speeds, as under a constant torque, or with the new speed,
             as engines for games have it.
-        out: Result: measured position and speed, torque asked. [3, K, N].
+        out: Result: measured position and speed, torque asked, and position of what the joint moves. [4, K, N].
 
     Returns:
         Steps before the motion diverged; K if it never did.
@@ -174,6 +174,7 @@ def simulate(
                 asked[i] = min(max(wanted, -law[_LIMIT, i]), law[_LIMIT, i])
         for i in range(count):
             out[0, number, i], out[1, number, i], out[2, number, i] = seen_q[i], seen_v[i], asked[i]
+            out[3, number, i] = q[i]
             ring[number % slots, i] = asked[i]
             given = asked[i]
             if law[_DELAY, i] > 0.0:

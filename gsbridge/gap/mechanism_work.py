@@ -142,6 +142,7 @@ class MechanismWork:
             rows[role] = {
                 "before": float(np.sqrt((before**2).sum() / view.freedom)),
                 "after": float(np.sqrt((after**2).sum() / view.freedom)),
+                "joints_measured": "position" in item.measured,
                 "channels": [item.label(kind, k) for kind, k in view.channels],
                 "remains": where(view, after, explained).record(),
             }

@@ -193,7 +193,7 @@ def _per_joint(kind: str, dimension: str, joints: Sequence[str], column: _Column
         if values is None:
             raise InputError(
                 path,
-                f"there are '{kind}' columns, but none for joint '{joint}'",
+                f"there are '{kind}' columns, but no '{kind}.{joint}'",
                 f"Add '{kind}.{joint} [unit]', or leave the kind out",
             )
     return np.stack(found, axis=1)

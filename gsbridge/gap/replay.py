@@ -80,7 +80,7 @@ class Mechanism:
         for (first, end), (q, v) in zip(spans, states, strict=True):
             begin = int(round(record.time[first] / step))
             length = min(int(np.ceil((record.time[end - 1] - record.time[first]) / step)) + 2, steps - begin)
-            raw = np.full((3, length, count), np.nan)
+            raw = np.full((4, length, count), np.nan)
             q, v = true_state(setup, q, v)
             simulate(
                 chain.parents, chain.fixed, chain.axes, chain.slides, bodies, setup.gravity, self._brain, system.gravity, law,
@@ -88,13 +88,12 @@ class Mechanism:
                 q[order], v[order], float(record.time[first]), step, every, system.centred, raw,
             )  # fmt: skip
             channels: dict[str, Array] = {}
-            for kind, values in zip(("position", "velocity", "effort"), raw, strict=True):
+            for kind, values in zip(("position", "velocity", "effort"), raw[:3], strict=True):
                 channels[kind] = np.empty_like(values)
                 channels[kind][:, order] = values
             if TOOL in out:
-                # Encoders may err; the tool is where the joints really are.
-                true, _ = true_state(setup, channels["position"], channels["velocity"])
-                channels[TOOL] = chain.place(system.tool, true[:, order])
+                # Encoders may err, and see the motor's side of a soft joint; the tool is where the links really are.
+                channels[TOOL] = chain.place(system.tool, raw[3])
             grid = begin * step + step * np.arange(length)
             for hook in setup.outputs:
                 channels = hook(grid, channels)

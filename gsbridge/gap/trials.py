@@ -110,6 +110,7 @@ class Finding:
         runs: Simulations after the bank.
         unseen: Candidates that do not show in these records at any sensible size.
         coloured: Whether residuals exceed white noise without being motion.
+        untold: Whether no channels are related by motion, so that nothing could tell motion from coloured noise.
     """
 
     verdict: str
@@ -124,3 +125,4 @@ class Finding:
     runs: int
     unseen: tuple[str, ...] = field(default=())
     coloured: bool = False
+    untold: bool = False

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import signal
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -24,7 +27,8 @@ class Rollouts:
 
     def __init__(self, makers: Sequence[Callable[[], gymnasium.Env]]) -> None:
         # Forked: the main module of a job is a script, which a fresh interpreter would run a second time.
-        self._vector = AsyncVectorEnv(list(makers), autoreset_mode=AutoresetMode.DISABLED, context="fork")
+        alone = [partial(_undisturbed, maker) for maker in makers]
+        self._vector = AsyncVectorEnv(alone, autoreset_mode=AutoresetMode.DISABLED, context="fork")
 
     def __len__(self) -> int:
         """Environments."""
@@ -60,8 +64,19 @@ class Rollouts:
         ]
 
     def close(self) -> None:
-        """End the processes."""
-        self._vector.close()
+        """End the processes, also those that are in the middle of something or gone."""
+        for process in self._vector.processes:
+            process.terminate()
+        for process in self._vector.processes:
+            process.join()
+        self._vector.closed = True
+
+
+def _undisturbed(maker: Callable[[], gymnasium.Env]) -> gymnasium.Env:
+    """An environment whose process leaves Ctrl-C to its parent, which ends it."""
+    if multiprocessing.parent_process() is not None:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return maker()
 
 
 def _one(observations: Mapping[str, Array], infos: Mapping[str, Any], number: int) -> Seen:

@@ -125,6 +125,8 @@ class Trainer:
         self.rollouts = Rollouts(makers) if several else None
         # One thread: small networks gain little from more, and sums in another order would change the curve.
         torch.set_num_threads(1)
+        # Likewise: a GPU's fastest convolutions differ from run to run, and round to ten bits.
+        torch.backends.cudnn.deterministic, torch.backends.cudnn.benchmark, torch.backends.cudnn.allow_tf32 = True, False, False
         self.environment, self.controller, self.settings, self.seed = environment, controller, settings, seed
         self.state = None if state is None else Path(state)
         self.key = {"settings": asdict(settings), "environment": asdict(inside.settings), "seed": seed, **(key or {})}

@@ -19,7 +19,7 @@ from gsbridge.report.gap_benchmark_figures import (
     tier_title,
 )
 from gsbridge.report.gap_benchmark_template import BENCHMARK_PAGE
-from gsbridge.report.measured_gap import OURS, gap_figures, pooled, read_tiers
+from gsbridge.report.measured_gap import OURS, PHOTOS, gap_figures, pooled, read_tiers
 from gsbridge.report.results_page import shown, shown_floor, verdict
 from gsbridge.report.score import read_floors, score_figure
 
@@ -58,14 +58,20 @@ def write_gap_benchmark(scores: Sequence[str | Path], floors: str | Path, preset
 
 
 def headline(ours: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """The result in three sentences."""
-    right, wrong = (pooled([scores[key] for scores in ours.values()]) for key in ("named_right", "named_wrong"))
+    """The result in a few sentences; names in photos, whose units are far smaller, have one of their own."""
+    moving = [scores for tier, scores in ours.items() if tier != PHOTOS]
+    right, wrong = (pooled([scores[key] for scores in moving]) for key in ("named_right", "named_wrong"))
     alarms, strange = (pooled([scores[key] for scores in ours.values()]) for key in ("false_alarm", "unknown_abstained"))
     out = []
     if right["n"]:
         out.append(
             f"Of {right['n']} hidden effects of at least five times the detection limit, {_share(right)} were named right; "
             f"of {wrong['n']} of any size, {_share(wrong)} got a wrong name."
+        )
+    if PHOTOS in ours and ours[PHOTOS]["named_right"]["n"]:
+        seen, mistaken = (ours[PHOTOS][key] for key in ("named_right", "named_wrong"))
+        out.append(
+            f"In photos, {_share(seen)} of {seen['n']} were named right, and {_share(mistaken)} of {mistaken['n']} wrong."
         )
     if alarms["n"]:
         out.append(f"Where nothing was hidden, {_share(alarms)} of {alarms['n']} cases raised an alarm.")

@@ -56,7 +56,7 @@ summary { cursor: pointer; color: var(--accent); }
 <tbody>
 {% for row in tier.methods %}<tr><td>{% if loop.first %}<b>{{ row.name }}</b>{% else %}{{ row.name }}{% endif %}</td><td>{{ row.right }}</td><td>{{ row.wrong }}</td><td>{{ row.alarm }}</td><td>{{ row.unknown }}</td><td>{{ row.f1 }}</td><td>{{ row.closure }}</td><td>{{ row.simulations }}</td><td>{{ row.seconds }}</td></tr>
 {% endfor %}</tbody></table></div>
-<p class="note">Closure, simulations after the bank, and seconds: medians.{% if tier.left_out %} Not run: {{ tier.left_out }}.{% endif %}</p>
+<p class="note">Closure, simulations after the bank (of photos: sets of drawn pictures), and seconds: medians.{% if tier.left_out %} Not run: {{ tier.left_out }}.{% endif %}</p>
 {% if tier.race %}<figure class="picture"><img src="{{ tier.race }}" alt="right against wrong names" style="width: 38rem"><figcaption>The upper left corner is best: many right names, no wrong ones.</figcaption></figure>{% endif %}
 <figure class="picture"><img src="{{ tier.confusion }}" alt="confusion matrix" style="width: {{ tier.confusion_rem }}rem"><figcaption>Cases by what was hidden and what was answered, all sizes, without joints. Red: a wrong name or joint.</figcaption></figure>
 {{ outcomes("kind of case", tier.kinds) }}

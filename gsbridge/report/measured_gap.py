@@ -22,6 +22,9 @@ POOLED = {
 }
 """Rates over the cases of several tiers together, and the floors' names for them."""
 
+PHOTOS = "t4"
+"""Its cases draw pictures, where others simulate."""
+
 _DYNAMIC = ("t1", "t2")
 """Tiers whose cases count for names and closures: those of arms, whose truths are engines."""
 
@@ -62,8 +65,9 @@ def gap_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, A
         values = [scores[key] for scores in dynamic if scores[key] is not None]
         out[f"gap_{key}"] = _plain(min(values, default=None), sum(scores["named_right"]["n"] for scores in dynamic))
     for key in ("simulations_most", "bank_most"):
-        values = [scores[key] for scores in ours.values() if scores[key] is not None]
-        out[f"gap_{key}"] = _plain(max(values, default=None), sum(len(scores["list"]) for scores in ours.values()))
+        simulated = [scores for tier, scores in ours.items() if tier != PHOTOS]
+        values = [scores[key] for scores in simulated if scores[key] is not None]
+        out[f"gap_{key}"] = _plain(max(values, default=None), sum(len(scores["list"]) for scores in simulated))
     out["gap_interval_coverage_upper"] = out["gap_interval_coverage"]
     return {name: figure for name, figure in out.items() if figure["value"] is not None}
 

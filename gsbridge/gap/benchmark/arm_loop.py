@@ -97,7 +97,9 @@ def run_arm(
 
 def _push(hidden: Mapping[str, float], time: float) -> Array:
     """Force of what the arm touches: it grows and falls like half a wave. World frame, N. [3]."""
-    share = np.clip((time - hidden["touch_at"]) / hidden["touch_for"], 0.0, 1.0)
+    share = (time - hidden["touch_at"]) / hidden["touch_for"]
+    if not 0.0 < share < 1.0:
+        return np.zeros(3)
     return np.array([hidden["touch_x"], hidden["touch_y"], hidden["touch_z"]]) * np.sin(np.pi * share)
 
 

@@ -17,7 +17,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import atomic_directory, read_json, write_json
 from gsbridge.gap.benchmark.baselines import METHODS, run_baseline
 from gsbridge.gap.benchmark.generate import Case, NotShownError, draw_case
-from gsbridge.gap.benchmark.images import SIZES, STRANGE, ImageCase, draw_image_case
+from gsbridge.gap.benchmark.images import SIZES, STILL, STRANGE, ImageCase, draw_image_case
 from gsbridge.gap.benchmark.images import site_of as world_of
 from gsbridge.gap.benchmark.noises import STATED
 from gsbridge.gap.benchmark.orders import IMAGES, SPLITS, TIER_SIZE, TIERS, Order, orders_of
@@ -100,11 +100,13 @@ def _photo_cases(
     """Cases of photos: the manifest's rows."""
     rows = []
     for order in orders_of(IMAGES, split, tuple(SIZES), tuple(STRANGE), count, seed):
-        order, case = _drawn_photos(order, contents[order.course_seed % len(contents)])
+        pictures = contents[order.course_seed % len(contents)]
+        order, case = _drawn_photos(order, pictures)
         (made / order.key).mkdir()
         records = write_photos(made / order.key, case.pairs)
         rows.append({"key": order.key, "courses": order.course_seed, "records": records})
         truth = {**_common(order, split, seed), "plant": "camera", "hidden": dict(case.hidden), "twins": [], "sigma": {}}
+        truth["content"] = f"{len(pictures)} pictures" if len(pictures) else "paint"
         rows[-1]["truth_sha256"] = _sealed_truth(hidden, truth, {"clean": case.clean, "plain": case.plain})
         logger.info("%s drawn", order.key)
     return rows
@@ -117,8 +119,10 @@ def _drawn_photos(order: Order, pictures: Sequence[Array]) -> tuple[Order, Image
         InputError: Nothing shows.
     """
     site, rng = world_of(order.course_seed, pictures), np.random.default_rng(order.seed)
-    moving = None if order.names else bool(rng.integers(2))
+    # A camera in motion says nothing about what is hidden, though some effects show in motion alone.
+    wanders = bool(rng.integers(2))
     for _ in range(_REDRAWS):
+        moving = wanders or any(name in STILL for name in order.names)
         try:
             return order, draw_image_case(site, order.names, order.units, order.seed, moving=moving)
         except ValueError as error:

@@ -121,7 +121,7 @@ def orders_of(
 def _motions(count: int, split: str, names: tuple[str, ...], strange: tuple[str, ...], key: list[int]) -> list[Order]:
     """Cases of an axis or an arm, without keys."""
     rng = np.random.default_rng(key)
-    # Here numbers were drawn; the stream of what follows, and so the cases of earlier versions, stay.
+    # Numbers were drawn here once: without them, the arms' cases would be others than those of earlier versions.
     rng.permutation(count)
     known, odd = _Deck(names, rng), _Deck(strange, rng)
     out = []

@@ -84,12 +84,19 @@ class _Table:
         return [self._applied(number, float(along[number] / self.lengths[number] ** 2))]
 
     def largest(self) -> list[Applied]:
-        """All signatures together by linear least squares; the one that moved most in typical sizes."""
-        lows = np.array([row[3] for row in self.rows])
-        bounds = (np.minimum(lows, -1e-12) * self.lengths, np.inf)
-        factors = lsq_linear(self.columns / self.lengths, self.residual, bounds=bounds, max_iter=50).x / self.lengths
-        best = max(range(len(self.rows)), key=lambda k: abs(factors[k]) * self._typical(k))
-        return [self._applied(best, float(factors[best]))]
+        """Of every amplitude the signature that explains most, all together by linear least squares; the one that moved most in
+        typical sizes."""
+        gains = (self.columns.T @ self.residual / self.lengths) ** 2
+        kept: dict[tuple[ImageCandidate, str], int] = {}
+        for k, (who, _, name, _, _) in enumerate(self.rows):
+            if (who, name) not in kept or gains[k] > gains[kept[who, name]]:
+                kept[who, name] = k
+        chosen = list(kept.values())
+        lengths, lows = self.lengths[chosen], np.array([self.rows[k][3] for k in chosen])
+        bounds = (np.minimum(lows, -1e-12) * lengths, np.inf)
+        factors = lsq_linear(self.columns[:, chosen] / lengths, self.residual, bounds=bounds, max_iter=50).x / lengths
+        best = max(range(len(chosen)), key=lambda k: abs(factors[k]) * self._typical(chosen[k]))
+        return [self._applied(chosen[best], float(factors[best]))]
 
     def few(self) -> list[Applied]:
         """Signatures taken one by one by what they explain beside the others, until BIC is against it."""

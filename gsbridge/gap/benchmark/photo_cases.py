@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -90,7 +92,7 @@ def _pairs(path: Path, camera: Camera, role: str) -> Pairs:
             content["depths"], content["poses"], track, content.get("times"), repeats, role,
             hashlib.sha256(path.read_bytes()).hexdigest(),
         )  # fmt: skip
-    except (OSError, EOFError, KeyError, ValueError) as error:
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile, zlib.error) as error:
         raise InputError(path, f"the photos cannot be read ({error})", "Generate the cases again") from error
 
 
@@ -98,7 +100,8 @@ def photo_closure(folder: str | Path, clean: Array, plain: Array, effects: Seque
     """Share of the gap that effects close on `verify` against photos without noise, and what is left in units of the noise.
 
     As for motion: 1 - (after - floor) / (before - floor), the floor being the gap where nothing is hidden, which is that of the
-    noisy earlier photos themselves. None where what is hidden leaves photos without noise as they were: noise does.
+    noisy earlier photos themselves, and is no part of what is left. None where what is hidden leaves photos without noise as
+    they were: noise does.
 
     Args:
         folder: Of the case.
@@ -114,11 +117,13 @@ def photo_closure(folder: str | Path, clean: Array, plain: Array, effects: Seque
         return float(np.sqrt((view.residual(with_effects).astype(np.float64) ** 2).mean()))
 
     floor, before, after = gap(plain, ()), gap(clean, ()), gap(clean, effects)
-    return (1.0 - max(after - floor, 0.0) / (before - floor) if before > floor else None), after
+    closure = 1.0 - max(after - floor, 0.0) / (before - floor) if before > floor else None
+    return closure, float(np.sqrt(max(after**2 - floor**2, 0.0)))
 
 
 def contents_of(photos: Sequence[str | Path], renders: Sequence[str | Path], few: int = 4) -> tuple[tuple[Array, ...], ...]:
-    """Pictures that may lie on the tables of the worlds, in turn: none, photos, renders of splats.
+    """Pictures that may lie on the tables of the worlds, in turn: none, photos, renders of splats. Where there are none of a
+    kind, its worlds are painted, and the others stay as they are.
 
     Args:
         photos: Folders of photos.
@@ -128,7 +133,7 @@ def contents_of(photos: Sequence[str | Path], renders: Sequence[str | Path], few
     Raises:
         InputError: A folder holds no picture.
     """
-    return ((), *(found for folders in (photos, renders) if (found := tuple(_pictures(folders, few)))))
+    return (), tuple(_pictures(photos, few)), tuple(_pictures(renders, few))
 
 
 def _pictures(folders: Sequence[str | Path], few: int) -> list[Array]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -124,6 +124,21 @@ def _inside(path: Path) -> list[Path]:
     if path.is_dir():
         return sorted(file for file in path.rglob("*") if file.suffix in _NUMBERS and file.is_file())
     return [path] if path.is_file() else []
+
+
+def check_contents(contents: Mapping[str, Sequence[str]], scenes: Iterable[str]) -> None:
+    """Refuse contents of the benchmark's photos that are no scenes.
+
+    Raises:
+        InputError: One is none.
+    """
+    known = set(scenes)
+    for kind, names in contents.items():
+        for name in names:
+            if name not in known:
+                raise InputError(
+                    f"config: gap.contents.{kind}", f"there is no scene '{name}'", f"Use {', '.join(sorted(known))}"
+                )
 
 
 def check_own_cases(cases: Iterable[str], own: Iterable[str]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -61,9 +62,12 @@ def record_gap(
         positions["explained"] = motion[f"{JUDGED}/explained_position"]
         residuals["after"] = motion[f"{JUDGED}/after"]
     factor = enlargement(positions)
-    enlarged = f"Deviations from the measured motion are drawn {factor:g} times as large." if factor > 1 else ""
+    # Of an arm of which the tool alone was seen, joints stand where they were commanded to.
+    known = "measured" if rows.get("joints_measured", True) else "commanded"
+    enlarged = f"Deviations from the {known} motion are drawn {factor:g} times as large." if factor > 1 else ""
     time = motion[f"{JUDGED}/time"]
-    with recording(out, "gap", case, _layout(tuple(positions), system.joints, rows["channels"], factor)) as stream:
+    ways = {**WAYS, "measured": known.capitalize()}
+    with recording(out, "gap", case, _layout(tuple(positions), system.joints, rows["channels"], factor, ways)) as stream:
         stream.log("summary", rr.TextDocument(summary(found, enlarged), media_type="text/markdown"), static=True)
         _log_curves(stream, system.joints, rows["channels"], time, positions, residuals)
         _log_motion(stream, chain, centres, time, positions, factor)
@@ -154,11 +158,13 @@ def _log_curves(
             stream.send_columns(entity, times, rr.Scalars.columns(scalars=column.astype(np.float64)))
 
 
-def _layout(ways: tuple[str, ...], joints: tuple[str, ...], channels: list[str], factor: float) -> rrb.Container:
+def _layout(
+    ways: tuple[str, ...], joints: tuple[str, ...], channels: list[str], factor: float, titles: Mapping[str, str]
+) -> rrb.Container:
     """Mechanisms side by side above, curves below."""
     enlarged = f", deviation × {factor:g}" if factor > 1 else ""
     spaces = [
-        rrb.Spatial3DView(origin=way, name=WAYS[way] + ("" if way == "measured" else enlarged), contents="$origin/**")
+        rrb.Spatial3DView(origin=way, name=titles[way] + ("" if way == "measured" else enlarged), contents="$origin/**")
         for way in ways
     ]
     plots = [rrb.TimeSeriesView(origin=f"plots/position/{joint}", name=f"Position of {joint}, rad") for joint in joints]
