@@ -6,12 +6,14 @@ import cv2
 import numpy as np
 import pytest
 from robot_fixture import kinematics, robot
+from scipy.spatial import cKDTree
 
 from gsbridge.errors import InputError
 from gsbridge.images import linear_from_srgb
 from gsbridge.reality.mirror.objects import make_object
 from gsbridge.reality.mirror.studio import SCENES
 from gsbridge.reality.world import camera as module
+from gsbridge.reality.world.bodies import body_mesh, shown_mesh
 from gsbridge.reality.world.camera import MirrorCamera, Quality, Setting, expose, wrist_camera
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.robot.nominal import base_from_table
@@ -204,3 +206,19 @@ def test_direct_light_is_what_paths_of_that_length_bring(monkeypatch):
     # The noise of either is a few per cent of a pixel; that of the mean vanishes.
     assert direct.mean() == pytest.approx(paths.mean(), rel=0.01)
     np.testing.assert_allclose(direct, paths, atol=0.1)
+
+
+@pytest.mark.parametrize("name", ["cake", "bear"])
+def test_an_object_has_the_marks_that_it_had_in_its_film(name):
+    """Strokes are drawn at vertices; the mirror's coarser mesh must not have others. Compared at the same places."""
+    coarse, _ = shown_mesh(name, 1, 3.0)
+    filmed, _ = body_mesh(name, 1, 1.0)
+    distances, nearest = cKDTree(filmed.vertices).query(coarse.vertices)
+    near = distances < 4e-4
+    assert near.mean() > 0.5
+    difference = np.abs(coarse.colours[near] - filmed.colours[nearest[near]]).mean(1)
+    plain, _ = body_mesh(name, 1, 3.0)
+    repainted = np.abs(plain.colours[near] - filmed.colours[nearest[near]]).mean(1)
+    assert difference.mean() < 0.5 * repainted.mean()
+    # Where a mark ends between two vertices, the average differs from both.
+    assert np.quantile(difference, 0.9) < 0.06

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from gsbridge.asset.body import body_from_table
 from gsbridge.geometry import Array
@@ -20,6 +22,9 @@ DENSITIES = {"small_cube": 600.0, "cake": 350.0, "banana": 950.0, "bear": 120.0}
 
 _CONTACT_DETAIL, _MASS_DETAIL = 4.0, 2.0
 """Spacing of the meshes behind contact and mass, of that in films: vertices lie on the surface, so few suffice."""
+
+_NEIGHBOURS, _REACH = 6, 6e-4
+"""Vertices of the film's mesh that colour one of another, and how near, m: a film's spacing."""
 
 
 def body_mesh(name: str, seed: int, detail: float) -> tuple[Mesh, Array]:
@@ -40,6 +45,22 @@ def body_mesh(name: str, seed: int, detail: float) -> tuple[Mesh, Array]:
     mesh, normals = placed(mesh, normals, (0.0, 0.0), SCENES[name][2])
     shift = body_from_table(mesh)[:3, 3]
     return Mesh(mesh.vertices + np.array([shift[0], shift[1], 0.0]), mesh.faces, mesh.colours), normals
+
+
+@cache
+def shown_mesh(name: str, seed: int, detail: float) -> tuple[Mesh, Array]:
+    """A true object as `body_mesh` gives it, in the colours that it had in its film.
+
+    An object's strokes are painted at the vertices of its mesh, so that a mesh of another detail has others: other sprinkles on
+    the cake. Colours are therefore those of the film's mesh, averaged round each vertex. Arguments and errors as `body_mesh`.
+    """
+    mesh, normals = body_mesh(name, seed, detail)
+    filmed, _ = body_mesh(name, seed, 1.0)
+    distances, nearest = cKDTree(filmed.vertices).query(mesh.vertices, _NEIGHBOURS)
+    weights = np.exp(-((distances / _REACH) ** 2)) + 1e-12
+    weights /= weights.sum(1, keepdims=True)
+    colours = np.einsum("vk,vkc->vc", weights, filmed.colours[nearest])
+    return Mesh(mesh.vertices, mesh.faces, colours.astype(np.float32)), normals
 
 
 @dataclass(frozen=True)

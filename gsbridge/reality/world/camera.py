@@ -23,7 +23,7 @@ from gsbridge.images import linear_from_srgb, srgb_from_linear
 from gsbridge.meshes import Mesh
 from gsbridge.reality.mirror import studio  # its private parts too: an edit there would make every film stale
 from gsbridge.reality.mirror.backgrounds import BACKGROUNDS, TABLE_CENTRE_M, TABLE_SIZE_M, make_plate, table_texture
-from gsbridge.reality.world.bodies import body_mesh
+from gsbridge.reality.world.bodies import shown_mesh
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.robot.assembly import RobotFiles
 
@@ -109,7 +109,7 @@ class MirrorCamera:
         content = _room(mi, setting, hidden)
         shapes = {name: [_link(mi, mesh, colour, hidden) for mesh, colour in items] for name, items in robot.visuals().items()}
         if setting.object is not None:
-            shapes["object"] = [_object(mi, *body_mesh(setting.object, setting.seed, _DETAIL))]
+            shapes["object"] = [_object(mi, *shown_mesh(setting.object, setting.seed, _DETAIL))]
         for name, parts in shapes.items():
             group = f"group_{name}"
             content[group] = {"type": "shapegroup", **{f"part_{index}": part for index, part in enumerate(parts)}}
