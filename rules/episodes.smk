@@ -41,6 +41,7 @@ rule play_episode:
 rule photograph_episode:
     input:
         states="results/episodes/{object}+{background}/states.json",
+        item="results/scenes/{object}/asset/asset.json",
     output:
         photos=directory("results/episodes/{object}+{background}/mirror"),
         record="results/episodes/{object}+{background}/mirror.json",

@@ -29,6 +29,7 @@ rule photograph_postures:
     input:
         views="results/sight/postures",
         record="results/sight/postures.json",
+        item=f"results/scenes/{SIGHT_CELL['object']}/asset/asset.json",
     output:
         photos=directory("results/sight/photos/{world}"),
         record="results/sight/photos/{world}.json",

@@ -118,6 +118,7 @@ rule photograph_views:
     input:
         pictures="results/views/{object}+{background}/drawn",
         record="results/views/{object}+{background}/drawn.json",
+        item="results/scenes/{object}/asset/asset.json",
     output:
         photos=directory("results/views/{object}+{background}/mirror"),
         record="results/views/{object}+{background}/mirror.json",

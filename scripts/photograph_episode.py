@@ -18,6 +18,6 @@ photograph_episode(
     snakemake.params.seed,
     snakemake.output.photos,
     snakemake.output.record,
-    Exposure(snakemake.params.pieces, settings["size"], settings["samples"], snakemake.threads),
+    Exposure(snakemake.params.pieces, settings["size"], settings["samples"], snakemake.threads, item=snakemake.input.item),
     every=settings["every"],
 )

@@ -20,7 +20,7 @@ photograph_postures(
     further_world(asked.seed, world["seed"], world["hidden"], f"config: worlds.{snakemake.wildcards.world}"),
     snakemake.output.photos,
     snakemake.output.record,
-    Exposure(asked.pieces, asked.size, asked.samples, snakemake.threads, asked.first),
+    Exposure(asked.pieces, asked.size, asked.samples, snakemake.threads, asked.first, snakemake.input.item),
     shots=asked.shots,
     seed=world["seed"],
 )

@@ -18,5 +18,5 @@ photograph_states(
     snakemake.params.seed,
     snakemake.output.photos,
     snakemake.output.record,
-    Exposure(snakemake.params.pieces, settings["size"], settings["samples"], snakemake.threads),
+    Exposure(snakemake.params.pieces, settings["size"], settings["samples"], snakemake.threads, item=snakemake.input.item),
 )

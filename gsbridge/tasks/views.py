@@ -38,6 +38,17 @@ class ViewState:
     step: int
 
 
+def whole_pose(pose: Array) -> Array:
+    """`table_from_object` of x, y, yaw on the table, or itself. [3] or [4, 4] -> [4, 4]."""
+    if pose.shape == (4, 4):
+        return pose
+    x, y, yaw = pose
+    out = np.eye(4)
+    out[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+    out[:2, 3] = x, y
+    return out
+
+
 def write_states(path: str | Path, states: Sequence[ViewState], pose_set: str) -> None:
     """Write states as JSON."""
     write_json(

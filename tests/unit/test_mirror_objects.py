@@ -7,6 +7,9 @@ import pytest
 
 from gsbridge.errors import InputError
 from gsbridge.reality.mirror.objects import OBJECTS, make_object, mesh_of
+from gsbridge.reality.mirror.path import OBJECT_SPOT_M
+from gsbridge.reality.mirror.studio import SCENES, placed
+from gsbridge.reality.world.bodies import body_mesh, true_from_body
 
 # Extent in x, y, z, mm, and volume, cm3: what the real thing measures.
 SIZES = {
@@ -86,3 +89,19 @@ def test_meshing_matches_the_volume_of_a_cut_sphere():
 def test_unknown_object_is_refused():
     with pytest.raises(InputError, match="unknown"):
         make_object("teapot", 1)
+
+
+def test_a_reconstruction_with_another_footprint_is_put_where_the_true_object_stands():
+    """The step from its frame to the true one is the difference of the two footprints' middles."""
+    mesh, normals = make_object("banana", 1, 2.0)
+    filmed, _ = placed(mesh, normals, OBJECT_SPOT_M, SCENES["banana"][2])
+    # A banana of which the last 6 mm at one end of its box were not seen.
+    kept = filmed.vertices[:, 0] < filmed.vertices[:, 0].max() - 6e-3
+    middle = 0.5 * (filmed.vertices[kept, :2].min(0) + filmed.vertices[kept, :2].max(0))
+    body_from_table = np.eye(4)
+    body_from_table[:2, 3] = -middle
+    found = true_from_body("banana", 1, body_from_table)
+    true_body, _ = body_mesh("banana", 1, 2.0)
+    in_true = (filmed.vertices + body_from_table[:3, 3]) + found[:3, 3]
+    np.testing.assert_allclose(in_true, true_body.vertices, atol=1e-9)
+    assert found[0, 3] == pytest.approx(-3e-3, abs=3e-4)

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from gsbridge.asset.body import body_from_table
+from gsbridge.asset.body import body_from_table as true_body_from_table
 from gsbridge.geometry import Array
 from gsbridge.meshes import Mesh
 from gsbridge.reality.mirror.objects import make_object
+from gsbridge.reality.mirror.path import OBJECT_SPOT_M
 from gsbridge.reality.mirror.studio import SCENES, placed
 from gsbridge.reality.world.pieces import convex_pieces
 from gsbridge.robot.links import convex_hull
@@ -43,7 +44,7 @@ def body_mesh(name: str, seed: int, detail: float) -> tuple[Mesh, Array]:
     """
     mesh, normals = make_object(name, seed, detail)
     mesh, normals = placed(mesh, normals, (0.0, 0.0), SCENES[name][2])
-    shift = body_from_table(mesh)[:3, 3]
+    shift = true_body_from_table(mesh)[:3, 3]
     return Mesh(mesh.vertices + np.array([shift[0], shift[1], 0.0]), mesh.faces, mesh.colours), normals
 
 
@@ -61,6 +62,29 @@ def shown_mesh(name: str, seed: int, detail: float) -> tuple[Mesh, Array]:
     weights /= weights.sum(1, keepdims=True)
     colours = np.einsum("vk,vkc->vc", weights, filmed.colours[nearest])
     return Mesh(mesh.vertices, mesh.faces, colours.astype(np.float32)), normals
+
+
+def true_from_body(name: str, seed: int, body_from_table: Array) -> Array:
+    """Where the body frame of a reconstruction lies in that of the true object.
+
+    Both have the axes of the film's table and their origin in the middle of a footprint, but a reconstructed footprint is not
+    the true one: the tips of a banana are hard to see. Who puts the true object where a simulated one stands needs the step
+    between them.
+
+    Args:
+        name: One of the mirror's objects.
+        seed: Seed of the world's textures and shapes.
+        body_from_table: Of the reconstruction, from its film's table (`asset.json`). [4, 4].
+
+    Returns:
+        [4, 4].
+
+    Raises:
+        InputError: The name is unknown.
+    """
+    mesh, normals = make_object(name, seed, _MASS_DETAIL)
+    mesh, _ = placed(mesh, normals, OBJECT_SPOT_M, SCENES[name][2])
+    return np.asarray(true_body_from_table(mesh) @ np.linalg.inv(body_from_table))
 
 
 @dataclass(frozen=True)

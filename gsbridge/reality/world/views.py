@@ -7,14 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
+
+from gsbridge.asset.bundle import read_asset
 from gsbridge.files import atomic_directory, write_stage
 from gsbridge.images import write_image
 from gsbridge.logs import Progress
+from gsbridge.reality.world.bodies import true_from_body
 from gsbridge.reality.world.camera import Quality, Setting
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.layout import true_base_from_table, true_robot
 from gsbridge.reality.world.mirror import build_mirror
-from gsbridge.tasks.views import ViewState, read_states
+from gsbridge.tasks.views import ViewState, read_states, whole_pose
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,7 @@ class Exposure:
         samples: Samples per pixel, at least.
         threads: Threads to render with.
         first: Number of the first photo; each has the noise of its number.
+        item: `asset.json` of the object whose poses the states tell; None where they are those of the true object.
     """
 
     pieces: str | Path
@@ -34,6 +39,7 @@ class Exposure:
     samples: int
     threads: int = 1
     first: int = 0
+    item: str | Path | None = None
 
 
 def photograph_states(
@@ -101,16 +107,19 @@ def take_photos(
         **numbers: Further figures of the record.
 
     Raises:
-        InputError: Object or background are unknown, or a pose makes no sense.
+        InputError: Object or background are unknown, a pose makes no sense, or the asset cannot be read.
     """
-    progress = Progress(len(chosen), "photos")
+    progress, body_from_true = Progress(len(chosen), "photos"), np.eye(4)
+    if exposure.item is not None and setting.object is not None:
+        seen = read_asset(exposure.item).body_from_table
+        body_from_true = np.linalg.inv(true_from_body(setting.object, setting.seed, seen))
     with TemporaryDirectory() as folder, atomic_directory(out) as temporary:
         world = build_mirror(
             setting, true_robot(Path(folder) / "robot", hidden), true_base_from_table(hidden), hidden, pieces=exposure.pieces,
             threads=exposure.threads, quality=Quality(samples=exposure.samples),
         )  # fmt: skip
         for number, (name, state) in enumerate(chosen.items(), exposure.first):
-            world.place(state.q, state.aperture, state.object_pose, number)
+            world.place(state.q, state.aperture, whole_pose(state.object_pose) @ body_from_true, number)
             write_image(temporary / name, world.image(exposure.size))
             progress.update()
     write_stage(
