@@ -136,7 +136,9 @@ def _check_cells(key: str, cells: Sequence[Mapping[str, str]], scenes: Mapping[s
 
 def _check_workspace(workspace: Mapping[str, Any], scenes: Mapping[str, Mapping[str, Any]]) -> None:
     """Refuse a table that is no background, whose size would not be known, or that is not where the arm's photos were taken."""
-    background = workspace.get("background")
+    background, lit = workspace.get("background"), workspace.get("light")
+    if lit is not None:
+        _check_light(lit, background, scenes)
     if background is None:
         return
     place = "config: workspace.background"
@@ -149,6 +151,17 @@ def _check_workspace(workspace: Mapping[str, Any], scenes: Mapping[str, Mapping[
     if "typed" not in source and photographed != filmed:
         whose = ("the mirror's arm", "a table of yours") if photographed else ("your arm", "the mirror's table")
         raise InputError(place, f"{whose[0]} cannot see {whose[1]}", "Name the table under the board, or null")
+
+
+def _check_light(lit: str, background: str | None, scenes: Mapping[str, Mapping[str, Any]]) -> None:
+    """Refuse an object that throws no shadow on the table of the work place."""
+    place = "config: workspace.light"
+    if scenes.get(lit, {}).get("kind") != "object":
+        raise _unknown(place, lit, {name: None for name, scene in scenes.items() if scene["kind"] == "object"})
+    if background not in scenes:
+        raise InputError(place, "a shadow is compared with the table without it", "Name the table in workspace.background")
+    if ("film" in scenes[lit]["source"]) != ("film" in scenes[background]["source"]):
+        raise InputError(place, f"'{lit}' was not filmed on '{background}'", "Name an object that was, or null")
 
 
 def _check_edited(key: str, editing: Mapping[str, Any], scenes: Mapping[str, Mapping[str, Any]]) -> None:

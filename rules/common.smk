@@ -192,6 +192,20 @@ def workspace_background(wildcards):
     return f"results/scenes/{background}/asset/asset.json" if background else []
 
 
+def workspace_light(wildcards):
+    """What shows an object's shadow on the table of the work place; nothing where no object was filmed there."""
+    scene, background = config["workspace"]["light"], config["workspace"]["background"]
+    if scene is None:
+        return {}
+    return {
+        "item": f"results/scenes/{scene}/asset/asset.json",
+        "views": f"results/scenes/{scene}/align/views.json",
+        "images": f"results/scenes/{scene}/sfm/images",
+        "masks": f"results/scenes/{scene}/masks/images",
+        "background": f"results/scenes/{background}/asset/asset.json",
+    }
+
+
 def calibration_keyframes(wildcards):
     """Keyframes that calibrate a camera: those of its scenes in the preset, or of all its scenes if none is."""
     scenes = config["cameras"][wildcards.camera]["calibrate_from"]

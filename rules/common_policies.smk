@@ -49,6 +49,7 @@ def simulated_scene(wildcards):
         "robot_splats": "results/robot/splats",
         "registration": "results/workspace/registration.json",
         "photometry": "results/workspace/photometry.json",
+        "light": "results/workspace/light.json",
         "item": f"{item}/asset/asset.json",
         "background": f"results/scenes/{wildcards.background}/asset/asset.json",
         # A model that the workflow makes lies where it runs, others in the project.

@@ -105,6 +105,7 @@ def sight_scene(wildcards):
         "robot_splats": "results/robot/splats",
         "registration": "results/workspace/registration.json",
         "photometry": "results/workspace/photometry.json",
+        "light": "results/workspace/light.json",
         "item": f"results/scenes/{SIGHT_CELL['object']}/asset/asset.json",
         "background": f"results/scenes/{SIGHT_CELL['background']}/asset/asset.json",
         "model": str(ROOT / "models/nominal.yaml"),

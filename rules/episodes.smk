@@ -4,6 +4,7 @@ rule play_episode:
         robot_splats="results/robot/splats",
         registration="results/workspace/registration.json",
         photometry="results/workspace/photometry.json",
+        light="results/workspace/light.json",
         item="results/scenes/{object}/asset/asset.json",
         background="results/scenes/{background}/asset/asset.json",
         model=f"{workflow.basedir}/models/nominal.yaml",

@@ -48,6 +48,31 @@ rule calibrate_wrist_camera:
         "../scripts/calibrate_wrist_camera.py"
 
 
+rule calibrate_light:
+    input:
+        unpack(workspace_light),
+        robot="results/robot/description",
+        kernels=ancient("results/.state/compile_kernels.done"),
+    output:
+        record="results/workspace/light.json",
+    log:
+        "results/logs/calibrate_light.log",
+    benchmark:
+        "results/benchmarks/calibrate_light.jsonl"
+    conda:
+        "../envs/world.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime="10m",
+    params:
+        code=code_digest("gsbridge.environment.light"),
+    message:
+        "Find the light over the table from an object's shadow"
+    script:
+        "../scripts/calibrate_light.py"
+
+
 rule fit_robot_splats:
     input:
         robot="results/robot/description",
@@ -82,6 +107,7 @@ rule draw_views:
         robot_splats="results/robot/splats",
         registration="results/workspace/registration.json",
         photometry="results/workspace/photometry.json",
+        light="results/workspace/light.json",
         item="results/scenes/{object}/asset/asset.json",
         background="results/scenes/{background}/asset/asset.json",
         model=f"{workflow.basedir}/models/nominal.yaml",

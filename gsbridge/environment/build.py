@@ -12,8 +12,9 @@ import numpy as np
 from gsbridge.asset.bundle import Asset, read_asset
 from gsbridge.environment.controllers import GraspController, PlaceController, grip_of, stable_gain
 from gsbridge.environment.env import PickEnvironment
-from gsbridge.environment.gaussian_renderer import GaussianRenderer
+from gsbridge.environment.gaussian_renderer import OBJECT, GaussianRenderer
 from gsbridge.environment.lens import EFFECTS, Lens
+from gsbridge.environment.light import LightFile
 from gsbridge.environment.mesh_renderer import MeshRenderer
 from gsbridge.environment.photometry import Photometry, Response, read_photometry
 from gsbridge.environment.rendering import Renderer, wrist_camera
@@ -42,6 +43,7 @@ class StageFiles:
         registration: `registration.json` with `base_from_table`; None for the nominal place of the table.
         photometry: Response of the wrist camera and colours of the hand (`gsbridge.environment.photometry`); None for a camera
             that sees what the phone saw, and a robot in its description's colours.
+        light: Light over the table (`gsbridge.environment.light`), for shadows in pictures of `gs`; None for none.
         item_colour, background_colour: Mean colours of the photos inside their masks, sRGB 0..1; only `mesh` uses them; None
             for the meshes' means. [3].
     """
@@ -53,13 +55,14 @@ class StageFiles:
     robot_splats: str | Path | None = None
     registration: str | Path | None = None
     photometry: str | Path | None = None
+    light: str | Path | None = None
     item_colour: tuple[float, float, float] | None = None
     background_colour: tuple[float, float, float] | None = None
 
     @classmethod
     def of(cls, inputs: Mapping[str, str], item_colour: tuple[float, float, float] | None = None) -> StageFiles:
         """From a rule's inputs, which have the names of the files here; those it does without are None."""
-        named = {name: inputs.get(name) for name in ("robot_splats", "registration", "photometry")}
+        named = {name: inputs.get(name) for name in ("robot_splats", "registration", "photometry", "light")}
         needed = {name: inputs[name] for name in ("robot", "item", "background", "model")}
         return cls(**needed, **named, item_colour=item_colour)
 
@@ -76,7 +79,8 @@ def build_renderer(files: StageFiles, settings: EnvironmentSettings) -> Renderer
         if files.robot_splats is None:
             raise InputError("robot splats", "the renderer 'gs' draws the robot as splats", "Give their folder")
         links = read_robot_splats(files.robot_splats)
-        return GaussianRenderer(item.cloud(), background.cloud(), links, camera, surface=background.mesh())
+        shadows = None if files.light is None else LightFile.read(files.light).shadows(OBJECT, item)
+        return GaussianRenderer(item.cloud(), background.cloud(), links, camera, surface=background.mesh(), shadows=shadows)
     return MeshRenderer(
         item.mesh(),
         background.mesh(),

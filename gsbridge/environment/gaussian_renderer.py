@@ -10,8 +10,9 @@ from gsbridge.environment.robot_splats import mean_cloud_colour
 from gsbridge.geometry import Array
 from gsbridge.meshes import Mesh
 from gsbridge.scene.editing import Composition
+from gsbridge.scene.shadows import Shadows
 from gsbridge.scene.underlay import with_underlay
-from gsbridge.scene.view import Shot, render, shoot
+from gsbridge.scene.view import Shot, draw, shot_of, to_bytes
 from gsbridge.splats.cloud import Cloud
 
 OBJECT = "object"
@@ -28,6 +29,7 @@ class GaussianRenderer:
         camera: Pinhole.
         backdrop: Colour where there is no splat at all, sRGB 0..1; None for the background's mean colour. [3].
         threads: Threads; environments run side by side, so one each.
+        shadows: What dims the picture where robot and object stand in the light; None for the light of the films alone.
 
     Source: Wu et al., RL-GSBridge, equation 3 (see `gsbridge.scene.editing`).
     """
@@ -42,8 +44,9 @@ class GaussianRenderer:
         surface: Mesh | None = None,
         backdrop: Sequence[float] | None = None,
         threads: int = 1,
+        shadows: Shadows | None = None,
     ) -> None:
-        self.camera, self.threads = camera, threads
+        self.camera, self.threads, self.shadows = camera, threads, shadows
         colour = mean_cloud_colour(background) if backdrop is None else backdrop
         self.backdrop = (float(colour[0]), float(colour[1]), float(colour[2]))
         floor = background if surface is None else with_underlay(background, surface)
@@ -65,14 +68,20 @@ class GaussianRenderer:
 
     def render(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Array:
         """The picture; see `Renderer`. [H, W, 3] uint8."""
-        self.pose(body_poses)
-        return render(self.composition, self.camera, cam_from_table, self.backdrop, self.threads)
+        return to_bytes(self._drawn(body_poses, cam_from_table)[0])
 
     def shot(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Shot:
         """The picture with alpha and depth; its `coverage` tells how much of the view the splats fill."""
-        self.pose(body_poses)
-        return shoot(self.composition, self.camera, cam_from_table, self.backdrop, self.threads)
+        return shot_of(*self._drawn(body_poses, cam_from_table))
 
     def coverage(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> float:
         """Mean alpha of a view: 1 where no hole shows the backdrop."""
         return self.shot(body_poses, cam_from_table).coverage
+
+    def _drawn(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> tuple[Array, Array, Array]:
+        """Colours, alpha and summed depth of the bodies at their poses, in their shadows."""
+        self.pose(body_poses)
+        colours, alphas, depths = draw(self.composition, self.camera, cam_from_table, self.backdrop, self.threads)
+        if self.shadows is not None:
+            self.shadows.dim(colours, depths, alphas, self.camera, cam_from_table, body_poses)
+        return colours, alphas, depths

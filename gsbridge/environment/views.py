@@ -21,6 +21,9 @@ from gsbridge.sim.camera import respond
 from gsbridge.tasks.views import ViewState, write_states
 
 STATES = "states.json"
+UNSHADED = "gs_unshaded"
+"""Splats without the shadows of robot and object, to tell what these are worth."""
+
 SHARES = (0.35, 0.6, 0.8, 1.0)
 """Moments of a grasp, as shares of the steps until the object is held: one for each start pose in turn."""
 
@@ -54,6 +57,7 @@ def draw_views(
         StageError: No grasp holds the object.
     """
     renderers = {name: build_renderer(files, replace(settings, renderer=name)) for name in RENDERERS}
+    renderers[UNSHADED] = build_renderer(replace(files, light=None), replace(settings, renderer="gs"))
     environment = build_environment(files, replace(settings, renderer="mesh"))
     controller = build_controller(files.item, settings)
     # As the camera was calibrated; the model's noise would only blur the comparison.

@@ -19,8 +19,14 @@ from gsbridge.geometry import Array
 from gsbridge.images import psnr, read_image
 from gsbridge.report.rows import write_rows
 
-RENDERERS = ("gs", "mesh_vertex", "mesh")
-TITLES = {"photo": "reality", "gs": "splats", "mesh_vertex": "mesh, vertex colours", "mesh": "mesh, one colour"}
+RENDERERS = ("gs", "gs_unshaded", "mesh_vertex", "mesh")
+TITLES = {
+    "photo": "reality",
+    "gs": "splats",
+    "gs_unshaded": "splats, no shadows",
+    "mesh_vertex": "mesh, vertex colours",
+    "mesh": "mesh, one colour",
+}
 COLUMNS = ("object", "background", "renderer", "views", "psnr", "psnr_min", "psnr_max")
 SHOWN = 8
 

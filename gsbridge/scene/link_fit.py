@@ -19,7 +19,7 @@ from gsbridge.splats.rasterize import rasterize
 STEPS = 250
 """One random view each."""
 
-HOLES = 3.0
+HOLES = 1.5
 """A hole counts as much as this many times the same light outside the silhouette: what shines through is of another colour."""
 
 _IMAGE = 128

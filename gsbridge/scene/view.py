@@ -70,7 +70,11 @@ def shoot(
     Raises:
         ValueError: The camera has distortion.
     """
-    colours, alphas, depths = _draw(composition, camera, cam_from_world, background, threads)
+    return shot_of(*draw(composition, camera, cam_from_world, background, threads))
+
+
+def shot_of(colours: Array, alphas: Array, depths: Array) -> Shot:
+    """A shot from what `draw` gives."""
     return Shot(to_bytes(colours), alphas, depths / np.maximum(alphas, np.float32(1e-6)))
 
 
@@ -78,12 +82,13 @@ def render(
     composition: Composition, camera: Camera, cam_from_world: Array, background: Sequence[float] = BLACK, threads: int = 1
 ) -> Array:
     """Image of a composition as it is posed now, sRGB. Arguments as in `shoot`. [H, W, 3] uint8."""
-    return to_bytes(_draw(composition, camera, cam_from_world, background, threads)[0])
+    return to_bytes(draw(composition, camera, cam_from_world, background, threads)[0])
 
 
-def _draw(
+def draw(
     composition: Composition, camera: Camera, cam_from_world: Array, background: Sequence[float], threads: int
 ) -> tuple[Array, Array, Array]:
+    """Encoded colours [H, W, 3], not clamped, alpha [H, W] and alpha-weighted sum of camera z, m, [H, W]; as in `shoot`."""
     if not camera.is_pinhole:
         raise ValueError("splats are drawn by a camera without distortion")
     splats = composition.splats

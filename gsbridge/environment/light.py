@@ -1,0 +1,163 @@
+"""How the light falls on the work table, from the film of an object on it: the table round the object, with and without it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from gsbridge.asset.bundle import Asset, read_asset
+from gsbridge.cameras import View, Views
+from gsbridge.environment.photometry import OPAQUE, fit_response
+from gsbridge.errors import InputError
+from gsbridge.files import read_json, write_stage
+from gsbridge.geometry import Array
+from gsbridge.images import linear_from_srgb, read_image, read_mask, srgb_from_linear
+from gsbridge.logs import Progress
+from gsbridge.robot.assembly import RobotFiles
+from gsbridge.scene.editing import Composition
+from gsbridge.scene.light import WIDTH, SkyLight, directions, fit_light
+from gsbridge.scene.occlusion import moved, spheres_in, transmittances
+from gsbridge.scene.shadows import Shadows
+from gsbridge.scene.underlay import with_underlay
+from gsbridge.scene.view import shoot
+
+PICTURE_WIDTH = 320
+"""Photos are shrunk to this many pixels: finer detail than the splats hold would only scatter."""
+
+REACH = 0.25
+"""Distance from the object, m, up to which its shadow is looked for."""
+
+OBJECT_SPHERES, PART_SPHERES = 40, 8
+"""Spheres that stand for the object, and for each part of a link."""
+
+_EVERY_VIEW, _EVERY_PIXEL = 2, 7
+_MASK_BORDER = 5
+_LIT = 0.97
+"""Share of every direction's light from which a place counts as unshaded: these tell how the two films differ in colour."""
+
+_DARK = 0.03
+"""Linear value below which a ratio would be noise."""
+
+
+def calibrate_light(
+    record: str | Path,
+    *,
+    robot: str | Path,
+    item: str | Path | None = None,
+    views: Views | None = None,
+    masks: str | Path | None = None,
+    background: str | Path | None = None,
+) -> None:
+    """Find the light over the table, and what of the robot can stand in it.
+
+    Args:
+        record: Record of the stage; `read_shadows` reads it.
+        robot: Folder of the robot's description.
+        item: `asset.json` of the object whose film shows its shadow; None for no light and a degraded result.
+        views: Its registered photos.
+        masks: Folder of their masks.
+        background: `asset.json` of the table that it stood on, filmed without it.
+
+    Raises:
+        InputError: A file is missing or damaged, or the photos show too little of the table.
+    """
+    parts = RobotFiles.read(robot).visuals()
+    spheres = {
+        name: np.concatenate([spheres_in(mesh, PART_SPHERES) for mesh, _ in meshes]).tolist() for name, meshes in parts.items()
+    }
+    if item is None or views is None or masks is None or background is None:
+        reason = "no object was filmed on the table of the work place: pictures have no shadows"
+        write_stage(record, reasons=[reason], light=None, robot=spheres)
+        return
+    transmitted, ratios = _places(read_asset(item), views, Path(masks), read_asset(background))
+    light, scatter = fit_light(transmitted, ratios)
+    explained = float(np.median(np.abs(ratios - light.floor - transmitted @ light.shares)))
+    write_stage(
+        record,
+        packages=("scipy", "open3d"),
+        light=light.record(),
+        robot=spheres,
+        places=len(ratios),
+        scatter=scatter,
+        median_error_before=float(np.median(np.abs(ratios - 1.0))),
+        median_error_after=explained,
+    )
+
+
+def _places(item: Asset, views: Views, masks: Path, background: Asset) -> tuple[Array, Array]:
+    """Transmittances [N, M] and brightness ratios [N] of places on the table round the object."""
+    table_from_body = np.linalg.inv(item.body_from_table)
+    spheres = moved(spheres_in(item.mesh(), OBJECT_SPHERES), table_from_body)
+    floor = Composition({}, with_underlay(background.cloud(), background.mesh()))
+    drawn, seen, points = [], [], []
+    chosen = list(views)[::_EVERY_VIEW]
+    progress = Progress(len(chosen), "photos")
+    for view in chosen:
+        before, after, where = _compared(view, views.path(view), masks, floor, table_from_body[:2, 3])
+        drawn.append(before), seen.append(after), points.append(where)
+        progress.update()
+    before, after = np.concatenate(drawn), np.concatenate(seen)
+    transmitted = transmittances(np.concatenate(points), spheres, directions(), WIDTH)
+    # The two films differ in exposure and white balance; that much shows where no shadow is.
+    response = fit_response(*(values[transmitted.min(1) > _LIT] for values in (before, after)))
+    light = linear_from_srgb(before).mean(1)
+    usable = light > _DARK
+    ratios = linear_from_srgb(response.undo(after)).mean(1)[usable] / light[usable]
+    return transmitted[usable], np.clip(ratios, 0.0, 2.0)
+
+
+def _compared(view: View, path: Path, masks: Path, floor: Composition, middle: Array) -> tuple[Array, Array, Array]:
+    """Colours of the table as the splats have it and as a photo shows it round the object, [N, 3] each, and where. [N, 3]."""
+    small = view.camera.scaled(PICTURE_WIDTH / view.camera.width)
+    size = (small.width, small.height)
+    light = linear_from_srgb(read_image(path).astype(np.float64)).astype(np.float32)
+    photo = srgb_from_linear(cv2.resize(light, size, interpolation=cv2.INTER_AREA).astype(np.float64))
+    mask = cv2.resize(read_mask(masks / f"{Path(view.name).stem}.png").astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    hidden = cv2.dilate((mask > 0.05).astype(np.uint8), np.ones((_MASK_BORDER, _MASK_BORDER))) > 0
+    shot = shoot(floor, small, view.cam_from_table)
+    table_from_cam = np.linalg.inv(view.cam_from_table)
+    rays = small.pixel_rays() @ table_from_cam[:3, :3].T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        points = table_from_cam[:3, 3] - (table_from_cam[2, 3] / rays[..., 2])[..., None] * rays
+    near = np.linalg.norm(points[..., :2] - middle, axis=-1) < REACH
+    inside = np.flatnonzero((shot.alphas > OPAQUE) & ~hidden & near & (rays[..., 2] < 0))[::_EVERY_PIXEL]
+    pixels = shot.pixels.reshape(-1, 3)[inside] / 255.0
+    return pixels, photo.reshape(-1, 3)[inside], points.reshape(-1, 3)[inside]
+
+
+@dataclass(frozen=True)
+class LightFile:
+    """What `calibrate_light` found.
+
+    Args:
+        light: None where no film shows it.
+        robot: Spheres of the links, link frames. [S, 4] each.
+    """
+
+    light: SkyLight | None
+    robot: Mapping[str, Array]
+
+    @classmethod
+    def read(cls, path: str | Path) -> LightFile:
+        """Read the record of the stage.
+
+        Raises:
+            InputError: The file is missing or damaged.
+        """
+        content = read_json(path)
+        try:
+            robot = {name: np.array(spheres, dtype=np.float64).reshape(-1, 4) for name, spheres in content["robot"].items()}
+            light = content["light"]
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise InputError(path, f"the light is damaged ({error!r})", "Delete it and calibrate again") from error
+        return cls(None if light is None else SkyLight.of(light, str(path)), robot)
+
+    def shadows(self, name: str, item: Asset) -> Shadows | None:
+        """What dims pictures with an object, or None without a light."""
+        if self.light is None:
+            return None
+        return Shadows(self.light, self.robot, (name, spheres_in(item.mesh(), OBJECT_SPHERES)))

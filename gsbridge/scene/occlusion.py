@@ -1,0 +1,125 @@
+"""What stands between a point and the sky: bodies as a few spheres, and the share of each direction's light that they leave."""
+
+from __future__ import annotations
+
+from gsbridge.kernels import njit  # isort: skip  (first: it sets numba's cache folder)
+
+import math
+
+import numpy as np
+
+from gsbridge.geometry import Array
+from gsbridge.libraries import import_open3d
+from gsbridge.meshes import Mesh
+
+POINTS = 4000
+"""Places inside a body from which spheres are chosen, at most about."""
+
+SHARE = 0.97
+"""Share of them that spheres need to hold."""
+
+
+def spheres_in(mesh: Mesh, count: int) -> Array:
+    """Spheres that fill a body: each the one that holds most of what the ones before it left.
+
+    Args:
+        mesh: Closed surface, m.
+        count: Spheres, at most.
+
+    Returns:
+        Centre and radius, m; none where the mesh has no inside. [S, 4].
+    """
+    low, size = mesh.vertices.min(0), np.ptp(mesh.vertices, axis=0)
+    cell = float(max(size.max() / 30, (size.prod() / POINTS) ** (1 / 3)))
+    axes = [low[i] + cell * (np.arange(max(1, round(size[i] / cell))) + 0.5) for i in range(3)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    depths = _depths(mesh, points)
+    points, depths = points[depths > 0], depths[depths > 0]
+    if not len(points):
+        return np.zeros((0, 4))
+    # Half a cell more, so that the spheres reach the surface between the places that were tried.
+    radii = depths + 0.5 * cell
+    tried = np.argsort(-depths)[:: max(1, len(points) // 1000)]
+    held = np.linalg.norm(points[tried][:, None] - points[None], axis=-1) < radii[tried][:, None]
+    left, out = np.ones(len(points), bool), []
+    while len(out) < count and left.mean() > 1 - SHARE:
+        gains = (held & left).sum(1)
+        best = int(np.argmax(gains))
+        if gains[best] == 0:
+            break
+        out.append([*points[tried[best]], radii[tried[best]]])
+        left &= ~held[best]
+    return np.array(out)
+
+
+def _depths(mesh: Mesh, points: Array) -> Array:
+    """Distance of points from a surface, positive inside. [N]."""
+    open3d = import_open3d()
+    scene = open3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(open3d.core.Tensor(mesh.vertices.astype(np.float32)), open3d.core.Tensor(mesh.faces.astype(np.uint32)))
+    distances = scene.compute_signed_distance(open3d.core.Tensor(points.astype(np.float32)), nthreads=1)
+    return -np.asarray(distances.numpy(), dtype=np.float64)
+
+
+def moved(spheres: Array, pose: Array) -> Array:
+    """Spheres of a body at a pose. [S, 4], [4, 4] -> [S, 4]."""
+    return np.concatenate([spheres[:, :3] @ pose[:3, :3].T + pose[:3, 3], spheres[:, 3:]], axis=1)
+
+
+@njit(error_model="numpy", fastmath=True)
+def left_by(px, py, pz, sphere, dx, dy, dz, width):  # type: ignore[no-untyped-def]
+    """Share of the light from a direction, blurred by an angle, that a sphere lets through to a point."""
+    x, y, z, radius = sphere[0] - px, sphere[1] - py, sphere[2] - pz, sphere[3]
+    along = x * dx + y * dy + z * dz
+    square = x * x + y * y + z * z
+    # What lies behind a point does not shade it, and a sphere that holds it is the body that it belongs to.
+    if along <= 0.0 or square <= radius * radius:
+        return np.float32(1.0)
+    half = width * along + np.float32(1e-4)
+    across = square - along * along
+    if across >= (radius + half) * (radius + half):
+        return np.float32(1.0)
+    blocked = min((radius + half - math.sqrt(max(across, np.float32(0.0)))) / (np.float32(2.0) * half), np.float32(1.0))
+    if radius < half:
+        # Smaller than the source: it never hides all of it.
+        blocked *= radius * radius / (half * half)
+    return np.float32(1.0) - blocked
+
+
+@njit(error_model="numpy", fastmath=True)
+def _transmittances(points, spheres, directions, width, out):  # type: ignore[no-untyped-def]
+    for i in range(points.shape[0]):
+        for m in range(directions.shape[0]):
+            left = np.float32(1.0)
+            for s in range(spheres.shape[0]):
+                left = min(
+                    left,
+                    left_by(
+                        points[i, 0], points[i, 1], points[i, 2], spheres[s],
+                        directions[m, 0], directions[m, 1], directions[m, 2], width,
+                    ),
+                )  # fmt: skip
+            out[i, m] = left
+
+
+def transmittances(points: Array, spheres: Array, directions: Array, width: float) -> Array:
+    """Share of each direction's light that reaches each point; of several spheres in the way the one that hides most counts.
+
+    Args:
+        points: m. [N, 3].
+        spheres: Centre and radius, m. [S, 4].
+        directions: Unit vectors towards the light. [M, 3].
+        width: Half angle of each direction's source, rad.
+
+    Returns:
+        0..1. [N, M] float32.
+    """
+    out = np.ones((len(points), len(directions)), np.float32)
+    _transmittances(
+        np.ascontiguousarray(points, np.float32),
+        np.ascontiguousarray(spheres, np.float32),
+        np.ascontiguousarray(directions, np.float32),
+        np.float32(width),
+        out,
+    )
+    return out

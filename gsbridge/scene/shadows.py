@@ -1,0 +1,215 @@
+"""Shadows in a drawn picture: splats carry the light of their film, and bodies that were not there take some of it away.
+
+The picture's own depth tells where each pixel's surface lies. On a coarse grid of pixels the share of the light that bodies,
+as spheres, leave is summed over the sky's parts; every pixel is then dimmed by the grid points round it that lie at its height.
+Surfaces count as level, which the wrist camera, looking down, mostly sees; the robot itself is left as it is.
+"""
+
+from __future__ import annotations
+
+from gsbridge.kernels import njit  # isort: skip  (first: it sets numba's cache folder)
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from gsbridge.cameras import Camera
+from gsbridge.geometry import Array
+from gsbridge.scene.light import WIDTH, SkyLight, directions
+from gsbridge.scene.occlusion import moved
+
+GRID = 21
+"""Points along each edge of the picture at which the light is summed."""
+
+LEAST = 0.003
+"""Share below which a part of the sky is added to the floor instead of being traced."""
+
+TABLE_HEIGHT = 0.006
+"""m: what lies lower is the table, which the object shades too; what lies higher may be the object, which has its own shade."""
+
+ROBOT_MARGIN = 0.003
+"""m round the robot's spheres within which a surface is the robot's."""
+
+_NOWHERE = -1e3
+"""Height of a point where nothing is drawn: NaN means nothing to kernels that compute fast."""
+
+_SAME_HEIGHT = 0.012
+_GAMMA, _OFFSET = 2.4, 0.055
+"""Of sRGB's encoding of all but the darkest light: `1.055 light^(1 / 2.4) - 0.055`."""
+
+
+@njit(error_model="numpy", fastmath=True)
+def _points(depths, alphas, lens, table_from_cam, step, out):  # type: ignore[no-untyped-def]
+    """Surface points of the grid's pixels, table frame, far below where nothing is drawn. Returns centre and radius of all."""
+    rows, columns = out.shape[0], out.shape[1]
+    low, high = np.full(3, np.float32(1e9)), np.full(3, np.float32(-1e9))
+    for i in range(rows):
+        for j in range(columns):
+            v, u = i * step + step // 2, j * step + step // 2
+            if alphas[v, u] < 0.5:
+                out[i, j, 2] = _NOWHERE
+                continue
+            z = depths[v, u] / alphas[v, u]
+            x, y = z * (u + np.float32(0.5) - lens[2]) / lens[0], z * (v + np.float32(0.5) - lens[3]) / lens[1]
+            for k in range(3):
+                value = table_from_cam[k, 0] * x + table_from_cam[k, 1] * y + table_from_cam[k, 2] * z + table_from_cam[k, 3]
+                out[i, j, k] = value
+                low[k], high[k] = min(low[k], value), max(high[k], value)
+    middle = np.float32(0.5) * (low + high)
+    return middle, np.float32(0.5) * math.sqrt(((high - low) ** 2).sum())
+
+
+@njit(error_model="numpy", fastmath=True)
+def _frame(dx, dy, dz):  # type: ignore[no-untyped-def]
+    """Two unit vectors across a direction that does not lie level along x."""
+    length = math.sqrt(dy * dy + dz * dz)
+    ax, ay, az = np.float32(0.0), dz / length, -dy / length
+    return ax, ay, az, dy * az - dz * ay, dz * ax - dx * az, dx * ay - dy * ax
+
+
+@njit(error_model="numpy", fastmath=True)
+def _shade(along, side, up, high, s_along, s_side, s_up, radius, is_item, left):  # type: ignore[no-untyped-def]
+    """What a sphere leaves of a direction's light at all points, in coordinates along and across the direction.
+
+    The same as `gsbridge.scene.occlusion.left_by`, without branches, so that many points are computed at a time.
+    """
+    width, tiny, one, zero = np.float32(WIDTH), np.float32(1e-4), np.float32(1.0), np.float32(0.0)
+    square = radius * radius
+    for i in range(along.shape[0]):
+        a, b, c = s_along - along[i], s_side - side[i], s_up - up[i]
+        across = b * b + c * c
+        half = max(width * a, zero) + tiny
+        blocked = min(max((radius + half - math.sqrt(across)) / (half + half), zero), one)
+        blocked *= min(square / (half * half), one)
+        outside = one if a > zero and across + a * a > square else zero
+        shades = one - is_item * high[i]
+        left[i] = min(left[i], one - blocked * outside * shades)
+
+
+@njit(error_model="numpy", fastmath=True)
+def _light(points, middle, reach, spheres, robot, sources, shares, floor, work, tone):  # type: ignore[no-untyped-def]
+    """Share of the light at each point, to the power that colours are encoded with.
+
+    Args:
+        points: [N, 3].
+        middle, reach: Ball that holds them.
+        spheres: Robot's first, then the object's. [S, 4].
+        robot: How many are the robot's.
+        sources, shares, floor: The light. [M, 3], [M].
+        work: Work space. [5, N].
+        tone: Output. [N].
+    """
+    along, side, up, high, left = work[0], work[1], work[2], work[3], work[4]
+    width = np.float32(WIDTH)
+    tone[:] = floor
+    for i in range(points.shape[0]):
+        high[i] = 1.0 if points[i, 2] >= TABLE_HEIGHT else 0.0
+    for m in range(sources.shape[0]):
+        dx, dy, dz = sources[m, 0], sources[m, 1], sources[m, 2]
+        ax, ay, az, bx, by, bz = _frame(dx, dy, dz)
+        for i in range(points.shape[0]):
+            x, y, z = points[i, 0], points[i, 1], points[i, 2]
+            along[i], side[i], up[i] = x * dx + y * dy + z * dz, x * ax + y * ay + z * az, x * bx + y * by + z * bz
+            left[i] = 1.0
+        far = middle[0] * dx + middle[1] * dy + middle[2] * dz
+        off_side = middle[0] * ax + middle[1] * ay + middle[2] * az
+        off_up = middle[0] * bx + middle[1] * by + middle[2] * bz
+        for s in range(spheres.shape[0]):
+            x, y, z, radius = spheres[s, 0], spheres[s, 1], spheres[s, 2], spheres[s, 3]
+            s_along, s_side, s_up = x * dx + y * dy + z * dz, x * ax + y * ay + z * az, x * bx + y * by + z * bz
+            ahead = s_along - far + reach
+            across = math.sqrt((s_side - off_side) ** 2 + (s_up - off_up) ** 2)
+            if ahead > 0 and across < radius + reach + width * ahead:
+                is_item = np.float32(1.0) if s >= robot else np.float32(0.0)
+                _shade(along, side, up, high, s_along, s_side, s_up, radius, is_item, left)
+        for i in range(points.shape[0]):
+            tone[i] += shares[m] * left[i]
+    for i in range(points.shape[0]):
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        bare = pz == _NOWHERE
+        if pz >= TABLE_HEIGHT:
+            for s in range(robot):
+                x, y, z = spheres[s, 0] - px, spheres[s, 1] - py, spheres[s, 2] - pz
+                edge = spheres[s, 3] + np.float32(ROBOT_MARGIN)
+                bare = bare or x * x + y * y + z * z < edge * edge
+        tone[i] = np.float32(1.0) if bare else np.float32(tone[i] ** (1.0 / _GAMMA))
+
+
+@njit(error_model="numpy", fastmath=True)
+def _dim(image, depths, alphas, lens, table_from_cam, step, points, tone):  # type: ignore[no-untyped-def]
+    """Dim every pixel by the tone of the four grid points round it, those at its height foremost."""
+    rows, columns = tone.shape
+    offset = np.float32(_OFFSET)
+    for v in range(image.shape[0]):
+        for u in range(image.shape[1]):
+            if alphas[v, u] < 0.5:
+                continue
+            z = depths[v, u] / alphas[v, u]
+            x, y = z * (u + np.float32(0.5) - lens[2]) / lens[0], z * (v + np.float32(0.5) - lens[3]) / lens[1]
+            height = table_from_cam[2, 0] * x + table_from_cam[2, 1] * y + table_from_cam[2, 2] * z + table_from_cam[2, 3]
+            # Whole numbers fall on the grid's pixels.
+            a, b = (v - step // 2) / step, (u - step // 2) / step
+            i, j = int(math.floor(a)), int(math.floor(b))
+            total, weight = np.float32(0.0), np.float32(0.0)
+            for p in range(2):
+                for q in range(2):
+                    r, c = min(max(i + p, 0), rows - 1), min(max(j + q, 0), columns - 1)
+                    if points[r, c, 2] == _NOWHERE:
+                        continue
+                    share = abs(1 - p - (a - i)) * abs(1 - q - (b - j)) + np.float32(1e-3)
+                    if abs(points[r, c, 2] - height) > _SAME_HEIGHT:
+                        share *= np.float32(1e-3)
+                    total += share * tone[r, c]
+                    weight += share
+            if weight > 0:
+                factor = total / weight
+                for k in range(3):
+                    image[v, u, k] = max((image[v, u, k] + offset) * factor - offset, np.float32(0.0))
+
+
+class Shadows:
+    """Dims pictures where bodies stand in the light.
+
+    Args:
+        light: The light.
+        robot: Spheres of the links, link frames. [S, 4] each.
+        item: Name of the object among the poses, and its spheres, body frame. [S, 4].
+    """
+
+    def __init__(self, light: SkyLight, robot: Mapping[str, Array], item: tuple[str, Array]) -> None:
+        traced = light.shares >= LEAST
+        self._sources = np.ascontiguousarray(directions()[traced], np.float32)
+        self._shares = light.shares[traced].astype(np.float32)
+        # A part too small to trace is there all the same.
+        self._floor = np.float32(light.floor + light.shares[~traced].sum())
+        self._bodies = {**robot, item[0]: item[1]}
+        self._robot = sum(len(spheres) for spheres in robot.values())
+
+    def dim(
+        self, image: Array, depths: Array, alphas: Array, camera: Camera, cam_from_table: Array, poses: Mapping[str, Array]
+    ) -> None:
+        """Dim a picture where it lies in shadow.
+
+        Args:
+            image: Encoded, changed in place. [H, W, 3] float32.
+            depths, alphas: Alpha-weighted sum of camera z, m, and alpha, as the rasteriser gives them. [H, W] float32.
+            camera: Pinhole.
+            cam_from_table: [4, 4].
+            poses: `table_from_body` of the links and the object. [4, 4] each.
+
+        Raises:
+            KeyError: A body has no pose.
+        """
+        step = max(1, min(image.shape[:2]) // GRID)
+        shape = (image.shape[0] // step, image.shape[1] // step)
+        lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32)
+        table_from_cam = np.linalg.inv(cam_from_table).astype(np.float32)
+        spheres = np.concatenate([moved(rest, poses[name]) for name, rest in self._bodies.items()]).astype(np.float32)
+        points, tone, count = np.zeros((*shape, 3), np.float32), np.empty(shape, np.float32), shape[0] * shape[1]
+        middle, reach = _points(depths, alphas, lens, table_from_cam, step, points)
+        work = np.empty((5, count), np.float32)
+        light = self._sources, self._shares, self._floor
+        flat = points.reshape(count, 3), middle, np.float32(reach), spheres, self._robot
+        _light(*flat, *light, work, tone.reshape(count))
+        _dim(image, depths, alphas, lens, table_from_cam, step, points, tone)
