@@ -138,7 +138,7 @@ def _check_workspace(workspace: Mapping[str, Any], scenes: Mapping[str, Mapping[
     """Refuse a table that is no background, whose size would not be known, or that is not where the arm's photos were taken."""
     background, lit = workspace.get("background"), workspace.get("light")
     if lit is not None:
-        _check_light(lit, background, scenes)
+        _check_light(lit, scenes)
     if background is None:
         return
     place = "config: workspace.background"
@@ -153,15 +153,11 @@ def _check_workspace(workspace: Mapping[str, Any], scenes: Mapping[str, Mapping[
         raise InputError(place, f"{whose[0]} cannot see {whose[1]}", "Name the table under the board, or null")
 
 
-def _check_light(lit: str, background: str | None, scenes: Mapping[str, Mapping[str, Any]]) -> None:
-    """Refuse an object that throws no shadow on the table of the work place."""
-    place = "config: workspace.light"
+def _check_light(lit: str, scenes: Mapping[str, Mapping[str, Any]]) -> None:
+    """Refuse what throws no shadow on a table."""
     if scenes.get(lit, {}).get("kind") != "object":
-        raise _unknown(place, lit, {name: None for name, scene in scenes.items() if scene["kind"] == "object"})
-    if background not in scenes:
-        raise InputError(place, "a shadow is compared with the table without it", "Name the table in workspace.background")
-    if ("film" in scenes[lit]["source"]) != ("film" in scenes[background]["source"]):
-        raise InputError(place, f"'{lit}' was not filmed on '{background}'", "Name an object that was, or null")
+        objects = {name: None for name, scene in scenes.items() if scene["kind"] == "object"}
+        raise _unknown("config: workspace.light", lit, objects)
 
 
 def _check_edited(key: str, editing: Mapping[str, Any], scenes: Mapping[str, Mapping[str, Any]]) -> None:

@@ -195,7 +195,10 @@ def workspace_background(wildcards):
 def workspace_light(wildcards):
     """What shows an object's shadow on the table of the work place; nothing where no object was filmed there."""
     scene, background = config["workspace"]["light"], config["workspace"]["background"]
-    if scene is None:
+    if scene is None or background is None:
+        return {}
+    # The mirror's objects stand on the mirror's table, yours on yours.
+    if len({"film" in config["scenes"][name]["source"] for name in (scene, background)}) > 1:
         return {}
     return {
         "item": f"results/scenes/{scene}/asset/asset.json",

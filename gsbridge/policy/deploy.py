@@ -165,5 +165,6 @@ def _driver(wanted: Deployment, interface: PolicyInterface, registration: Regist
         robot_splats=results / "robot" / "splats",
         registration=wanted.registration,
         photometry=results / "workspace" / "photometry.json",
+        light=results / "workspace" / "light.json",
     )
     return SimDriver(files, interface.settings)

@@ -19,8 +19,9 @@ from gsbridge.splats.rasterize import rasterize
 STEPS = 250
 """One random view each."""
 
-HOLES = 1.5
-"""A hole counts as much as this many times the same light outside the silhouette: what shines through is of another colour."""
+HOLES = 3.0
+"""A hole counts as much as this many times the same light outside the silhouette: what shines through is of another colour. Not
+so within a pixel of the outline, where light that is missing is an edge drawn too far in, and counts as one drawn too far out."""
 
 _IMAGE = 128
 _FILL = 0.9  # of the image by the mesh's bounding ball
@@ -68,7 +69,9 @@ def fit_to_mesh(cloud: Cloud, mesh: Mesh, *, steps: int = STEPS, seed: int = 0) 
         camera, pose = _random_view(middle, radius, rng)
         wanted = torch.from_numpy(target.coverage(camera, pose, samples=3).astype(np.float32))
         missing = wanted - rasterize(*shape(), camera=camera, cam_from_table=pose).alphas
-        loss = (HOLES * torch.relu(missing) + torch.relu(-missing)).mean()
+        # Whole only where the neighbours are, too: the outline's own pixels are none.
+        inside = -torch.nn.functional.max_pool2d(-wanted[None, None], 3, stride=1, padding=1)[0, 0] > 0.99
+        loss = (torch.where(inside, HOLES, 1.0) * torch.relu(missing) + torch.relu(-missing)).mean()
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()

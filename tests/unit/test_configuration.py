@@ -231,6 +231,14 @@ def test_the_table_under_the_board_must_be_the_one_that_the_arm_sees():
         check_configuration({**config, "scenes": loose, "workspace": {**capture, "background": "desk"}})
 
 
+@pytest.mark.parametrize("scene", ["foam_pad", "mug"])
+def test_the_light_is_shown_by_an_object(scene):
+    scenes = {**CONFIG["scenes"], "foam_pad": FOAM_PAD}
+    check_configuration({**CONFIG, "scenes": scenes, "workspace": {"light": "cake"}})
+    with pytest.raises(InputError, match=r"workspace\.light.*cake"):
+        check_configuration({**CONFIG, "scenes": scenes, "workspace": {"light": scene}})
+
+
 def test_a_target_of_an_unknown_scene_is_refused():
     check_asked(["-n", "results/scenes/cake/sfm/sfm.json", "results/tables"], ["cake"])
     with pytest.raises(InputError, match=r"results/scenes/cakes/sfm/sfm.json: 'cakes' is no scene. Did you mean 'cake'"):

@@ -1,5 +1,6 @@
 """Splats on known meshes: even, flat, opaque; fitted ones keep to the silhouette; the layer under a background."""
 
+import cv2
 import numpy as np
 import pytest
 import trimesh
@@ -31,14 +32,19 @@ CAPSULE = mesh_of(trimesh.creation.capsule(height=0.1, radius=0.02))
 
 def silhouette(cloud: Cloud, mesh: Mesh, distance: float) -> tuple[float, float]:
     """Coverage inside the mesh's silhouette, and light outside it as a share of its area; mean over directions."""
-    splats, reference = Composition({"link": cloud}), MeshComposition({"link": uniform(mesh, GREY)})
     covered, spilt = [], []
-    for direction in np.random.default_rng(5).normal(size=(6, 3)):
-        view = look_at(distance * direction / np.linalg.norm(direction), (0, 0, mesh.vertices[:, 2].mean()))
-        alphas, truth = shoot(splats, CAMERA, view).alphas, reference.coverage(CAMERA, view, samples=4)
+    for alphas, truth in views(cloud, mesh, distance):
         covered.append(alphas[truth == 1].mean())
         spilt.append(np.maximum(alphas - truth, 0).sum() / truth.sum())
     return float(np.mean(covered)), float(np.mean(spilt))
+
+
+def views(cloud: Cloud, mesh: Mesh, distance: float):
+    """Alpha of splats and coverage by the mesh, from some directions. [H, W] each."""
+    splats, reference = Composition({"link": cloud}), MeshComposition({"link": uniform(mesh, GREY)})
+    for direction in np.random.default_rng(5).normal(size=(6, 3)):
+        view = look_at(distance * direction / np.linalg.norm(direction), (0, 0, mesh.vertices[:, 2].mean()))
+        yield shoot(splats, CAMERA, view).alphas, reference.coverage(CAMERA, view, samples=4)
 
 
 @pytest.mark.parametrize(("mesh", "count", "distance"), [(FINGER, 400, 0.15), (CAPSULE, 800, 0.25), (PLATE, 400, 0.15)])
@@ -93,9 +99,14 @@ def test_colours_come_from_vertices_and_same_seed_gives_same_splats():
 def test_fitted_splats_keep_to_the_silhouette():
     start = splats_on_mesh(FINGER, 300, GREY, seed=1)
     fitted = fit_to_mesh(start, FINGER, steps=90, seed=3)
-    covered, spilt = silhouette(fitted, FINGER, 0.15)
-    assert covered > 0.995
-    assert spilt < 0.6 * silhouette(start, FINGER, 0.15)[1]
+    spilt = silhouette(fitted, FINGER, 0.15)[1]
+    assert spilt < 0.4 * silhouette(start, FINGER, 0.15)[1]
+    for alphas, truth in views(fitted, FINGER, 0.15):
+        inside = cv2.erode((truth == 1).astype(np.uint8), np.ones((3, 3))) > 0
+        assert alphas[inside].mean() > 0.995
+        # The outline is drawn where it is, to a third of a pixel: it stood half a pixel out when holes at it counted thrice.
+        edge = cv2.morphologyEx((truth > 0).astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((2, 2))).sum()
+        assert abs((alphas - truth).sum()) < 0.35 * edge
     np.testing.assert_array_equal(fitted.colours, start.colours)
     np.testing.assert_allclose(np.linalg.norm(fitted.quats, axis=1), 1.0, atol=1e-5)
 
