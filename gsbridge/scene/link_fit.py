@@ -20,8 +20,8 @@ STEPS = 250
 """One random view each."""
 
 HOLES = 3.0
-"""A hole counts as much as this many times the same light outside the silhouette: what shines through is of another colour. Not
-so within a pixel of the outline, where light that is missing is an edge drawn too far in, and counts as one drawn too far out."""
+"""A hole counts as much as this many times the same light outside the silhouette: what shines through is of another colour.
+Within a pixel of the outline, missing light is an edge drawn too far in, and counts as much as one drawn too far out."""
 
 _IMAGE = 128
 _FILL = 0.9  # of the image by the mesh's bounding ball

@@ -79,11 +79,9 @@ def left_by(px, py, pz, sphere, dx, dy, dz, width):  # type: ignore[no-untyped-d
     across = square - along * along
     if across >= (radius + half) * (radius + half):
         return np.float32(1.0)
-    blocked = min((radius + half - math.sqrt(max(across, np.float32(0.0)))) / (np.float32(2.0) * half), np.float32(1.0))
-    if radius < half:
-        # Smaller than the source: it never hides all of it.
-        blocked *= radius * radius / (half * half)
-    return np.float32(1.0) - blocked
+    # From where the discs of sphere and source touch to where one holds the other. A small one never hides all of the source.
+    ramp = (radius + half - math.sqrt(max(across, np.float32(0.0)))) / (np.float32(2.0) * min(radius, half))
+    return np.float32(1.0) - min(ramp, np.float32(1.0)) * min(radius * radius / (half * half), np.float32(1.0))
 
 
 @njit(error_model="numpy", fastmath=True)

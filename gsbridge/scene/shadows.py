@@ -80,7 +80,8 @@ def _shade(along, side, up, high, s_along, s_side, s_up, radius, is_item, left):
         a, b, c = s_along - along[i], s_side - side[i], s_up - up[i]
         across = b * b + c * c
         half = max(width * a, zero) + tiny
-        blocked = min(max((radius + half - math.sqrt(across)) / (half + half), zero), one)
+        narrow = min(half, radius)
+        blocked = min(max((radius + half - math.sqrt(across)) / (narrow + narrow), zero), one)
         blocked *= min(square / (half * half), one)
         outside = one if a > zero and across + a * a > square else zero
         shades = one - is_item * high[i]
