@@ -2,10 +2,11 @@
 
     python benchmarks/environment.py --json
     python benchmarks/environment.py --skip-mirror
-    python benchmarks/environment.py --item small_cube/asset.json --background foam_pad/asset.json --robot-splats DIR
+    python benchmarks/environment.py --item cake/asset.json --background plate/asset.json --robot-splats DIR --light FILE
 
 Without assets the scene is synthetic, with the splats of the desktop budget: a cube of 58 mm with 12,000, a table of 1 m with
-24,000, the robot with 8,000, none of them fitted, which changes no cost. Actions are the baseline controller's, so that the
+24,000, the robot with 8,000, none of them fitted, which changes no cost; shadows are those of a sky as bright everywhere, which
+is more to sum than under a lamp. Actions are the baseline controller's, so that the
 hand comes near the object and grips it, which is what costs; episodes begin at poses of the set `fixed`.
 
 A step is measured in CPU time of this process, which leaves out the waiting for other jobs; `wall` is told beside it.
@@ -110,6 +111,25 @@ def synthetic_clouds() -> tuple[Any, Any, Any]:
     return concatenate(sides), discs(ground + np.array([0, 0.25, 0]), 2, spacing), table
 
 
+def shade(robot: Any, item: Any, options: argparse.Namespace, asset: Any) -> Any:
+    """Shadows in the calibrated light, or under an even sky."""
+    from scipy.spatial import ConvexHull
+
+    from gsbridge.environment.gaussian_renderer import OBJECT
+    from gsbridge.environment.light import OBJECT_SPHERES, PART_SPHERES, LightFile
+    from gsbridge.meshes import Mesh
+    from gsbridge.scene.light import SkyLight, directions
+    from gsbridge.scene.occlusion import spheres_in
+    from gsbridge.scene.shadows import Shadows
+
+    if options.light and asset is not None:
+        return LightFile.read(options.light).shadows(OBJECT, asset)
+    spheres = {name: np.concatenate([spheres_in(m, PART_SPHERES) for m, _ in parts]) for name, parts in robot.visuals().items()}
+    body = Mesh(item.points, ConvexHull(item.points).simplices)
+    count = len(directions())
+    return Shadows(SkyLight(0.1, np.full(count, 0.9 / count)), spheres, (OBJECT, spheres_in(body, OBJECT_SPHERES)))
+
+
 def measure(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """All figures, by image size."""
     # Here, because libraries read the thread limits that `main` sets when they load.
@@ -135,12 +155,13 @@ def measure(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     else:
         item, grip_centre = synthetic_item(folder), None
         cube, table, surface = synthetic_clouds()
+    shadows = shade(robot, item, options, asset if options.item and options.background else None)
     world = SimWorld(robot, item, model)
     controller = GraspController(grip_of(item.points, grip_centre), stroke=robot.dimensions.stroke)
     out: dict[str, Any] = {"splats": {"object": len(cube), "background": len(table), "robot": sum(map(len, links.values()))}}
     clocks = {"sim_step": Stopwatch(world, "step"), "command": Stopwatch(world, "command")}
     for size in SIZES_PX:
-        renderer = GaussianRenderer(cube, table, links, wrist_camera(size), surface=surface)
+        renderer = GaussianRenderer(cube, table, links, wrist_camera(size), surface=surface, shadows=shadows)
         env = PickEnvironment(world, EnvironmentSettings(image_size=size), renderer, response=model.camera)
         env.reset(seed=0, options={"pose_set": "fixed", "index": 0})
         env.step(np.zeros(5))  # compiles what is not compiled yet
@@ -230,6 +251,7 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=EPISODES)
     parser.add_argument("--item", type=Path, help="asset.json of an object; needs --background")
     parser.add_argument("--background", type=Path, help="asset.json of a background; needs --item")
+    parser.add_argument("--light", type=Path, help="light.json; an even sky without it")
     parser.add_argument("--robot-splats", type=Path, help="folder of the robot's splats")
     options = parser.parse_args()
     if (options.item is None) != (options.background is None):
