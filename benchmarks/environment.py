@@ -123,7 +123,9 @@ def shade(robot: Any, item: Any, options: argparse.Namespace, asset: Any) -> Any
     from gsbridge.scene.shadows import Shadows
 
     if options.light and asset is not None:
-        return LightFile.read(options.light).shadows(OBJECT, asset)
+        calibrated = LightFile.read(options.light).shadows(OBJECT, asset)
+        if calibrated is not None:
+            return calibrated
     spheres = {name: np.concatenate([spheres_in(m, PART_SPHERES) for m, _ in parts]) for name, parts in robot.visuals().items()}
     body = Mesh(item.points, ConvexHull(item.points).simplices)
     count = len(directions())

@@ -198,7 +198,12 @@ def workspace_light(wildcards):
     if scene is None or background is None:
         return {}
     # The mirror's objects stand on the mirror's table, yours on yours.
-    if len({"film" in config["scenes"][name]["source"] for name in (scene, background)}) > 1:
+    if (
+        len(
+            {"film" in config["scenes"][name]["source"] for name in (scene, background)}
+        )
+        > 1
+    ):
         return {}
     return {
         "item": f"results/scenes/{scene}/asset/asset.json",

@@ -99,6 +99,7 @@ rule benchmark_environment:
         robot_splats="results/robot/splats",
         item=first_asset("object"),
         background=first_asset("background"),
+        light="results/workspace/light.json",
         kernels=ancient("results/.state/compile_kernels.done"),
     output:
         benchmark="results/benchmarks/environment.json",
@@ -120,7 +121,7 @@ rule benchmark_environment:
         "Time the environment"
     shell:
         "{params.python} {params.program} --item {input.item} --background {input.background}"
-        " --robot-splats {input.robot_splats} --output {output.benchmark} > {log} 2>&1"
+        " --robot-splats {input.robot_splats} --light {input.light} --output {output.benchmark} > {log} 2>&1"
 
 
 rule score_registration:

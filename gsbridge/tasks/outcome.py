@@ -93,11 +93,16 @@ class Outcome:
     terms: Mapping[str, Array]
 
 
+_TEXT = f"<U{max(len(reason.value) for reason in Failure)}"
+
+
 def reasons(success: Array, *cases: tuple[Failure, Array]) -> Array:
     """First reason that holds, `time_out` where none does, `none` for a success. bool [N] -> str [N]."""
-    conditions = [success, *(case for _, case in cases)]
-    names = [Failure.NONE.value, *(reason.value for reason, _ in cases)]
-    return np.select(conditions, names, default=Failure.TIME_OUT.value)
+    out = np.full(len(success), Failure.TIME_OUT.value, _TEXT)
+    for reason, case in reversed(cases):
+        out[case] = reason.value
+    out[success] = Failure.NONE.value
+    return out
 
 
 def strayed(state: State, held: Array, centre: Sequence[float], radius: float) -> tuple[Array, Array]:

@@ -52,12 +52,12 @@ class State:
 
     def __post_init__(self) -> None:
         count = len(np.atleast_1d(self.aperture))
-        for item in fields(self):
-            value = np.asarray(getattr(self, item.name), dtype=np.float64)
-            wanted = (count, _WIDTHS[item.name]) if item.name in _WIDTHS else (count,)
+        for name in _NAMES:
+            value = np.asarray(getattr(self, name), dtype=np.float64)
+            wanted = (count, _WIDTHS[name]) if name in _WIDTHS else (count,)
             if value.shape != wanted:
-                raise ValueError(f"State.{item.name} has the shape {value.shape}, expected {wanted}")
-            object.__setattr__(self, item.name, value)
+                raise ValueError(f"State.{name} has the shape {value.shape}, expected {wanted}")
+            object.__setattr__(self, name, value)
 
     def __len__(self) -> int:
         """Number of worlds."""
@@ -69,9 +69,9 @@ class State:
 
     def finite(self) -> Array:
         """Worlds without a NaN or an infinity. bool [N]."""
-        return np.logical_and.reduce(
-            [np.isfinite(getattr(self, item.name)).reshape(len(self), -1).all(1) for item in fields(self)]
-        )
+        count = len(self)
+        every = np.concatenate([getattr(self, name).reshape(count, -1) for name in _NAMES], axis=1)
+        return np.isfinite(every).all(1)
 
     def tool_yaw(self) -> Array:
         """Turn of the tool about the vertical, rad; see `gsbridge.robot.reach.tool_down`. [N]."""
@@ -82,6 +82,9 @@ class State:
         """Angle between the object's upright axis and the vertical, rad. [N]."""
         up = rotation_from_quat(self.object_quat)[:, :, 2]
         return np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2])
+
+
+_NAMES = tuple(item.name for item in fields(State))
 
 
 def clearance(points: Array, position: Array, quat: Array) -> Array:
