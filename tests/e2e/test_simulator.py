@@ -38,6 +38,17 @@ def test_wrist_camera_is_calibrated(simulator):
     assert all(max(record["robot_colours"][name]) < 0.3 for name in ("left_pad", "right_pad"))
 
 
+def test_the_light_is_found_from_the_cubes_shadow(simulator):
+    record = read(simulator / "workspace/light.json")
+    assert record["status"] == "pass", record["reasons"]
+    assert record["light"]["floor"] + sum(record["light"]["shares"]) == pytest.approx(1.0)
+    assert record["median_error_after"] < record["median_error_before"]
+    with (simulator / "rows/eye_in_hand.csv").open(newline="") as file:
+        psnr = {row["renderer"]: float(row["psnr"]) for row in csv.DictReader(file)}
+    # The lamp of the work place stands a little elsewhere than that of the film, as it would.
+    assert psnr["gs"] > psnr["gs_unshaded"] + 1.0
+
+
 @pytest.mark.parametrize("world", ["sim", "mirror"])
 def test_controller_grasps_from_every_start(simulator, world):
     record = read(simulator / f"trials/grasp/{PAIR}/{world}.json")
