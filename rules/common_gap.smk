@@ -72,6 +72,15 @@ def gap_state(wildcards):
     return state_folder("diagnose_gap_cases", "-".join(wildcards), code, SEED)
 
 
+def real_logs(wildcards):
+    """What is said about real logs, where GSBRIDGE_MEASURED names their folder."""
+    return (
+        {"real": "results/benchmarks/gap_measured.json"}
+        if os.environ.get("GSBRIDGE_MEASURED")
+        else {}
+    )
+
+
 def gap_methods(tier):
     """Ways of naming in one tier; CMA-ES on all parameters would draw every photo for every guess."""
     return [name for name in GAP_METHODS if (tier, name) != ("t4", "cma_es")]

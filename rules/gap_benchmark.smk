@@ -83,6 +83,7 @@ rule score_gap_cases:
 
 rule report_gap_benchmark:
     input:
+        unpack(real_logs),
         # Its date changes with every checkout; its digest below tells whether it changed.
         floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
         scores=collect("results/gap-benchmark/{tier}/scores.json", tier=GAP_TIERS),
@@ -113,8 +114,32 @@ rule report_gap_benchmark:
         "../scripts/report_gap_benchmark.py"
 
 
+rule diagnose_real_logs:
+    input:
+        program=f"{workflow.basedir}/benchmarks/gap_measured.py",
+    output:
+        figures="results/benchmarks/gap_measured.json",
+    log:
+        "results/logs/diagnose_real_logs.log",
+    conda:
+        "../envs/gap.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime="60m",
+    params:
+        code=code_digest("gsbridge.gap.stages"),
+        python=sys.executable,
+        measured=os.environ.get("GSBRIDGE_MEASURED", ""),
+    message:
+        "Diagnose tosses of a real cube and a real pendulum"
+    shell:
+        "{params.python} {input.program} --measured {params.measured:q} --output {output.figures} > {log} 2>&1"
+
+
 rule score_gap:
     input:
+        unpack(real_logs),
         # Its date changes with every checkout; its digest below tells whether it changed.
         floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
         scores=collect("results/gap-benchmark/{tier}/scores.json", tier=GAP_TIERS),

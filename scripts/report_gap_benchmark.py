@@ -9,4 +9,5 @@ if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake
 
 start(snakemake.threads, snakemake.log[0])
-write_gap_benchmark(snakemake.input.scores, snakemake.input.floors, snakemake.params.preset, snakemake.output.page)
+given = snakemake.input
+write_gap_benchmark(given.scores, given.floors, snakemake.params.preset, snakemake.output.page, real=given.get("real"))

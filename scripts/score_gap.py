@@ -10,7 +10,9 @@ if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake
 
 start(snakemake.threads, snakemake.log[0])
-write_gap_figures(snakemake.output.measured, snakemake.input.scores, preset=snakemake.params.preset)
+write_gap_figures(
+    snakemake.output.measured, snakemake.input.scores, preset=snakemake.params.preset, real=snakemake.input.get("real")
+)
 write_scores(
     snakemake.input.floors,
     [snakemake.output.measured],

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from gsbridge.asset.bundle import Asset, read_asset
-from gsbridge.cameras import View, Views
+from gsbridge.cameras import View, Views, read_views
 from gsbridge.environment.photometry import OPAQUE, fit_response
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_stage
@@ -43,24 +43,41 @@ _DARK = 0.03
 """Linear value below which a ratio would be noise."""
 
 
-def calibrate_light(
-    record: str | Path,
-    *,
-    robot: str | Path,
-    item: str | Path | None = None,
-    views: Views | None = None,
-    masks: str | Path | None = None,
-    background: str | Path | None = None,
-) -> None:
+@dataclass(frozen=True)
+class FilmedShadow:
+    """An object's film, and the table without it.
+
+    Args:
+        item: `asset.json` of the object.
+        views: Its registered photos.
+        masks: Folder of their masks.
+        background: `asset.json` of the table that it stood on.
+    """
+
+    item: str | Path
+    views: Views
+    masks: str | Path
+    background: str | Path
+
+    @classmethod
+    def of(cls, inputs: Mapping[str, str]) -> FilmedShadow | None:
+        """From a rule's inputs, or None where no object was filmed on the table.
+
+        Raises:
+            InputError: The views cannot be read.
+        """
+        if "item" not in inputs:
+            return None
+        return cls(inputs["item"], read_views(inputs["views"], inputs["images"]), inputs["masks"], inputs["background"])
+
+
+def calibrate_light(record: str | Path, *, robot: str | Path, shown: FilmedShadow | None) -> None:
     """Find the light over the table, and what of the robot can stand in it.
 
     Args:
-        record: Record of the stage; `read_shadows` reads it.
+        record: Record of the stage; `LightFile` reads it.
         robot: Folder of the robot's description.
-        item: `asset.json` of the object whose film shows its shadow; None for no light and a degraded result.
-        views: Its registered photos.
-        masks: Folder of their masks.
-        background: `asset.json` of the table that it stood on, filmed without it.
+        shown: A shadow; None for no light and a degraded result.
 
     Raises:
         InputError: A file is missing or damaged, or the photos show too little of the table.
@@ -69,11 +86,11 @@ def calibrate_light(
     spheres = {
         name: np.concatenate([spheres_in(mesh, PART_SPHERES) for mesh, _ in meshes]).tolist() for name, meshes in parts.items()
     }
-    if item is None or views is None or masks is None or background is None:
+    if shown is None:
         reason = "no object was filmed on the table of the work place: pictures have no shadows"
         write_stage(record, reasons=[reason], light=None, robot=spheres)
         return
-    transmitted, ratios = _places(read_asset(item), views, Path(masks), read_asset(background))
+    transmitted, ratios = _places(read_asset(shown.item), shown.views, Path(shown.masks), read_asset(shown.background))
     light, scatter = fit_light(transmitted, ratios)
     explained = float(np.median(np.abs(ratios - light.floor - transmitted @ light.shares)))
     write_stage(

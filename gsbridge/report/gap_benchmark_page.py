@@ -8,7 +8,7 @@ from typing import Any
 
 import jinja2
 
-from gsbridge.files import atomic_file
+from gsbridge.files import atomic_file, read_json
 from gsbridge.report.gap_benchmark_figures import (
     METHODS,
     confusion_width,
@@ -19,7 +19,7 @@ from gsbridge.report.gap_benchmark_figures import (
     tier_title,
 )
 from gsbridge.report.gap_benchmark_template import BENCHMARK_PAGE
-from gsbridge.report.measured_gap import OURS, PHOTOS, gap_figures, pooled, read_tiers
+from gsbridge.report.measured_gap import OURS, PHOTOS, gap_figures, pooled, read_tiers, real_figures
 from gsbridge.report.results_page import shown, shown_floor, verdict
 from gsbridge.report.score import read_floors, score_figure
 
@@ -27,7 +27,9 @@ SHOWN = ("right", "covered", "abstained", "missed", "wrong", "quiet", "false_ala
 """Outcomes in the columns of the tables by effect and by kind of case."""
 
 
-def write_gap_benchmark(scores: Sequence[str | Path], floors: str | Path, preset: str, out: str | Path) -> None:
+def write_gap_benchmark(
+    scores: Sequence[str | Path], floors: str | Path, preset: str, out: str | Path, *, real: str | Path | None = None
+) -> None:
     """Write the page.
 
     Args:
@@ -35,6 +37,7 @@ def write_gap_benchmark(scores: Sequence[str | Path], floors: str | Path, preset
         floors: `benchmarks/floors.yaml`.
         preset: Preset that they ran with.
         out: The HTML file.
+        real: What was said about real logs; None where they are not on this machine.
 
     Raises:
         InputError: A file is missing or damaged.
@@ -46,7 +49,7 @@ def write_gap_benchmark(scores: Sequence[str | Path], floors: str | Path, preset
         headline=headline(ours),
         splits=sorted({found["split"] for found in tiers.values()}),
         preset=preset,
-        floors=_floors(tiers, floors, preset),
+        floors=_floors(gap_figures(tiers) | ({} if real is None else real_figures(read_json(real))), floors, preset),
         sizes=draw_sizes(ours),
         tiers=[_tier(tier, found) for tier, found in tiers.items()],
         calibration=draw_calibration(ours),
@@ -87,9 +90,8 @@ def _share(rate: Mapping[str, Any]) -> str:
     return f"{100 * rate['value']:.1f} % ({100 * rate['ci95_low']:.1f} to {100 * rate['ci95_high']:.1f})"
 
 
-def _floors(tiers: Mapping[str, Mapping[str, Any]], floors: str | Path, preset: str) -> list[dict[str, str]]:
+def _floors(measured: Mapping[str, Mapping[str, Any]], floors: str | Path, preset: str) -> list[dict[str, str]]:
     """Every floor of the area, with what was measured."""
-    measured = gap_figures(tiers)
     rows = []
     for name, entry in read_floors(floors).items():
         if entry["area"] != "gap":

@@ -25,6 +25,8 @@ POOLED = {
 PHOTOS = "t4"
 """Its cases draw pictures, where others simulate."""
 
+REAL = "results/benchmarks/gap_measured.json"
+
 _DYNAMIC = ("t1", "t2")
 """Tiers whose cases count for names and closures: those of arms, whose truths are engines."""
 
@@ -69,7 +71,59 @@ def gap_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, A
         values = [scores[key] for scores in simulated if scores[key] is not None]
         out[f"gap_{key}"] = _plain(max(values, default=None), sum(len(scores["list"]) for scores in simulated))
     out["gap_interval_coverage_upper"] = out["gap_interval_coverage"]
+    out |= baseline_figures({tier: found for tier, found in tiers.items() if tier in _DYNAMIC and found["split"] == "scored"})
     return {name: figure for name, figure in out.items() if figure["value"] is not None}
+
+
+def baseline_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """What the other methods name rightly and wrongly on the same cases of arms, and how many of them are beaten.
+
+    A baseline is beaten that names more wrongly and no more rightly. One that did not run in every tier is left out.
+
+    Args:
+        tiers: Scores by tier.
+    """
+    if not tiers:
+        return {}
+    methods = list(dict.fromkeys(name for found in tiers.values() for name in found["methods"]))
+    methods = [name for name in methods if all(name in found["methods"] for found in tiers.values())]
+    rates = {
+        key: {name: _percent(pooled([found["methods"][name][key] for found in tiers.values()])) for name in methods}
+        for key in ("named_right", "named_wrong")
+    }
+    right, wrong = ({name: rate["value"] for name, rate in rates[key].items()} for key in ("named_right", "named_wrong"))
+    others = [name for name in methods if name != OURS]
+    if OURS not in methods or not others:
+        return {}
+    beaten = [name for name in others if wrong[name] > wrong[OURS] and right[name] <= right[OURS]]
+    cases = rates["named_wrong"][OURS]["n"]
+    return {
+        "gap_baselines_beaten": _plain(float(len(beaten)), cases),
+        "gap_baselines_wrong": {**_plain(min(wrong[name] for name in others), cases), "by_scene": wrong},
+        "gap_baselines_right": {
+            **_plain(max(right[name] for name in others), rates["named_right"][OURS]["n"]),
+            "by_scene": right,
+        },
+    }
+
+
+def real_figures(found: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """What was said about real logs, from `benchmarks/gap_measured.py`.
+
+    Args:
+        found: Its figures, by kind of logs; kinds that did not run are left out.
+    """
+    out: dict[str, dict[str, Any]] = {}
+    if "tosses" in found:
+        tosses, held_out = found["tosses"], found["tosses"]["tosses"]["verify"]
+        names = [effect["name"] for effect in tosses["effects"]]
+        named = tosses["verdict"] == "named" and "contact_friction" in names
+        out["gap_tosses_named"] = {**_plain(float(named), held_out), "where": REAL}
+        if tosses["verify"]:
+            out["gap_tosses_closed"] = {**_plain(100 * tosses["verify"]["removed"], held_out), "where": REAL}
+    if "pendulum" in found:
+        out["gap_pendulum_unnamed"] = {**_plain(float(found["pendulum"]["verdict"] != "named"), 1), "where": REAL}
+    return out
 
 
 def pooled(rates: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -94,15 +148,17 @@ def _plain(value: float | None, count: int) -> dict[str, Any]:
     return {"value": value, "n": count, "cases": count, "where": WHERE}
 
 
-def write_gap_figures(out: str | Path, scores: Sequence[str | Path], *, preset: str) -> None:
+def write_gap_figures(out: str | Path, scores: Sequence[str | Path], *, preset: str, real: str | Path | None = None) -> None:
     """Write the measured figures.
 
     Args:
         out: `scores/measured/gap.json`.
         scores: `scores.json` of each tier.
         preset: Preset that they ran with.
+        real: What was said about real logs; None where they are not on this machine.
 
     Raises:
         InputError: A file is missing or damaged.
     """
-    write_json(out, {"preset": preset, "figures": gap_figures(read_tiers(scores))})
+    figures = gap_figures(read_tiers(scores)) | ({} if real is None else real_figures(read_json(real)))
+    write_json(out, {"preset": preset, "figures": figures})

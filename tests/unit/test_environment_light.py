@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from robot_fixture import robot
 
-from gsbridge.environment.light import LightFile, calibrate_light
+from gsbridge.environment.light import FilmedShadow, LightFile, calibrate_light
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
 from gsbridge.scene.light import directions
 
 
 def test_without_an_object_on_the_table_there_is_no_light_and_the_record_says_so(tmp_path):
-    calibrate_light(tmp_path / "light.json", robot=robot().folder)
+    calibrate_light(tmp_path / "light.json", robot=robot().folder, shown=FilmedShadow.of({"robot": "robot"}))
     record = read_json(tmp_path / "light.json")
     assert record["status"] == "degraded"
     assert "no shadows" in record["reasons"][0]

@@ -8,9 +8,10 @@ import yaml
 from gap_scores import method_scores, rate, tier_scores
 
 from gsbridge.gap.benchmark import campaign, chunks, score
+from gsbridge.gap.benchmark.baselines import METHODS
 from gsbridge.report.gap_benchmark_figures import confusion_cells
 from gsbridge.report.gap_benchmark_page import headline, write_gap_benchmark
-from gsbridge.report.measured_gap import gap_figures, pooled
+from gsbridge.report.measured_gap import baseline_figures, gap_figures, pooled, real_figures
 from gsbridge.report.score import read_floors, score_figure
 
 FLOORS = Path(__file__).resolve().parents[2] / "benchmarks/floors.yaml"
@@ -53,7 +54,16 @@ def test_one_tier_of_one_way_makes_a_page(tmp_path):
 
 def test_every_floor_of_the_area_can_be_measured():
     floors = {name: entry for name, entry in read_floors(FLOORS).items() if entry["area"] == "gap"}
-    measured = gap_figures({tier: tier_scores(tier) for tier in ("t0", "t1", "t2")})
+    tiers = {tier: tier_scores(tier) for tier in ("t0", "t1", "t2")}
+    for content in tiers.values():
+        content["methods"] |= {name: method_scores(right=20, wrong=20) for name in METHODS[1:]}
+    tosses = {
+        "tosses": {"verify": 240},
+        "verdict": "named",
+        "effects": [{"name": "contact_friction"}],
+        "verify": {"removed": 0.85},
+    }
+    measured = gap_figures(tiers) | real_figures({"tosses": tosses, "pendulum": {"verdict": "none_of_the_known"}})
     scores = {name: score_figure(entry, measured.get(name), "desktop") for name, entry in floors.items()}
     assert all(score["met"] for score in scores.values()), {n: s["reason"] for n, s in scores.items() if not s["met"]}
 
@@ -149,3 +159,54 @@ def test_folders_of_findings_are_handed_to_their_methods(tmp_path, monkeypatch):
         "a": ["a-0", "a-1"],
         "b": ["b-0", "b-1"],
     }
+
+
+def rates(right, wrong, count=40):
+    return {
+        "named_right": {"value": right, "n": count, "ci95_low": 0.0, "ci95_high": 1.0},
+        "named_wrong": {"value": wrong, "n": count, "ci95_low": 0.0, "ci95_high": 1.0},
+    }
+
+
+def test_a_baseline_is_beaten_that_names_more_wrongly_and_no_more_rightly():
+    tiers = {
+        "t1": {
+            "methods": {
+                "gsbridge": rates(0.9, 0.05),
+                "shy": rates(0.5, 0.0),
+                "bold": rates(0.95, 0.4),
+                "worse": rates(0.8, 0.2),
+            }
+        },
+        "t2": {
+            "methods": {
+                "gsbridge": rates(0.9, 0.05),
+                "shy": rates(0.5, 0.0),
+                "bold": rates(0.95, 0.4),
+                "worse": rates(0.8, 0.2),
+            }
+        },
+    }
+    found = baseline_figures(tiers)
+    assert found["gap_baselines_beaten"]["value"] == 1.0
+    assert found["gap_baselines_wrong"]["value"] == 0.0
+    assert found["gap_baselines_right"]["by_scene"]["bold"] == pytest.approx(95.0)
+    # What did not run in every tier is not judged, and nothing is said where nothing else ran.
+    del tiers["t2"]["methods"]["worse"]
+    assert "worse" not in baseline_figures(tiers)["gap_baselines_wrong"]["by_scene"]
+    assert baseline_figures({"t1": {"methods": {"gsbridge": rates(0.9, 0.05)}}}) == {}
+
+
+@pytest.mark.parametrize(("verdict", "names", "named"), [("named", ["contact_friction"], 1.0), ("ambiguous", [], 0.0)])
+def test_real_logs_are_told_as_they_were_diagnosed(verdict, names, named):
+    tosses = {
+        "tosses": {"fit": 60, "select": 100, "verify": 240},
+        "verdict": verdict,
+        "effects": [{"name": name} for name in names],
+        "verify": {"removed": 0.85} if names else None,
+    }
+    found = real_figures({"tosses": tosses, "pendulum": {"verdict": "none_of_the_known"}})
+    assert found["gap_tosses_named"]["value"] == named
+    assert ("gap_tosses_closed" in found) == bool(names)
+    assert found["gap_pendulum_unnamed"]["value"] == 1.0
+    assert real_figures({}) == {}
