@@ -112,7 +112,7 @@ def synthetic_clouds() -> tuple[Any, Any, Any]:
 
 
 def shade(robot: Any, item: Any, options: argparse.Namespace, asset: Any) -> Any:
-    """Shadows in the calibrated light, or under an even sky."""
+    """Shadows in the calibrated light (None if there is none), or under an even sky."""
     from scipy.spatial import ConvexHull
 
     from gsbridge.environment.gaussian_renderer import OBJECT
@@ -122,10 +122,8 @@ def shade(robot: Any, item: Any, options: argparse.Namespace, asset: Any) -> Any
     from gsbridge.scene.occlusion import spheres_in
     from gsbridge.scene.shadows import Shadows
 
-    if options.light and asset is not None:
-        calibrated = LightFile.read(options.light).shadows(OBJECT, asset)
-        if calibrated is not None:
-            return calibrated
+    if options.light:
+        return LightFile.read(options.light).shadows(OBJECT, asset)
     spheres = {name: np.concatenate([spheres_in(m, PART_SPHERES) for m, _ in parts]) for name, parts in robot.visuals().items()}
     body = Mesh(item.points, ConvexHull(item.points).simplices)
     count = len(directions())
@@ -258,6 +256,8 @@ def main() -> None:
     options = parser.parse_args()
     if (options.item is None) != (options.background is None):
         parser.error("--item and --background go together")
+    if options.light and options.item is None:
+        parser.error("--light goes with --item")
     if not 1 <= options.episodes <= 32:
         parser.error("--episodes: 1 to 32")
     logs.start(1, None)

@@ -44,12 +44,16 @@ def simulated_scene(wildcards):
     """All that a simulated world with a camera is made of."""
     item = f"results/scenes/{wildcards.object}"
     model = variant_of(wildcards)["model"] or "models/nominal.yaml"
+    # Meshes have no shadows, and need not learn anew where the light was calibrated anew.
+    light = (
+        {"light": "results/workspace/light.json"} if wildcards.renderer == "gs" else {}
+    )
     return {
+        **light,
         "robot": "results/robot/description",
         "robot_splats": "results/robot/splats",
         "registration": "results/workspace/registration.json",
         "photometry": "results/workspace/photometry.json",
-        "light": "results/workspace/light.json",
         "item": f"{item}/asset/asset.json",
         "background": f"results/scenes/{wildcards.background}/asset/asset.json",
         # A model that the workflow makes lies where it runs, others in the project.

@@ -36,8 +36,14 @@ OBJECT_SPHERES, PART_SPHERES = 40, 8
 
 _EVERY_VIEW, _EVERY_PIXEL = 2, 7
 _MASK_BORDER = 5
-_LIT = 0.97
-"""Share of every direction's light from which a place counts as unshaded: these tell how the two films differ in colour."""
+_LIT = 0.3
+"""Share of the places, the least shaded ones, that tell how the two films differ in colour."""
+
+_SHADED = 0.9
+_EXPLAINED = 0.9
+_SCATTER = 0.15
+"""Of places that get less than the first share of the sky, the light has to leave less than the second of the error; all may
+scatter by the third, of 1: the mirror's films scatter by 0.05, and by 0.26 round the splats of another table."""
 
 _DARK = 0.03
 """Linear value below which a ratio would be noise."""
@@ -92,16 +98,25 @@ def calibrate_light(record: str | Path, *, robot: str | Path, shown: FilmedShado
         return
     transmitted, ratios = _places(read_asset(shown.item), shown.views, Path(shown.masks), read_asset(shown.background))
     light, scatter = fit_light(transmitted, ratios)
-    explained = float(np.median(np.abs(ratios - light.floor - transmitted @ light.shares)))
+    shaded = transmitted.mean(1) < _SHADED
+    before = float(np.median(np.abs(ratios[shaded] - 1.0))) if shaded.any() else 0.0
+    after = float(np.median(np.abs((ratios - light.floor - transmitted @ light.shares)[shaded]))) if shaded.any() else 0.0
+    reasons = []
+    if after >= _EXPLAINED * before:
+        reasons.append("the light explains little of the object's shadow: was it filmed in one light?")
+    if scatter > _SCATTER:
+        reasons.append(f"the table round the object scatters by {100 * scatter:.0f} % round its splats: was it this table?")
     write_stage(
         record,
+        reasons=reasons,
         packages=("scipy", "open3d"),
         light=light.record(),
         robot=spheres,
         places=len(ratios),
+        shaded=int(shaded.sum()),
         scatter=scatter,
-        median_error_before=float(np.median(np.abs(ratios - 1.0))),
-        median_error_after=explained,
+        median_error_before=before,
+        median_error_after=after,
     )
 
 
@@ -120,7 +135,8 @@ def _places(item: Asset, views: Views, masks: Path, background: Asset) -> tuple[
     before, after = np.concatenate(drawn), np.concatenate(seen)
     transmitted = transmittances(np.concatenate(points), spheres, directions(), WIDTH)
     # The two films differ in exposure and white balance; that much shows where no shadow is.
-    response = fit_response(*(values[transmitted.min(1) > _LIT] for values in (before, after)))
+    open_sky = transmitted.mean(1)
+    response = fit_response(*(values[open_sky >= np.quantile(open_sky, 1.0 - _LIT)] for values in (before, after)))
     light = linear_from_srgb(before).mean(1)
     usable = light > _DARK
     ratios = linear_from_srgb(response.undo(after)).mean(1)[usable] / light[usable]

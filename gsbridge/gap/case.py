@@ -12,7 +12,7 @@ from gsbridge.errors import InputError
 from gsbridge.gap.diagnose import ROLES
 from gsbridge.gap.effects import effect_of
 from gsbridge.gap.formats.logs import read_log
-from gsbridge.gap.records import SHORTEST, TOOL, Layout, Record, check_degrees
+from gsbridge.gap.records import SHORTEST, TOOL, Layout, Record, check_degrees, doubtful_degrees
 from gsbridge.gap.system import System, read_system
 from gsbridge.gap.yaml_file import read_yaml
 from gsbridge.geometry import Array
@@ -81,6 +81,7 @@ def read_case(path: str | Path) -> Case:
         reasons.append("no efforts are logged: latency and filters, viscous friction and damping are hard to tell apart")
     if "position" not in records["fit"].measured:
         reasons.append("no joint positions are logged: what moves the tool alike cannot be told apart")
+    reasons += doubtful_degrees(records["fit"], system.limits)
     return Case(model, system, records, tuple(content["effects"]) if content.get("effects") else None, (*reasons, *split))
 
 

@@ -211,9 +211,12 @@ def check_clock(record: Record, source: str | Path) -> None:
     back = np.flatnonzero(steps <= 0)
     if len(back):
         row = int(back[0])
+        # Rows in disorder lie a few periods apart; a clock that was set anew must not be sorted into what came before.
+        anew = -steps[row] > 10 * np.median(np.abs(steps))
         raise InputError(
             source, f"the clock runs backwards or stands still at data row {row + 2} (by {-steps[row]:.3g} s)",
-            "Sort the log by its source's time stamps, and drop rows that were logged twice",
+            "It was set anew: cut the log there, and give the longer part" if anew
+            else "Sort the log by its source's time stamps, and drop rows that were logged twice",
         )  # fmt: skip
     if record.duration < SHORTEST:
         raise InputError(source, f"the record lasts {record.duration:.3g} s", f"Log at least {SHORTEST:g} s of motion")
@@ -260,6 +263,27 @@ def check_degrees(record: Record, source: str | Path, limits: Array | None = Non
                     source, f"joint '{joint}' is logged up to {reach:.3g} rad, its limit is {np.abs(limits[k]).max():.3g} rad: "
                     "it looks like degrees", "State the unit that was logged, e.g. [deg]",
                 )  # fmt: skip
+
+
+def doubtful_degrees(record: Record, limits: Array | None = None) -> list[str]:
+    """Joints whose angles may be degrees although radians are stated, and nothing in the record tells: what to ask the user.
+
+    A joint without limits may well turn many times; one that swings by more than two turns is worth a question.
+
+    Args:
+        record: The record.
+        limits: Lower and upper limits of the joints, rad. [N, 2].
+    """
+    position = record.measured.get("position")
+    if position is None:
+        return []
+    out = []
+    for k, joint in enumerate(record.joints):
+        bounded = limits is not None and np.isfinite(limits[k]).all() and limits[k, 1] > limits[k, 0]
+        reach = float(np.ptp(position[:, k]))
+        if not bounded and reach > 4 * np.pi:
+            out.append(f"joint '{joint}' has no limit and moves through {reach:.3g} rad: if these are degrees, state [deg]")
+    return out
 
 
 def _slope(values: Array, against: Array) -> float | None:

@@ -92,8 +92,9 @@ def baseline_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[s
         for key in ("named_right", "named_wrong")
     }
     right, wrong = ({name: rate["value"] for name, rate in rates[key].items()} for key in ("named_right", "named_wrong"))
-    others = [name for name in methods if name != OURS]
-    if OURS not in methods or not others:
+    # A split without effects of five units says nothing.
+    others = [name for name in methods if name != OURS and right[name] is not None and wrong[name] is not None]
+    if OURS not in methods or right[OURS] is None or wrong[OURS] is None or not others:
         return {}
     beaten = [name for name in others if wrong[name] > wrong[OURS] and right[name] <= right[OURS]]
     cases = rates["named_wrong"][OURS]["n"]

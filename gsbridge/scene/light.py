@@ -33,7 +33,7 @@ def directions() -> Array:
     out = []
     for elevation, count in RINGS:
         height = np.radians(elevation)
-        # Rings are turned by half a step against each other.
+        # The middle ring is turned by half a step against its neighbours.
         for k in range(count):
             heading = 2 * np.pi * (k + 0.5 * (count == 10)) / count
             out.append([np.cos(height) * np.cos(heading), np.cos(height) * np.sin(heading), np.sin(height)])
@@ -67,7 +67,9 @@ class SkyLight:
             light = cls(float(content["floor"]), np.array(content["shares"], dtype=np.float64))
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(source, f"the light is damaged ({error!r})", "Delete it and calibrate again") from error
-        if light.shares.shape != (len(directions()),) or not np.isfinite(light.shares).all() or (light.shares < 0).any():
+        every = np.append(light.shares, light.floor)
+        whole = np.isfinite(every).all() and (every >= 0).all() and abs(every.sum() - 1.0) < 1e-3
+        if light.shares.shape != (len(directions()),) or not whole:
             raise InputError(
                 source, "the shares of the light are not those of the sky's parts", "Delete it and calibrate again"
             )

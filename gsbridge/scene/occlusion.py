@@ -39,7 +39,7 @@ def spheres_in(mesh: Mesh, count: int) -> Array:
         return np.zeros((0, 4))
     # Half a cell more, so that the spheres reach the surface between the places that were tried.
     radii = depths + 0.5 * cell
-    tried = np.argsort(-depths)[:: max(1, len(points) // 1000)]
+    tried = np.argsort(-depths, kind="stable")[:: max(1, len(points) // 1000)]
     held = np.linalg.norm(points[tried][:, None] - points[None], axis=-1) < radii[tried][:, None]
     left, out = np.ones(len(points), bool), []
     while len(out) < count and left.mean() > 1 - SHARE:

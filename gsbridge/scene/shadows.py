@@ -15,6 +15,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from gsbridge.cameras import Camera
+from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.scene.light import WIDTH, SkyLight, directions
 
@@ -25,10 +26,13 @@ LEAST = 0.003
 """Share below which a part of the sky is added to the floor instead of being traced."""
 
 TABLE_HEIGHT = 0.006
-"""m: what lies lower is the table, which the object shades too; what lies higher may be the object, which has its own shade."""
+"""m: what lies lower is the table; what lies higher may be the object, which carries its own shade."""
 
 ROBOT_MARGIN = 0.003
 """m round the robot's spheres within which a surface is the robot's."""
+
+OBJECT_MARGIN = 0.010
+"""Likewise for the object: what stands up farther from it, such as a plate, is shaded by it."""
 
 _NOWHERE = -1e3
 """Height of a point where nothing is drawn: NaN means nothing to kernels that compute fast."""
@@ -78,7 +82,7 @@ def _frame(dx, dy, dz):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy", fastmath=True)
-def _shade(along, side, up, high, s_along, s_side, s_up, radius, is_item, left):  # type: ignore[no-untyped-def]
+def _shade(along, side, up, s_along, s_side, s_up, radius, left):  # type: ignore[no-untyped-def]
     """What a sphere leaves of a direction's light at all points, in coordinates along and across the direction.
 
     The same as `gsbridge.scene.occlusion.left_by`, without branches, so that many points are computed at a time.
@@ -93,12 +97,21 @@ def _shade(along, side, up, high, s_along, s_side, s_up, radius, is_item, left):
         blocked = min(max((radius + half - math.sqrt(across)) / (narrow + narrow), zero), one)
         blocked *= min(square / (half * half), one)
         outside = one if a > zero and across + a * a > square else zero
-        shades = one - is_item * high[i]
-        left[i] = min(left[i], one - blocked * outside * shades)
+        left[i] = min(left[i], one - blocked * outside)
 
 
 @njit(error_model="numpy", fastmath=True)
-def _light(points, middle, reach, spheres, robot, sources, shares, floor, work, tone):  # type: ignore[no-untyped-def]
+def _within(x, y, z, spheres, first, last, margin):  # type: ignore[no-untyped-def]
+    """Whether a point lies in one of some spheres, or within a margin of it."""
+    for s in range(first, last):
+        a, b, c, edge = spheres[s, 0] - x, spheres[s, 1] - y, spheres[s, 2] - z, spheres[s, 3] + margin
+        if a * a + b * b + c * c < edge * edge:
+            return True
+    return False
+
+
+@njit(error_model="numpy", fastmath=True)
+def _light(points, middle, reach, spheres, robot, sources, shares, floor, work, tones, own):  # type: ignore[no-untyped-def]
     """Share of the light at each point, to the power that colours are encoded with.
 
     Args:
@@ -107,14 +120,13 @@ def _light(points, middle, reach, spheres, robot, sources, shares, floor, work, 
         spheres: Robot's first, then the object's. [S, 4].
         robot: How many are the robot's.
         sources, shares, floor: The light. [M, 3], [M].
-        work: Work space. [5, N].
-        tone: Output. [N].
+        work: Work space. [4, N].
+        tones: Output: what the robot leaves, and what robot and object leave. [2, N].
+        own: Output: points on the object. [N].
     """
-    along, side, up, high, left = work[0], work[1], work[2], work[3], work[4]
+    along, side, up, left = work[0], work[1], work[2], work[3]
     width = np.float32(WIDTH)
-    tone[:] = floor
-    for i in range(points.shape[0]):
-        high[i] = 1.0 if points[i, 2] >= TABLE_HEIGHT else 0.0
+    tones[:] = floor
     for m in range(sources.shape[0]):
         dx, dy, dz = sources[m, 0], sources[m, 1], sources[m, 2]
         ax, ay, az, bx, by, bz = _frame(dx, dy, dz)
@@ -125,31 +137,30 @@ def _light(points, middle, reach, spheres, robot, sources, shares, floor, work, 
         far = middle[0] * dx + middle[1] * dy + middle[2] * dz
         off_side = middle[0] * ax + middle[1] * ay + middle[2] * az
         off_up = middle[0] * bx + middle[1] * by + middle[2] * bz
-        for s in range(spheres.shape[0]):
-            x, y, z, radius = spheres[s, 0], spheres[s, 1], spheres[s, 2], spheres[s, 3]
-            s_along, s_side, s_up = x * dx + y * dy + z * dz, x * ax + y * ay + z * az, x * bx + y * by + z * bz
-            ahead = s_along - far + reach
-            across = math.sqrt((s_side - off_side) ** 2 + (s_up - off_up) ** 2)
-            if ahead > 0 and across < radius + reach + width * ahead:
-                is_item = np.float32(1.0) if s >= robot else np.float32(0.0)
-                _shade(along, side, up, high, s_along, s_side, s_up, radius, is_item, left)
-        for i in range(points.shape[0]):
-            tone[i] += shares[m] * left[i]
+        for group in range(2):
+            first, last = (0, robot) if group == 0 else (robot, spheres.shape[0])
+            for s in range(first, last):
+                x, y, z, radius = spheres[s, 0], spheres[s, 1], spheres[s, 2], spheres[s, 3]
+                s_along, s_side, s_up = x * dx + y * dy + z * dz, x * ax + y * ay + z * az, x * bx + y * by + z * bz
+                ahead = s_along - far + reach
+                across = math.sqrt((s_side - off_side) ** 2 + (s_up - off_up) ** 2)
+                if ahead > 0 and across < radius + reach + width * ahead:
+                    _shade(along, side, up, s_along, s_side, s_up, radius, left)
+            for i in range(points.shape[0]):
+                tones[group, i] += shares[m] * left[i]
     for i in range(points.shape[0]):
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-        bare = pz == _NOWHERE
-        if pz >= TABLE_HEIGHT:
-            for s in range(robot):
-                x, y, z = spheres[s, 0] - px, spheres[s, 1] - py, spheres[s, 2] - pz
-                edge = spheres[s, 3] + np.float32(ROBOT_MARGIN)
-                bare = bare or x * x + y * y + z * z < edge * edge
-        tone[i] = np.float32(1.0) if bare else np.float32(tone[i] ** (1.0 / _GAMMA))
+        high = pz >= TABLE_HEIGHT
+        bare = pz == _NOWHERE or (high and _within(px, py, pz, spheres, 0, robot, np.float32(ROBOT_MARGIN)))
+        own[i] = high and _within(px, py, pz, spheres, robot, spheres.shape[0], np.float32(OBJECT_MARGIN))
+        for group in range(2):
+            tones[group, i] = np.float32(1.0) if bare else np.float32(tones[group, i] ** (1.0 / _GAMMA))
 
 
 @njit(error_model="numpy", fastmath=True)
-def _dim(image, depths, alphas, lens, table_from_cam, step, points, tone):  # type: ignore[no-untyped-def]
+def _dim(image, depths, alphas, lens, table_from_cam, step, points, tones, own):  # type: ignore[no-untyped-def]
     """Dim every pixel by the tone of the four grid points round it, those at its height foremost."""
-    rows, columns = tone.shape
+    rows, columns = own.shape
     offset = np.float32(_OFFSET)
     for v in range(image.shape[0]):
         for u in range(image.shape[1]):
@@ -170,7 +181,9 @@ def _dim(image, depths, alphas, lens, table_from_cam, step, points, tone):  # ty
                     share = abs(1 - p - (a - i)) * abs(1 - q - (b - j)) + np.float32(1e-3)
                     if abs(points[r, c, 2] - height) > _SAME_HEIGHT:
                         share *= np.float32(1e-3)
-                    total += share * tone[r, c]
+                    # What stands up beside the table is the object: it carries its own shade, the table below it does not.
+                    itself = height >= TABLE_HEIGHT and (own[r, c] or points[r, c, 2] < TABLE_HEIGHT)
+                    total += share * tones[0 if itself else 1, r, c]
                     weight += share
             if weight > 0:
                 factor = total / weight
@@ -211,18 +224,22 @@ class Shadows:
             poses: `table_from_body` of the links and the object. [4, 4] each.
 
         Raises:
-            KeyError: A body has no pose.
+            InputError: A body has no pose: the light was calibrated with another robot.
         """
+        missing = [name for name in self._names if name not in poses]
+        if missing:
+            raise InputError("light", f"{', '.join(missing)} is no body of this world", "Calibrate the light with this robot")
         step = max(1, min(image.shape[:2]) // GRID)
         shape = (image.shape[0] // step, image.shape[1] // step)
         lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32)
         table_from_cam = np.linalg.inv(cam_from_table).astype(np.float32)
         spheres = np.empty_like(self._rest)
         _place(np.array([poses[name] for name in self._names], np.float32), self._owners, self._rest, spheres)
-        points, tone, count = np.zeros((*shape, 3), np.float32), np.empty(shape, np.float32), shape[0] * shape[1]
+        points, count = np.zeros((*shape, 3), np.float32), shape[0] * shape[1]
         middle, reach = _points(depths, alphas, lens, table_from_cam, step, points)
-        work = np.empty((5, count), np.float32)
+        work, tones, own = np.empty((4, count), np.float32), np.empty((2, count), np.float32), np.empty(count, np.bool_)
         light = self._sources, self._shares, self._floor
         flat = points.reshape(count, 3), middle, np.float32(reach), spheres, self._robot
-        _light(*flat, *light, work, tone.reshape(count))
-        _dim(image, depths, alphas, lens, table_from_cam, step, points, tone)
+        _light(*flat, *light, work, tones, own)
+        grid = points, tones.reshape(2, *shape), own.reshape(shape)
+        _dim(image, depths, alphas, lens, table_from_cam, step, *grid)

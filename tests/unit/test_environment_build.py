@@ -24,12 +24,15 @@ from gsbridge.environment.build import (
 )
 from gsbridge.environment.controllers import PlaceController
 from gsbridge.environment.env import state_of
+from gsbridge.environment.light import calibrate_light
+from gsbridge.environment.robot_splats import robot_splats, write_robot_splats
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.environment.views import draw_views
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
 from gsbridge.images import read_image
 from gsbridge.meshes import Mesh, write_mesh
+from gsbridge.scene.light import directions
 from gsbridge.splats.ply import write_ply
 from gsbridge.tasks.views import read_states
 
@@ -171,3 +174,26 @@ def test_files_come_from_a_rules_inputs_by_name():
     assert files == StageFiles(**needed, registration="registration.json", item_colour=(0.1, 0.2, 0.3))
     with pytest.raises(KeyError, match="model"):
         StageFiles.of({name: path for name, path in needed.items() if name != "model"})
+
+
+def test_the_light_dims_splats_and_leaves_meshes(files, tmp_path):
+    stage, _ = files
+    write_robot_splats(tmp_path / "splats", robot_splats(robot(), 2000, fit_steps=0))
+    calibrate_light(tmp_path / "dark.json", robot=robot().folder, shown=None)
+    share = 1.0 / len(directions())
+    light = {"floor": 0.0, "shares": [share] * len(directions())}
+    write_json(tmp_path / "light.json", {**read_json(tmp_path / "dark.json"), "light": light})
+    drawn = replace(stage, robot_splats=tmp_path / "splats")
+    with build_world(stage) as world:
+        world.reset(np.array([0.0, 0.265, 0.0]), 0)
+        poses, camera = world.body_poses(), world.camera_pose()
+    for name, dimmed in (("gs", True), ("mesh", False)):
+        plain, lit, unlit = (
+            build_renderer(replace(drawn, light=file), replace(SETTINGS, renderer=name)).render(poses, camera).mean()
+            for file in (None, tmp_path / "light.json", tmp_path / "dark.json")
+        )
+        assert unlit == plain
+        assert (lit < plain - 5) == dimmed
+    named = {"robot": "r", "item": "i", "background": "b", "model": "m"}
+    assert StageFiles.of({**named, "light": "light.json"}).light == "light.json"
+    assert StageFiles.of(named).light is None

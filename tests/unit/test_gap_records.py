@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from gsbridge.errors import InputError
-from gsbridge.gap.records import Layout, check_degrees, quantum_of, read_record
+from gsbridge.gap.records import Layout, check_degrees, doubtful_degrees, quantum_of, read_record
 
 LAYOUT = Layout(("axis",))
 
@@ -111,6 +111,27 @@ def test_clock_that_runs_backwards_is_refused(tmp_path):
     columns = table()
     columns["time [s]"][100] = columns["time [s]"][98]
     assert "backwards" in refused(tmp_path, columns)
+
+
+def test_a_clock_that_was_set_anew_is_not_to_be_sorted(tmp_path):
+    """Sorted, two stretches would lie in one another."""
+    columns = table()
+    columns["time [s]"] = np.where(np.arange(300) < 150, columns["time [s]"], columns["time [s]"] - 0.5)
+    assert "cut the log there" in refused(tmp_path, columns)
+    columns = table()
+    columns["time [s]"][[100, 101]] = columns["time [s]"][[101, 100]]
+    assert "Sort the log" in refused(tmp_path, columns)
+
+
+def test_a_joint_without_limits_that_turns_far_is_asked_about(tmp_path):
+    columns = {name: values if name == "time [s]" else 57.3 * values for name, values in table().items()}
+    record = read_record(written(tmp_path, columns), LAYOUT)
+    for limits in (None, np.array([[-np.inf, np.inf]]), np.zeros((1, 2))):
+        (said,) = doubtful_degrees(record, limits)
+        assert "axis" in said
+        assert "state [deg]" in said
+    assert doubtful_degrees(record, np.array([[-60.0, 60.0]])) == []
+    assert doubtful_degrees(read_record(written(tmp_path, table()), LAYOUT)) == []
 
 
 def test_not_a_number_is_refused_with_its_row(tmp_path):

@@ -195,6 +195,9 @@ def test_a_baseline_is_beaten_that_names_more_wrongly_and_no_more_rightly():
     del tiers["t2"]["methods"]["worse"]
     assert "worse" not in baseline_figures(tiers)["gap_baselines_wrong"]["by_scene"]
     assert baseline_figures({"t1": {"methods": {"gsbridge": rates(0.9, 0.05)}}}) == {}
+    # Nor of a split without large effects.
+    nothing = rates(None, 0.05, 0)
+    assert baseline_figures({"t1": {"methods": {"gsbridge": nothing, "worse": nothing}}}) == {}
 
 
 @pytest.mark.parametrize(("verdict", "names", "named"), [("named", ["contact_friction"], 1.0), ("ambiguous", [], 0.0)])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 
 from gsbridge.cameras import Camera, look_at
 from gsbridge.errors import InputError
@@ -105,7 +106,16 @@ def test_too_few_places_are_refused():
         fit_light(np.ones((20, len(directions()))), np.ones(20))
 
 
-@pytest.mark.parametrize("content", [{}, {"floor": 0.1, "shares": [1.0]}, {"floor": 0.1, "shares": [-1.0] * 29}])
+@pytest.mark.parametrize(
+    "content",
+    [
+        {},
+        {"floor": 0.1, "shares": [1.0]},
+        {"floor": 30.0, "shares": [-1.0] * 29},
+        {"floor": float("nan"), "shares": [0.0] * 29},
+        {"floor": 0.5, "shares": [0.0] * 29},
+    ],
+)
 def test_a_damaged_light_is_refused(content):
     with pytest.raises(InputError, match=r"light\.json"):
         SkyLight.of(content, "light.json")
@@ -143,7 +153,7 @@ def test_a_pixel_is_as_dark_as_the_light_that_its_place_still_gets():
     assert np.quantile(np.abs(found - wanted), 0.99) < 0.08
 
 
-def test_the_object_shades_the_table_and_not_itself_and_the_robot_is_left_alone():
+def test_what_stands_far_below_the_object_is_shaded_and_the_robot_is_left_alone():
     camera = Camera(64, 64, 60.0, 60.0, 32.0, 32.0)
     pose = look_at(np.array([0.0, -0.01, 0.5]), np.array([0.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
     ball, far = np.array([[0.0, 0.0, 0.2, 0.03]]), np.array([[5.0, 5.0, 5.0, 0.01]])
@@ -155,8 +165,8 @@ def test_the_object_shades_the_table_and_not_itself_and_the_robot_is_left_alone(
         return float(image.min())
 
     assert darkest(0.0, far, ball) < 0.45
-    # What lies high may be the object's own side, whose shade its splats carry.
-    assert darkest(0.05, far, ball) == pytest.approx(0.5, abs=1e-6)
+    # A plate, for instance.
+    assert darkest(0.05, far, ball) < 0.45
     assert darkest(0.05, ball, far) < 0.45
     # A surface inside the robot's spheres is the robot.
     assert darkest(0.05, np.array([[0.0, 0.0, 0.05, 3.0]]), far) == pytest.approx(0.5, abs=1e-6)
@@ -174,3 +184,37 @@ def test_what_is_not_drawn_stays_as_it_is():
     np.testing.assert_array_equal(image[:, :32], 0.5)
     assert np.isfinite(image).all()
     assert image[:, 34:].min() < 0.45
+
+
+def test_a_box_shades_the_table_but_not_its_own_sides():
+    """The splats of an object carry its own shade; only its outline may take some of the table's."""
+    camera = Camera(128, 128, 164.0, 164.0, 64.0, 64.0)
+    pose = look_at(np.array([0.02, -0.12, 0.25]), np.array([0.0, 0.0, 0.02]), np.array([0.0, 1.0, 0.0]))
+    table_from_cam = np.linalg.inv(pose)
+    rays, eye = camera.pixel_rays() @ table_from_cam[:3, :3].T, table_from_cam[:3, 3]
+    low, high = np.array([-0.03, -0.03, 0.0]), np.array([0.03, 0.03, 0.06])
+    ends = np.sort(np.stack([(low - eye) / rays, (high - eye) / rays]), axis=0)
+    enter, leave = ends[0].max(-1), ends[1].min(-1)
+    hit = enter < leave
+    depths = np.where(hit, enter, -eye[2] / rays[..., 2]).astype(np.float32)
+    image = np.full((128, 128, 3), 0.5, np.float32)
+    spheres = spheres_in(box((0.06, 0.06, 0.06), (0, 0, 0.03)), 40)
+    Shadows(hidden_light(), {"link": np.array([[5.0, 5.0, 5.0, 0.01]])}, ("object", spheres)).dim(
+        image, depths, np.ones((128, 128), np.float32), camera, pose, {"link": np.eye(4), "object": np.eye(4)}
+    )
+    inside = ndimage.binary_erosion(hit, iterations=2)
+    assert hit.sum() > 2000
+    assert np.quantile(image[inside][:, 0], 0.02) > 0.47
+    assert image[inside].mean() > 0.495
+    assert image[~hit].min() < 0.42
+
+
+def test_a_light_of_another_robot_is_refused():
+    camera, pose = (
+        Camera(64, 64, 60.0, 60.0, 32.0, 32.0),
+        look_at(np.array([0.0, -0.01, 0.5]), np.zeros(3), np.array([0.0, 1.0, 0.0])),
+    )
+    image, depths, alphas = flat_picture(camera, pose)
+    shadows = Shadows(hidden_light(), {"wrist": np.array([[0.0, 0, 0.2, 0.03]])}, ("object", np.zeros((0, 4))))
+    with pytest.raises(InputError, match="wrist is no body of this world"):
+        shadows.dim(image, depths, alphas, camera, pose, {"object": np.eye(4)})
