@@ -1,5 +1,7 @@
 """The mirror as one world: physics and camera agree."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from robot_fixture import kinematics, robot
@@ -7,11 +9,13 @@ from robot_fixture import kinematics, robot
 from gsbridge.files import read_json
 from gsbridge.images import read_image_u8
 from gsbridge.reality.world import camera as module
+from gsbridge.reality.world import views
+from gsbridge.reality.world.bodies import true_from_body
 from gsbridge.reality.world.camera import Quality, Setting, wrist_camera
 from gsbridge.reality.world.episode import photograph_episode
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.mirror import build_mirror
-from gsbridge.reality.world.views import Exposure
+from gsbridge.reality.world.views import Exposure, photograph_states
 from gsbridge.robot.nominal import base_from_table
 from gsbridge.tasks.views import ViewState, write_states
 from gsbridge.tasks.world import SeeingWorld
@@ -63,3 +67,25 @@ def test_an_episode_is_photographed_at_every_second_state_and_the_last(tmp_path,
     assert (still != first).any()
     moved = [int((np.abs(photo - first).max(2) > 40).sum()) for photo in (still, lifted)]
     assert moved[0] < 0.1 * moved[1]
+
+
+def test_the_true_object_is_put_where_the_reconstructed_one_stands(tmp_path, monkeypatch):
+    """A reconstruction whose frame lies 30 mm beside the true object's: the photo shows it 30 mm aside, to the other side."""
+    monkeypatch.setattr(module, "table_texture", lambda background, seed: np.full((10, 12, 3), 0.25, np.float32))
+    true = true_from_body("small_cube", 0, np.eye(4))
+    beside = np.eye(4)
+    beside[0, 3] = 0.03
+    write_states(tmp_path / "states.json", [ViewState(kinematics().rest, 0.1, np.array([0.0, 0.265, 0.0]), 0, 0)], "fixed")
+    middles = []
+    for name, body_from_table in (("same", true), ("beside", beside @ true)):
+        # Of an asset, only its frame is asked for.
+        monkeypatch.setattr(views, "read_asset", lambda path, pose=body_from_table: SimpleNamespace(body_from_table=pose))
+        exposure = Exposure(tmp_path / "pieces", 64, 36, item="asset.json")
+        photograph_states(
+            tmp_path / "states.json", Setting("small_cube", sheet=None), 2, tmp_path / name, tmp_path / f"{name}.json", exposure
+        )
+        picture = read_image_u8(tmp_path / name / "00.png").astype(float)
+        red = (picture[..., 0] > 2.0 * picture[..., 2]) & (picture[..., 0] > 90)
+        assert red.sum() > 30
+        middles.append(np.argwhere(red).mean(0))
+    assert np.linalg.norm(middles[1] - middles[0]) > 4.0
