@@ -10,8 +10,9 @@ rule read_gap_records:
         case=gap_case,
         files=gap_case_files,
     output:
-        data="results/gap/{case}/records.npz",
-        record="results/gap/{case}/records.json",
+        # Kept where the next log is refused; Snakemake would remove what a rule makes before it runs.
+        data=update("results/gap/{case}/records.npz"),
+        record=update("results/gap/{case}/records.json"),
     log:
         "results/logs/read_gap_records/{case}.log",
     benchmark:

@@ -3,10 +3,12 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.splats.warmup import compile_kernels
+from gsbridge.scene import warmup as scene
+from gsbridge.splats import warmup as splats
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake
 
 start(snakemake.threads, snakemake.log[0])
-compile_kernels()
+splats.compile_kernels()
+scene.compile_kernels()

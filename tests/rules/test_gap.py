@@ -14,9 +14,9 @@ MODEL = "urdf: axis.urdf\ncontroller: {mode: pd, stiffness: 60, damping: 4, grav
 STEPS = ("read_gap_records", "compare_gap", "screen_gap", "identify_gap", "replay_gap", "report_gap")
 
 
-def table() -> tuple[list[str], np.ndarray]:
+def table(count: int = 300) -> tuple[list[str], np.ndarray]:
     """A log of a single axis that is well: header and rows."""
-    time = np.arange(300) / 100
+    time = np.arange(count) / 100
     q = 0.5 * np.sin(3 * time)
     header = ["time [s]", "command.axis [rad]", "position.axis [rad]", "velocity.axis [rad/s]"]
     return header, np.stack([time, q, q, 1.5 * np.cos(3 * time)], axis=1)
@@ -100,6 +100,22 @@ def test_bad_records_end_with_one_sentence_and_leave_nothing(snakemake, tmp_path
         assert len(log.strip().splitlines()) == 1
         assert not list((tmp_path / "run/results").glob(f"gap/{name}/*"))
     assert "Traceback" not in process.stdout + process.stderr
+
+
+def test_a_refused_log_leaves_earlier_results_as_they_were(snakemake, tmp_path):
+    header, rows = table(700)
+    case = write_case(tmp_path / "axis", header, rows)
+    asked = ["--cores", "1", "--directory", str(tmp_path / "run"), "--config", f"gap_case={case}", "--"]
+    asked.append("results/gap/axis/records.json")
+    snakemake(*asked)
+    made = {path.name: path.read_bytes() for path in (tmp_path / "run/results/gap/axis").iterdir()}
+    assert {"records.json", "records.npz"} <= set(made)
+    rows[50, 2] = np.nan
+    np.savetxt(case.parent / "log.csv", rows, delimiter=",", header=",".join(header), comments="")
+    process = snakemake(*asked, check=False)
+    assert process.returncode != 0
+    assert "holds no number" in process.stdout + process.stderr
+    assert {path.name: path.read_bytes() for path in (tmp_path / "run/results/gap/axis").iterdir()} == made
 
 
 def test_the_toys_benchmark_is_small_and_the_truth_is_apart(snakemake, tmp_path):
