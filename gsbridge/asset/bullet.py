@@ -28,7 +28,9 @@ def matrix_from_bullet(position: Array, quat_xyzw: Array) -> Array:
     return out
 
 
-def load_body(client: BulletClient, urdf: str | Path, world_from_body: Array | None = None, *, static: bool = False) -> int:
+def load_body(
+    client: BulletClient, urdf: str | Path, world_from_body: Array | None = None, *, static: bool = False, single: bool = False
+) -> int:
     """Load an asset's URDF with the inertia it states.
 
     Args:
@@ -36,6 +38,8 @@ def load_body(client: BulletClient, urdf: str | Path, world_from_body: Array | N
         urdf: `body.urdf` of an asset.
         world_from_body: Pose of the body frame; the world's origin when None. [4, 4].
         static: Fix it there.
+        single: Not as the base of a tree of links, but as a body for itself, which is faster. `getDynamicsInfo` then tells
+            no frame of inertia.
 
     Returns:
         Bullet's number of the body.
@@ -50,6 +54,7 @@ def load_body(client: BulletClient, urdf: str | Path, world_from_body: Array | N
             basePosition=pose[:3, 3].tolist(),
             baseOrientation=np.roll(quat_from_rotation(pose[:3, :3]), -1).tolist(),
             useFixedBase=static,
+            useMaximalCoordinates=single,
             # Without the flag Bullet would make an inertia up from the bounds of the hulls.
             flags=client.URDF_USE_INERTIA_FROM_FILE,
         )

@@ -164,12 +164,19 @@ def solid_inertia(parts: Sequence[Part], density: float) -> Inertia:
         solid = part.mesh.trimesh()
         solid.density = density
         properties.append((float(solid.mass), np.asarray(solid.center_mass), np.asarray(solid.moment_inertia)))
-    mass = sum(item[0] for item in properties)
-    centre = sum(item[0] * item[1] for item in properties) / mass
+    return joined_inertia([Inertia(*item) for item in properties])
+
+
+def joined_inertia(bodies: Sequence[Inertia]) -> Inertia:
+    """Mass properties of bodies that move as one, all given in one frame, by the parallel-axis theorem."""
+    mass = sum(body.mass for body in bodies)
+    if mass == 0.0:
+        return NO_INERTIA
+    centre = sum(body.mass * body.centre for body in bodies) / mass
     tensor = np.zeros((3, 3))
-    for part_mass, part_centre, part_tensor in properties:
-        offset = part_centre - centre
-        tensor += part_tensor + part_mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
+    for body in bodies:
+        offset = body.centre - centre
+        tensor += body.tensor + body.mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
     return Inertia(mass, centre, tensor)
 
 

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pybullet
 from pybullet_utils.bullet_client import BulletClient
 
-from gsbridge.asset.bullet import body_from_inertial, load_body
+from gsbridge.asset.bullet import load_body, matrix_from_bullet
 from gsbridge.asset.bundle import Asset
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array, quat_from_rotation
 from gsbridge.meshes import read_mesh
 from gsbridge.robot.assembly import RobotFiles
+from gsbridge.robot.fused import fused_description
 from gsbridge.sim.model import Model, Surface
 
 TABLE_SIZE = (0.90, 1.20, 0.05)
@@ -92,14 +94,20 @@ class Engine:
             numSolverIterations=SOLVER_ITERATIONS,
             deterministicOverlappingPairs=1,
             restitutionVelocityThreshold=0.05,
+            # N2 s2: 1 N over a step.
+            solverResidualThreshold=1e-6,
+            # m: how near bodies are looked at and contacts remembered. Bullet's 20 mm are for things a metre large.
+            contactBreakingThreshold=0.005,
         )
         length, width, thickness = TABLE_SIZE
         shape = client.createCollisionShape(client.GEOM_BOX, halfExtents=[length / 2, width / 2, thickness / 2])
-        self.table = client.createMultiBody(0.0, shape, basePosition=[*centre, -thickness / 2])
+        self.table = client.createMultiBody(0.0, shape, basePosition=[*centre, -thickness / 2], useMaximalCoordinates=True)
         self.plate = None if plate is None else load_body(client, plate, table_from_plate, static=True)
         self._load_robot(robot, table_from_base, q)
-        self.item = load_body(client, item.urdf)
-        self.body_from_inertial = body_from_inertial(client, self.item)
+        # A single body needs none of the joints' algebra, and its contacts with the table cost a fraction of those with it.
+        self.item = load_body(client, item.urdf, single=True)
+        # It was loaded at the origin, so that its pose is the frame of inertia, in which Bullet tells all later ones.
+        self.body_from_inertial = matrix_from_bullet(*client.getBasePositionAndOrientation(self.item))
         self.inertial_from_body = np.linalg.inv(self.body_from_inertial)
         self._set_contacts(model)
         self._bind()
@@ -113,13 +121,16 @@ class Engine:
         """Robot with all motors and losses of the engine switched off and the fingers coupled."""
         client, record = self.client, robot.record
         try:
-            self.robot = client.loadURDF(
-                str(robot.urdf),
-                basePosition=table_from_base[:3, 3].tolist(),
-                baseOrientation=np.roll(quat_from_rotation(table_from_base[:3, :3]), -1).tolist(),
-                useFixedBase=True,
-                flags=client.URDF_USE_INERTIA_FROM_FILE,
-            )
+            with TemporaryDirectory() as folder:
+                description = Path(folder) / "fused.urdf"
+                description.write_text(fused_description(robot.urdf), encoding="utf-8")
+                self.robot = client.loadURDF(
+                    str(description),
+                    basePosition=table_from_base[:3, 3].tolist(),
+                    baseOrientation=np.roll(quat_from_rotation(table_from_base[:3, :3]), -1).tolist(),
+                    useFixedBase=True,
+                    flags=client.URDF_USE_INERTIA_FROM_FILE,
+                )
         except pybullet.error as error:
             raise InputError(robot.urdf, f"PyBullet cannot load the robot ({error})", "Build the robot again") from error
         information = [client.getJointInfo(self.robot, number) for number in range(client.getNumJoints(self.robot))]
@@ -149,7 +160,9 @@ class Engine:
     def _set_contacts(self, model: Model) -> None:
         """Coefficients of every pair. Bullet multiplies friction and restitution of two bodies, so the object carries ones."""
         client = self.client
-        self._set_surface(self.table, -1, model.contact.table)
+        table = model.contact.table
+        # Between two single bodies Bullet brakes a spin only where something brakes rolling, too.
+        self._set_surface(self.table, -1, replace(table, rolling_friction=max(table.rolling_friction, 1e-9)))
         if self.plate is not None:
             self._set_surface(self.plate, -1, model.contact.plate)
         for link in (-1, *self.links.values()):
@@ -165,8 +178,9 @@ class Engine:
             -1,
             mass=mass * model.object.mass,
             localInertiaDiagonal=[model.object.mass * value for value in inertia],
-            linearDamping=model.object.linear_damping,
-            angularDamping=model.object.angular_damping,
+            # Bullet takes the share of the speed that a second takes away.
+            linearDamping=-np.expm1(-model.object.linear_damping),
+            angularDamping=-np.expm1(-model.object.angular_damping),
             contactStiffness=model.contact.stiffness,
             contactDamping=model.contact.damping,
             # By default Bullet brakes a body before it touches, by an amount that depends on where the last step ended:
@@ -218,30 +232,30 @@ class Engine:
 
     def measure(self, out: Array) -> None:
         """Angles and speeds of the arm and the gripper's driver. -> out [2, 8]."""
-        states = self._joint_states(self.robot, self.measured_joints)
-        out[0] = [state[0] for state in states]
-        out[1] = [state[1] for state in states]
+        angles, speeds, _, _ = zip(*self._joint_states(self.robot, self.measured_joints), strict=True)
+        out[0], out[1] = angles, speeds
 
     def drive(self, torques: Array) -> None:
         """Torques of the arm and the gripper's driver, shared evenly between the knuckles. [8]."""
         forces = torques.tolist()
-        share = forces.pop() / self.knuckles
-        self._set_torques(self.robot, self.driven_joints, self._torque_mode, forces=forces + [share] * self.knuckles)
+        forces[-1:] = [forces[-1] / self.knuckles] * self.knuckles
+        self._set_torques(self.robot, self.driven_joints, self._torque_mode, forces=forces)
 
     def contact_forces(self) -> tuple[float, float, float, float]:
         """Normal forces, N: left pad and right pad on the object, robot on table and plate, object on table and plate."""
         left = right = resting = touching = 0.0
-        fixed = (self.table, self.plate)
-        for point in self._contacts(self.item):
-            body, link = (point[2], point[4]) if point[1] == self.item else (point[1], point[3])
-            if body == self.robot:
-                left += point[9] if link == self.pads[0] else 0.0
-                right += point[9] if link == self.pads[1] else 0.0
-            elif body in fixed:
-                resting += point[9]
-        for body in fixed:
-            if body is not None:
-                touching += sum(point[9] for point in self._contacts(self.robot, body))
+        item, robot, pads = self.item, self.robot, self.pads
+        for _, a, b, link_a, link_b, _, _, _, _, force, *_ in self._contacts():
+            if item in (a, b):
+                body, link = (b, link_b) if a == item else (a, link_a)
+                if body != robot:
+                    resting += force
+                elif link == pads[0]:
+                    left += force
+                elif link == pads[1]:
+                    right += force
+            elif robot in (a, b):
+                touching += force
         return left, right, touching, resting
 
     def item_motion(self) -> Array:

@@ -126,7 +126,7 @@ class Object:
 
     Args:
         mass: Factor on the asset's mass and inertia.
-        linear_damping: d of Bullet's loss `v' = -d v (1 + |v| / (1 m/s))`. Its default of 0.04 is wrong for a solid in air.
+        linear_damping: d of the loss `v' = -d v`. Bullet's default of 0.04 is wrong for a solid in air.
         angular_damping: The same for the spin, with rad/s.
     """
 
