@@ -18,11 +18,11 @@ itself, to the millimetre of the reconstructed object, and waits for ever beside
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from gsbridge.geometry import Array, rotation_from_quat
+from gsbridge.geometry import Array
 from gsbridge.sim.actions import ToolTarget
 from gsbridge.tasks.state import State
 
@@ -55,8 +55,7 @@ class Reached:
     @classmethod
     def of_state(cls, state: State) -> Reached:
         """From the state of one world."""
-        yaw = _yaw(rotation_from_quat(state.tool_quat)[0])
-        return cls(state.tool_position[0].copy(), yaw, float(state.aperture[0]))
+        return cls(state.tool_position[0].copy(), float(state.tool_yaw()[0]), float(state.aperture[0]))
 
     @classmethod
     def of_pose(cls, table_from_tool: Array, aperture: float) -> Reached:
@@ -65,7 +64,8 @@ class Reached:
 
     def after(self, before: Reached | None) -> Reached:
         """The same, one control step after another; None at the begin of an episode."""
-        return replace(self, travel=0.0 if before is None else self.aperture - before.aperture)
+        travel = 0.0 if before is None else self.aperture - before.aperture
+        return Reached(self.position, self.yaw, self.aperture, travel)
 
 
 def begin(target: ToolTarget, reached: Reached) -> None:
@@ -107,7 +107,8 @@ def proprioception(target: ToolTarget, reached: Reached) -> Array:
         ]
     )
     # A world that broke down ends its episode; its last observation must still be one.
-    return np.clip(np.nan_to_num(values), -PROPRIO_BOUND, PROPRIO_BOUND).astype(np.float32)
+    values[np.isnan(values)] = 0.0
+    return np.minimum(np.maximum(values, -PROPRIO_BOUND), PROPRIO_BOUND).astype(np.float32)
 
 
 def _yaw(rotation: Array) -> float:

@@ -26,16 +26,15 @@ _POSTURE_GAIN = 0.5
 @njit(nogil=True)
 def place_links(parents: Array, fixed: Array, axes: Array, values: Array, out: Array) -> None:
     """Poses of all nodes in the base. parents [K], fixed [K, 4, 4], axes [K, 3], values [K] -> out [K, 4, 4]."""
+    turn, local = np.empty((3, 3)), np.empty((3, 3))
     for k in range(len(parents)):
         x, y, z = axes[k, 0], axes[k, 1], axes[k, 2]
         sine, cosine = math.sin(values[k]), math.cos(values[k])
         rest = 1.0 - cosine
         # Rodrigues' rotation; a zero axis has the value zero and gives the identity.
-        turn = np.empty((3, 3))
         turn[0, 0], turn[0, 1], turn[0, 2] = cosine + x * x * rest, x * y * rest - z * sine, x * z * rest + y * sine
         turn[1, 0], turn[1, 1], turn[1, 2] = y * x * rest + z * sine, cosine + y * y * rest, y * z * rest - x * sine
         turn[2, 0], turn[2, 1], turn[2, 2] = z * x * rest - y * sine, z * y * rest + x * sine, cosine + z * z * rest
-        local = np.empty((3, 3))
         for i in range(3):
             for j in range(3):
                 local[i, j] = fixed[k, i, 0] * turn[0, j] + fixed[k, i, 1] * turn[1, j] + fixed[k, i, 2] * turn[2, j]

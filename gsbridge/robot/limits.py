@@ -62,7 +62,7 @@ class JointLimits:
 
     def clip(self, q: Array) -> Array:
         """Angles cut to their limits. [..., N]."""
-        return np.clip(q, self.lower, self.upper)
+        return np.minimum(np.maximum(q, self.lower), self.upper)
 
     def margin(self, q: Array) -> Array:
         """Distance to the nearer limit, rad; negative outside. [..., N]."""
@@ -126,7 +126,9 @@ class Workspace:
         position, yaw = np.asarray(position, dtype=np.float64), np.asarray(yaw, dtype=np.float64)
         if not (np.isfinite(position).all() and np.isfinite(yaw).all()):
             raise InputError("action", "the commanded pose is not finite", "Check the policy's output for NaN")
-        inside, turn = np.clip(position, self.lower, self.upper), np.clip(yaw, *self.yaw)
+        # Not `np.clip`, which on so few numbers costs several times as much.
+        inside = np.minimum(np.maximum(position, self.lower), self.upper)
+        turn = np.minimum(np.maximum(yaw, self.yaw[0]), self.yaw[1])
         return inside, turn, (inside != position).any(-1) | (turn != yaw)
 
     def contains(self, position: Array) -> Array:

@@ -13,7 +13,7 @@ from gsbridge.robot.assembly import RobotFiles
 from gsbridge.robot.chain import place_links
 from gsbridge.robot.kinematics import Kinematics
 from gsbridge.robot.links import Joint, rotation_from_rpy
-from gsbridge.sim.dynamics import joint_torques
+from gsbridge.sim.dynamics import joint_torques, packed
 from gsbridge.sim.model import Model
 
 
@@ -73,19 +73,20 @@ class Controller:
             owner.append(source if 0 <= source < len(arm) else -1 if parent < 0 else owner[parent])
         turns = [joint.kind == "revolute" for joint in tree.joints]
         d, a, g = self.dimensions, model.arm, model.gripper
-        self._chain = (
-            np.array(parents, dtype=np.int64),
-            np.stack([np.eye(4), *(joint.parent_from_child for joint in tree.joints)]),
-            np.array(
+        width = len(arm) + 1
+        self._arm = packed(
+            parents=np.array(parents, dtype=np.int64),
+            fixed=np.stack([np.eye(4), *(joint.parent_from_child for joint in tree.joints)]),
+            axes=np.array(
                 [(0.0, 0.0, 0.0), *(j.axis if turn else (0.0, 0.0, 0.0) for j, turn in zip(tree.joints, turns, strict=True))]
             ),
-            np.array(moving, dtype=np.int64),
-            np.array([0.0, *(j.multiplier if turn else 0.0 for j, turn in zip(tree.joints, turns, strict=True))]),
-            read_bodies(robot.urdf, tree.links),
-            np.array(owner, dtype=np.int64),
-            np.array([moving.index(k) for k in range(len(arm))], dtype=np.int64),
-            np.asarray(gravity, dtype=np.float64),
-            np.array(
+            sources=np.array(moving, dtype=np.int64),
+            factors=np.array([0.0, *(j.multiplier if turn else 0.0 for j, turn in zip(tree.joints, turns, strict=True))]),
+            bodies=read_bodies(robot.urdf, tree.links),
+            owner=np.array(owner, dtype=np.int64),
+            nodes=np.array([moving.index(k) for k in range(len(arm))], dtype=np.int64),
+            gravity=np.asarray(gravity, dtype=np.float64),
+            law=np.array(
                 [
                     a.stiffness,
                     a.damping,
@@ -95,16 +96,17 @@ class Controller:
                     [a.gravity_compensation] * len(arm),
                 ]
             ),
-            np.array([d.knuckle_y - d.pad_inset, d.bar, g.stiffness, g.damping, g.force, model.time_step, model.period]),
+            grip=np.array([d.knuckle_y - d.pad_inset, d.bar, g.stiffness, g.damping, g.force, model.time_step, model.period]),
+            plan=np.zeros((3, width)),
+            slot=np.zeros(1, dtype=np.int64),
+            memory=np.zeros((2, width)),
+            known_inertia=np.zeros((len(arm), len(arm))),
         )
         # Enough for the full force, and for what a set point is ahead of moving fingers.
         self._pressing = g.force / g.stiffness + g.speed * (model.period + a.delay)
-        width = len(arm) + 1
+        # By itself, since its length is the delay's: every other one would have to be compiled anew.
         self._ring = np.zeros((round(a.delay / model.time_step) + 1, 2, width))
-        self._slot = np.zeros(1, dtype=np.int64)
-        self._plan = np.zeros((3, width))
-        self._memory = np.zeros((2, width))
-        self._inertia = np.zeros((len(arm), len(arm)))
+        self._plan, self._substeps = self._arm["plan"][0], model.substeps
         self.torques = np.zeros((2, width))
         self.reset(kinematics.rest, self.dimensions.stroke)
 
@@ -121,13 +123,12 @@ class Controller:
         self.goal = self.point.copy()
         self._ring[:] = 0.0
         self._ring[:, 0] = self.point
-        self._slot[0] = 0
-        self._memory[:] = 0.0
+        self._arm["slot"], self._arm["memory"] = 0, 0.0
         self._plan[:] = self.point, 0.0 * self.point, 0.0 * self.point
 
     def aim(self, q: Array, aperture: float) -> None:
         """Set the goal. q [N], aperture in m."""
-        self.goal = np.append(q, np.clip(aperture, 0.0, self.dimensions.stroke))
+        self.goal = np.append(q, min(max(aperture, 0.0), self.dimensions.stroke))
 
     def begin_period(self, opening: float) -> None:
         """Choose where the command stands at the end of the coming control period.
@@ -142,11 +143,11 @@ class Controller:
         # Beyond the fingers the set point may only lie on the side to which they are to go: it presses, or is ahead of them.
         low = opening - self._pressing if self.goal[-1] < opening else opening
         high = opening + self._pressing if self.goal[-1] > opening else opening
-        self.point[-1] = np.clip(self.point[-1], low, high)
+        self.point[-1] = min(max(self.point[-1], low), high)
         way = (self.goal - self.point) / period
         fastest = float(np.max(np.abs(way[:-1]) / self.limits.velocity))
         way[:-1] /= max(1.0, fastest)
-        way[-1] = np.clip(way[-1], -self.model.gripper.speed, self.model.gripper.speed)
+        way[-1] = min(max(way[-1], -self.model.gripper.speed), self.model.gripper.speed)
         last = self._plan[1] + self._plan[2]
         self._plan[0] = self.point - 0.5 * period * last
         self._plan[1], self._plan[2] = last, way - last
@@ -162,16 +163,13 @@ class Controller:
         Returns:
             Torques for the engine and motor torques, N m; overwritten by the next call. [2, N + 1].
         """
-        share = (number + 1) / self.model.substeps
-        joint_torques(
-            *self._chain, self._plan, share, self._ring, self._slot, measured, self._memory, self._inertia, self.torques
-        )
+        joint_torques(self._arm, self._ring, (number + 1) / self._substeps, measured, self.torques)
         return self.torques
 
     def place_links(self, measured: Array, table_from_base: Array) -> Array:
         """`table_from_link` of all links in the tree's order. measured [2, N + 1], table_from_base [4, 4] -> [L, 4, 4]."""
-        parents, fixed, axes, sources, factors = self._chain[:5]
-        values = np.where(sources >= 0, factors * measured[0, sources], 0.0)
-        out = np.empty((len(parents), 4, 4))
-        place_links(parents, fixed, axes, values, out)
+        chain = self._arm[0]
+        values = np.where(chain["sources"] >= 0, chain["factors"] * measured[0, chain["sources"]], 0.0)
+        out = np.empty((len(values), 4, 4))
+        place_links(chain["parents"], chain["fixed"], chain["axes"], values, out)
         return table_from_base @ out

@@ -112,31 +112,27 @@ def solve_shifted(inertia: Array, shift: Array, right: Array, out: Array) -> Non
         out[i] = column[i, 0]
 
 
+def packed(**arrays: Array) -> Array:
+    """Arrays in one record: a kernel is called 50 times per control period, and every array handed over costs 50 ns. [1]."""
+    fields = [(name, value.dtype, value.shape) for name, value in arrays.items()]
+    out = np.zeros(1, np.dtype(fields, align=True))
+    for name, value in arrays.items():
+        out[name][0] = value
+    return out
+
+
 @njit(nogil=True)
-def joint_torques(
-    parents: Array,
-    fixed: Array,
-    axes: Array,
-    sources: Array,
-    factors: Array,
-    bodies: Array,
-    owner: Array,
-    nodes: Array,
-    gravity: Array,
-    law: Array,
-    grip: Array,
-    plan: Array,
-    share: float,
-    ring: Array,
-    slot: Array,
-    measured: Array,
-    memory: Array,
-    known_inertia: Array,
-    out: Array,
-) -> None:
+def joint_torques(arm: Array, ring: Array, share: float, measured: Array, out: Array) -> None:
     """Torques of one physics step for the arm's N joints and the gripper's driver.
 
     Args:
+        arm: See below. [1].
+        ring: Set points that wait for the delay to pass: position and speed each. Updated. [L, 2, N + 1].
+        share: How much of the control period is over at the end of this step, 0..1.
+        measured: Row of angles and row of speeds; the last column is the gripper's driver. [2, N + 1].
+        out: Rows: torques for the engine, motor torques as the robot would report them. [2, N + 1].
+
+    Fields of `arm`:
         parents, fixed, axes: The chain.
         sources: Coordinate that each node follows, -1 for none. [K].
         factors: Value of the node's joint per coordinate. [K].
@@ -145,14 +141,13 @@ def joint_torques(
         grip: Rest half gap, bar length, stiffness, damping, largest force, time step, control period. [7].
         plan: Set point of this control period: rows position and speed at its start, change of speed until its end; the last
             column is the opening, m. [3, N + 1].
-        share: How much of the control period is over at the end of this step, 0..1.
-        ring: Set points that wait for the delay to pass: position and speed each. Updated. [L, 2, N + 1].
         slot: Place of the next one in the ring. Updated. [1] int.
-        measured: Row of angles and row of speeds; the last column is the gripper's driver. [2, N + 1].
         memory: Rows: speeds and engine torques of the step before; [0, N] is 0 at the start, then 1. Updated. [2, N + 1].
         known_inertia: Joint-space inertia of the step before. Updated. [N, N].
-        out: Rows: torques for the engine, motor torques as the robot would report them. [2, N + 1].
     """
+    a = arm[0]
+    sources, factors, nodes, slot = a.sources, a.factors, a.nodes, a.slot
+    law, grip, plan, memory, known_inertia = a.law, a.grip, a.plan, a.memory, a.known_inertia
     count = len(nodes)
     time = share * grip[6]
     for i in range(count + 1):
@@ -161,13 +156,13 @@ def joint_torques(
     # The place after the newest holds the oldest.
     slot[0] = (slot[0] + 1) % len(ring)
     wanted = ring[slot[0]]
-    values, poses = np.zeros(len(parents)), np.empty((len(parents), 4, 4))
-    for k in range(len(parents)):
+    values, poses = np.zeros(len(sources)), np.empty((len(sources), 4, 4))
+    for k in range(len(sources)):
         if sources[k] >= 0:
             values[k] = factors[k] * measured[0, sources[k]]
-    place_links(parents, fixed, axes, values, poses)
+    place_links(a.parents, a.fixed, a.axes, values, poses)
     inertia, weight = np.empty((count, count)), np.empty(count)
-    arm_inertia(axes, poses, bodies, owner, nodes, gravity, inertia, weight)
+    arm_inertia(a.axes, poses, a.bodies, a.owner, nodes, a.gravity, inertia, weight)
     step, heavy = grip[5], False
     for i in range(count):
         motor = law[0, i] * (wanted[0, i] - measured[0, i]) + law[1, i] * (wanted[1, i] - measured[1, i])

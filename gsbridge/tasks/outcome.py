@@ -67,11 +67,12 @@ class Progress:
     def follow(self, state: State, *, grip_force: float, lift: float) -> Progress:
         """The memory of grips and lifts, brought up to date with a state."""
         held = state.gripped(grip_force)
-        return replace(self, gripped=self.gripped | held, lifted=self.lifted | (held & (state.object_clearance >= lift)))
+        lifted = self.lifted | (held & (state.object_clearance >= lift))
+        return Progress(self.streak, self.gripped | held, lifted, self.excess)
 
     def count(self, met: Array) -> Progress:
         """The streak, continued where the goal is met and broken elsewhere. bool [N]."""
-        return replace(self, streak=np.where(met, self.streak + 1, 0))
+        return Progress(np.where(met, self.streak + 1, 0), self.gripped, self.lifted, self.excess)
 
 
 @dataclass(frozen=True)

@@ -75,8 +75,8 @@ class State:
 
     def tool_yaw(self) -> Array:
         """Turn of the tool about the vertical, rad; see `gsbridge.robot.reach.tool_down`. [N]."""
-        turn = rotation_from_quat(self.tool_quat)
-        return np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
+        w, x, y, z = self.tool_quat.T
+        return np.arctan2(2.0 * (x * y + w * z), w * w + x * x - y * y - z * z)
 
     def tilt(self) -> Array:
         """Angle between the object's upright axis and the vertical, rad. [N]."""

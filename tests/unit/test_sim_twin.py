@@ -24,7 +24,7 @@ def test_the_twin_sees_a_softer_arm():
     """Agreement is no matter of course: gains that only one engine has tear them apart."""
     with world() as sim:
         stiff = sim.model
-        sim.controller._chain[9][0] *= 0.02
+        sim.controller._arm["law"][0, 0] *= 0.02
         found = compare_with_twin(robot(), sim)
         assert sim.model is stiff
     assert found.tool > 0.003
