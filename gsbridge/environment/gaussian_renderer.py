@@ -9,11 +9,12 @@ from gsbridge.environment.rendering import check_drawn
 from gsbridge.environment.robot_splats import mean_cloud_colour
 from gsbridge.geometry import Array
 from gsbridge.meshes import Mesh
-from gsbridge.scene.editing import Composition
+from gsbridge.scene.groups import GroupedComposition
 from gsbridge.scene.shadows import Shadows
 from gsbridge.scene.underlay import with_underlay
 from gsbridge.scene.view import Shot, draw, shot_of, to_bytes
 from gsbridge.splats.cloud import Cloud
+from gsbridge.splats.rasterize.cpu import Seen
 
 OBJECT = "object"
 
@@ -26,6 +27,7 @@ class GaussianRenderer:
         background: Splats of the background, table frame.
         surface: Mesh of the background, for the layer that closes the gaps between its splats; None leaves that out.
         robot: Splats of the links, link frames.
+        closed: Closed mesh of the object, body frame: its far side is left out; None draws all of it.
         camera: Pinhole.
         backdrop: Colour where there is no splat at all, sRGB 0..1; None for the background's mean colour. [3].
         threads: Threads; environments run side by side, so one each.
@@ -42,6 +44,7 @@ class GaussianRenderer:
         camera: Camera,
         *,
         surface: Mesh | None = None,
+        closed: Mesh | None = None,
         backdrop: Sequence[float] | None = None,
         threads: int = 1,
         shadows: Shadows | None = None,
@@ -50,21 +53,20 @@ class GaussianRenderer:
         colour = mean_cloud_colour(background) if backdrop is None else backdrop
         self.backdrop = (float(colour[0]), float(colour[1]), float(colour[2]))
         floor = background if surface is None else with_underlay(background, surface)
-        self.composition = Composition({OBJECT: item, **robot}, floor)
+        self.composition = GroupedComposition({OBJECT: item, **robot}, floor, {} if closed is None else {OBJECT: closed})
 
     def __len__(self) -> int:
         """Splats drawn."""
         return len(self.composition)
 
-    def pose(self, body_poses: Mapping[str, Array]) -> None:
-        """Move the bodies without drawing. [4, 4] each.
+    def see(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Seen:
+        """What the camera sees of the bodies, without drawing it. [4, 4] each.
 
         Raises:
             InputError: A drawn body has no pose.
         """
-        names = self.composition.names
-        check_drawn(names, body_poses)
-        self.composition.pose({name: body_poses[name] for name in names})
+        check_drawn(self.composition.names, body_poses)
+        return self.composition.see(body_poses, self.camera, cam_from_table)
 
     def render(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Array:
         """The picture; see `Renderer`. [H, W, 3] uint8."""
@@ -80,8 +82,8 @@ class GaussianRenderer:
 
     def _drawn(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> tuple[Array, Array, Array]:
         """Colours, alpha and summed depth of the bodies at their poses, in their shadows."""
-        self.pose(body_poses)
-        colours, alphas, depths = draw(self.composition, self.camera, cam_from_table, self.backdrop, self.threads)
+        seen = self.see(body_poses, cam_from_table)
+        colours, alphas, depths = draw(self.composition.splats, self.camera, cam_from_table, self.backdrop, self.threads, seen)
         if self.shadows is not None:
             self.shadows.dim(colours, depths, alphas, self.camera, cam_from_table, body_poses)
         return colours, alphas, depths

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from gsbridge.kernels import njit  # isort: skip  (first: it sets numba's cache folder)
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,25 @@ from gsbridge.splats.rasterize.lanes import WIDTH
 
 _RIGID = 1e-4
 """How far a pose's rotation may be from orthonormal."""
+
+
+@njit(error_model="numpy")
+def is_rigid(pose):  # type: ignore[no-untyped-def]
+    """Whether a pose is finite and its rotation one, within `_RIGID`. [4, 4] float64."""
+    for i in range(3):
+        for j in range(i + 1):
+            dot = 0.0
+            for k in range(3):
+                dot += pose[k, i] * pose[k, j]
+            # Written so that NaN fails it too.
+            if not abs(dot - (i == j)) <= _RIGID:
+                return False
+        if not abs(pose[i, 3]) < np.inf:
+            return False
+    x, y, z = pose[:3, 0], pose[:3, 1], pose[:3, 2]
+    # A reflection is orthonormal too.
+    triple = x[0] * (y[1] * z[2] - y[2] * z[1]) + x[1] * (y[2] * z[0] - y[0] * z[2]) + x[2] * (y[0] * z[1] - y[1] * z[0])
+    return triple > 0.0
 
 
 @njit(error_model="numpy")
@@ -35,22 +54,7 @@ def _move(poses, moved, starts, rest_means, rest_quats, means, quats):  # type: 
     """
     count = poses.shape[0]
     for body in range(count):
-        if not moved[body]:
-            continue
-        for i in range(3):
-            for j in range(i + 1):
-                dot = 0.0
-                for k in range(3):
-                    dot += poses[body, k, i] * poses[body, k, j]
-                # Written so that NaN fails it too.
-                if not abs(dot - (i == j)) <= _RIGID:
-                    return body
-            if not abs(poses[body, i, 3]) < np.inf:
-                return body
-        x, y, z = poses[body, :3, 0], poses[body, :3, 1], poses[body, :3, 2]
-        # A reflection is orthonormal too.
-        triple = x[0] * (y[1] * z[2] - y[2] * z[1]) + x[1] * (y[2] * z[0] - y[0] * z[2]) + x[2] * (y[0] * z[1] - y[1] * z[0])
-        if triple <= 0.0:
+        if moved[body] and not is_rigid(poses[body]):
             return body
     for body in range(count):
         if not moved[body]:
@@ -129,6 +133,18 @@ class Splats:
         return Cloud(*(getattr(self, name).copy() for name in ("means", "quats", "scales", "opacities", "colours")))
 
 
+def require_plain(clouds: Sequence[Cloud]) -> None:
+    """Make sure that colours have no direction.
+
+    Raises:
+        TypeError: Something is no `Cloud`.
+    """
+    for cloud in clouds:
+        if not isinstance(cloud, Cloud):
+            kind = type(cloud).__name__
+            raise TypeError(f"a composition takes clouds of plain RGB, no {kind}: directional colour would have to turn too")
+
+
 class Composition:
     """Splats of a static background and of named bodies, packed once; only bodies that moved are written again.
 
@@ -145,12 +161,7 @@ class Composition:
 
     def __init__(self, bodies: Mapping[str, Cloud], background: Cloud | None = None) -> None:
         clouds = ([] if background is None else [background]) + list(bodies.values())
-        for cloud in clouds:
-            if not isinstance(cloud, Cloud):
-                kind = type(cloud).__name__
-                raise TypeError(
-                    f"a composition takes clouds of plain RGB, no {kind}: directional colour would have to turn too"
-                )
+        require_plain(clouds)
         self.names = tuple(bodies)
         self._index = {name: number for number, name in enumerate(self.names)}
         sizes = [len(cloud) for cloud in bodies.values()]

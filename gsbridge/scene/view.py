@@ -11,8 +11,9 @@ import numpy as np
 
 from gsbridge.cameras import Camera
 from gsbridge.geometry import Array
-from gsbridge.scene.editing import Composition
+from gsbridge.scene.editing import Composition, Splats
 from gsbridge.splats.rasterize import cpu
+from gsbridge.splats.rasterize.cpu import Seen
 
 BLACK = (0.0, 0.0, 0.0)
 
@@ -70,7 +71,7 @@ def shoot(
     Raises:
         ValueError: The camera has distortion.
     """
-    return shot_of(*draw(composition, camera, cam_from_world, background, threads))
+    return shot_of(*draw(composition.splats, camera, cam_from_world, background, threads))
 
 
 def shot_of(colours: Array, alphas: Array, depths: Array) -> Shot:
@@ -82,16 +83,23 @@ def render(
     composition: Composition, camera: Camera, cam_from_world: Array, background: Sequence[float] = BLACK, threads: int = 1
 ) -> Array:
     """Image of a composition as it is posed now, sRGB. Arguments as in `shoot`. [H, W, 3] uint8."""
-    return to_bytes(draw(composition, camera, cam_from_world, background, threads)[0])
+    return to_bytes(draw(composition.splats, camera, cam_from_world, background, threads)[0])
 
 
 def draw(
-    composition: Composition, camera: Camera, cam_from_world: Array, background: Sequence[float], threads: int
+    splats: Splats,
+    camera: Camera,
+    cam_from_world: Array,
+    background: Sequence[float],
+    threads: int,
+    seen: Seen | None = None,
 ) -> tuple[Array, Array, Array]:
-    """Encoded colours [H, W, 3], not clamped, alpha [H, W] and alpha-weighted sum of camera z, m, [H, W]; as in `shoot`."""
+    """Encoded colours [H, W, 3], not clamped, alpha [H, W] and alpha-weighted sum of camera z, m, [H, W]; as in `shoot`.
+
+    `seen` is what a `gsbridge.scene.groups.GroupedComposition` sees; all splats are drawn when None.
+    """
     if not camera.is_pinhole:
         raise ValueError("splats are drawn by a camera without distortion")
-    splats = composition.splats
     return cpu.render(
         splats.means,
         splats.quats,
@@ -102,4 +110,5 @@ def draw(
         cam_from_table=cam_from_world,
         background=np.asarray(background, np.float32),
         threads=threads,
+        seen=seen,
     )

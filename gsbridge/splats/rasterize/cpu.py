@@ -19,7 +19,7 @@ from gsbridge.geometry import Array
 from gsbridge.splats.rasterize import binning, blending, projection
 from gsbridge.splats.rasterize import gradients as backward_kernels
 from gsbridge.splats.rasterize.lanes import WIDTH
-from gsbridge.splats.rasterize.layout import BLOCK, RECORD, STATE, TABLE
+from gsbridge.splats.rasterize.layout import BLOCK, GROUP, RECORD, STATE, TABLE
 
 _KEYS = 2 * 4096
 
@@ -129,6 +129,27 @@ class _View:
 
 
 @dataclass(frozen=True)
+class Seen:
+    """What a picture is drawn from.
+
+    Args:
+        groups: Numbers of groups of `layout.GROUP` splats, rising. [G] int64.
+        owners: Row in `views` of each. [G] int64.
+        views: Frames that splats are given in: fx, fy, cx, cy, rotation by rows and translation to the camera. [F, 16] float32.
+    """
+
+    groups: Array
+    owners: Array
+    views: Array
+
+    @classmethod
+    def all(cls, count: int, view: _View) -> Seen:
+        """Every splat of `count`, all in one frame."""
+        groups = np.arange(-(-count // GROUP))
+        return cls(groups, np.zeros_like(groups), view.numbers[None])
+
+
+@dataclass(frozen=True)
 class _Splats:
     """Flat float32 arrays with room for a multiple of `WIDTH` splats."""
 
@@ -160,10 +181,12 @@ def _blocks(space: Workspace, view: _View, background: Array) -> tuple[Any, ...]
 
 
 def _forward(
-    splats: _Splats, view: _View, background: Array, space: Workspace, threads: int
+    splats: _Splats, view: _View, background: Array, space: Workspace, threads: int, seen: Seen | None = None
 ) -> tuple[int, tuple[Array, Array, Array]]:
     """Render into new arrays; returns the number of visible splats and colour, alpha, depth (flat)."""
     space.fit(splats.count, view.rows, view.columns)
+    if seen is None:
+        seen = Seen.all(splats.count, view)
     visible = projection.project(
         splats.means,
         splats.quats,
@@ -171,7 +194,9 @@ def _forward(
         splats.opacities,
         splats.colours,
         splats.count,
-        view.numbers,
+        seen.groups,
+        seen.owners,
+        seen.views.reshape(-1),
         view.near,
         view.width,
         view.height,
@@ -244,10 +269,12 @@ def render(
     background: Array | None = None,
     near: float = 0.01,
     threads: int | None = None,
+    seen: Seen | None = None,
 ) -> tuple[Array, Array, Array]:
     """Image of splats, without gradients. Arguments as in `rasterize`, numpy float32 arrays.
 
     Args:
+        seen: Which groups of splats to draw, and the frames they are given in; all, in the table's, when None.
         threads: Threads; as many as the job may use when None.
 
     Returns:
@@ -263,6 +290,7 @@ def render(
             behind,
             space,
             logs.threads() if threads is None else threads,
+            seen,
         )
     finally:
         _pool.free.append(space)

@@ -23,6 +23,9 @@ STATE: Final = 5 * PIXELS
 RECORD: Final = 16
 """float32 per record and per row of gradient sums."""
 
+GROUP: Final = 32
+"""Splats that are drawn or left out together."""
+
 # Columns of a record.
 X: Final = 0  # centre, px
 Y: Final = 1

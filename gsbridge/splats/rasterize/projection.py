@@ -26,11 +26,12 @@ from gsbridge.splats.rasterize.lanes import (
 )
 from gsbridge.splats.rasterize.memory import at, load, load_quads, load_triples, put, store, store_rows, store_whole
 
-RECORD = layout.RECORD
+RECORD, GROUP = layout.RECORD, layout.GROUP
 BLUR = layout.BLUR
 CUT = layout.CUT
 SCALE = layout.SCALE
 _FALLOFF_PER_SIGMA2 = 2.0 / SCALE
+_BOUND = 1.002 * _FALLOFF_PER_SIGMA2  # a little wider against rounding
 _FARTHEST = 1e9  # px or px^2: beyond it a float32 has no sub-pixel digits left and the splat is dropped
 
 
@@ -91,14 +92,33 @@ def _bits_of_row(near, tilt, level, curve, xy, scale, origin, wide):
 
 @njit(error_model="numpy")
 def project(
-    means, quats, scales, opacities, colours, count, view, near, width, height, records, sources, depths, boxes, capacity
+    means,
+    quats,
+    scales,
+    opacities,
+    colours,
+    count,
+    groups,
+    owners,
+    views,
+    near,
+    width,
+    height,
+    records,
+    sources,
+    depths,
+    boxes,
+    capacity,
 ):
     """Project splats, drop those outside the view, pack the others.
 
     Args:
         means, quats, scales, opacities, colours: Flat arrays, room for a multiple of eight splats.
         count: Splats.
-        view: fx, fy, cx, cy, then the rotation and the translation `cam_from_table`. [16].
+        groups: Which groups of `GROUP` splats to look at. [G] int64.
+        owners: Row in `views` of each of these groups. [G] int64.
+        views: Of every frame that splats are given in: fx, fy, cx, cy, then the rotation and the translation from it to the
+            camera. [F * 16].
         near: Smallest camera z, m.
         width, height: Image, px.
         records: Filled with one record per visible splat, in the order of the splats. [N * RECORD].
@@ -111,26 +131,26 @@ def project(
     Returns:
         Visible splats.
     """
-    fx, fy, cx, cy = view[0], view[1], view[2], view[3]
-    r00, r01, r02, r10, r11, r12, r20, r21, r22 = (
-        view[4],
-        view[5],
-        view[6],
-        view[7],
-        view[8],
-        view[9],
-        view[10],
-        view[11],
-        view[12],
-    )
-    t0, t1, t2 = view[13], view[14], view[15]
+    fx, fy, cx, cy = views[0], views[1], views[2], views[3]
     margin_x, margin_y = np.float32(0.5 * layout.MARGIN) * width / fx, np.float32(0.5 * layout.MARGIN) * height / fy
     right, left = (width - cx) / fx + margin_x, -cx / fx - margin_x
     bottom, top = (height - cy) / fy + margin_y, -cy / fy - margin_y
+    # Largest square of a slope's length, per square of a splat's size over its distance.
+    widest_x = fx * fx * (np.float32(1.0) + max(left * left, right * right))
+    widest_y = fy * fy * (np.float32(1.0) + max(top * top, bottom * bottom))
     columns = (width + layout.BLOCK - 1) // layout.BLOCK + 1
     rows, cells = np.empty(RECORD * WIDTH, np.float32), np.empty(6 * WIDTH, np.int32)
     visible = 0
-    for first in range(0, count, WIDTH):
+    for number in range(groups.shape[0] * (GROUP // WIDTH)):
+        place = number // (GROUP // WIDTH)
+        first = groups[place] * GROUP + number % (GROUP // WIDTH) * WIDTH
+        if first >= count:
+            continue
+        view = 16 * owners[place]
+        r00, r01, r02 = at(views, view + 4), at(views, view + 5), at(views, view + 6)
+        r10, r11, r12 = at(views, view + 7), at(views, view + 8), at(views, view + 9)
+        r20, r21, r22 = at(views, view + 10), at(views, view + 11), at(views, view + 12)
+        t0, t1, t2 = at(views, view + 13), at(views, view + 14), at(views, view + 15)
         mx, my, mz = load_triples(means, 3 * first)
         z = mx * r20 + my * r21 + mz * r22 + t2
         inverse = 1.0 / z
@@ -138,6 +158,16 @@ def project(
         v = (mx * r10 + my * r11 + mz * r12 + t1) * inverse
         x, y = u * fx + cx, v * fy + cy
         opacity = load(opacities, first)
+        s0, s1, s2 = load_triples(scales, 3 * first)
+        # As far as the splat could reach were it as wide as its widest axis in all directions; log2(a) <= (a - 1) / ln 2. Eight
+        # that lie outside, as most of a scene does, are done here.
+        widest = larger(larger(s0, s1), s2) * inverse
+        room = (larger(opacity - 1.0, 0.0) * 0.181 - CUT) * _BOUND
+        aside, above = larger(larger(-x, x - width), 0.0), larger(larger(-y, y - height), 0.0)
+        inside = aside * aside <= room * (widest * widest * widest_x + BLUR)
+        inside = inside & (above * above <= room * (widest * widest * widest_y + BLUR)) & (z >= near)
+        if mask_bits(inside) == 0:
+            continue
 
         ju, jv = inverse * fx, inverse * fy
         su, sv = ju * smaller(larger(u, left), right), jv * smaller(larger(v, top), bottom)
@@ -146,7 +176,6 @@ def project(
         qw, qx, qy, qz = load_quads(quats, 4 * first)
         norm = 1.0 / square_root(qw * qw + qx * qx + qy * qy + qz * qz)
         m00, m01, m02, m10, m11, m12, m20, m21, m22 = _axes(qw * norm, qx * norm, qy * norm, qz * norm)
-        s0, s1, s2 = load_triples(scales, 3 * first)
         v00 = (a0 * m00 + a1 * m10 + a2 * m20) * s0
         v01 = (a0 * m01 + a1 * m11 + a2 * m21) * s1
         v02 = (a0 * m02 + a1 * m12 + a2 * m22) * s2
@@ -181,9 +210,14 @@ def project(
         origin, wide, high = (x - 0.5) * 0.25 - block_left, smaller(block_right - block_left, 4.0), block_bottom - block_top
         above = block_top * 4.0 + 0.5 - y
         mask = _bits_of_row(above, tilt, level, curve, xy, scale, origin, wide)
-        mask = mask + select(high > 1.0, _bits_of_row(above + 4.0, tilt, level, curve, xy, scale, origin, wide), 0.0) * 16.0
-        mask = mask + select(high > 2.0, _bits_of_row(above + 8.0, tilt, level, curve, xy, scale, origin, wide), 0.0) * 256.0
-        mask = mask + select(high > 3.0, _bits_of_row(above + 12.0, tilt, level, curve, xy, scale, origin, wide), 0.0) * 4096.0
+        # Most splats are no higher than a row or two of blocks, and neighbours are alike.
+        if mask_bits(seen & (high > 1.0)) != 0:
+            second = _bits_of_row(above + 4.0, tilt, level, curve, xy, scale, origin, wide)
+            mask = mask + select(high > 1.0, second, 0.0) * 16.0
+        if mask_bits(seen & (high > 2.0)) != 0:
+            third = _bits_of_row(above + 8.0, tilt, level, curve, xy, scale, origin, wide)
+            fourth = _bits_of_row(above + 12.0, tilt, level, curve, xy, scale, origin, wide)
+            mask = mask + select(high > 2.0, third, 0.0) * 256.0 + select(high > 3.0, fourth, 0.0) * 4096.0
         mask = select((block_right - block_left <= 4.0) & (high <= 4.0), mask, -1.0)
         store_rows(rows, 0, RECORD, x, y, xx, xy, yy, log, red, green)
         store_rows(rows, 8, RECORD, blue, z, reach, block_left, block_top, block_right, block_bottom, mask)
@@ -238,7 +272,8 @@ def project_backward(
 
     Args:
         means, quats, scales, opacities: As in `project`.
-        view, width, height: As in `project`.
+        view: fx, fy, cx, cy, then the rotation and the translation `cam_from_table`. [16].
+        width, height: As in `project`.
         records, sources, visible: What `project` gave.
         sums: Per record, over its pixels, of `g = alpha * dL/dalpha`: g, g dx, g dy, g dx dx, g dx dy, g dy dy, then the
             gradients of red, green, blue and depth. [N * RECORD].
