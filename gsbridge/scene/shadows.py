@@ -54,9 +54,8 @@ def _place(poses, owners, rest, out):  # type: ignore[no-untyped-def]
 
 @njit(error_model="numpy", fastmath=True)
 def _points(depths, alphas, lens, table_from_cam, step, out):  # type: ignore[no-untyped-def]
-    """Surface points of the grid's pixels, table frame, far below where nothing is drawn. Returns centre and radius of all."""
+    """Surface points of the grid's pixels, table frame, far below where nothing is drawn."""
     rows, columns = out.shape[0], out.shape[1]
-    low, high = np.full(3, np.float32(1e9)), np.full(3, np.float32(-1e9))
     for i in range(rows):
         for j in range(columns):
             v, u = i * step + step // 2, j * step + step // 2
@@ -66,11 +65,9 @@ def _points(depths, alphas, lens, table_from_cam, step, out):  # type: ignore[no
             z = depths[v, u] / alphas[v, u]
             x, y = z * (u + np.float32(0.5) - lens[2]) / lens[0], z * (v + np.float32(0.5) - lens[3]) / lens[1]
             for k in range(3):
-                value = table_from_cam[k, 0] * x + table_from_cam[k, 1] * y + table_from_cam[k, 2] * z + table_from_cam[k, 3]
-                out[i, j, k] = value
-                low[k], high[k] = min(low[k], value), max(high[k], value)
-    middle = np.float32(0.5) * (low + high)
-    return middle, np.float32(0.5) * math.sqrt(((high - low) ** 2).sum())
+                out[i, j, k] = (
+                    table_from_cam[k, 0] * x + table_from_cam[k, 1] * y + table_from_cam[k, 2] * z + table_from_cam[k, 3]
+                )
 
 
 @njit(error_model="numpy", fastmath=True)
@@ -83,7 +80,7 @@ def _frame(dx, dy, dz):  # type: ignore[no-untyped-def]
 
 @njit(error_model="numpy", fastmath=True)
 def _shade(along, side, up, s_along, s_side, s_up, radius, left):  # type: ignore[no-untyped-def]
-    """What a sphere leaves of a direction's light at all points, in coordinates along and across the direction.
+    """What a sphere leaves of a direction's light at some points, in coordinates along and across the direction.
 
     The same as `gsbridge.scene.occlusion.left_by`, without branches, so that many points are computed at a time.
     """
@@ -111,12 +108,36 @@ def _within(x, y, z, spheres, first, last, margin):  # type: ignore[no-untyped-d
 
 
 @njit(error_model="numpy", fastmath=True)
-def _light(points, middle, reach, spheres, robot, sources, shares, floor, work, tones, own):  # type: ignore[no-untyped-def]
+def _bounds(along, side, up, heights, out):  # type: ignore[no-untyped-def]
+    """Least `along`, least and largest `side`, and of `up`, of those points at which something is drawn. -> out [5]."""
+    huge = np.float32(1e9)
+    out[0] = out[1] = out[3] = huge
+    out[2] = out[4] = -huge
+    for i in range(along.shape[0]):
+        if heights[i] != _NOWHERE:
+            out[0] = min(out[0], along[i])
+            out[1], out[2] = min(out[1], side[i]), max(out[2], side[i])
+            out[3], out[4] = min(out[3], up[i]), max(out[4], up[i])
+
+
+@njit(error_model="numpy", fastmath=True)
+def _shades(bounds, s_along, s_side, s_up, radius):  # type: ignore[no-untyped-def]
+    """Whether a sphere may take light from points within some bounds."""
+    ahead = s_along - bounds[0]
+    if ahead <= 0.0:
+        return False
+    across = max(bounds[1] - s_side, s_side - bounds[2], np.float32(0.0))
+    over = max(bounds[3] - s_up, s_up - bounds[4], np.float32(0.0))
+    edge = radius + np.float32(WIDTH) * ahead + np.float32(1e-4)
+    return across * across + over * over < edge * edge
+
+
+@njit(error_model="numpy", fastmath=True)
+def _light(points, spheres, robot, sources, shares, floor, work, tones, own):  # type: ignore[no-untyped-def]
     """Share of the light at each point, to the power that colours are encoded with.
 
     Args:
         points: [N, 3].
-        middle, reach: Ball that holds them.
         spheres: Robot's first, then the object's. [S, 4].
         robot: How many are the robot's.
         sources, shares, floor: The light. [M, 3], [M].
@@ -125,28 +146,24 @@ def _light(points, middle, reach, spheres, robot, sources, shares, floor, work, 
         own: Output: points on the object. [N].
     """
     along, side, up, left = work[0], work[1], work[2], work[3]
-    width = np.float32(WIDTH)
+    count, heights, bounds = points.shape[0], points[:, 2], np.empty(5, np.float32)
     tones[:] = floor
     for m in range(sources.shape[0]):
         dx, dy, dz = sources[m, 0], sources[m, 1], sources[m, 2]
         ax, ay, az, bx, by, bz = _frame(dx, dy, dz)
-        for i in range(points.shape[0]):
+        for i in range(count):
             x, y, z = points[i, 0], points[i, 1], points[i, 2]
             along[i], side[i], up[i] = x * dx + y * dy + z * dz, x * ax + y * ay + z * az, x * bx + y * by + z * bz
             left[i] = 1.0
-        far = middle[0] * dx + middle[1] * dy + middle[2] * dz
-        off_side = middle[0] * ax + middle[1] * ay + middle[2] * az
-        off_up = middle[0] * bx + middle[1] * by + middle[2] * bz
+        _bounds(along, side, up, heights, bounds)
         for group in range(2):
             first, last = (0, robot) if group == 0 else (robot, spheres.shape[0])
             for s in range(first, last):
                 x, y, z, radius = spheres[s, 0], spheres[s, 1], spheres[s, 2], spheres[s, 3]
                 s_along, s_side, s_up = x * dx + y * dy + z * dz, x * ax + y * ay + z * az, x * bx + y * by + z * bz
-                ahead = s_along - far + reach
-                across = math.sqrt((s_side - off_side) ** 2 + (s_up - off_up) ** 2)
-                if ahead > 0 and across < radius + reach + width * ahead:
+                if _shades(bounds, s_along, s_side, s_up, radius):
                     _shade(along, side, up, s_along, s_side, s_up, radius, left)
-            for i in range(points.shape[0]):
+            for i in range(count):
                 tones[group, i] += shares[m] * left[i]
     for i in range(points.shape[0]):
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
@@ -236,10 +253,10 @@ class Shadows:
         spheres = np.empty_like(self._rest)
         _place(np.array([poses[name] for name in self._names], np.float32), self._owners, self._rest, spheres)
         points, count = np.zeros((*shape, 3), np.float32), shape[0] * shape[1]
-        middle, reach = _points(depths, alphas, lens, table_from_cam, step, points)
+        _points(depths, alphas, lens, table_from_cam, step, points)
         work, tones, own = np.empty((4, count), np.float32), np.empty((2, count), np.float32), np.empty(count, np.bool_)
         light = self._sources, self._shares, self._floor
-        flat = points.reshape(count, 3), middle, np.float32(reach), spheres, self._robot
+        flat = points.reshape(count, 3), spheres, self._robot
         _light(*flat, *light, work, tones, own)
         grid = points, tones.reshape(2, *shape), own.reshape(shape)
         _dim(image, depths, alphas, lens, table_from_cam, step, *grid)
