@@ -6,10 +6,11 @@
 
 Without assets the scene is synthetic, with the splats of the desktop budget: a cube of 58 mm with 12,000, a table of 1 m with
 24,000, the robot with 8,000, none of them fitted, which changes no cost; shadows are those of a sky as bright everywhere, which
-is more to sum than under a lamp. Actions are the baseline controller's, so that the
-hand comes near the object and grips it, which is what costs; episodes begin at poses of the set `fixed`.
+is more to sum than under a lamp. Actions are the baseline controller's, so that the hand comes near the object and grips it,
+which is what costs; episodes begin at poses of the set `fixed`.
 
-A step is measured in CPU time of this process, which leaves out the waiting for other jobs; `wall` is told beside it.
+A step is measured in CPU time of this process, which leaves out the waiting for other jobs; `wall` is told beside it. Other
+jobs still take caches and clock rate, and only ever add: of three rounds the fastest counts, and the slowest is told.
 
 `mirror_64` is the stand-in for reality's wrist camera: small_cube on the foam pad under the robot, every body moved before each
 picture, at the samples of its default quality.
@@ -21,6 +22,7 @@ import argparse
 import json
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -36,7 +38,7 @@ EDGE = 0.058
 MASS = 0.117
 OBJECT_SPLATS, BACKGROUND_SPLATS, ROBOT_SPLATS = 12_000, 24_000, 8_000
 SIZES_PX = (128, 64)
-EPISODES = 4
+EPISODES, ROUNDS = 4, 3
 MIRROR_SIZE_PX, MIRROR_PICTURES = 64, 24
 
 
@@ -130,17 +132,59 @@ def shade(robot: Any, item: Any, options: argparse.Namespace, asset: Any) -> Any
     return Shadows(SkyLight(0.1, np.full(count, 0.9 / count)), spheres, (OBJECT, spheres_in(body, OBJECT_SPHERES)))
 
 
+def one_round(env: Any, controller: Any, clocks: Mapping[str, Stopwatch], episodes: int) -> dict[str, Any]:
+    """Figures of some episodes of one environment."""
+    from gsbridge.environment.env import state_of
+
+    for clock in clocks.values():
+        clock.seconds = 0.0
+    wall, coverage, successes = 0.0, [], 0
+    for episode in range(episodes):
+        _, info = env.reset(seed=episode, options={"pose_set": "fixed", "index": (32 * episode) // episodes})
+        ended = False
+        while not ended:
+            action = controller(state_of(info))[0]
+            for clock in clocks.values():
+                clock.run = True
+            begin = time.perf_counter()
+            *_, terminated, truncated, info = env.step(action)
+            wall += time.perf_counter() - begin
+            for clock in clocks.values():
+                clock.run = False
+            coverage.append(env.eye.renderer.coverage(env.world.body_poses(), env.world.camera_pose()))
+            ended = terminated or truncated
+        successes += info["success"]
+    count = len(coverage)
+    seconds = {name: clock.seconds for name, clock in clocks.items()}
+    whole = seconds.pop("step")
+    # Finding what is seen is part of rendering; it is told apart here.
+    seconds["render"] -= seconds["see"]
+    return {
+        "steps_per_second": count / whole,
+        "wall_steps_per_second": count / wall,
+        "steps": count,
+        "successes": successes,
+        "episodes": episodes,
+        "step_ms": 1e3 * whole / count,
+        **{f"{name}_ms": 1e3 * value / count for name, value in seconds.items()},
+        "other_ms": 1e3 * (whole - sum(seconds.values())) / count,
+        "coverage_min": float(np.min(coverage)),
+        "coverage_mean": float(np.mean(coverage)),
+    }
+
+
 def measure(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """All figures, by image size."""
     # Here, because libraries read the thread limits that `main` sets when they load.
     from gsbridge.asset.bundle import read_asset
     from gsbridge.environment.controllers import GraspController, grip_of
-    from gsbridge.environment.env import PickEnvironment, state_of
+    from gsbridge.environment.env import PickEnvironment
     from gsbridge.environment.gaussian_renderer import GaussianRenderer
     from gsbridge.environment.rendering import wrist_camera
     from gsbridge.environment.robot_splats import read_robot_splats, robot_splats
     from gsbridge.environment.settings import EnvironmentSettings
     from gsbridge.robot.assembly import build_robot
+    from gsbridge.robot.links import convex_hull
     from gsbridge.sim.engine import Item
     from gsbridge.sim.model import read_model
     from gsbridge.sim.world import SimWorld
@@ -151,55 +195,26 @@ def measure(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     if options.item and options.background:
         asset, ground = read_asset(options.item), read_asset(options.background)
         item, grip_centre = Item.of(asset), asset.properties.centre if asset.properties else None
-        cube, table, surface = asset.cloud(), ground.cloud(), ground.mesh()
+        cube, table, surface, closed = asset.cloud(), ground.cloud(), ground.mesh(), asset.mesh()
     else:
         item, grip_centre = synthetic_item(folder), None
         cube, table, surface = synthetic_clouds()
+        closed = convex_hull(item.points)
     shadows = shade(robot, item, options, asset if options.item and options.background else None)
     world = SimWorld(robot, item, model)
     controller = GraspController(grip_of(item.points, grip_centre), stroke=robot.dimensions.stroke)
     out: dict[str, Any] = {"splats": {"object": len(cube), "background": len(table), "robot": sum(map(len, links.values()))}}
     clocks = {"sim_step": Stopwatch(world, "step"), "command": Stopwatch(world, "command")}
     for size in SIZES_PX:
-        renderer = GaussianRenderer(cube, table, links, wrist_camera(size), surface=surface, shadows=shadows)
+        renderer = GaussianRenderer(cube, table, links, wrist_camera(size), surface=surface, closed=closed, shadows=shadows)
         env = PickEnvironment(world, EnvironmentSettings(image_size=size), renderer, response=model.camera)
         env.reset(seed=0, options={"pose_set": "fixed", "index": 0})
         env.step(np.zeros(5))  # compiles what is not compiled yet
-        clocks["pose"], clocks["render"] = Stopwatch(renderer, "pose"), Stopwatch(renderer, "render")
-        whole = Stopwatch(env, "step")
-        wall, coverage, successes = 0.0, [], 0
-        for episode in range(options.episodes):
-            _, info = env.reset(seed=episode, options={"pose_set": "fixed", "index": (32 * episode) // options.episodes})
-            ended = False
-            while not ended:
-                action = controller(state_of(info))[0]
-                for clock in (whole, *clocks.values()):
-                    clock.run = True
-                begin = time.perf_counter()
-                *_, terminated, truncated, info = env.step(action)
-                wall += time.perf_counter() - begin
-                for clock in (whole, *clocks.values()):
-                    clock.run = False
-                coverage.append(renderer.coverage(world.body_poses(), world.camera_pose()))
-                ended = terminated or truncated
-            successes += info["success"]
-        count = len(coverage)
-        # Moving the splats is part of rendering; it is told apart here.
-        clocks["render"].seconds -= clocks["pose"].seconds
-        out[f"gs_{size}"] = {
-            "steps_per_second": count / whole.seconds,
-            "wall_steps_per_second": count / wall,
-            "steps": count,
-            "successes": successes,
-            "episodes": options.episodes,
-            "step_ms": 1e3 * whole.seconds / count,
-            **{f"{name}_ms": 1e3 * clock.seconds / count for name, clock in clocks.items()},
-            "other_ms": 1e3 * (whole.seconds - sum(clock.seconds for clock in clocks.values())) / count,
-            "coverage_min": float(np.min(coverage)),
-            "coverage_mean": float(np.mean(coverage)),
-        }
-        for clock in clocks.values():
-            clock.seconds = 0.0
+        clocks["see"], clocks["render"] = Stopwatch(renderer, "see"), Stopwatch(renderer, "render")
+        clocks["step"] = Stopwatch(env, "step")
+        rounds = [one_round(env, controller, clocks, options.episodes) for _ in range(ROUNDS)]
+        fastest = min(rounds, key=lambda figures: figures["step_ms"])
+        out[f"gs_{size}"] = {**fastest, "slowest_round_ms": max(figures["step_ms"] for figures in rounds)}
     return out
 
 
