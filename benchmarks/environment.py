@@ -184,7 +184,6 @@ def measure(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     from gsbridge.environment.robot_splats import read_robot_splats, robot_splats
     from gsbridge.environment.settings import EnvironmentSettings
     from gsbridge.robot.assembly import build_robot
-    from gsbridge.robot.links import convex_hull
     from gsbridge.sim.engine import Item
     from gsbridge.sim.model import read_model
     from gsbridge.sim.world import SimWorld
@@ -195,18 +194,17 @@ def measure(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     if options.item and options.background:
         asset, ground = read_asset(options.item), read_asset(options.background)
         item, grip_centre = Item.of(asset), asset.properties.centre if asset.properties else None
-        cube, table, surface, closed = asset.cloud(), ground.cloud(), ground.mesh(), asset.mesh()
+        cube, table, surface = asset.cloud(), ground.cloud(), ground.mesh()
     else:
         item, grip_centre = synthetic_item(folder), None
         cube, table, surface = synthetic_clouds()
-        closed = convex_hull(item.points)
     shadows = shade(robot, item, options, asset if options.item and options.background else None)
     world = SimWorld(robot, item, model)
     controller = GraspController(grip_of(item.points, grip_centre), stroke=robot.dimensions.stroke)
     out: dict[str, Any] = {"splats": {"object": len(cube), "background": len(table), "robot": sum(map(len, links.values()))}}
     clocks = {"sim_step": Stopwatch(world, "step"), "command": Stopwatch(world, "command")}
     for size in SIZES_PX:
-        renderer = GaussianRenderer(cube, table, links, wrist_camera(size), surface=surface, closed=closed, shadows=shadows)
+        renderer = GaussianRenderer(cube, table, links, wrist_camera(size), surface=surface, shadows=shadows)
         env = PickEnvironment(world, EnvironmentSettings(image_size=size), renderer, response=model.camera)
         env.reset(seed=0, options={"pose_set": "fixed", "index": 0})
         env.step(np.zeros(5))  # compiles what is not compiled yet

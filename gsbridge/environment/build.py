@@ -80,9 +80,7 @@ def build_renderer(files: StageFiles, settings: EnvironmentSettings) -> Renderer
             raise InputError("robot splats", "the renderer 'gs' draws the robot as splats", "Give their folder")
         links = read_robot_splats(files.robot_splats)
         shadows = None if files.light is None else LightFile.read(files.light).shadows(OBJECT, item)
-        return GaussianRenderer(
-            item.cloud(), background.cloud(), links, camera, surface=background.mesh(), closed=item.mesh(), shadows=shadows
-        )
+        return GaussianRenderer(item.cloud(), background.cloud(), links, camera, surface=background.mesh(), shadows=shadows)
     return MeshRenderer(
         item.mesh(),
         background.mesh(),

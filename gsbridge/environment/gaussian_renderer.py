@@ -27,7 +27,6 @@ class GaussianRenderer:
         background: Splats of the background, table frame.
         surface: Mesh of the background, for the layer that closes the gaps between its splats; None leaves that out.
         robot: Splats of the links, link frames.
-        closed: Closed mesh of the object, body frame: its far side is left out; None draws all of it.
         camera: Pinhole.
         backdrop: Colour where there is no splat at all, sRGB 0..1; None for the background's mean colour. [3].
         threads: Threads; environments run side by side, so one each.
@@ -44,7 +43,6 @@ class GaussianRenderer:
         camera: Camera,
         *,
         surface: Mesh | None = None,
-        closed: Mesh | None = None,
         backdrop: Sequence[float] | None = None,
         threads: int = 1,
         shadows: Shadows | None = None,
@@ -53,7 +51,7 @@ class GaussianRenderer:
         colour = mean_cloud_colour(background) if backdrop is None else backdrop
         self.backdrop = (float(colour[0]), float(colour[1]), float(colour[2]))
         floor = background if surface is None else with_underlay(background, surface)
-        self.composition = GroupedComposition({OBJECT: item, **robot}, floor, {} if closed is None else {OBJECT: closed})
+        self.composition = GroupedComposition({OBJECT: item, **robot}, floor)
 
     def __len__(self) -> int:
         """Splats drawn."""

@@ -61,7 +61,7 @@ def fused_description(urdf: str | Path) -> str:
                 element.remove(old)
         element.insert(0, inertial_element(joined_inertia(bodies[element.attrib["name"]])))
         for mesh in element.iter("mesh"):
-            mesh.set("filename", str((path.parent / mesh.attrib["filename"]).absolute()))
+            mesh.set("filename", str((path.parent / mesh.get("filename", "")).absolute()))
     return ElementTree.tostring(robot, encoding="unicode")
 
 

@@ -39,7 +39,7 @@ def renderers(links):
     cube, table = splats_on_mesh(CUBE, 600), splats_on_mesh(TABLE, 2500)
     meshes = link_meshes(robot())
     return {
-        "gs": GaussianRenderer(cube, table, links, CAMERA, surface=None, closed=CUBE),
+        "gs": GaussianRenderer(cube, table, links, CAMERA, surface=None),
         "mesh": MeshRenderer(CUBE, TABLE, meshes, CAMERA),
         "mesh_vertex": MeshRenderer(CUBE, TABLE, meshes, CAMERA, vertex_colours=True),
     }

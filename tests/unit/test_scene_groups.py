@@ -2,16 +2,13 @@
 
 import numpy as np
 import pytest
-import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_scene_editing import CAMERA, VIEW, make_cloud, make_pose
 
 from gsbridge.cameras import Camera, look_at
-from gsbridge.meshes import Mesh
 from gsbridge.scene.editing import Composition
 from gsbridge.scene.groups import GroupedComposition
-from gsbridge.scene.link_splats import splats_on_mesh
 from gsbridge.scene.view import draw
 from gsbridge.splats.cloud import Cloud
 from gsbridge.splats.rasterize.layout import GROUP
@@ -20,9 +17,9 @@ GREY = (0.5, 0.5, 0.5)
 LARGE = GroupedComposition({"a": make_cloud(301, 1), "b": make_cloud(40, 2)}, make_cloud(500, 3))
 
 
-def pictures(bodies, background, poses, camera, view, closed=None):
+def pictures(bodies, background, poses, camera, view):
     """Colour, alpha and depth of the whole composition and of the grouped one, and the groups drawn of all."""
-    whole, grouped = Composition(bodies, background), GroupedComposition(bodies, background, closed)
+    whole, grouped = Composition(bodies, background), GroupedComposition(bodies, background)
     whole.pose(poses)
     seen = grouped.see(poses, camera, view)
     drawn = draw(grouped.splats, camera, view, GREY, 1, seen)
@@ -61,32 +58,6 @@ def test_only_what_is_near_the_view_is_drawn():
     camera = Camera(64, 64, 64.0, 64.0, 32.0, 32.0)
     _, _, (drawn, every) = pictures({}, table, {}, camera, look_at((0.0, -0.01, 0.3), (0.0, 0.0, 0.0)))
     assert 0 < drawn < 0.15 * every
-
-
-def ball() -> tuple[Cloud, Mesh]:
-    """A closed ball of 30 mm with opaque splats."""
-    solid = trimesh.creation.icosphere(subdivisions=4, radius=0.03)
-    mesh = Mesh(
-        np.asarray(solid.vertices), np.asarray(solid.faces), np.random.default_rng(2).uniform(0, 1, (len(solid.vertices), 3))
-    )
-    return splats_on_mesh(mesh, 6000), mesh
-
-
-def test_the_far_side_of_a_closed_body_is_left_out_and_hardly_missed():
-    cloud, mesh = ball()
-    pose = make_pose((0.3, 0.5, -0.2, 0.7), (0.01, 0.02, 0.0))
-    whole, drawn, (with_all, _) = pictures({"ball": cloud}, None, {"ball": pose}, CAMERA, VIEW)
-    _, cut, (without, every) = pictures({"ball": cloud}, None, {"ball": pose}, CAMERA, VIEW, {"ball": mesh})
-    assert with_all == every
-    assert 0.5 * every < without < 0.7 * every
-    np.testing.assert_allclose(drawn[0], whole[0], atol=2e-3)
-    error = np.mean((np.clip(cut[0], 0, 1) - np.clip(whole[0], 0, 1)) ** 2)
-    assert -10 * np.log10(error) > 50
-    # From within, and close to the skin, nothing faces away for sure.
-    inside = np.eye(4)
-    inside[:3, 3] = -pose[:3, 3]
-    _, _, (near, every) = pictures({"ball": cloud}, None, {"ball": pose}, CAMERA, inside, {"ball": mesh})
-    assert near < every  # what lies behind the camera
 
 
 def test_its_size_is_that_of_what_was_given():

@@ -19,7 +19,7 @@ from gsbridge.geometry import Array
 from gsbridge.splats.rasterize import binning, blending, projection
 from gsbridge.splats.rasterize import gradients as backward_kernels
 from gsbridge.splats.rasterize.lanes import WIDTH
-from gsbridge.splats.rasterize.layout import BLOCK, GROUP, RECORD, STATE, TABLE
+from gsbridge.splats.rasterize.layout import BLOCK, GROUP, NEAR, RECORD, STATE, TABLE
 
 _KEYS = 2 * 4096
 
@@ -267,14 +267,15 @@ def render(
     camera: Camera,
     cam_from_table: Array,
     background: Array | None = None,
-    near: float = 0.01,
+    near: float = NEAR,
     threads: int | None = None,
     seen: Seen | None = None,
 ) -> tuple[Array, Array, Array]:
     """Image of splats, without gradients. Arguments as in `rasterize`, numpy float32 arrays.
 
     Args:
-        seen: Which groups of splats to draw, and the frames they are given in; all, in the table's, when None.
+        seen: Which groups of splats to draw, and the frames they are given in (`cam_from_table` is in them already); all, in
+            the table's, when None.
         threads: Threads; as many as the job may use when None.
 
     Returns:

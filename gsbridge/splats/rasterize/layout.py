@@ -26,6 +26,9 @@ RECORD: Final = 16
 GROUP: Final = 32
 """Splats that are drawn or left out together."""
 
+NEAR: Final = 0.01
+"""Smallest camera z that is drawn, m, unless told otherwise."""
+
 # Columns of a record.
 X: Final = 0  # centre, px
 Y: Final = 1
