@@ -89,7 +89,15 @@ class Kinematics:
         }
         for key, value in arrays.items():
             object.__setattr__(self, key, value)
-        object.__setattr__(self, "_arm_nodes", np.array(self._path(self.tip), dtype=np.int64))
+        nodes = np.array(self._path(self.tip), dtype=np.int64)
+        # The last joint only turns the hand: pulling it would trade the hand's yaw against the elbow.
+        pull = np.arange(len(nodes)) < len(nodes) - 1
+        for key, value in (
+            ("_arm_nodes", nodes),
+            ("_arm_limits", JointLimits.of([joints[node - 1] for node in nodes])),
+            ("_pull", pull.astype(np.float64)),
+        ):
+            object.__setattr__(self, key, value)
 
     def _path(self, link: str) -> list[int]:
         """Nodes of the moving joints from the base to a link."""
@@ -119,7 +127,7 @@ class Kinematics:
     @property
     def arm_limits(self) -> JointLimits:
         """Limits of the joints that move the tip."""
-        return JointLimits.of([self.tree.joints[node - 1] for node in self._arm_nodes])
+        return self._arm_limits
 
     def joint_values(self, q: Array) -> dict[str, Array]:
         """Value of every moving joint, coupled ones included, by name. q [..., Q] -> each [...]."""
@@ -216,11 +224,8 @@ class Kinematics:
         if target.shape != (4, 4) or q.shape != self.rest.shape or not (np.isfinite(target).all() and np.isfinite(q).all()):
             raise InputError("inverse kinematics", "the pose or the start is no finite pose", "Check the command for NaN")
         q = limits.clip(q)
-        weights = np.ones_like(q)
-        # The last joint only turns the hand: pulling it would trade the hand's yaw against the elbow.
-        weights[-1] = 0.0
         position, angle, done = solve_inverse(
-            self._parents, self._fixed, self._axes, self._arm_nodes, self._node(self.tip), target, self.rest, weights,
+            self._parents, self._fixed, self._axes, self._arm_nodes, self._node(self.tip), target, self.rest, self._pull,
             limits.lower, limits.upper, tolerance, iterations, q,
         )  # fmt: skip
         reached = position <= REACHED_M and angle <= REACHED_RAD

@@ -23,8 +23,7 @@ def tool_down(position: Array, yaw: Array | float = 0.0) -> Array:
         `frame_from_tool` with z down. [..., 4, 4].
     """
     position, yaw = np.asarray(position, dtype=np.float64), np.asarray(yaw, dtype=np.float64)
-    shape = np.broadcast_shapes(position.shape[:-1], yaw.shape)
-    out = np.zeros((*shape, 4, 4))
+    out = np.zeros((*np.broadcast(position[..., 0], yaw).shape, 4, 4))
     cosine, sine = np.cos(yaw), np.sin(yaw)
     out[..., 0, 0], out[..., 0, 1] = cosine, sine
     out[..., 1, 0], out[..., 1, 1] = sine, -cosine

@@ -10,10 +10,9 @@ import numpy as np
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.robot.assembly import RobotFiles
-from gsbridge.robot.chain import place_links
 from gsbridge.robot.kinematics import Kinematics
 from gsbridge.robot.links import Joint, rotation_from_rpy
-from gsbridge.sim.dynamics import joint_torques, packed
+from gsbridge.sim.dynamics import joint_torques, link_poses, packed, plan_period
 from gsbridge.sim.model import Model
 
 
@@ -139,19 +138,7 @@ class Controller:
         Args:
             opening: Measured distance of the pads, m.
         """
-        period = self.model.period
-        # Beyond the fingers the set point may only lie on the side to which they are to go: it presses, or is ahead of them.
-        low = opening - self._pressing if self.goal[-1] < opening else opening
-        high = opening + self._pressing if self.goal[-1] > opening else opening
-        self.point[-1] = min(max(self.point[-1], low), high)
-        way = (self.goal - self.point) / period
-        fastest = float(np.max(np.abs(way[:-1]) / self.limits.velocity))
-        way[:-1] /= max(1.0, fastest)
-        way[-1] = min(max(way[-1], -self.model.gripper.speed), self.model.gripper.speed)
-        last = self._plan[1] + self._plan[2]
-        self._plan[0] = self.point - 0.5 * period * last
-        self._plan[1], self._plan[2] = last, way - last
-        self.point = self.point + period * way
+        plan_period(self._arm, self.goal, self.point, opening, self._pressing, self.limits.velocity, self.model.gripper.speed)
 
     def substep(self, number: int, measured: Array) -> Array:
         """Torques of one physics step.
@@ -168,8 +155,6 @@ class Controller:
 
     def place_links(self, measured: Array, table_from_base: Array) -> Array:
         """`table_from_link` of all links in the tree's order. measured [2, N + 1], table_from_base [4, 4] -> [L, 4, 4]."""
-        chain = self._arm[0]
-        values = np.where(chain["sources"] >= 0, chain["factors"] * measured[0, chain["sources"]], 0.0)
-        out = np.empty((len(values), 4, 4))
-        place_links(chain["parents"], chain["fixed"], chain["axes"], values, out)
-        return table_from_base @ out
+        out = np.empty((len(self._arm["parents"][0]), 4, 4))
+        link_poses(self._arm, measured, table_from_base, out)
+        return out

@@ -122,6 +122,60 @@ def packed(**arrays: Array) -> Array:
 
 
 @njit(nogil=True)
+def plan_period(arm: Array, goal: Array, point: Array, opening: float, pressing: float, velocity: Array, speed: float) -> None:
+    """Choose where the command stands at the end of the coming control period; see `Controller.begin_period`.
+
+    Args:
+        arm: As in `joint_torques`; its plan is updated. [1].
+        goal: Posture and opening. [N + 1].
+        point: The command, updated. [N + 1].
+        opening: Measured distance of the pads, m.
+        pressing: How far the opening's set point may be ahead of the fingers, m.
+        velocity: Largest of each joint, rad/s. [N].
+        speed: Of the opening, m/s.
+    """
+    plan, period, last = arm[0].plan, arm[0].grip[6], len(point) - 1
+    # Beyond the fingers the set point may only lie on the side to which they are to go: it presses, or is ahead of them.
+    low = opening - pressing if goal[last] < opening else opening
+    high = opening + pressing if goal[last] > opening else opening
+    point[last] = min(max(point[last], low), high)
+    slower = 1.0
+    for i in range(last):
+        slower = max(slower, abs(goal[i] - point[i]) / (period * velocity[i]))
+    for i in range(last + 1):
+        way = (goal[i] - point[i]) / period
+        way = way / slower if i < last else min(max(way, -speed), speed)
+        before = plan[1, i] + plan[2, i]
+        plan[0, i] = point[i] - 0.5 * period * before
+        plan[1, i], plan[2, i] = before, way - before
+        point[i] += period * way
+
+
+@njit(nogil=True)
+def link_poses(arm: Array, measured: Array, table_from_base: Array, out: Array) -> None:
+    """`table_from_link` of all links.
+
+    Args:
+        arm: As in `joint_torques`. [1].
+        measured: As there. [2, N + 1].
+        table_from_base: [4, 4].
+        out: Result. [K, 4, 4].
+    """
+    a = arm[0]
+    sources, factors = a.sources, a.factors
+    values, poses = np.zeros(len(sources)), np.empty((len(sources), 4, 4))
+    for k in range(len(sources)):
+        if sources[k] >= 0:
+            values[k] = factors[k] * measured[0, sources[k]]
+    place_links(a.parents, a.fixed, a.axes, values, poses)
+    for k in range(len(sources)):
+        for i in range(4):
+            for j in range(4):
+                out[k, i, j] = table_from_base[i, 0] * poses[k, 0, j] + table_from_base[i, 1] * poses[k, 1, j]
+                out[k, i, j] += table_from_base[i, 2] * poses[k, 2, j] + table_from_base[i, 3] * poses[k, 3, j]
+
+
+@njit(nogil=True)
 def joint_torques(arm: Array, ring: Array, share: float, measured: Array, out: Array) -> None:
     """Torques of one physics step for the arm's N joints and the gripper's driver.
 

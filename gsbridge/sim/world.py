@@ -144,14 +144,13 @@ class SimWorld:
         measure, law, drive, advance = engine.measure, controller.substep, engine.drive, engine.advance
         torques = controller.torques[0]
         for number in range(substeps):
-            measure(measured)
             law(number, measured)
             drive(torques)
             advance()
+            measure(measured)
             if (number + 1) % every == 0:
                 forces += engine.contact_forces()
                 samples += 1
-        measure(measured)
         self._forces = forces / samples
         self._look()
 
