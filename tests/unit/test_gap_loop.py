@@ -38,7 +38,7 @@ def logged_simulation(steps: int = 50, **changes) -> tuple[DriverLog, np.ndarray
 
         def keep(number, measured):
             state = measured[:, :7].copy()
-            slot = controller._slot[0]
+            slot = int(controller._arm["slot"][0, 0])
             out = substep(number, measured)
             rows.append(np.stack([controller._ring[slot, 0, :7], controller._ring[slot, 1, :7], *state, out[1, :7]]))
             return out
