@@ -36,11 +36,11 @@ def fused_description(urdf: str | Path) -> str:
         homes: dict[str, tuple[str, Array]] = {name: (name, np.eye(4)) for name in links}
         bodies = {name: [_inertia(element, np.eye(4))] for name, element in links.items()}
         for joint in robot.findall("joint"):
-            parent, child = joint.find("parent"), joint.attrib
+            parent = joint.find("parent")
             home, home_from_parent = homes[parent.attrib["link"]]
             home_from_child = home_from_parent @ _pose(joint.find("origin"))
             name = joint.find("child").attrib["link"]
-            if child["type"] != "fixed":
+            if joint.attrib["type"] != "fixed":
                 parent.set("link", home)
                 _place(joint, home_from_child)
                 continue

@@ -2,7 +2,7 @@
 
 It shows what `gsbridge.scene.editing.Composition` shows (Wu et al., RL-GSBridge, equation 3), but a body's pose becomes part of
 its view, so that no splat is written again. Splats are kept in groups of neighbours, and groups that lie outside the view are
-passed over, which changes nothing but the order of equal depths. Of a scene of 45,000 splats the wrist camera sees four tenths.
+passed over, which changes nothing but the order of equal depths. The wrist camera has less than half of a scene in view.
 """
 
 from __future__ import annotations
