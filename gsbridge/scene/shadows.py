@@ -11,6 +11,7 @@ from gsbridge.kernels import njit  # isort: skip  (first: it sets numba's cache 
 
 import math
 from collections.abc import Mapping
+from functools import cache
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from gsbridge.cameras import Camera
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.scene.light import WIDTH, SkyLight, directions
+from gsbridge.splats.rasterize.lanes import WIDTH as LANES
+from gsbridge.splats.rasterize.lanes import larger, lowest_bit, mask_bits, select, smaller, spread, square_root
+from gsbridge.splats.rasterize.memory import at, load, store
 
 GRID = 16
 """Points along each edge of the picture at which the light is summed."""
@@ -37,7 +41,14 @@ OBJECT_MARGIN = 0.010
 _NOWHERE = -1e3
 """Height of a point where nothing is drawn: NaN means nothing to kernels that compute fast."""
 
+TILE = 16
+"""Grid points, in squares, for which spheres are looked up together: each shades a few of them only."""
+
+_BARE, _OWN, _LIT = 0, 1, 2
+"""What a point belongs to: the robot or nothing, the object, anything else."""
+
 _SAME_HEIGHT = 0.012
+_TINY = 1e-4
 _GAMMA, _OFFSET = 2.4, 0.055
 """Of sRGB's encoding of all but the darkest light: `1.055 light^(1 / 2.4) - 0.055`."""
 
@@ -79,25 +90,6 @@ def _frame(dx, dy, dz):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy", fastmath=True)
-def _shade(along, side, up, s_along, s_side, s_up, radius, left):  # type: ignore[no-untyped-def]
-    """What a sphere leaves of a direction's light at some points, in coordinates along and across the direction.
-
-    The same as `gsbridge.scene.occlusion.left_by`, without branches, so that many points are computed at a time.
-    """
-    width, tiny, one, zero = np.float32(WIDTH), np.float32(1e-4), np.float32(1.0), np.float32(0.0)
-    square = radius * radius
-    for i in range(along.shape[0]):
-        a, b, c = s_along - along[i], s_side - side[i], s_up - up[i]
-        across = b * b + c * c
-        half = max(width * a, zero) + tiny
-        narrow = min(half, radius)
-        blocked = min(max((radius + half - math.sqrt(across)) / (narrow + narrow), zero), one)
-        blocked *= min(square / (half * half), one)
-        outside = one if a > zero and across + a * a > square else zero
-        left[i] = min(left[i], one - blocked * outside)
-
-
-@njit(error_model="numpy", fastmath=True)
 def _within(x, y, z, spheres, first, last, margin):  # type: ignore[no-untyped-def]
     """Whether a point lies in one of some spheres, or within a margin of it."""
     for s in range(first, last):
@@ -107,105 +99,212 @@ def _within(x, y, z, spheres, first, last, margin):  # type: ignore[no-untyped-d
     return False
 
 
-@njit(error_model="numpy", fastmath=True)
-def _bounds(along, side, up, heights, out):  # type: ignore[no-untyped-def]
-    """Least `along`, least and largest `side`, and of `up`, of those points at which something is drawn. -> out [5]."""
-    huge = np.float32(1e9)
-    out[0] = out[1] = out[3] = huge
-    out[2] = out[4] = -huge
-    for i in range(along.shape[0]):
-        if heights[i] != _NOWHERE:
-            out[0] = min(out[0], along[i])
-            out[1], out[2] = min(out[1], side[i]), max(out[2], side[i])
-            out[3], out[4] = min(out[3], up[i]), max(out[4], up[i])
+@njit(error_model="numpy", forceinline=True)
+def _shade(along, side, up, s_along, s_side, s_up, radius, left):  # type: ignore[no-untyped-def]
+    """What a sphere leaves of a direction's light at some points (`Lanes`), in coordinates along and across the direction.
+
+    The same as `gsbridge.scene.occlusion.left_by`, without branches.
+    """
+    a, b, c = s_along - along, s_side - side, s_up - up
+    across = b * b + c * c
+    half = larger(a * WIDTH, 0.0) + _TINY
+    # One division for all that are divided by `half`, or by the smaller of it and the radius.
+    inverse = 1.0 / half
+    blocked = smaller(larger((half + radius - square_root(across)) * larger(inverse, 1.0 / radius) * 0.5, 0.0), 1.0)
+    blocked = blocked * smaller(inverse * inverse * (radius * radius), 1.0)
+    outside = (a > 0.0) & (across + a * a > radius * radius)
+    return smaller(left, 1.0 - select(outside, blocked, 0.0))
 
 
 @njit(error_model="numpy", fastmath=True)
-def _shades(bounds, s_along, s_side, s_up, radius):  # type: ignore[no-untyped-def]
-    """Whether a sphere may take light from points within some bounds."""
-    ahead = s_along - bounds[0]
-    if ahead <= 0.0:
-        return False
-    across = max(bounds[1] - s_side, s_side - bounds[2], np.float32(0.0))
-    over = max(bounds[3] - s_up, s_up - bounds[4], np.float32(0.0))
-    edge = radius + np.float32(WIDTH) * ahead + np.float32(1e-4)
-    return across * across + over * over < edge * edge
+def _sort_out(points, spheres, robot, kinds):  # type: ignore[no-untyped-def]
+    """What each point belongs to: `_BARE`, `_OWN` or `_LIT`. [N, 3], [S, 4] (the robot's first) -> kinds [N] int8."""
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        high = z >= TABLE_HEIGHT
+        kinds[i] = _LIT
+        if z == _NOWHERE or (high and _within(x, y, z, spheres, 0, robot, np.float32(ROBOT_MARGIN))):
+            kinds[i] = _BARE
+        elif high and _within(x, y, z, spheres, robot, spheres.shape[0], np.float32(OBJECT_MARGIN)):
+            kinds[i] = _OWN
+
+
+@njit(error_model="numpy")
+def _gather(points, kinds, order, robot, spheres, tiled, balls, stops):  # type: ignore[no-untyped-def]
+    """Points in the order of their tiles, and a ball round those of each tile that are to be lit.
+
+    Args:
+        points, kinds: [N, 3], [N].
+        order: Point in each place of the tiles. [T * TILE].
+        robot, spheres: How many spheres are the robot's, and in all.
+        tiled: Output: x, y, z. [3 * T * TILE] float32.
+        balls: Output: centre and radius. [T, 4].
+        stops: Output: how many spheres to look up for a tile: the robot's, or all; -1 where nothing is to be lit. [T] int64.
+    """
+    size = order.shape[0]
+    for t in range(balls.shape[0]):
+        low, high, square = np.full(3, np.inf), np.full(3, -np.inf), 0.0
+        stops[t] = -1
+        for k in range(t * TILE, (t + 1) * TILE):
+            kind = kinds[order[k]]
+            # The object carries its own shade already.
+            stops[t] = max(stops[t], -1 if kind == _BARE else robot if kind == _OWN else spheres)
+            for i in range(3):
+                value = points[order[k], i]
+                tiled[i * size + k] = value
+                if kind != _BARE:
+                    low[i], high[i] = min(low[i], value), max(high[i], value)
+        for i in range(3):
+            balls[t, i] = 0.5 * (low[i] + high[i])
+        for k in range(t * TILE, (t + 1) * TILE):
+            if kinds[order[k]] != _BARE:
+                away = 0.0
+                for i in range(3):
+                    away += (points[order[k], i] - balls[t, i]) ** 2
+                square = max(square, away)
+        balls[t, 3] = math.sqrt(square)
+
+
+@njit(error_model="numpy")
+def _light(tiled, balls, stops, spheres, robot, sources, shares, work, sums):  # type: ignore[no-untyped-def]
+    """Add up the light of all directions at each point.
+
+    Args:
+        tiled, balls, stops: What `_gather` filled.
+        spheres: Robot's first, then the object's. [S, 4] float32.
+        robot: How many are the robot's.
+        sources, shares: Direction and strength of the light's parts. [M, 3], [M] float32.
+        work: Work space. [4 * (S + 8)] float32.
+        sums: Added to: what the robot leaves, and what robot and object leave. [2 * T * TILE] float32.
+    """
+    size, count = balls.shape[0] * TILE, spheres.shape[0]
+    # Along the direction, to two sides of it, radius: each with room for eight more, which are read but never counted.
+    side, up, radii = count + LANES, 2 * (count + LANES), 3 * (count + LANES)
+    for s in range(count):
+        work[radii + s] = spheres[s, 3]
+    for m in range(sources.shape[0]):
+        dx, dy, dz, share = sources[m, 0], sources[m, 1], sources[m, 2], shares[m]
+        ax, ay, az, bx, by, bz = _frame(dx, dy, dz)
+        for s in range(count):
+            x, y, z = spheres[s, 0], spheres[s, 1], spheres[s, 2]
+            work[s] = x * dx + y * dy + z * dz
+            work[side + s], work[up + s] = x * ax + y * ay + z * az, x * bx + y * by + z * bz
+        for t in range(balls.shape[0]):
+            if stops[t] < 0:
+                continue
+            x, y, z, reach = balls[t, 0], balls[t, 1], balls[t, 2], balls[t, 3]
+            ball_along = x * dx + y * dy + z * dz - reach
+            ball_side, ball_up, reach = x * ax + y * ay + z * az, x * bx + y * by + z * bz, reach + _TINY
+            first, second = t * TILE, t * TILE + LANES
+            x0, y0, z0 = load(tiled, first), load(tiled, size + first), load(tiled, 2 * size + first)
+            x1, y1, z1 = load(tiled, second), load(tiled, size + second), load(tiled, 2 * size + second)
+            along0, side0, up0 = x0 * dx + y0 * dy + z0 * dz, x0 * ax + y0 * ay + z0 * az, x0 * bx + y0 * by + z0 * bz
+            along1, side1, up1 = x1 * dx + y1 * dy + z1 * dz, x1 * ax + y1 * ay + z1 * az, x1 * bx + y1 * by + z1 * bz
+            left0, left1 = spread(1.0), spread(1.0)
+            for group in range(2):
+                start, stop = (0, robot) if group == 0 else (robot, stops[t])
+                for eight in range(start, stop, LANES):
+                    ahead = load(work, eight) - ball_along
+                    across, over = load(work, side + eight) - ball_side, load(work, up + eight) - ball_up
+                    edge = load(work, radii + eight) + ahead * WIDTH + reach
+                    bits = mask_bits((ahead > 0.0) & (across * across + over * over < edge * edge))
+                    if stop - eight < LANES:
+                        bits &= (1 << (stop - eight)) - 1
+                    while bits:
+                        s = eight + lowest_bit(bits)
+                        bits &= bits - 1
+                        a, b, c, radius = at(work, s), at(work, side + s), at(work, up + s), at(work, radii + s)
+                        left0 = _shade(along0, side0, up0, a, b, c, radius, left0)
+                        left1 = _shade(along1, side1, up1, a, b, c, radius, left1)
+                place = group * size + first
+                store(sums, place, load(sums, place) + left0 * share)
+                store(sums, place + LANES, load(sums, place + LANES) + left1 * share)
 
 
 @njit(error_model="numpy", fastmath=True)
-def _light(points, spheres, robot, sources, shares, floor, work, tones, own):  # type: ignore[no-untyped-def]
+def _tones(kinds, order, sums, tones):  # type: ignore[no-untyped-def]
     """Share of the light at each point, to the power that colours are encoded with.
 
     Args:
-        points: [N, 3].
-        spheres: Robot's first, then the object's. [S, 4].
-        robot: How many are the robot's.
-        sources, shares, floor: The light. [M, 3], [M].
-        work: Work space. [4, N].
+        kinds, order: As in `_gather`.
+        sums: What `_light` added up. [2 * T * TILE].
         tones: Output: what the robot leaves, and what robot and object leave. [2, N].
-        own: Output: points on the object. [N].
     """
-    along, side, up, left = work[0], work[1], work[2], work[3]
-    count, heights, bounds = points.shape[0], points[:, 2], np.empty(5, np.float32)
-    tones[:] = floor
-    for m in range(sources.shape[0]):
-        dx, dy, dz = sources[m, 0], sources[m, 1], sources[m, 2]
-        ax, ay, az, bx, by, bz = _frame(dx, dy, dz)
-        for i in range(count):
-            x, y, z = points[i, 0], points[i, 1], points[i, 2]
-            along[i], side[i], up[i] = x * dx + y * dy + z * dz, x * ax + y * ay + z * az, x * bx + y * by + z * bz
-            left[i] = 1.0
-        _bounds(along, side, up, heights, bounds)
+    size = order.shape[0]
+    for k in range(size):
+        i = order[k]
         for group in range(2):
-            first, last = (0, robot) if group == 0 else (robot, spheres.shape[0])
-            for s in range(first, last):
-                x, y, z, radius = spheres[s, 0], spheres[s, 1], spheres[s, 2], spheres[s, 3]
-                s_along, s_side, s_up = x * dx + y * dy + z * dz, x * ax + y * ay + z * az, x * bx + y * by + z * bz
-                if _shades(bounds, s_along, s_side, s_up, radius):
-                    _shade(along, side, up, s_along, s_side, s_up, radius, left)
-            for i in range(count):
-                tones[group, i] += shares[m] * left[i]
-    for i in range(points.shape[0]):
-        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-        high = pz >= TABLE_HEIGHT
-        bare = pz == _NOWHERE or (high and _within(px, py, pz, spheres, 0, robot, np.float32(ROBOT_MARGIN)))
-        own[i] = high and _within(px, py, pz, spheres, robot, spheres.shape[0], np.float32(OBJECT_MARGIN))
-        for group in range(2):
-            tones[group, i] = np.float32(1.0) if bare else np.float32(tones[group, i] ** (1.0 / _GAMMA))
+            light = sums[group * size + k]
+            tones[group, i] = np.float32(1.0) if kinds[i] == _BARE else np.float32(light ** (1.0 / _GAMMA))
 
 
 @njit(error_model="numpy", fastmath=True)
-def _dim(image, depths, alphas, lens, table_from_cam, step, points, tones, own):  # type: ignore[no-untyped-def]
-    """Dim every pixel by the tone of the four grid points round it, those at its height foremost."""
-    rows, columns = own.shape
-    offset = np.float32(_OFFSET)
+def _widen(points, tones, kinds, step, out):  # type: ignore[no-untyped-def]
+    """For each row of grid points, what the point to the left of every pixel of a row, and the one to the right, know.
+
+    -> out [rows, 2, 4, W]: height, what the robot leaves, what robot and object leave, 1 on the object.
+    """
+    rows, columns = kinds.shape
+    for u in range(out.shape[3]):
+        left = int(math.floor((u - step // 2) / step))
+        for q in range(2):
+            c = min(max(left + q, 0), columns - 1)
+            for r in range(rows):
+                out[r, q, 0, u], out[r, q, 3, u] = points[r, c, 2], kinds[r, c] == _OWN
+                out[r, q, 1, u], out[r, q, 2, u] = tones[0, r, c], tones[1, r, c]
+
+
+@njit(error_model="numpy", fastmath=True)
+def _dim(image, depths, alphas, lens, table_from_cam, step, points, tones, kinds, work):  # type: ignore[no-untyped-def]
+    """Dim every pixel by the tone of the four grid points round it, those at its height foremost.
+
+    Without branches, a row at a time, so that many pixels are computed at once. `work` has room for [rows, 2, 4, W].
+    """
+    rows, width = kinds.shape[0], image.shape[1]
+    offset, one, zero, small = np.float32(_OFFSET), np.float32(1.0), np.float32(0.0), np.float32(1e-3)
+    half = np.float32(0.5)
+    _widen(points, tones, kinds, step, work)
+    factors, shares = np.empty(width, np.float32), np.empty((2, width), np.float32)
+    for u in range(width):
+        # Whole numbers fall on the grid's pixels.
+        b = (u - step // 2) / step
+        shares[1, u] = b - math.floor(b)
+        shares[0, u] = one - shares[1, u]
     for v in range(image.shape[0]):
-        for u in range(image.shape[1]):
-            if alphas[v, u] < 0.5:
-                continue
-            z = depths[v, u] / alphas[v, u]
-            x, y = z * (u + np.float32(0.5) - lens[2]) / lens[0], z * (v + np.float32(0.5) - lens[3]) / lens[1]
-            height = table_from_cam[2, 0] * x + table_from_cam[2, 1] * y + table_from_cam[2, 2] * z + table_from_cam[2, 3]
-            # Whole numbers fall on the grid's pixels.
-            a, b = (v - step // 2) / step, (u - step // 2) / step
-            i, j = int(math.floor(a)), int(math.floor(b))
-            total, weight = np.float32(0.0), np.float32(0.0)
+        a = (v - step // 2) / step
+        i = int(math.floor(a))
+        y = (v + half - lens[3]) / lens[1]
+        for u in range(width):
+            z = depths[v, u] / max(alphas[v, u], half)
+            x = (u + half - lens[2]) / lens[0]
+            height = (table_from_cam[2, 0] * x + table_from_cam[2, 1] * y + table_from_cam[2, 2]) * z + table_from_cam[2, 3]
+            total, weight = zero, zero
             for p in range(2):
+                r, above = min(max(i + p, 0), rows - 1), np.float32(abs(1 - p - (a - i)))
                 for q in range(2):
-                    r, c = min(max(i + p, 0), rows - 1), min(max(j + q, 0), columns - 1)
-                    if points[r, c, 2] == _NOWHERE:
-                        continue
-                    share = abs(1 - p - (a - i)) * abs(1 - q - (b - j)) + np.float32(1e-3)
-                    if abs(points[r, c, 2] - height) > _SAME_HEIGHT:
-                        share *= np.float32(1e-3)
+                    level = work[r, q, 0, u]
+                    share = above * shares[q, u] + small
+                    share *= small if abs(level - height) > _SAME_HEIGHT else one
+                    share = zero if level == _NOWHERE else share
                     # What stands up beside the table is the object: it carries its own shade, the table below it does not.
-                    itself = height >= TABLE_HEIGHT and (own[r, c] or points[r, c, 2] < TABLE_HEIGHT)
-                    total += share * tones[0 if itself else 1, r, c]
+                    itself = height >= TABLE_HEIGHT and (work[r, q, 3, u] > half or level < TABLE_HEIGHT)
+                    total += share * (work[r, q, 1, u] if itself else work[r, q, 2, u])
                     weight += share
-            if weight > 0:
-                factor = total / weight
+            drawn = alphas[v, u] >= half and weight > zero
+            factors[u] = total / weight if drawn else one
+        for u in range(width):
+            if factors[u] != one:
                 for k in range(3):
-                    image[v, u, k] = max((image[v, u, k] + offset) * factor - offset, np.float32(0.0))
+                    image[v, u, k] = max((image[v, u, k] + offset) * factors[u] - offset, zero)
+
+
+@cache
+def _tile_order(rows: int, columns: int) -> Array:
+    """Grid points in squares of `TILE`; at the edges of the grid some are there twice. [T * TILE] int64."""
+    edge = math.isqrt(TILE)
+    i, j = np.arange(-(-rows // edge) * edge), np.arange(-(-columns // edge) * edge)
+    number = np.minimum(i, rows - 1)[:, None] * columns + np.minimum(j, columns - 1)
+    return number.reshape(-1, edge, len(j) // edge, edge).swapaxes(1, 2).reshape(-1).copy()
 
 
 class Shadows:
@@ -254,9 +353,14 @@ class Shadows:
         _place(np.array([poses[name] for name in self._names], np.float32), self._owners, self._rest, spheres)
         points, count = np.zeros((*shape, 3), np.float32), shape[0] * shape[1]
         _points(depths, alphas, lens, table_from_cam, step, points)
-        work, tones, own = np.empty((4, count), np.float32), np.empty((2, count), np.float32), np.empty(count, np.bool_)
-        light = self._sources, self._shares, self._floor
-        flat = points.reshape(count, 3), spheres, self._robot
-        _light(*flat, *light, work, tones, own)
-        grid = points, tones.reshape(2, *shape), own.reshape(shape)
-        _dim(image, depths, alphas, lens, table_from_cam, step, *grid)
+        flat, kinds, order = points.reshape(count, 3), np.empty(count, np.int8), _tile_order(*shape)
+        _sort_out(flat, spheres, self._robot, kinds)
+        tiled, tiles = np.empty(3 * len(order), np.float32), len(order) // TILE
+        balls, stops = np.empty((tiles, 4), np.float32), np.empty(tiles, np.int64)
+        _gather(flat, kinds, order, self._robot, len(spheres), tiled, balls, stops)
+        sums, work = np.full(2 * len(order), self._floor), np.zeros(4 * (len(spheres) + LANES), np.float32)
+        _light(tiled, balls, stops, spheres, self._robot, self._sources, self._shares, work, sums)
+        tones = np.empty((2, count), np.float32)
+        _tones(kinds, order, sums, tones)
+        grid = points, tones.reshape(2, *shape), kinds.reshape(shape)
+        _dim(image, depths, alphas, lens, table_from_cam, step, *grid, np.empty((shape[0], 2, 4, image.shape[1]), np.float32))

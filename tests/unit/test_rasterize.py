@@ -9,7 +9,8 @@ import torch
 from gsbridge import logs
 from gsbridge.cameras import Camera, look_at
 from gsbridge.errors import InputError
-from gsbridge.splats.rasterize import cpu, rasterize, reference
+from gsbridge.splats.rasterize import blending, cpu, rasterize, reference
+from gsbridge.splats.rasterize.layout import STATE
 
 CAMERA = Camera(71, 58, 90.0, 92.0, 35.3, 28.7)  # no multiple of a block, principal point off the centre
 POSE = look_at((0.3, 0.25, 0.4), (0.0, 0.0, 0.0))
@@ -166,6 +167,31 @@ def test_two_threads_give_the_same_image_and_gradients(monkeypatch: pytest.Monke
     assert all(torch.equal(a, b) for a, b in zip(one, two, strict=True))
     for a, b in zip(first, gradients(splats, two), strict=True):
         assert float((a - b).norm() / a.norm()) < 1e-5  # sums of two halves round differently
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_both_kernels_of_a_block_blend_alike(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    given = []
+
+    def kept(blocks: tuple, images: tuple) -> None:
+        given.extend(array.copy() if isinstance(array, np.ndarray) else array for array in blocks)
+
+    monkeypatch.setattr(blending, "blend", kept)
+    cpu.render(*(tensor.detach().numpy() for tensor in make_splats(800, seed)), camera=CAMERA, cam_from_table=POSE, threads=1)
+    table, records, entries, starts, ends, rows, columns, *size, background, _ = given
+    found = []
+    for kernel in (blending._blend_block, blending._blend_block_wide):
+        lists, states = entries.copy(), np.zeros(rows * columns * STATE, np.float32)
+        weights = np.empty(16 * (1 + max(ends[: rows * columns] - starts[: rows * columns])), np.float32)
+        for block in range(rows * columns):
+            first, last, place = starts[block], ends[block], divmod(block, columns)
+            end = kernel(table, records, lists, first, last, *place, *size, background, states, block * STATE, weights)
+            found.append(lists[first:end].tolist())
+        given.append(states)
+    half = len(found) // 2
+    assert sum(map(len, found)) > 1000
+    assert found[:half] == found[half:]
+    np.testing.assert_allclose(given[-1], given[-2], atol=1e-6)
 
 
 def test_renderings_keep_their_own_work_space() -> None:

@@ -14,7 +14,7 @@ from gsbridge.geometry import Array
 from gsbridge.meshes import Mesh
 from gsbridge.scene.light import WIDTH, SkyLight, directions, fit_light
 from gsbridge.scene.occlusion import moved, spheres_in, transmittances
-from gsbridge.scene.shadows import Shadows
+from gsbridge.scene.shadows import _BARE, _LIT, _OWN, LANES, Shadows, _gather, _light, _tile_order
 
 UP = np.array([[0.0, 0.0, 1.0]])
 
@@ -218,3 +218,30 @@ def test_a_light_of_another_robot_is_refused():
     shadows = Shadows(hidden_light(), {"wrist": np.array([[0.0, 0, 0.2, 0.03]])}, ("object", np.zeros((0, 4))))
     with pytest.raises(InputError, match="wrist is no body of this world"):
         shadows.dim(image, depths, alphas, camera, pose, {"object": np.eye(4)})
+
+
+@given(seed=st.integers(0, 10_000), rows=st.integers(1, 11), columns=st.integers(1, 11), robot=st.integers(0, 19))
+@settings(max_examples=60, deadline=None)
+def test_light_in_tiles_is_the_sum_over_all_spheres(seed, rows, columns, robot):
+    rng = np.random.default_rng(seed)
+    points = rng.uniform((-0.2, -0.2, 0.0), (0.2, 0.2, 0.05), (rows * columns, 3)).astype(np.float32)
+    spheres = np.concatenate([rng.uniform((-0.3, -0.3, 0.0), (0.3, 0.3, 0.4), (19, 3)), rng.uniform(0.005, 0.06, (19, 1))], 1)
+    spheres, sources = spheres.astype(np.float32), directions()[::7].astype(np.float32)
+    shares, kinds = (
+        rng.uniform(size=len(sources)).astype(np.float32),
+        rng.choice([_BARE, _OWN, _LIT], len(points)).astype(np.int8),
+    )
+    order = _tile_order(rows, columns)
+    tiled, balls, stops = (
+        np.empty(3 * len(order), np.float32),
+        np.empty((len(order) // 16, 4), np.float32),
+        np.zeros(len(order) // 16, int),
+    )
+    _gather(points, kinds, order, robot, len(spheres), tiled, balls, stops)
+    sums = np.full(2 * len(order), np.float32(0.25))
+    _light(tiled, balls, stops, spheres, robot, sources, shares, np.zeros(4 * (len(spheres) + LANES), np.float32), sums)
+    found = np.full((2, len(points)), np.nan)
+    found[:, order] = sums.reshape(2, -1)
+    whole, alone = (0.25 + transmittances(points, some, sources, WIDTH) @ shares for some in (spheres, spheres[:robot]))
+    np.testing.assert_allclose(found[0, kinds != _BARE], alone[kinds != _BARE], atol=1e-4)
+    np.testing.assert_allclose(found[1, kinds == _LIT], whole[kinds == _LIT], atol=1e-4)

@@ -15,6 +15,8 @@ RECORD = layout.RECORD
 EIGHT = layout.EIGHT
 _DIGIT = 12
 _KEY = 2 * _DIGIT
+_CORNER = 0b11 | 0b11 << layout.SQUARE
+"""Of a `MASK`: two blocks by two."""
 
 
 @njit(error_model="numpy")
@@ -75,7 +77,8 @@ def reserve(capacity, rows, columns, starts, running):
     Args:
         capacity: As left by `project`; set to zero again. [(rows + 1) * (columns + 1)].
         rows, columns: Blocks.
-        starts: Filled, row by row. [rows * columns + 1].
+        starts: Filled, row by row, every list with one entry to spare (see `fill`); what follows the last list's start is the
+            end of all. [rows * columns + columns + 1].
         running: Work space. [columns + 1].
 
     Returns:
@@ -92,10 +95,10 @@ def reserve(capacity, rows, columns, starts, running):
             if column < columns:
                 level += running[column]
                 starts[row * columns + column] = total
-                total += level
+                total += level + 1
     for column in range(columns + 1):
         capacity[rows * (columns + 1) + column] = 0
-    starts[rows * columns] = total
+    starts[rows * columns :] = total
     return total
 
 
@@ -124,29 +127,45 @@ def _append_large(records, number, columns, edges, ends, entries):
 
 
 @njit(error_model="numpy")
-def fill(records, boxes, order, visible, columns, ends, entries):
+def fill(records, boxes, order, visible, columns, ends, entries, ordered):
     """Append each record, nearest first, to the lists of the blocks that its ellipse meets.
 
     Args:
         records, boxes: What `project` filled.
         order, visible: Records, nearest first.
         columns: Blocks in a row.
-        ends: The start of each list; moved to its end. [rows * columns].
+        ends: The start of each list, as `reserve` gives them; moved to its end. [rows * columns + columns + 1].
         entries: Filled with record numbers.
+        ordered: Work space. [N] int64.
     """
     steps, edges = np.empty(layout.SQUARE * layout.SQUARE, np.int64), np.empty(2 * WIDTH, np.int32)
     for bit in range(len(steps)):
         steps[bit] = bit // layout.SQUARE * columns + bit % layout.SQUARE
+    # By itself, where many reads wait for memory at once; below, each would wait for the branches before it.
     for i in range(visible):
-        number = at(order, i)
-        box = at(boxes, number)
+        put(ordered, i, at(boxes, at(order, i)))
+    for i in range(visible):
+        number, box = at(order, i), at(ordered, i)
         mask, first = box & 0xFFFFFFFF, box >> 32
-        if mask == 0xFFFFFFFF:
+        if not mask & ~_CORNER:
+            # As most are: at most two blocks by two. All four lists are written and only those that meet the ellipse grow,
+            # since no processor foresees which ones do.
+            below = first + columns
+            end0, end1, end2, end3 = at(ends, first), at(ends, first + 1), at(ends, below), at(ends, below + 1)
+            put(entries, end0, number)
+            put(ends, first, end0 + np.int32(mask & 1))
+            put(entries, end1, number)
+            put(ends, first + 1, end1 + np.int32(mask >> 1 & 1))
+            put(entries, end2, number)
+            put(ends, below, end2 + np.int32(mask >> layout.SQUARE & 1))
+            put(entries, end3, number)
+            put(ends, below + 1, end3 + np.int32(mask >> (layout.SQUARE + 1) & 1))
+        elif mask == 0xFFFFFFFF:
             _append_large(records, number, columns, edges, ends, entries)
-            continue
-        while mask:
-            block = first + at(steps, lowest_bit(mask))
-            mask &= mask - 1
-            end = at(ends, block)
-            put(entries, end, number)
-            put(ends, block, end + 1)
+        else:
+            while mask:
+                block = first + at(steps, lowest_bit(mask))
+                mask &= mask - 1
+                end = at(ends, block)
+                put(entries, end, number)
+                put(ends, block, end + 1)

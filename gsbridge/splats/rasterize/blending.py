@@ -2,6 +2,8 @@
 
 A block's light stays in registers while its list runs, and the weights go to a scratch array; a second run over the records
 that counted adds up colour and depth. One run for both needs more registers than a processor has.
+
+There are two kernels for a block, which differ by rounding only: one for processors with AVX-512, one for all others.
 """
 
 from __future__ import annotations
@@ -13,8 +15,18 @@ import numpy as np
 
 from gsbridge.splats.rasterize import layout
 from gsbridge.splats.rasterize.falloff import AHEAD, TILE, exponents, pixels_of, power, read_table
-from gsbridge.splats.rasterize.lanes import mask_bits, select, smaller, spread
-from gsbridge.splats.rasterize.memory import at, load, load_spread, prefetch, put, store, store_halves, store_pixels
+from gsbridge.splats.rasterize.lanes import HAS_WIDE, mask_bits, select, smaller, spread, spread_wide
+from gsbridge.splats.rasterize.memory import (
+    at,
+    load,
+    load_spread,
+    load_wide,
+    prefetch,
+    put,
+    store,
+    store_halves,
+    store_pixels,
+)
 
 RECORD, BLOCK, PIXELS, STATE = layout.RECORD, layout.BLOCK, layout.PIXELS, layout.STATE
 
@@ -78,6 +90,57 @@ def _blend_block(table, records, entries, first, last, row, column, width, heigh
 
 
 @njit(error_model="numpy")
+def _blend_block_wide(table, records, entries, first, last, row, column, width, height, background, states, state, weights):
+    """`_blend_block` with all sixteen pixels in one register."""
+    x, y = load_wide(layout.PIXEL_X, 0) + (column * BLOCK + 0.5), load_wide(layout.PIXEL_Y, 0) + (row * BLOCK + 0.5)
+    light = select((x < width) & (y < height), 1.0, 0.0)
+    c0, c1, c2, c3, c4, c5 = at(table, 0), at(table, 1), at(table, 2), at(table, 3), at(table, 4), at(table, 5)
+    cut, alpha_max, light_min = at(table, 6), at(table, 7), at(table, 8)
+    kept, place = first, 0
+    for entry in range(first, last):
+        is_open = light >= light_min
+        if (entry & 3) == 0 and mask_bits(is_open) == 0:
+            break
+        number = at(entries, entry)
+        prefetch(records, np.int64(at(entries, min(entry + AHEAD, last - 1))) * RECORD)
+        base = np.int64(number) * RECORD
+        dx, dy = x - at(records, base + layout.X), y - at(records, base + layout.Y)
+        along = at(records, base + layout.XX) * dx + at(records, base + layout.XY) * dy
+        p = at(records, base + layout.LOG) - dx * along - (at(records, base + layout.YY) * dy) * dy
+        near = p >= cut
+        power = c0 + p * (c1 + p * (c2 + p * (c3 + p * (c4 + p * c5))))
+        power = power * power
+        power = power * power
+        # Every entry waits for the light of the one before. Whether a pixel is closed is asked last, so that the wait is short.
+        weight = select(near, smaller(power * power, alpha_max), 0.0) * light
+        store(weights, place, select(is_open, weight, 0.0))
+        light = select(is_open, light - weight, light)
+        put(entries, kept, number)
+        hit = mask_bits(near & is_open) != 0
+        kept += hit
+        place += hit * PIXELS
+    red, green, blue, depth = spread_wide(0.0), spread_wide(0.0), spread_wide(0.0), spread_wide(0.0)
+    place = 0
+    for entry in range(first, kept):
+        base = np.int64(at(entries, entry)) * RECORD
+        weight = load_wide(weights, place)
+        place += PIXELS
+        red = red + weight * at(records, base + layout.RED)
+        green = green + weight * at(records, base + layout.GREEN)
+        blue = blue + weight * at(records, base + layout.BLUE)
+        depth = depth + weight * at(records, base + layout.DEPTH)
+    store(states, state, red + light * background[0])
+    store(states, state + PIXELS, green + light * background[1])
+    store(states, state + 2 * PIXELS, blue + light * background[2])
+    store(states, state + 3 * PIXELS, 1.0 - light)
+    store(states, state + 4 * PIXELS, depth)
+    return kept
+
+
+_blend_best = _blend_block_wide if HAS_WIDE else _blend_block
+
+
+@njit(error_model="numpy")
 def _write_block(states, state, row, column, width, height, images):
     """Copy a block into the images."""
     colours, alphas, depths = images
@@ -112,7 +175,7 @@ def _blend_band(blocks, images, band):
             for column in range(tile, min(tile + TILE, columns)):
                 block = row * columns + column
                 first, last, state = starts[block], ends[block], block * STATE
-                ends[block] = _blend_block(
+                ends[block] = _blend_best(
                     table, records, entries, first, last, row, column, width, height, background, states, state, weights
                 )
                 _write_block(states, state, row, column, width, height, images)

@@ -56,7 +56,8 @@ class Workspace:
             self.capacity = np.zeros((rows + 1) * (columns + 1), np.int32)
             self.running = np.empty(columns + 1, np.int32)
             self.states = _aligned(rows * columns * STATE)
-            self.starts, self.ends = np.empty(rows * columns + 1, np.int32), np.empty(rows * columns + 1, np.int32)
+            # A row of blocks more than there are: `fill` looks to the right and below before it knows that it need not.
+            self.starts, self.ends = (np.empty((rows + 1) * columns + 1, np.int32) for _ in range(2))
 
     def fit_entries(self, entries: int) -> None:
         """Make room for a number of entries in the lists.
@@ -210,7 +211,7 @@ def _forward(
     binning.sort_by_depth(keys, visible, space.counts, space.pairs, space.more_pairs, space.order)
     space.fit_entries(binning.reserve(space.capacity, view.rows, view.columns, space.starts, space.running))
     space.ends[:] = space.starts
-    binning.fill(space.records, space.boxes, space.order, visible, view.columns, space.ends, space.entries)
+    binning.fill(space.records, space.boxes, space.order, visible, view.columns, space.ends, space.entries, space.pairs)
     pixels = view.width * view.height
     out = np.empty(3 * pixels, np.float32), np.empty(pixels, np.float32), np.empty(pixels, np.float32)
     blend = blending.blend

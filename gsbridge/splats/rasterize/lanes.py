@@ -3,6 +3,7 @@
 numba leaves vectorisation to LLVM, which gives up silently on loops with masks and reductions. Here a kernel says what it
 wants: `Lanes` lowers to LLVM's `<8 x float>`, which becomes one AVX register (or two of SSE or NEON), so the same source runs
 on every processor. Arithmetic works between lanes and between lanes and a float32. Comparisons give a `Mask` for `select`.
+`WideLanes` are sixteen: one register where there is AVX-512 (`HAS_WIDE`), two elsewhere, known to fewer functions.
 
 Multiplications and additions may fuse (one rounding instead of two); nothing else is relaxed, so NaN compares false.
 """
@@ -17,81 +18,106 @@ from llvmlite import ir
 
 from gsbridge.kernels import njit  # noqa: F401  (also marks this module as kernel source, see gsbridge.kernels)
 
+import llvmlite.binding as llvm  # isort: skip
+import numba  # isort: skip
 from numba.core import types  # isort: skip  (numba must be imported after gsbridge.kernels has set its cache folder)
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature  # isort: skip
 from numba.extending import intrinsic, lower_builtin, models, register_model  # isort: skip
 
 WIDTH = 8
+WIDE = 16
 FLAGS = ("contract", "nsz")
 FLOATS = ir.VectorType(ir.FloatType(), WIDTH)
+WIDE_FLOATS = ir.VectorType(ir.FloatType(), WIDE)
 INTS = ir.VectorType(ir.IntType(32), WIDTH)
-_BITS = ir.VectorType(ir.IntType(1), WIDTH)
+
+
+def _has_wide() -> bool:
+    """Whether numba compiles for a processor with registers of sixteen float32."""
+    if numba.config.CPU_FEATURES is None:
+        return bool(llvm.get_host_cpu_features().get("avx512f", False))
+    return "+avx512f" in numba.config.CPU_FEATURES.split(",")
+
+
+HAS_WIDE = _has_wide()
 
 
 class _LanesType(types.Type):
-    def __init__(self) -> None:
-        super().__init__(name="Lanes")
+    def __init__(self, name: str, width: int) -> None:
+        self.width = width
+        super().__init__(name=name)
 
 
 class _MaskType(types.Type):
-    def __init__(self) -> None:
-        super().__init__(name="Mask")
+    def __init__(self, name: str, width: int) -> None:
+        self.width = width
+        super().__init__(name=name)
 
 
-Lanes = _LanesType()
-Mask = _MaskType()
+Lanes, WideLanes = _LanesType("Lanes", WIDTH), _LanesType("WideLanes", WIDE)
+Mask, WideMask = _MaskType("Mask", WIDTH), _MaskType("WideMask", WIDE)
+_MASKS = {Lanes: Mask, WideLanes: WideMask}
 
 
 @register_model(_LanesType)
 class _LanesModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, FLOATS)
+        super().__init__(manager, kind, ir.VectorType(ir.FloatType(), kind.width))
 
 
 @register_model(_MaskType)
 class _MaskModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, _BITS)
+        super().__init__(manager, kind, ir.VectorType(ir.IntType(1), kind.width))
 
 
-def spread_scalar(builder: ir.IRBuilder, value: ir.Value) -> ir.Value:
+def spread_scalar(builder: ir.IRBuilder, value: ir.Value, width: int = WIDTH) -> ir.Value:
     """A scalar copied to all lanes."""
-    zero = ir.Constant(ir.IntType(32), 0)
-    one = builder.insert_element(ir.Constant(FLOATS, ir.Undefined), value, zero)
-    return builder.shuffle_vector(one, ir.Constant(FLOATS, ir.Undefined), ir.Constant(INTS, [0] * WIDTH))
+    undefined = ir.Constant(ir.VectorType(ir.FloatType(), width), ir.Undefined)
+    one = builder.insert_element(undefined, value, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(one, undefined, ir.Constant(ir.VectorType(ir.IntType(32), width), [0] * width))
 
 
-def _as_lanes(context: Any, builder: ir.IRBuilder, value: ir.Value, kind: types.Type) -> ir.Value:
+def _as_lanes(context: Any, builder: ir.IRBuilder, value: ir.Value, kind: types.Type, width: int) -> ir.Value:
     if isinstance(kind, _LanesType):
         return value
-    return spread_scalar(builder, context.cast(builder, value, kind, types.float32))
+    return spread_scalar(builder, context.cast(builder, value, kind, types.float32), width)
 
 
-def _binary(function: Callable[..., Any], emit: Callable[..., ir.Value], result: types.Type) -> None:
+def _common(kinds: Any) -> Any:
+    """The lanes among some types, if all others are numbers; None if there are none, or of both widths."""
+    lanes = {kind for kind in kinds if isinstance(kind, _LanesType)}
+    fits = len(lanes) == 1 and all(isinstance(kind, _LanesType | types.Number) for kind in kinds)
+    return lanes.pop() if fits else None
+
+
+def _binary(function: Callable[..., Any], emit: Callable[..., ir.Value], *, compares: bool = False) -> None:
     """Teach numba an operator between lanes, or between lanes and a number."""
 
     @infer_global(function)
     class _Typing(AbstractTemplate):
         def generic(self, args: tuple[types.Type, ...], kws: dict[str, Any]) -> Any:
-            fits = len(args) == 2 and all(isinstance(kind, _LanesType | types.Number) for kind in args)
-            return signature(result, *args) if fits and Lanes in args else None
+            lanes = _common(args) if len(args) == 2 else None
+            return None if lanes is None else signature(_MASKS[lanes] if compares else lanes, *args)
 
     for pair in ((_LanesType, _LanesType), (_LanesType, types.Number), (types.Number, _LanesType)):
 
         @lower_builtin(function, *pair)
         def _lower(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-            left, right = (_as_lanes(context, builder, value, kind) for value, kind in zip(args, sig.args, strict=True))
-            return emit(builder, left, right)
+            width = _common(sig.args).width
+            return emit(
+                builder, *(_as_lanes(context, builder, value, kind, width) for value, kind in zip(args, sig.args, strict=True))
+            )
 
 
-_binary(operator.add, lambda b, x, y: b.fadd(x, y, flags=FLAGS), Lanes)
-_binary(operator.sub, lambda b, x, y: b.fsub(x, y, flags=FLAGS), Lanes)
-_binary(operator.mul, lambda b, x, y: b.fmul(x, y, flags=FLAGS), Lanes)
-_binary(operator.truediv, lambda b, x, y: b.fdiv(x, y, flags=FLAGS), Lanes)
-_binary(operator.lt, lambda b, x, y: b.fcmp_ordered("<", x, y), Mask)
-_binary(operator.le, lambda b, x, y: b.fcmp_ordered("<=", x, y), Mask)
-_binary(operator.gt, lambda b, x, y: b.fcmp_ordered(">", x, y), Mask)
-_binary(operator.ge, lambda b, x, y: b.fcmp_ordered(">=", x, y), Mask)
+_binary(operator.add, lambda b, x, y: b.fadd(x, y, flags=FLAGS))
+_binary(operator.sub, lambda b, x, y: b.fsub(x, y, flags=FLAGS))
+_binary(operator.mul, lambda b, x, y: b.fmul(x, y, flags=FLAGS))
+_binary(operator.truediv, lambda b, x, y: b.fdiv(x, y, flags=FLAGS))
+_binary(operator.lt, lambda b, x, y: b.fcmp_ordered("<", x, y), compares=True)
+_binary(operator.le, lambda b, x, y: b.fcmp_ordered("<=", x, y), compares=True)
+_binary(operator.gt, lambda b, x, y: b.fcmp_ordered(">", x, y), compares=True)
+_binary(operator.ge, lambda b, x, y: b.fcmp_ordered(">=", x, y), compares=True)
 
 
 def _logical(function: Callable[..., Any], emit: Callable[..., ir.Value]) -> None:
@@ -100,7 +126,8 @@ def _logical(function: Callable[..., Any], emit: Callable[..., ir.Value]) -> Non
     @infer_global(function)
     class _Typing(AbstractTemplate):
         def generic(self, args: tuple[types.Type, ...], kws: dict[str, Any]) -> Any:
-            return signature(Mask, Mask, Mask) if args == (Mask, Mask) else None
+            fits = len(args) == 2 and isinstance(args[0], _MaskType) and args[0] == args[1]
+            return signature(args[0], *args) if fits else None
 
     @lower_builtin(function, _MaskType, _MaskType)
     def _lower(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
@@ -140,16 +167,27 @@ def spread(typing: Any, value: Any) -> Any:
 
 
 @intrinsic
+def spread_wide(typing: Any, value: Any) -> Any:
+    """A number in all wide lanes."""
+
+    def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
+        return spread_scalar(builder, context.cast(builder, args[0], sig.args[0], types.float32), WIDE)
+
+    return WideLanes(value), generate
+
+
+@intrinsic
 def select(typing: Any, mask: Any, chosen: Any, other: Any) -> Any:
     """Lane by lane: `chosen` where the mask is set, `other` elsewhere. Both may be numbers."""
-    if mask != Mask:
+    if not isinstance(mask, _MaskType):
         return None
 
     def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-        left, right = (_as_lanes(context, builder, value, kind) for value, kind in zip(args[1:], sig.args[1:], strict=True))
+        values = zip(args[1:], sig.args[1:], strict=True)
+        left, right = (_as_lanes(context, builder, value, kind, mask.width) for value, kind in values)
         return builder.select(args[0], left, right)
 
-    return Lanes(mask, chosen, other), generate
+    return (Lanes if mask == Mask else WideLanes)(mask, chosen, other), generate
 
 
 def _unary(name: str, doc: str) -> Any:
@@ -168,36 +206,33 @@ square_root = _unary("sqrt", "Square root of every lane.")
 round_down = _unary("floor", "Largest whole number not above each lane.")
 
 
-@intrinsic
-def smaller(typing: Any, left: Any, right: Any) -> Any:
-    """Smaller of two, lane by lane; `right` where either is NaN. Numbers may stand for lanes."""
+def _extreme(operator_name: str, doc: str) -> Any:
+    @intrinsic
+    def function(typing: Any, left: Any, right: Any) -> Any:
+        lanes = _common((left, right))
 
-    def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-        x, y = (_as_lanes(context, builder, value, kind) for value, kind in zip(args, sig.args, strict=True))
-        return builder.select(builder.fcmp_ordered("<", x, y), x, y)
+        def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
+            x, y = (_as_lanes(context, builder, value, kind, lanes.width) for value, kind in zip(args, sig.args, strict=True))
+            return builder.select(builder.fcmp_ordered(operator_name, x, y), x, y)
 
-    return Lanes(left, right), generate
+        return None if lanes is None else (lanes(left, right), generate)
+
+    function.__doc__ = doc
+    return function
 
 
-@intrinsic
-def larger(typing: Any, left: Any, right: Any) -> Any:
-    """Larger of two, lane by lane; `right` where either is NaN. Numbers may stand for lanes."""
-
-    def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-        x, y = (_as_lanes(context, builder, value, kind) for value, kind in zip(args, sig.args, strict=True))
-        return builder.select(builder.fcmp_ordered(">", x, y), x, y)
-
-    return Lanes(left, right), generate
+smaller = _extreme("<", "Smaller of two, lane by lane; `right` where either is NaN. Numbers may stand for lanes.")
+larger = _extreme(">", "Larger of two, lane by lane; `right` where either is NaN. Numbers may stand for lanes.")
 
 
 @intrinsic
 def mask_bits(typing: Any, mask: Any) -> Any:
     """The mask as a whole number, lane 0 in the lowest bit."""
-    if mask != Mask:
+    if not isinstance(mask, _MaskType):
         return None
 
     def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-        return builder.zext(builder.bitcast(args[0], ir.IntType(WIDTH)), ir.IntType(64))
+        return builder.zext(builder.bitcast(args[0], ir.IntType(mask.width)), ir.IntType(64))
 
     return types.int64(mask), generate
 

@@ -74,4 +74,6 @@ then the cut in eighths of a power of two, the clip of alpha, and the light at w
 
 LANE_X: Final = np.array([0, 1, 2, 3, 0, 1, 2, 3], dtype=np.float32)
 LANE_Y: Final = np.array([0, 0, 0, 0, 1, 1, 1, 1], dtype=np.float32)
+PIXEL_X: Final = np.tile(np.arange(BLOCK, dtype=np.float32), BLOCK)
+PIXEL_Y: Final = np.repeat(np.arange(BLOCK, dtype=np.float32), BLOCK)
 EIGHT: Final = np.arange(8, dtype=np.float32)

@@ -11,7 +11,7 @@ from gsbridge.kernels import njit  # noqa: F401  (also marks this module as kern
 from numba.core import types  # isort: skip  (numba must be imported after gsbridge.kernels has set its cache folder)
 from numba.extending import intrinsic  # isort: skip
 
-from gsbridge.splats.rasterize.lanes import FLOATS, INTS, WIDTH, Lanes, call_llvm, spread_scalar
+from gsbridge.splats.rasterize.lanes import FLOATS, INTS, WIDE_FLOATS, WIDTH, Lanes, WideLanes, call_llvm, spread_scalar
 
 _HALF = WIDTH // 2
 _FOUR = ir.VectorType(ir.FloatType(), _HALF)
@@ -52,19 +52,21 @@ def put(typing: Any, array: Any, index: Any, value: Any) -> Any:
     return types.void(array, types.intp, array.dtype), generate
 
 
-@intrinsic
-def load(typing: Any, array: Any, index: Any) -> Any:
-    """Lanes from a flat float32 array, from `index` on."""
-    if not _is_flat(array, types.float32):
-        return None
+def _load(kind: Any, vector: ir.VectorType, doc: str) -> Any:
+    @intrinsic
+    def function(typing: Any, array: Any, index: Any) -> Any:
+        def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
+            address = _address(context, builder, sig.args[0], args[0], args[1])
+            return builder.load(builder.bitcast(address, vector.as_pointer()), align=4)
 
-    def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-        address = _address(context, builder, sig.args[0], args[0], args[1])
-        out = builder.load(builder.bitcast(address, FLOATS.as_pointer()))
-        out.align = 4
-        return out
+        return (kind(array, types.intp), generate) if _is_flat(array, types.float32) else None
 
-    return Lanes(array, types.intp), generate
+    function.__doc__ = doc
+    return function
+
+
+load = _load(Lanes, FLOATS, "Lanes from a flat float32 array, from `index` on.")
+load_wide = _load(WideLanes, WIDE_FLOATS, "Wide lanes from a flat float32 array, from `index` on.")
 
 
 @intrinsic
@@ -104,16 +106,16 @@ load_quads = _interleaved(4, "The four columns of eight rows of a flat [N, 4] fl
 
 @intrinsic
 def store(typing: Any, array: Any, index: Any, value: Any) -> Any:
-    """Write lanes into a flat float32 array, from `index` on."""
-    if not _is_flat(array, types.float32) or value != Lanes:
+    """Write lanes, wide or not, into a flat float32 array, from `index` on."""
+    if not _is_flat(array, types.float32) or value not in (Lanes, WideLanes):
         return None
 
     def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
         address = _address(context, builder, sig.args[0], args[0], args[1])
-        builder.store(args[2], builder.bitcast(address, FLOATS.as_pointer()), align=4)
+        builder.store(args[2], builder.bitcast(address, args[2].type.as_pointer()), align=4)
         return context.get_dummy_value()
 
-    return types.void(array, types.intp, Lanes), generate
+    return types.void(array, types.intp, value), generate
 
 
 @intrinsic
