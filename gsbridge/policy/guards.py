@@ -147,7 +147,7 @@ class Guard:
 
     def command(self, position: Array, yaw: float, reached: Reached) -> End | None:
         """Judge the next command. It leaves the tether only where the workspace's wall pulls it back inside."""
-        inside = self.workspace.clip(reached.position, np.array(reached.yaw))
+        inside = self.workspace.clip(reached.position, reached.yaw)
         reach, turn = (TETHER + 1.0) * self.scale.position + 1e-9, (TETHER + 1.0) * self.scale.yaw + 1e-9
         # With one action upon the tether, two and a half actions at most.
         if (np.abs(position - inside[0]) > reach).any() or abs((yaw - inside[1] + np.pi) % (2 * np.pi) - np.pi) > turn:

@@ -26,31 +26,29 @@ _POSTURE_GAIN = 0.5
 @njit(nogil=True)
 def place_links(parents: Array, fixed: Array, axes: Array, values: Array, out: Array) -> None:
     """Poses of all nodes in the base. parents [K], fixed [K, 4, 4], axes [K, 3], values [K] -> out [K, 4, 4]."""
-    turn, local = np.empty((3, 3)), np.empty((3, 3))
     for k in range(len(parents)):
         x, y, z = axes[k, 0], axes[k, 1], axes[k, 2]
-        sine, cosine = math.sin(values[k]), math.cos(values[k])
-        rest = 1.0 - cosine
-        # Rodrigues' rotation; a zero axis has the value zero and gives the identity.
-        turn[0, 0], turn[0, 1], turn[0, 2] = cosine + x * x * rest, x * y * rest - z * sine, x * z * rest + y * sine
-        turn[1, 0], turn[1, 1], turn[1, 2] = y * x * rest + z * sine, cosine + y * y * rest, y * z * rest - x * sine
-        turn[2, 0], turn[2, 1], turn[2, 2] = z * x * rest - y * sine, z * y * rest + x * sine, cosine + z * z * rest
         for i in range(3):
-            for j in range(3):
-                local[i, j] = fixed[k, i, 0] * turn[0, j] + fixed[k, i, 1] * turn[1, j] + fixed[k, i, 2] * turn[2, j]
-        parent = parents[k]
-        for i in range(3):
-            if parent < 0:
-                for j in range(3):
-                    out[k, i, j] = local[i, j]
-                out[k, i, 3] = fixed[k, i, 3]
-            else:
-                a, b, c = out[parent, i, 0], out[parent, i, 1], out[parent, i, 2]
-                for j in range(3):
-                    out[k, i, j] = a * local[0, j] + b * local[1, j] + c * local[2, j]
-                out[k, i, 3] = a * fixed[k, 0, 3] + b * fixed[k, 1, 3] + c * fixed[k, 2, 3] + out[parent, i, 3]
+            for j in range(4):
+                out[k, i, j] = fixed[k, i, j]
             out[k, 3, i] = 0.0
         out[k, 3, 3] = 1.0
+        if x != 0.0 or y != 0.0 or z != 0.0:
+            # Rodrigues' rotation, its columns one by one.
+            sine, cosine = math.sin(values[k]), math.cos(values[k])
+            rest = 1.0 - cosine
+            for i in range(3):
+                a, b, c = fixed[k, i, 0], fixed[k, i, 1], fixed[k, i, 2]
+                out[k, i, 0] = a * (cosine + x * x * rest) + b * (y * x * rest + z * sine) + c * (z * x * rest - y * sine)
+                out[k, i, 1] = a * (x * y * rest - z * sine) + b * (cosine + y * y * rest) + c * (z * y * rest + x * sine)
+                out[k, i, 2] = a * (x * z * rest + y * sine) + b * (y * z * rest - x * sine) + c * (cosine + z * z * rest)
+        parent = parents[k]
+        if parent >= 0:
+            for j in range(4):
+                a, b, c = out[k, 0, j], out[k, 1, j], out[k, 2, j]
+                for i in range(3):
+                    value = out[parent, i, 0] * a + out[parent, i, 1] * b + out[parent, i, 2] * c
+                    out[k, i, j] = value + out[parent, i, 3] if j == 3 else value
 
 
 @njit(nogil=True)

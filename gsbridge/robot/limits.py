@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -110,26 +111,26 @@ class Workspace:
                 "workspace", "a lower bound does not lie below its upper bound", "Give metres and radians, low < high"
             )
 
-    def clip(self, position: Array, yaw: Array) -> tuple[Array, Array, Array]:
-        """Cut commands to the box.
+    def clip(self, position: Array, yaw: float) -> tuple[Array, float, bool]:
+        """Cut a command to the box.
 
         Args:
-            position: Tool points, table frame, m. [..., 3].
-            yaw: rad. [...].
+            position: Tool point, table frame, m. [3].
+            yaw: rad.
 
         Returns:
-            Position [..., 3], yaw [...], and whether anything was cut [...].
+            Position [3], yaw, and whether anything was cut.
 
         Raises:
-            InputError: A command is not finite.
+            InputError: The command is not finite.
         """
-        position, yaw = np.asarray(position, dtype=np.float64), np.asarray(yaw, dtype=np.float64)
-        if not (np.isfinite(position).all() and np.isfinite(yaw).all()):
+        # Plain numbers: on so few of them numpy takes several times as long.
+        wanted = [*np.asarray(position, dtype=np.float64).tolist(), float(yaw)]
+        if not all(map(isfinite, wanted)):
             raise InputError("action", "the commanded pose is not finite", "Check the policy's output for NaN")
-        # Not `np.clip`, which on so few numbers costs several times as much.
-        inside = np.minimum(np.maximum(position, self.lower), self.upper)
-        turn = np.minimum(np.maximum(yaw, self.yaw[0]), self.yaw[1])
-        return inside, turn, (inside != position).any(-1) | (turn != yaw)
+        bounds = zip(wanted, (*self.lower, self.yaw[0]), (*self.upper, self.yaw[1]), strict=True)
+        *inside, turn = (min(max(value, low), high) for value, low, high in bounds)
+        return np.array(inside), turn, [*inside, turn] != wanted
 
     def contains(self, position: Array) -> Array:
         """Whether points lie in the box. [..., 3] -> bool [...]."""
@@ -151,9 +152,9 @@ class ClippedCommands:
     commands: int = 0
     clipped: int = 0
 
-    def clip(self, position: Array, yaw: Array) -> tuple[Array, Array]:
-        """`Workspace.clip`, counted. [..., 3], [...] -> the same shapes."""
+    def clip(self, position: Array, yaw: float) -> tuple[Array, float]:
+        """`Workspace.clip`, counted. [3], rad."""
         inside, turn, cut = self.workspace.clip(position, yaw)
-        self.commands += int(np.size(cut))
-        self.clipped += int(np.count_nonzero(cut))
+        self.commands += 1
+        self.clipped += cut
         return inside, turn

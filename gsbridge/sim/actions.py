@@ -108,14 +108,13 @@ class ToolTarget:
         action = np.asarray(action, dtype=np.float64)
         if action.shape != (SIZE,):
             raise InputError("action", f"it has the shape {action.shape}, expected ({SIZE},)", "Give x, y, z, yaw, opening")
-        if not np.isfinite(action).all():
+        values = action.tolist()
+        if not all(map(isfinite, values)):
             raise InputError("action", "it is not finite", "Check the policy's output for NaN")
-        cut = np.minimum(np.maximum(action, -1.0), 1.0)
-        self.saturated += int((cut != action).any())
+        *step, turn, opening = cut = [min(max(value, -1.0), 1.0) for value in values]
+        self.saturated += cut != values
         # The cube of three equal steps, as in the paper: a diagonal action moves farther than one along an axis.
-        self.position, yaw = self.counted.clip(
-            self.position + self.scale.position * cut[:3], self.yaw + self.scale.yaw * cut[3]
-        )
-        self.yaw = float(yaw)
-        self.aperture = min(max(self.aperture + self.scale.aperture * float(cut[4]), 0.0), self.stroke)
+        position = [at + self.scale.position * part for at, part in zip(self.position.tolist(), step, strict=True)]
+        self.position, self.yaw = self.counted.clip(position, self.yaw + self.scale.yaw * turn)
+        self.aperture = min(max(self.aperture + self.scale.aperture * opening, 0.0), self.stroke)
         return self.position, self.yaw, self.aperture

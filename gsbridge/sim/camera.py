@@ -22,22 +22,21 @@ def respond(image: Array, camera: Camera, rng: np.random.Generator) -> Array:
     Returns:
         uint8 [H, W, 3].
     """
-    linear, table = _tables(camera)
+    linear, table, neutral = _tables(camera)
     if camera.shot_noise == 0 and camera.read_noise == 0:
-        if (table == np.arange(256)[:, None]).all():
-            return image
-        return table[image, np.arange(3)]
+        return image if neutral else table[image, np.arange(3)]
     light = linear[image, np.arange(3)]
     spread = np.sqrt(camera.shot_noise * light + camera.read_noise**2)
     return _encode(light + spread * rng.standard_normal(light.shape), camera)
 
 
 @lru_cache(maxsize=16)
-def _tables(camera: Camera) -> tuple[Array, Array]:
-    """Light, and without noise the delivered byte, for every byte of a picture. [256, 3] each."""
+def _tables(camera: Camera) -> tuple[Array, Array, bool]:
+    """Light, and without noise the delivered byte, for every byte of a picture, [256, 3] each; whether it is the same byte."""
     gains = camera.gain * np.array([camera.red_gain, 1.0, camera.blue_gain])
     linear = linear_from_srgb(np.arange(256) / 255.0)[:, None] * gains
-    return linear, _encode(linear, camera)
+    table = _encode(linear, camera)
+    return linear, table, bool((table == np.arange(256)[:, None]).all())
 
 
 def _encode(linear: Array, camera: Camera) -> Array:

@@ -12,7 +12,7 @@ from gsbridge.geometry import Array
 from gsbridge.robot.assembly import RobotFiles
 from gsbridge.robot.kinematics import Kinematics
 from gsbridge.robot.links import Joint, rotation_from_rpy
-from gsbridge.sim.dynamics import joint_torques, link_poses, packed, plan_period
+from gsbridge.sim.dynamics import joint_torques, link_poses, packed, plan_period, work_space
 from gsbridge.sim.model import Model
 
 
@@ -100,6 +100,7 @@ class Controller:
             slot=np.zeros(1, dtype=np.int64),
             memory=np.zeros((2, width)),
             known_inertia=np.zeros((len(arm), len(arm))),
+            **work_space(len(tree.links), len(arm)),
         )
         # Enough for the full force, and for what a set point is ahead of moving fingers.
         self._pressing = g.force / g.stiffness + g.speed * (model.period + a.delay)

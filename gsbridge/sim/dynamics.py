@@ -14,26 +14,19 @@ from gsbridge.robot.chain import cholesky_solve, place_links
 
 
 @njit(nogil=True)
-def arm_inertia(
-    axes: Array, poses: Array, bodies: Array, owner: Array, nodes: Array, gravity: Array, inertia: Array, weight: Array
-) -> None:
+def arm_inertia(a: Array) -> None:
     """Joint-space inertia of the arm and the torques that hold its weight, by composite bodies about the base's origin.
 
     Args:
-        axes: Joint axis of each node, node frame. [K, 3].
-        poses: `base_from_node`. [K, 4, 4].
-        bodies: Mass, centre of mass (3), inertia about it (9), node frame, kg, m, kg m2. [K, 13].
-        owner: Number of the last arm joint above each node, -1 for the base. [K].
-        nodes: Node that each arm joint moves. [N].
-        gravity: Acceleration, base frame, m/s2. [3].
-        inertia: Result, kg m2. [N, N].
-        weight: Result, N m. [N].
+        a: Record of the arm, see `joint_torques`; `inertia` and `weight` are filled.
 
     Source: Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.2.
     """
+    axes, poses, bodies, owner, nodes, gravity = a.axes, a.poses, a.bodies, a.owner, a.nodes, a.gravity
+    inertia, weight, mass, moment, about, turn, move = a.inertia, a.weight, a.mass, a.moment, a.about, a.turn, a.move
+    centre, part, push, force, torque, spare = a.centre, a.part, a.push, a.force, a.torque, a.spare
     count = len(nodes)
-    mass, moment, about = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3, 3))
-    centre, part = np.empty(3), np.empty((3, 3))
+    mass[:], moment[:], about[:] = 0.0, 0.0, 0.0
     for k in range(len(bodies)):
         joint, kilos = owner[k], bodies[k, 0]
         if joint < 0 or kilos == 0.0:
@@ -64,13 +57,11 @@ def arm_inertia(
             moment[joint, i] += moment[joint + 1, i]
             for j in range(3):
                 about[joint, i, j] += about[joint + 1, i, j]
-    turn, move = np.empty((count, 3)), np.empty((count, 3))
     for joint in range(count):
         k = nodes[joint]
         for i in range(3):
             turn[joint, i] = poses[k, i, 0] * axes[k, 0] + poses[k, i, 1] * axes[k, 1] + poses[k, i, 2] * axes[k, 2]
         cross(poses[k, 0, 3], poses[k, 1, 3], poses[k, 2, 3], turn[joint], move[joint])
-    push, force, torque, spare = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for j in range(count):
         h = moment[j]
         # Momentum of everything behind joint j when it alone turns at unit speed.
@@ -99,19 +90,6 @@ def cross(x: float, y: float, z: float, b: Array, out: Array) -> None:
     out[2] = x * b[1] - y * b[0]
 
 
-@njit(nogil=True)
-def solve_shifted(inertia: Array, shift: Array, right: Array, out: Array) -> None:
-    """Solve (inertia + diag(shift)) out = right. [N, N], [N], [N] -> out [N]."""
-    count = len(right)
-    matrix, column = inertia.copy(), np.empty((count, 1))
-    for i in range(count):
-        matrix[i, i] += shift[i]
-        column[i, 0] = right[i]
-    cholesky_solve(matrix, column)
-    for i in range(count):
-        out[i] = column[i, 0]
-
-
 def packed(**arrays: Array) -> Array:
     """Arrays in one record: a kernel is called 50 times per control period, and every array handed over costs 50 ns. [1]."""
     fields = [(name, value.dtype, value.shape) for name, value in arrays.items()]
@@ -119,6 +97,17 @@ def packed(**arrays: Array) -> Array:
     for name, value in arrays.items():
         out[name][0] = value
     return out
+
+
+def work_space(nodes: int, joints: int) -> dict[str, Array]:
+    """Fields of `joint_torques`' record that it writes before it reads them: cheaper there than new arrays in every call."""
+    shapes: dict[str, tuple[int, ...]] = {
+        **{"values": (nodes,), "poses": (nodes, 4, 4), "inertia": (joints, joints), "weight": (joints,)},
+        **{"mass": (joints,), "moment": (joints, 3), "about": (joints, 3, 3), "turn": (joints, 3), "move": (joints, 3)},
+        **{"part": (3, 3), "centre": (3,), "push": (3,), "force": (3,), "torque": (3,), "spare": (3,)},
+        **{"matrix": (joints, joints), "load": (joints, 1)},
+    }
+    return {name: np.zeros(shape) for name, shape in shapes.items()}
 
 
 @njit(nogil=True)
@@ -163,7 +152,7 @@ def link_poses(arm: Array, measured: Array, table_from_base: Array, out: Array) 
     """
     a = arm[0]
     sources, factors = a.sources, a.factors
-    values, poses = np.zeros(len(sources)), np.empty((len(sources), 4, 4))
+    values, poses = a.values, a.poses
     for k in range(len(sources)):
         if sources[k] >= 0:
             values[k] = factors[k] * measured[0, sources[k]]
@@ -198,6 +187,7 @@ def joint_torques(arm: Array, ring: Array, share: float, measured: Array, out: A
         slot: Place of the next one in the ring. Updated. [1] int.
         memory: Rows: speeds and engine torques of the step before; [0, N] is 0 at the start, then 1. Updated. [2, N + 1].
         known_inertia: Joint-space inertia of the step before. Updated. [N, N].
+        All others: `work_space`.
     """
     a = arm[0]
     sources, factors, nodes, slot = a.sources, a.factors, a.nodes, a.slot
@@ -210,13 +200,12 @@ def joint_torques(arm: Array, ring: Array, share: float, measured: Array, out: A
     # The place after the newest holds the oldest.
     slot[0] = (slot[0] + 1) % len(ring)
     wanted = ring[slot[0]]
-    values, poses = np.zeros(len(sources)), np.empty((len(sources), 4, 4))
+    values, inertia, weight = a.values, a.inertia, a.weight
     for k in range(len(sources)):
         if sources[k] >= 0:
             values[k] = factors[k] * measured[0, sources[k]]
-    place_links(a.parents, a.fixed, a.axes, values, poses)
-    inertia, weight = np.empty((count, count)), np.empty(count)
-    arm_inertia(a.axes, poses, a.bodies, a.owner, nodes, a.gravity, inertia, weight)
+    place_links(a.parents, a.fixed, a.axes, values, a.poses)
+    arm_inertia(a)
     step, heavy = grip[5], False
     for i in range(count):
         motor = law[0, i] * (wanted[0, i] - measured[0, i]) + law[1, i] * (wanted[1, i] - measured[1, i])
@@ -227,18 +216,20 @@ def joint_torques(arm: Array, ring: Array, share: float, measured: Array, out: A
     if heavy:
         # The engine knows no armature. What all other torques were in the step before follows from how the arm moved; from
         # that, how it would accelerate with armature now, and the torque that makes the engine do so. This feels contacts, too.
-        load, acceleration = np.empty(count), np.empty(count)
+        matrix, load = a.matrix, a.load
         for i in range(count):
-            load[i] = weight[i]
+            others = weight[i]
             if memory[0, count] > 0.0:
-                load[i] = memory[1, i]
+                others = memory[1, i]
                 for j in range(count):
-                    load[i] -= known_inertia[i, j] * (measured[1, j] - memory[0, j]) / step
+                    others -= known_inertia[i, j] * (measured[1, j] - memory[0, j]) / step
+            load[i, 0] = out[0, i] - others
+            for j in range(count):
+                matrix[i, j] = inertia[i, j]
+            matrix[i, i] += law[2, i]
+        cholesky_solve(matrix, load)
         for i in range(count):
-            load[i] = out[0, i] - load[i]
-        solve_shifted(inertia, law[2], load, acceleration)
-        for i in range(count):
-            out[0, i] -= law[2, i] * acceleration[i]
+            out[0, i] -= law[2, i] * load[i, 0]
     for i in range(count):
         memory[0, i], memory[1, i] = measured[1, i], out[0, i]
     memory[0, count] = 1.0

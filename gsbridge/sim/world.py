@@ -74,7 +74,7 @@ class SimWorld:
             robot, item, model, self.table_from_base, (float(centre[0]), float(centre[1])), plate,
             check_rigid(np.eye(4) if table_from_plate is None else table_from_plate, "table_from_plate"), self._home,
         )  # fmt: skip
-        self._measured = np.zeros((2, len(self._home)))
+        self._measured = self.engine.measured
         self.reset(np.array([*centre[:2], 0.0]), 0)
 
     def close(self) -> None:
@@ -107,7 +107,7 @@ class SimWorld:
             placed[2, 3] += depth
             self.engine.place(placed)
         self.controller.reset(self.kinematics.rest, self.dimensions.stroke)
-        self.engine.measure(self._measured)
+        self.engine.measure()
         for _ in range(max(1, round(SETTLE_SECONDS / self.model.period))):
             self.step()
 
@@ -147,7 +147,7 @@ class SimWorld:
             law(number, measured)
             drive(torques)
             advance()
-            measure(measured)
+            measure()
             if (number + 1) % every == 0:
                 forces += engine.contact_forces()
                 samples += 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 
@@ -69,6 +70,10 @@ class State:
 
     def finite(self) -> Array:
         """Worlds without a NaN or an infinity. bool [N]."""
+        return self._finite
+
+    @cached_property
+    def _finite(self) -> Array:
         count = len(self)
         every = np.concatenate([getattr(self, name).reshape(count, -1) for name in _NAMES], axis=1)
         return np.isfinite(every).all(1)

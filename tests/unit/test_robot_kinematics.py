@@ -230,10 +230,10 @@ def test_joint_commands_keep_speed_and_range():
 
 def test_workspace_clips_counts_and_refuses_nan():
     commands = ClippedCommands(Workspace((0, 0, 0), (1, 1, 1), (-1.0, 1.0)))
-    position, yaw = commands.clip([[0.5, 0.5, 0.5], [0.5, -0.1, 2.0], [0.5, 0.5, 0.5]], [0.0, 0.0, 1.5])
-    np.testing.assert_allclose(position[1], [0.5, 0.0, 1.0])
-    np.testing.assert_allclose(yaw, [0.0, 0.0, 1.0])
-    commands.clip([0.1, 0.2, 0.3], 0.0)
+    given = (([0.5, 0.5, 0.5], 0.0), ([0.5, -0.1, 2.0], 0.0), ([0.5, 0.5, 0.5], 1.5), ([0.1, 0.2, 0.3], 0.0))
+    positions, yaws = zip(*(commands.clip(position, yaw) for position, yaw in given), strict=True)
+    np.testing.assert_allclose(positions, [[0.5, 0.5, 0.5], [0.5, 0.0, 1.0], [0.5, 0.5, 0.5], [0.1, 0.2, 0.3]])
+    np.testing.assert_allclose(yaws, [0.0, 0.0, 1.0, 0.0])
     assert (commands.commands, commands.clipped) == (4, 2)
     with pytest.raises(InputError, match="not finite"):
         commands.clip([0.1, np.nan, 0.3], 0.0)
