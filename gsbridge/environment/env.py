@@ -19,7 +19,6 @@ time-out. Where the object is and what touches it is told in `info` only.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import Any, Protocol, SupportsFloat
 
 import gymnasium
@@ -39,7 +38,7 @@ from gsbridge.sim.model import Camera as Response
 from gsbridge.tasks import grasp, place
 from gsbridge.tasks.outcome import Outcome, Progress
 from gsbridge.tasks.poses import POSE_SETS, StartRegion, pose_set
-from gsbridge.tasks.state import State
+from gsbridge.tasks.state import NAMES, State
 from gsbridge.tasks.world import World
 
 OPTIONS = ("pose", "pose_set", "index")
@@ -240,7 +239,7 @@ class PickEnvironment(gymnasium.Env):
         """Privileged state and counts."""
         counted = self.target.counted
         return {
-            "state": {item.name: getattr(state, item.name)[0] for item in fields(State)},
+            "state": {name: getattr(state, name)[0] for name in NAMES},
             "target": {
                 "position": self.target.position.copy(),
                 "yaw": float(self.target.yaw),
@@ -272,7 +271,7 @@ def judge(state: State, progress: Progress, rules: grasp.Grasp | place.Place) ->
 
 def state_of(info: Mapping[str, Any]) -> State:
     """The privileged state in the `info` of one environment (N = 1) or of a vector of them."""
-    values = {item.name: np.asarray(info["state"][item.name], dtype=np.float64) for item in fields(State)}
+    values = {name: np.asarray(info["state"][name], dtype=np.float64) for name in NAMES}
     if values["aperture"].ndim == 0:
         values = {name: value[None] for name, value in values.items()}
     return State(**values)

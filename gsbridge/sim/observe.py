@@ -81,6 +81,28 @@ def object_state(motion: Array, inertial_from_body: Array, points: Array, pose: 
 
 
 @njit(nogil=True)
+def state_row(
+    tool: Array, aperture: float, forces: Array, item: Array, velocity: Array, spin: Array, clearance: float, out: Array
+) -> None:
+    """All numbers of a `gsbridge.tasks.state.State`, in the order of its fields.
+
+    Args:
+        tool, item: `table_from_tool`, `table_from_object`. [4, 4].
+        aperture: m.
+        forces: Left pad, right pad, robot, object, N. [4].
+        velocity, spin: Of the object's body frame. [3].
+        clearance: m.
+        out: Result. [26].
+    """
+    for i in range(3):
+        out[i], out[10 + i], out[17 + i], out[20 + i] = tool[i, 3], item[i, 3], velocity[i], spin[i]
+    quat_of(tool, out[3:7])
+    quat_of(item, out[13:17])
+    out[7], out[8], out[9] = aperture, forces[0], forces[1]
+    out[23], out[24], out[25] = clearance, forces[2], forces[3]
+
+
+@njit(nogil=True)
 def rigid_inverse(pose: Array, out: Array) -> None:
     """`b_from_a` of a rigid `a_from_b`. [4, 4] -> out [4, 4]."""
     for i in range(3):

@@ -18,8 +18,8 @@ from gsbridge.robot.reach import require_reach, tool_down
 from gsbridge.sim.controller import Controller
 from gsbridge.sim.engine import Engine, Item
 from gsbridge.sim.model import Model
-from gsbridge.sim.observe import object_state, quat_of, rigid_inverse
-from gsbridge.tasks.state import State
+from gsbridge.sim.observe import object_state, rigid_inverse, state_row
+from gsbridge.tasks.state import ROW, State
 
 CONTACT_SAMPLES = 5
 """Times per control period at which contact forces are read; the state holds their mean."""
@@ -163,23 +163,10 @@ class SimWorld:
 
     def state(self) -> State:
         """The world as the tasks see it; see the protocol."""
-        tool = self._poses[self._node[self.kinematics.tip]]
-        tool_quat, quat = np.empty((1, 4)), np.empty((1, 4))
-        quat_of(tool, tool_quat[0])
-        quat_of(self._object, quat[0])
-        return State(
-            tool_position=tool[None, :3, 3],
-            tool_quat=tool_quat,
-            aperture=np.atleast_1d(self.dimensions.aperture(self._measured[0, -1])),
-            pad_forces=self._forces[None, :2],
-            object_position=self._object[None, :3, 3],
-            object_quat=quat,
-            object_velocity=self._velocity[None],
-            object_spin=self._spin[None],
-            object_clearance=np.array([self._clearance]),
-            robot_contact=self._forces[None, 2],
-            object_contact=self._forces[None, 3],
-        )
+        row, tool = np.empty(ROW), self._poses[self._node[self.kinematics.tip]]
+        opening = float(self.dimensions.aperture(self._measured[0, -1]))
+        state_row(tool, opening, self._forces, self._object, self._velocity, self._spin, self._clearance, row)
+        return State.of_row(row)
 
     def joints(self) -> tuple[Array, Array, Array]:
         """Angles, speeds and motor torques; see the protocol."""

@@ -10,8 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from gsbridge.errors import InputError
-from gsbridge.tasks.outcome import Failure, Outcome, Progress, reasons, strayed
+from gsbridge.geometry import Array
+from gsbridge.kernels import njit
+from gsbridge.tasks.outcome import REASONS, Failure, Outcome, Progress, texts
 from gsbridge.tasks.state import State
+
+_NONE, _NOT_FINITE, _PUSHED_AWAY = map(REASONS.index, (Failure.NONE, Failure.NOT_FINITE, Failure.PUSHED_AWAY))
+_NOT_GRASPED, _NOT_LIFTED = map(REASONS.index, (Failure.NOT_GRASPED, Failure.NOT_LIFTED))
+_DROPPED, _TIME_OUT = map(REASONS.index, (Failure.DROPPED, Failure.TIME_OUT))
 
 
 @dataclass(frozen=True)
@@ -52,19 +58,48 @@ def judge(state: State, progress: Progress, task: Grasp) -> tuple[Progress, Outc
     Returns:
         Memory including this step, and the judgement. A world that is no longer finite never succeeds.
     """
-    finite = state.finite()
-    held = state.gripped(task.grip_force) & finite
-    high = (state.object_clearance >= task.lift) & finite
-    progress = progress.follow(state, grip_force=task.grip_force, lift=OFF_TABLE).count(held & high)
-    success = progress.streak >= task.hold_steps
-    away, lost = strayed(state, held, task.area_centre, task.area_radius)
-    failure = reasons(
-        success,
-        (Failure.NOT_FINITE, ~finite),
-        (Failure.PUSHED_AWAY, lost & ~progress.lifted),
-        (Failure.NOT_GRASPED, ~progress.gripped),
-        (Failure.NOT_LIFTED, ~progress.lifted),
-        (Failure.DROPPED, ~held),
-    )
-    terms = {"held": held, "lifted": high, "clearance": state.object_clearance, "streak": progress.streak, "away": away}
-    return progress, Outcome(success.astype(np.float64), success, success, failure, terms)
+    streak, gripped, lifted, held, high, away, success, codes = _judge(
+        state.finite(), state.pad_forces, state.object_position, state.object_clearance,
+        progress.streak, progress.gripped, progress.lifted,
+        task.lift, task.hold_steps, task.grip_force, task.area_centre, task.area_radius,
+    )  # fmt: skip
+    terms = {"held": held, "lifted": high, "clearance": state.object_clearance, "streak": streak, "away": away}
+    progress = Progress(streak, gripped, lifted, progress.excess)
+    return progress, Outcome(success.astype(np.float64), success, success, texts(codes), terms)
+
+
+@njit(nogil=True)
+def _judge(
+    finite: Array, pad_forces: Array, positions: Array, clearances: Array, streak: Array, gripped: Array, lifted: Array,
+    lift: float, hold_steps: int, grip_force: float, centre: tuple[float, float], radius: float,
+) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array]:  # fmt: skip
+    """The new memory (streak, gripped, lifted), the terms (held, high, away), successes, and places in `REASONS`. [N] each.
+
+    A kernel: two dozen calls of numpy on single numbers, between physics and pictures, took 3 % of a step.
+    """
+    streak, gripped, lifted = streak.copy(), gripped.copy(), lifted.copy()
+    count = len(streak)
+    held, high, success = np.empty(count, np.bool_), np.empty(count, np.bool_), np.empty(count, np.bool_)
+    away, codes = np.empty(count), np.empty(count, np.int64)
+    for k in range(count):
+        pressed, clearance = pad_forces[k, 0] >= grip_force and pad_forces[k, 1] >= grip_force, clearances[k]
+        gripped[k] |= pressed
+        lifted[k] |= pressed and clearance >= OFF_TABLE
+        held[k], high[k] = pressed and finite[k], clearance >= lift and finite[k]
+        streak[k] = streak[k] + 1 if held[k] and high[k] else 0
+        success[k] = streak[k] >= hold_steps
+        away[k] = np.hypot(positions[k, 0] - centre[0], positions[k, 1] - centre[1])
+        if success[k]:
+            codes[k] = _NONE
+        elif not finite[k]:
+            codes[k] = _NOT_FINITE
+        elif away[k] > radius and not held[k] and not lifted[k]:
+            # It left the working area without a hand on it.
+            codes[k] = _PUSHED_AWAY
+        elif not gripped[k]:
+            codes[k] = _NOT_GRASPED
+        elif not lifted[k]:
+            codes[k] = _NOT_LIFTED
+        else:
+            codes[k] = _TIME_OUT if held[k] else _DROPPED
+    return streak, gripped, lifted, held, high, away, success, codes

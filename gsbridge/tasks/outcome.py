@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
 
 from gsbridge.geometry import Array
-from gsbridge.tasks.state import State
 
 
 class Failure(StrEnum):
@@ -64,16 +63,6 @@ class Progress:
             value[rows] = 0
         return replace(self, **values)
 
-    def follow(self, state: State, *, grip_force: float, lift: float) -> Progress:
-        """The memory of grips and lifts, brought up to date with a state."""
-        held = state.gripped(grip_force)
-        lifted = self.lifted | (held & (state.object_clearance >= lift))
-        return Progress(self.streak, self.gripped | held, lifted, self.excess)
-
-    def count(self, met: Array) -> Progress:
-        """The streak, continued where the goal is met and broken elsewhere. bool [N]."""
-        return Progress(np.where(met, self.streak + 1, 0), self.gripped, self.lifted, self.excess)
-
 
 @dataclass(frozen=True)
 class Outcome:
@@ -94,29 +83,10 @@ class Outcome:
     terms: Mapping[str, Array]
 
 
-_TEXT = f"<U{max(len(reason.value) for reason in Failure)}"
+REASONS = tuple(Failure)
+_TEXTS = np.array([reason.value for reason in REASONS])
 
 
-def reasons(success: Array, *cases: tuple[Failure, Array]) -> Array:
-    """First reason that holds, `time_out` where none does, `none` for a success. bool [N] -> str [N]."""
-    out = np.full(len(success), Failure.TIME_OUT.value, _TEXT)
-    for reason, case in reversed(cases):
-        out[case] = reason.value
-    out[success] = Failure.NONE.value
-    return out
-
-
-def strayed(state: State, held: Array, centre: Sequence[float], radius: float) -> tuple[Array, Array]:
-    """Objects that left the working area without a hand on them.
-
-    Args:
-        state: N worlds.
-        held: Which objects are held. [N] bool.
-        centre: Middle of the area on the table, m. [2].
-        radius: Of the area, m.
-
-    Returns:
-        Distance from the middle, m, [N]; lost, [N] bool.
-    """
-    away = np.hypot(*(state.object_position[:, :2] - centre).T)
-    return away, (away > radius) & ~held
+def texts(codes: Array) -> Array:
+    """The reasons as text, from their places in `REASONS`. int [N] -> str [N]."""
+    return _TEXTS[codes]

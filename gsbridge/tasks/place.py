@@ -7,14 +7,21 @@ told without it, because a real robot is not judged by it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from gsbridge.errors import InputError
+from gsbridge.geometry import Array
+from gsbridge.kernels import njit
 from gsbridge.tasks.grasp import OFF_TABLE
-from gsbridge.tasks.outcome import Failure, Outcome, Progress, reasons, strayed
+from gsbridge.tasks.outcome import REASONS, Failure, Outcome, Progress, texts
 from gsbridge.tasks.state import State
+
+_NONE, _NOT_FINITE, _PUSHED_AWAY = map(REASONS.index, (Failure.NONE, Failure.NOT_FINITE, Failure.PUSHED_AWAY))
+_NOT_GRASPED, _NOT_LIFTED = map(REASONS.index, (Failure.NOT_GRASPED, Failure.NOT_LIFTED))
+_DROPPED, _TIME_OUT = map(REASONS.index, (Failure.DROPPED, Failure.TIME_OUT))
+_EXCESS, _NOT_RELEASED, _MISSED = map(REASONS.index, (Failure.EXCESS_CONTACT, Failure.NOT_RELEASED, Failure.MISSED_PLATE))
 
 
 @dataclass(frozen=True)
@@ -71,46 +78,89 @@ def judge(state: State, progress: Progress, task: Place) -> tuple[Progress, Outc
     Returns:
         Memory including this step, and the judgement. A world that is no longer finite never succeeds.
     """
-    finite = state.finite()
-    held = state.gripped(task.grip_force) & finite
-    released = state.pad_forces.max(1) < task.touch_force
-    carrying = progress.lifted
-    progress = progress.follow(state, grip_force=task.grip_force, lift=OFF_TABLE)
-    pressing = held & (state.object_contact > task.max_contact_force)
-    touching = state.robot_contact > task.touch_force
-    progress = replace(progress, excess=progress.excess | (carrying & (pressing | touching)))
-
-    distance = np.hypot(*(state.object_position[:, :2] - task.plate_centre).T)
-    seated = np.abs(state.object_clearance - task.plate_height) <= task.seat
-    on_plate = (distance <= task.tolerance) & seated & (state.tilt() <= task.tilt) & finite
-    at_rest = np.linalg.norm(state.object_velocity, axis=1) <= task.speed
-    # Pushing the object onto the plate is no pick and place.
-    progress = progress.count(on_plate & released & at_rest & progress.lifted)
-    tolerant = progress.streak >= task.settle_steps
-    success = tolerant & ~progress.excess
-
-    _, lost = strayed(state, held, task.area_centre, task.area_radius)
-    failure = reasons(
-        success,
-        (Failure.NOT_FINITE, ~finite),
-        (Failure.EXCESS_CONTACT, progress.excess),
-        (Failure.PUSHED_AWAY, lost & ~progress.lifted),
-        (Failure.NOT_GRASPED, ~progress.gripped),
-        (Failure.NOT_LIFTED, ~progress.lifted),
-        (Failure.NOT_RELEASED, on_plate & ~released),
-        (Failure.TIME_OUT, held | on_plate),
-        (Failure.DROPPED, lost),
-        (Failure.MISSED_PLATE, ~held),
-    )
+    forces = np.stack([*state.pad_forces.T, state.robot_contact, state.object_contact], axis=1)
+    streak, gripped, lifted, excess, held, on_plate, released, distance, success, tolerant, codes = _judge(
+        state.finite(), forces, state.object_position, state.object_velocity, state.object_clearance, state.tilt(),
+        (progress.streak, progress.gripped, progress.lifted, progress.excess),
+        (task.grip_force, task.touch_force, task.max_contact_force), task.plate_centre, (task.plate_height, task.seat),
+        (task.tolerance, task.tilt, task.speed), task.settle_steps, task.area_centre, task.area_radius,
+    )  # fmt: skip
     terms = {
         "held": held,
         "on_plate": on_plate,
         "released": released,
         "distance": distance,
         "clearance": state.object_clearance,
-        "excess": progress.excess,
+        "excess": excess,
         "robot_contact": state.robot_contact,
         "object_contact": state.object_contact,
-        "streak": progress.streak,
+        "streak": streak,
     }
-    return progress, Outcome(success.astype(np.float64), success, tolerant, failure, terms)
+    return Progress(streak, gripped, lifted, excess), Outcome(
+        success.astype(np.float64), success, tolerant, texts(codes), terms
+    )
+
+
+@njit(nogil=True)
+def _judge(
+    finite: Array, forces: Array, positions: Array, velocities: Array, clearances: Array, tilts: Array,
+    memory: tuple[Array, Array, Array, Array], levels: tuple[float, float, float], plate: tuple[float, float],
+    rest: tuple[float, float], bounds: tuple[float, float, float], settle_steps: int,
+    centre: tuple[float, float], radius: float,
+) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array, Array, Array]:  # fmt: skip
+    """The new memory (four arrays), terms (held, on the plate, released, distance), both successes, places in `REASONS`.
+
+    Args:
+        finite, positions, velocities, clearances, tilts: Of N worlds.
+        forces: Of the pads (2), of the robot and of the object on plate and table. [N, 4].
+        memory: As in `Progress`.
+        levels: Forces: of a grip, of a touch, of excess.
+        plate, rest: Its middle; its height, and how far from that the object may lie.
+        bounds: Largest distance, tilt and speed of what lies on the plate.
+        settle_steps, centre, radius: As in `Place`.
+    """
+    streak, gripped, lifted, excess = memory[0].copy(), memory[1].copy(), memory[2].copy(), memory[3].copy()
+    count = len(streak)
+    held, on_plate, released = np.empty(count, np.bool_), np.empty(count, np.bool_), np.empty(count, np.bool_)
+    success, tolerant = np.empty(count, np.bool_), np.empty(count, np.bool_)
+    distance, codes = np.empty(count), np.empty(count, np.int64)
+    for k in range(count):
+        left, right, robot, load = forces[k, 0], forces[k, 1], forces[k, 2], forces[k, 3]
+        pressed, carrying = left >= levels[0] and right >= levels[0], lifted[k]
+        gripped[k] |= pressed
+        lifted[k] |= pressed and clearances[k] >= OFF_TABLE
+        held[k] = pressed and finite[k]
+        released[k] = left < levels[1] and right < levels[1]
+        excess[k] |= carrying and ((held[k] and load > levels[2]) or robot > levels[1])
+
+        x, y = positions[k, 0], positions[k, 1]
+        distance[k] = np.hypot(x - plate[0], y - plate[1])
+        seated = abs(clearances[k] - rest[0]) <= rest[1]
+        on_plate[k] = distance[k] <= bounds[0] and seated and tilts[k] <= bounds[1] and finite[k]
+        square = velocities[k, 0] ** 2 + velocities[k, 1] ** 2 + velocities[k, 2] ** 2
+        # Pushing the object onto the plate is no pick and place.
+        goal = on_plate[k] and released[k] and np.sqrt(square) <= bounds[2] and lifted[k]
+        streak[k] = streak[k] + 1 if goal else 0
+        tolerant[k] = streak[k] >= settle_steps
+        success[k] = tolerant[k] and not excess[k]
+
+        lost = np.hypot(x - centre[0], y - centre[1]) > radius and not held[k]
+        if success[k]:
+            codes[k] = _NONE
+        elif not finite[k]:
+            codes[k] = _NOT_FINITE
+        elif excess[k]:
+            codes[k] = _EXCESS
+        elif lost and not lifted[k]:
+            codes[k] = _PUSHED_AWAY
+        elif not gripped[k]:
+            codes[k] = _NOT_GRASPED
+        elif not lifted[k]:
+            codes[k] = _NOT_LIFTED
+        elif on_plate[k] and not released[k]:
+            codes[k] = _NOT_RELEASED
+        elif held[k] or on_plate[k]:
+            codes[k] = _TIME_OUT
+        else:
+            codes[k] = _DROPPED if lost else _MISSED
+    return streak, gripped, lifted, excess, held, on_plate, released, distance, success, tolerant, codes

@@ -9,6 +9,7 @@ import numpy as np
 
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array, rotation_from_quat
+from gsbridge.kernels import njit
 
 _WIDTHS = {
     "tool_position": 3,
@@ -53,12 +54,18 @@ class State:
 
     def __post_init__(self) -> None:
         count = len(np.atleast_1d(self.aperture))
-        for name in _NAMES:
-            value = np.asarray(getattr(self, name), dtype=np.float64)
+        for name in NAMES:
+            # One memory order, since kernels are compiled for each that they meet.
+            value = np.ascontiguousarray(getattr(self, name), dtype=np.float64)
             wanted = (count, _WIDTHS[name]) if name in _WIDTHS else (count,)
             if value.shape != wanted:
                 raise ValueError(f"State.{name} has the shape {value.shape}, expected {wanted}")
             object.__setattr__(self, name, value)
+
+    @classmethod
+    def of_row(cls, row: Array) -> State:
+        """One world, from all numbers in the order of the fields. [`ROW`]."""
+        return cls(**{name: row[columns] if name not in _WIDTHS else row[None, columns] for name, columns in COLUMNS.items()})
 
     def __len__(self) -> int:
         """Number of worlds."""
@@ -74,9 +81,7 @@ class State:
 
     @cached_property
     def _finite(self) -> Array:
-        count = len(self)
-        every = np.concatenate([getattr(self, name).reshape(count, -1) for name in _NAMES], axis=1)
-        return np.isfinite(every).all(1)
+        return _all_finite(*(getattr(self, name) for name in NAMES))
 
     def tool_yaw(self) -> Array:
         """Turn of the tool about the vertical, rad; see `gsbridge.robot.reach.tool_down`. [N]."""
@@ -89,7 +94,29 @@ class State:
         return np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2])
 
 
-_NAMES = tuple(item.name for item in fields(State))
+NAMES = tuple(item.name for item in fields(State))
+_ENDS = np.cumsum([_WIDTHS.get(name, 1) for name in NAMES]).tolist()
+COLUMNS = {name: slice(end - _WIDTHS.get(name, 1), end) for name, end in zip(NAMES, _ENDS, strict=True)}
+"""Where each field stands in a row of all numbers of one world."""
+
+ROW: int = _ENDS[-1]
+"""Numbers of one world."""
+
+
+@njit(nogil=True)
+def _all_finite(
+    tool_position, tool_quat, aperture, pad_forces, position, quat, velocity, spin, clearance, robot_contact, object_contact
+):  # type: ignore[no-untyped-def]
+    """Worlds in which every number is finite. [N, D] or [N] each -> bool [N]."""
+    out = np.empty(len(aperture), np.bool_)
+    for k in range(len(aperture)):
+        # What is not finite stays so when multiplied by 0, and makes the sum so.
+        total = aperture[k] * 0.0 + clearance[k] * 0.0 + robot_contact[k] * 0.0 + object_contact[k] * 0.0
+        for value in (tool_position, tool_quat, pad_forces, position, quat, velocity, spin):
+            for i in range(value.shape[1]):
+                total += value[k, i] * 0.0
+        out[k] = total == 0.0
+    return out
 
 
 def clearance(points: Array, position: Array, quat: Array) -> Array:
