@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from gsbridge.cameras import Camera
 from gsbridge.environment.rendering import check_drawn
 from gsbridge.environment.robot_splats import mean_cloud_colour
@@ -12,7 +14,7 @@ from gsbridge.meshes import Mesh
 from gsbridge.scene.groups import GroupedComposition
 from gsbridge.scene.shadows import Shadows
 from gsbridge.scene.underlay import with_underlay
-from gsbridge.scene.view import Shot, draw, shot_of, to_bytes
+from gsbridge.scene.view import Shot, draw_seen, shot_of, to_bytes
 from gsbridge.splats.cloud import Cloud
 from gsbridge.splats.rasterize.cpu import Seen
 
@@ -49,7 +51,7 @@ class GaussianRenderer:
     ) -> None:
         self.camera, self.threads, self.shadows = camera, threads, shadows
         colour = mean_cloud_colour(background) if backdrop is None else backdrop
-        self.backdrop = (float(colour[0]), float(colour[1]), float(colour[2]))
+        self.backdrop = np.array(colour, np.float32)
         floor = background if surface is None else with_underlay(background, surface)
         self.composition = GroupedComposition({OBJECT: item, **robot}, floor)
 
@@ -81,7 +83,7 @@ class GaussianRenderer:
     def _drawn(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> tuple[Array, Array, Array]:
         """Colours, alpha and summed depth of the bodies at their poses, in their shadows."""
         seen = self.see(body_poses, cam_from_table)
-        colours, alphas, depths = draw(self.composition.splats, self.camera, cam_from_table, self.backdrop, self.threads, seen)
+        colours, alphas, depths = draw_seen(self.composition.splats, seen, self.camera, self.backdrop, self.threads)
         if self.shadows is not None:
             self.shadows.dim(colours, depths, alphas, self.camera, cam_from_table, body_poses)
         return colours, alphas, depths

@@ -17,9 +17,9 @@ import numpy as np
 
 from gsbridge.cameras import Camera
 from gsbridge.geometry import Array
-from gsbridge.scene.editing import Splats, is_rigid, require_plain
+from gsbridge.scene.editing import is_rigid, require_plain
 from gsbridge.splats.cloud import Cloud, concatenate
-from gsbridge.splats.rasterize.cpu import Seen
+from gsbridge.splats.rasterize.cpu import Prepared, Seen
 from gsbridge.splats.rasterize.layout import GROUP, NEAR
 
 REACH = 3.4
@@ -90,22 +90,26 @@ def _grouped(cloud: Cloud) -> tuple[Cloud, _Bounds]:
 
 
 @njit(error_model="numpy")
-def _see(poses, cam_from_world, owners, balls, reaches, lens, size, views, groups, seen_owners):  # type: ignore[no-untyped-def]
-    """Find the groups that a picture may show; returns how many, or -1 - b where the pose of body b is not rigid.
+def _see(poses, cam_from_world, owners, balls, reaches, lens, size):  # type: ignore[no-untyped-def]
+    """Find the groups that a picture may show.
 
     Args:
         poses: World from body. [B, 4, 4].
         cam_from_world: [4, 4].
         owners: Body of each group. [G].
         balls, reaches: As in `_Bounds`, of all groups.
-        lens: fx, fy, cx, cy. [4].
-        size: Width and height, px. [2].
-        views: Output, as in `gsbridge.splats.rasterize.cpu.Seen`. [B, 16] float32.
-        groups, seen_owners: Output. [G] int64.
+        lens: fx, fy, cx, cy.
+        size: Width and height, px.
+
+    Returns:
+        How many, or -1 - b where the pose of body b is not rigid; then groups, owners and views as in
+        `gsbridge.splats.rasterize.cpu.Seen`, with room for all groups.
     """
+    views = np.empty((poses.shape[0], 16), np.float32)
+    groups, seen_owners = np.empty(owners.shape[0], np.int64), np.empty(owners.shape[0], np.int64)
     for body in range(poses.shape[0]):
         if not is_rigid(poses[body]):
-            return -1 - body
+            return -1 - body, groups, seen_owners, views
         for i in range(4):
             views[body, i] = lens[i]
         for i in range(3):
@@ -134,7 +138,7 @@ def _see(poses, cam_from_world, owners, balls, reaches, lens, size, views, group
             continue
         groups[count], seen_owners[count] = group, owners[group]
         count += 1
-    return count
+    return count, groups, seen_owners, views
 
 
 class GroupedComposition:
@@ -161,7 +165,8 @@ class GroupedComposition:
             for name, tail in (("balls", (4,)), ("reaches", ()))
         )
         self._poses = np.tile(np.eye(4), (len(self.names) + 1, 1, 1))
-        self.splats = Splats(
+        self._flat = self._poses[:-1].reshape(-1, 4)
+        self.splats = Prepared.of(
             *(
                 np.concatenate([np.zeros((0, *tail)), *(getattr(cloud, name) for cloud, _ in made)]).astype(np.float32)
                 for name, tail in (("means", (3,)), ("quats", (4,)), ("scales", (3,)), ("opacities", ()), ("colours", (3,)))
@@ -184,14 +189,12 @@ class GroupedComposition:
             KeyError: A body has no pose.
             ValueError: A pose is not rigid or not finite.
         """
-        poses, count = self._poses, len(self._owners)
-        poses[:-1] = [world_from_body[name] for name in self.names] or poses[:-1]
-        lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy])
-        size = np.array([camera.width, camera.height], dtype=np.float64)
+        if self.names:
+            np.concatenate([world_from_body[name] for name in self.names], out=self._flat)
+        lens, size = (camera.fx, camera.fy, camera.cx, camera.cy), (camera.width, camera.height)
         pose = np.ascontiguousarray(cam_from_world, dtype=np.float64)
-        views = np.empty((len(poses), 16), np.float32)
-        groups, owners = np.empty(count, np.int64), np.empty(count, np.int64)
-        seen = _see(poses, pose, self._owners, *self._bounds, lens, size, views, groups, owners)
+        seen, groups, owners, views = _see(self._poses, pose, self._owners, *self._bounds, lens, size)
         if seen < 0:
-            raise ValueError(f"the pose of {self.names[-1 - seen]} is no finite rigid transform:\n{poses[-1 - seen]}")
+            number = -1 - seen
+            raise ValueError(f"the pose of {self.names[number]} is no finite rigid transform:\n{self._poses[number]}")
         return Seen(groups[:seen], owners[:seen], views)

@@ -13,7 +13,7 @@ from gsbridge.cameras import Camera
 from gsbridge.geometry import Array
 from gsbridge.scene.editing import Composition, Splats
 from gsbridge.splats.rasterize import cpu
-from gsbridge.splats.rasterize.cpu import Seen
+from gsbridge.splats.rasterize.cpu import Prepared, Seen
 
 BLACK = (0.0, 0.0, 0.0)
 
@@ -87,19 +87,10 @@ def render(
 
 
 def draw(
-    splats: Splats,
-    camera: Camera,
-    cam_from_world: Array,
-    background: Sequence[float],
-    threads: int,
-    seen: Seen | None = None,
+    splats: Splats, camera: Camera, cam_from_world: Array, background: Sequence[float], threads: int
 ) -> tuple[Array, Array, Array]:
-    """Encoded colours [H, W, 3], not clamped, alpha [H, W] and alpha-weighted sum of camera z, m, [H, W]; as in `shoot`.
-
-    `seen` is what a `gsbridge.scene.groups.GroupedComposition` sees; all splats are drawn when None.
-    """
-    if not camera.is_pinhole:
-        raise ValueError("splats are drawn by a camera without distortion")
+    """Encoded colours [H, W, 3], not clamped, alpha [H, W] and alpha-weighted sum of camera z, m, [H, W]; as in `shoot`."""
+    _require_pinhole(camera)
     return cpu.render(
         splats.means,
         splats.quats,
@@ -110,5 +101,17 @@ def draw(
         cam_from_table=cam_from_world,
         background=np.asarray(background, np.float32),
         threads=threads,
-        seen=seen,
     )
+
+
+def draw_seen(
+    splats: Prepared, seen: Seen, camera: Camera, background: Sequence[float] | Array, threads: int
+) -> tuple[Array, Array, Array]:
+    """As `draw`, of what a `gsbridge.scene.groups.GroupedComposition` sees of its splats."""
+    _require_pinhole(camera)
+    return cpu.render_seen(splats, seen, camera=camera, background=np.asarray(background, np.float32), threads=threads)
+
+
+def _require_pinhole(camera: Camera) -> None:
+    if not camera.is_pinhole:
+        raise ValueError("splats are drawn by a camera without distortion")

@@ -9,7 +9,7 @@ from test_scene_editing import CAMERA, VIEW, make_cloud, make_pose
 from gsbridge.cameras import Camera, look_at
 from gsbridge.scene.editing import Composition
 from gsbridge.scene.groups import GroupedComposition
-from gsbridge.scene.view import draw
+from gsbridge.scene.view import draw, draw_seen
 from gsbridge.splats.cloud import Cloud
 from gsbridge.splats.rasterize.layout import GROUP
 
@@ -22,8 +22,8 @@ def pictures(bodies, background, poses, camera, view):
     whole, grouped = Composition(bodies, background), GroupedComposition(bodies, background)
     whole.pose(poses)
     seen = grouped.see(poses, camera, view)
-    drawn = draw(grouped.splats, camera, view, GREY, 1, seen)
-    return draw(whole.splats, camera, view, GREY, 1), drawn, (len(seen.groups), len(grouped.splats.means) // GROUP)
+    drawn = draw_seen(grouped.splats, seen, camera, GREY, 1)
+    return draw(whole.splats, camera, view, GREY, 1), drawn, (len(seen.groups), grouped.splats.count // GROUP)
 
 
 unit = st.floats(-1, 1, allow_nan=False)
@@ -62,7 +62,7 @@ def test_only_what_is_near_the_view_is_drawn():
 
 def test_its_size_is_that_of_what_was_given():
     assert len(LARGE) == 841
-    assert len(LARGE.splats.means) % GROUP == 0
+    assert LARGE.splats.count % GROUP == 0
     assert len(GroupedComposition({})) == 0
     assert len(GroupedComposition({}).see({}, CAMERA, VIEW).groups) == 0
 

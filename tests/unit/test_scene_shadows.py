@@ -14,7 +14,8 @@ from gsbridge.geometry import Array
 from gsbridge.meshes import Mesh
 from gsbridge.scene.light import WIDTH, SkyLight, directions, fit_light
 from gsbridge.scene.occlusion import moved, spheres_in, transmittances
-from gsbridge.scene.shadows import _BARE, _LIT, _OWN, LANES, Shadows, _gather, _light, _tile_order
+from gsbridge.scene.shading import BARE, LANES, LIT, OWN, _gather, _light, tile_order
+from gsbridge.scene.shadows import Shadows
 
 UP = np.array([[0.0, 0.0, 1.0]])
 
@@ -229,9 +230,9 @@ def test_light_in_tiles_is_the_sum_over_all_spheres(seed, rows, columns, robot):
     spheres, sources = spheres.astype(np.float32), directions()[::7].astype(np.float32)
     shares, kinds = (
         rng.uniform(size=len(sources)).astype(np.float32),
-        rng.choice([_BARE, _OWN, _LIT], len(points)).astype(np.int8),
+        rng.choice([BARE, OWN, LIT], len(points)).astype(np.int8),
     )
-    order = _tile_order(rows, columns)
+    order = tile_order(rows, columns)
     tiled, balls, stops = (
         np.empty(3 * len(order), np.float32),
         np.empty((len(order) // 16, 4), np.float32),
@@ -243,5 +244,5 @@ def test_light_in_tiles_is_the_sum_over_all_spheres(seed, rows, columns, robot):
     found = np.full((2, len(points)), np.nan)
     found[:, order] = sums.reshape(2, -1)
     whole, alone = (0.25 + transmittances(points, some, sources, WIDTH) @ shares for some in (spheres, spheres[:robot]))
-    np.testing.assert_allclose(found[0, kinds != _BARE], alone[kinds != _BARE], atol=1e-4)
-    np.testing.assert_allclose(found[1, kinds == _LIT], whole[kinds == _LIT], atol=1e-4)
+    np.testing.assert_allclose(found[0, kinds != BARE], alone[kinds != BARE], atol=1e-4)
+    np.testing.assert_allclose(found[1, kinds == LIT], whole[kinds == LIT], atol=1e-4)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -112,21 +113,34 @@ class _Lease:
 
 @dataclass(frozen=True)
 class _View:
-    """What the kernels know of a camera."""
+    """What the kernels know of a camera; its pose is None where splats are not given in the table's frame."""
 
-    numbers: Array
-    width: int
-    height: int
-    rows: int
-    columns: int
+    camera: Camera
+    cam_from_table: Array | None
     near: np.float32
 
-    @classmethod
-    def of(cls, camera: Camera, cam_from_table: Array, near: float) -> _View:
-        pose = np.asarray(cam_from_table, dtype=np.float32)
+    @property
+    def width(self) -> int:
+        return self.camera.width
+
+    @property
+    def height(self) -> int:
+        return self.camera.height
+
+    @property
+    def rows(self) -> int:
+        return -(-self.camera.height // BLOCK)
+
+    @property
+    def columns(self) -> int:
+        return -(-self.camera.width // BLOCK)
+
+    @cached_property
+    def numbers(self) -> Array:
+        """fx, fy, cx, cy, rotation by rows, translation. [16] float32."""
+        camera, pose = self.camera, np.asarray(self.cam_from_table, dtype=np.float32)
         numbers = np.concatenate([[camera.fx, camera.fy, camera.cx, camera.cy], pose[:3, :3].reshape(-1), pose[:3, 3]])
-        rows, columns = -(-camera.height // BLOCK), -(-camera.width // BLOCK)
-        return cls(numbers.astype(np.float32), camera.width, camera.height, rows, columns, np.float32(near))
+        return numbers.astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -151,8 +165,8 @@ class Seen:
 
 
 @dataclass(frozen=True)
-class _Splats:
-    """Flat float32 arrays with room for a multiple of `WIDTH` splats."""
+class Prepared:
+    """Splats as the kernels take them: flat float32 arrays with room for a multiple of `WIDTH` splats."""
 
     count: int
     means: Array
@@ -162,7 +176,8 @@ class _Splats:
     colours: Array
 
     @classmethod
-    def of(cls, means: Array, quats: Array, scales: Array, opacities: Array, colours: Array) -> _Splats:
+    def of(cls, means: Array, quats: Array, scales: Array, opacities: Array, colours: Array) -> Prepared:
+        """From arrays as in `rasterize`."""
         return cls(len(means), *(_flat(array) for array in (means, quats, scales, opacities, colours)))
 
 
@@ -182,7 +197,7 @@ def _blocks(space: Workspace, view: _View, background: Array) -> tuple[Any, ...]
 
 
 def _forward(
-    splats: _Splats, view: _View, background: Array, space: Workspace, threads: int, seen: Seen | None = None
+    splats: Prepared, view: _View, background: Array, space: Workspace, threads: int, seen: Seen | None = None
 ) -> tuple[int, tuple[Array, Array, Array]]:
     """Render into new arrays; returns the number of visible splats and colour, alpha, depth (flat)."""
     space.fit(splats.count, view.rows, view.columns)
@@ -223,7 +238,7 @@ def _forward(
 
 
 def _backward(
-    splats: _Splats,
+    splats: Prepared,
     view: _View,
     background: Array,
     space: Workspace,
@@ -270,30 +285,39 @@ def render(
     background: Array | None = None,
     near: float = NEAR,
     threads: int | None = None,
-    seen: Seen | None = None,
 ) -> tuple[Array, Array, Array]:
     """Image of splats, without gradients. Arguments as in `rasterize`, numpy float32 arrays.
 
     Args:
-        seen: Which groups of splats to draw, and the frames they are given in (`cam_from_table` is in them already); all, in
-            the table's, when None.
         threads: Threads; as many as the job may use when None.
 
     Returns:
         Colour [H, W, 3], alpha [H, W], and the alpha-weighted sum of camera z, m. [H, W].
     """
     behind = np.zeros(3, np.float32) if background is None else np.asarray(background, dtype=np.float32)
+    view = _View(camera, cam_from_table, np.float32(near))
+    return _render(Prepared.of(means, quats, scales, opacities, colours), view, behind, threads, None)
+
+
+def render_seen(
+    splats: Prepared,
+    seen: Seen,
+    *,
+    camera: Camera,
+    background: Array,
+    near: float = NEAR,
+    threads: int | None = None,
+) -> tuple[Array, Array, Array]:
+    """Image of some groups of splats, each in a frame of its own; as `render`."""
+    view = _View(camera, None, np.float32(near))
+    return _render(splats, view, np.asarray(background, dtype=np.float32), threads, seen)
+
+
+def _render(splats: Prepared, view: _View, behind: Array, threads: int | None, seen: Seen | None) -> tuple[Array, Array, Array]:
+    """Render in a work space of the pool."""
     space = _pool.take()
-    view = _View.of(camera, cam_from_table, near)
     try:
-        _, images = _forward(
-            _Splats.of(means, quats, scales, opacities, colours),
-            view,
-            behind,
-            space,
-            logs.threads() if threads is None else threads,
-            seen,
-        )
+        _, images = _forward(splats, view, behind, space, logs.threads() if threads is None else threads, seen)
     finally:
         _pool.free.append(space)
     return _shape(images, view)
@@ -309,7 +333,7 @@ class _Rasterize(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, means, quats, scales, opacities, colours, view: _View, background: Array, threads: int):  # type: ignore[no-untyped-def]
-        splats = _Splats.of(*(tensor.detach().numpy() for tensor in (means, quats, scales, opacities, colours)))
+        splats = Prepared.of(*(tensor.detach().numpy() for tensor in (means, quats, scales, opacities, colours)))
         lease = _Lease()
         visible, images = _forward(splats, view, background, lease.space, threads)
         ctx.state = (splats, view, background, lease, visible, threads)
@@ -336,6 +360,6 @@ def rasterize(
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """See `gsbridge.splats.rasterize.rasterize`."""
     behind = np.zeros(3, np.float32) if background is None else background.detach().numpy().astype(np.float32)
-    view = _View.of(camera, cam_from_table, near)
+    view = _View(camera, cam_from_table, np.float32(near))
     groups = (group.float() for group in (means, quats, scales, opacities, colours))
     return _Rasterize.apply(*groups, view, behind, logs.threads())  # type: ignore[no-any-return]

@@ -1,0 +1,231 @@
+"""How much light reaches points beside bodies of spheres: kernels.
+
+Points are looked at in small tiles of neighbours, and only spheres that may shade a tile are computed for it.
+"""
+
+from __future__ import annotations
+
+from gsbridge.kernels import njit  # isort: skip  (first: it sets numba's cache folder)
+
+import math
+from functools import cache
+
+import numpy as np
+
+from gsbridge.geometry import Array
+from gsbridge.scene.light import WIDTH
+from gsbridge.splats.rasterize.lanes import WIDTH as LANES
+from gsbridge.splats.rasterize.lanes import larger, lowest_bit, mask_bits, select, smaller, spread, square_root
+from gsbridge.splats.rasterize.memory import at, load, store
+
+TABLE_HEIGHT = 0.006
+"""m: what lies lower is the table; what lies higher may be the object, which carries its own shade."""
+
+ROBOT_MARGIN = 0.003
+"""m round the robot's spheres within which a surface is the robot's."""
+
+OBJECT_MARGIN = 0.010
+"""Likewise for the object: what stands up farther from it, such as a plate, is shaded by it."""
+
+NOWHERE = -1e3
+"""Height of a point where nothing is drawn: NaN means nothing to kernels that compute fast."""
+
+TILE = 2 * LANES
+"""Points, in squares of the grid, for which spheres are looked up together: each shades a few of them only."""
+
+BARE, OWN, LIT = 0, 1, 2
+"""What a point belongs to: the robot or nothing, the object, anything else."""
+
+GAMMA = 2.4
+"""Of sRGB's encoding of all but the darkest light."""
+
+_TINY = 1e-4
+
+
+@cache
+def tile_order(rows: int, columns: int) -> Array:
+    """Grid points in squares of `TILE`; at the edges of the grid some are there twice. [T * TILE] int64."""
+    edge = math.isqrt(TILE)
+    i, j = np.arange(-(-rows // edge) * edge), np.arange(-(-columns // edge) * edge)
+    number = np.minimum(i, rows - 1)[:, None] * columns + np.minimum(j, columns - 1)
+    return number.reshape(-1, edge, len(j) // edge, edge).swapaxes(1, 2).reshape(-1).copy()
+
+
+@njit(error_model="numpy", fastmath=True)
+def _frame(dx, dy, dz):  # type: ignore[no-untyped-def]
+    """Two unit vectors across a direction that does not lie level along x."""
+    length = math.sqrt(dy * dy + dz * dz)
+    ax, ay, az = np.float32(0.0), dz / length, -dy / length
+    return ax, ay, az, dy * az - dz * ay, dz * ax - dx * az, dx * ay - dy * ax
+
+
+@njit(error_model="numpy", fastmath=True)
+def _within(x, y, z, spheres, first, last, margin):  # type: ignore[no-untyped-def]
+    """Whether a point lies in one of some spheres, or within a margin of it."""
+    for s in range(first, last):
+        a, b, c, edge = spheres[s, 0] - x, spheres[s, 1] - y, spheres[s, 2] - z, spheres[s, 3] + margin
+        if a * a + b * b + c * c < edge * edge:
+            return True
+    return False
+
+
+@njit(error_model="numpy", forceinline=True)
+def _shade(along, side, up, s_along, s_side, s_up, radius, left):  # type: ignore[no-untyped-def]
+    """What a sphere leaves of a direction's light at some points (`Lanes`), in coordinates along and across the direction.
+
+    The same as `gsbridge.scene.occlusion.left_by`, without branches.
+    """
+    a, b, c = s_along - along, s_side - side, s_up - up
+    across = b * b + c * c
+    half = larger(a * WIDTH, 0.0) + _TINY
+    # One division for all that are divided by `half`, or by the smaller of it and the radius.
+    inverse = 1.0 / half
+    blocked = smaller(larger((half + radius - square_root(across)) * larger(inverse, 1.0 / radius) * 0.5, 0.0), 1.0)
+    blocked = blocked * smaller(inverse * inverse * (radius * radius), 1.0)
+    outside = (a > 0.0) & (across + a * a > radius * radius)
+    return smaller(left, 1.0 - select(outside, blocked, 0.0))
+
+
+@njit(error_model="numpy", fastmath=True)
+def _sort_out(points, spheres, robot, kinds):  # type: ignore[no-untyped-def]
+    """What each point belongs to: `BARE`, `OWN` or `LIT`. [N, 3], [S, 4] (the robot's first) -> kinds [N] int8."""
+    for i in range(points.shape[0]):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        high = z >= TABLE_HEIGHT
+        kinds[i] = LIT
+        if z == NOWHERE or (high and _within(x, y, z, spheres, 0, robot, np.float32(ROBOT_MARGIN))):
+            kinds[i] = BARE
+        elif high and _within(x, y, z, spheres, robot, spheres.shape[0], np.float32(OBJECT_MARGIN)):
+            kinds[i] = OWN
+
+
+@njit(error_model="numpy")
+def _gather(points, kinds, order, robot, spheres, tiled, balls, stops):  # type: ignore[no-untyped-def]
+    """Points in the order of their tiles, and a ball round those of each tile that are to be lit.
+
+    Args:
+        points, kinds: [N, 3], [N].
+        order: Point in each place of the tiles. [T * TILE].
+        robot, spheres: How many spheres are the robot's, and in all.
+        tiled: Output: x, y, z. [3 * T * TILE] float32.
+        balls: Output: centre and radius. [T, 4].
+        stops: Output: how many spheres to look up for a tile: the robot's, or all; -1 where nothing is to be lit. [T] int64.
+    """
+    size = order.shape[0]
+    for t in range(balls.shape[0]):
+        low, high, square = np.full(3, np.inf), np.full(3, -np.inf), 0.0
+        stops[t] = -1
+        for k in range(t * TILE, (t + 1) * TILE):
+            kind = kinds[order[k]]
+            # The object carries its own shade already.
+            stops[t] = max(stops[t], -1 if kind == BARE else robot if kind == OWN else spheres)
+            for i in range(3):
+                value = points[order[k], i]
+                tiled[i * size + k] = value
+                if kind != BARE:
+                    low[i], high[i] = min(low[i], value), max(high[i], value)
+        for i in range(3):
+            balls[t, i] = 0.5 * (low[i] + high[i])
+        for k in range(t * TILE, (t + 1) * TILE):
+            if kinds[order[k]] != BARE:
+                away = 0.0
+                for i in range(3):
+                    away += (points[order[k], i] - balls[t, i]) ** 2
+                square = max(square, away)
+        balls[t, 3] = math.sqrt(square)
+
+
+@njit(error_model="numpy")
+def _light(tiled, balls, stops, spheres, robot, sources, shares, work, sums):  # type: ignore[no-untyped-def]
+    """Add up the light of all directions at each point.
+
+    Args:
+        tiled, balls, stops: What `_gather` filled.
+        spheres: Robot's first, then the object's. [S, 4] float32.
+        robot: How many are the robot's.
+        sources, shares: Direction and strength of the light's parts. [M, 3], [M] float32.
+        work: Work space. [4 * (S + 8)] float32.
+        sums: Added to: what the robot leaves, and what robot and object leave. [2 * T * TILE] float32.
+    """
+    size, count = balls.shape[0] * TILE, spheres.shape[0]
+    # Along the direction, to two sides of it, radius: each with room for eight more, which are read but never counted.
+    side, up, radii = count + LANES, 2 * (count + LANES), 3 * (count + LANES)
+    for s in range(count):
+        work[radii + s] = spheres[s, 3]
+    for m in range(sources.shape[0]):
+        dx, dy, dz, share = sources[m, 0], sources[m, 1], sources[m, 2], shares[m]
+        ax, ay, az, bx, by, bz = _frame(dx, dy, dz)
+        for s in range(count):
+            x, y, z = spheres[s, 0], spheres[s, 1], spheres[s, 2]
+            work[s] = x * dx + y * dy + z * dz
+            work[side + s], work[up + s] = x * ax + y * ay + z * az, x * bx + y * by + z * bz
+        for t in range(balls.shape[0]):
+            if stops[t] < 0:
+                continue
+            x, y, z, reach = balls[t, 0], balls[t, 1], balls[t, 2], balls[t, 3]
+            ball_along = x * dx + y * dy + z * dz - reach
+            ball_side, ball_up, reach = x * ax + y * ay + z * az, x * bx + y * by + z * bz, reach + _TINY
+            first, second = t * TILE, t * TILE + LANES
+            x0, y0, z0 = load(tiled, first), load(tiled, size + first), load(tiled, 2 * size + first)
+            x1, y1, z1 = load(tiled, second), load(tiled, size + second), load(tiled, 2 * size + second)
+            along0, side0, up0 = x0 * dx + y0 * dy + z0 * dz, x0 * ax + y0 * ay + z0 * az, x0 * bx + y0 * by + z0 * bz
+            along1, side1, up1 = x1 * dx + y1 * dy + z1 * dz, x1 * ax + y1 * ay + z1 * az, x1 * bx + y1 * by + z1 * bz
+            left0, left1 = spread(1.0), spread(1.0)
+            for group in range(2):
+                start, stop = (0, robot) if group == 0 else (robot, stops[t])
+                for eight in range(start, stop, LANES):
+                    ahead = load(work, eight) - ball_along
+                    across, over = load(work, side + eight) - ball_side, load(work, up + eight) - ball_up
+                    edge = load(work, radii + eight) + ahead * WIDTH + reach
+                    bits = mask_bits((ahead > 0.0) & (across * across + over * over < edge * edge))
+                    if stop - eight < LANES:
+                        bits &= (1 << (stop - eight)) - 1
+                    while bits:
+                        s = eight + lowest_bit(bits)
+                        bits &= bits - 1
+                        a, b, c, radius = at(work, s), at(work, side + s), at(work, up + s), at(work, radii + s)
+                        left0 = _shade(along0, side0, up0, a, b, c, radius, left0)
+                        left1 = _shade(along1, side1, up1, a, b, c, radius, left1)
+                place = group * size + first
+                store(sums, place, load(sums, place) + left0 * share)
+                store(sums, place + LANES, load(sums, place + LANES) + left1 * share)
+
+
+@njit(error_model="numpy", fastmath=True)
+def _tones(kinds, order, sums, tones):  # type: ignore[no-untyped-def]
+    """Share of the light at each point, to the power that colours are encoded with.
+
+    Args:
+        kinds, order: As in `_gather`.
+        sums: What `_light` added up. [2 * T * TILE].
+        tones: Output: what the robot leaves, and what robot and object leave. [2, N].
+    """
+    size = order.shape[0]
+    for k in range(size):
+        i = order[k]
+        for group in range(2):
+            light = sums[group * size + k]
+            tones[group, i] = np.float32(1.0) if kinds[i] == BARE else np.float32(light ** (1.0 / GAMMA))
+
+
+@njit(error_model="numpy")
+def shade_points(points, order, spheres, robot, sources, shares, floor, kinds, tones):  # type: ignore[no-untyped-def]
+    """What belongs to whom, and how light it is there.
+
+    Args:
+        points: Surface points, table frame; of height `NOWHERE` where there is none. [N, 3] float32.
+        order: What `tile_order` gives for their grid.
+        spheres: Robot's first, then the object's. [S, 4] float32.
+        robot: How many are the robot's.
+        sources, shares, floor: Direction and strength of the light's parts, and what comes from everywhere. [M, 3], [M].
+        kinds: Output: `BARE`, `OWN` or `LIT`. [N] int8.
+        tones: Output: share of the light, to the power that colours are encoded with: what the robot leaves, and what robot
+            and object leave. [2, N] float32.
+    """
+    tiles = order.shape[0] // TILE
+    tiled, balls, stops = np.empty(3 * TILE * tiles, np.float32), np.empty((tiles, 4), np.float32), np.empty(tiles, np.int64)
+    sums, work = np.full(2 * TILE * tiles, floor), np.zeros(4 * (spheres.shape[0] + LANES), np.float32)
+    _sort_out(points, spheres, robot, kinds)
+    _gather(points, kinds, order, robot, spheres.shape[0], tiled, balls, stops)
+    _light(tiled, balls, stops, spheres, robot, sources, shares, work, sums)
+    _tones(kinds, order, sums, tones)
