@@ -56,7 +56,10 @@ class Reached:
     @classmethod
     def of_state(cls, state: State) -> Reached:
         """From the state of one world."""
-        return cls(state.tool_position[0].copy(), float(state.tool_yaw()[0]), float(state.aperture[0]))
+        w, x, y, z = state.tool_quat[0].tolist()
+        # As `State.tool_yaw`, of which numpy would make a dozen calls for one number.
+        yaw = math.atan2(2.0 * (x * y + w * z), w * w + x * x - y * y - z * z)
+        return cls(state.tool_position[0].copy(), yaw, float(state.aperture[0]))
 
     @classmethod
     def of_pose(cls, table_from_tool: Array, aperture: float) -> Reached:

@@ -118,6 +118,16 @@ def cholesky_solve(matrix: Array, right: Array) -> None:
 
 
 @njit(nogil=True)
+def place_tool_down(base_from_frame: Array, x: float, y: float, z: float, yaw: float, out: Array) -> None:
+    """`base_from_frame @ gsbridge.robot.reach.tool_down((x, y, z), yaw)`. [4, 4], m, rad -> out [4, 4]."""
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    for i in range(4):
+        a, b, c = base_from_frame[i, 0], base_from_frame[i, 1], base_from_frame[i, 2]
+        out[i, 0], out[i, 1], out[i, 2] = a * cosine + b * sine, a * sine - b * cosine, -c
+        out[i, 3] = a * x + b * y + c * z + base_from_frame[i, 3]
+
+
+@njit(nogil=True)
 def tool_jacobian(axes: Array, nodes: Array, poses: Array, tool: int, out: Array) -> None:
     """Geometric Jacobian of a node for the joints `nodes` on the way to it, base frame: metres, then radians. -> out [6, N]."""
     for column in range(len(nodes)):
@@ -179,7 +189,7 @@ def solve_inverse(
     iterations: int,
     q: Array,
 ) -> tuple[float, float, int]:
-    """Damped least squares within joint limits; `q` [N] is the start and becomes the solution.
+    """Damped least squares within joint limits; `q` [N] is the start, cut to the limits, and becomes the solution.
 
     Returns:
         Position error m, angle error rad, iterations done. It ends when both errors lie below `tolerance` (m, and rad times
@@ -189,6 +199,8 @@ def solve_inverse(
     values, poses = np.zeros(len(parents)), np.empty((len(parents), 4, 4))
     jacobian, error, step = np.empty((6, count)), np.empty(6), np.empty(count)
     pull, free, turn = np.empty(count), np.empty(count, np.bool_), np.empty(3)
+    for k in range(count):
+        q[k] = min(max(q[k], lower[k]), upper[k])
     best = q.copy()
     best_error = np.inf
     position, angle, done = np.inf, np.inf, 0

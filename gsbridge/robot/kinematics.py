@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -221,9 +222,9 @@ class Kinematics:
         target = np.array(base_from_tool, dtype=np.float64)
         limits = self.arm_limits
         q = np.array(self.rest if start is None else start, dtype=np.float64)
-        if target.shape != (4, 4) or q.shape != self.rest.shape or not (np.isfinite(target).all() and np.isfinite(q).all()):
+        # What is not finite makes the sum so.
+        if target.shape != (4, 4) or q.shape != self.rest.shape or not isfinite(target.sum() + q.sum()):
             raise InputError("inverse kinematics", "the pose or the start is no finite pose", "Check the command for NaN")
-        q = limits.clip(q)
         position, angle, done = solve_inverse(
             self._parents, self._fixed, self._axes, self._arm_nodes, self._node(self.tip), target, self.rest, self._pull,
             limits.lower, limits.upper, tolerance, iterations, q,

@@ -128,7 +128,8 @@ class Controller:
 
     def aim(self, q: Array, aperture: float) -> None:
         """Set the goal. q [N], aperture in m."""
-        self.goal = np.append(q, min(max(aperture, 0.0), self.dimensions.stroke))
+        self.goal = np.empty(len(self.point))
+        self.goal[:-1], self.goal[-1] = q, min(max(aperture, 0.0), self.dimensions.stroke)
 
     def begin_period(self, opening: float) -> None:
         """Choose where the command stands at the end of the coming control period.

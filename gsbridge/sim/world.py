@@ -11,10 +11,11 @@ import numpy as np
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.robot.assembly import RobotFiles, check_rigid
+from gsbridge.robot.chain import place_tool_down
 from gsbridge.robot.kinematics import Kinematics
 from gsbridge.robot.limits import Workspace
 from gsbridge.robot.nominal import base_from_table as nominal_table
-from gsbridge.robot.reach import require_reach, tool_down
+from gsbridge.robot.reach import require_reach
 from gsbridge.sim.controller import Controller
 from gsbridge.sim.engine import Engine, Item
 from gsbridge.sim.model import Model
@@ -123,10 +124,12 @@ class SimWorld:
 
     def command(self, position: Array, yaw: float, aperture: float) -> None:
         """Set the target; see the protocol. One out of reach is ignored and counted."""
-        position = np.asarray(position, dtype=np.float64)
-        if position.shape != (3,) or not all(map(isfinite, (*position.tolist(), yaw, aperture))):
+        point = np.asarray(position, dtype=np.float64).tolist()
+        if np.shape(point) != (3,) or not all(map(isfinite, (*point, yaw, aperture))):
             raise InputError("command", "the target is not finite", "Check the policy's output for NaN")
-        found = self.kinematics.inverse(self.base_from_table @ tool_down(position, yaw), self.controller.goal[:-1])
+        target = np.empty((4, 4))
+        place_tool_down(self.base_from_table, *point, float(yaw), target)
+        found = self.kinematics.inverse(target, self.controller.goal[:-1])
         if found.converged:
             self.controller.aim(found.q, aperture)
         else:
@@ -138,7 +141,7 @@ class SimWorld:
         substeps = self.model.substeps
         every = max(1, substeps // CONTACT_SAMPLES)
         controller.begin_period(float(self.dimensions.aperture(measured[0, -1])))
-        forces = np.zeros(4)
+        forces = [0.0] * 4
         samples = 0
         # Looked up once: the loop's own overhead counts among some 20 microseconds per step.
         measure, law, drive, advance = engine.measure, controller.substep, engine.drive, engine.advance
@@ -149,9 +152,9 @@ class SimWorld:
             advance()
             measure()
             if (number + 1) % every == 0:
-                forces += engine.contact_forces()
+                forces = [sum(pair) for pair in zip(forces, engine.contact_forces(), strict=True)]
                 samples += 1
-        self._forces = forces / samples
+        self._forces = np.array([force / samples for force in forces])
         self._look()
 
     def _look(self) -> None:

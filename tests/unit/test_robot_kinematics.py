@@ -3,6 +3,8 @@
 import numpy as np
 import pybullet
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from robot_fixture import kinematics, robot
 
 from gsbridge.errors import InputError
@@ -226,6 +228,13 @@ def test_joint_commands_keep_speed_and_range():
     np.testing.assert_allclose(limits.follow(np.zeros(7), 1e-3 * way, 0.1), 1e-3 * way)
     np.testing.assert_allclose(limits.follow(limits.upper, limits.upper + 1, 0.1), limits.upper)
     assert (limits.margin(limits.upper + 0.1) < 0).all()
+
+
+@given(point=st.tuples(*[st.floats(-1, 1)] * 3), yaw=st.floats(-4, 4))
+def test_the_kernel_for_one_command_is_the_general_pose(point, yaw):
+    out = np.empty((4, 4))
+    chain.place_tool_down(base_from_table(), *point, yaw, out)
+    np.testing.assert_allclose(out, base_from_table() @ tool_down(point, yaw), atol=1e-14)
 
 
 def test_workspace_clips_counts_and_refuses_nan():
