@@ -14,7 +14,7 @@ import numba
 import numpy as np
 
 from gsbridge.splats.rasterize import layout
-from gsbridge.splats.rasterize.falloff import AHEAD, TILE, exponents, pixels_of, power, read_table
+from gsbridge.splats.rasterize.falloff import TILE, exponents, pixels_of, power, read_table
 from gsbridge.splats.rasterize.lanes import HAS_WIDE, mask_bits, select, smaller, spread, spread_wide
 from gsbridge.splats.rasterize.memory import (
     at,
@@ -29,6 +29,9 @@ from gsbridge.splats.rasterize.memory import (
 )
 
 RECORD, BLOCK, PIXELS, STATE = layout.RECORD, layout.BLOCK, layout.PIXELS, layout.STATE
+
+AHEAD = 32
+"""Entries between a record's prefetch and its use: about 100 ns."""
 
 
 def use_threads(count: int) -> None:

@@ -10,8 +10,6 @@ from gsbridge.splats.rasterize.memory import load, load_spread
 
 BLOCK, PIXELS = layout.BLOCK, layout.PIXELS
 LANE_X, LANE_Y = layout.LANE_X, layout.LANE_Y
-AHEAD = 8
-"""Entries between a record's prefetch and its use."""
 TILE = 4
 """Edge, in blocks, of the tiles in which blocks are visited: a tile's records stay in the nearest cache."""
 

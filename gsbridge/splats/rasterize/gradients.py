@@ -11,11 +11,14 @@ from gsbridge.kernels import njit, prange  # isort: skip  (first: it sets numba'
 import numpy as np
 
 from gsbridge.splats.rasterize import layout
-from gsbridge.splats.rasterize.falloff import AHEAD, TILE, falloff, pixels_of, read_table
+from gsbridge.splats.rasterize.falloff import TILE, falloff, pixels_of, read_table
 from gsbridge.splats.rasterize.lanes import select, smaller, sums_of_eight
 from gsbridge.splats.rasterize.memory import at, load, load_halves, load_pixels, load_spread, prefetch, store
 
 RECORD, BLOCK, PIXELS, STATE = layout.RECORD, layout.BLOCK, layout.PIXELS, layout.STATE
+
+AHEAD = 8
+"""Entries between a prefetch and its use: less than in blending, since an entry takes longer and needs two lines."""
 
 
 @njit(error_model="numpy")
