@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from struct import Struct
 from tempfile import TemporaryDirectory
@@ -210,8 +211,8 @@ class Engine:
         self.measured = np.zeros((2, len(self.measured_joints)))
         self._buffer = memoryview(self.measured).cast("B")
         self._write = Struct(f"{self.measured.size}d").pack_into
-        self._set_torques = client.setJointMotorControlArray
-        self.advance = client.stepSimulation
+        self._set_torques = pybullet.setJointMotorControlArray
+        self.advance = partial(pybullet.stepSimulation, self._number)
         self._contacts = client.getContactPoints
         self._item_pose, self._item_velocity = client.getBasePositionAndOrientation, client.getBaseVelocity
         self._torque_mode = client.TORQUE_CONTROL
@@ -246,8 +247,9 @@ class Engine:
     def drive(self, torques: Array) -> None:
         """Torques of the arm and the gripper's driver, shared evenly between the knuckles. [8]."""
         forces = torques.tolist()
-        forces[-1:] = [forces[-1] / self.knuckles] * self.knuckles
-        self._set_torques(self.robot, self.driven_joints, self._torque_mode, forces=forces)
+        forces += [forces.pop() / self.knuckles] * self.knuckles
+        mode, number = self._torque_mode, self._number
+        self._set_torques(self.robot, self.driven_joints, mode, forces=forces, physicsClientId=number)
 
     def contact_forces(self) -> tuple[float, float, float, float]:
         """Normal forces, N: left pad and right pad on the object, robot on table and plate, object on table and plate."""

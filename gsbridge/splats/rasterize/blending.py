@@ -1,9 +1,8 @@
 """Kernels that blend the records of each block front to back.
 
 A block's light stays in registers while its list runs, and the weights go to a scratch array; a second run over the records
-that counted adds up colour and depth. One run for both needs more registers than a processor has.
-
-There are two kernels for a block, which differ by rounding only: one for processors with AVX-512, one for all others.
+that counted adds up colour and depth. One run for both needs more registers than most processors have: those with AVX-512 have
+a kernel of their own, which differs by rounding only.
 """
 
 from __future__ import annotations
@@ -94,12 +93,13 @@ def _blend_block(table, records, entries, first, last, row, column, width, heigh
 
 @njit(error_model="numpy")
 def _blend_block_wide(table, records, entries, first, last, row, column, width, height, background, states, state, weights):
-    """`_blend_block` with all sixteen pixels in one register."""
+    """`_blend_block` with all sixteen pixels in one register, of which there are enough for one run; `weights` stays unused."""
     x, y = load_wide(layout.PIXEL_X, 0) + (column * BLOCK + 0.5), load_wide(layout.PIXEL_Y, 0) + (row * BLOCK + 0.5)
     light = select((x < width) & (y < height), 1.0, 0.0)
     c0, c1, c2, c3, c4, c5 = at(table, 0), at(table, 1), at(table, 2), at(table, 3), at(table, 4), at(table, 5)
     cut, alpha_max, light_min = at(table, 6), at(table, 7), at(table, 8)
-    kept, place = first, 0
+    red, green, blue, depth = spread_wide(0.0), spread_wide(0.0), spread_wide(0.0), spread_wide(0.0)
+    kept = first
     for entry in range(first, last):
         is_open = light >= light_min
         if (entry & 3) == 0 and mask_bits(is_open) == 0:
@@ -115,23 +115,13 @@ def _blend_block_wide(table, records, entries, first, last, row, column, width, 
         power = power * power
         power = power * power
         # Every entry waits for the light of the one before. Whether a pixel is closed is asked last, so that the wait is short.
-        weight = select(near, smaller(power * power, alpha_max), 0.0) * light
-        store(weights, place, select(is_open, weight, 0.0))
-        light = select(is_open, light - weight, light)
+        wanted = select(near, smaller(power * power, alpha_max), 0.0) * light
+        weight = select(is_open, wanted, 0.0)
+        light = select(is_open, light - wanted, light)
+        red, green = red + weight * at(records, base + layout.RED), green + weight * at(records, base + layout.GREEN)
+        blue, depth = blue + weight * at(records, base + layout.BLUE), depth + weight * at(records, base + layout.DEPTH)
         put(entries, kept, number)
-        hit = mask_bits(near & is_open) != 0
-        kept += hit
-        place += hit * PIXELS
-    red, green, blue, depth = spread_wide(0.0), spread_wide(0.0), spread_wide(0.0), spread_wide(0.0)
-    place = 0
-    for entry in range(first, kept):
-        base = np.int64(at(entries, entry)) * RECORD
-        weight = load_wide(weights, place)
-        place += PIXELS
-        red = red + weight * at(records, base + layout.RED)
-        green = green + weight * at(records, base + layout.GREEN)
-        blue = blue + weight * at(records, base + layout.BLUE)
-        depth = depth + weight * at(records, base + layout.DEPTH)
+        kept += mask_bits(near & is_open) != 0
     store(states, state, red + light * background[0])
     store(states, state + PIXELS, green + light * background[1])
     store(states, state + 2 * PIXELS, blue + light * background[2])

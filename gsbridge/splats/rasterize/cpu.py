@@ -20,7 +20,7 @@ from gsbridge.geometry import Array
 from gsbridge.splats.rasterize import binning, blending, projection
 from gsbridge.splats.rasterize import gradients as backward_kernels
 from gsbridge.splats.rasterize.lanes import WIDTH
-from gsbridge.splats.rasterize.layout import BLOCK, GROUP, NEAR, RECORD, STATE, TABLE
+from gsbridge.splats.rasterize.layout import BLOCK, GROUP, LANES, NEAR, RECORD, STATE, TABLE
 
 _KEYS = 2 * 4096
 
@@ -166,19 +166,28 @@ class Seen:
 
 @dataclass(frozen=True)
 class Prepared:
-    """Splats as the kernels take them: flat float32 arrays with room for a multiple of `WIDTH` splats."""
+    """Splats as the kernels take them: flat float32 arrays with room for a multiple of `WIDTH` splats.
+
+    Args:
+        count: Splats.
+        lanes: What `projection.prepare` fills.
+        means, quats, scales, opacities: What gradients go through. [N * 3], [N * 4], [N * 3], [N].
+    """
 
     count: int
+    lanes: Array
     means: Array
     quats: Array
     scales: Array
     opacities: Array
-    colours: Array
 
     @classmethod
     def of(cls, means: Array, quats: Array, scales: Array, opacities: Array, colours: Array) -> Prepared:
         """From arrays as in `rasterize`."""
-        return cls(len(means), *(_flat(array) for array in (means, quats, scales, opacities, colours)))
+        arrays = [_flat(array) for array in (means, quats, scales, opacities, colours)]
+        lanes = _aligned(len(arrays[3]) * LANES)
+        projection.prepare(*arrays, lanes)
+        return cls(len(means), lanes, *arrays[:4])
 
 
 def _flat(array: Array) -> Array:
@@ -204,11 +213,7 @@ def _forward(
     if seen is None:
         seen = Seen.all(splats.count, view)
     visible = projection.project(
-        splats.means,
-        splats.quats,
-        splats.scales,
-        splats.opacities,
-        splats.colours,
+        splats.lanes,
         splats.count,
         seen.groups,
         seen.owners,

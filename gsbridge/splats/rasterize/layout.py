@@ -23,6 +23,9 @@ STATE: Final = 5 * PIXELS
 RECORD: Final = 16
 """float32 per record and per row of gradient sums."""
 
+LANES: Final = 14
+"""float32 per prepared splat: mean, largest scale, opacity, covariance (xx, xy, xz, yy, yz, zz), colour."""
+
 GROUP: Final = 32
 """Splats that are drawn or left out together."""
 

@@ -91,12 +91,43 @@ def _bits_of_row(near, tilt, level, curve, xy, scale, origin, wide):
 
 
 @njit(error_model="numpy")
+def prepare(means, quats, scales, opacities, colours, lanes):  # type: ignore[no-untyped-def]
+    """Covariances of splats, and all that `project` reads, side by side for eight splats at a time.
+
+    Args:
+        means, quats, scales, opacities, colours: Flat arrays of a multiple of eight splats.
+        lanes: Output. [N / 8 * `LANES` * 8].
+    """
+    for number in range(opacities.shape[0] // WIDTH):
+        first, base = number * WIDTH, number * layout.LANES * WIDTH
+        qw, qx, qy, qz = load_quads(quats, 4 * first)
+        norm = 1.0 / square_root(qw * qw + qx * qx + qy * qy + qz * qz)
+        m00, m01, m02, m10, m11, m12, m20, m21, m22 = _axes(qw * norm, qx * norm, qy * norm, qz * norm)
+        s0, s1, s2 = load_triples(scales, 3 * first)
+        m00, m01, m02 = m00 * s0, m01 * s1, m02 * s2
+        m10, m11, m12 = m10 * s0, m11 * s1, m12 * s2
+        m20, m21, m22 = m20 * s0, m21 * s1, m22 * s2
+        mx, my, mz = load_triples(means, 3 * first)
+        store(lanes, base, mx)
+        store(lanes, base + WIDTH, my)
+        store(lanes, base + 2 * WIDTH, mz)
+        store(lanes, base + 3 * WIDTH, larger(larger(s0, s1), s2))
+        store(lanes, base + 4 * WIDTH, load(opacities, first))
+        store(lanes, base + 5 * WIDTH, m00 * m00 + m01 * m01 + m02 * m02)
+        store(lanes, base + 6 * WIDTH, m00 * m10 + m01 * m11 + m02 * m12)
+        store(lanes, base + 7 * WIDTH, m00 * m20 + m01 * m21 + m02 * m22)
+        store(lanes, base + 8 * WIDTH, m10 * m10 + m11 * m11 + m12 * m12)
+        store(lanes, base + 9 * WIDTH, m10 * m20 + m11 * m21 + m12 * m22)
+        store(lanes, base + 10 * WIDTH, m20 * m20 + m21 * m21 + m22 * m22)
+        red, green, blue = load_triples(colours, 3 * first)
+        store(lanes, base + 11 * WIDTH, red)
+        store(lanes, base + 12 * WIDTH, green)
+        store(lanes, base + 13 * WIDTH, blue)
+
+
+@njit(error_model="numpy")
 def project(
-    means,
-    quats,
-    scales,
-    opacities,
-    colours,
+    lanes,
     count,
     groups,
     owners,
@@ -113,7 +144,7 @@ def project(
     """Project splats, drop those outside the view, pack the others.
 
     Args:
-        means, quats, scales, opacities, colours: Flat arrays, room for a multiple of eight splats.
+        lanes: What `prepare` filled.
         count: Splats.
         groups: Which groups of `GROUP` splats to look at. [G] int64.
         owners: Row in `views` of each of these groups. [G] int64.
@@ -151,17 +182,16 @@ def project(
         r10, r11, r12 = at(views, view + 7), at(views, view + 8), at(views, view + 9)
         r20, r21, r22 = at(views, view + 10), at(views, view + 11), at(views, view + 12)
         t0, t1, t2 = at(views, view + 13), at(views, view + 14), at(views, view + 15)
-        mx, my, mz = load_triples(means, 3 * first)
+        start = first * layout.LANES
+        mx, my, mz = load(lanes, start), load(lanes, start + WIDTH), load(lanes, start + 2 * WIDTH)
         z = mx * r20 + my * r21 + mz * r22 + t2
         inverse = 1.0 / z
         u = (mx * r00 + my * r01 + mz * r02 + t0) * inverse
         v = (mx * r10 + my * r11 + mz * r12 + t1) * inverse
         x, y = u * fx + cx, v * fy + cy
-        opacity = load(opacities, first)
-        s0, s1, s2 = load_triples(scales, 3 * first)
         # As far as the splat could reach were it as wide as its widest axis in all directions; log2(a) <= (a - 1) / ln 2. Eight
         # that lie outside, as most of a scene does, are done here.
-        widest = larger(larger(s0, s1), s2) * inverse
+        widest, opacity = load(lanes, start + 3 * WIDTH) * inverse, load(lanes, start + 4 * WIDTH)
         room = (larger(opacity - 1.0, 0.0) * 0.181 - CUT) * _BOUND
         aside, above = larger(larger(-x, x - width), 0.0), larger(larger(-y, y - height), 0.0)
         inside = aside * aside <= room * (widest * widest * widest_x + BLUR)
@@ -173,18 +203,13 @@ def project(
         su, sv = ju * smaller(larger(u, left), right), jv * smaller(larger(v, top), bottom)
         a0, a1, a2 = ju * r00 - su * r20, ju * r01 - su * r21, ju * r02 - su * r22
         b0, b1, b2 = jv * r10 - sv * r20, jv * r11 - sv * r21, jv * r12 - sv * r22
-        qw, qx, qy, qz = load_quads(quats, 4 * first)
-        norm = 1.0 / square_root(qw * qw + qx * qx + qy * qy + qz * qz)
-        m00, m01, m02, m10, m11, m12, m20, m21, m22 = _axes(qw * norm, qx * norm, qy * norm, qz * norm)
-        v00 = (a0 * m00 + a1 * m10 + a2 * m20) * s0
-        v01 = (a0 * m01 + a1 * m11 + a2 * m21) * s1
-        v02 = (a0 * m02 + a1 * m12 + a2 * m22) * s2
-        v10 = (b0 * m00 + b1 * m10 + b2 * m20) * s0
-        v11 = (b0 * m01 + b1 * m11 + b2 * m21) * s1
-        v12 = (b0 * m02 + b1 * m12 + b2 * m22) * s2
-        cxx = v00 * v00 + v01 * v01 + v02 * v02 + BLUR
-        cxy = v00 * v10 + v01 * v11 + v02 * v12
-        cyy = v10 * v10 + v11 * v11 + v12 * v12 + BLUR
+        xx, xy, xz = load(lanes, start + 5 * WIDTH), load(lanes, start + 6 * WIDTH), load(lanes, start + 7 * WIDTH)
+        yy, yz, zz = load(lanes, start + 8 * WIDTH), load(lanes, start + 9 * WIDTH), load(lanes, start + 10 * WIDTH)
+        u0, u1, u2 = a0 * xx + a1 * xy + a2 * xz, a0 * xy + a1 * yy + a2 * yz, a0 * xz + a1 * yz + a2 * zz
+        cxx = a0 * u0 + a1 * u1 + a2 * u2 + BLUR
+        cxy = b0 * u0 + b1 * u1 + b2 * u2
+        u0, u1, u2 = b0 * xx + b1 * xy + b2 * xz, b0 * xy + b1 * yy + b2 * yz, b0 * xz + b1 * yz + b2 * zz
+        cyy = b0 * u0 + b1 * u1 + b2 * u2 + BLUR
         factor = SCALE / (cxx * cyy - cxy * cxy)
 
         log = _log2(larger(opacity, 1e-6)) * 0.125
@@ -194,7 +219,8 @@ def project(
         # Pixels whose centres the ellipse's box holds, a thousandth wider against rounding; ceil(v) = -floor(-v).
         x0, x1 = larger(-round_down(half_x - x + 0.499), 0.0), smaller(round_down(x + half_x - 0.499), width - 1.0)
         y0, y1 = larger(-round_down(half_y - y + 0.499), 0.0), smaller(round_down(y + half_y - 0.499), height - 1.0)
-        red, green, blue = load_triples(colours, 3 * first)
+        red, green = load(lanes, start + 11 * WIDTH), load(lanes, start + 12 * WIDTH)
+        blue = load(lanes, start + 13 * WIDTH)
         # Every comparison with NaN is false, and so is that of 0 * inf: a damaged splat is dropped here.
         seen = (x0 <= x1) & (y0 <= y1) & (z >= near) & (reach > 0.0) & (half_x < _FARTHEST) & (half_y < _FARTHEST)
         seen = seen & ((red + green + blue + x + y + z) * 0.0 >= 0.0) & (factor > 0.0) & (opacity < 1e6)
