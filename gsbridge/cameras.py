@@ -47,6 +47,11 @@ class Camera:
         """True without distortion."""
         return not any(self.distortion)
 
+    @property
+    def pinhole_numbers(self) -> tuple[float, float, float, float]:
+        """fx, fy, cx, cy."""
+        return float(self.fx), float(self.fy), float(self.cx), float(self.cy)
+
     def undistorted(self) -> Camera:
         """The same pinhole without distortion."""
         return replace(self, distortion=(0.0, 0.0, 0.0, 0.0))

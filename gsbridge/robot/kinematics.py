@@ -222,8 +222,8 @@ class Kinematics:
         target = np.array(base_from_tool, dtype=np.float64)
         limits = self.arm_limits
         q = np.array(self.rest if start is None else start, dtype=np.float64)
-        # What is not finite makes the sum so.
-        if target.shape != (4, 4) or q.shape != self.rest.shape or not isfinite(target.sum() + q.sum()):
+        fits = target.shape == (4, 4) and q.shape == self.rest.shape
+        if not fits or not all(map(isfinite, (*target.ravel().tolist(), *q.tolist()))):
             raise InputError("inverse kinematics", "the pose or the start is no finite pose", "Check the command for NaN")
         position, angle, done = solve_inverse(
             self._parents, self._fixed, self._axes, self._arm_nodes, self._node(self.tip), target, self.rest, self._pull,

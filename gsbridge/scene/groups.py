@@ -191,7 +191,7 @@ class GroupedComposition:
         """
         if self.names:
             np.concatenate([world_from_body[name] for name in self.names], out=self._flat)
-        lens, size = (camera.fx, camera.fy, camera.cx, camera.cy), (camera.width, camera.height)
+        lens, size = camera.pinhole_numbers, (camera.width, camera.height)
         pose = np.ascontiguousarray(cam_from_world, dtype=np.float64)
         seen, groups, owners, views = _see(self._poses, pose, self._owners, *self._bounds, lens, size)
         if seen < 0:

@@ -100,25 +100,23 @@ def _sort_out(points, spheres, robot, kinds):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy")
-def _gather(points, kinds, order, robot, spheres, tiled, balls, stops):  # type: ignore[no-untyped-def]
+def _gather(points, kinds, order, tiled, balls, lit):  # type: ignore[no-untyped-def]
     """Points in the order of their tiles, and a ball round those of each tile that are to be lit.
 
     Args:
         points, kinds: [N, 3], [N].
         order: Point in each place of the tiles. [T * TILE].
-        robot, spheres: How many spheres are the robot's, and in all.
         tiled: Output: x, y, z. [3 * T * TILE] float32.
         balls: Output: centre and radius. [T, 4].
-        stops: Output: how many spheres to look up for a tile: the robot's, or all; -1 where nothing is to be lit. [T] int64.
+        lit: Output: whether there are any such points. [T] bool.
     """
     size = order.shape[0]
     for t in range(balls.shape[0]):
         low, high, square = np.full(3, np.inf), np.full(3, -np.inf), 0.0
-        stops[t] = -1
+        lit[t] = False
         for k in range(t * TILE, (t + 1) * TILE):
             kind = kinds[order[k]]
-            # The object carries its own shade already.
-            stops[t] = max(stops[t], -1 if kind == BARE else robot if kind == OWN else spheres)
+            lit[t] |= kind != BARE
             for i in range(3):
                 value = points[order[k], i]
                 tiled[i * size + k] = value
@@ -136,11 +134,11 @@ def _gather(points, kinds, order, robot, spheres, tiled, balls, stops):  # type:
 
 
 @njit(error_model="numpy")
-def _light(tiled, balls, stops, spheres, robot, sources, shares, work, sums):  # type: ignore[no-untyped-def]
+def _light(tiled, balls, lit, spheres, robot, sources, shares, work, sums):  # type: ignore[no-untyped-def]
     """Add up the light of all directions at each point.
 
     Args:
-        tiled, balls, stops: What `_gather` filled.
+        tiled, balls, lit: What `_gather` filled.
         spheres: Robot's first, then the object's. [S, 4] float32.
         robot: How many are the robot's.
         sources, shares: Direction and strength of the light's parts. [M, 3], [M] float32.
@@ -160,7 +158,7 @@ def _light(tiled, balls, stops, spheres, robot, sources, shares, work, sums):  #
             work[s] = x * dx + y * dy + z * dz
             work[side + s], work[up + s] = x * ax + y * ay + z * az, x * bx + y * by + z * bz
         for t in range(balls.shape[0]):
-            if stops[t] < 0:
+            if not lit[t]:
                 continue
             x, y, z, reach = balls[t, 0], balls[t, 1], balls[t, 2], balls[t, 3]
             ball_along = x * dx + y * dy + z * dz - reach
@@ -172,7 +170,7 @@ def _light(tiled, balls, stops, spheres, robot, sources, shares, work, sums):  #
             along1, side1, up1 = x1 * dx + y1 * dy + z1 * dz, x1 * ax + y1 * ay + z1 * az, x1 * bx + y1 * by + z1 * bz
             left0, left1 = spread(1.0), spread(1.0)
             for group in range(2):
-                start, stop = (0, robot) if group == 0 else (robot, stops[t])
+                start, stop = (0, robot) if group == 0 else (robot, count)
                 for eight in range(start, stop, LANES):
                     ahead = load(work, eight) - ball_along
                     across, over = load(work, side + eight) - ball_side, load(work, up + eight) - ball_up
@@ -223,9 +221,9 @@ def shade_points(points, order, spheres, robot, sources, shares, floor, kinds, t
             and object leave. [2, N] float32.
     """
     tiles = order.shape[0] // TILE
-    tiled, balls, stops = np.empty(3 * TILE * tiles, np.float32), np.empty((tiles, 4), np.float32), np.empty(tiles, np.int64)
+    tiled, balls, lit = np.empty(3 * TILE * tiles, np.float32), np.empty((tiles, 4), np.float32), np.empty(tiles, np.bool_)
     sums, work = np.full(2 * TILE * tiles, floor), np.zeros(4 * (spheres.shape[0] + LANES), np.float32)
     _sort_out(points, spheres, robot, kinds)
-    _gather(points, kinds, order, robot, spheres.shape[0], tiled, balls, stops)
-    _light(tiled, balls, stops, spheres, robot, sources, shares, work, sums)
+    _gather(points, kinds, order, tiled, balls, lit)
+    _light(tiled, balls, lit, spheres, robot, sources, shares, work, sums)
     _tones(kinds, order, sums, tones)

@@ -207,5 +207,5 @@ class Shadows:
         order = tile_order(image.shape[0] // step, image.shape[1] // step)
         np.concatenate([poses[name] for name in self._names], out=self._poses)
         bodies = self._poses, self._owners, self._rest, self._robot
-        lens, pose = (camera.fx, camera.fy, camera.cx, camera.cy), np.ascontiguousarray(cam_from_table, dtype=np.float64)
+        lens, pose = camera.pinhole_numbers, np.ascontiguousarray(cam_from_table, dtype=np.float64)
         _dim_picture(image, depths, alphas, lens, pose, *bodies, self._sources, self._shares, self._floor, step, order)

@@ -57,7 +57,11 @@ def judge(state: State, progress: Progress, task: Grasp) -> tuple[Progress, Outc
 
     Returns:
         Memory including this step, and the judgement. A world that is no longer finite never succeeds.
+
+    Raises:
+        ValueError: The memory is that of another number of worlds.
     """
+    progress.require(len(state))
     streak, gripped, lifted, held, high, away, success, codes = _judge(
         state.finite(), state.pad_forces, state.object_position, state.object_clearance,
         progress.streak, progress.gripped, progress.lifted,

@@ -51,6 +51,15 @@ class Progress:
     lifted: Array
     excess: Array
 
+    def require(self, count: int) -> None:
+        """Make sure that this is the memory of so many worlds.
+
+        Raises:
+            ValueError: It is of another number.
+        """
+        if len(self.streak) != count:
+            raise ValueError(f"the memory of {len(self.streak)} worlds does not fit {count} states")
+
     @classmethod
     def start(cls, count: int) -> Progress:
         """The begin of an episode in `count` worlds."""

@@ -77,7 +77,11 @@ def judge(state: State, progress: Progress, task: Place) -> tuple[Progress, Outc
 
     Returns:
         Memory including this step, and the judgement. A world that is no longer finite never succeeds.
+
+    Raises:
+        ValueError: The memory is that of another number of worlds.
     """
+    progress.require(len(state))
     forces = np.stack([*state.pad_forces.T, state.robot_contact, state.object_contact], axis=1)
     streak, gripped, lifted, excess, held, on_plate, released, distance, success, tolerant, codes = _judge(
         state.finite(), forces, state.object_position, state.object_velocity, state.object_clearance, state.tilt(),

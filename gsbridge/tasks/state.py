@@ -55,12 +55,12 @@ class State:
     def __post_init__(self) -> None:
         count = len(np.atleast_1d(self.aperture))
         for name in NAMES:
-            # One memory order, since kernels are compiled for each that they meet.
-            value = np.ascontiguousarray(getattr(self, name), dtype=np.float64)
+            value = np.asarray(getattr(self, name), dtype=np.float64)
             wanted = (count, _WIDTHS[name]) if name in _WIDTHS else (count,)
             if value.shape != wanted:
                 raise ValueError(f"State.{name} has the shape {value.shape}, expected {wanted}")
-            object.__setattr__(self, name, value)
+            # One memory order, since kernels are compiled for each that they meet.
+            object.__setattr__(self, name, np.ascontiguousarray(value))
 
     @classmethod
     def of_row(cls, row: Array) -> State:
@@ -76,7 +76,7 @@ class State:
         return (self.pad_forces >= force).all(1)
 
     def finite(self) -> Array:
-        """Worlds without a NaN or an infinity. bool [N]."""
+        """Worlds without a NaN or an infinity, looked up once. bool [N]."""
         return self._finite
 
     @cached_property
@@ -104,17 +104,24 @@ ROW: int = _ENDS[-1]
 
 
 @njit(nogil=True)
+def _spoilt(value: Array, k: int) -> float:
+    """0 where a row holds finite numbers only, NaN otherwise. [N, D]."""
+    out = 0.0
+    for i in range(value.shape[1]):
+        out += value[k, i] * 0.0
+    return out
+
+
+@njit(nogil=True)
 def _all_finite(
     tool_position, tool_quat, aperture, pad_forces, position, quat, velocity, spin, clearance, robot_contact, object_contact
 ):  # type: ignore[no-untyped-def]
     """Worlds in which every number is finite. [N, D] or [N] each -> bool [N]."""
     out = np.empty(len(aperture), np.bool_)
     for k in range(len(aperture)):
-        # What is not finite stays so when multiplied by 0, and makes the sum so.
-        total = aperture[k] * 0.0 + clearance[k] * 0.0 + robot_contact[k] * 0.0 + object_contact[k] * 0.0
-        for value in (tool_position, tool_quat, pad_forces, position, quat, velocity, spin):
-            for i in range(value.shape[1]):
-                total += value[k, i] * 0.0
+        total = 0.0 * (aperture[k] + clearance[k] + robot_contact[k] + object_contact[k])
+        total += _spoilt(tool_position, k) + _spoilt(tool_quat, k) + _spoilt(pad_forces, k)
+        total += _spoilt(position, k) + _spoilt(quat, k) + _spoilt(velocity, k) + _spoilt(spin, k)
         out[k] = total == 0.0
     return out
 

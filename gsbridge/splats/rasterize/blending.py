@@ -2,7 +2,7 @@
 
 A block's light stays in registers while its list runs, and the weights go to a scratch array; a second run over the records
 that counted adds up colour and depth. One run for both needs more registers than most processors have: those with AVX-512 have
-a kernel of their own, which differs by rounding only.
+a kernel of their own, which differs by rounding only (and so, once in a million splats, in whether one meets the cut).
 """
 
 from __future__ import annotations

@@ -34,6 +34,8 @@ INTS = ir.VectorType(ir.IntType(32), WIDTH)
 
 def _has_wide() -> bool:
     """Whether numba compiles for a processor with registers of sixteen float32."""
+    if not numba.config.ENABLE_AVX:
+        return False
     if numba.config.CPU_FEATURES is None:
         return bool(llvm.get_host_cpu_features().get("avx512f", False))
     return "+avx512f" in numba.config.CPU_FEATURES.split(",")

@@ -1,8 +1,8 @@
 """Sizes and constants that all kernels of the rasteriser share.
 
-A *record* is one visible splat after projection: a cache line of 16 float32. A *block* is 4x4 pixels, held as two `Lanes`: rows
-0-1 and rows 2-3. With `p(d) = log - (xx dx dx + xy dx dy + yy dy dy)` a splat's alpha at offset `d` px is `2**(8 p)`: opacity
-and falloff share one exponent, and an eighth of it stays in -1..0, where a short polynomial does.
+A *record* is one visible splat after projection: a cache line of 16 float32. A *block* is 4x4 pixels, held as two `Lanes`, rows
+0-1 and rows 2-3, or as one `WideLanes`. With `p(d) = log - (xx dx dx + xy dx dy + yy dy dy)` a splat's alpha at offset `d` px
+is `2**(8 p)`: opacity and falloff share one exponent, and an eighth of it stays in -1..0, where a short polynomial does.
 """
 
 from __future__ import annotations
