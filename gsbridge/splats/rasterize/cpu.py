@@ -17,7 +17,7 @@ import torch
 from gsbridge import logs
 from gsbridge.cameras import Camera
 from gsbridge.geometry import Array
-from gsbridge.splats.rasterize import binning, blending, projection
+from gsbridge.splats.rasterize import binning, blending, preparing, projection
 from gsbridge.splats.rasterize import gradients as backward_kernels
 from gsbridge.splats.rasterize.lanes import WIDTH
 from gsbridge.splats.rasterize.layout import BLOCK, GROUP, LANES, NEAR, RECORD, STATE, TABLE
@@ -170,7 +170,7 @@ class Prepared:
 
     Args:
         count: Splats.
-        lanes: What `projection.prepare` fills.
+        lanes: What `preparing.prepare` fills.
         means, quats, scales, opacities: What gradients go through. [N * 3], [N * 4], [N * 3], [N].
     """
 
@@ -186,7 +186,7 @@ class Prepared:
         """From arrays as in `rasterize`."""
         arrays = [_flat(array) for array in (means, quats, scales, opacities, colours)]
         lanes = _aligned(len(arrays[3]) * LANES)
-        projection.prepare(*arrays, lanes)
+        preparing.prepare(*arrays, lanes)
         return cls(len(means), lanes, *arrays[:4])
 
 

@@ -24,7 +24,8 @@ from gsbridge.splats.rasterize.lanes import (
     smaller,
     square_root,
 )
-from gsbridge.splats.rasterize.memory import at, load, load_quads, load_triples, put, store, store_rows, store_whole
+from gsbridge.splats.rasterize.memory import at, load, put, store, store_rows, store_whole
+from gsbridge.splats.rasterize.preparing import axes_of
 
 RECORD, GROUP = layout.RECORD, layout.GROUP
 BLUR = layout.BLUR
@@ -33,22 +34,6 @@ SCALE = layout.SCALE
 _FALLOFF_PER_SIGMA2 = 2.0 / SCALE
 _BOUND = 1.002 * _FALLOFF_PER_SIGMA2  # a little wider against rounding
 _FARTHEST = 1e9  # px or px^2: beyond it a float32 has no sub-pixel digits left and the splat is dropped
-
-
-@njit(error_model="numpy", forceinline=True)
-def _axes(w, x, y, z):
-    """Rotation matrix of a unit quaternion, row by row."""
-    return (
-        1.0 - 2.0 * (y * y + z * z),
-        2.0 * (x * y - w * z),
-        2.0 * (x * z + w * y),
-        2.0 * (x * y + w * z),
-        1.0 - 2.0 * (x * x + z * z),
-        2.0 * (y * z - w * x),
-        2.0 * (x * z - w * y),
-        2.0 * (y * z + w * x),
-        1.0 - 2.0 * (x * x + y * y),
-    )
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -91,41 +76,6 @@ def _bits_of_row(near, tilt, level, curve, xy, scale, origin, wide):
 
 
 @njit(error_model="numpy")
-def prepare(means, quats, scales, opacities, colours, lanes):  # type: ignore[no-untyped-def]
-    """Covariances of splats, and all that `project` reads, side by side for eight splats at a time.
-
-    Args:
-        means, quats, scales, opacities, colours: Flat arrays of a multiple of eight splats.
-        lanes: Output. [N / 8 * `LANES` * 8].
-    """
-    for number in range(opacities.shape[0] // WIDTH):
-        first, base = number * WIDTH, number * layout.LANES * WIDTH
-        qw, qx, qy, qz = load_quads(quats, 4 * first)
-        norm = 1.0 / square_root(qw * qw + qx * qx + qy * qy + qz * qz)
-        m00, m01, m02, m10, m11, m12, m20, m21, m22 = _axes(qw * norm, qx * norm, qy * norm, qz * norm)
-        s0, s1, s2 = load_triples(scales, 3 * first)
-        m00, m01, m02 = m00 * s0, m01 * s1, m02 * s2
-        m10, m11, m12 = m10 * s0, m11 * s1, m12 * s2
-        m20, m21, m22 = m20 * s0, m21 * s1, m22 * s2
-        mx, my, mz = load_triples(means, 3 * first)
-        store(lanes, base, mx)
-        store(lanes, base + WIDTH, my)
-        store(lanes, base + 2 * WIDTH, mz)
-        store(lanes, base + 3 * WIDTH, larger(larger(s0, s1), s2))
-        store(lanes, base + 4 * WIDTH, load(opacities, first))
-        store(lanes, base + 5 * WIDTH, m00 * m00 + m01 * m01 + m02 * m02)
-        store(lanes, base + 6 * WIDTH, m00 * m10 + m01 * m11 + m02 * m12)
-        store(lanes, base + 7 * WIDTH, m00 * m20 + m01 * m21 + m02 * m22)
-        store(lanes, base + 8 * WIDTH, m10 * m10 + m11 * m11 + m12 * m12)
-        store(lanes, base + 9 * WIDTH, m10 * m20 + m11 * m21 + m12 * m22)
-        store(lanes, base + 10 * WIDTH, m20 * m20 + m21 * m21 + m22 * m22)
-        red, green, blue = load_triples(colours, 3 * first)
-        store(lanes, base + 11 * WIDTH, red)
-        store(lanes, base + 12 * WIDTH, green)
-        store(lanes, base + 13 * WIDTH, blue)
-
-
-@njit(error_model="numpy")
 def project(
     lanes,
     count,
@@ -144,7 +94,7 @@ def project(
     """Project splats, drop those outside the view, pack the others.
 
     Args:
-        lanes: What `prepare` filled.
+        lanes: What `gsbridge.splats.rasterize.preparing.prepare` filled.
         count: Splats.
         groups: Which groups of `GROUP` splats to look at. [G] int64.
         owners: Row in `views` of each of these groups. [G] int64.
@@ -349,7 +299,7 @@ def project_backward(
         qw, qx, qy, qz = load(gathered, 24), load(gathered, 32), load(gathered, 40), load(gathered, 48)
         norm = 1.0 / square_root(qw * qw + qx * qx + qy * qy + qz * qz)
         qw, qx, qy, qz = qw * norm, qx * norm, qy * norm, qz * norm
-        m00, m01, m02, m10, m11, m12, m20, m21, m22 = _axes(qw, qx, qy, qz)
+        m00, m01, m02, m10, m11, m12, m20, m21, m22 = axes_of(qw, qx, qy, qz)
         s0, s1, s2 = load(gathered, 56), load(gathered, 64), load(gathered, 72)
         u00, u01, u02 = a0 * m00 + a1 * m10 + a2 * m20, a0 * m01 + a1 * m11 + a2 * m21, a0 * m02 + a1 * m12 + a2 * m22
         u10, u11, u12 = b0 * m00 + b1 * m10 + b2 * m20, b0 * m01 + b1 * m11 + b2 * m21, b0 * m02 + b1 * m12 + b2 * m22
