@@ -109,8 +109,7 @@ def _move(poses, moved, starts, rest_means, rest_quats, means, quats):  # type: 
 
 @dataclass(frozen=True)
 class Splats:
-    """Arrays for one call of the rasteriser: of a `Composition` in the world frame, rewritten by its next pose; of a
-    `gsbridge.scene.groups.GroupedComposition` in the frames of its bodies.
+    """Arrays for one call of the rasteriser, world frame; the work space of a `Composition`, rewritten by its next pose.
 
     Args:
         means: m. [N, 3] float32.

@@ -202,7 +202,7 @@ class Shadows:
         missing = [name for name in self._names if name not in poses]
         if missing:
             raise InputError("light", f"{', '.join(missing)} is no body of this world", "Calibrate the light with this robot")
-        # One kernel for all: between physics and pictures, every call of numpy on a few numbers costs a thousandth of a step.
+        # One kernel for all: numpy's calls on a few numbers cost several times as much between physics and pictures.
         step = max(1, min(image.shape[:2]) // GRID)
         order = tile_order(image.shape[0] // step, image.shape[1] // step)
         np.concatenate([poses[name] for name in self._names], out=self._poses)

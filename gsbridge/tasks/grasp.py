@@ -79,7 +79,7 @@ def _judge(
 ) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array]:  # fmt: skip
     """The new memory (streak, gripped, lifted), the terms (held, high, away), successes, and places in `REASONS`. [N] each.
 
-    A kernel: two dozen calls of numpy on single numbers, between physics and pictures, took 3 % of a step.
+    A kernel, since numpy's calls on single numbers cost several times as much between physics and pictures as by themselves.
     """
     streak, gripped, lifted = streak.copy(), gripped.copy(), lifted.copy()
     count = len(streak)

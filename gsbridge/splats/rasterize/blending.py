@@ -2,7 +2,7 @@
 
 A block's light stays in registers while its list runs, and the weights go to a scratch array; a second run over the records
 that counted adds up colour and depth. One run for both needs more registers than most processors have: those with AVX-512 have
-a kernel of their own, which differs by rounding only (and so, once in a million splats, in whether one meets the cut).
+a kernel of their own, which differs by rounding only (and so, rarely, in whether a splat meets the cut).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from gsbridge.splats.rasterize.memory import (
 RECORD, BLOCK, PIXELS, STATE = layout.RECORD, layout.BLOCK, layout.PIXELS, layout.STATE
 
 AHEAD = 32
-"""Entries between a record's prefetch and its use: about 100 ns."""
+"""Entries between a record's prefetch and its use: an entry takes a fraction of what memory does."""
 
 
 def use_threads(count: int) -> None:
