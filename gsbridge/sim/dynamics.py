@@ -6,6 +6,9 @@ the hand's fingers do moves its mass, not the number of coordinates.
 
 from __future__ import annotations
 
+from functools import cache
+from typing import Any
+
 import numpy as np
 
 from gsbridge.geometry import Array
@@ -90,10 +93,15 @@ def cross(x: float, y: float, z: float, b: Array, out: Array) -> None:
     out[2] = x * b[1] - y * b[0]
 
 
+@cache
+def _record_type(fields: tuple[tuple[str, np.dtype[Any], tuple[int, ...]], ...]) -> np.dtype[Any]:
+    """The same object for the same fields: numba knows a type at sight, and compares all fields of one that is only equal."""
+    return np.dtype(list(fields), align=True)
+
+
 def packed(**arrays: Array) -> Array:
     """Arrays in one record: a kernel is called 50 times per control period, and every array handed over costs 50 ns. [1]."""
-    fields = [(name, value.dtype, value.shape) for name, value in arrays.items()]
-    out = np.zeros(1, np.dtype(fields, align=True))
+    out = np.zeros(1, _record_type(tuple((name, value.dtype, value.shape) for name, value in arrays.items())))
     for name, value in arrays.items():
         out[name][0] = value
     return out

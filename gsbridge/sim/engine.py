@@ -207,10 +207,10 @@ class Engine:
         """Look up the calls of the control loop once: the client's own look-up costs as much as the call."""
         client = self.client
         # Of the module itself, which takes the client's number faster by position than by name.
-        self._number, self._joint_states = client._client, pybullet.getJointStates
+        self._number = client._client
+        self._joint_states = partial(pybullet.getJointStates, self.robot, self.measured_joints, self._number)
         self.measured = np.zeros((2, len(self.measured_joints)))
-        self._buffer = memoryview(self.measured).cast("B")
-        self._write = Struct(f"{self.measured.size}d").pack_into
+        self._write = partial(Struct(f"{self.measured.size}d").pack_into, memoryview(self.measured).cast("B"), 0)
         self._set_torques = pybullet.setJointMotorControlArray
         self.advance = partial(pybullet.stepSimulation, self._number)
         self._contacts = client.getContactPoints
@@ -240,9 +240,18 @@ class Engine:
 
     def measure(self) -> None:
         """Bring `measured` up to date."""
-        angles, speeds, _, _ = zip(*self._joint_states(self.robot, self.measured_joints, self._number), strict=True)
-        # numpy takes three times as long to turn tuples into numbers.
-        self._write(self._buffer, 0, *angles, *speeds)
+        # One by one, and written by `struct`: this runs in every physics step, and loops over tuples take longer, numpy most.
+        (
+            (a, va, _, _),
+            (b, vb, _, _),
+            (c, vc, _, _),
+            (d, vd, _, _),
+            (e, ve, _, _),
+            (f, vf, _, _),
+            (g, vg, _, _),
+            (h, vh, _, _),
+        ) = self._joint_states()
+        self._write(a, b, c, d, e, f, g, h, va, vb, vc, vd, ve, vf, vg, vh)
 
     def drive(self, torques: Array) -> None:
         """Torques of the arm and the gripper's driver, shared evenly between the knuckles. [8]."""
