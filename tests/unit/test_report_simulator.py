@@ -43,10 +43,11 @@ def test_lead_is_over_the_better_control():
 
 
 def test_speed_counts_cpu_time_and_parts_that_did_not_run_are_left_out():
-    found = environment_figures({"gs_128": {"steps_per_second": 160.0, "wall_steps_per_second": 150.0, "steps": 90}})
+    found = environment_figures({"gs_128": {"steps_per_second": 160.0, "rounds": 8, "slowest_round_ms": 8.0, "steps": 90}})
     assert set(found) == {"environment_steps_128"}
     assert found["environment_steps_128"]["value"] == 160.0
-    assert found["environment_steps_128"]["interval"] == [150.0, 160.0]
+    assert found["environment_steps_128"]["interval"] == [125.0, 160.0]
+    assert found["environment_steps_128"]["interval_of"] == "slowest and fastest of 8 rounds"
 
 
 def test_registration_is_compared_with_the_truth(tmp_path):
@@ -75,7 +76,8 @@ def files(tmp_path):
         "registration": (tmp_path / "registration.json", {
             name: {"mm": 0.1, "deg": 0.01} for name in ("base_from_table", "flange_from_camera")}),
         "environment": (tmp_path / "environment.json", {
-            **{f"gs_{size}": {"steps_per_second": 200.0, "wall_steps_per_second": 190.0, "steps": 5} for size in (128, 64)},
+            **{f"gs_{size}": {
+                "steps_per_second": 200.0, "slowest_round_ms": 6.0, "rounds": 8, "steps": 5} for size in (128, 64)},
             "mirror_64": {"seconds_min": 0.1, "seconds_median": 0.12, "pictures": 20}}),
     }  # fmt: skip
     for path, content in made.values():
