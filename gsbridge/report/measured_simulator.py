@@ -86,7 +86,12 @@ def single_figures(checks: Mapping[str, Any], views: Mapping[str, Mapping[str, A
     covered = {pair: float(record["coverage"]["min"]) for pair, record in views.items()}
     out = {
         "twin_tool_max": {"value": float(checks["twin"]["tool_mm"]), "n": 1, "interval": None, "where": where},
-        "sim_repeats": {"value": float(checks["repeated"]["identical"]), "n": 1, "interval": None, "where": where},
+        "sim_repeats": {
+            "value": float(checks["repeated"]["identical"]),
+            "n": int(checks["repeated"]["repetitions"]),
+            "interval": None,
+            "where": where,
+        },
     }
     if covered:
         out["coverage_min"] = over_scenes(

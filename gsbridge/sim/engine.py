@@ -30,6 +30,9 @@ takes time in proportion. What is left over lets it creep, which the anchors of 
 by 100 mm, a banana slips by 1.1 mm with 30 iterations and no anchors, 0.05 mm with 100 and none, 0.07 mm with 30 and anchors;
 20 and anchors are too few for a cube whose faces are not quite parallel, which slips by up to 1.4 mm instead of 0.2."""
 
+_FIXED, _MOVING = (2, ~2), (1, -1)
+"""Bullet's own collision groups, and those that each meets: what does not move meets only what does."""
+
 _GEAR_FORCE = 1e4
 """Torque the fingers' coupling may carry, N m: practically rigid."""
 
@@ -61,7 +64,7 @@ class Item:
 
 
 class Engine:
-    """Bodies and constraints, loaded once; `rewind` brings all back to the start.
+    """Bodies and constraints, loaded once. An episode begins with `rewind`, `place` and, as the last, `forget`.
 
     Args:
         robot: The robot's files.
@@ -112,9 +115,12 @@ class Engine:
         # It was loaded at the origin, so that its pose is the frame of inertia, in which Bullet tells all later ones.
         self.body_from_inertial = matrix_from_bullet(*client.getBasePositionAndOrientation(self.item))
         self.inertial_from_body = np.linalg.inv(self.body_from_inertial)
+        self._touching = [(self.table, -1, True)]
+        self._touching += [] if self.plate is None else [(self.plate, -1, True)]
+        self._touching += [(self.robot, -1, True), *((self.robot, link, False) for link in self.links.values())]
+        self._touching += [(self.item, -1, False)]
         self._set_contacts(model)
         self._bind()
-        self._start = client.saveState()
 
     def close(self) -> None:
         """Release the engine; the world cannot be used afterwards."""
@@ -152,8 +158,7 @@ class Engine:
                 )
                 client.changeConstraint(gear, gearRatio=-multiplier, maxForce=_GEAR_FORCE, erp=1.0)
         values = {**dict(zip(record["arm_joints"], q[:-1], strict=True)), **{name: m * q[-1] for name, m in coupled.items()}}
-        for name, value in values.items():
-            client.resetJointState(self.robot, joints[name], float(value))
+        self._home = {joints[name]: float(value) for name, value in values.items()}
         knuckles = [name for name, multiplier in coupled.items() if multiplier > 0]
         self.measured_joints = [joints[name] for name in (*record["arm_joints"], driver)]
         self.driven_joints = [joints[name] for name in (*record["arm_joints"], *knuckles)]
@@ -217,10 +222,20 @@ class Engine:
         self._item_pose, self._item_velocity = client.getBasePositionAndOrientation, client.getBaseVelocity
         self._torque_mode = client.TORQUE_CONTROL
 
-    def rewind(self, table_from_item: Array) -> None:
-        """Everything as it was loaded, contacts' memory included, and the object at a pose. [4, 4]."""
-        self.client.restoreState(self._start)
-        self.place(table_from_item)
+    def rewind(self) -> None:
+        """The robot as it was loaded."""
+        for joint, angle in self._home.items():
+            self.client.resetJointState(self.robot, joint, angle)
+
+    def forget(self) -> None:
+        """Forget whom every body touched, and how, once all are where they are to begin.
+
+        Bullet keeps pairs, their contacts and boxes wider than the bodies from step to step; `restoreState` brings back none of
+        it. An object that starts close to where it was, or in the hand, would fall differently than in a new world.
+        """
+        # Setting a filter, even to what it is, makes a body known anew.
+        for body, link, fixed in self._touching:
+            self.client.setCollisionFilterGroupMask(body, link, *(_FIXED if fixed else _MOVING))
 
     def place(self, table_from_item: Array) -> None:
         """Put the object, at rest, at a pose of its body frame. [4, 4]."""

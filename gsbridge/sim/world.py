@@ -99,7 +99,8 @@ class SimWorld:
         placed = np.eye(4)
         placed[:2, :2] = [[cosine, -sine], [sine, cosine]]
         placed[:2, 3] = pose[:2]
-        self.engine.rewind(placed)
+        self.engine.rewind()
+        self.engine.place(placed)
         # On a plate or an uneven background the object starts where it just touches.
         for _ in range(4):
             depth = self.engine.overlap()
@@ -107,6 +108,7 @@ class SimWorld:
                 break
             placed[2, 3] += depth
             self.engine.place(placed)
+        self.engine.forget()
         self.controller.reset(self.kinematics.rest, self.dimensions.stroke)
         self.engine.measure()
         for _ in range(max(1, round(SETTLE_SECONDS / self.model.period))):

@@ -7,6 +7,9 @@ import numpy as np
 import yaml
 from robot_fixture import _FOLDER, robot
 
+from gsbridge.asset.body import mass_properties
+from gsbridge.asset.hulls import hull_mesh
+from gsbridge.asset.urdf import write_body_urdf, write_obj
 from gsbridge.sim.engine import Item
 from gsbridge.sim.model import Model, parse_model
 from gsbridge.sim.world import SimWorld
@@ -57,6 +60,15 @@ def ball() -> Item:
     radius = EDGE / 2
     mass = 600.0 * 4 / 3 * np.pi * radius**3
     return Item(_write("ball", f'<sphere radius="{radius}"/>', radius, mass, 0.4 * mass * radius**2), cube().points, EDGE)
+
+
+def hull(folder: Path) -> Item:
+    """The cube as a hull with a tilted lid, as an asset's hulls are: no face is quite level or parallel to another."""
+    points = cube().points * np.where(cube().points[:, :1] > 0, 1.0, [[1.0, 0.98, 0.97]])
+    write_obj(folder / "hull.obj", hull_mesh(points))
+    path = folder / "hull.urdf"
+    write_body_urdf(path, "hull", mass_properties(hull_mesh(points), 600.0), visual="hull.obj", collisions=["hull.obj"])
+    return Item(path, points, EDGE)
 
 
 def world(item: Item | None = None, **changes) -> SimWorld:

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from environment_fixture import GRIP
+from gymnasium.utils.env_checker import check_env
 from robot_fixture import robot
-from sim_fixture import EDGE, model, world
+from sim_fixture import EDGE, hull, model, world
 
 from gsbridge.environment.controllers import GraspController, PlaceController
 from gsbridge.environment.env import PickEnvironment, state_of
@@ -61,6 +62,13 @@ def test_same_seed_same_pictures_and_motion_bit_by_bit(sim):
     for a, b in zip(first, again, strict=True):
         np.testing.assert_array_equal(a["image"], b["image"])
         np.testing.assert_array_equal(a["proprio"], b["proprio"])
+
+
+@pytest.mark.filterwarnings("ignore:.*not initialized via.*")
+def test_gymnasium_accepts_it(tmp_path):
+    """It begins the same episode several times, with nothing in between that would move the object away."""
+    with world(hull(tmp_path)) as sim:
+        check_env(environment(sim), skip_render_check=True)
 
 
 @pytest.mark.parametrize("index", [0, 21])

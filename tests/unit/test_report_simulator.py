@@ -71,7 +71,7 @@ def files(tmp_path):
             "rest": {"penetration_mm": 0.1, "drift_mm": 0.2, "drift_deg": 0.3}, "photos": {"psnr": 30.0, "stage_psnr": 30.01}}),
         "sim": (trials / "sim.json", record()),
         "mirror": (trials / "mirror.json", record()),
-        "checks": (tmp_path / "simulator.json", {"twin": {"tool_mm": 0.4}, "repeated": {"identical": True}}),
+        "checks": (tmp_path / "simulator.json", {"twin": {"tool_mm": 0.4}, "repeated": {"identical": True, "repetitions": 4}}),
         "views": (tmp_path / "cube+pad" / "drawn.json", {"views": 32, "coverage": {"min": 0.999, "mean": 1.0}}),
         "registration": (tmp_path / "registration.json", {
             name: {"mm": 0.1, "deg": 0.01} for name in ("base_from_table", "flange_from_camera")}),

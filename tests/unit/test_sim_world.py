@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from robot_fixture import robot
-from sim_fixture import EDGE, cube, model, world
+from sim_fixture import EDGE, cube, hull, model, world
 
 from gsbridge.errors import InputError
 from gsbridge.geometry import rotation_angle, rotation_from_quat
@@ -152,6 +152,35 @@ def test_same_seed_same_trajectory_bit_by_bit(sim):
     np.testing.assert_array_equal(trajectory(sim), first)
     with world() as other:
         np.testing.assert_array_equal(trajectory(other), first)
+
+
+def test_an_episode_does_not_know_what_was_before(tmp_path):
+    """At once again, with the object in the hand, after pressing on it, and in a new world; a hull, as assets are."""
+    start = np.array([0.02, 0.25, 0.7])
+
+    def trajectory(which: SimWorld) -> np.ndarray:
+        which.reset(start, 0)
+        rows = []
+        for position in [[0.02, 0.25, 0.09]] * 6 + [[0.02, 0.25, 0.05]] * 4:
+            follow(which, position, 0.0, 0.05, 1)
+            state = which.state()
+            rows.append(np.r_[which.joints()[0], state.object_position[0], state.object_velocity[0], state.pad_forces[0]])
+        return np.array(rows)
+
+    with world(hull(tmp_path)) as sim, world(hull(tmp_path)) as other:
+        first = trajectory(sim)
+        assert np.abs(np.diff(first[-5:, -5:], axis=0)).max() > 0  # it is pushed about
+        again = [trajectory(sim)]
+        for _ in range(3):
+            sim.reset(start, 0)
+            again.append(trajectory(sim))
+        held, _ = grasp(sim, 0.02, 0.25, 0.7)
+        assert held.pad_forces.min() > 1.0
+        again.append(trajectory(sim))
+        grasp(sim, -0.1, 0.3, 0.0)
+        again += [trajectory(sim), trajectory(other)]
+        for found in again:
+            np.testing.assert_array_equal(found, first)
 
 
 def test_two_worlds_do_not_touch_each_other(sim):
