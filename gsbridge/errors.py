@@ -13,7 +13,26 @@ class GsbridgeError(Exception):
     """Base of every error a user can cause and mend; shown without a traceback."""
 
 
-class InputError(GsbridgeError):
+class _ToldError(GsbridgeError):
+    """An error of three parts, which goes whole from one process to another.
+
+    Args:
+        place: Where it is, or an error of which to make another.
+        problem: What is wrong, in plain words.
+        remedy: What the user can do about it.
+    """
+
+    def __init__(self, place: str | Path | _ToldError, problem: str = "", remedy: str = "") -> None:
+        # gymnasium raises `type(error)(error)` for what went wrong in the worker of a vector environment.
+        self.parts = place.parts if isinstance(place, _ToldError) else (str(place), problem, remedy)
+        where, self.problem, self.remedy = self.parts
+        super().__init__(f"{where}: {self.problem}. {self.remedy}")
+
+    def __reduce__(self) -> tuple[type[_ToldError], tuple[str, str, str]]:
+        return type(self), self.parts
+
+
+class InputError(_ToldError):
     """A file or setting given by the user cannot be used.
 
     Args:
@@ -22,14 +41,12 @@ class InputError(GsbridgeError):
         remedy: What the user can do about it.
     """
 
-    def __init__(self, source: str | Path, problem: str, remedy: str) -> None:
-        self.source = str(source)
-        self.problem = problem
-        self.remedy = remedy
-        super().__init__(f"{self.source}: {problem}. {remedy}")
+    def __init__(self, source: str | Path | _ToldError, problem: str = "", remedy: str = "") -> None:
+        super().__init__(source, problem, remedy)
+        self.source = self.parts[0]
 
 
-class StageError(GsbridgeError):
+class StageError(_ToldError):
     """A stage ran, but its result is not good enough for the stages behind it.
 
     Args:
@@ -38,8 +55,6 @@ class StageError(GsbridgeError):
         remedy: What the user can do about it.
     """
 
-    def __init__(self, stage: str, problem: str, remedy: str) -> None:
-        self.stage = stage
-        self.problem = problem
-        self.remedy = remedy
-        super().__init__(f"{stage}: {problem}. {remedy}")
+    def __init__(self, stage: str | _ToldError, problem: str = "", remedy: str = "") -> None:
+        super().__init__(stage, problem, remedy)
+        self.stage = self.parts[0]

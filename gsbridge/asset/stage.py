@@ -110,6 +110,7 @@ def build_asset(
     _check_scale_known(inputs.align)
     visual, collision, cloud = read_mesh(inputs.visual), read_mesh(inputs.collision), read_ply(inputs.splats)
     _check_size(visual, inputs.visual, settings, kind)
+    _check_size(collision, inputs.collision, settings, kind)
     _check_place(cloud, visual, inputs)
     if kind == "object":
         pose, reasons, figures = _build_object(visual, collision, inputs, outputs, settings, name, density, seed)

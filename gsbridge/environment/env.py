@@ -112,7 +112,8 @@ class PickEnvironment(gymnasium.Env):
         lens: What the simulation model's effects change in its pictures.
 
     Raises:
-        InputError: Neither renderer nor camera, or a renderer of another size than the settings'.
+        InputError: Neither renderer nor camera, a renderer of another size than the settings', or a start region that goes
+            beyond the workspace.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012  (gymnasium's own attribute)
@@ -132,8 +133,14 @@ class PickEnvironment(gymnasium.Env):
         self.workspace = workspace or getattr(world, "workspace", None) or Workspace.around()
         self.eye = _eye(world, renderer, response, lens, settings.image_size)
         self.rules, self.region = settings.rules(), settings.region()
-        if not self.workspace.contains(np.array([*settings.start_centre, self.workspace.upper[2]])):
-            raise InputError("start region", "its middle lies outside the workspace", "Move the region or the workspace")
+        if not self._reaches(self.region.corners()).all():
+            (left, right), (near, far) = ((self.workspace.lower[k], self.workspace.upper[k]) for k in range(2))
+            raise InputError(
+                "start region",
+                f"the square of {self.region.side:g} m about {self.region.centre} goes beyond the workspace, in which the tool "
+                f"may go: x {left:g} to {right:g}, y {near:g} to {far:g} m",
+                "Move it, make it smaller, or give another workspace",
+            )
         self.target = ToolTarget.within(self.workspace, stroke, settings.action_scale())
         size = settings.image_size
         self.action_space = spaces.Box(-1.0, 1.0, (SIZE,), np.float32)
@@ -158,7 +165,7 @@ class PickEnvironment(gymnasium.Env):
                 one of a set; without them the pose is drawn.
 
         Raises:
-            InputError: An option is unknown or makes no pose.
+            InputError: An option is unknown, or makes no pose or one where the tool may not go.
         """
         super().reset(seed=seed)
         # Drawn in any case, so that naming one pose does not shift the random ones after it.
@@ -203,6 +210,10 @@ class PickEnvironment(gymnasium.Env):
         if close is not None:
             close()
 
+    def _reaches(self, xy: Array) -> Array:
+        """Whether the tool may go over points of the table. [..., 2] -> bool [...]."""
+        return self.workspace.contains(np.concatenate([xy, np.full((*xy.shape[:-1], 1), self.workspace.upper[2])], axis=-1))
+
     def _chosen(self, options: Mapping[str, Any], drawn: Array) -> Array:
         """Start pose by the options of `reset`. [3]."""
         unknown = [name for name in options if name not in OPTIONS]
@@ -217,6 +228,10 @@ class PickEnvironment(gymnasium.Env):
             if pose.shape != (3,) or not np.isfinite(pose).all():
                 raise InputError(
                     "reset options: pose", f"{options['pose']!r} is no pose", "Give x, y, yaw in metres and radians"
+                )
+            if not self._reaches(pose[:2]):
+                raise InputError(
+                    "reset options: pose", f"{options['pose']!r} lies outside the workspace", "Start where the tool may go"
                 )
             return pose
         if "pose_set" in options:

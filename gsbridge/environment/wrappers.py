@@ -17,6 +17,7 @@ import numpy as np
 
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
+from gsbridge.sim.actions import checked_action
 
 _HUE = np.array([[0.299, 0.587, 0.114]])
 """Weights of brightness in RGB (ITU-R BT.601)."""
@@ -179,6 +180,7 @@ class ActionLatency(_Seeded):
 
     def done(self, action: Array) -> Array:
         """See `_Seeded`."""
+        checked_action(action)  # now, while it can be told whose it was
         # A copy, because the caller may write its next action into the same array.
         self._waiting.append(np.array(action))
         return self._waiting.popleft()
@@ -205,11 +207,9 @@ class DroppedActions(_Seeded):
 
     def done(self, action: Array) -> Array:
         """See `_Seeded`."""
+        checked_action(action)  # a lost one, too
         # Drawn even where it cannot matter, so that every probability sees the same sequence.
         if self.rng.random() >= self.probability:
-            return action
-        # A lost action that is not finite is an error all the same.
-        if not np.isfinite(action).all():
             return action
         self.dropped += 1
         return np.zeros_like(action)

@@ -41,6 +41,21 @@ class ActionScale:
             raise InputError("action scale", "a step is not positive", "Give metres and radians per control step")
 
 
+def checked_action(action: Array) -> list[float]:
+    """The entries of an action. [5].
+
+    Raises:
+        InputError: It has another shape or is not finite.
+    """
+    action = np.asarray(action, dtype=np.float64)
+    if action.shape != (SIZE,):
+        raise InputError("action", f"it has the shape {action.shape}, expected ({SIZE},)", "Give x, y, z, yaw, opening")
+    values: list[float] = action.tolist()
+    if not all(map(isfinite, values)):
+        raise InputError("action", "it is not finite", "Check the policy's output for NaN")
+    return values
+
+
 @dataclass
 class ToolTarget:
     """The commanded tool pose. Actions are added to the command, not to the measured pose, so that lag does not add up.
@@ -107,12 +122,7 @@ class ToolTarget:
         Raises:
             InputError: The action has another shape or is not finite.
         """
-        action = np.asarray(action, dtype=np.float64)
-        if action.shape != (SIZE,):
-            raise InputError("action", f"it has the shape {action.shape}, expected ({SIZE},)", "Give x, y, z, yaw, opening")
-        values = action.tolist()
-        if not all(map(isfinite, values)):
-            raise InputError("action", "it is not finite", "Check the policy's output for NaN")
+        values = checked_action(action)
         *step, turn, opening = cut = [min(max(value, -1.0), 1.0) for value in values]
         self.saturated += cut != values
         # The cube of three equal steps, as in the paper: a diagonal action moves farther than one along an axis.

@@ -68,6 +68,11 @@ class StartRegion:
         """Whether points lie in the square. [..., 2] -> bool [...]."""
         return (np.abs(np.asarray(xy) - self.centre) <= 0.5 * self.side + 1e-12).all(-1)
 
+    def corners(self) -> Array:
+        """Corners of the square. [4, 2]."""
+        half = 0.5 * self.side
+        return np.array([(self.centre[0] + x, self.centre[1] + y) for x in (-half, half) for y in (-half, half)])
+
     def free(self, xy: Array) -> Array:
         """Whether points lie in the square and outside every disc. [..., 2] -> bool [...]."""
         xy = np.asarray(xy)

@@ -194,6 +194,7 @@ def test_small_gap_to_the_table_is_closed_and_noted(tmp_path):
     [
         (lambda i: write_mesh(i.visual, scaled(rough_box(), 333)), "measures 19.98 m|measures 20"),
         (lambda i: write_mesh(i.visual, scaled(rough_box(), 0.01)), "measures"),
+        (lambda i: write_mesh(i.collision, scaled(rough_box(), 333)), "measures 19.98 m|measures 20"),
         (lambda i: Path(i.visual).unlink(), "does not exist"),
         (lambda i: Path(i.collision).unlink(), "does not exist"),
         (lambda i: Path(i.splats).unlink(), "cannot be read"),

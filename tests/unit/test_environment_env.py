@@ -99,12 +99,14 @@ def test_start_poses_by_name_and_at_random():
     [
         {"pose": [0, 0]},
         {"pose": [0, np.nan, 0]},
+        {"pose": [5, 5, 0]},
+        {"pose": [0.0, 0.45, 0]},
         {"pose_set": "fixed"},
         {"index": 3},
         {"pose_set": "other", "index": 0},
         {"pose_set": "fixed", "index": 32},
         {"pose_set": "fixed", "index": True},
-        {"pose": [0, 0, 0], "index": 1},
+        {"pose": [0, 0.265, 0], "index": 1},
         {"place": 1},
     ],
 )
@@ -196,5 +198,22 @@ def test_world_without_a_camera_needs_a_renderer_of_the_right_size():
         PickEnvironment(Blind(), EnvironmentSettings(image_size=64))
     with pytest.raises(InputError, match="128 x 128"):
         PickEnvironment(HandWorld(), EnvironmentSettings(image_size=64), Blank())
-    with pytest.raises(InputError, match="outside the workspace"):
-        PickEnvironment(HandWorld(), EnvironmentSettings(start_centre=(0.5, 0.265)))
+
+
+@pytest.mark.parametrize(
+    "region", [{"start_centre": (0.5, 0.265)}, {"start_centre": (0.03, 0.265)}, {"start_side": 0.36}, {"start_side": 3.0}]
+)
+def test_start_region_must_lie_where_the_tool_may_go(region):
+    with pytest.raises(InputError, match="start region: .* beyond the workspace"):
+        PickEnvironment(HandWorld(), EnvironmentSettings(image_size=64, **region))
+
+
+def test_a_bad_action_in_a_vector_environment_is_told_as_in_a_single_one():
+    vector = gymnasium.vector.AsyncVectorEnv([hand_environment] * 2)
+    try:
+        vector.reset(seed=0)
+        with pytest.raises(InputError, match="action: it is not finite") as told:
+            vector.step(np.full((2, 5), np.nan, np.float32))
+        assert told.value.remedy == "Check the policy's output for NaN"
+    finally:
+        vector.close(terminate=True)

@@ -128,10 +128,10 @@ def test_lost_actions_are_holds_and_counted():
 
 
 def test_action_that_is_no_number_is_refused_through_all_wrappers():
-    env = DroppedActions(ActionLatency(hand_environment(), (0, 0)), 1.0)
-    env.reset(seed=0)
-    with pytest.raises(InputError, match="not finite"):
-        env.step(np.full(5, np.nan, np.float32))
+    for env in (DroppedActions(hand_environment(), 1.0), ActionLatency(hand_environment(), (3, 3))):
+        env.reset(seed=0)
+        with pytest.raises(InputError, match="not finite"):
+            env.step(np.full(5, np.nan, np.float32))
 
 
 def test_bad_strengths_are_refused():
