@@ -1,4 +1,4 @@
-"""What the wrist camera sees in reality and what each renderer draws at the same states, with their PSNR."""
+"""What the wrist camera sees in the mirror and what each renderer draws at the same states, with their PSNR."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from gsbridge.report.rows import write_rows
 
 RENDERERS = ("gs", "gs_unshaded", "mesh_vertex", "mesh")
 TITLES = {
-    "photo": "reality",
+    "photo": "mirror",
     "gs": "splats",
     "gs_unshaded": "splats, no shadows",
     "mesh_vertex": "mesh, vertex colours",
@@ -62,7 +62,7 @@ class Looked:
 
 
 def write_eye_in_hand(pairs: Sequence[Looked], figure: str | Path, rows: str | Path) -> None:
-    """Draw eight states of each pair, reality above the renderers, and write their PSNR over all states.
+    """Draw eight states of each pair, the mirror's photo above the renderers, and write their PSNR over all states.
 
     Args:
         pairs: Objects on backgrounds.

@@ -48,7 +48,7 @@ def trial_figures(records: Sequence[tuple[str, Mapping[str, Any]]], world: str) 
 
 
 def eye_in_hand_figures(rows: Sequence[Row]) -> dict[str, Figure]:
-    """PSNR of splats against the mirror's pictures, and their lead over the better of both mesh controls."""
+    """PSNR of splats against the mirror's pictures, and their lead over the better mesh control; meshes have no shadows."""
     psnr: dict[str, dict[str, float]] = {}
     for row in rows:
         psnr.setdefault(f"{row['object']}+{row['background']}", {})[row["renderer"]] = float(row["psnr"])
@@ -56,13 +56,19 @@ def eye_in_hand_figures(rows: Sequence[Row]) -> dict[str, Figure]:
         return {}
     views = min(int(row["views"]) for row in rows)
     where = "results/rows/eye_in_hand.csv"
-    lead = {pair: found["gs"] - max(found["mesh"], found["mesh_vertex"]) for pair, found in psnr.items()}
+
+    def lead(renderer: str) -> dict[str, float]:
+        return {p: found[renderer] - max(found["mesh"], found["mesh_vertex"]) for p, found in psnr.items() if renderer in found}
+
     controls = {name: {pair: found[name] for pair, found in psnr.items()} for name in ("mesh_vertex", "mesh")}
     splats = {pair: found["gs"] for pair, found in psnr.items()}
-    return {
+    out = {
         "eye_in_hand_gs_min": over_scenes(splats, min, where, views=views, beside=controls),
-        "eye_in_hand_lead_min": over_scenes(lead, min, where, views=views),
+        "eye_in_hand_lead_min": over_scenes(lead("gs"), min, where, views=views),
     }
+    if unshaded := lead("gs_unshaded"):
+        out["eye_in_hand_lead_unshaded_min"] = over_scenes(unshaded, min, where, views=views)
+    return out
 
 
 def asset_figures(assets: Mapping[str, Mapping[str, Any]]) -> dict[str, Figure]:

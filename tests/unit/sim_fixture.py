@@ -71,6 +71,21 @@ def hull(folder: Path) -> Item:
     return Item(path, points, EDGE)
 
 
-def world(item: Item | None = None, **changes) -> SimWorld:
+def slab(folder: Path) -> Path:
+    """A static body of triangles, 6 mm high, over the whole start region."""
+    corners = [(x, y, z) for x in (-0.2, 0.2) for y in (0.065, 0.465) for z in (-0.01, 0.006)]
+    faces = [(1, 2, 4), (1, 4, 3), (5, 8, 6), (5, 7, 8), (1, 6, 2), (1, 5, 6), (3, 4, 8), (3, 8, 7), (2, 6, 8), (2, 8, 4)]
+    (folder / "slab.obj").write_text(
+        "".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "".join(f"f {a} {b} {c}\n" for a, b, c in faces)
+    )
+    (folder / "slab.urdf").write_text(
+        '<robot name="slab"><link name="body" concave="yes"><inertial><mass value="0"/>'
+        '<inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial>'
+        '<collision concave="yes"><geometry><mesh filename="slab.obj"/></geometry></collision></link></robot>'
+    )
+    return folder / "slab.urdf"
+
+
+def world(item: Item | None = None, *, plate: Path | None = None, **changes) -> SimWorld:
     """A world with the nominal model, changed as asked."""
-    return SimWorld(robot(), item or cube(), model(**changes))
+    return SimWorld(robot(), item or cube(), model(**changes), plate=plate)

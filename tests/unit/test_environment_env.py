@@ -204,7 +204,7 @@ def test_world_without_a_camera_needs_a_renderer_of_the_right_size():
     "region", [{"start_centre": (0.5, 0.265)}, {"start_centre": (0.03, 0.265)}, {"start_side": 0.36}, {"start_side": 3.0}]
 )
 def test_start_region_must_lie_where_the_tool_may_go(region):
-    with pytest.raises(InputError, match="start region: .* beyond the workspace"):
+    with pytest.raises(InputError, match=r"start region: .* beyond the workspace"):
         PickEnvironment(HandWorld(), EnvironmentSettings(image_size=64, **region))
 
 

@@ -33,12 +33,13 @@ def test_the_worst_set_counts_and_excess_contact_only_in_simulation():
 def test_lead_is_over_the_better_control():
     rows = [
         {"object": "cube", "background": "pad", "renderer": name, "views": "32", "psnr": str(value)}
-        for name, value in (("gs", 27.0), ("mesh", 24.0), ("mesh_vertex", 22.5))
+        for name, value in (("gs", 27.0), ("gs_unshaded", 25.5), ("mesh", 24.0), ("mesh_vertex", 22.5))
     ]
     found = eye_in_hand_figures(rows)
     assert found["eye_in_hand_gs_min"]["value"] == 27.0
     assert found["eye_in_hand_lead_min"]["value"] == pytest.approx(3.0)
     assert found["eye_in_hand_lead_min"]["views"] == 32
+    assert found["eye_in_hand_lead_unshaded_min"]["value"] == pytest.approx(1.5)
     assert eye_in_hand_figures([]) == {}
 
 
@@ -84,7 +85,7 @@ def files(tmp_path):
         write_json(path, content)
     rows = [
         {"object": "cube", "background": "pad", "renderer": name, "views": 32, "psnr": 25.0, "psnr_min": 1.0, "psnr_max": 2.0}
-        for name in ("gs", "mesh", "mesh_vertex")
+        for name in ("gs", "gs_unshaded", "mesh", "mesh_vertex")
     ]
     write_rows(tmp_path / "rows.csv", COLUMNS, rows)
     paths = {name: path for name, (path, _) in made.items()}

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
-from sim_fixture import EDGE, ball, content, model, world
+from sim_fixture import EDGE, ball, content, model, slab, world
 
+from gsbridge.sim.engine import Item
 from gsbridge.sim.world import SimWorld
+from gsbridge.tasks.state import State
 
 G, RADIUS = 9.81, EDGE / 2
 MIDDLE = np.array([0.0, 0.265, 0.0])
@@ -74,6 +76,72 @@ def test_spinning_friction_brakes_the_spin():
             sim.push([0, 0, 0], [0, 0, 10.0])
             moved(sim, 0.5)
             assert sim.state().object_spin[0, 2] == pytest.approx(10.0 - lever * G / (0.4 * RADIUS**2) * 0.5, abs=0.2)
+
+
+def on_plate(folder, key: str, value: float, speed: float, turn: float, seconds: float) -> State:
+    """A ball on a slab, some time after it was given a speed along x and a spin about the vertical."""
+    still = {"contact__plate__spinning_friction": 0.0, f"contact__plate__{key}": value}
+    with world(ball(), plate=slab(folder), **still) as sim:
+        sim.push([speed, 0, 0], [0, speed / RADIUS, turn])
+        moved(sim, seconds)
+        return sim.state()
+
+
+def test_rolling_friction_of_the_plate_brakes_the_ball(tmp_path):
+    free, braked = (on_plate(tmp_path, "rolling_friction", lever, 0.2, 0.0, 0.3) for lever in (0.0, 0.002))
+    lost = np.linalg.norm(free.object_spin[0]) - np.linalg.norm(braked.object_spin[0])
+    assert lost * RADIUS == pytest.approx(5 / 7 * G * 0.002 / RADIUS * 0.3, rel=0.15)
+
+
+def test_spinning_friction_of_the_plate_brakes_the_spin(tmp_path):
+    free, braked = (on_plate(tmp_path, "spinning_friction", lever, 0.0, 10.0, 0.3) for lever in (0.0, 0.0002))
+    lost = free.object_spin[0, 2] - braked.object_spin[0, 2]
+    assert lost == pytest.approx(0.0002 * G / (0.4 * RADIUS**2) * 0.3, rel=0.1)
+
+
+def test_restitution_of_the_plate_throws_the_ball_back(tmp_path):
+    plate = slab(tmp_path)
+    rebounds = [drop(0.05, plate=plate, contact__plate__restitution=value) - 0.006 for value in (0.0, 0.8)]
+    assert rebounds[0] < 2e-3
+    assert rebounds[1] > 5e-3
+
+
+def pinched(axis: int, **changes) -> float:
+    """What is left of a spin of 20 rad/s after 50 ms, of a ball between two pads that close along y, without weight."""
+    with squeeze(ball(), gravity=0.0, contact__table__friction=0.0, **changes) as sim:
+        assert sim.state().pad_forces.min() > 1.0
+        sim.push([0, 0, 0], 20.0 * np.eye(3)[axis])
+        sim.step()
+        return sim.state().object_spin[0, axis]
+
+
+def test_spinning_friction_of_the_pads_holds_what_would_turn_between_them():
+    assert pinched(1, contact__gripper__spinning_friction=0.0) == pytest.approx(20.0, rel=0.01)
+    assert pinched(1, contact__gripper__spinning_friction=0.005) == pytest.approx(0.0, abs=0.1)
+
+
+def test_rolling_friction_of_the_pads_brakes_what_would_roll_along_them():
+    slippery = {"contact__gripper__friction": 0.001, "contact__gripper__spinning_friction": 0.0}
+    free, braked = (pinched(0, contact__gripper__rolling_friction=lever, **slippery) for lever in (0.0, 0.002))
+    assert free > 10.0
+    assert braked < 0.5 * free
+
+
+def test_restitution_of_the_pads_throws_back_what_hits_them():
+    """A ball pushed against an open finger."""
+    speeds = []
+    for value in (0.0, 0.8):
+        with world(ball(), contact__gripper__restitution=value) as sim:
+            for height, steps in ((0.15, 6), (0.045, 10)):
+                for _ in range(steps):
+                    sim.command(np.array([*MIDDLE[:2], height]), 0.0, 0.14)
+                    sim.step()
+            sim.push([0, 1.0, 0], [0, 0, 0])
+            sim.step()
+            sim.step()
+            speeds.append(np.linalg.norm(sim.state().object_velocity[0]))
+    assert speeds[0] < 0.03
+    assert speeds[1] > 2.0 * speeds[0]
 
 
 def test_stiffness_of_contacts_sets_how_far_the_ball_sinks():
@@ -206,9 +274,9 @@ def test_gripper_speed(speed):
     assert (opening[2] - opening[6]) / 0.2 == pytest.approx(speed, rel=0.05)
 
 
-def squeeze(**changes) -> SimWorld:
-    """A world with the cube held on the table."""
-    sim = world(**changes)
+def squeeze(item: Item | None = None, **changes) -> SimWorld:
+    """A world with the cube, or another object, held on the table."""
+    sim = world(item, **changes)
     for height, aperture, steps in ((0.15, 0.1, 6), (0.045, 0.1, 10), (0.045, 0.0, 14)):
         for _ in range(steps):
             sim.command(np.array([0.0, 0.265, height]), 0.0, aperture)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from robot_fixture import robot
-from sim_fixture import EDGE, cube, hull, model, world
+from sim_fixture import EDGE, cube, hull, model, slab, world
 
 from gsbridge.errors import InputError
 from gsbridge.geometry import rotation_angle, rotation_from_quat
@@ -203,20 +203,11 @@ def test_records_of_equal_fields_share_their_type():
 
 def test_object_starts_on_the_plate_not_in_it(tmp_path):
     """A static background of triangles, 6 mm high."""
-    corners = [(x, y, z) for x in (-0.2, 0.2) for y in (0.065, 0.465) for z in (-0.01, 0.006)]
-    faces = [(1, 2, 4), (1, 4, 3), (5, 8, 6), (5, 7, 8), (1, 6, 2), (1, 5, 6), (3, 4, 8), (3, 8, 7), (2, 6, 8), (2, 8, 4)]
-    (tmp_path / "slab.obj").write_text(
-        "".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "".join(f"f {a} {b} {c}\n" for a, b, c in faces)
-    )
-    (tmp_path / "slab.urdf").write_text(
-        '<robot name="slab"><link name="body" concave="yes"><inertial><mass value="0"/>'
-        '<inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial>'
-        '<collision concave="yes"><geometry><mesh filename="slab.obj"/></geometry></collision></link></robot>'
-    )
+    plate = slab(tmp_path)
 
     def slide(friction: float) -> float:
         contact = {"contact__plate__friction": friction, "contact__table__friction": 2.0}
-        with SimWorld(robot(), cube(), model(**contact), plate=tmp_path / "slab.urdf") as sim:
+        with SimWorld(robot(), cube(), model(**contact), plate=plate) as sim:
             state = sim.state()
             # The engine grows triangles by its margin of 1 mm.
             assert 0.005 < state.object_clearance[0] < 0.0075
