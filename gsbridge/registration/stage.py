@@ -38,6 +38,9 @@ _FLOOR_PX = 0.7
 
 _GOOD_CALIBRATION_VIEWS = 20
 
+_SCALE_OFF = 0.005
+"""By how much the board's size may be wrong, as a share: films would be as wrong."""
+
 
 @dataclass(frozen=True)
 class _Seen:
@@ -100,6 +103,11 @@ def register(
     residual_mm = 1e3 * float(np.sqrt((without.residuals_m**2).mean()))
     errors = _standard_errors(fit.covariance, without)
     reasons = _doubts(seen, left_out, fit.rms_px, residual_mm, errors, settings)
+    if free and abs(fit.found.scale - 1.0) > _SCALE_OFF + 3.0 * errors["scale"]:
+        reasons.append(
+            f"the board measures {fit.found.scale:.3f} of its nominal size, so that lengths in films of this print are"
+            f" {100 * (1 / fit.found.scale - 1):+.1f} % off; print it at 100 % and film again"
+        )
     names = [name for name, ok in zip(seen.names, kept, strict=True) if ok]
     write_stage(
         out_json,

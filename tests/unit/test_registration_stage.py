@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 
 import cv2
 import numpy as np
@@ -75,6 +76,13 @@ def test_the_arm_gives_the_boards_size(run):
     record, _ = run(sight(1, scale=0.95), scale="robot")
     assert record["scale"]["value"] == pytest.approx(0.95, rel=2e-3)
     assert abs(record["scale"]["value"] - 0.95) < 5 * record["scale"]["se"]
+    # Films are measured by the same board.
+    assert any(re.search(r"\+5\.[1-4] % off", reason) for reason in record["reasons"])
+
+
+def test_a_board_of_the_right_size_is_not_doubted(run):
+    record, _ = run(sight(1), scale="robot")
+    assert record["reasons"] == []
 
 
 def test_intrinsics_can_come_from_the_board_but_are_doubted(run):
