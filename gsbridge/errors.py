@@ -25,6 +25,8 @@ class _ToldError(GsbridgeError):
     def __init__(self, place: str | Path | _ToldError, problem: str = "", remedy: str = "") -> None:
         # gymnasium raises `type(error)(error)` for what went wrong in the worker of a vector environment.
         self.parts = place.parts if isinstance(place, _ToldError) else (str(place), problem, remedy)
+        if not all(self.parts):
+            raise TypeError("an error tells a place, a problem and a remedy")
         where, self.problem, self.remedy = self.parts
         super().__init__(f"{where}: {self.problem}. {self.remedy}")
 

@@ -20,21 +20,21 @@ MOST_APART = 0.003
 """Largest distance of the tool points of two engines in free motion, m."""
 
 
-CUT = 28
-"""Steps after which an episode is broken off with the object in the hand."""
+HELD = 1.0
+"""Force of both pads above which an object is in the hand, N."""
 
 
-def trajectory(environment: PickEnvironment, controller: GraspController, seed: int, steps: int = 1000) -> Array:
-    """What moves in an episode of the baseline controller, step by step, for some steps at most. [T, M]."""
+def trajectory(environment: PickEnvironment, controller: GraspController, seed: int, *, until_held: bool = False) -> Array:
+    """What moves in an episode of the baseline controller, to its end or until the object is in the hand. [T, M]."""
     world = environment.world
     _, info = environment.reset(seed=seed)
     rows: list[Array] = []
     ended = False
-    while not ended and len(rows) < steps:
+    while not ended:
         *_, terminated, truncated, info = environment.step(controller(state_of(info))[0])
         poses = np.concatenate([pose.ravel() for pose in world.body_poses().values()])
         rows.append(np.concatenate([*world.joints(), poses, np.concatenate([v.ravel() for v in info["state"].values()])]))
-        ended = terminated or truncated
+        ended = terminated or truncated or (until_held and info["state"]["pad_forces"].min() > HELD)
     return np.array(rows)
 
 
@@ -45,12 +45,12 @@ def repetitions(files: StageFiles, seed: int) -> list[Array]:
     """
     settings = EnvironmentSettings(image_size=64, plate=plate_of(files.item, files.background))
     controller, out = build_controller(files.item, settings), []
-    for before in ((None, None, (seed, CUT), (seed + 1, 1000)), (None,)):
+    for before in (("", "", "held", "another"), ("",)):
         with build_world(files) as world:
             environment = PickEnvironment(world, settings, BlankRenderer(64), stroke=world.dimensions.stroke)
             for episode in before:
                 if episode:
-                    trajectory(environment, controller, *episode)
+                    trajectory(environment, controller, seed + (episode == "another"), until_held=episode == "held")
                 out.append(trajectory(environment, controller, seed))
     return out
 

@@ -134,11 +134,12 @@ class PickEnvironment(gymnasium.Env):
         self.eye = _eye(world, renderer, response, lens, settings.image_size)
         self.rules, self.region = settings.rules(), settings.region()
         if not self._reaches(self.region.corners()).all():
-            (left, right), (near, far) = ((self.workspace.lower[k], self.workspace.upper[k]) for k in range(2))
+            x, y = (f"{self.workspace.lower[k]:g} to {self.workspace.upper[k]:g}" for k in range(2))
+            middle = ", ".join(f"{value:g}" for value in self.region.centre)
             raise InputError(
                 "start region",
-                f"the square of {self.region.side:g} m about {self.region.centre} goes beyond the workspace, in which the tool "
-                f"may go: x {left:g} to {right:g}, y {near:g} to {far:g} m",
+                f"the square of {self.region.side:g} m about ({middle}) goes beyond the workspace, in which the tool may go: "
+                f"x {x}, y {y} m",
                 "Move it, make it smaller, or give another workspace",
             )
         self.target = ToolTarget.within(self.workspace, stroke, settings.action_scale())

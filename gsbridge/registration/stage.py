@@ -39,7 +39,7 @@ _FLOOR_PX = 0.7
 _GOOD_CALIBRATION_VIEWS = 20
 
 _SCALE_OFF = 0.005
-"""By how much the board's size may be wrong, as a share: films would be as wrong."""
+"""By how much the board's size may be wrong, as a share, beyond three standard errors: films would be as wrong."""
 
 
 @dataclass(frozen=True)

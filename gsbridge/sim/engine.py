@@ -223,22 +223,22 @@ class Engine:
         self._torque_mode = client.TORQUE_CONTROL
 
     def rewind(self) -> None:
-        """The robot as it was loaded."""
+        """The robot in its rest posture, at rest."""
         for joint, angle in self._home.items():
             self.client.resetJointState(self.robot, joint, angle)
 
     def forget(self) -> None:
         """Forget whom every body touched, and how, once all are where they are to begin.
 
-        Bullet keeps pairs, their contacts and boxes wider than the bodies from step to step; `restoreState` brings back none of
-        it. An object that starts close to where it was, or in the hand, would fall differently than in a new world.
+        Bullet keeps pairs, their contacts and boxes wider than the bodies from step to step; `restoreState` clears none of it.
+        An object that starts close to where it was, or in the hand, would fall differently than in a new world.
         """
         # Setting a filter, even to what it is, makes a body known anew.
         for body, link, fixed in self._touching:
             self.client.setCollisionFilterGroupMask(body, link, *(_FIXED if fixed else _MOVING))
 
     def place(self, table_from_item: Array) -> None:
-        """Put the object, at rest, at a pose of its body frame. [4, 4]."""
+        """Put the object, at rest, at a pose of its body frame; what it touched is remembered until `forget`. [4, 4]."""
         pose = table_from_item @ self.body_from_inertial
         quat = np.roll(quat_from_rotation(pose[:3, :3]), -1)
         self.client.resetBasePositionAndOrientation(self.item, pose[:3, 3].tolist(), quat.tolist())

@@ -154,8 +154,10 @@ def test_same_seed_same_trajectory_bit_by_bit(sim):
         np.testing.assert_array_equal(trajectory(other), first)
 
 
-def test_an_episode_does_not_know_what_was_before(tmp_path):
+@pytest.mark.parametrize("raised", [False, True])
+def test_an_episode_does_not_know_what_was_before(tmp_path, raised):
     """At once again, with the object in the hand, after pressing on it, and in a new world; a hull, as assets are."""
+    plate = slab(tmp_path) if raised else None
     start = np.array([0.02, 0.25, 0.7])
 
     def trajectory(which: SimWorld) -> np.ndarray:
@@ -167,7 +169,7 @@ def test_an_episode_does_not_know_what_was_before(tmp_path):
             rows.append(np.r_[which.joints()[0], state.object_position[0], state.object_velocity[0], state.pad_forces[0]])
         return np.array(rows)
 
-    with world(hull(tmp_path)) as sim, world(hull(tmp_path)) as other:
+    with world(hull(tmp_path), plate=plate) as sim, world(hull(tmp_path), plate=plate) as other:
         first = trajectory(sim)
         assert np.abs(np.diff(first[-5:, -5:], axis=0)).max() > 0  # it is pushed about
         again = [trajectory(sim)]
