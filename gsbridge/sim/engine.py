@@ -26,9 +26,9 @@ TABLE_SIZE = (0.90, 1.20, 0.05)
 
 SOLVER_ITERATIONS = 30
 """At most; free motion converges in a few. A gripped object never does, since Bullet starts every step from nothing, and a step
-takes time in proportion. What is left over lets it creep, which the anchors of `Engine._set_contacts` bring back: on the way up
-by 100 mm, a banana slips by 1.1 mm with 30 iterations and no anchors, 0.05 mm with 100 and none, 0.07 mm with 30 and anchors;
-20 and anchors are too few for a cube whose faces are not quite parallel, which slips by up to 1.4 mm instead of 0.2."""
+takes time in proportion. What is left over lets it creep, which the anchors of `Engine._set_contacts` bring back: without them
+an object slips in the hand while it is lifted, and with 20 iterations a cube whose faces are not quite parallel slips in spite
+of them."""
 
 _FIXED, _MOVING = (2, ~2), (1, -1)
 """Bullet's own collision groups, and those that each meets: what does not move meets only what does."""

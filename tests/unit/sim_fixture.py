@@ -63,7 +63,7 @@ def ball() -> Item:
 
 
 def hull(folder: Path) -> Item:
-    """The cube as a hull with a tilted lid, as an asset's hulls are: no face is quite level or parallel to another."""
+    """The cube as a hull, as assets are, with a tilted lid and two sides that are not quite parallel."""
     points = cube().points * np.where(cube().points[:, :1] > 0, 1.0, [[1.0, 0.98, 0.97]])
     write_obj(folder / "hull.obj", hull_mesh(points))
     path = folder / "hull.urdf"

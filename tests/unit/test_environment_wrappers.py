@@ -128,7 +128,8 @@ def test_lost_actions_are_holds_and_counted():
 
 
 def test_action_that_is_no_number_is_refused_through_all_wrappers():
-    for env in (DroppedActions(hand_environment(), 1.0), ActionLatency(hand_environment(), (3, 3))):
+    stacked = DroppedActions(ActionLatency(hand_environment(), (0, 0)), 1.0)
+    for env in (stacked, DroppedActions(hand_environment(), 1.0), ActionLatency(hand_environment(), (3, 3))):
         env.reset(seed=0)
         with pytest.raises(InputError, match="not finite"):
             env.step(np.full(5, np.nan, np.float32))
