@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from gsbridge.files import atomic_file
-from gsbridge.gap.yaml_file import read_yaml
+from gsbridge.gap.formats.yaml_file import read_yaml
 
 
 def amend_model(model: str | Path, findings: Mapping[str, Any], out: str | Path) -> None:

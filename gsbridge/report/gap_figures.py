@@ -70,7 +70,8 @@ def draw_residuals(
     """Residuals of one record over time, before and after on the same axes, in units of the noise.
 
     Args:
-        series: `{role}/time`, `/before`, `/after` (where something was fitted), `/sigma`; see `gsbridge.gap.stages`.
+        series: `{role}/time`, `/before`, `/after` (where something was fitted), `/sigma`; see
+            `gsbridge.gap.diagnosis.workflow`.
         role: Record.
         channels: Names of the columns.
         units: Unit of each kind of channel, for the right axis.
@@ -147,7 +148,7 @@ def draw_where(before: Mapping[str, Any], after: Mapping[str, Any] | None) -> st
     """Map of where the difference shows: channel by phase and state, and below it what remains.
 
     Args:
-        before: As `gsbridge.gap.where.Map.record`.
+        before: As `gsbridge.gap.joints.residual_map.Map.record`.
         after: The same with the best explanation; None where there is none.
     """
     maps = [(title, found) for title, found in (("before", before), ("after", after)) if found is not None]

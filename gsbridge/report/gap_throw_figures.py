@@ -28,7 +28,7 @@ def draw_throws(series: Mapping[str, Array], role: str, floor: float | None) -> 
 
     Args:
         series: `{role}/throw`, `/time`, `/position`, `/nominal_position`, `/before`, and `/explained_position`, `/after` where
-            something was fitted; see `gsbridge.gap.contact.work`.
+            something was fitted; see `gsbridge.gap.contact.workflow`.
         role: Whose throws.
         floor: What noise and chaos explain, mean over throws, mm; None where it is not known.
 

@@ -127,7 +127,7 @@ class Object:
     Args:
         mass: Factor on the asset's mass and inertia.
         linear_damping: d of the loss `v' = -d v`. Bullet's default of 0.04 is wrong for a solid in air. Not the coefficient of
-            the same name that the gap finds in flights (`gsbridge.gap.effects.linear_damping`), which grows with speed.
+            the same name that the gap finds in flights (`gsbridge.gap.contact.effects.linear_damping`), which grows with speed.
         angular_damping: The same for the spin, with rad/s.
     """
 

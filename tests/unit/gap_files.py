@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 
 from gsbridge.files import write_json
-from gsbridge.gap.where import GROUPS
+from gsbridge.gap.joints.residual_map import GROUPS
 
 COLUMNS = sum(len(names) for names in GROUPS.values())
 
 
 def a_map(channels: tuple[str, ...], rows: np.ndarray, marked: np.ndarray) -> dict:
-    """A map as `gsbridge.gap.where` records it."""
+    """A map as `gsbridge.gap.joints.residual_map` records it."""
     groups = {name: list(names) for name, names in GROUPS.items()}
     return {"groups": groups, "channels": list(channels), "values": rows.tolist(), "marked": marked.tolist()}
 

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from gsbridge.gap.bank import bank_of
 from gsbridge.gap.benchmark.generate import draw_case
 from gsbridge.gap.benchmark.plants import axis_plant
-from gsbridge.gap.candidates import Candidate, candidates
-from gsbridge.gap.fit import fit, polish
-from gsbridge.gap.replay import Mechanism
-from gsbridge.gap.screen import Screen, cosines
-from gsbridge.gap.system import Applied
-from gsbridge.gap.view import View
+from gsbridge.gap.joints.bank import bank_of
+from gsbridge.gap.joints.candidates import Candidate, candidates
+from gsbridge.gap.joints.fit import fit, polish
+from gsbridge.gap.joints.mechanism_model import Applied
+from gsbridge.gap.joints.replay import Mechanism
+from gsbridge.gap.joints.residuals import View
+from gsbridge.gap.joints.screen import Screen, cosines
 
 NAMES = ("coulomb", "viscous", "armature", "stribeck", "base_tilt", "saturation")
 

@@ -14,7 +14,6 @@ from scipy.signal import lfilter
 import gsbridge.gap.benchmark
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
-from gsbridge.gap.assemble import build_setup
 from gsbridge.gap.benchmark.axis_truth import run_axis
 from gsbridge.gap.benchmark.baselines import METHODS, available
 from gsbridge.gap.benchmark.bullet_truth import BulletTruth
@@ -31,10 +30,11 @@ from gsbridge.gap.benchmark.score import score, score_findings, wilson
 from gsbridge.gap.benchmark.trajectories import course
 from gsbridge.gap.benchmark.twins import twins_of
 from gsbridge.gap.benchmark.verdicts import Verdict
-from gsbridge.gap.effects.lag import smoothed
-from gsbridge.gap.records import Record
-from gsbridge.gap.replay import Mechanism
-from gsbridge.gap.system import Applied
+from gsbridge.gap.joints.apply_effects import build_setup
+from gsbridge.gap.joints.effects.lag import smoothed
+from gsbridge.gap.joints.mechanism_model import Applied
+from gsbridge.gap.joints.records import Record
+from gsbridge.gap.joints.replay import Mechanism
 from gsbridge.report.statistics import wilson_interval
 
 TRUTHS = ("axis_truth", "axis_motion", "mujoco_truth", "bullet_truth", "arm_loop", "trajectories", "noises")
@@ -54,7 +54,7 @@ def test_truths_import_nothing_of_the_diagnosis(name):
             found.add(str(node.module))
         elif isinstance(node, ast.Import):
             found |= {item.name for item in node.names}
-    known = {"gsbridge.gap.system", "gsbridge.gap.bodies", "gsbridge.geometry", "gsbridge.kernels"}
+    known = {"gsbridge.gap.joints.mechanism_model", "gsbridge.gap.joints.inertials", "gsbridge.geometry", "gsbridge.kernels"}
     ours = {item for item in found if item.startswith("gsbridge")}
     assert all(item in known or item.startswith("gsbridge.gap.benchmark.") for item in ours), ours
 

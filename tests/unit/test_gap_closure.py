@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gsbridge.gap.closure import closed, closed_at_most_times
+from gsbridge.gap.diagnosis.closure import closed, closed_at_most_times
 
 
 @pytest.fixture

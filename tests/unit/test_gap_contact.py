@@ -20,8 +20,8 @@ from gsbridge.gap.contact.setup import build_setup
 from gsbridge.gap.contact.starts import quat_from_turn, starts_of, turn_between
 from gsbridge.gap.contact.throws import Throw, Throws, read_throws, write_throws
 from gsbridge.gap.contact.world import simulate
-from gsbridge.gap.stages import run_case
-from gsbridge.gap.system import Applied
+from gsbridge.gap.diagnosis.workflow import run_case
+from gsbridge.gap.joints.mechanism_model import Applied
 from gsbridge.geometry import quat_multiply
 
 MODEL = {"box": [0.1, 0.1, 0.1], "mass": 0.4, "controller": {"mode": "body"}, "contact": {"friction": 0.5}}

@@ -9,12 +9,12 @@ from scipy.signal import lfilter
 from gsbridge.gap.benchmark.generate import draw_case
 from gsbridge.gap.benchmark.noises import NOISES, spoiled
 from gsbridge.gap.benchmark.plants import axis_plant
-from gsbridge.gap.coherence import _pairs, coherence_p, line_p
-from gsbridge.gap.detect import block_means, calibrate
-from gsbridge.gap.noise import pooled, white_noise
-from gsbridge.gap.replay import Mechanism
-from gsbridge.gap.verdict import transfer
-from gsbridge.gap.view import View
+from gsbridge.gap.diagnosis.verdict import transfer
+from gsbridge.gap.joints.coherence import _pairs, coherence_p, line_p
+from gsbridge.gap.joints.detect import block_means, calibrate
+from gsbridge.gap.joints.noise import pooled, white_noise
+from gsbridge.gap.joints.replay import Mechanism
+from gsbridge.gap.joints.residuals import View
 
 
 @pytest.fixture(scope="module")

@@ -8,13 +8,13 @@ import pybullet_data
 import pytest
 import scipy.linalg
 
-from gsbridge.gap import dynamics
 from gsbridge.gap.benchmark.plants import axis_plant, controller
 from gsbridge.gap.benchmark.trajectories import course
-from gsbridge.gap.bullet import run_in_bullet
-from gsbridge.gap.records import Record
-from gsbridge.gap.replay import Mechanism
-from gsbridge.gap.system import parse_system
+from gsbridge.gap.joints import dynamics
+from gsbridge.gap.joints.bullet import run_in_bullet
+from gsbridge.gap.joints.mechanism_model import parse_system
+from gsbridge.gap.joints.records import Record
+from gsbridge.gap.joints.replay import Mechanism
 
 ARM = {
     "urdf": "model.urdf",

@@ -14,7 +14,7 @@ from gsbridge.gap.contact.setup import BOUNDS, BodySetup, build_setup
 from gsbridge.gap.contact.starts import Starts
 from gsbridge.gap.contact.world import Numerics, simulate
 from gsbridge.gap.effects import catalogue
-from gsbridge.gap.system import Applied
+from gsbridge.gap.joints.mechanism_model import Applied
 from gsbridge.geometry import rotation_from_quat
 
 BODY_EFFECTS = [name for name, effect in catalogue().items() if effect.scope == "body"]

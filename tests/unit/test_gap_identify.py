@@ -9,22 +9,22 @@ from scipy.signal import lfilter
 
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
-from gsbridge.gap.assemble import build_setup
 from gsbridge.gap.benchmark.generate import UNIT, _joined, draw_case
 from gsbridge.gap.benchmark.noises import NOISES
 from gsbridge.gap.benchmark.plants import axis_plant
 from gsbridge.gap.benchmark.trajectories import KINDS, course
-from gsbridge.gap.candidates import Candidate
-from gsbridge.gap.diagnose import diagnose, findings_of
+from gsbridge.gap.diagnosis.results import Rules, Trial
+from gsbridge.gap.diagnosis.verdict import decide, transfer
+from gsbridge.gap.diagnosis.workflow import run_case
 from gsbridge.gap.effects import catalogue
-from gsbridge.gap.fit import Fit, fit, polish
-from gsbridge.gap.replay import Mechanism
-from gsbridge.gap.stages import run_case
-from gsbridge.gap.system import Applied, read_system
-from gsbridge.gap.trials import Rules, Trial
-from gsbridge.gap.verdict import decide, transfer
-from gsbridge.gap.verify import Verification
-from gsbridge.gap.view import View
+from gsbridge.gap.joints.apply_effects import build_setup
+from gsbridge.gap.joints.candidates import Candidate
+from gsbridge.gap.joints.diagnose import diagnose, findings_of
+from gsbridge.gap.joints.fit import Fit, fit, polish
+from gsbridge.gap.joints.mechanism_model import Applied, read_system
+from gsbridge.gap.joints.replay import Mechanism
+from gsbridge.gap.joints.residuals import View
+from gsbridge.gap.joints.verify import Verification
 
 SEED, COURSES = 40, 41
 

@@ -9,16 +9,16 @@ from gsbridge.cameras import Camera
 from gsbridge.errors import InputError
 from gsbridge.gap.benchmark.image_truth import READ, SHOT
 from gsbridge.gap.benchmark.images import SIZES, STRANGE, draw_image_case, film, hidden_pairs, site_of
+from gsbridge.gap.diagnosis.results import Rules
 from gsbridge.gap.image.diagnose import UNSTEADY, diagnose_images, image_findings, unsteady
 from gsbridge.gap.image.expect import Expectation
-from gsbridge.gap.image.grain import Flats
 from gsbridge.gap.image.model import ImageCandidate, check, image_candidates, shooting
+from gsbridge.gap.image.noise_model import Flats
 from gsbridge.gap.image.null import Null
 from gsbridge.gap.image.pairs import ROLES, Pairs
+from gsbridge.gap.image.residuals import View, compared, learn_noise
 from gsbridge.gap.image.screen import gains_of
-from gsbridge.gap.image.view import View, compared, learn_noise
-from gsbridge.gap.system import Applied
-from gsbridge.gap.trials import Rules
+from gsbridge.gap.joints.mechanism_model import Applied
 from gsbridge.scene.effects import catalogue
 
 SPIN = {"wr": 0.8, "wb": -0.6, "x": 0.6, "y": 0.8, "z": 0.0, "a": 0.0, "b": 0.0, "c": 1.0}

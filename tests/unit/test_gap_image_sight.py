@@ -8,7 +8,7 @@ import pytest
 from gsbridge.cameras import Camera
 from gsbridge.gap.image.expect import Expectation
 from gsbridge.gap.image.pairs import Pairs
-from gsbridge.gap.image.sight import off_steps, seen_from
+from gsbridge.gap.image.visibility import off_steps, seen_from
 from gsbridge.images import srgb_from_linear
 from gsbridge.scene.shooting import Shooting
 

@@ -11,14 +11,14 @@ from sim_fixture import NOMINAL, model, world
 from gsbridge.environment.trial_log import TrialPath, write_trial_log
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import read_json, write_json
-from gsbridge.gap.assemble import build_setup
-from gsbridge.gap.case import read_case
+from gsbridge.gap.joints.apply_effects import build_setup
+from gsbridge.gap.joints.case import read_case
+from gsbridge.gap.joints.mechanism_model import parse_system
+from gsbridge.gap.joints.records import Record
+from gsbridge.gap.joints.replay import Mechanism
 from gsbridge.gap.loop.amend import amend_simulation, amended_content
 from gsbridge.gap.loop.arm import write_arm
 from gsbridge.gap.loop.calibrate import calibrate, calibrated_model
-from gsbridge.gap.records import Record
-from gsbridge.gap.replay import Mechanism
-from gsbridge.gap.system import parse_system
 from gsbridge.policy.joint_log import choose_trials, write_driver_log
 from gsbridge.reality.world.driver_log import WAIT, DriverLog, LoggedPhysics
 from gsbridge.reality.world.hidden import Hidden

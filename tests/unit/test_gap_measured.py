@@ -10,7 +10,7 @@ import pytest
 from gsbridge.errors import InputError
 from gsbridge.gap.contact.case import read_case
 from gsbridge.gap.contact.replay import Replay
-from gsbridge.gap.system import Applied
+from gsbridge.gap.joints.mechanism_model import Applied
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = os.environ.get("GSBRIDGE_MEASURED")
@@ -62,7 +62,7 @@ def test_tosses_convert_to_a_case_that_friction_explains(tmp_path):
 
 @measured
 def test_the_pendulum_becomes_a_case(tmp_path):
-    from gsbridge.gap.case import read_case as read_mechanism_case
+    from gsbridge.gap.joints.case import read_case as read_mechanism_case
 
     case = read_mechanism_case(load().write_pendulum_case(Path(FOLDER), tmp_path))
     assert case.system.joints == ("axis",)

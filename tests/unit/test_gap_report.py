@@ -11,7 +11,7 @@ from gap_files import findings, write_case
 from scipy import stats
 
 from gsbridge.errors import InputError
-from gsbridge.gap.where import GROUPS, LEVEL, few_false
+from gsbridge.gap.joints.residual_map import GROUPS, LEVEL, few_false
 from gsbridge.report.gap_page import CaseFiles, write_gap_report
 from gsbridge.report.gap_rows import COLUMNS, write_gap_rows
 from gsbridge.report.gap_words import effect_title, explanation_title, most, next_steps
@@ -191,8 +191,8 @@ URDF = """<robot name="arm"><link name="base"/>
 @pytest.fixture
 def mechanism(tmp_path):
     """A lift with a turning link, as a model and as a chain."""
-    from gsbridge.gap.bodies import Skeleton
-    from gsbridge.gap.chain import Chain
+    from gsbridge.gap.joints.chain import Chain
+    from gsbridge.gap.joints.inertials import Skeleton
 
     (tmp_path / "arm.urdf").write_text(URDF)
     (tmp_path / "model.yaml").write_text("urdf: arm.urdf\ncontroller: {mode: free}\n")

@@ -7,10 +7,10 @@ import pytest
 
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
+from gsbridge.gap.diagnosis.workflow import load_work, write_case_records, write_comparison, write_replays
 from gsbridge.gap.formats.store import load_records
-from gsbridge.gap.records import Record
-from gsbridge.gap.stages import load_work, write_case_records, write_comparison, write_replays
-from gsbridge.gap.where import GROUPS, where
+from gsbridge.gap.joints.records import Record
+from gsbridge.gap.joints.residual_map import GROUPS, where
 
 URDF = """<robot name="axis"><link name="base"/><link name="arm"><inertial><origin xyz="0.2 0 0"/><mass value="1"/>
 <inertia ixx="0.001" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>

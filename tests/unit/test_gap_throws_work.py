@@ -14,11 +14,10 @@ from gsbridge.gap.contact.bank import fill
 from gsbridge.gap.contact.body import parse_body, read_body
 from gsbridge.gap.contact.checks import check_clock, check_fall, check_speeds
 from gsbridge.gap.contact.replay import Replay
+from gsbridge.gap.contact.residual_map import CHANNELS, GROUPS, cells, where
 from gsbridge.gap.contact.store import load_throws, save_throws
 from gsbridge.gap.contact.throws import Throw, Throws, write_throws
-from gsbridge.gap.contact.where import CHANNELS, GROUPS, cells, where
-from gsbridge.gap.formats.files import case_files
-from gsbridge.gap.stages import (
+from gsbridge.gap.diagnosis.workflow import (
     load_work,
     read_work,
     write_case_records,
@@ -27,6 +26,7 @@ from gsbridge.gap.stages import (
     write_replays,
     write_screening,
 )
+from gsbridge.gap.formats.files import case_files
 from gsbridge.report.gap_page import CaseFiles, write_gap_report
 from gsbridge.report.gap_rows import gap_row
 from gsbridge.report.recordings.gap import record_gap

@@ -10,17 +10,17 @@ import yaml
 from pybullet_utils.bullet_client import BulletClient
 
 from gsbridge.errors import InputError
-from gsbridge.gap.assemble import build_setup
 from gsbridge.gap.benchmark.bullet_truth import BulletTruth
 from gsbridge.gap.benchmark.generate import _joined
 from gsbridge.gap.benchmark.mujoco_truth import MujocoTruth
 from gsbridge.gap.benchmark.plants import arm_model
 from gsbridge.gap.benchmark.trajectories import KINDS, course
-from gsbridge.gap.case import read_case
-from gsbridge.gap.mechanism_work import MechanismWork
-from gsbridge.gap.records import Record
-from gsbridge.gap.replay import Mechanism
-from gsbridge.gap.system import Applied, read_system
+from gsbridge.gap.joints.apply_effects import build_setup
+from gsbridge.gap.joints.case import read_case
+from gsbridge.gap.joints.mechanism_model import Applied, read_system
+from gsbridge.gap.joints.records import Record
+from gsbridge.gap.joints.replay import Mechanism
+from gsbridge.gap.joints.workflow import MechanismWork
 
 CENTRE, REACH = np.array([0.0, 0.4, 0.0, -1.2, 0.0, 0.8, 0.0]), np.full(7, 0.5)
 LINK = "lbr_iiwa_link_7"

@@ -5,11 +5,11 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import norm
 
-from gsbridge.gap.candidates import Candidate
-from gsbridge.gap.detect import REPLICATES, Null
-from gsbridge.gap.fit import Fit
-from gsbridge.gap.trials import Rules, Trial
-from gsbridge.gap.verdict import decide
+from gsbridge.gap.diagnosis.results import Rules, Trial
+from gsbridge.gap.diagnosis.verdict import decide
+from gsbridge.gap.joints.candidates import Candidate
+from gsbridge.gap.joints.detect import REPLICATES, Null
+from gsbridge.gap.joints.fit import Fit
 
 SHAPE = (400, 3)
 

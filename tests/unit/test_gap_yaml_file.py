@@ -3,7 +3,7 @@
 import pytest
 
 from gsbridge.errors import InputError
-from gsbridge.gap.yaml_file import read_yaml
+from gsbridge.gap.formats.yaml_file import read_yaml
 
 
 @pytest.mark.parametrize(

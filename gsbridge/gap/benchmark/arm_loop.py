@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from gsbridge.gap.benchmark.trajectories import Course
-from gsbridge.gap.system import System
+from gsbridge.gap.joints.mechanism_model import System
 from gsbridge.geometry import Array
 
 PERIOD = 1e-3

@@ -13,14 +13,14 @@ from scipy.optimize import lsq_linear
 from scipy.stats import chi2 as chi2_law
 
 from gsbridge.errors import InputError
-from gsbridge.gap.bank import Bank, bank_of
-from gsbridge.gap.candidates import Candidate, candidates
-from gsbridge.gap.fit import fit
-from gsbridge.gap.records import Record
-from gsbridge.gap.replay import Mechanism
-from gsbridge.gap.screen import Screen
-from gsbridge.gap.system import Applied, System
-from gsbridge.gap.view import View, share_noise
+from gsbridge.gap.joints.bank import Bank, bank_of
+from gsbridge.gap.joints.candidates import Candidate, candidates
+from gsbridge.gap.joints.fit import fit
+from gsbridge.gap.joints.mechanism_model import Applied, System
+from gsbridge.gap.joints.records import Record
+from gsbridge.gap.joints.replay import Mechanism
+from gsbridge.gap.joints.residuals import View, share_noise
+from gsbridge.gap.joints.screen import Screen
 from gsbridge.geometry import Array
 
 METHODS = ("gsbridge", "largest_change", "training_bic", "cosine", "sparse", "cma_es")

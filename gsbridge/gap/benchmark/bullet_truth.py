@@ -16,8 +16,8 @@ from pybullet_utils.bullet_client import BulletClient
 
 from gsbridge.gap.benchmark.arm_loop import PERIOD, run_arm, size_at
 from gsbridge.gap.benchmark.trajectories import Course
-from gsbridge.gap.bodies import Inertial, Skeleton
-from gsbridge.gap.system import System
+from gsbridge.gap.joints.inertials import Inertial, Skeleton
+from gsbridge.gap.joints.mechanism_model import System
 from gsbridge.geometry import Array
 
 _EVERY = 8

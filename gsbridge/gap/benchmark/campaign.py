@@ -25,10 +25,10 @@ from gsbridge.gap.benchmark.photo_baselines import run_photo_baseline
 from gsbridge.gap.benchmark.photo_cases import CAMERA_FILE, read_photos, write_photos
 from gsbridge.gap.benchmark.plants import Plant, Site, site_of
 from gsbridge.gap.benchmark.twins import twins_of
-from gsbridge.gap.case import read_case
-from gsbridge.gap.diagnose import diagnose, findings_of
 from gsbridge.gap.image.diagnose import diagnose_images, image_findings, unsteady
-from gsbridge.gap.records import Record
+from gsbridge.gap.joints.case import read_case
+from gsbridge.gap.joints.diagnose import diagnose, findings_of
+from gsbridge.gap.joints.records import Record
 from gsbridge.geometry import Array
 
 __all__ = ["METHODS", "SPLITS", "TIERS", "TIER_SIZE", "case_keys", "diagnose_cases", "generate_cases"]

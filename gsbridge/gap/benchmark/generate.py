@@ -13,7 +13,7 @@ import numpy as np
 
 from gsbridge.gap.benchmark.noises import spoiled
 from gsbridge.gap.benchmark.trajectories import KINDS, Course, course
-from gsbridge.gap.records import Record
+from gsbridge.gap.joints.records import Record
 from gsbridge.geometry import Array
 
 Truth = Callable[[Course, float, Array, Mapping[str, float]], dict[str, Array]]

@@ -15,8 +15,8 @@ import numpy as np
 
 from gsbridge.gap.benchmark.arm_loop import run_arm, size_at
 from gsbridge.gap.benchmark.trajectories import Course
-from gsbridge.gap.bodies import Skeleton
-from gsbridge.gap.system import System
+from gsbridge.gap.joints.inertials import Skeleton
+from gsbridge.gap.joints.mechanism_model import System
 from gsbridge.geometry import Array
 
 STEP = 6.25e-5

@@ -14,9 +14,9 @@ from gsbridge.gap.benchmark.baselines import ALARM, FITTED, answer
 from gsbridge.gap.image.fit import fit
 from gsbridge.gap.image.model import ImageCandidate, image_candidates
 from gsbridge.gap.image.pairs import Pairs
+from gsbridge.gap.image.residuals import View, learn_noise
 from gsbridge.gap.image.screen import Group, screen, signatures
-from gsbridge.gap.image.view import View, learn_noise
-from gsbridge.gap.system import Applied
+from gsbridge.gap.joints.mechanism_model import Applied
 from gsbridge.geometry import Array
 
 

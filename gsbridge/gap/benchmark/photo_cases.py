@@ -15,8 +15,8 @@ from gsbridge.cameras import Camera
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
 from gsbridge.gap.image.pairs import ROLES, Pairs
-from gsbridge.gap.image.view import View, learn_noise
-from gsbridge.gap.system import Applied
+from gsbridge.gap.image.residuals import View, learn_noise
+from gsbridge.gap.joints.mechanism_model import Applied
 from gsbridge.geometry import Array
 from gsbridge.images import read_image
 from gsbridge.scene.track import Track

@@ -17,8 +17,8 @@ from gsbridge.gap.benchmark.axis_truth import AXIS, NAMES, run_axis
 from gsbridge.gap.benchmark.bullet_truth import BulletTruth
 from gsbridge.gap.benchmark.generate import Plant, Truth
 from gsbridge.gap.benchmark.mujoco_truth import MujocoTruth
-from gsbridge.gap.bodies import Skeleton
-from gsbridge.gap.system import System, read_system
+from gsbridge.gap.joints.inertials import Skeleton
+from gsbridge.gap.joints.mechanism_model import System, read_system
 from gsbridge.geometry import Array
 
 _LEVER = 0.2

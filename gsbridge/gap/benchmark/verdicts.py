@@ -13,11 +13,11 @@ import numpy as np
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.gap.benchmark.photo_cases import SAME, photo_closure
-from gsbridge.gap.case import read_case
 from gsbridge.gap.effects import catalogue
-from gsbridge.gap.replay import Mechanism
-from gsbridge.gap.system import Applied
-from gsbridge.gap.view import View
+from gsbridge.gap.joints.case import read_case
+from gsbridge.gap.joints.mechanism_model import Applied
+from gsbridge.gap.joints.replay import Mechanism
+from gsbridge.gap.joints.residuals import View
 from gsbridge.geometry import Array
 
 OUTCOMES = ("right", "covered", "abstained", "missed", "wrong", "quiet", "false_alarm")
@@ -36,7 +36,7 @@ class Verdict:
     Args:
         hidden: Names of what was hidden, with joints where the mechanism has several.
         units: Its size.
-        verdict: Word of `gsbridge.gap.trials.VERDICTS`.
+        verdict: Word of `gsbridge.gap.diagnosis.results.VERDICTS`.
         named: Names of the best explanation.
         sets: Names of each explanation that the data cannot decide between.
         simulations: After the bank.

@@ -16,8 +16,8 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from gsbridge.errors import InputError
-from gsbridge.gap.system import Applied
-from gsbridge.gap.yaml_file import read_yaml
+from gsbridge.gap.formats.yaml_file import read_yaml
+from gsbridge.gap.joints.mechanism_model import Applied
 from gsbridge.geometry import Array
 
 MODE = "body"

@@ -14,9 +14,9 @@ from gsbridge.gap.contact.checks import check_throws
 from gsbridge.gap.contact.replay import HORIZON
 from gsbridge.gap.contact.setup import build_setup
 from gsbridge.gap.contact.throws import FEWEST, SHORTEST, Throws, read_throws
-from gsbridge.gap.diagnose import ROLES
 from gsbridge.gap.effects import effect_of
-from gsbridge.gap.yaml_file import read_yaml
+from gsbridge.gap.formats.yaml_file import read_yaml
+from gsbridge.gap.joints.diagnose import ROLES
 
 _KEYS = ("model", "records", "columns", "units", "effects", "horizon")
 

@@ -15,8 +15,8 @@ from gsbridge.gap.contact.identify import Finding, Identification, Rules, closur
 from gsbridge.gap.contact.interval import intervals
 from gsbridge.gap.contact.replay import HORIZON, PHASES, Replay
 from gsbridge.gap.contact.throws import Throws
-from gsbridge.gap.diagnose import ROLES
-from gsbridge.gap.system import Applied
+from gsbridge.gap.joints.diagnose import ROLES
+from gsbridge.gap.joints.mechanism_model import Applied
 
 TRANSFERS = 0.5
 """Share of the gap that a name must close on throws that neither fitting nor choosing has seen."""

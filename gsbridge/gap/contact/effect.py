@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+from gsbridge.effects.base import Effect
 from gsbridge.errors import InputError
 from gsbridge.gap.contact.body import MODE
-from gsbridge.gap.effects.base import Effect
 
 
 class BodyEffect(Effect):

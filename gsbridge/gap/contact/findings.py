@@ -1,4 +1,4 @@
-"""What a diagnosis of throws says, in the layout of `gsbridge.gap.diagnose.findings_of`, lengths in millimetres."""
+"""What a diagnosis of throws says, in the layout of `gsbridge.gap.joints.diagnose.findings_of`, lengths in millimetres."""
 
 from __future__ import annotations
 

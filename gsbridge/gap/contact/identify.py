@@ -12,8 +12,8 @@ from gsbridge.gap.contact.bank import FEW, Bank
 from gsbridge.gap.contact.null import Null, calibrate
 from gsbridge.gap.contact.replay import Replay
 from gsbridge.gap.contact.search import Fit, Match, refine, screen
-from gsbridge.gap.system import Applied
-from gsbridge.gap.trials import Finding as AnyFinding
+from gsbridge.gap.diagnosis.results import Finding as AnyFinding
+from gsbridge.gap.joints.mechanism_model import Applied
 from gsbridge.geometry import Array
 
 FEWER = 10

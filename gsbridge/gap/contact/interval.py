@@ -9,7 +9,7 @@ import numpy as np
 from gsbridge.gap.contact.replay import Replay
 from gsbridge.gap.contact.search import Fit
 from gsbridge.gap.effects import effect_of
-from gsbridge.gap.system import Applied
+from gsbridge.gap.joints.mechanism_model import Applied
 
 _POINTS = np.linspace(-1.0, 1.0, 5)
 _DRAWS = 400

@@ -10,7 +10,7 @@ import numpy as np
 
 from gsbridge.gap.contact.replay import Replay
 from gsbridge.gap.contact.world import Numerics
-from gsbridge.gap.system import Applied
+from gsbridge.gap.joints.mechanism_model import Applied
 from gsbridge.geometry import Array
 
 REPLICATES = 6

@@ -11,7 +11,7 @@ from gsbridge.gap.contact.setup import build_setup
 from gsbridge.gap.contact.starts import Starts, starts_of
 from gsbridge.gap.contact.throws import Throws
 from gsbridge.gap.contact.world import Flight, Numerics, simulate
-from gsbridge.gap.system import Applied
+from gsbridge.gap.joints.mechanism_model import Applied
 from gsbridge.geometry import Array
 
 HORIZON = 0.75

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from gsbridge.effects.base import Effect, Parameter
 from gsbridge.gap.contact.replay import Replay
 from gsbridge.gap.contact.setup import BOUNDS, build_setup
 from gsbridge.gap.effects import catalogue, effect_of
-from gsbridge.gap.effects.base import Effect, Parameter
-from gsbridge.gap.system import Applied
+from gsbridge.gap.joints.mechanism_model import Applied
 
 _GOLDEN = 0.5 * (3.0 - np.sqrt(5.0))
 """Share of the wider half of a bracket at which a golden section looks."""

@@ -10,7 +10,7 @@ import numpy as np
 from gsbridge.errors import InputError
 from gsbridge.gap.contact.body import FreeBody
 from gsbridge.gap.effects import effect_of
-from gsbridge.gap.system import Applied
+from gsbridge.gap.joints.mechanism_model import Applied
 
 BOUNDS: Mapping[str, tuple[float, float]] = {
     "friction": (0.0, 5.0),

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from gsbridge.errors import InputError
-from gsbridge.gap.units import factor_to_si, split_header
+from gsbridge.gap.formats.units import factor_to_si, split_header
 from gsbridge.geometry import Array
 
 FEWEST = 8

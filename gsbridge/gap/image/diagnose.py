@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 
 from gsbridge.errors import InputError
-from gsbridge.gap.closure import closed
-from gsbridge.gap.diagnose import Diagnosis, findings_of
+from gsbridge.gap.diagnosis.closure import closed
+from gsbridge.gap.diagnosis.results import Rules
 from gsbridge.gap.image.identify import Identification
 from gsbridge.gap.image.model import image_candidates
 from gsbridge.gap.image.null import Null
 from gsbridge.gap.image.pairs import ROLES, Pairs
-from gsbridge.gap.image.view import View, learn_noise
-from gsbridge.gap.system import Applied
-from gsbridge.gap.trials import Rules
-from gsbridge.gap.verify import Verification
+from gsbridge.gap.image.residuals import View, learn_noise
+from gsbridge.gap.joints.diagnose import Diagnosis, findings_of
+from gsbridge.gap.joints.mechanism_model import Applied
+from gsbridge.gap.joints.verify import Verification
 from gsbridge.geometry import Array
 
 UNSTEADY = "second photos of the same views differ by more than noise: the camera, the light or the robot is not steady"
@@ -92,7 +92,7 @@ def _channels(view: View, table: Array) -> dict[str, float]:
 def image_findings(
     diagnosis: Diagnosis, pairs: Mapping[str, Pairs], *, seed: int, reasons: Collection[str] = ()
 ) -> dict[str, Any]:
-    """What `findings.json` holds; the layout is that of `gsbridge.gap.diagnose.findings_of`."""
+    """What `findings.json` holds; the layout is that of `gsbridge.gap.joints.diagnose.findings_of`."""
     out = findings_of(diagnosis, pairs, seed=seed, reasons=reasons)  # type: ignore[arg-type]
     finding = diagnosis.finding
     if finding.verdict == "no_discrepancy":

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from gsbridge.gap.image.pairs import Pairs
-from gsbridge.gap.image.sight import off_steps, seen_from
+from gsbridge.gap.image.visibility import off_steps, seen_from
 from gsbridge.geometry import Array
 from gsbridge.images import linear_from_srgb, to_u8
 from gsbridge.scene.photograph import EXPOSURES, STRIPS, develop, straightening

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.optimize import least_squares
 
-from gsbridge.gap.fit import Fit
 from gsbridge.gap.image.model import ImageCandidate
-from gsbridge.gap.image.view import View
+from gsbridge.gap.image.residuals import View
+from gsbridge.gap.joints.fit import Fit
 from gsbridge.geometry import Array
 
 _ROUNDS = 30

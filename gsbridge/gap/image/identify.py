@@ -1,6 +1,6 @@
 """Which image effect is missing: fits on some views, judged on others, with the right to abstain.
 
-The steps and the words are those of `gsbridge.gap.identify`; ranking and verdict are the same code.
+The steps and the words are those of `gsbridge.gap.joints.identify`; ranking and verdict are the same code.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from itertools import combinations
 
 import numpy as np
 
-from gsbridge.gap.closure import closed
-from gsbridge.gap.fit import Fit
+from gsbridge.gap.diagnosis.closure import closed
+from gsbridge.gap.diagnosis.results import Finding, Rules, Trial
+from gsbridge.gap.diagnosis.verdict import decide, transfer
 from gsbridge.gap.image.fit import fit
 from gsbridge.gap.image.model import ImageCandidate
 from gsbridge.gap.image.null import Null
+from gsbridge.gap.image.residuals import View
 from gsbridge.gap.image.screen import Match, lengths, screen, signatures
-from gsbridge.gap.image.view import View
-from gsbridge.gap.trials import Finding, Rules, Trial
-from gsbridge.gap.verdict import decide, transfer
+from gsbridge.gap.joints.fit import Fit
 from gsbridge.geometry import Array
 
 logger = logging.getLogger("gsbridge")

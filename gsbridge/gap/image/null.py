@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from gsbridge.gap.image.view import View
-from gsbridge.gap.tail import tail_p
+from gsbridge.gap.diagnosis.tail_pvalue import tail_p
+from gsbridge.gap.image.residuals import View
 from gsbridge.geometry import Array
 
 SCALES = (1, 2, 4, 8, 16)

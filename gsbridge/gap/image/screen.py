@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gsbridge.gap.image.model import ImageCandidate
-from gsbridge.gap.image.view import View
+from gsbridge.gap.image.residuals import View
 from gsbridge.geometry import Array
 
 _SLIGHT = 1e-3

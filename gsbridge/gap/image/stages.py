@@ -13,13 +13,13 @@ import yaml
 from gsbridge.environment.lens import EFFECTS, UNDRAWN
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import atomic_file, read_json, write_json
+from gsbridge.gap.diagnosis.workflow import fitted
+from gsbridge.gap.formats.yaml_file import read_yaml
 from gsbridge.gap.image.diagnose import diagnose_images, image_findings, unsteady
 from gsbridge.gap.image.files import read_pairs
 from gsbridge.gap.image.model import shooting
 from gsbridge.gap.image.pairs import Pairs
-from gsbridge.gap.image.view import View, learn_noise
-from gsbridge.gap.stages import fitted
-from gsbridge.gap.yaml_file import read_yaml
+from gsbridge.gap.image.residuals import View, learn_noise
 from gsbridge.sim.model import parse_model
 
 logger = logging.getLogger("gsbridge")

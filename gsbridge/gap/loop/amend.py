@@ -14,7 +14,7 @@ import yaml
 
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import atomic_file, read_json, write_stage
-from gsbridge.gap.yaml_file import read_yaml
+from gsbridge.gap.formats.yaml_file import read_yaml
 from gsbridge.sim.model import parse_model
 
 _OF_JOINTS = {

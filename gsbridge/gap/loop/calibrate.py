@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from gsbridge.gap.detect import SCALES, block_means
-from gsbridge.gap.records import Record
-from gsbridge.gap.replay import Mechanism
-from gsbridge.gap.system import Applied, System
-from gsbridge.gap.view import View, share_noise
+from gsbridge.gap.joints.detect import SCALES, block_means
+from gsbridge.gap.joints.mechanism_model import Applied, System
+from gsbridge.gap.joints.records import Record
+from gsbridge.gap.joints.replay import Mechanism
+from gsbridge.gap.joints.residuals import View, share_noise
 from gsbridge.geometry import Array
 
 logger = logging.getLogger("gsbridge")

@@ -9,10 +9,10 @@ from pathlib import Path
 import yaml
 
 from gsbridge.files import atomic_file, read_json, write_stage
-from gsbridge.gap.case import read_case
+from gsbridge.gap.formats.yaml_file import read_yaml
+from gsbridge.gap.joints.case import read_case
 from gsbridge.gap.loop.arm import write_arm
 from gsbridge.gap.loop.calibrate import FIGURES, calibrate, calibrated_model
-from gsbridge.gap.yaml_file import read_yaml
 from gsbridge.registration.result import read_registration
 from gsbridge.robot.assembly import RobotFiles
 from gsbridge.sim.model import read_model

@@ -11,10 +11,10 @@ import rerun.blueprint as rrb
 from scipy.spatial.transform import Rotation
 
 from gsbridge.files import read_json
-from gsbridge.gap.bodies import Skeleton
-from gsbridge.gap.chain import Chain
 from gsbridge.gap.contact.body import is_body
-from gsbridge.gap.system import read_system
+from gsbridge.gap.joints.chain import Chain
+from gsbridge.gap.joints.inertials import Skeleton
+from gsbridge.gap.joints.mechanism_model import read_system
 from gsbridge.geometry import Array
 from gsbridge.report.gap_parts import JUDGED, read_series
 from gsbridge.report.recordings.gap_look import COLOURS, WAYS, summary

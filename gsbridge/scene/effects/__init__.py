@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping
 
-from gsbridge.catalogue import entries_of
+from gsbridge.effects.parameter import entries_of
 from gsbridge.errors import InputError
 from gsbridge.scene.effects.base import ImageEffect
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from itertools import product
 from typing import ClassVar
 
-from gsbridge.catalogue import Parameter
+from gsbridge.effects.parameter import Parameter
 from gsbridge.scene.shooting import Shooting
 
 __all__ = ["HOOKS", "ImageEffect", "Parameter"]

@@ -1,0 +1,1 @@
+"""Effects of thrown and sliding bodies, one per file."""

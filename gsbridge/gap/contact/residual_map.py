@@ -1,0 +1,86 @@
+"""Where a difference shows: distances along a throw, across it and in height, by phase and kind of throw."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy import stats
+
+from gsbridge.gap.contact.replay import PHASES, Replay, phase_numbers
+from gsbridge.gap.contact.world import Flight
+from gsbridge.gap.joints.residual_map import Map, few_false
+from gsbridge.geometry import Array
+
+CHANNELS = ("along the throw", "across it", "height")
+"""Axes of a throw: the horizontal direction in which it starts, the other one, and up."""
+
+GROUPS: Mapping[str, tuple[str, ...]] = {
+    "phase": PHASES,
+    "start speed": ("slow", "fast"),
+    "start spin": ("little", "much"),
+}
+"""Columns of the map. Speed and spin are those of a throw's start, below or above the median of all throws."""
+
+FEWEST = 4
+"""Throws that a cell needs; others stay empty."""
+
+
+def where(replay: Replay, flights: Sequence[Flight], null: Array) -> Map:
+    """Lay distances over the motion.
+
+    Args:
+        replay: Throws.
+        flights: Simulated, one per throw.
+        null: The same cells of effect-free replicates, as `cells` gives them. [K, M, channels, columns].
+
+    Returns:
+        Root mean square distances, mm; marked where those of the replicates are smaller by more than chance.
+    """
+    found = cells(replay, [measured - flight.position for flight, measured in zip(flights, replay.measured, strict=True)])
+    counts = np.isfinite(found).sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        values = np.where(counts >= FEWEST, 1e3 * np.sqrt(np.nansum(found**2, axis=0) / counts), np.nan)
+    chances = np.ones(values.shape)
+    for row, column in np.argwhere(np.isfinite(values)):
+        seen, expected = found[:, row, column], null[..., row, column].ravel()
+        seen, expected = seen[np.isfinite(seen)], expected[np.isfinite(expected)]
+        if len(expected) >= FEWEST:
+            chances[row, column] = stats.mannwhitneyu(seen, expected, alternative="greater").pvalue
+    return Map(CHANNELS, values, few_false(chances, np.isfinite(values)), GROUPS)
+
+
+def cells(replay: Replay, differences: Sequence[Array]) -> Array:
+    """Root mean square difference of each throw in each cell, m; not-a-number where it has no sample there.
+
+    Args:
+        replay: The throws that the differences are of.
+        differences: Log's frame, m. Each [T, 3].
+
+    Returns:
+        [throws, channels, columns].
+    """
+    starts = replay.starts
+    speed, spin = np.linalg.norm(starts.velocity, axis=1), np.linalg.norm(starts.spin, axis=1)
+    out = np.full((len(differences), len(CHANNELS), sum(len(names) for names in GROUPS.values())), np.nan)
+    for number, (difference, phases) in enumerate(zip(along(replay, differences), phase_numbers(replay), strict=True)):
+        fast, much = speed[number] > np.median(speed), spin[number] > np.median(spin)
+        whole = np.ones(len(difference), dtype=bool)
+        inside = [phases == place for place in range(len(PHASES))] + [whole & ~fast, whole & fast, whole & ~much, whole & much]
+        for column, rows in enumerate(inside):
+            if rows.any():
+                out[number, :, column] = np.sqrt((difference[rows] ** 2).mean(axis=0))
+    return out
+
+
+def along(replay: Replay, differences: Sequence[Array]) -> list[Array]:
+    """Differences along the axes of each throw, as `CHANNELS` has them. Log's frame, each [T, 3] -> each [T, 3]."""
+    velocity = replay.starts.velocity
+    level = np.hypot(velocity[:, 0], velocity[:, 1])
+    # A throw straight up or down has no direction of its own.
+    ahead = np.where(level > 1e-6, np.arctan2(velocity[:, 1], velocity[:, 0]), 0.0)
+    out = []
+    for angle, difference in zip(ahead, differences, strict=True):
+        c, s = np.cos(angle), np.sin(angle)
+        out.append(difference @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
+    return out

@@ -1,0 +1,212 @@
+"""What the stages of the workflow do with a case about a thrown body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsbridge.gap.contact import null
+from gsbridge.gap.contact.bank import FEW, Bank, fill
+from gsbridge.gap.contact.body import MODE, read_body
+from gsbridge.gap.contact.case import Case, read_case
+from gsbridge.gap.contact.diagnose import diagnose_throws
+from gsbridge.gap.contact.findings import UNIT, findings_of
+from gsbridge.gap.contact.replay import Replay
+from gsbridge.gap.contact.residual_map import CHANNELS, along, cells, where
+from gsbridge.gap.contact.search import grid
+from gsbridge.gap.contact.store import load_throws, save_throws
+from gsbridge.gap.contact.throws import Throws
+from gsbridge.gap.contact.world import Flight
+from gsbridge.gap.diagnosis.signature_similarity import alike
+from gsbridge.gap.effects import effect_of
+from gsbridge.gap.joints.mechanism_model import Applied
+from gsbridge.gap.joints.residual_map import Map
+from gsbridge.geometry import Array
+
+
+@dataclass(frozen=True)
+class BodyWork:
+    """A case whose model is a thrown body; see `gsbridge.gap.diagnosis.workflow.Work`.
+
+    Args:
+        case: The case.
+    """
+
+    case: Case
+
+    @classmethod
+    def read(cls, path: str | Path) -> BodyWork:
+        """From a case's file, checked.
+
+        Raises:
+            InputError: It cannot be used.
+        """
+        return cls(read_case(path))
+
+    @classmethod
+    def load(cls, model: str | Path, data: str | Path, about: Mapping[str, Any]) -> BodyWork:
+        """From what `save` and `about` have left.
+
+        Raises:
+            InputError: A file is missing or damaged.
+        """
+        names = about["effects"]
+        return cls(
+            Case(
+                Path(model), read_body(model), load_throws(data), None if names is None else tuple(names), about["horizon"],
+                tuple(about["reasons"]),
+            )
+        )  # fmt: skip
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the result is degraded."""
+        return self.case.reasons
+
+    def save(self, data: str | Path) -> None:
+        """Write the throws (`.npz`)."""
+        save_throws(data, self.case.throws)
+
+    def about(self) -> dict[str, Any]:
+        """What `records.json` says."""
+        names = self.case.names
+        return {
+            "model": str(self.case.model),
+            "mechanism_digest": self.case.body.digest(),
+            "joints": [],
+            "mode": MODE,
+            "horizon": self.case.horizon,
+            "effects": None if names is None else list(names),
+            "records": {role: _about(role, items) for role, items in self.case.throws.items()},
+        }
+
+    def _replay(self, role: str) -> Replay:
+        return Replay(self.case.body, self.case.throws[role], self.case.horizon)
+
+    def compare(self) -> dict[str, Any]:
+        """Distances under the model as it is, and a map of where they show: `comparison.json`."""
+        replays = {role: self._replay(role) for role in self.case.throws}
+        return {
+            "unit": UNIT,
+            "records": {role: _distances(replay) for role, replay in replays.items()},
+            "simulations": round(sum(replay.passes for replay in replays.values())),
+        }
+
+    def screen(self, bank: str | Path) -> dict[str, Any]:
+        """Walk the grids of all effects, and say before any fit what the throws can tell apart: `screen.json`."""
+        replay = self._replay("fit")
+        found = fill(replay, self.case.names, bank)
+        return {
+            "candidates": list(found.names),
+            "unseen": list(found.unseen(replay)),
+            "alike": _alike(replay.part(FEW), found),
+            "signatures": sum(len(grid(name)) for name in found.names),
+            "simulations": round(found.runs),
+        }
+
+    def diagnose(self, bank: str | Path, seed: int) -> dict[str, Any]:
+        """What is missing, proven on the third role: `findings.json`."""
+        case = self.case
+        diagnosis = diagnose_throws(case.body, case.throws, bank, names=case.names, horizon=case.horizon, seed=seed)
+        return findings_of(diagnosis, case.throws, seed=seed, reasons=case.reasons)
+
+    def replay(self, effects: Sequence[Applied]) -> tuple[dict[str, Array], dict[str, Any]]:
+        """All throws with the model as it was and with effects.
+
+        Returns:
+            Of all samples, throw after throw, `{role}/{what}`: number of the throw, time (s), position (m) and attitude (wxyz)
+            as measured, nominal and explained, distances before and after (m), without `explained` and `after` where there are
+            no effects; and `replays.json`: mean distances before and after, and a map of what remains.
+        """
+        arrays: dict[str, Array] = {}
+        rows, runs = {}, 0.0
+        for role, throws in self.case.throws.items():
+            replay = self._replay(role)
+            counts = [len(time) for time in replay.times]
+            arrays[f"{role}/throw"] = np.repeat(np.arange(len(counts)), counts)
+            arrays[f"{role}/time"] = np.concatenate(replay.times)
+            arrays[f"{role}/position"] = np.concatenate(replay.measured)
+            arrays[f"{role}/quat"] = np.concatenate(
+                [throw.quat[:count] for throw, count in zip(throws.items, counts, strict=True)]
+            )
+            for way, when, added in (("nominal", "before", ()), ("explained", "after", tuple(effects)))[: 2 if effects else 1]:
+                flights = replay.flights(added)
+                arrays[f"{role}/{way}_position"] = np.concatenate([flight.position for flight in flights])
+                arrays[f"{role}/{way}_quat"] = np.concatenate([flight.quat for flight in flights])
+                apart = arrays[f"{role}/{way}_position"] - arrays[f"{role}/position"]
+                arrays[f"{role}/{when}"] = np.linalg.norm(apart, axis=1)
+            rows[role] = {
+                "before": 1e3 * float(replay.errors().mean()),
+                "after": 1e3 * float(replay.errors(effects).mean()),
+                "channels": list(CHANNELS),
+                "phases": [replay.phases(), replay.phases(effects)],
+                "remains": _map(replay, effects).record(),
+            }
+            runs += replay.passes
+        return arrays, {"unit": UNIT, "records": rows, "simulations": round(runs)}
+
+
+def _about(role: str, throws: Throws) -> dict[str, Any]:
+    """What a person wants to know about the throws of a role."""
+    steps = np.concatenate([np.diff(item.time) for item in throws.items])
+    speeds = [kind for kind, key in (("velocity", "velocity"), ("angular_velocity", "spin")) if _logged(throws, key)]
+    return {
+        "name": throws.name or role,
+        "throws": len(throws),
+        "samples": sum(len(item.time) for item in throws.items),
+        "seconds": sum(item.duration for item in throws.items),
+        "rate_hz": 1.0 / float(np.median(steps)),
+        "commands": [],
+        "measured": ["position", "orientation", *speeds],
+        "quantum": {},
+        "digest": throws.digest or throws.content_digest(),
+    }
+
+
+def _logged(throws: Throws, key: str) -> bool:
+    return all(getattr(item, key) is not None for item in throws.items)
+
+
+def _map(replay: Replay, effects: Sequence[Applied] = ()) -> Map:
+    """Where the difference to a replay with effects shows, against effect-free replicates of the first throws."""
+    few = replay.part(null.FEW)
+    sets = null.replicates(few, effects, np.random.default_rng(0))
+    return where(replay, replay.flights(effects), np.stack([cells(few, differences) for differences in sets]))
+
+
+def _distances(replay: Replay) -> dict[str, Any]:
+    """Distances of one role, and where they show."""
+    apart = [at - flight.position for flight, at in zip(replay.flights(), replay.measured, strict=True)]
+    sizes = 1e3 * np.sqrt((np.concatenate(along(replay, apart)) ** 2).mean(axis=0))
+    return {
+        "whole": 1e3 * float(replay.errors().mean()),
+        "channels": dict(zip(CHANNELS, sizes.tolist(), strict=True)),
+        "noise": dict.fromkeys(CHANNELS, replay.noise.position),
+        "where": _map(replay).record(),
+    }
+
+
+def _alike(few: Replay, bank: Bank) -> list[dict[str, Any]]:
+    """Pairs of effects of which some directions look alike in these throws, the closest first."""
+    plain = _stack(few.flights())
+    shapes = {}
+    for name in bank.names:
+        count = len(effect_of(name).sizes)
+        # The smallest size that shows: chaos makes large ones look like any other.
+        rows = [_stack(few.flights([applied])) - plain for applied in grid(name)]
+        shown = [
+            next((row for row in rows[k : k + count] if np.abs(row).mean() > few.noise.position), None)
+            for k in range(0, len(rows), count)
+        ]
+        shapes[name] = np.array([row / np.linalg.norm(row) for row in shown if row is not None])
+    names = [name for name in bank.names if len(shapes[name])]
+    table = [[np.abs(shapes[one] @ shapes[other].T).max() for other in names] for one in names]
+    return alike(names, np.array(table))
+
+
+def _stack(flights: Sequence[Flight]) -> Array:
+    return np.concatenate([flight.position for flight in flights]).ravel()

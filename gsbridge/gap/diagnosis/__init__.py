@@ -1,0 +1,1 @@
+"""What diagnoses of joints, thrown bodies and pictures have in common."""

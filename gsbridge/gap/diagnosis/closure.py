@@ -1,0 +1,63 @@
+"""How much of a gap an explanation closes, as far as noise tells."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gsbridge.gap.joints.detect import block_means
+from gsbridge.geometry import Array
+
+_LENGTHS = (1, 16)
+"""Samples of the blocks over which a closure is judged."""
+
+_MOMENTS = 25
+"""Parts of a record among which those are sought in which something else happened."""
+
+_LEFT_OUT = 5
+"""Of these, at most so many."""
+
+_ALLOWED = 0.02
+"""Share of a gap's squares that may be left to noise where a closure is judged."""
+
+
+def closed(before: Array, after: Array, share: float) -> float:
+    """Share of a gap that is closed: of the samples themselves and, if the gap is slow, of means over blocks, the lesser one.
+
+    One spread of the noise's squares is allowed, which hides that a large gap is closed; of a small gap it is much. Means have
+    less noise, so that they show what is left of a slow motion where the samples hide it.
+
+    Args:
+        before: Whitened residual without the explanation. [T, C].
+        after: With it. [T, C].
+        share: Mean square of noise alone.
+    """
+    out: list[float] = []
+    whole = 0.0
+    for scale in _LENGTHS:
+        sums = [float((block_means(residual, scale) ** 2).sum()) for residual in (before, after)]
+        count = block_means(before, scale).size
+        gap = max(sums[0] - share * count, 1e-9)
+        whole = max(whole, gap)
+        if gap < 0.5 * whole:
+            continue
+        left = sums[1] - share * count - min(np.sqrt(2.0 * count), _ALLOWED * gap)
+        out.append(1.0 - float(np.sqrt(max(left, 0.0) / gap)))
+    return min(out)
+
+
+def closed_at_most_times(before: Array, after: Array, share: float) -> float:
+    """The same without the fifth of the record in which most is left: an arm that touched something, a push.
+
+    Args:
+        before: Whitened residual without the explanation. [T, C].
+        after: With it. [T, C].
+        share: Mean square of noise alone.
+    """
+    length = len(after) // _MOMENTS
+    if length == 0:
+        return closed(before, after, share)
+    left = (after[: _MOMENTS * length].astype(np.float64) ** 2).sum(axis=1).reshape(_MOMENTS, length).sum(axis=1)
+    kept = np.ones(len(after), bool)
+    for moment in np.argsort(left)[-_LEFT_OUT:]:
+        kept[moment * length : (moment + 1) * length] = False
+    return max(closed(before, after, share), closed(before[kept], after[kept], share))

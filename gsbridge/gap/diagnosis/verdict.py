@@ -1,0 +1,143 @@
+"""The verdict over trials: which one is best, which others cannot be told from it, and whether any is good enough."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from gsbridge.gap.diagnosis.results import Rules, Trial
+from gsbridge.geometry import Array
+
+_BLOCKS = 40
+"""Blocks of time that tell how a sum spreads."""
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Of a set of trials.
+
+    Args:
+        trials: Explanations that say something of their own, the best first.
+        chances: Probability that each is best. [trials].
+        near: Those that cannot be told from the best.
+    """
+
+    trials: tuple[Trial, ...]
+    chances: Array
+    near: tuple[Trial, ...]
+
+
+def decide(trials: Sequence[Trial], rules: Rules, floor: float) -> Decision:
+    """Rank trials.
+
+    Args:
+        trials: Converged fits.
+        rules: Thresholds.
+        floor: Squared residual of noise alone on `select`.
+    """
+    ranked = sorted(trials, key=lambda trial: trial.score)
+    # What would have to be larger than makes sense explains nothing, beside something sensible that does as well.
+    sensible = [trial for trial in ranked if not trial.fit.stopped]
+    if sensible and sensible[0].score - ranked[0].score < rules.margin * max(1.0, sensible[0].chi2 / floor):
+        ranked = sensible
+    best = ranked[0]
+    wide = max(1.0, best.chi2 / floor)
+    earn, simple = rules.earn * wide, rules.simple * wide
+    # What holds a simpler explanation as a special case must earn its further parameters, and otherwise says nothing else.
+    for trial in sorted(ranked[1:], key=lambda trial: trial.parameters):
+        if best.contains(trial) and trial.score - best.score < simple:
+            best = trial
+    others = [t for t in ranked if t is not best and not (t.contains(best) and best.score - t.score < simple)]
+    # So must a set of several effects that takes more parameters to do as well: enough of them mimic anything.
+    others = [t for t in others if not (_is_larger(t, best) and best.squares - t.squares < earn)]
+    kept = _without_unsure_parts([best, *others], rules.sure)
+    best, others, chances = kept[0], kept[1:], _chances(kept)
+    # What the probability asks of white noise, and more where the best leaves more than noise.
+    margin = 2.0 * np.log(rules.sure / (1.0 - rules.sure)) * wide
+    near = tuple(
+        trial
+        for trial, chance in zip(others, chances[1:], strict=True)
+        # A rival that does better on the record that none has seen is one, whatever the fitted record says.
+        if trial.score - best.score < margin or best.chi2 - trial.chi2 > earn or chance > 1.0 - rules.sure
+    )
+    return Decision(tuple(kept), chances, near)
+
+
+def _without_unsure_parts(trials: list[Trial], sure: float) -> list[Trial]:
+    """Trials, the best first, without sets of effects of which a part may as well be all that there is.
+
+    One effect more than there is always explains some of a coloured residual: it must be as sure as a name.
+    """
+
+    def unsure(whole: Trial, part: Trial) -> bool:
+        return set(part.fit.who) < set(whole.fit.who) and _chances([whole, part])[0] < sure
+
+    while True:
+        parts = [trial for trial in trials[1:] if unsure(trials[0], trial)]
+        if not parts:
+            return trials
+        best = min(parts, key=lambda trial: trial.score)
+        trials = [best, *(trial for trial in trials if trial is not best and not unsure(trial, best))]
+
+
+def _is_larger(trial: Trial, best: Trial) -> bool:
+    """Whether a trial is a set of several effects with more parameters than the best explanation."""
+    return len(trial.fit.who) > 1 and trial.parameters > best.parameters
+
+
+def _chances(trials: Sequence[Trial]) -> Array:
+    """Probability that each trial is best, the first being the best guess. [trials].
+
+    Likelihoods, tempered: if the noise were white, squared residuals would be twice the negative logarithms. How much more they
+    spread is taken from blocks of time of both records: of what the best guess leaves, along what the other would change.
+    """
+    best, odds = trials[0], [0.0]
+    for trial in trials[1:]:
+        variance = squares = 0.0
+        for left, other in ((best.residual, trial.residual), (best.first, trial.first)):
+            apart = other - left
+            variance += _spread(left, apart)[0]
+            squares += float((apart**2).sum())
+        odds.append(0.5 * (best.score - trial.score) / max(1.0, variance / max(squares, 1e-300)))
+    weights = np.exp(np.array(odds) - max(odds))
+    return weights / weights.sum()
+
+
+def transfer(plain: Array, residual: Array) -> float:
+    """By how many standard deviations an explanation agrees with a record that it was not fitted to. Both [T, C].
+
+    What it explains is held against the residual without it, and the spread of that against what it leaves: from blocks of
+    time, so that coloured noise does not count as certainty. An explanation that acts in a few blocks only (a limit) is held
+    against what is left at all other times, too.
+    """
+    part = plain - residual
+    if not part.any():
+        return 0.0
+    variance, count = _spread(residual, part)
+    # As many blocks, or places, as there are tell the spread; few of them have heavy tails.
+    deviations = float((plain * part).sum()) / max(np.sqrt(variance), 1e-300)
+    return float(norm.isf(max(student.sf(deviations, count), 1e-300)))
+
+
+def _spread(left: Array, part: Array) -> tuple[float, float]:
+    """Variance of the product of what is left, as noise, and something else, and how many numbers tell it. Both [T, C].
+
+    From blocks of time; of something that acts in a few of them only, from what is left at all other times, too.
+    """
+    length = max(5, len(part) // _BLOCKS)
+    rows = len(part) // length
+    left, part = left[: rows * length], part[: rows * length]
+
+    def blocks(values: Array) -> Array:
+        return values.sum(axis=1).reshape(rows, length).sum(axis=1)
+
+    squares = blocks(part**2)
+    count = float(squares.sum() ** 2 / max(float((squares**2).sum()), 1e-300))
+    if count * count >= rows:
+        return float((blocks(left * part) ** 2).sum()), count
+    moved = [float((left * np.roll(part, k * length, axis=0)).sum()) for k in range(rows)]
+    return float(np.mean(np.square(moved))), rows / max(count, 1e-300)

@@ -1,0 +1,222 @@
+"""Later photos less earlier ones as effects would have changed them, in units of the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from scipy.optimize import nnls
+
+from gsbridge.gap.image.expect import Expectation
+from gsbridge.gap.image.model import shooting
+from gsbridge.gap.image.noise_model import LEAST, Flats, slopes_of
+from gsbridge.gap.image.pairs import Pairs
+from gsbridge.gap.image.visibility import off_steps
+from gsbridge.gap.joints.mechanism_model import Applied
+from gsbridge.geometry import Array
+from gsbridge.scene.shooting import Shooting
+
+HEIGHT = 48
+"""Rows, about, at which photos are compared, as means over blocks: light that is moved by parts of a pixel gets soft."""
+
+_BORDER = 0.05
+"""Share of the width along each edge that is not compared: a displaced camera sees more there than the earlier photo shows."""
+
+_PLACE = 0.1
+"""Of pixels as compared: how well it is known where things are, with depths and interpolation as they are."""
+
+_PARTS = 12
+"""Classes of brightness by which noise is learnt."""
+
+_OUTLIER = 4.0
+"""Deviations beyond which a difference of two equal photos is no noise."""
+
+_NEAR = 5
+"""Pixels as compared, on either side, over which noise is taken to be alike."""
+
+_CLEAR = 5.0
+"""Deviations by which later photos must be noisier to count as noisier."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Variance of one photo at the size at which photos are compared.
+
+    Args:
+        dark: Where it is dark.
+        light: By how much it grows up to white.
+    """
+
+    dark: float
+    light: float
+
+    def at(self, levels: Array) -> Array:
+        """Variance at encoded levels, 0..1."""
+        return self.dark + self.light * np.clip(levels, 0.0, 1.0)
+
+
+def learn_noise(pairs: Sequence[Pairs]) -> Noise:
+    """Noise from photos of the same views with nothing changed."""
+    levels, squares = [], []
+    for views in pairs:
+        size = shrinking(views)
+        one, other = (shrunk(photos, size) for photos in (views.before, views.again))
+        kept = compared(views) > 0
+        levels.append(0.5 * (one + other)[kept])
+        squares.append((other - one)[kept] ** 2 / (1.0 + 1.0 / views.repeats))
+    level, square = np.concatenate(levels).ravel().astype(np.float64), np.concatenate(squares).ravel().astype(np.float64)
+    order = np.argsort(level)
+    rows, means = [], []
+    for part in np.array_split(order, _PARTS):
+        # Few pixels may show what moved by itself.
+        limit = _OUTLIER**2 * np.median(square[part]) / 0.455
+        rows.append([1.0, level[part].mean()])
+        means.append(square[part][square[part] <= limit].mean() if limit > 0 else 0.0)
+    size = shrinking(pairs[0])
+    least = LEAST / size**2
+    weight = 1.0 / np.maximum(means, least)
+    dark, light = nnls(np.array(rows) * weight[:, None], np.array(means) * weight)[0]
+    return Noise(max(float(dark), least), float(light))
+
+
+def shrinking(pairs: Pairs, height: int = HEIGHT) -> int:
+    """Edge of the blocks of pixels over which photos are averaged, for about so many rows."""
+    return max(1, round(pairs.camera.height / height))
+
+
+def shrunk(photos: Array, size: int) -> Array:
+    """Means over blocks; rows and columns that fill none are left out. [N, H, W, ...] -> [N, h, w, ...]."""
+    count, height, width = photos.shape[:3]
+    tall, wide = height // size, width // size
+    parts = photos[:, : tall * size, : wide * size].reshape(count, tall, size, wide, size, *photos.shape[3:])
+    return parts.mean(axis=(2, 4))
+
+
+def compared(pairs: Pairs, height: int = HEIGHT) -> Array:
+    """Where photos are compared: off the border, off steps of depth, and where the depth is known. [N, h, w], 0 or 1."""
+    size, border = shrinking(pairs, height), max(1, round(_BORDER * pairs.camera.width))
+    kept = np.stack([off_steps(depth) for depth in pairs.depths])
+    kept[:, :border] = kept[:, -border:] = False
+    kept[:, :, :border] = kept[:, :, -border:] = False
+    return (shrunk(kept.astype(np.float32), size) >= 1.0).astype(np.float32)
+
+
+class View:
+    """The views of a role in units of the noise.
+
+    Args:
+        pairs: The views.
+        noise: Of one photo.
+        grain: Whether the photos' grain is compared, too: means of several photos have less.
+        height: Rows, about, at which they are compared: few, to find what moved far; their noise is then not that of blocks.
+
+    Attributes:
+        shape: Photos, rows, columns as they are compared.
+        mask: Where they are. [N, h, w].
+    """
+
+    def __init__(self, pairs: Pairs, noise: Noise, *, grain: bool = True, height: int = HEIGHT) -> None:
+        self.pairs, self.noise, self._grainy = pairs, noise, grain
+        self.expectation = Expectation(pairs)
+        self.size = shrinking(pairs, height)
+        self.after = shrunk(pairs.after, self.size)
+        self.mask = compared(pairs, height)
+        self.shape = self.mask.shape
+        # Noisier photos say less, whatever made them so; that they are noisier, their grain alone says.
+        before, again = (shrunk(photos, self.size) for photos in (pairs.before, pairs.again))
+        local = self._local(again - before, noise.at(before))
+        variance = local * (self._rougher() * noise.at(self.after) + noise.at(before))
+        variance = variance + _PLACE**2 * slopes_of(before.astype(np.float32))[..., None]
+        self._usual = again - before
+        self._weights = (self.mask[..., None] / np.sqrt(variance)).astype(np.float32)
+
+    def residual(self, effects: Sequence[Applied] = ()) -> Array:
+        """Later photos less expected ones, a row per line of a photo, then the grain of every photo. [N * h + N, 3 * w]."""
+        how = shooting(effects)
+        apart = (self.after - shrunk(self.expectation.photos(how), self.size)) * self._weights
+        shown = shrunk(self.expectation.shown(how).astype(np.float32), self.size) >= 1.0
+        if not shown.all():
+            # What comes into sight says nothing; the rest stands for it, or it would pay to look elsewhere.
+            kept = np.maximum((self.mask * shown).sum(), 1.0)
+            apart *= shown[..., None] * np.float32(np.sqrt(self.mask.sum() / kept))
+        count, height, width = self.shape
+        rough = self._rough(how)
+        grain = np.zeros((count, 3 * width), np.float32)
+        grain[:, : rough[0].size] = rough.reshape(count, -1)
+        return np.concatenate([apart.reshape(count * height, 3 * width), grain])
+
+    def pictures(self, table: Array) -> Array:
+        """The part of a residual that is pictures. [N * h + N, 3 * w] -> [N, h, w, 3]."""
+        count, height, width = self.shape
+        return table[: count * height].reshape(count, height, width, 3)
+
+    def grains(self, table: Array) -> Array:
+        """The part that is grain. [N * h + N, 3 * w] -> [N, 3 * w]."""
+        return table[self.shape[0] * self.shape[1] :]
+
+    @property
+    def numbers(self) -> int:
+        """Measured numbers in a residual."""
+        return 3 * int(self.mask.sum()) + 3 * int(np.isfinite(self._spread).sum())
+
+    def usual(self) -> Array:
+        """What photos of one day differ by, in units of its own size in each colour. [N, h, w, 3]."""
+        apart = self._usual * self._weights
+        return apart / np.sqrt(np.maximum((apart**2).sum(axis=(0, 1, 2)) / max(float(self.mask.sum()), 1.0), 1e-12))
+
+    def quiet(self) -> View:
+        """The same views with nothing changed."""
+        return View(self.pairs.quiet(), self.noise, grain=self.pairs.repeats == 1)
+
+    @cached_property
+    def _flats(self) -> Flats:
+        covered = cv2.resize(
+            self.mask.transpose(1, 2, 0),
+            (self.shape[2] * self.size, self.shape[1] * self.size),
+            interpolation=cv2.INTER_NEAREST,
+        )
+        covered = covered.reshape(*covered.shape[:2], -1).transpose(2, 0, 1) > 0
+        height, width = self.pairs.camera.height, self.pairs.camera.width
+        whole = np.zeros((len(self.pairs), height, width), bool)
+        whole[:, : covered.shape[1], : covered.shape[2]] = covered
+        before = self.pairs.before.astype(np.float32)
+        return Flats.of(before, slopes_of(before), whole)
+
+    @cached_property
+    def _spread(self) -> Array:
+        """Deviation of the logarithm of the ratio of two measured grains. [N, L]."""
+        spread = np.sqrt(2.0) * self._flats.deviations()
+        return spread if self._grainy else np.full_like(spread, np.inf)
+
+    @cached_property
+    def _grain(self) -> Array:
+        return self._flats.variances(self.pairs.after.astype(np.float32))
+
+    def _local(self, apart: Array, variance: Array) -> Array:
+        """Variance of the noise in multiples of what its brightness says, where photos of one day tell: in shades that flicker
+        a little, on things that shine. [N, h, w, 1]."""
+        square = (apart**2 / (variance * (1.0 + 1.0 / self.pairs.repeats))).mean(axis=-1) * self.mask
+        size = (2 * _NEAR + 1,) * 2
+        near = np.stack([cv2.blur(part.astype(np.float64), size) for part in square])
+        filled = np.stack([cv2.blur(part.astype(np.float64), size) for part in self.mask])
+        return np.maximum(near / np.maximum(filled, 1e-6), 1.0).astype(np.float32)[..., None]
+
+    def _rougher(self) -> float:
+        """Variance of the later photos' noise in multiples of the earlier ones', 1 where it is not clearly more."""
+        rough = self._rough(shooting())
+        measured = np.isfinite(self._spread)
+        if not measured.any():
+            return 1.0
+        weight = 1.0 / self._spread[measured] ** 2
+        mean = float((rough[measured] * self._spread[measured][:, None]).mean(axis=1) @ weight / weight.sum())
+        return float(np.exp(mean)) if mean > _CLEAR / np.sqrt(3.0 * weight.sum()) else 1.0
+
+    def _rough(self, how: Shooting) -> Array:
+        """Logarithm of the later photos' grain over the expected one, in deviations; 0 where it is not measured. [N, L, 3]."""
+        expected = self._flats.variances(self.expectation.flat(how))
+        expected = expected + how.read_noise + how.shot_noise * np.clip(self._flats.levels, 0.0, 1.0)
+        ratio = np.nan_to_num(np.log(self._grain) - np.log(expected))
+        return ratio / self._spread[..., None]

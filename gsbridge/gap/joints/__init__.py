@@ -1,0 +1,1 @@
+"""The gap of driven joints: from logs and a model of a mechanism to the effects that the model lacks."""

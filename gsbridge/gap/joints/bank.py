@@ -1,0 +1,161 @@
+"""Bank of signatures: what each candidate changes in a replay, at several sizes; made once per mechanism and commands."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from gsbridge.files import atomic_file
+from gsbridge.gap.joints.candidates import Candidate
+from gsbridge.gap.joints.mechanism_model import Applied
+from gsbridge.gap.joints.residuals import View
+from gsbridge.geometry import Array
+
+_AIM = 100.0
+"""Squared length of the smallest signature that is kept, in units of the noise: ten times the noise of one number."""
+
+_TRIES = 8
+"""Simulations spent on finding the smallest size."""
+
+_COARSE = 2.0
+"""Step of the noise, in doublings, within which a bank is shared."""
+
+_LARGEST = 2e4
+"""Multiple of the typical size beyond which nothing is looked for."""
+
+
+_EDITION = 2
+"""Raised when an effect's simulation changes, so that no signature of the old one is read."""
+
+
+@dataclass(frozen=True)
+class Signature:
+    """What a candidate of one size changes.
+
+    Args:
+        candidate: Who.
+        values: Its parameters.
+        change: Simulated with it less without, SI units. [T, C].
+    """
+
+    candidate: Candidate
+    values: dict[str, float]
+    change: Array
+
+
+@dataclass(frozen=True)
+class Bank:
+    """Signatures of all candidates on one record.
+
+    Args:
+        signatures: All, by candidate and size.
+        runs: Simulations that making it took.
+    """
+
+    signatures: tuple[Signature, ...]
+    runs: int
+
+
+def make_bank(view: View, who: Sequence[Candidate], base: Sequence[Applied] = ()) -> Bank:
+    """Simulate all candidates on top of `base`.
+
+    The noise of the view sets the smallest size: one whose signature just stands out.
+    """
+    before = view.mechanism.runs
+    plain = view.stack(view.simulate(base))
+    found: list[Signature] = []
+    for candidate in who:
+        factor = 1.0
+        for direction in candidate.effect.directions():
+            # The size that just stands out along one direction is a good guess for the next.
+            made, factor = _along(view, candidate, direction, factor, plain, base)
+            found += made
+    return Bank(tuple(found), view.mechanism.runs - before)
+
+
+def _along(
+    view: View, candidate: Candidate, direction: dict[str, float], begin: float, plain: Array, base: Sequence[Applied]
+) -> tuple[list[Signature], float]:
+    """Signatures along one direction of a candidate's parameters, and the multiple of it that just stands out."""
+    effect = candidate.effect
+
+    def change(factor: float) -> tuple[dict[str, float], Array, float]:
+        values = effect.scaled(direction, factor)
+        difference = view.stack(view.simulate((*base, candidate.applied(values)))) - plain
+        if not np.isfinite(difference).all():
+            return values, difference, np.inf
+        return values, difference, float((view.whiten(difference) ** 2).sum())
+
+    factor, seen = begin, {}
+    low, high = 0.0, np.inf
+    for _ in range(_TRIES):
+        seen[factor] = change(factor)
+        size = seen[factor][2]
+        if 0.3 * _AIM <= size <= 5 * _AIM:
+            break
+        low, high = (max(low, factor), high) if size < _AIM else (low, min(high, factor))
+        if size == np.inf:
+            scale = 0.1
+        elif size < 1e-3 * _AIM:
+            # Thresholds (limits, play) give nothing until they are passed.
+            scale = 8.0
+        else:
+            scale = float(np.clip(np.sqrt(_AIM / size), 0.05, 20.0))
+        new = factor * scale
+        if not low < new < high:
+            new = float(np.sqrt(low * high))
+        if new in seen or new > _LARGEST or effect.scaled(direction, new) == effect.scaled(direction, factor):
+            break
+        factor = new
+    out, last = [], None
+    for step in effect.sizes:
+        values, difference, size = seen[factor * step] if factor * step in seen else change(factor * step)
+        if values == last or size == np.inf:
+            break
+        last = values
+        if size > 1.0:
+            out.append(Signature(candidate, values, difference.astype(np.float32)))
+    return out, factor if out else begin
+
+
+def bank_of(view: View, who: Sequence[Candidate], folder: str | Path) -> Bank:
+    """The bank of a view, from `folder` where an equal one was made before."""
+    # Noise sets sizes only, where a factor of two does not matter: in coarse steps, cases of one sensor share a bank.
+    steps = np.round(np.log2(view.sigma) / _COARSE)
+    key = hashlib.sha256(f"{_EDITION}{view.digest()}".encode())
+    for candidate in who:
+        effect = candidate.effect
+        key.update(f"{candidate}{effect.parameters}{effect.directions()}{effect.sizes}".encode())
+    key.update(steps.astype(int).tobytes())
+    path = Path(folder) / f"{key.hexdigest()[:32]}.npz"
+    if path.exists():
+        try:
+            return _read(path)
+        except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+            path.unlink()
+    # Made with the noise of the step, so that a bank does not depend on which case came first.
+    coarse = replace(view)
+    coarse.set_noise(2.0 ** (_COARSE * steps), view.records)
+    bank = make_bank(coarse, who)
+    shape = view.stack(view.record.measured).shape
+    changes = np.stack([s.change for s in bank.signatures]) if bank.signatures else np.empty((0, *shape))
+    labels = json.dumps([[s.candidate.name, s.candidate.joint, s.values] for s in bank.signatures])
+    with atomic_file(path) as temporary, open(temporary, "wb") as stream:
+        np.savez_compressed(stream, changes=changes, labels=labels, runs=bank.runs)
+    return bank
+
+
+def _read(path: Path) -> Bank:
+    with np.load(path) as data:
+        labels, changes = json.loads(str(data["labels"])), data["changes"]
+        found = tuple(
+            Signature(Candidate(name, joint), values, change)
+            for (name, joint, values), change in zip(labels, changes, strict=True)
+        )
+        return Bank(found, int(data["runs"]))

@@ -1,0 +1,51 @@
+"""Candidates: every effect of the catalogue on every joint where it can act and show."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from gsbridge.effects.base import Effect
+from gsbridge.gap.effects import catalogue, effect_of
+from gsbridge.gap.joints.mechanism_model import Applied, System
+from gsbridge.geometry import Array
+
+
+@dataclass(frozen=True, order=True)
+class Candidate:
+    """An effect and the joint it would act on, empty for the whole mechanism."""
+
+    name: str
+    joint: str = ""
+
+    @property
+    def effect(self) -> Effect:
+        """Its entry in the catalogue."""
+        return effect_of(self.name)
+
+    def applied(self, values: Mapping[str, float]) -> Applied:
+        """With parameters."""
+        return Applied(self.name, self.joint, dict(values))
+
+    def from_vector(self, vector: Array) -> Applied:
+        """With parameters in the catalogue's order."""
+        return self.applied({p.name: float(x) for p, x in zip(self.effect.parameters, vector, strict=True)})
+
+    def vector(self, values: Mapping[str, float]) -> Array:
+        """Parameters in the catalogue's order."""
+        return np.array([values[p.name] for p in self.effect.parameters])
+
+    def __str__(self) -> str:
+        return f"{self.name}:{self.joint}" if self.joint else self.name
+
+
+def candidates(system: System, names: Collection[str] | None = None) -> tuple[Candidate, ...]:
+    """All candidates of a mechanism; of these effects only, if `names` is given."""
+    out = []
+    for name, effect in catalogue().items():
+        if effect.scope == "body" or system.controller.mode not in effect.modes or (names is not None and name not in names):
+            continue
+        out += [Candidate(name, joint) for joint in system.joints] if effect.scope == "joint" else [Candidate(name)]
+    return tuple(out)

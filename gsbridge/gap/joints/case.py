@@ -1,0 +1,167 @@
+"""A user's case: a YAML file that names a model and records."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from gsbridge.errors import InputError
+from gsbridge.gap.effects import effect_of
+from gsbridge.gap.formats.logs import read_log
+from gsbridge.gap.formats.yaml_file import read_yaml
+from gsbridge.gap.joints.diagnose import ROLES
+from gsbridge.gap.joints.mechanism_model import System, read_system
+from gsbridge.gap.joints.records import SHORTEST, TOOL, Layout, Record, check_degrees, doubtful_degrees
+from gsbridge.geometry import Array
+
+_KEYS = ("model", "records", "columns", "units", "torque_per_ampere", "noise", "effects")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A case, checked.
+
+    Args:
+        model: The model file.
+        system: Its content.
+        records: By role.
+        names: Effects that may be the reason; None for all.
+        reasons: Why its result is degraded.
+    """
+
+    model: Path
+    system: System
+    records: Mapping[str, Record]
+    names: tuple[str, ...] | None
+    reasons: tuple[str, ...]
+
+
+def read_case(path: str | Path) -> Case:
+    """Read and check a case.
+
+    Raises:
+        InputError: The file, its model or a record cannot be used.
+    """
+    path = Path(path)
+    content = read_yaml(path, "case", "docs/gap.md")
+    if not isinstance(content, Mapping) or "model" not in content or not content.get("records"):
+        raise InputError(path, "a case needs 'model' and 'records'", "See docs/gap.md")
+    for key in content:
+        if key not in _KEYS:
+            raise InputError(path, f"the key '{key}' is unknown", f"Use only: {', '.join(_KEYS)}")
+    model = path.parent / content["model"]
+    system = read_system(model)
+    gain = content.get("torque_per_ampere")
+    reasons = []
+    if gain is not None:
+        if len(system.joints) > 1:
+            raise InputError(
+                path, "efforts in amperes are understood for a single axis only", "Convert them to N m, or leave them out"
+            )
+        reasons.append("efforts come from currents by a stated gain, which scales every torque found")
+    layout = Layout(
+        system.joints,
+        system.controller.mode == "torque",
+        dict(content.get("columns") or {}),
+        dict(content.get("units") or {}),
+        gain,
+    )
+    for name in content.get("effects") or ():
+        effect_of(name, str(path))
+    records = {}
+    for role, file in content["records"].items():
+        if role not in ROLES:
+            raise InputError(path, f"the record '{role}' has no role", f"Name records {', '.join(ROLES)}")
+        records[role] = _check(read_log(path.parent / file, layout), system, path.parent / file, content.get("noise") or {})
+    records, split = split_records(records, path)
+    if "effort" not in records["fit"].measured and system.controller.closed_loop:
+        reasons.append("no efforts are logged: latency and filters, viscous friction and damping are hard to tell apart")
+    if "position" not in records["fit"].measured:
+        reasons.append("no joint positions are logged: what moves the tool alike cannot be told apart")
+    reasons += doubtful_degrees(records["fit"], system.limits)
+    return Case(model, system, records, tuple(content["effects"]) if content.get("effects") else None, (*reasons, *split))
+
+
+def _check(record: Record, system: System, source: Path, noise: Mapping[str, float | list[float]]) -> Record:
+    """A record that fits its mechanism.
+
+    Raises:
+        InputError: Commands are missing, or angles are degrees.
+    """
+    if system.controller.mode != "free" and "command" not in record.commands:
+        record_needs = "torques" if system.controller.mode == "torque" else "commanded positions"
+        raise InputError(
+            source,
+            f"there are no columns 'command.{system.joints[0]}' with {record_needs}",
+            f"Mode {system.controller.mode} needs them",
+        )
+    if TOOL in record.measured and not system.tool and "position" in record.measured:
+        # A log may hold more than a model asks for.
+        record = replace(record, measured={kind: values for kind, values in record.measured.items() if kind != TOOL})
+    if TOOL in record.measured and not system.tool:
+        raise InputError(source, "it has columns 'tool.x', but the model does not say which link that is", "Add 'tool: LINK'")
+    if "position" not in record.measured and not system.controller.closed_loop:
+        raise InputError(
+            source, f"without joint positions nobody knows where mode {system.controller.mode} begins", "Log positions, too"
+        )
+    check_degrees(record, source, system.limits)
+    sigma = {
+        kind: _noise_of(kind, value, record.measured[kind].shape[1], source)
+        for kind, value in noise.items()
+        if kind in record.measured
+    }
+    return replace(record, sigma=sigma)
+
+
+def _noise_of(kind: str, value: float | list[float], count: int, source: Path) -> Array:
+    """Noise of a kind for every joint. [N].
+
+    Raises:
+        InputError: It is no positive number, nor one per joint.
+    """
+    values = value if isinstance(value, list) else [value] * count
+    numbers = all(isinstance(one, (int, float)) and not isinstance(one, bool) and one > 0 for one in values)
+    if len(values) != count or not numbers:
+        raise InputError(source, f"noise.{kind} is {value!r}", f"Give one positive number, or one for each of {count} columns")
+    return np.array(values, dtype=np.float64)
+
+
+def split_records(records: Mapping[str, Record], source: str | Path) -> tuple[dict[str, Record], tuple[str, ...]]:
+    """Three roles from fewer records, cut by time, which is marked.
+
+    Raises:
+        InputError: A part would be too short.
+    """
+    missing = [role for role in ROLES if role not in records]
+    if not missing:
+        return dict(records), ()
+    if "fit" not in records:
+        raise InputError(source, "there is no record 'fit'", "Name the longest one fit")
+    out = {role: record for role, record in records.items() if role in ROLES}
+    whole = "select" if "select" in records else "fit"
+    parts = ROLES[ROLES.index(whole) :] if whole == "select" else ("fit", *missing)
+    record = records[whole]
+    edges = np.linspace(0, len(record.time), len(parts) + 1).astype(int)
+    if record.duration / len(parts) < SHORTEST:
+        raise InputError(
+            source, f"the record '{whole}' lasts {record.duration:.3g} s, too short to be cut into {len(parts)}",
+            f"Log three records of different motion, or at least {SHORTEST * len(parts):g} s",
+        )  # fmt: skip
+    for role, first, last in zip(parts, edges[:-1], edges[1:], strict=True):
+        out[role] = _cut(record, int(first), int(last), role)
+    return out, (f"the record '{whole}' was cut into {' and '.join(parts)}, which share one kind of motion",)
+
+
+def _cut(record: Record, first: int, last: int, name: str) -> Record:
+    """Part of a record."""
+    rows = slice(first, last)
+    return replace(
+        record,
+        name=f"{record.name} ({name})",
+        time=record.time[rows] - record.time[first],
+        commands={kind: values[rows] for kind, values in record.commands.items()},
+        measured={kind: values[rows] for kind, values in record.measured.items()},
+    )

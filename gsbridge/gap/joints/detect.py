@@ -1,0 +1,114 @@
+"""Is there a discrepancy at all: statistics of residuals, calibrated by effect-free replicates instead of by theory.
+
+Replicates hold white noise that passed the same estimate of its size, and by how much another step of time changes the replay.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gsbridge.gap.diagnosis.tail_pvalue import tail_p
+from gsbridge.gap.joints.noise import white_noise
+from gsbridge.gap.joints.residuals import View
+from gsbridge.gap.joints.screen import Screen
+from gsbridge.geometry import Array
+
+SCALES = (1, 4, 16, 64)
+"""Lengths of the blocks over which residuals are averaged, samples: an effect lasts longer than noise."""
+
+REPLICATES = 199
+"""Of noise."""
+
+_UNSURE = 0.5
+"""Spread, in multiples of what a finer step changes, of what is left of the step's error after it was taken off."""
+
+
+def block_means(residual: Array, scale: int) -> Array:
+    """Means over blocks, times the root of their length, so that white noise keeps its size. [T, C] -> [T // scale, C]."""
+    rows = len(residual) // scale
+    return residual[: rows * scale].reshape(rows, scale, -1).sum(axis=1) / np.sqrt(scale)
+
+
+def excess(residual: Array) -> Array:
+    """By how many standard deviations squared residuals exceed white noise: for every scale, of each channel and of all.
+
+    Args:
+        residual: Whitened. [T, C].
+
+    Returns:
+        [S * (C + 1)].
+    """
+    out = []
+    for scale in SCALES:
+        squares = block_means(residual, scale) ** 2
+        rows, count = squares.shape
+        out.append((squares.sum(axis=0) - rows) / np.sqrt(2.0 * rows))
+        out.append([(squares.sum() - rows * count) / np.sqrt(2.0 * rows * count)])
+    return np.concatenate(out)
+
+
+@dataclass(frozen=True)
+class Null:
+    """How effect-free residuals look.
+
+    Args:
+        excesses: Of the replicates. [R, S * (C + 1)].
+        gains: Largest gain of any signature in each replicate; empty without a bank. [R].
+        share: Mean squared residual of one number.
+    """
+
+    excesses: Array
+    gains: Array
+    share: float
+
+    def statistic(self, residual: Array) -> float:
+        """One figure of a residual: its largest excess among scales and channels, in spreads of the replicates."""
+        return float(((excess(residual) - self._middle) / self._spread).max())
+
+    @property
+    def _middle(self) -> Array:
+        return np.median(self.excesses, axis=0)
+
+    @property
+    def _spread(self) -> Array:
+        return np.maximum(np.quantile(self.excesses, 0.975, axis=0) - self._middle, 1.0) / 1.96
+
+    def p_value(self, residual: Array) -> float:
+        """Share of replicates at least as large, beyond most of them by their tail."""
+        replicas = ((self.excesses - self._middle) / self._spread).max(axis=1)
+        return tail_p(replicas, self.statistic(residual))
+
+    def p_gain(self, gain: float) -> float:
+        """Share of replicates in which some signature gains as much by chance; 1 without a bank."""
+        return tail_p(self.gains, gain) if len(self.gains) else 1.0
+
+
+def _estimated(view: View, noise: Array) -> Array:
+    """Noise of each channel as it is found on a record. [T, C] -> [C]."""
+    return np.median([white_noise(noise[a:b]) for a, b in view.spans if b - a > 20] or [white_noise(noise)], axis=0)
+
+
+def calibrate(view: View, rng: np.random.Generator, screen: Screen | None = None, replicates: int = REPLICATES) -> Null:
+    """Draw effect-free replicates of a view's residual."""
+    gap = view.stepping()
+    shape = gap.shape
+    declared = np.array([kind in view.record.sigma for kind, _ in view.channels])
+    noises = [rng.standard_normal(shape) for _ in range(replicates)]
+    found = np.stack([_estimated(view, noise) for noise in noises])
+    excesses, residuals = [], []
+    for noise, own in zip(noises, found, strict=True):
+        # Other records' estimates are as good as those of other replicates and channels.
+        others = rng.choice(found.ravel(), (view.records - 1, shape[1]))
+        size = np.sqrt((np.vstack([own[None], others]) ** 2).mean(axis=0))
+        residual = view.project(noise / np.where(declared, np.maximum(size, 1.0), size)) + rng.normal(0.0, _UNSURE) * gap
+        excesses.append(excess(residual))
+        residuals.append(residual)
+    stack = np.stack(residuals, axis=-1)
+    gains = np.zeros(0 if screen is None else replicates)
+    if screen is not None and len(screen.sizes):
+        gains = screen.gains((screen.shapes @ stack.reshape(-1, replicates).astype(np.float32)).astype(np.float64))[0].max(
+            axis=0
+        )
+    return Null(np.stack(excesses), gains, float((stack**2).mean()))

@@ -1,0 +1,1 @@
+"""Effects of driven joints, one per file."""

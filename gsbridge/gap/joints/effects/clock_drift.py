@@ -1,0 +1,26 @@
+"""A clock of the measurements that runs too fast or too slow."""
+
+from collections.abc import Mapping
+
+from gsbridge.effects.base import Effect, Parameter
+from gsbridge.gap.joints.effects.clock_offset import restamp
+from gsbridge.gap.joints.setup import Setup
+
+
+class ClockDrift(Effect):
+    """Positions and speeds whose time stamps run away from those of the commands; efforts' do not, as of another device."""
+
+    name = "clock_drift"
+    title = "a clock drift of the measured motion"
+    hook = "clock"
+    scope = "mechanism"
+    parameters = (Parameter("drift", "1", -0.05, 0.05, 0.001, True, "seconds per second by which motion is stamped too late"),)
+    sizes = (1.0, 6.0, 40.0)
+    signature = "position error follows the speed and grows with time; effort is right"
+    confused_with = ("clock_offset", "command_delay", "warming")
+    tell_apart = "log for longer: an offset stays, a drift grows"
+    cost = "post"
+
+    def apply(self, setup: Setup, joint: int, values: Mapping[str, float]) -> None:
+        """Stretch the logged motion."""
+        restamp(setup, lambda time: time * (1.0 - values["drift"]))

@@ -1,0 +1,267 @@
+"""Fitting the parameters of effects to a record: bounded Levenberg-Marquardt that spends few simulations.
+
+The first derivatives come from the bank's signatures where they tell them, and are then kept up by Broyden's rank-one updates.
+Differences are taken only where neither helps, and once at the end, since intervals come from them.
+
+Source: Broyden, Mathematics of Computation 19, 1965; Levenberg, Quarterly of Applied Mathematics 2, 1944.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gsbridge.gap.joints.candidates import Candidate
+from gsbridge.gap.joints.mechanism_model import Applied
+from gsbridge.gap.joints.residuals import View
+from gsbridge.gap.joints.screen import Screen
+from gsbridge.geometry import Array
+
+_ROUNDS = 12
+_SMALL = 0.05
+"""Squared residual that a further step would have to win, in units of the noise, to be worth a simulation."""
+
+_SHARE = 1e-4
+"""The same as a share of the squared residual."""
+
+_STEP = 5e-3
+"""Of finite differences, in shares of a parameter's scale."""
+
+_UNSURE = 0.2
+"""Spread of the step's error after it was taken off, in multiples of what a finer step changes."""
+
+_REACH = 3.0
+"""Longest step, in scales."""
+
+_EDGE = 1e-3
+"""Share of a parameter's range within which it lies on its bound."""
+
+_CLEAR = 3.0
+"""Standard deviations by which an effect beside others must differ from none."""
+
+_HIDDEN = 1e-2
+"""Share of the strongest parameter's influence below which one does not show."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Effects with fitted parameters.
+
+    Args:
+        who: The candidates.
+        effects: With parameters.
+        chi2: Squared residual on the fitted record, in units of the noise.
+        converged: Whether the last step could win nothing.
+        deviations: Standard deviation of each parameter from the curvature and from what another step of time would change,
+            without allowance for coloured residuals. [P].
+        correlation: Largest correlation of two parameters.
+        rank: Parameters that show in the record, each in a way of its own.
+    """
+
+    who: tuple[Candidate, ...]
+    effects: tuple[Applied, ...]
+    chi2: float
+    converged: bool
+    deviations: Array
+    correlation: float
+    rank: int
+
+    @property
+    def values(self) -> tuple[dict[str, float], ...]:
+        """Parameters of each candidate."""
+        return tuple(dict(effect.parameters) for effect in self.effects)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether an effect would have to be larger than makes sense: what it is fitted to is something else."""
+        return any(
+            parameter.amplitude
+            and bound != 0.0
+            and abs(values[parameter.name] - bound) <= _EDGE * (parameter.high - parameter.low)
+            for candidate, values in zip(self.who, self.values, strict=True)
+            for parameter in candidate.effect.parameters
+            for bound in (parameter.low, parameter.high)
+        )
+
+    @property
+    def blurred(self) -> bool:
+        """Whether one of several effects may as well be absent: they make up for each other to mimic something else."""
+        if len(self.who) < 2:
+            return False
+        place = 0
+        for candidate, values in zip(self.who, self.values, strict=True):
+            clear = False
+            for parameter in candidate.effect.parameters:
+                clear |= parameter.amplitude and abs(values[parameter.name]) >= _CLEAR * self.deviations[place]
+                place += 1
+            if not clear:
+                return True
+        return False
+
+
+class _Problem:
+    """Parameters of several candidates as one vector, with bounds and scales."""
+
+    def __init__(self, view: View, who: Sequence[Candidate]) -> None:
+        self.view, self.who = view, tuple(who)
+        parameters = [p for candidate in who for p in candidate.effect.parameters]
+        self.cuts = np.cumsum([len(candidate.effect.parameters) for candidate in who])[:-1]
+        self.low, self.high = np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
+        # Amplitudes are looked at down to a fiftieth of a typical one, shapes in tenths of their range.
+        self.least = np.array([0.02 * p.typical if p.amplitude else 0.1 * (p.high - p.low) for p in parameters])
+
+    def effects(self, vector: Array) -> tuple[Applied, ...]:
+        return tuple(c.from_vector(part) for c, part in zip(self.who, np.split(vector, self.cuts), strict=True))
+
+    @property
+    def runs(self) -> int:
+        return self.view.mechanism.runs
+
+    def residual(self, vector: Array) -> Array:
+        return self.view.residual(self.effects(vector)).ravel()
+
+    def scale(self, vector: Array) -> Array:
+        return np.maximum(np.abs(vector), self.least)
+
+    def difference(self, vector: Array, residual: Array, k: int) -> Array:
+        """Derivative by one parameter, towards the farther bound."""
+        h = _STEP * self.scale(vector)[k] * (1.0 if self.high[k] - vector[k] > vector[k] - self.low[k] else -1.0)
+        moved = vector.copy()
+        moved[k] += h
+        return (self.residual(moved) - residual) / h
+
+    def step(self, vector: Array, residual: Array, jacobian: Array, damping: float) -> tuple[Array, float]:
+        """Where a damped step leads within the bounds, and what it should win."""
+        scale = self.scale(vector)
+        gradient, curvature = jacobian.T @ residual, jacobian.T @ jacobian
+        free = ~(((vector <= self.low) & (gradient > 0)) | ((vector >= self.high) & (gradient < 0)))
+        # What does not show is left where it is.
+        shown = np.sqrt(np.diag(curvature)) * scale
+        free &= shown > 1e-6 * shown.max()
+        move = np.zeros_like(vector)
+        for _ in range(len(vector)):
+            if not free.any():
+                break
+            block = curvature[np.ix_(free, free)]
+            metric = np.diag(np.maximum(np.diag(block), 1e-12 / scale[free] ** 2))
+            move[:] = 0.0
+            move[free] = -np.linalg.lstsq(block + damping * metric, gradient[free], rcond=1e-12)[0]
+            new = vector + np.clip(move, -_REACH * scale, _REACH * scale)
+            out = free & ((new < self.low) | (new > self.high))
+            if not out.any():
+                break
+            # Those that hit a bound stay there while the others move on.
+            free &= ~(out & ((vector <= self.low) | (vector >= self.high)))
+            break
+        new = np.clip(vector + np.clip(move, -_REACH * scale, _REACH * scale), self.low, self.high)
+        moved = new - vector
+        return new, float(-(2 * gradient @ moved + moved @ curvature @ moved))
+
+
+def fit(
+    view: View,
+    who: Sequence[Candidate],
+    start: Sequence[dict[str, float]],
+    bar: float = np.inf,
+    screen: Screen | None = None,
+    limit: float = np.inf,
+) -> Fit:
+    """Fit all parameters of some effects together.
+
+    Args:
+        view: The record to fit.
+        who: Candidates.
+        start: Parameters of each to start from.
+        bar: Squared residual that a rival has reached: a fit that is not on its way there is given up, unconverged.
+        screen: Signatures on that record, for the first derivatives.
+        limit: Simulations of the mechanism, those before included, at which a fit is given up, unconverged.
+    """
+    problem = _Problem(view, who)
+    x = np.concatenate([candidate.vector(values) for candidate, values in zip(who, start, strict=True)])
+    r = problem.residual(x)
+    jacobian = _first(problem, x, r, start, screen)
+    return _descend(problem, x, r, jacobian, bar, fresh=screen is None, limit=limit)
+
+
+def polish(view: View, rough: Fit, limit: float = np.inf) -> Fit:
+    """The same fit with derivatives taken anew where it ended, and at most a few steps more; `limit` as for `fit`."""
+    problem = _Problem(view, rough.who)
+    x = np.concatenate([c.vector(values) for c, values in zip(rough.who, rough.values, strict=True)])
+    r = problem.residual(x)
+    jacobian = np.stack([problem.difference(x, r, k) for k in range(len(x))], axis=1)
+    # An estimate that stops a standard deviation short of the best one is no estimate to put an interval around.
+    return _descend(problem, x, r, jacobian, np.inf, fresh=True, share=0.0, last=True, limit=limit)
+
+
+def _first(problem: _Problem, x: Array, r: Array, start: Sequence[dict[str, float]], screen: Screen | None) -> Array:
+    """Derivatives at the start: from signatures, and by differences where they do not tell."""
+    parts = []
+    for candidate, values in zip(problem.who, start, strict=True):
+        count = len(candidate.effect.parameters)
+        parts.append(np.full((len(r), count), np.nan) if screen is None else -screen.columns(candidate, values))
+    jacobian = np.concatenate(parts, axis=1)
+    for k in np.flatnonzero(np.isnan(jacobian).any(axis=0)):
+        jacobian[:, k] = problem.difference(x, r, int(k))
+    return jacobian
+
+
+def _descend(
+    problem: _Problem,
+    x: Array,
+    r: Array,
+    jacobian: Array,
+    bar: float,
+    fresh: bool,
+    share: float = _SHARE,
+    last: bool = False,
+    limit: float = np.inf,
+) -> Fit:
+    """Steps until none could win anything: less than `share` of the squared residual, or less than noise tells.
+
+    The `last` fit also asks what the step of time does where it ends, which limits and dry friction magnify.
+    """
+    best, damping, settled, failures = float(r @ r), 1e-4, False, 0
+    for _ in range(_ROUNDS):
+        new, promise = problem.step(x, r, jacobian, damping)
+        if promise < max(_SMALL, share * best):
+            settled = True
+            break
+        if best - 1.5 * promise > bar or problem.runs >= limit:
+            break
+        r_new = problem.residual(new)
+        chi2, moved = float(r_new @ r_new), new - x
+        scaled = moved / problem.scale(x) ** 2
+        # What the step did is what the derivatives should have said.
+        jacobian = jacobian + np.outer(r_new - r - jacobian @ moved, scaled / (moved @ scaled))
+        if chi2 < best:
+            won = best - chi2
+            x, r, best, damping, failures = new, r_new, chi2, damping * 0.2, 0
+            fresh = False
+            if won < 0.1 * _SMALL:
+                settled = True
+                break
+        else:
+            damping, failures = max(damping, 1e-3) * 20.0, failures + 1
+            if failures >= 3:
+                if fresh:
+                    # Kinks (dry friction, limits) keep a promise that no step fulfils.
+                    settled = promise < max(20 * _SMALL, 10 * _SHARE * best)
+                    break
+                if problem.runs + len(x) >= limit:
+                    break
+                jacobian = np.stack([problem.difference(x, r, k) for k in range(len(x))], axis=1)
+                damping, failures, fresh = 1e-3, 0, True
+    curvature = jacobian.T @ jacobian
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+    covariance = np.linalg.pinv(curvature * np.outer(scale, scale), rcond=1e-10) * np.outer(scale, scale)
+    # What is not sure about the step of time moves the estimates as noise does.
+    astray = _UNSURE * covariance @ (jacobian.T @ problem.view.stepping().ravel())
+    beyond = covariance @ (jacobian.T @ problem.view.stepping_beyond(problem.effects(x)).ravel()) if last else 0.0
+    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0) + astray**2 + beyond**2)
+    spread = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+    correlation = np.abs(covariance / np.maximum(spread, 1e-300) - np.eye(len(x))).max() if len(x) > 1 else 0.0
+    shown = np.linalg.svd(jacobian * problem.scale(x), compute_uv=False)
+    rank = max(1, int((shown > _HIDDEN * shown[0]).sum()))
+    return Fit(problem.who, problem.effects(x), best, settled, deviations, float(correlation), rank)

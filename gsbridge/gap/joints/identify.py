@@ -1,0 +1,253 @@
+"""Which effect is missing: fits on one record, judged on another with different excitation, with the right to abstain."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gsbridge.gap.diagnosis.closure import closed, closed_at_most_times
+from gsbridge.gap.diagnosis.results import VERDICTS, Finding, Rules, Trial
+from gsbridge.gap.diagnosis.verdict import decide, transfer
+from gsbridge.gap.joints.bank import Bank
+from gsbridge.gap.joints.candidates import Candidate
+from gsbridge.gap.joints.coherence import coherence_p, has_related, line_p
+from gsbridge.gap.joints.detect import Null, calibrate
+from gsbridge.gap.joints.fit import Fit, fit, polish
+from gsbridge.gap.joints.residuals import View
+from gsbridge.gap.joints.screen import Match, Mixture, Screen
+
+__all__ = ["VERDICTS", "Finding", "Identification", "Rules", "Trial"]
+
+logger = logging.getLogger("gsbridge")
+
+_RESERVE = 12
+"""Simulations kept for the derivatives of the best explanation."""
+
+_JUDGED = 2
+"""Simulations after a fit: with another step of time, and on the record that it has not seen."""
+
+_HUGE = 5.0
+"""Residual, in units of the noise, that no colour of the noise explains."""
+
+
+_TOGETHER = 0.002
+"""Probability below which channels do not move together by chance. Smaller than that of an alarm, since nothing else speaks for
+motion where this decides."""
+
+
+class Identification:
+    """One diagnosis.
+
+    Args:
+        first: View of the record `fit`.
+        second: View of the record `select`.
+        bank: Signatures on `fit`.
+        who: Candidates.
+        rules: Thresholds.
+        seed: Of replicates.
+    """
+
+    def __init__(
+        self, first: View, second: View, bank: Bank, who: Sequence[Candidate], rules: Rules | None = None, seed: int = 0
+    ) -> None:
+        self.first, self.second, self.who = first, second, tuple(who)
+        self.rules, self.rng = rules or Rules(), np.random.default_rng(seed)
+        self.screen = Screen(first, bank)
+        self.null_first: Null = calibrate(first, self.rng, self.screen)
+        self.null: Null = calibrate(second, self.rng)
+        self._begin = first.mechanism.runs
+        self.start, self.plain = first.residual(), second.residual()
+        self.floor, self.floor_first = self.null.share * self.plain.size, self.null_first.share * self.start.size
+        self.plain_chi2 = float((self.plain**2).sum())
+
+    def run(self) -> Finding:
+        """Detect, screen, fit, rank, decide."""
+        rules, residual = self.rules, self.start
+        p_first, p_second = self.null_first.p_value(residual), self.null.p_value(self.plain)
+        p_value = min(p_first, p_second)
+        matches = self.screen.matches(residual)
+        p_gain = self.null_first.p_gain(matches[0].gain) if matches else 1.0
+        unseen = tuple(sorted(str(c) for c in set(self.who) - {match.candidate for match in matches}))
+        if min(p_value, p_gain) >= rules.alarm:
+            few = len(unseen) > 0.5 * len(self.who)
+            return self._quiet("not_enough_excitation" if few else "no_discrepancy", p_value, unseen)
+        trials = self._singles(matches)
+        best = min(trials, key=lambda trial: trial.score, default=None)
+        if best is not None and self._remains(best):
+            trials = self._several(trials, best)
+            best = min(trials, key=lambda trial: trial.score)
+        moves = best is not None and self._transfers(best)
+        if not moves and not self._is_motion():
+            # What exceeds white noise is no motion, and nothing learnt from one record holds on the other.
+            untold = not has_related(self.first)
+            return replace(self._quiet("no_discrepancy", p_value, unseen), coloured=True, untold=untold)
+        if best is None:
+            return self._quiet("none_of_the_known", p_value, unseen)
+        if p_first >= rules.alarm and p_gain >= rules.alarm and not moves and not self._vibrates():
+            # The difference shows on `select` alone, so that nothing can be fitted to it and then tested.
+            return self._quiet("not_enough_excitation", p_value, unseen)
+        return self._decide(trials, matches, p_value, unseen)
+
+    def _used(self) -> int:
+        return self.first.mechanism.runs - self._begin
+
+    def _affords(self, fits: int) -> bool:
+        """Whether simulations are left for so many fits' parameters."""
+        return self._used() + 4 + fits <= self.rules.budget - _RESERVE
+
+    def _limit(self, reserve: int = _RESERVE) -> int:
+        """Simulations at which a fit is given up, so that judging it and the reserve stay within the budget."""
+        return self._begin + self.rules.budget - reserve - _JUDGED
+
+    def _transfers(self, trial: Trial) -> bool:
+        """Whether a trial explains a part of the other record, by more than chance and colour of the noise allow."""
+        if self.plain_chi2 - trial.chi2 < self.rules.margin:
+            return False
+        return transfer(self.plain, trial.residual) > self.rules.deviations
+
+    def _is_motion(self) -> bool:
+        """Whether the channels of the residuals move together, or are too large for any noise."""
+        sizes = [float(np.sqrt((residual**2).mean(axis=0)).max()) for residual in (self.start, self.plain)]
+        p_value = coherence_p((self.first, self.second), (self.start, self.plain), self.rng)
+        return max(sizes) >= _HUGE or p_value < _TOGETHER or self._vibrates()
+
+    def _vibrates(self) -> bool:
+        """Whether channels of a joint share a line of their spectra, which no colour of the noise makes."""
+        return line_p((self.first, self.second), (self.start, self.plain), self.rng) < _TOGETHER
+
+    def _quiet(self, verdict: str, p_value: float, unseen: tuple[str, ...]) -> Finding:
+        size = float(np.sqrt(self.plain_chi2 / self.second.freedom))
+        remains = verdict == "none_of_the_known"
+        return Finding(verdict, None, (), (), remains, p_value, p_value, size, size, self._used(), unseen)
+
+    def _trial(self, fitted: Fit) -> Trial:
+        """Judge a fit on `select`."""
+        residual = self.second.residual(fitted.effects)
+        chi2 = float((residual**2).sum())
+        gap = max(self.plain_chi2 - self.floor, 1e-9)
+        closure = 1.0 - float(np.sqrt(max(chi2 - self.floor, 0.0) / gap))
+        return Trial(fitted, residual, self.first.residual(fitted.effects), chi2, closure)
+
+    def _remains(self, trial: Trial) -> bool:
+        """Whether a trial leaves more than noise."""
+        return self._p_remaining(trial) < self.rules.alarm
+
+    def _p_remaining(self, trial: Trial) -> float:
+        """Probability that noise leaves as much on either record, or as much that looks like some effect."""
+        left = self.screen.matches(trial.first)
+        p_gain = self.null_first.p_gain(left[0].gain) if left else 1.0
+        looks = (self.null.p_value(trial.residual), self.null_first.p_value(trial.first), p_gain)
+        return min(1.0, len(looks) * min(looks))
+
+    def _singles(self, matches: Sequence[Match]) -> list[Trial]:
+        """Fits of one effect each; those that cannot reach the best are not fitted, those that did not converge left out."""
+        ranked = sorted((match for match in matches if match.gain > 0), key=lambda match: -match.bound)
+        out: list[Trial] = []
+        chi2, reached = float((self.start**2).sum()), -np.inf
+        for number, match in enumerate(ranked):
+            slack = 4 * self.rules.margin + 0.3 * max(reached, 0.0) if number < self.rules.rivals else self.rules.margin
+            far = match.bound < reached - slack
+            if far or not self._affords(2 + len(match.candidate.effect.parameters)):
+                break
+            bar = chi2 - reached + 0.3 * max(reached, 0.0) + 100.0 if np.isfinite(reached) else np.inf
+            fitted = fit(self.first, (match.candidate,), (match.starts[0],), bar, self.screen, self._limit())
+            if fitted.converged:
+                out.append(self._trial(fitted))
+                reached = max(reached, chi2 - fitted.chi2)
+        return out
+
+    def _several(self, singles: list[Trial], best: Trial) -> list[Trial]:
+        """Sets of effects: the best sums of signatures are fitted, larger sets only if smaller ones leave something."""
+        trials = list(singles)
+        for count in range(2, self.rules.most + 1):
+            tried: set[frozenset[Candidate]] = set()
+            mixtures = self.screen.mixtures(self.start, count, 6) + self._grown(best, count)
+            reached = np.inf
+            for mixture in mixtures:
+                who = frozenset(mixture.who)
+                if who in tried or len(tried) >= 4:
+                    continue
+                if not self._affords(3 + sum(len(c.effect.parameters) for c in mixture.who)):
+                    break
+                tried.add(who)
+                fitted = fit(self.first, mixture.who, mixture.starts, 1.3 * reached + 100.0, self.screen, self._limit())
+                if fitted.converged:
+                    trials.append(self._trial(fitted))
+                    reached = min(reached, fitted.chi2)
+            new = min(trials, key=lambda trial: trial.score)
+            if new is best and count > 2:
+                break
+            best = new
+            if not self._remains(best):
+                break
+        return self._slim(trials)
+
+    def _grown(self, base: Trial, count: int) -> list[Mixture]:
+        """What screens best beside an explanation with one effect less."""
+        if len(base.fit.who) != count - 1:
+            return []
+        left = base.first
+        found = [match for match in self.screen.matches(left) if match.candidate not in base.fit.who][:3]
+        return [Mixture((*base.fit.who, m.candidate), (*base.fit.values, m.starts[0]), m.gain) for m in found]
+
+    def _slim(self, trials: list[Trial]) -> list[Trial]:
+        """Leave out sets that are hardly better than one of their subsets."""
+        out = []
+        for trial in trials:
+            parts = [t for t in trials if set(t.fit.who) < set(trial.fit.who)]
+            if all(t.score - trial.score > self.rules.join * max(1.0, trial.chi2 / self.floor) for t in parts):
+                out.append(trial)
+        return out
+
+    def _decide(self, trials: list[Trial], matches: Sequence[Match], p_value: float, unseen: tuple[str, ...]) -> Finding:
+        rules = self.rules
+        first = decide(trials, rules, self.floor)
+        # The best and what comes near it are fitted once more, with derivatives of their own.
+        again, kept = {id(t) for t in (first.trials[0], *first.near[:2])}, []
+        for trial in first.trials:
+            derivatives = sum(len(c.effect.parameters) for c in trial.fit.who)
+            if id(trial) in again and self.first.mechanism.runs + derivatives < self._limit(0):
+                better = polish(self.first, trial.fit, self._limit(0))
+                trial = self._trial(better) if better.converged or better.chi2 < trial.fit.chi2 else trial
+            kept.append(trial)
+        found = decide(kept, rules, self.floor)
+        best = found.trials[0]
+        p_remaining = self._p_remaining(best)
+        remains = p_remaining < rules.alarm
+        names: tuple[str, ...] = ()
+        # Several effects together fit much that they do not explain; what they explain, they explain to the noise.
+        poor = min(self._closed(best), self._closed_first(best)) < rules.closure or len(best.fit.who) > 1
+        if best.fit.stopped or best.fit.blurred or (remains and poor):
+            verdict = "none_of_the_known"
+        elif found.near or found.chances[0] < rules.sure:
+            verdict = "ambiguous"
+            names = tuple(dict.fromkeys(" + ".join(trial.names) for trial in (best, *found.near)))
+            names += tuple(name for name in self._unfitted(best, matches, trials) if name not in names)
+        else:
+            verdict = "named"
+        if verdict == "ambiguous" and len(names) == 1:
+            names += tuple(" + ".join(trial.names) for trial in found.trials[1:2])
+        return Finding(
+            verdict, best, tuple(zip(found.trials, found.chances.tolist(), strict=True)), names, remains, p_value, p_remaining,
+            float(np.sqrt(self.plain_chi2 / self.second.freedom)), float(np.sqrt(best.chi2 / self.second.freedom)),
+            self._used(), unseen,
+        )  # fmt: skip
+
+    def _closed(self, trial: Trial) -> float:
+        """Share of the gap on `select` that a trial closes, as far as noise tells."""
+        return closed(self.plain, trial.residual, self.null.share)
+
+    def _closed_first(self, trial: Trial) -> float:
+        """The same on `fit`, where something else may have happened for a while; `select` tells whether it did."""
+        return closed_at_most_times(self.start, trial.first, self.null_first.share)
+
+    def _unfitted(self, best: Trial, matches: Sequence[Match], trials: Sequence[Trial]) -> list[str]:
+        """Candidates that were not fitted, but whose signatures explain as much: they are not ruled out either."""
+        if len(best.fit.who) > 1:
+            return []
+        tried = {candidate for trial in trials for candidate in trial.fit.who}
+        gained = float((self.start**2).sum()) - best.fit.chi2
+        return [str(m.candidate) for m in matches if m.candidate not in tried and m.bound > gained - self.rules.margin]

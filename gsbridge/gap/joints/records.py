@@ -1,0 +1,307 @@
+"""Records: what was commanded and what was measured, in SI units, checked before anything is computed from it."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from gsbridge.errors import InputError
+from gsbridge.gap.formats.units import factor_to_si, split_header
+from gsbridge.geometry import Array
+
+SHORTEST = 2.0
+"""Shortest record of a driven mechanism, s: less holds too little excitation to tell effects apart."""
+
+COMMANDS = {"command": "angle", "command_velocity": "angular speed", "feedforward": "torque"}
+"""Kinds of command columns, each per joint, and their dimension. In torque mode `command` is a torque."""
+
+MEASURED = {"position": "angle", "velocity": "angular speed", "effort": "torque"}
+"""Kinds of measured columns, each per joint."""
+
+TOOL = "tool"
+"""Kind of the measured place of one link in the base frame, m; its columns are `AXES` instead of joints."""
+
+AXES = ("x", "y", "z")
+
+_DEGREES = 180 / np.pi
+
+_Column = Callable[[str, str, bool], Array | None]
+"""Our name, dimension, whether it must be there -> values in SI units."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """One log.
+
+    Args:
+        name: For messages and reports.
+        time: s, rising, from 0. [T].
+        joints: Names of the mechanism's joints.
+        commands: By kind. Each [T, N].
+        measured: By kind. Each [T, N]; `tool` [T, 3].
+        sigma: Noise of one sample, by kind, where it is known. Each [N].
+        quantum: Step of the digits, by kind, 0 where there is none. Each [N].
+        digest: SHA-256 of the file, or of the arrays.
+        torque_commands: Whether `command` is a torque.
+    """
+
+    name: str
+    time: Array
+    joints: tuple[str, ...]
+    commands: Mapping[str, Array]
+    measured: Mapping[str, Array]
+    sigma: Mapping[str, Array] = field(default_factory=dict)
+    quantum: Mapping[str, Array] = field(default_factory=dict)
+    digest: str = ""
+    torque_commands: bool = False
+
+    def label(self, kind: str, number: int) -> str:
+        """Name of a channel: `position.joint`, or `tool.x`."""
+        return f"{kind}.{AXES[number] if kind == TOOL else self.joints[number]}"
+
+    @property
+    def duration(self) -> float:
+        """s."""
+        return float(self.time[-1])
+
+    @property
+    def period(self) -> float:
+        """Median time between samples, s."""
+        return float(np.median(np.diff(self.time)))
+
+    def with_measured(self, measured: Mapping[str, Array]) -> Record:
+        """The same commands with other measurements."""
+        return replace(self, measured=dict(measured))
+
+    def content_digest(self) -> str:
+        """SHA-256 over the times and commands: what a simulation of this record depends on besides its initial state."""
+        total = hashlib.sha256(np.ascontiguousarray(self.time).tobytes())
+        for kind in sorted(self.commands):
+            total.update(kind.encode() + np.ascontiguousarray(self.commands[kind]).tobytes())
+        return total.hexdigest()
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a file's columns are called.
+
+    Args:
+        joints: Joints of the mechanism, as its description names them.
+        torque_mode: Whether the commands are torques.
+        columns: Our name of a column to that of the file, e.g. `position.axis` to `enc_1 [deg]`; others keep our name.
+        units: Our name of a column, or its kind alone, to its unit; for files whose headers state none.
+        torque_per_ampere: Gain of efforts logged in amperes, N m/A.
+    """
+
+    joints: tuple[str, ...]
+    torque_mode: bool = False
+    columns: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    torque_per_ampere: float | None = None
+
+
+def read_record(path: str | Path, layout: Layout) -> Record:
+    """Read a record from CSV (header `name [unit]`) or Parquet.
+
+    Raises:
+        InputError: The file cannot be read, a column or unit is missing, a value is not a number, the clock runs backwards, the
+            record is too short, or angles are degrees where radians are stated.
+    """
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+        table = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path)
+    except OSError as error:
+        raise InputError(path, "the record cannot be read", "Check the path in the case") from error
+    except (ValueError, UnicodeDecodeError) as error:
+        raise InputError(path, f"this is no table ({error})", "Give CSV with a header line, or Parquet") from error
+    return record_of(table, path, layout, digest=hashlib.sha256(data).hexdigest())
+
+
+def record_of(table: pd.DataFrame, path: Path, layout: Layout, *, digest: str) -> Record:
+    """A record from a table with our columns, or with those that the layout names.
+
+    Args:
+        table: One row per sample.
+        path: Where it comes from, for its name and for errors.
+        layout: How its columns are called.
+        digest: SHA-256 of the file.
+
+    Raises:
+        InputError: As `read_record`.
+    """
+    headers = {}
+    for header in table.columns:
+        name, unit = split_header(str(header))
+        headers[name] = (header, unit)
+
+    def column(ours: str, dimension: str, required: bool) -> Array | None:
+        theirs, unit = split_header(layout.columns.get(ours, ours))
+        if theirs not in headers:
+            if required:
+                shown = ", ".join(list(headers)[:12])
+                raise InputError(path, f"the column '{theirs}' is missing", f"It has: {shown}. Name yours under 'columns'")
+            return None
+        header, stated = headers[theirs]
+        stated = stated if stated is not None else unit
+        stated = stated if stated is not None else layout.units.get(ours, layout.units.get(ours.split(".")[0]))
+        values = pd.to_numeric(table[header], errors="coerce").to_numpy(dtype=np.float64)
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad):
+            raise InputError(
+                path, f"the column '{theirs}' holds no number in data row {bad[0] + 1} ({len(bad)} such rows)",
+                "Remove or mend these rows; gaps in time are allowed",
+            )  # fmt: skip
+        return values * factor_to_si(stated, dimension, path, theirs, layout.torque_per_ampere)
+
+    time = column("time", "time", True)
+    assert time is not None
+    commands, measured = {}, {}
+    for kind, dimension in COMMANDS.items():
+        dimension = "torque" if layout.torque_mode and kind == "command" else dimension
+        found = _per_joint(kind, dimension, layout.joints, column, path)
+        if found is not None:
+            commands[kind] = found
+    for kind, dimension in MEASURED.items():
+        found = _per_joint(kind, dimension, layout.joints, column, path)
+        if found is not None:
+            measured[kind] = found
+    tool = _per_joint(TOOL, "length", AXES, column, path)
+    if tool is not None:
+        measured[TOOL] = tool
+    elif "position" not in measured:
+        column(f"position.{layout.joints[0]}", "angle", True)
+    record = Record(
+        path.stem, time - time[0], layout.joints, commands, measured, digest=digest, torque_commands=layout.torque_mode
+    )
+    check_clock(record, path)
+    check_degrees(record, path)
+    return replace(record, quantum={kind: quantum_of(values) for kind, values in measured.items()})
+
+
+def _per_joint(kind: str, dimension: str, joints: Sequence[str], column: _Column, path: Path) -> Array | None:
+    """Columns `kind.joint` of all joints, or None if there is none of the kind."""
+    found = [column(f"{kind}.{joint}", dimension, False) for joint in joints]
+    if all(values is None for values in found):
+        return None
+    for joint, values in zip(joints, found, strict=True):
+        if values is None:
+            raise InputError(
+                path,
+                f"there are '{kind}' columns, but no '{kind}.{joint}'",
+                f"Add '{kind}.{joint} [unit]', or leave the kind out",
+            )
+    return np.stack(found, axis=1)
+
+
+def check_clock(record: Record, source: str | Path) -> None:
+    """Refuse times that do not rise, and records of a mechanism that are too short.
+
+    Raises:
+        InputError: As said.
+    """
+    steps = np.diff(record.time)
+    if len(steps) < 10:
+        raise InputError(source, f"the record has {len(record.time)} rows", "A record needs many; log at 50 Hz or more")
+    back = np.flatnonzero(steps <= 0)
+    if len(back):
+        row = int(back[0])
+        # Rows in disorder lie a few periods apart; a clock that was set anew must not be sorted into what came before.
+        anew = -steps[row] > 10 * np.median(np.abs(steps))
+        raise InputError(
+            source, f"the clock runs backwards or stands still at data row {row + 2} (by {-steps[row]:.3g} s)",
+            "It was set anew: cut the log there, and give the longer part" if anew
+            else "Sort the log by its source's time stamps, and drop rows that were logged twice",
+        )  # fmt: skip
+    if record.duration < SHORTEST:
+        raise InputError(source, f"the record lasts {record.duration:.3g} s", f"Log at least {SHORTEST:g} s of motion")
+
+
+def check_degrees(record: Record, source: str | Path, limits: Array | None = None) -> None:
+    """Refuse angles that are evidently degrees although radians are stated, or the reverse.
+
+    The slope of one channel against another that must agree tells it: speeds against the derivative of positions, positions
+    against commands, and positions against the joints' limits.
+
+    Args:
+        record: The record.
+        source: Its file.
+        limits: Lower and upper limits of the joints, rad. [N, 2].
+
+    Raises:
+        InputError: As said.
+    """
+    position = record.measured.get("position")
+    if position is None:
+        return
+    for k, joint in enumerate(record.joints):
+        pairs = {}
+        if "velocity" in record.measured:
+            # Coarse differences: noise of the positions must not hide the slope.
+            stride = max(1, int(0.05 / record.period))
+            rate = (position[stride:, k] - position[:-stride, k]) / (record.time[stride:] - record.time[:-stride])
+            pairs["velocity"] = (record.measured["velocity"][stride // 2 : stride // 2 + len(rate), k], rate)
+        if "command" in record.commands and not record.torque_commands:
+            pairs["command"] = (record.commands["command"][:, k], position[:, k])
+        for kind, (values, against) in pairs.items():
+            slope = _slope(values, against)
+            for factor, text in ((_DEGREES, "degrees"), (1 / _DEGREES, "radians where the positions are degrees")):
+                if slope is not None and abs(np.log(slope / factor)) < 0.35:
+                    raise InputError(
+                        source, f"joint '{joint}': '{kind}' is {slope:.3g} times what the positions say: it looks like {text}",
+                        "State the unit that was logged, e.g. [deg] or [deg/s]",
+                    )  # fmt: skip
+        if limits is not None and np.isfinite(limits[k]).all() and limits[k, 1] > limits[k, 0]:
+            reach = np.abs(position[:, k]).max()
+            if reach > 1.5 * np.abs(limits[k]).max() and reach / _DEGREES <= np.abs(limits[k]).max():
+                raise InputError(
+                    source, f"joint '{joint}' is logged up to {reach:.3g} rad, its limit is {np.abs(limits[k]).max():.3g} rad: "
+                    "it looks like degrees", "State the unit that was logged, e.g. [deg]",
+                )  # fmt: skip
+
+
+def doubtful_degrees(record: Record, limits: Array | None = None) -> list[str]:
+    """Joints whose angles may be degrees although radians are stated, and nothing in the record tells: what to ask the user.
+
+    A joint without limits may well turn many times; one that swings by more than two turns is worth a question.
+
+    Args:
+        record: The record.
+        limits: Lower and upper limits of the joints, rad. [N, 2].
+    """
+    position = record.measured.get("position")
+    if position is None:
+        return []
+    out = []
+    for k, joint in enumerate(record.joints):
+        bounded = limits is not None and np.isfinite(limits[k]).all() and limits[k, 1] > limits[k, 0]
+        reach = float(np.ptp(position[:, k]))
+        if not bounded and reach > 4 * np.pi:
+            out.append(f"joint '{joint}' has no limit and moves through {reach:.3g} rad: if these are degrees, state [deg]")
+    return out
+
+
+def _slope(values: Array, against: Array) -> float | None:
+    """Slope of two series that follow each other closely, None for others."""
+    a, b = values - values.mean(), against - against.mean()
+    if b.std() < 1e-6 or a.std() == 0 or abs(np.mean(a * b)) < 0.8 * a.std() * b.std():
+        return None
+    return float(abs(np.mean(a * b)) / b.var())
+
+
+def quantum_of(values: Array) -> Array:
+    """Step of the digits of each column, 0 where values are not visibly quantised. [T, N] -> [N]."""
+    out = np.zeros(values.shape[1])
+    for k, column in enumerate(values.T):
+        levels = np.unique(column)
+        if 2 < len(levels) < 0.9 * len(column):
+            steps = np.diff(levels)
+            multiples = steps / steps.min()
+            if np.abs(multiples - np.round(multiples)).max() < 0.05:
+                out[k] = float(steps.min())
+    return out

@@ -1,0 +1,115 @@
+"""Where a difference shows: residuals by channel, phase of the motion and state, as a map that a person reads at a glance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from gsbridge.gap.joints.records import TOOL
+from gsbridge.gap.joints.residuals import View
+from gsbridge.geometry import Array
+
+REST = 0.05
+"""Share of a joint's largest speed below which it counts as at rest."""
+
+STEADY = 0.15
+"""Share of its largest acceleration below which its speed counts as steady."""
+
+FEWEST = 8
+"""Samples that a cell needs; others stay empty."""
+
+LEVEL = 0.01
+"""Share of false cells that is allowed among those that are marked."""
+
+GROUPS: Mapping[str, tuple[str, ...]] = {
+    "phase": ("at rest", "speeds up +", "speeds up −", "steady +", "steady −", "slows down +", "slows down −"),
+    "speed": ("slow", "fast"),
+    "position": ("low", "middle", "high"),
+    "load": ("light", "heavy"),
+}
+"""Columns of the map. + and − are directions of the joint."""
+
+
+@dataclass(frozen=True)
+class Map:
+    """Root mean square residuals, of a mechanism in units of the noise.
+
+    Args:
+        channels: Rows.
+        values: Not-a-number where too few samples fall into a cell. [channels, columns].
+        marked: Cells that noise alone does not explain, at most `LEVEL` of them by chance. [channels, columns].
+        groups: Names of the columns.
+    """
+
+    channels: tuple[str, ...]
+    values: Array
+    marked: Array
+    groups: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: GROUPS)
+
+    def record(self) -> dict[str, Any]:
+        """As in `comparison.json`."""
+        return {
+            "groups": {name: list(columns) for name, columns in self.groups.items()},
+            "channels": list(self.channels),
+            "values": self.values,
+            "marked": self.marked.astype(bool),
+        }
+
+
+def where(view: View, residual: Array, outputs: Mapping[str, Array]) -> Map:
+    """Lay residuals over the motion.
+
+    Args:
+        view: The record's view.
+        residual: Whitened. [T, C].
+        outputs: Simulated motion without noise, `position`, `velocity`, `effort`. Each [T, N]; `tool` [T, 3] where measured.
+    """
+    names, time = tuple(view.record.label(kind, k) for kind, k in view.channels), view.record.time
+    motion = [np.nan_to_num(outputs[kind]) for kind in ("position", "velocity", "effort")]
+    cells = {False: [_cells(*(values[:, k] for values in motion), time) for k in range(len(view.record.joints))]}
+    if TOOL in outputs:
+        # Of the tool itself, along each axis; its load is that of all motors.
+        load = np.abs(motion[2]).sum(axis=1)
+        cells[True] = [_cells(q, np.gradient(q, time), load, time) for q in np.nan_to_num(outputs[TOOL]).T]
+    count = sum(len(columns) for columns in GROUPS.values())
+    values, chances = np.full((len(names), count), np.nan), np.ones((len(names), count))
+    for row, (kind, k) in enumerate(view.channels):
+        for column, inside in enumerate(cells[kind == TOOL][k]):
+            number = int(inside.sum())
+            if number >= FEWEST:
+                total = float((residual[inside, row] ** 2).sum())
+                values[row, column] = np.sqrt(total / number)
+                chances[row, column] = stats.chi2.sf(total, number)
+    return Map(names, values, few_false(chances, np.isfinite(values)))
+
+
+def _cells(q: Array, v: Array, effort: Array, time: Array) -> list[Array]:
+    """Samples of each column of the map, for one joint or axis: positions, speeds, efforts. Each [T] of bool."""
+    load, a = np.abs(effort), np.gradient(v, time)
+    rest = np.abs(v) <= REST * max(np.abs(v).max(), 1e-12)
+    even = ~rest & (np.abs(a) <= STEADY * np.quantile(np.abs(a), 0.99))
+    faster, slower = ~rest & ~even & (a * v > 0), ~rest & ~even & (a * v <= 0)
+    out = [rest]
+    for phase in (faster, even, slower):
+        out += [phase & (v > 0), phase & (v < 0)]
+    middle = np.median(np.abs(v[~rest])) if (~rest).any() else np.inf
+    out += [~rest & (np.abs(v) <= middle), ~rest & (np.abs(v) > middle)]
+    low, high = q.min() + (q.max() - q.min()) * np.array([1 / 3, 2 / 3])
+    out += [q <= low, (q > low) & (q <= high), q > high]
+    half = np.median(load)
+    return [*out, load <= half, load > half]
+
+
+def few_false(chances: Array, counted: Array) -> Array:
+    """Cells whose chance is small enough that at most a share of `LEVEL` of the marked ones is expected to be false.
+
+    Source: Benjamini and Hochberg, Controlling the false discovery rate, 1995.
+    """
+    order = np.sort(chances[counted])
+    passed = np.flatnonzero(order <= LEVEL * np.arange(1, len(order) + 1) / max(len(order), 1))
+    bar = order[passed[-1]] if len(passed) else -1.0
+    return counted & (chances <= bar)

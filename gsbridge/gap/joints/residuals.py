@@ -1,0 +1,234 @@
+"""A record seen through a mechanism: residuals in units of the noise, less what the unknown initial state explains."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from gsbridge.gap.joints.apply_effects import build_setup
+from gsbridge.gap.joints.mechanism_model import Applied, System
+from gsbridge.gap.joints.noise import pooled, white_noise
+from gsbridge.gap.joints.records import Record
+from gsbridge.gap.joints.replay import Mechanism, Span, State
+from gsbridge.gap.joints.sensitivity import FINE, KINDS, Frame, frame_of, start_states
+from gsbridge.geometry import Array
+
+HORIZON = 1.0
+"""Length of the stretches into which records of mechanisms without position feedback are cut, s: errors grow over time there,
+and a restart from what was measured keeps the later ones readable."""
+
+_WINDOW = 0.06
+"""Time over which a state is read from the measurements, s."""
+
+_BROKEN = 1e3
+"""Residual given to a simulation that diverged, in units of the noise."""
+
+_RICHARDSON = FINE / (FINE - 1)
+"""Multiple of what the finer step changes that a vanishing step would change: the scheme's error is of first order."""
+
+_KEPT = 128
+"""Replays kept in memory: fits, their checks and bootstraps ask for some of them again."""
+
+
+def spans_of(record: Record, system: System) -> list[Span]:
+    """Stretches in which a record is replayed: whole under position feedback, else cut at `HORIZON`."""
+    total = len(record.time)
+    if system.controller.closed_loop:
+        return [(0, total)]
+    starts = np.searchsorted(record.time, np.arange(0.0, record.duration, HORIZON))
+    edges = [*(int(k) for k in starts), total]
+    spans = [(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True) if b > a]
+    if len(spans) > 1 and spans[-1][1] - spans[-1][0] < 0.5 * (spans[0][1] - spans[0][0]):
+        spans[-2:] = [(spans[-2][0], total)]
+    return spans
+
+
+def state_at(record: Record, row: int) -> State:
+    """Positions and speeds of the joints at a sample, by a parabola through the samples around it. [N], [N]."""
+    count = len(record.time)
+    reach = max(3, round(_WINDOW / record.period / 2))
+    first, last = max(0, row - reach), min(count, row + reach + 1)
+    if last - first < 7:
+        first, last = (0, min(count, 7)) if row < count // 2 else (max(0, count - 7), count)
+    time = record.time[first:last] - record.time[row]
+    position = record.measured["position"][first:last]
+    rows, values = np.stack([np.ones_like(time), time, time**2], axis=1), position
+    if "velocity" in record.measured:
+        # Positions and speeds together, each weighed by its own spread.
+        weight = _spread(position) / np.maximum(_spread(record.measured["velocity"][first:last]), 1e-12)
+        weight = np.clip(weight, 1e-6, record.period * 10).mean()
+        rows = np.concatenate([rows, weight * np.stack([0 * time, np.ones_like(time), 2 * time], axis=1)])
+        values = np.concatenate([values, weight * record.measured["velocity"][first:last]])
+    fit = np.linalg.lstsq(rows, values, rcond=None)[0]
+    return fit[0], fit[1]
+
+
+def _spread(values: Array) -> Array:
+    return np.maximum(np.std(np.diff(values, 2, axis=0), axis=0), 1e-9)
+
+
+@dataclass
+class View:
+    """A record, the mechanism that replays it, and the noise.
+
+    Args:
+        mechanism: Simulates.
+        record: Commands and measurements.
+        spans: Stretches.
+        states: Their initial states as measured.
+        sigma: Noise of each channel. [C].
+        channels: Kind and joint of each channel, in the order of the residuals' columns.
+        frame: How the replay moves with its initial state and its step.
+        records: From how many the noise was estimated.
+    """
+
+    mechanism: Mechanism
+    record: Record
+    spans: list[Span]
+    states: list[State]
+    sigma: Array
+    channels: tuple[tuple[str, int], ...]
+    frame: Frame
+    records: int = 1
+    _fine: Array | float = 0.0
+    _replays: dict[str, Array] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(
+        cls, mechanism: Mechanism, record: Record, effects: Sequence[Applied] = (), folder: str | Path | None = None
+    ) -> View:
+        """Look at a record.
+
+        Args:
+            mechanism: Simulates.
+            record: Commands and measurements. The noise is what it states, or what is left above all motion after a replay.
+            effects: In that replay.
+            folder: Keeps what depends on the commands only; None to compute it here.
+        """
+        system = mechanism.system
+        spans = spans_of(record, system)
+        if "position" in record.measured:
+            states = [state_at(record, first) for first, _ in spans]
+        else:
+            # Nobody measured the joints: they begin where they are told to be.
+            states = start_states(mechanism, record, spans, ())
+        # What the controller asks is the command itself where nothing is fed back.
+        kinds = [k for k in KINDS if k in record.measured and (k != "effort" or system.controller.closed_loop)]
+        channels = tuple((kind, k) for kind in kinds for k in range(record.measured[kind].shape[1]))
+        frame = frame_of(mechanism, record, spans, states, folder)
+        view = cls(mechanism, record, spans, states, np.ones(len(channels)), channels, frame)
+        if system.centred:
+            view._fine = np.nan_to_num(_RICHARDSON * view._columns(frame.stepping))
+        view.sigma = view._noise(view._raw(view.replay(effects)))
+        view._find_nuisance()
+        return view
+
+    def simulate(self, effects: Sequence[Applied] = ()) -> dict[str, Array]:
+        """Outputs of the mechanism with effects."""
+        return self.mechanism.run(self.record, build_setup(self.mechanism, effects), self.spans, self.states)
+
+    def replay(self, effects: Sequence[Applied] = ()) -> Array:
+        """The same as channels side by side, remembered, with the step's own error in the nominal motion taken off. [T, C]."""
+        key = repr([effect.record() for effect in effects])
+        if key not in self._replays:
+            if len(self._replays) >= _KEPT:
+                del self._replays[next(iter(self._replays))]
+            self._replays[key] = self.stack(self.simulate(effects)) + self._fine
+        return self._replays[key]
+
+    def stack(self, outputs: Mapping[str, Array]) -> Array:
+        """Channels side by side, SI units. [T, C]."""
+        return np.stack([outputs[kind][:, k] for kind, k in self.channels], axis=1)
+
+    def _raw(self, replayed: Array) -> Array:
+        return self.stack(self.record.measured) - replayed
+
+    def _noise(self, residual: Array) -> Array:
+        """Noise of each channel. [T, C] -> [C]."""
+        out = np.empty(len(self.channels))
+        inside = np.where(np.isfinite(residual), residual, 0.0)
+        found = np.median([white_noise(inside[a:b]) for a, b in self.spans if b - a > 20] or [white_noise(inside)], axis=0)
+        for column, (kind, k) in enumerate(self.channels):
+            declared = self.record.sigma.get(kind)
+            quantum = self.record.quantum[kind][k] if kind in self.record.quantum else 0.0
+            # White noise that is there cannot be less because a file says so.
+            out[column] = max(found[column], 0.0 if declared is None else declared[k], quantum / np.sqrt(12), 1e-12)
+        return out
+
+    def _find_nuisance(self) -> None:
+        """Directions in which the outputs move with the initial state; residuals are taken orthogonal to them."""
+        columns = [self._columns(nudge) / self.sigma for nudge in self.frame.nudges]
+        self._basis = []
+        for first, end in self.spans:
+            block = np.stack([np.nan_to_num(column[first:end]).ravel() for column in columns], axis=1)
+            left, values, _ = np.linalg.svd(block / np.maximum(np.linalg.norm(block, axis=0), 1e-12), full_matrices=False)
+            self._basis.append(left[:, values > 1e-6])
+
+    def project(self, whitened: Array) -> Array:
+        """Take out what the initial states explain. [T, C] -> [T, C]."""
+        out = np.zeros_like(whitened)
+        for (first, end), basis in zip(self.spans, self._basis, strict=True):
+            part = whitened[first:end].ravel()
+            out[first:end] = (part - basis @ (basis.T @ part)).reshape(end - first, -1)
+        return out
+
+    def whiten(self, difference: Array) -> Array:
+        """Differences in units of the noise, orthogonal to the initial states. [T, C] -> [T, C]."""
+        scaled = difference / self.sigma
+        return self.project(np.where(np.isfinite(scaled), np.clip(scaled, -1e6, 1e6), _BROKEN))
+
+    def residual(self, effects: Sequence[Applied] = ()) -> Array:
+        """Measured less simulated, in units of the noise. [T, C]."""
+        return self.whiten(self._raw(self.replay(effects)))
+
+    def stepping(self) -> Array:
+        """What another step of time changes in the nominal replay, in units of the noise. [T, C]."""
+        return self.whiten(self._columns(self.frame.stepping))
+
+    def stepping_beyond(self, effects: Sequence[Applied]) -> Array:
+        """What a vanishing step of time would change in a replay with effects, beyond what it changes in the nominal one.
+
+        In units of the noise; zero where the nominal error is not taken off. [T, C].
+        """
+        system = self.mechanism.system
+        if not system.centred:
+            return np.zeros((len(self.record.time), len(self.channels)))
+        fine = Mechanism(replace(system, physics_rate=FINE * system.physics_rate))
+        moved = self.stack(fine.run(self.record, build_setup(fine, effects), self.spans, self.states))
+        self.mechanism.runs += fine.runs
+        return self.whiten(_RICHARDSON * (moved + self._fine - self.replay(effects)) - self._fine)
+
+    def _columns(self, values: Array) -> Array:
+        """Channels of an array of the frame side by side. [T, kinds, N] -> [T, C]."""
+        rows, joints = [KINDS.index(kind) for kind, _ in self.channels], [k for _, k in self.channels]
+        return np.asarray(values, dtype=np.float64)[:, rows, joints]
+
+    @property
+    def freedom(self) -> int:
+        """Independent numbers in a residual."""
+        return len(self.record.time) * len(self.channels) - sum(basis.shape[1] for basis in self._basis)
+
+    def set_noise(self, sigma: Array, records: int) -> None:
+        """Take another noise, as estimated from several records. [C]."""
+        self.sigma, self.records = sigma, records
+        self._find_nuisance()
+
+    def digest(self) -> str:
+        """SHA-256 of what signatures depend on."""
+        total = hashlib.sha256((self.mechanism.system.digest() + self.record.content_digest()).encode())
+        if not self.mechanism.system.controller.closed_loop:
+            for q, v in self.states:
+                total.update(q.tobytes() + v.tobytes())
+        total.update(repr(self.channels).encode())
+        return total.hexdigest()
+
+
+def share_noise(views: Sequence[View]) -> None:
+    """Pool the noise of views of one mechanism, channel by channel: the same sensors logged them."""
+    if len({view.channels for view in views}) == 1:
+        for view, sigma in zip(views, pooled([view.sigma for view in views]), strict=True):
+            view.set_noise(sigma, len(views))

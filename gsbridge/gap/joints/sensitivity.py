@@ -1,0 +1,107 @@
+"""How a replay moves with its initial state and with the step of time: made once per mechanism and commands, like the bank."""
+
+from __future__ import annotations
+
+import hashlib
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from gsbridge.files import atomic_file
+from gsbridge.gap.joints.apply_effects import build_setup
+from gsbridge.gap.joints.records import TOOL, Record
+from gsbridge.gap.joints.replay import Mechanism, Span, State
+from gsbridge.geometry import Array
+
+KINDS = ("position", "velocity", "effort", TOOL)
+
+FINE = 4
+"""Factor by which the step is divided to see what it does."""
+
+_ANGLE, _SPEED = 1e-4, 1e-3
+"""Changes of the initial state, rad and rad/s."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Derivatives of a nominal replay.
+
+    Args:
+        nudges: By position and speed of each joint at the start, SI units. [2 N, T, kinds, N]; with a tool the last axis has at
+            least three columns, and what is not there is not-a-number.
+        stepping: What a finer step changes: engines differ by about as much, each taking speeds or positions of the begin or
+            the end of a step. [T, kinds, N].
+        made: Simulations spent on it now; 0 where it was read.
+    """
+
+    nudges: Array
+    stepping: Array
+    made: int
+
+
+def start_states(mechanism: Mechanism, record: Record, spans: Sequence[Span], measured: Sequence[State]) -> list[State]:
+    """Where derivatives are taken: under position feedback at the commands, which records may share, else as measured."""
+    if not mechanism.system.controller.closed_loop or "command" not in record.commands:
+        return list(measured)
+    command = record.commands["command"]
+    speed = np.gradient(command, record.time, axis=0)
+    return [(command[first].copy(), speed[first].copy()) for first, _ in spans]
+
+
+def frame_of(
+    mechanism: Mechanism, record: Record, spans: Sequence[Span], measured: Sequence[State], folder: str | Path | None = None
+) -> Frame:
+    """The frame of a record, from `folder` where an equal one was made before."""
+    states = start_states(mechanism, record, spans, measured)
+    if folder is None:
+        return _make(mechanism, record, spans, states)
+    which = TOOL if TOOL in record.measured else ""
+    key = hashlib.sha256(f"frame{mechanism.system.digest()}{record.content_digest()}{list(spans)}{which}".encode())
+    for q, v in states:
+        key.update(q.tobytes() + v.tobytes())
+    path = Path(folder) / f"{key.hexdigest()[:32]}.npz"
+    if path.exists():
+        try:
+            with np.load(path) as data:
+                return Frame(data["nudges"], data["stepping"], 0)
+        except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+            path.unlink()
+    frame = _make(mechanism, record, spans, states)
+    mechanism.shared += frame.made
+    # The precision of a fresh frame is that of one read again, so that findings do not depend on which it was.
+    frame = replace(frame, nudges=frame.nudges.astype(np.float32), stepping=frame.stepping.astype(np.float32))
+    with atomic_file(path) as temporary, open(temporary, "wb") as stream:
+        np.savez_compressed(stream, nudges=frame.nudges, stepping=frame.stepping)
+    return frame
+
+
+def _laid(outputs: Mapping[str, Array]) -> Array:
+    """Outputs of a replay side by side. [T, kinds, columns]."""
+    kinds = [kind for kind in KINDS if kind in outputs]
+    wide = max(outputs[kind].shape[1] for kind in kinds)
+    table = np.full((len(outputs[kinds[0]]), len(kinds), wide), np.nan)
+    for row, kind in enumerate(kinds):
+        table[:, row, : outputs[kind].shape[1]] = outputs[kind]
+    return table
+
+
+def _make(mechanism: Mechanism, record: Record, spans: Sequence[Span], states: list[State]) -> Frame:
+    begin, count, setup = mechanism.runs, len(record.joints), build_setup(mechanism, ())
+
+    def run(who: Mechanism, begins: list[State]) -> Array:
+        out = who.run(record, build_setup(who, ()) if who is not mechanism else setup, spans, begins)
+        return _laid(out)
+
+    plain, nudges = run(mechanism, states), []
+    unit = np.eye(2 * count)
+    for row in unit:
+        size = _ANGLE if row[:count].any() else _SPEED
+        moved = [(q + size * row[:count], v + size * row[count:]) for q, v in states]
+        nudges.append((run(mechanism, moved) - plain) / size)
+    fine = Mechanism(replace(mechanism.system, physics_rate=FINE * mechanism.system.physics_rate))
+    stepping = run(fine, states) - plain
+    mechanism.runs += fine.runs
+    return Frame(np.stack(nudges), stepping, mechanism.runs - begin)

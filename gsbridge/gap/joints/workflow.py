@@ -1,0 +1,184 @@
+"""What the stages of the workflow do with a case about a mechanism."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsbridge.gap.diagnosis.signature_similarity import alike
+from gsbridge.gap.formats.store import load_records, save_records
+from gsbridge.gap.joints.bank import Bank, bank_of
+from gsbridge.gap.joints.candidates import Candidate, candidates
+from gsbridge.gap.joints.case import Case, read_case
+from gsbridge.gap.joints.diagnose import diagnose, findings_of
+from gsbridge.gap.joints.mechanism_model import Applied, read_system
+from gsbridge.gap.joints.records import Record
+from gsbridge.gap.joints.replay import Mechanism
+from gsbridge.gap.joints.residual_map import where
+from gsbridge.gap.joints.residuals import View, share_noise
+from gsbridge.gap.joints.screen import cosines
+from gsbridge.geometry import Array
+
+
+@dataclass(frozen=True)
+class MechanismWork:
+    """A case whose model is a mechanism; see `gsbridge.gap.diagnosis.workflow.Work`.
+
+    Args:
+        case: The case.
+    """
+
+    case: Case
+
+    @classmethod
+    def read(cls, path: str | Path) -> MechanismWork:
+        """From a case's file, checked.
+
+        Raises:
+            InputError: It cannot be used.
+        """
+        case = read_case(path)
+        # What only building it can tell is told here, too, before anything is written.
+        Mechanism(case.system)
+        return cls(case)
+
+    @classmethod
+    def load(cls, model: str | Path, data: str | Path, about: Mapping[str, Any]) -> MechanismWork:
+        """From what `save` and `about` have left.
+
+        Raises:
+            InputError: A file is missing or damaged.
+        """
+        names = about["effects"]
+        return cls(
+            Case(
+                Path(model), read_system(model), load_records(data), None if names is None else tuple(names),
+                tuple(about["reasons"]),
+            )
+        )  # fmt: skip
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the result is degraded."""
+        return self.case.reasons
+
+    def save(self, data: str | Path) -> None:
+        """Write the records (`.npz`)."""
+        save_records(data, self.case.records)
+
+    def about(self) -> dict[str, Any]:
+        """What `records.json` says."""
+        system, names = self.case.system, self.case.names
+        return {
+            "model": str(self.case.model),
+            "mechanism_digest": system.digest(),
+            "joints": list(system.joints),
+            "mode": system.controller.mode,
+            "effects": None if names is None else list(names),
+            "records": {role: _about(item) for role, item in self.case.records.items()},
+        }
+
+    def compare(self) -> dict[str, Any]:
+        """Residuals of every channel under the model as it is, and a map of where they show: `comparison.json`."""
+        mechanism = Mechanism(self.case.system)
+        views = {role: View.of(mechanism, item) for role, item in self.case.records.items()}
+        share_noise(tuple(views.values()))
+        return {
+            "unit": "noise",
+            "records": {role: _residuals(view) for role, view in views.items()},
+            "simulations": mechanism.runs,
+        }
+
+    def screen(self, bank: str | Path) -> dict[str, Any]:
+        """Make the bank of signatures, and say before any fit what the records can tell apart: `screen.json`."""
+        mechanism = Mechanism(self.case.system)
+        views = {role: View.of(mechanism, item, folder=bank) for role, item in self.case.records.items()}
+        # As the diagnosis does: the noise sets the sizes of the signatures, and so the bank.
+        share_noise(tuple(views.values()))
+        view, who = views["fit"], candidates(self.case.system, self.case.names)
+        found = bank_of(view, who, bank)
+        shown = {signature.candidate for signature in found.signatures}
+        return {
+            "candidates": [str(candidate) for candidate in who],
+            "unseen": sorted(str(candidate) for candidate in set(who) - shown),
+            "alike": _alike(view, found, who),
+            "signatures": len(found.signatures),
+            "simulations": found.runs,
+        }
+
+    def diagnose(self, bank: str | Path, seed: int) -> dict[str, Any]:
+        """What is missing, proven on the third record: `findings.json`."""
+        case = self.case
+        diagnosis = diagnose(case.system, case.records, bank, names=case.names, seed=seed)
+        return findings_of(diagnosis, case.records, seed=seed, reasons=case.reasons)
+
+    def replay(self, effects: Sequence[Applied]) -> tuple[dict[str, Array], dict[str, Any]]:
+        """Every record with the model as it was and with effects.
+
+        Returns:
+            Measured, nominal and explained motion, `{role}/{what}`, without `explained` where there are no effects; and
+            `replays.json`: residuals before and after, and a map of what remains.
+        """
+        mechanism = Mechanism(self.case.system)
+        arrays: dict[str, Array] = {}
+        rows = {}
+        for role, item in self.case.records.items():
+            # The noise is judged by what the better replay leaves, as in the verification.
+            view = View.of(mechanism, item, effects)
+            nominal, explained = view.simulate(), view.simulate(effects)
+            before, after = view.residual(), view.residual(effects)
+            arrays |= {f"{role}/time": item.time, f"{role}/sigma": view.sigma, f"{role}/measured": view.stack(item.measured)}
+            arrays |= {f"{role}/nominal": view.stack(nominal), f"{role}/before": before}
+            # Where nobody measured the joints, a picture shows them as they were told to be.
+            seen = item.measured["position"] if "position" in item.measured else item.commands["command"]
+            arrays |= {f"{role}/position": seen, f"{role}/nominal_position": nominal["position"]}
+            if effects:
+                arrays |= {f"{role}/explained": view.stack(explained), f"{role}/after": after}
+                arrays[f"{role}/explained_position"] = explained["position"]
+            rows[role] = {
+                "before": float(np.sqrt((before**2).sum() / view.freedom)),
+                "after": float(np.sqrt((after**2).sum() / view.freedom)),
+                "joints_measured": "position" in item.measured,
+                "channels": [item.label(kind, k) for kind, k in view.channels],
+                "remains": where(view, after, explained).record(),
+            }
+        return arrays, {"unit": "noise", "records": rows, "simulations": mechanism.runs}
+
+
+def _about(record: Record) -> dict[str, Any]:
+    """What a person wants to know about a record."""
+    return {
+        "name": record.name,
+        "samples": len(record.time),
+        "seconds": record.duration,
+        "rate_hz": 1.0 / record.period,
+        "commands": sorted(record.commands),
+        "measured": sorted(record.measured),
+        "quantum": {kind: values.tolist() for kind, values in record.quantum.items()},
+        "digest": record.digest or record.content_digest(),
+    }
+
+
+def _residuals(view: View) -> dict[str, Any]:
+    """Size of the residuals of one record, noise of its channels, and where they show."""
+    residual = view.residual()
+    found = where(view, residual, view.simulate())
+    return {
+        "whole": float(np.sqrt((residual**2).sum() / view.freedom)),
+        "channels": dict(zip(found.channels, np.sqrt((residual**2).mean(axis=0)).tolist(), strict=True)),
+        "noise": dict(zip(found.channels, view.sigma.tolist(), strict=True)),
+        "where": found.record(),
+    }
+
+
+def _alike(view: View, bank: Bank, who: Sequence[Candidate]) -> list[dict[str, Any]]:
+    """Pairs of candidates that look alike in these records, the closest first."""
+    first = {}
+    for signature in bank.signatures:
+        first.setdefault(signature.candidate, signature)
+    chosen = [first[candidate] for candidate in who if candidate in first]
+    return alike([str(item.candidate) for item in chosen], np.abs(cosines(view, chosen))) if chosen else []
