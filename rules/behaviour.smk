@@ -20,7 +20,7 @@ rule compare_behaviour:
     resources:
         mem_mb=2000,
     params:
-        code=code_digest("gsbridge.report.behaviour"),
+        code=code_digest("gsbridge.report.figures.behaviour"),
         cells=[cell for cell, _, _ in behaviour_trials()],
         worlds=[world for _, world, _ in behaviour_trials()],
         seeds=[seed for _, _, seed in behaviour_trials()],
@@ -59,7 +59,7 @@ rule film_trials:
     resources:
         mem_mb=2000,
     params:
-        code=code_digest("gsbridge.report.trial_films"),
+        code=code_digest("gsbridge.report.figures.trial_films"),
         worlds=shown_worlds,
         seeds=shown_seeds,
     message:

@@ -165,7 +165,7 @@ rule report_gap:
         mem_mb=1000,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.report.gap_page"),
+        code=code_digest("gsbridge.report.gap.page"),
     message:
         "Write the report of {wildcards.case}"
     script:
@@ -212,7 +212,7 @@ rule collect_gap:
     conda:
         "../envs/gap.yaml"
     params:
-        code=code_digest("gsbridge.report.gap_rows"),
+        code=code_digest("gsbridge.report.gap.rows"),
         cases=list(GAP_CASES),
     message:
         "Collect the cases of the gap"

@@ -105,7 +105,7 @@ rule report_gap_benchmark:
         mem_mb=1000,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.report.gap_benchmark_page"),
+        code=code_digest("gsbridge.report.gap.benchmark_page"),
         floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:
@@ -154,7 +154,9 @@ rule score_gap:
     conda:
         "../envs/gap.yaml"
     params:
-        code=code_digest("gsbridge.report.score", "gsbridge.report.measured_gap"),
+        code=code_digest(
+            "gsbridge.report.scores.score", "gsbridge.report.scores.measured_gap"
+        ),
         floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:

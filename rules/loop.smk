@@ -153,7 +153,7 @@ rule collect_loop:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.loop"),
+        code=code_digest("gsbridge.report.figures.loop"),
         plan=LOOP_TRIALS,
         cell=LOOP_CELL,
     message:

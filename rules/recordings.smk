@@ -203,7 +203,7 @@ rule export_tensorboard:
     conda:
         "../envs/policy.yaml"
     params:
-        code=code_digest("gsbridge.report.tensorboard"),
+        code=code_digest("gsbridge.report.recordings.tensorboard"),
     message:
         "Write the training of {wildcards.variant} for TensorBoard: {wildcards.task} {wildcards.object} on {wildcards.background}, {wildcards.renderer}"
     script:

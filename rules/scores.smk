@@ -24,7 +24,7 @@ rule score_scene:
     resources:
         mem_mb=2000,
     params:
-        code=code_digest("gsbridge.report.score_real2sim"),
+        code=code_digest("gsbridge.report.scores.scene"),
         kind=lambda wildcards: config["scenes"][wildcards.scene]["kind"],
         seed=SEED,
     message:
@@ -44,7 +44,7 @@ rule score_keyframes:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.score_keyframes"),
+        code=code_digest("gsbridge.report.scores.keyframes"),
     message:
         "Score the choice of keyframes on the film whose motion and blur are known"
     script:
@@ -89,7 +89,9 @@ rule score_real2sim:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.score", "gsbridge.report.measured"),
+        code=code_digest(
+            "gsbridge.report.scores.score", "gsbridge.report.scores.measured_real2sim"
+        ),
         floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
         films={
@@ -122,7 +124,9 @@ rule score_policies:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.score", "gsbridge.report.measured_policies"),
+        code=code_digest(
+            "gsbridge.report.scores.score", "gsbridge.report.scores.measured_policies"
+        ),
         floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:
@@ -144,7 +148,9 @@ rule score_worlds:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.score", "gsbridge.report.measured_policies"),
+        code=code_digest(
+            "gsbridge.report.scores.score", "gsbridge.report.scores.measured_policies"
+        ),
         floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:
@@ -166,7 +172,9 @@ rule score_study:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.score", "gsbridge.report.measured_study"),
+        code=code_digest(
+            "gsbridge.report.scores.score", "gsbridge.report.scores.measured_study"
+        ),
         floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:
@@ -188,7 +196,9 @@ rule score_loops:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.score", "gsbridge.report.measured_loops"),
+        code=code_digest(
+            "gsbridge.report.scores.score", "gsbridge.report.scores.measured_loops"
+        ),
         floors_digest=file_digest("benchmarks/floors.yaml"),
         loops=closed_loops(),
         preset=config["preset"],
@@ -227,7 +237,7 @@ rule write_results_page:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.results_page"),
+        code=code_digest("gsbridge.report.scores.results_page"),
     message:
         "Write the page of results"
     script:

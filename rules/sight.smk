@@ -117,7 +117,7 @@ rule report_photos:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.sight_page"),
+        code=code_digest("gsbridge.report.gap.picture_page"),
     message:
         "Write the report on the photos of {wildcards.world}"
     script:
@@ -168,7 +168,7 @@ rule collect_sight_loop:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.sight_loop"),
+        code=code_digest("gsbridge.report.figures.picture_loop"),
         plan=sight_trials(),
         cell=SIGHT_CELL,
         worlds=SIGHT_WORLDS,

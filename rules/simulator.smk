@@ -135,7 +135,7 @@ rule score_registration:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.score_registration"),
+        code=code_digest("gsbridge.report.scores.registration"),
     message:
         "Score the registration against the mirror's truth"
     script:
@@ -174,7 +174,9 @@ rule score_simulator:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.score", "gsbridge.report.measured_simulator"),
+        code=code_digest(
+            "gsbridge.report.scores.score", "gsbridge.report.scores.measured_simulator"
+        ),
         floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:

@@ -195,7 +195,7 @@ rule compare_eye_in_hand:
         mem_mb=2000,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.report.eye_in_hand"),
+        code=code_digest("gsbridge.report.figures.eye_in_hand"),
         pairs=mirrored(PAIRS),
     message:
         "Compare renderers with the mirror's wrist camera"

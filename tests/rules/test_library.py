@@ -42,6 +42,8 @@ FLOORS = {
     8: ["__main__"],
 }
 FLOOR_OF = {name: floor for floor, names in FLOORS.items() for name in names}
+ROOMS = ["tables", "figures", "pages", "scores", "gap", "recordings"]
+"""Packages of the report; each imports only those before it."""
 MODULES = sorted(ROOT.glob("gsbridge/**/*.py"))
 
 
@@ -79,6 +81,17 @@ def test_no_import_closes_a_circle():
         seen.update(free)
         for name in free:
             del waiting[name]
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_rooms_of_the_report_build_on_one_another_in_one_direction(room):
+    assert sorted(ROOMS) == sorted(path.parent.name for path in ROOT.glob("gsbridge/report/*/__init__.py"))
+    assert [path.name for path in ROOT.glob("gsbridge/report/*.py")] == ["__init__.py"]
+    for path in (ROOT / "gsbridge/report" / room).glob("*.py"):
+        imported = digests.direct_imports(module_name(path))
+        rooms = {other.split(".")[2] for other in imported if other.startswith("gsbridge.report.")}
+        above = rooms & set(ROOMS[ROOMS.index(room) + 1 :])
+        assert not above, f"{module_name(path)} imports {above}"
 
 
 @pytest.mark.parametrize("path", MODULES)

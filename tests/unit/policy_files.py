@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from gsbridge.files import write_json
-from gsbridge.report.places import Cell
-from gsbridge.report.rows import write_rows
-from gsbridge.report.success import COLUMNS
+from gsbridge.report.tables.result_paths import Cell
+from gsbridge.report.tables.rows import write_rows
+from gsbridge.report.tables.trials import COLUMNS
 
 SETS = ("fixed", "unseen")
 

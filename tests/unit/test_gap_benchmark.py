@@ -35,7 +35,7 @@ from gsbridge.gap.joints.effects.lag import smoothed
 from gsbridge.gap.joints.mechanism_model import Applied
 from gsbridge.gap.joints.records import Record
 from gsbridge.gap.joints.replay import Mechanism
-from gsbridge.report.statistics import wilson_interval
+from gsbridge.report.tables.statistics import wilson_interval
 
 TRUTHS = ("axis_truth", "axis_motion", "mujoco_truth", "bullet_truth", "arm_loop", "trajectories", "noises")
 

@@ -17,7 +17,7 @@ from gsbridge.gap.image.files import read_pairs
 from gsbridge.gap.image.pairs import ROLES
 from gsbridge.gap.image.stages import amend_camera, write_image_findings
 from gsbridge.images import write_image
-from gsbridge.report.sight_page import write_sight_report
+from gsbridge.report.gap.picture_page import write_sight_report
 from gsbridge.sim.model import read_model
 
 SPIN = {"wr": 0.8, "wb": -0.6, "x": 0.6, "y": 0.8, "z": 0.0, "a": 0.0, "b": 0.0, "c": 1.0}

@@ -27,8 +27,8 @@ from gsbridge.gap.diagnosis.workflow import (
     write_screening,
 )
 from gsbridge.gap.formats.files import case_files
-from gsbridge.report.gap_page import CaseFiles, write_gap_report
-from gsbridge.report.gap_rows import gap_row
+from gsbridge.report.gap.page import CaseFiles, write_gap_report
+from gsbridge.report.gap.rows import gap_row
 from gsbridge.report.recordings.gap import record_gap
 from gsbridge.report.recordings.gap_throws import solid
 from gsbridge.report.recordings.recording import read_recording

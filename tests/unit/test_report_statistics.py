@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from gsbridge.report.statistics import (
+from gsbridge.report.tables.statistics import (
     fisher_p,
     mean_maximum_rank_violation,
     mean_relative_drop,

@@ -16,7 +16,7 @@ from gsbridge.gap.joints.chain import Chain
 from gsbridge.gap.joints.inertials import Skeleton
 from gsbridge.gap.joints.mechanism_model import read_system
 from gsbridge.geometry import Array
-from gsbridge.report.gap_parts import JUDGED, read_series
+from gsbridge.report.gap.sections import JUDGED, read_series
 from gsbridge.report.recordings.gap_look import COLOURS, WAYS, summary
 from gsbridge.report.recordings.gap_throws import record_throws
 from gsbridge.report.recordings.recording import recording

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from gsbridge.files import read_json
 from gsbridge.gap.contact.body import FreeBody, read_body
 from gsbridge.geometry import Array
-from gsbridge.report.gap_parts import JUDGED, read_series
+from gsbridge.report.gap.sections import JUDGED, read_series
 from gsbridge.report.recordings.gap_look import COLOURS, WAYS, summary
 from gsbridge.report.recordings.recording import recording
 

@@ -9,8 +9,8 @@ import rerun.blueprint as rrb
 
 from gsbridge.files import read_json
 from gsbridge.policy.curve import COLUMNS
-from gsbridge.report.curves import read_curve
 from gsbridge.report.recordings.recording import figures_text, recording
+from gsbridge.report.tables.curves import read_curve
 
 GROUPS = {
     "success": ("success", "success_q1", "success_q2", "success_q3", "success_q4", "training_success", "controller_success"),

@@ -1,0 +1,240 @@
+"""The success tables for print: counts with intervals, simulation beside the other worlds, the paper's values beside ours."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from gsbridge.report.tables.formats import Table
+from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SCENARIOS, PAPER_SUCCESS, PAPER_SUCCESS_NOTE
+from gsbridge.report.tables.result_paths import Cell
+from gsbridge.report.tables.rows import Row
+from gsbridge.report.tables.success_rows import ROBOT, cell_in, cells_in
+from gsbridge.report.tables.success_summary import (
+    Count,
+    change,
+    overviews,
+    p_of_change,
+    paper_change,
+    paper_drop,
+    paper_mean,
+    pose_sets_in,
+    read_counts,
+    standard_cells,
+    worlds_in,
+)
+from gsbridge.report.tables.trials import STRICT_WORLD
+
+DASH = "–"
+MIRROR = "mirror"
+TASK_TITLES = {"grasp": "Grasping", "pick_and_place": "Pick and place"}
+RENDERER_TITLES = {"gs": "splats", "mesh": "mesh (RL-sim)", "mesh_vertex": "mesh, vertex colours"}
+POSE_TITLES = {"fixed": "fixed start poses", "unseen": "unseen start poses"}
+
+COUNT_NOTE = (
+    "Successes / trials, success rate, and Wilson's 95 % interval of it. With several seeds their trials count together."
+)
+CHANGE_NOTE = (
+    "Change: (mirror − sim) / sim, the paper's relative change. p: Fisher's exact test that both worlds have the same success "
+    "rate, two-sided."
+)
+MEAN_NOTE = (
+    "Interval: Wilson's, all trials together. Drop: mean of the cells' relative drops from simulation, a gain counting against "
+    "it. r: Pearson's correlation of the cells' rates with those in simulation; MMRV: mean maximum rank violation (SIMPLER), "
+    "0 is best. Both say little where all rates are high."
+)
+
+
+def percent(share: float | None, digits: int = 1, *, signed: bool = False) -> str:
+    """A share in percent with a true minus sign; a dash for none."""
+    if share is None:
+        return DASH
+    # Shares of 32 trials end in 5 often: halves go away from zero, as on paper, and not to the even digit.
+    size = math.floor(abs(100 * share) * 10**digits + 0.5 + 1e-9) / 10**digits
+    sign = "" if size == 0 else "−" if share < 0 else "+" if signed else ""
+    return f"{sign}{size:.{digits}f} %"
+
+
+def counted(count: Count | None) -> str:
+    """`31/32 96.9 % [84 … 99]`."""
+    if count is None:
+        return DASH
+    low, high = count.interval
+    rate = percent(count.rate).replace("100.0", "100")
+    return f"{count.successes}/{count.trials} {rate} [{100 * low:.0f} … {100 * high:.0f}]"
+
+
+def p_text(value: float | None) -> str:
+    """A p-value: two decimals, more where it is small."""
+    if value is None:
+        return DASH
+    return f"{value:.2f}" if value >= 0.095 else f"{value:.3f}" if value >= 0.001 else f"{value:.0e}"
+
+
+def cell_title(cell: Cell) -> str:
+    """`cake on foam pad`, with the variant where it is not the paper's."""
+    text = f"{cell.object} on {cell.background}".replace("_", " ")
+    return text if cell.variant == "default" else f"{text} ({cell.variant})"
+
+
+def success_table(
+    rows: Sequence[Row], pose_set: str, *, title: str, other: str = MIRROR, renderers: bool = False
+) -> Table | None:
+    """Cells in simulation and in another world, from one set of start poses; None without rows.
+
+    Args:
+        rows: Rows of a success table.
+        pose_set: `fixed` or `unseen`.
+        title: Caption.
+        other: The other world; on a robot only the cells that were tried there are shown.
+        renderers: Say of each cell what drew its training's pictures.
+    """
+    mine = [row for row in rows if row["pose_set"] == pose_set and row["world"] in (STRICT_WORLD, other)]
+    counts = read_counts(mine)
+    cells = [cell for cell in cells_in(mine) if other == MIRROR or (cell, other, pose_set) in counts]
+    if not cells:
+        return None
+    compared = any(world == other for _, world, _ in counts)
+    worlds = (STRICT_WORLD, other) if compared else (STRICT_WORLD,)
+    paper = any(cell in PAPER_SUCCESS for cell in cells)
+    several = any(count.seeds > 1 for count in counts.values())
+    status = _status(mine)
+    columns = ["cell", *(["trained on"] if renderers else []), *worlds, *(["change", "p"] if compared else [])]
+    columns += [*(["paper's sim → robot", "paper's change"] if paper else []), *(["seeds"] if several else []), "status"]
+    body = []
+    for cell in cells:
+        line = [cell_title(cell), *([RENDERER_TITLES.get(cell.renderer, cell.renderer)] if renderers else [])]
+        line += [counted(counts.get((cell, world, pose_set))) for world in worlds]
+        if compared:
+            line.append(percent(change(counts, cell, other, pose_set), signed=True))
+            line.append(p_text(p_of_change(counts, cell, other, pose_set)))
+        if paper:
+            known = PAPER_SUCCESS.get(cell)
+            rates = f"{percent(known.rate(STRICT_WORLD))} → {percent(known.rate(ROBOT))}" if known else DASH
+            line += [rates.replace(" % →", " →"), percent(paper_change(cell), signed=True)]
+        if several:
+            seeds = sorted({count.seeds for (owner, _, _), count in counts.items() if owner == cell})
+            line.append("–".join(map(str, dict.fromkeys((seeds[0], seeds[-1])))))
+        body.append((*line, status[cell]))
+    return Table(title, tuple(columns), tuple(body), status=tuple(status[cell] for cell in cells))
+
+
+def _status(rows: Sequence[Row]) -> dict[Cell, str]:
+    """Worst status of each cell's rows."""
+    out: dict[Cell, str] = {}
+    for row in rows:
+        cell = cell_in(row)
+        out[cell] = "degraded" if "degraded" in (row["status"], out.get(cell)) else row["status"]
+    return out
+
+
+def summary_table(rows: Sequence[Row], task: str, *, title: str) -> Table | None:
+    """Means over the cells of a task; None unless there are several.
+
+    Args:
+        rows: Rows of a success table; policies trained on splats the paper's way count.
+        task: Whose cells.
+        title: Caption.
+    """
+    cells, counts = standard_cells(rows, task), read_counts(rows)
+    if len(cells) < 2:
+        return None
+    columns = ("start poses", "world", "cells", "mean success", "of all trials", "paper's mean")
+    columns += ("drop, all cells", "drop, the paper's six", "r", "MMRV")
+    body = []
+    for view in overviews(counts, cells):
+        drop, _ = view.drop()
+        six, count = view.drop(PAPER_SCENARIOS)
+        complete = count == len(PAPER_SCENARIOS)
+        low, high = view.total.interval
+        body.append(
+            (
+                view.pose_set,
+                view.world,
+                str(len(view.rates)),
+                f"{percent(view.mean)} [{100 * low:.1f} … {100 * high:.1f}]",
+                f"{view.total.successes}/{view.total.trials}",
+                percent(paper_mean(list(view.rates), view.world)),
+                percent(drop),
+                percent(six) if complete or six is None else f"{percent(six)} ({count} of {len(PAPER_SCENARIOS)})",
+                DASH if view.correlation is None else f"{view.correlation:.2f}".replace("-", "−"),
+                DASH if view.violation is None else f"{view.violation:.3f}",
+            )
+        )
+    paper = f"The paper's mean drop: {percent(paper_drop())} over its six scenario cells"
+    paper += f", {percent(paper_drop(PAPER_GRASPS))} over all eight."
+    known = any(cell in PAPER_SUCCESS for cell in cells)
+    return Table(title, columns, tuple(body), (MEAN_NOTE, *([paper] if known else [])))
+
+
+def mirrors_table(rows: Sequence[Row], *, title: str) -> Table | None:
+    """The same policies in all mirrors, each with a shape, light and physics of its own; None for fewer than two mirrors."""
+    counts = read_counts(rows)
+    worlds = [world for world in worlds_in(counts) if world.split("_")[0] == MIRROR]
+    if len(worlds) < 2:
+        return None
+    body = []
+    for cell in cells_in(rows):
+        for pose_set in pose_sets_in(counts):
+            found = [counts.get((cell, world, pose_set)) for world in (STRICT_WORLD, *worlds)]
+            if any(found[1:]):
+                name = cell_title(cell) if cell.renderer == "gs" else f"{cell_title(cell)}, {cell.renderer}"
+                body.append((name, pose_set, *map(counted, found)))
+    return Table(title, ("cell", "start poses", STRICT_WORLD, *worlds), tuple(body))
+
+
+def success_tables(named: Mapping[str, Sequence[Row]]) -> dict[str, list[Table]]:
+    """All printed tables by the name of their rows.
+
+    Args:
+        named: Rows of `grasping`, `renderer_contrast` and `pick_and_place`, or some of them.
+    """
+    out: dict[str, list[Table]] = {}
+    for name, rows in named.items():
+        renderers = name == "renderer_contrast"
+        head = {
+            "grasping": "Grasping",
+            "renderer_contrast": "Trained on splats or on a mesh",
+            "pick_and_place": "Pick and place",
+        }[name]
+        task = "pick_and_place" if name == "pick_and_place" else "grasp"
+        found = [
+            summary_table(rows, task, title=f"{head}: means over the cells") if name == "grasping" else None,
+            *(
+                success_table(rows, pose_set, title=f"{head}, {POSE_TITLES[pose_set]}", renderers=renderers)
+                for pose_set in POSE_TITLES
+            ),
+            mirrors_table(rows, title=f"{head}: the same policies in further mirrors"),
+            *(
+                success_table(rows, pose_set, title=f"{head} on the robot, {words}", other=ROBOT, renderers=renderers)
+                for pose_set, words in POSE_TITLES.items()
+            ),
+        ]
+        tables = [table for table in found if table is not None]
+        out[name] = [_noted(table, index, tables, name, rows) for index, table in enumerate(tables)]
+    return out
+
+
+def _noted(table: Table, index: int, tables: Sequence[Table], name: str, rows: Sequence[Row]) -> Table:
+    """The table with its notes; those on all tables stand below the last one."""
+    if index < len(tables) - 1:
+        return table
+    notes = [COUNT_NOTE, CHANGE_NOTE]
+    if name == "pick_and_place":
+        notes.append(_contact_note(rows))
+    if any(row["paper_success_rate"] for row in rows):
+        notes.append(PAPER_SUCCESS_NOTE)
+    return Table(table.title, table.columns, table.rows, (*table.notes, *notes), table.best, table.status)
+
+
+def _contact_note(rows: Sequence[Row]) -> str:
+    """How many successes hang on the rule about excess contact."""
+    parts = [
+        f"{row['world']} {row['pose_set']} {row['successes_strict']} and {row['successes_tolerant']} of {row['trials']}"
+        for row in rows
+        if row["successes_strict"] != row["successes_tolerant"]
+    ]
+    text = "Excess contact while placing is a failure in simulation only, as in the paper."
+    if not parts:
+        return f"{text} No trial hangs on it."
+    return f"{text} Successes with the rule and without it: {'; '.join(parts)}."
