@@ -24,7 +24,7 @@ rule read_gap_records:
         mem_mb=1000,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.gap.diagnosis.workflow"),
+        code=code_digest("gsbridge.gap.workflow"),
     message:
         "Read and check the records of {wildcards.case}"
     script:
@@ -49,7 +49,7 @@ rule compare_gap:
         mem_mb=1000,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.gap.diagnosis.workflow"),
+        code=code_digest("gsbridge.gap.workflow"),
     message:
         "Replay the records of {wildcards.case} through its model"
     script:
@@ -74,7 +74,7 @@ rule screen_gap:
         mem_mb=2000,
         runtime="60m",
     params:
-        code=code_digest("gsbridge.gap.diagnosis.workflow"),
+        code=code_digest("gsbridge.gap.workflow"),
         bank=GAP_BANK,
     message:
         "Simulate what each known effect would change in the records of {wildcards.case}"
@@ -103,7 +103,7 @@ rule identify_gap:
         mem_mb=2000,
         runtime="60m",
     params:
-        code=code_digest("gsbridge.gap.diagnosis.workflow"),
+        code=code_digest("gsbridge.gap.workflow"),
         bank=GAP_BANK,
         seed=SEED,
     message:
@@ -132,7 +132,7 @@ rule replay_gap:
         mem_mb=1000,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.gap.diagnosis.workflow"),
+        code=code_digest("gsbridge.gap.workflow"),
     message:
         "Replay the records of {wildcards.case} before and after"
     script:

@@ -129,7 +129,7 @@ rule diagnose_real_logs:
         mem_mb=2000,
         runtime="60m",
     params:
-        code=code_digest("gsbridge.gap.diagnosis.workflow"),
+        code=code_digest("gsbridge.gap.workflow"),
         program_digest=file_digest("benchmarks/gap_measured.py"),
         python=sys.executable,
         measured=os.environ.get("GSBRIDGE_MEASURED", ""),

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from gsbridge.effects.parameter import Parameter
-from gsbridge.gap.joints.setup import Setup
+from gsbridge.gap.joints.mechanism.setup import JointSetup
 
 __all__ = ["ALL", "DRIVEN", "HOOKS", "Effect", "FigureEffect", "Parameter"]
 
@@ -54,7 +54,7 @@ class Effect(ABC):
     cost: ClassVar[str] = "sim"
 
     @abstractmethod
-    def apply(self, setup: Setup, joint: int, values: Mapping[str, float]) -> None:
+    def apply(self, setup: JointSetup, joint: int, values: Mapping[str, float]) -> None:
         """Put the effect into a setup. `joint` is a column of the records, -1 for a whole mechanism."""
 
     def directions(self) -> tuple[dict[str, float], ...]:
@@ -75,12 +75,12 @@ class FigureEffect(Effect):
     """An effect that adds to figures of the joint's law, one parameter per figure.
 
     Attributes:
-        figures: Name of each parameter's figure in `gsbridge.gap.joints.joint_kernel.LAW`.
+        figures: Name of each parameter's figure in `gsbridge.gap.joints.mechanism.joint_kernel.LAW`.
     """
 
     figures: ClassVar[Mapping[str, str]]
 
-    def apply(self, setup: Setup, joint: int, values: Mapping[str, float]) -> None:
+    def apply(self, setup: JointSetup, joint: int, values: Mapping[str, float]) -> None:
         """Add every parameter to its figure; shapes replace it."""
         for parameter in self.parameters:
             row = setup.law[self.figures[parameter.name]]

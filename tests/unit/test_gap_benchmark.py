@@ -18,23 +18,23 @@ from gsbridge.gap.benchmark.axis_truth import run_axis
 from gsbridge.gap.benchmark.baselines import METHODS, available
 from gsbridge.gap.benchmark.bullet_truth import BulletTruth
 from gsbridge.gap.benchmark.campaign import _drawn, case_keys, diagnose_cases, generate_cases
-from gsbridge.gap.benchmark.generate import NotShownError, Plant, _joined, size_of_units
+from gsbridge.gap.benchmark.case_plan import SPLITS, TIER_SIZE, TIERS, PlannedCase, plan_cases
+from gsbridge.gap.benchmark.generate import BenchmarkMechanism, NotShownError, _joined, size_of_units
 from gsbridge.gap.benchmark.images import draw_image_case
-from gsbridge.gap.benchmark.images import site_of as photo_site
+from gsbridge.gap.benchmark.images import image_site as photo_site
+from gsbridge.gap.benchmark.mechanisms import MechanismSite, axis_plant, mechanism_site
 from gsbridge.gap.benchmark.mujoco_truth import MujocoTruth
-from gsbridge.gap.benchmark.orders import SPLITS, TIER_SIZE, TIERS, Order, orders_of
 from gsbridge.gap.benchmark.photo_baselines import run_photo_baseline
 from gsbridge.gap.benchmark.photo_cases import photo_closure, read_photos, write_photos
-from gsbridge.gap.benchmark.plants import Site, axis_plant, site_of
 from gsbridge.gap.benchmark.score import score, score_findings, wilson
 from gsbridge.gap.benchmark.trajectories import course
 from gsbridge.gap.benchmark.twins import twins_of
-from gsbridge.gap.benchmark.verdicts import Verdict
-from gsbridge.gap.joints.apply_effects import build_setup
+from gsbridge.gap.benchmark.verdicts import JudgedCase
+from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.effects.lag import smoothed
-from gsbridge.gap.joints.mechanism_model import Applied
-from gsbridge.gap.joints.records import Record
-from gsbridge.gap.joints.replay import Mechanism
+from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
+from gsbridge.gap.joints.mechanism.mechanism_model import Applied
+from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.report.tables.statistics import wilson_interval
 
 TRUTHS = ("axis_truth", "axis_motion", "mujoco_truth", "bullet_truth", "arm_loop", "trajectories", "noises")
@@ -54,7 +54,12 @@ def test_truths_import_nothing_of_the_diagnosis(name):
             found.add(str(node.module))
         elif isinstance(node, ast.Import):
             found |= {item.name for item in node.names}
-    known = {"gsbridge.gap.joints.mechanism_model", "gsbridge.gap.joints.inertials", "gsbridge.geometry", "gsbridge.kernels"}
+    known = {
+        "gsbridge.gap.joints.mechanism.mechanism_model",
+        "gsbridge.gap.joints.mechanism.inertials",
+        "gsbridge.geometry",
+        "gsbridge.kernels",
+    }
     ours = {item for item in found if item.startswith("gsbridge")}
     assert all(item in known or item.startswith("gsbridge.gap.benchmark.") for item in ours), ours
 
@@ -78,7 +83,7 @@ def test_engines_agree_with_the_replay_on_what_an_effect_does(tmp_path, hidden, 
     mechanism = Mechanism(system)
     record = Record("a", times, system.joints, {"command": np.array([wanted(t) for t in times])}, {})
     start = [(wanted(0.0), np.zeros(1))]
-    ours = mechanism.run(record, build_setup(mechanism, [effect] if effect else []), [(0, len(times))], start)
+    ours = mechanism.run(record, apply_effects(mechanism, [effect] if effect else []), [(0, len(times))], start)
     for truth in (run_axis, MujocoTruth(system), BulletTruth(system)):
         theirs = truth(wanted, 1.0, times, hidden)
         assert np.abs(theirs["position"] - ours["position"]).max() < (4e-4 if "coulomb" in hidden else 1.5e-4)
@@ -119,7 +124,7 @@ def plant_of(sizes, shows):
     def truth(wanted, duration, times, hidden):
         return {"position": np.full((len(times), 1), shows(hidden) / np.sqrt(len(times)))}
 
-    return Plant(("a",), np.zeros(1), np.ones(1), {"position": np.ones(1)}, truth, sizes)
+    return BenchmarkMechanism(("a",), np.zeros(1), np.ones(1), {"position": np.ones(1)}, truth, sizes)
 
 
 @pytest.mark.parametrize(
@@ -148,13 +153,13 @@ def test_what_does_not_show_gives_way_and_what_cancels_is_not_hidden():
         return 1e3 * np.hypot(hidden.get("good", 0.0), hidden.get("late", 0.0) - hidden.get("early", 0.0))
 
     plant = plant_of(dict.fromkeys(("good", "mute", "late", "early"), (1e-2, 1)), shows)
-    site = Site("axis", None, plant, ("good", "mute", "late", "early"), ())
+    site = MechanismSite("axis", None, plant, ("good", "mute", "late", "early"), ())
     for names in (("mute",), ("early", "late")):
-        order, case = _drawn(site, Order("a", "single", names, 5.0, 1, 2, ("position",)))
+        order, case = _drawn(site, PlannedCase("a", "single", names, 5.0, 1, 2, ("position",)))
         assert "mute" not in case.hidden
         assert set(order.names) == set(case.hidden) != set(names)
     with pytest.raises(InputError, match="mute do not show"):
-        _drawn(replace(site, names=("mute",)), Order("a", "single", ("mute",), 5.0, 1, 2, ("position",)))
+        _drawn(replace(site, names=("mute",)), PlannedCase("a", "single", ("mute",), 5.0, 1, 2, ("position",)))
 
 
 def test_no_effect_is_larger_than_a_likely_fault():
@@ -196,13 +201,13 @@ def test_twins_are_written_down_per_plant():
 
 def test_orders_keep_the_mix_and_splits_share_nothing():
     names, strange = ("coulomb:a", "coulomb:b", "viscous:a", "lag"), ("odd",)
-    drawn = {split: orders_of("t2", split, names, strange) for split in SPLITS}
-    assert drawn["scored"] == orders_of("t2", "scored", names, strange)
+    drawn = {split: plan_cases("t2", split, names, strange) for split in SPLITS}
+    assert drawn["scored"] == plan_cases("t2", "scored", names, strange)
     for field in ("seed", "course_seed", "units"):
         sets = [{getattr(order, field) for order in drawn[split] if order.names} for split in SPLITS]
         assert not sets[0] & sets[1]
     kinds = [order.kind for order in drawn["scored"]]
-    few = [order.kind for order in orders_of("t2", "scored", names, strange, 26)]
+    few = [order.kind for order in plan_cases("t2", "scored", names, strange, 26)]
     mixed = [kind for kind in kinds if kind not in ("contact", "tool")]
     assert len(mixed) < len(kinds)
     for kind in set(mixed):
@@ -215,7 +220,7 @@ def test_orders_keep_the_mix_and_splits_share_nothing():
     assert lossy
     assert all(order.lost > 0 and "clock_drift" in order.names and len(order.names) == 2 for order in lossy)
     assert {order.lost for order in drawn["scored"] if order.kind != "dropped"} == {0.0}
-    free = sum(order.kind == "free" for tier in TIERS for order in orders_of(tier, "scored", names, strange))
+    free = sum(order.kind == "free" for tier in TIERS for order in plan_cases(tier, "scored", names, strange))
     assert free >= 150
     assert sum(TIER_SIZE.values()) <= 500
 
@@ -278,7 +283,7 @@ def test_unknown_tier_method_and_missing_package_are_refused(tmp_path):
 
 def said(verdict, named=(), sets=(), hidden=("a",), twins=(), **more):
     sets = tuple(frozenset(s) for s in sets)
-    return Verdict(frozenset(hidden), 5.0, verdict, frozenset(named), sets, twins=tuple(frozenset(t) for t in twins), **more)
+    return JudgedCase(frozenset(hidden), 5.0, verdict, frozenset(named), sets, twins=tuple(frozenset(t) for t in twins), **more)
 
 
 def test_outcomes():
@@ -335,7 +340,7 @@ def test_wilson_interval_equals_that_of_the_reports():
 @pytest.mark.parametrize("engine", [BulletTruth, MujocoTruth])
 def test_a_push_is_the_engines_own_and_passes(engine, tmp_path):
     """A slow push down: the controller's torques grow by the Jacobian's transpose times the force, where the arm then is."""
-    site = site_of("t1", tmp_path)
+    site = mechanism_site("t1", tmp_path)
     truth, times = engine(site.system), np.arange(300) / 100
     still = np.array(site.plant.centre)
     push = {"touch_at": 0.2, "touch_for": 2.2, "touch_x": 0.0, "touch_y": 0.0, "touch_z": -10.0}

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.files import case_files, case_model, case_name, case_path, check_asked_cases, check_own_cases
 from gsbridge.gap.formats.logs import read_log
+from gsbridge.gap.formats.records import Layout, Record, read_record
 from gsbridge.gap.formats.store import load_records, save_records
 from gsbridge.gap.joints.case import _noise_of
-from gsbridge.gap.joints.records import Layout, Record, read_record
 
 JOINTS = ("shoulder", "elbow")
 DEGREES = Layout(JOINTS, units={"position": "deg", "command": "deg"})

@@ -12,7 +12,7 @@ from gsbridge.cameras import Camera
 from gsbridge.environment.lens import EFFECTS
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import read_json
-from gsbridge.gap.benchmark.images import film, hidden_pairs, site_of
+from gsbridge.gap.benchmark.images import film, hidden_pairs, image_site
 from gsbridge.gap.image.files import read_pairs
 from gsbridge.gap.image.pairs import ROLES
 from gsbridge.gap.image.stages import amend_camera, write_image_findings
@@ -29,7 +29,7 @@ NAMES = ("black_level", "exposure", "response", "shadow", "vignetting", "white_b
 def folder(tmp_path_factory):
     """Photos of a camera that became darker by 0.3 EV, as a robot would leave them."""
     out = tmp_path_factory.mktemp("photos")
-    site = site_of(7, camera=Camera(64, 48, 60.0, 60.0, 32.0, 24.0), photos=5)
+    site = image_site(7, camera=Camera(64, 48, 60.0, 60.0, 32.0, 24.0), photos=5)
     films = {role: film(3 + k, site.photos) for k, role in enumerate(ROLES)}
     takes = [hidden_pairs(site, {"exposure": 0.3}, films, SPIN, np.random.default_rng(k)) for k in range(SHOTS)]
     views, depths = [], []

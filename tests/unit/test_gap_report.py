@@ -191,8 +191,8 @@ URDF = """<robot name="arm"><link name="base"/>
 @pytest.fixture
 def mechanism(tmp_path):
     """A lift with a turning link, as a model and as a chain."""
-    from gsbridge.gap.joints.chain import Chain
-    from gsbridge.gap.joints.inertials import Skeleton
+    from gsbridge.gap.joints.mechanism.chain import Chain
+    from gsbridge.gap.joints.mechanism.inertials import Skeleton
 
     (tmp_path / "arm.urdf").write_text(URDF)
     (tmp_path / "model.yaml").write_text("urdf: arm.urdf\ncontroller: {mode: free}\n")

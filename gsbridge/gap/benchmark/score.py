@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gsbridge.files import read_json
-from gsbridge.gap.benchmark.verdicts import OUTCOMES, Verdict, read_verdicts
+from gsbridge.gap.benchmark.verdicts import OUTCOMES, JudgedCase, read_verdicts
 
 LARGE = 5.0
 """Units from which on naming counts."""
@@ -57,7 +57,7 @@ def score_findings(
     return {"tier": manifest["tier"], "split": manifest["split"], "cases": len(manifest["cases"]), "methods": methods}
 
 
-def score(verdicts: Iterable[Verdict], large: float = LARGE) -> dict[str, Any]:
+def score(verdicts: Iterable[JudgedCase], large: float = LARGE) -> dict[str, Any]:
     """Figures of one method on one tier.
 
     Args:
@@ -104,7 +104,7 @@ def score(verdicts: Iterable[Verdict], large: float = LARGE) -> dict[str, Any]:
     }
 
 
-def _rate(cases: Sequence[Verdict], outcome: str) -> dict[str, Any]:
+def _rate(cases: Sequence[JudgedCase], outcome: str) -> dict[str, Any]:
     return rate(sum(case.outcome == outcome for case in cases), len(cases))
 
 
@@ -112,7 +112,7 @@ def _quantile(values: Sequence[float], share: float) -> float | None:
     return float(np.quantile(values, share)) if values else None
 
 
-def _groups(cases: Sequence[Verdict], of: Callable[[Verdict], Any], title: str) -> list[dict[str, Any]]:
+def _groups(cases: Sequence[JudgedCase], of: Callable[[JudgedCase], Any], title: str) -> list[dict[str, Any]]:
     """Outcomes of the cases of each group, as rates."""
     out = []
     for value in sorted({of(case) for case in cases}):
@@ -121,7 +121,7 @@ def _groups(cases: Sequence[Verdict], of: Callable[[Verdict], Any], title: str) 
     return out
 
 
-def _confusion(cases: Sequence[Verdict]) -> list[dict[str, Any]]:
+def _confusion(cases: Sequence[JudgedCase]) -> list[dict[str, Any]]:
     """How often each answer was given to what was hidden; joints are left out, unless they were mistaken."""
 
     def short(text: str) -> str:
@@ -136,7 +136,7 @@ def _confusion(cases: Sequence[Verdict]) -> list[dict[str, Any]]:
     return [{"hidden": a, "answer": b, "cases": n} for (a, b), n in sorted(counts.items())]
 
 
-def _calibration(cases: Sequence[Verdict]) -> dict[str, Any]:
+def _calibration(cases: Sequence[JudgedCase]) -> dict[str, Any]:
     """Whether the stated probabilities of being best are right as often as they say."""
     said = np.array([case.chance for case in cases], dtype=np.float64)
     true = np.array([case.named in {case.hidden, *case.twins} for case in cases], dtype=np.float64)
@@ -149,7 +149,7 @@ def _calibration(cases: Sequence[Verdict]) -> dict[str, Any]:
     return {"calibration": rows, "brier": float(((said - true) ** 2).mean()) if len(said) else None}
 
 
-def _f1(cases: Sequence[Verdict]) -> dict[str, Any]:
+def _f1(cases: Sequence[JudgedCase]) -> dict[str, Any]:
     """F1 over sets of effects; what is ambiguous among more than the same equation counts as not named."""
     said, hits = 0, 0
     for case in cases:
@@ -160,7 +160,7 @@ def _f1(cases: Sequence[Verdict]) -> dict[str, Any]:
     return {"value": 2 * hits / (said + hidden) if said + hidden else None, "n": len(cases)}
 
 
-def _row(case: Verdict) -> dict[str, Any]:
+def _row(case: JudgedCase) -> dict[str, Any]:
     """One line of the list of cases."""
     return {
         "key": case.key,

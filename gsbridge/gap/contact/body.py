@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.yaml_file import read_yaml
-from gsbridge.gap.joints.mechanism_model import Applied
+from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 from gsbridge.geometry import Array
 
 MODE = "body"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gsbridge.gap.contact.diagnose import TRANSFERS, Diagnosis
-from gsbridge.gap.contact.setup import build_setup
+from gsbridge.gap.contact.setup import body_setup
 from gsbridge.gap.contact.throws import Throws
 from gsbridge.gap.effects import effect_of
 
@@ -75,7 +75,7 @@ def describe(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     best = diagnosis.finding.best
     if best is None:
         return []
-    was, became = (build_setup(diagnosis.body, effects).figures for effects in ((), best.fit.effects))
+    was, became = (body_setup(diagnosis.body, effects).figures for effects in ((), best.fit.effects))
     out = []
     for applied, spans in zip(best.fit.effects, diagnosis.intervals, strict=True):
         effect = effect_of(applied.name)

@@ -10,7 +10,7 @@ import numpy as np
 from gsbridge.errors import InputError
 from gsbridge.gap.contact.body import FreeBody
 from gsbridge.gap.effects import effect_of
-from gsbridge.gap.joints.mechanism_model import Applied
+from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 
 BOUNDS: Mapping[str, tuple[float, float]] = {
     "friction": (0.0, 5.0),
@@ -78,7 +78,7 @@ class BodySetup:
         self.figures[figure] = float(np.clip(value, low, high))
 
 
-def build_setup(body: FreeBody, effects: Sequence[Applied] = ()) -> BodySetup:
+def body_setup(body: FreeBody, effects: Sequence[Applied] = ()) -> BodySetup:
     """Figures of a body with its own effects and further ones.
 
     Raises:

@@ -9,7 +9,7 @@ import numpy as np
 
 from gsbridge.errors import InputError
 from gsbridge.gap.joints.candidates import Candidate
-from gsbridge.gap.joints.mechanism_model import Applied
+from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 from gsbridge.scene.effects import catalogue, effect_of
 from gsbridge.scene.effects.base import ImageEffect
 from gsbridge.scene.shooting import Shooting

@@ -13,13 +13,13 @@ import yaml
 from gsbridge.environment.lens import EFFECTS, UNDRAWN
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import atomic_file, read_json, write_json
-from gsbridge.gap.diagnosis.workflow import fitted
 from gsbridge.gap.formats.yaml_file import read_yaml
 from gsbridge.gap.image.diagnose import diagnose_images, image_findings, unsteady
 from gsbridge.gap.image.files import read_pairs
 from gsbridge.gap.image.model import shooting
 from gsbridge.gap.image.pairs import Pairs
-from gsbridge.gap.image.residuals import View, learn_noise
+from gsbridge.gap.image.residuals import ImageResiduals, learn_noise
+from gsbridge.gap.workflow import fitted
 from gsbridge.sim.model import parse_model
 
 logger = logging.getLogger("gsbridge")
@@ -68,7 +68,7 @@ def write_image_findings(
 
 
 def _pictures(pairs: dict[str, Pairs], found: dict[str, Any]) -> dict[str, np.ndarray]:
-    view = View(pairs["verify"], learn_noise(list(pairs.values())))
+    view = ImageResiduals(pairs["verify"], learn_noise(list(pairs.values())))
     effects = fitted(found)
     table = {"gap": view.residual(), "left": view.residual(effects)}
     shown = slice(0, _SHOWN)

@@ -13,8 +13,8 @@ import numpy as np
 
 from gsbridge.files import atomic_file
 from gsbridge.gap.joints.candidates import Candidate
-from gsbridge.gap.joints.mechanism_model import Applied
-from gsbridge.gap.joints.residuals import View
+from gsbridge.gap.joints.mechanism.mechanism_model import Applied
+from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
 _AIM = 100.0
@@ -50,7 +50,7 @@ class Signature:
 
 
 @dataclass(frozen=True)
-class Bank:
+class SignatureBank:
     """Signatures of all candidates on one record.
 
     Args:
@@ -62,7 +62,7 @@ class Bank:
     runs: int
 
 
-def make_bank(view: View, who: Sequence[Candidate], base: Sequence[Applied] = ()) -> Bank:
+def make_bank(view: JointResiduals, who: Sequence[Candidate], base: Sequence[Applied] = ()) -> SignatureBank:
     """Simulate all candidates on top of `base`.
 
     The noise of the view sets the smallest size: one whose signature just stands out.
@@ -76,11 +76,11 @@ def make_bank(view: View, who: Sequence[Candidate], base: Sequence[Applied] = ()
             # The size that just stands out along one direction is a good guess for the next.
             made, factor = _along(view, candidate, direction, factor, plain, base)
             found += made
-    return Bank(tuple(found), view.mechanism.runs - before)
+    return SignatureBank(tuple(found), view.mechanism.runs - before)
 
 
 def _along(
-    view: View, candidate: Candidate, direction: dict[str, float], begin: float, plain: Array, base: Sequence[Applied]
+    view: JointResiduals, candidate: Candidate, direction: dict[str, float], begin: float, plain: Array, base: Sequence[Applied]
 ) -> tuple[list[Signature], float]:
     """Signatures along one direction of a candidate's parameters, and the multiple of it that just stands out."""
     effect = candidate.effect
@@ -124,7 +124,7 @@ def _along(
     return out, factor if out else begin
 
 
-def bank_of(view: View, who: Sequence[Candidate], folder: str | Path) -> Bank:
+def signature_bank(view: JointResiduals, who: Sequence[Candidate], folder: str | Path) -> SignatureBank:
     """The bank of a view, from `folder` where an equal one was made before."""
     # Noise sets sizes only, where a factor of two does not matter: in coarse steps, cases of one sensor share a bank.
     steps = np.round(np.log2(view.sigma) / _COARSE)
@@ -151,11 +151,11 @@ def bank_of(view: View, who: Sequence[Candidate], folder: str | Path) -> Bank:
     return bank
 
 
-def _read(path: Path) -> Bank:
+def _read(path: Path) -> SignatureBank:
     with np.load(path) as data:
         labels, changes = json.loads(str(data["labels"])), data["changes"]
         found = tuple(
             Signature(Candidate(name, joint), values, change)
             for (name, joint, values), change in zip(labels, changes, strict=True)
         )
-        return Bank(found, int(data["runs"]))
+        return SignatureBank(found, int(data["runs"]))

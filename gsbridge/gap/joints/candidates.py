@@ -9,7 +9,7 @@ import numpy as np
 
 from gsbridge.effects.base import Effect
 from gsbridge.gap.effects import catalogue, effect_of
-from gsbridge.gap.joints.mechanism_model import Applied, System
+from gsbridge.gap.joints.mechanism.mechanism_model import Applied, MechanismModel
 from gsbridge.geometry import Array
 
 
@@ -41,7 +41,7 @@ class Candidate:
         return f"{self.name}:{self.joint}" if self.joint else self.name
 
 
-def candidates(system: System, names: Collection[str] | None = None) -> tuple[Candidate, ...]:
+def candidates(system: MechanismModel, names: Collection[str] | None = None) -> tuple[Candidate, ...]:
     """All candidates of a mechanism; of these effects only, if `names` is given."""
     out = []
     for name, effect in catalogue().items():

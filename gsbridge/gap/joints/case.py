@@ -11,17 +11,17 @@ import numpy as np
 from gsbridge.errors import InputError
 from gsbridge.gap.effects import effect_of
 from gsbridge.gap.formats.logs import read_log
+from gsbridge.gap.formats.records import SHORTEST, TOOL, Layout, Record, check_degrees, doubtful_degrees
 from gsbridge.gap.formats.yaml_file import read_yaml
 from gsbridge.gap.joints.diagnose import ROLES
-from gsbridge.gap.joints.mechanism_model import System, read_system
-from gsbridge.gap.joints.records import SHORTEST, TOOL, Layout, Record, check_degrees, doubtful_degrees
+from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel, read_mechanism_model
 from gsbridge.geometry import Array
 
 _KEYS = ("model", "records", "columns", "units", "torque_per_ampere", "noise", "effects")
 
 
 @dataclass(frozen=True)
-class Case:
+class JointCase:
     """A case, checked.
 
     Args:
@@ -33,13 +33,13 @@ class Case:
     """
 
     model: Path
-    system: System
+    system: MechanismModel
     records: Mapping[str, Record]
     names: tuple[str, ...] | None
     reasons: tuple[str, ...]
 
 
-def read_case(path: str | Path) -> Case:
+def read_joint_case(path: str | Path) -> JointCase:
     """Read and check a case.
 
     Raises:
@@ -53,7 +53,7 @@ def read_case(path: str | Path) -> Case:
         if key not in _KEYS:
             raise InputError(path, f"the key '{key}' is unknown", f"Use only: {', '.join(_KEYS)}")
     model = path.parent / content["model"]
-    system = read_system(model)
+    system = read_mechanism_model(model)
     gain = content.get("torque_per_ampere")
     reasons = []
     if gain is not None:
@@ -82,10 +82,10 @@ def read_case(path: str | Path) -> Case:
     if "position" not in records["fit"].measured:
         reasons.append("no joint positions are logged: what moves the tool alike cannot be told apart")
     reasons += doubtful_degrees(records["fit"], system.limits)
-    return Case(model, system, records, tuple(content["effects"]) if content.get("effects") else None, (*reasons, *split))
+    return JointCase(model, system, records, tuple(content["effects"]) if content.get("effects") else None, (*reasons, *split))
 
 
-def _check(record: Record, system: System, source: Path, noise: Mapping[str, float | list[float]]) -> Record:
+def _check(record: Record, system: MechanismModel, source: Path, noise: Mapping[str, float | list[float]]) -> Record:
     """A record that fits its mechanism.
 
     Raises:

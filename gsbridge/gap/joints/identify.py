@@ -9,17 +9,17 @@ from dataclasses import replace
 import numpy as np
 
 from gsbridge.gap.diagnosis.closure import closed, closed_at_most_times
-from gsbridge.gap.diagnosis.results import VERDICTS, Finding, Rules, Trial
+from gsbridge.gap.diagnosis.results import VERDICTS, Finding, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import decide, transfer
-from gsbridge.gap.joints.bank import Bank
+from gsbridge.gap.joints.bank import SignatureBank
 from gsbridge.gap.joints.candidates import Candidate
 from gsbridge.gap.joints.coherence import coherence_p, has_related, line_p
-from gsbridge.gap.joints.detect import Null, calibrate
-from gsbridge.gap.joints.fit import Fit, fit, polish
-from gsbridge.gap.joints.residuals import View
-from gsbridge.gap.joints.screen import Match, Mixture, Screen
+from gsbridge.gap.joints.detect import JointNull, joint_null
+from gsbridge.gap.joints.fit import EffectFit, fit, polish
+from gsbridge.gap.joints.residuals import JointResiduals
+from gsbridge.gap.joints.screen import Mixture, Screen, SignatureMatch
 
-__all__ = ["VERDICTS", "Finding", "Identification", "Rules", "Trial"]
+__all__ = ["VERDICTS", "Finding", "Hypothesis", "JointIdentification", "Rules"]
 
 logger = logging.getLogger("gsbridge")
 
@@ -38,7 +38,7 @@ _TOGETHER = 0.002
 motion where this decides."""
 
 
-class Identification:
+class JointIdentification:
     """One diagnosis.
 
     Args:
@@ -51,13 +51,19 @@ class Identification:
     """
 
     def __init__(
-        self, first: View, second: View, bank: Bank, who: Sequence[Candidate], rules: Rules | None = None, seed: int = 0
+        self,
+        first: JointResiduals,
+        second: JointResiduals,
+        bank: SignatureBank,
+        who: Sequence[Candidate],
+        rules: Rules | None = None,
+        seed: int = 0,
     ) -> None:
         self.first, self.second, self.who = first, second, tuple(who)
         self.rules, self.rng = rules or Rules(), np.random.default_rng(seed)
         self.screen = Screen(first, bank)
-        self.null_first: Null = calibrate(first, self.rng, self.screen)
-        self.null: Null = calibrate(second, self.rng)
+        self.null_first: JointNull = joint_null(first, self.rng, self.screen)
+        self.null: JointNull = joint_null(second, self.rng)
         self._begin = first.mechanism.runs
         self.start, self.plain = first.residual(), second.residual()
         self.floor, self.floor_first = self.null.share * self.plain.size, self.null_first.share * self.start.size
@@ -102,7 +108,7 @@ class Identification:
         """Simulations at which a fit is given up, so that judging it and the reserve stay within the budget."""
         return self._begin + self.rules.budget - reserve - _JUDGED
 
-    def _transfers(self, trial: Trial) -> bool:
+    def _transfers(self, trial: Hypothesis) -> bool:
         """Whether a trial explains a part of the other record, by more than chance and colour of the noise allow."""
         if self.plain_chi2 - trial.chi2 < self.rules.margin:
             return False
@@ -123,29 +129,29 @@ class Identification:
         remains = verdict == "none_of_the_known"
         return Finding(verdict, None, (), (), remains, p_value, p_value, size, size, self._used(), unseen)
 
-    def _trial(self, fitted: Fit) -> Trial:
+    def _trial(self, fitted: EffectFit) -> Hypothesis:
         """Judge a fit on `select`."""
         residual = self.second.residual(fitted.effects)
         chi2 = float((residual**2).sum())
         gap = max(self.plain_chi2 - self.floor, 1e-9)
         closure = 1.0 - float(np.sqrt(max(chi2 - self.floor, 0.0) / gap))
-        return Trial(fitted, residual, self.first.residual(fitted.effects), chi2, closure)
+        return Hypothesis(fitted, residual, self.first.residual(fitted.effects), chi2, closure)
 
-    def _remains(self, trial: Trial) -> bool:
+    def _remains(self, trial: Hypothesis) -> bool:
         """Whether a trial leaves more than noise."""
         return self._p_remaining(trial) < self.rules.alarm
 
-    def _p_remaining(self, trial: Trial) -> float:
+    def _p_remaining(self, trial: Hypothesis) -> float:
         """Probability that noise leaves as much on either record, or as much that looks like some effect."""
         left = self.screen.matches(trial.first)
         p_gain = self.null_first.p_gain(left[0].gain) if left else 1.0
         looks = (self.null.p_value(trial.residual), self.null_first.p_value(trial.first), p_gain)
         return min(1.0, len(looks) * min(looks))
 
-    def _singles(self, matches: Sequence[Match]) -> list[Trial]:
+    def _singles(self, matches: Sequence[SignatureMatch]) -> list[Hypothesis]:
         """Fits of one effect each; those that cannot reach the best are not fitted, those that did not converge left out."""
         ranked = sorted((match for match in matches if match.gain > 0), key=lambda match: -match.bound)
-        out: list[Trial] = []
+        out: list[Hypothesis] = []
         chi2, reached = float((self.start**2).sum()), -np.inf
         for number, match in enumerate(ranked):
             slack = 4 * self.rules.margin + 0.3 * max(reached, 0.0) if number < self.rules.rivals else self.rules.margin
@@ -159,7 +165,7 @@ class Identification:
                 reached = max(reached, chi2 - fitted.chi2)
         return out
 
-    def _several(self, singles: list[Trial], best: Trial) -> list[Trial]:
+    def _several(self, singles: list[Hypothesis], best: Hypothesis) -> list[Hypothesis]:
         """Sets of effects: the best sums of signatures are fitted, larger sets only if smaller ones leave something."""
         trials = list(singles)
         for count in range(2, self.rules.most + 1):
@@ -185,7 +191,7 @@ class Identification:
                 break
         return self._slim(trials)
 
-    def _grown(self, base: Trial, count: int) -> list[Mixture]:
+    def _grown(self, base: Hypothesis, count: int) -> list[Mixture]:
         """What screens best beside an explanation with one effect less."""
         if len(base.fit.who) != count - 1:
             return []
@@ -193,7 +199,7 @@ class Identification:
         found = [match for match in self.screen.matches(left) if match.candidate not in base.fit.who][:3]
         return [Mixture((*base.fit.who, m.candidate), (*base.fit.values, m.starts[0]), m.gain) for m in found]
 
-    def _slim(self, trials: list[Trial]) -> list[Trial]:
+    def _slim(self, trials: list[Hypothesis]) -> list[Hypothesis]:
         """Leave out sets that are hardly better than one of their subsets."""
         out = []
         for trial in trials:
@@ -202,7 +208,9 @@ class Identification:
                 out.append(trial)
         return out
 
-    def _decide(self, trials: list[Trial], matches: Sequence[Match], p_value: float, unseen: tuple[str, ...]) -> Finding:
+    def _decide(
+        self, trials: list[Hypothesis], matches: Sequence[SignatureMatch], p_value: float, unseen: tuple[str, ...]
+    ) -> Finding:
         rules = self.rules
         first = decide(trials, rules, self.floor)
         # The best and what comes near it are fitted once more, with derivatives of their own.
@@ -236,15 +244,15 @@ class Identification:
             self._used(), unseen,
         )  # fmt: skip
 
-    def _closed(self, trial: Trial) -> float:
+    def _closed(self, trial: Hypothesis) -> float:
         """Share of the gap on `select` that a trial closes, as far as noise tells."""
         return closed(self.plain, trial.residual, self.null.share)
 
-    def _closed_first(self, trial: Trial) -> float:
+    def _closed_first(self, trial: Hypothesis) -> float:
         """The same on `fit`, where something else may have happened for a while; `select` tells whether it did."""
         return closed_at_most_times(self.start, trial.first, self.null_first.share)
 
-    def _unfitted(self, best: Trial, matches: Sequence[Match], trials: Sequence[Trial]) -> list[str]:
+    def _unfitted(self, best: Hypothesis, matches: Sequence[SignatureMatch], trials: Sequence[Hypothesis]) -> list[str]:
         """Candidates that were not fitted, but whose signatures explain as much: they are not ruled out either."""
         if len(best.fit.who) > 1:
             return []

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from gsbridge.files import atomic_file
-from gsbridge.gap.joints.apply_effects import build_setup
-from gsbridge.gap.joints.records import TOOL, Record
-from gsbridge.gap.joints.replay import Mechanism, Span, State
+from gsbridge.gap.formats.records import TOOL, Record
+from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
+from gsbridge.gap.joints.mechanism.replay import Mechanism, Span, State
 from gsbridge.geometry import Array
 
 KINDS = ("position", "velocity", "effort", TOOL)
@@ -26,7 +26,7 @@ _ANGLE, _SPEED = 1e-4, 1e-3
 
 
 @dataclass(frozen=True)
-class Frame:
+class Sensitivity:
     """Derivatives of a nominal replay.
 
     Args:
@@ -51,9 +51,9 @@ def start_states(mechanism: Mechanism, record: Record, spans: Sequence[Span], me
     return [(command[first].copy(), speed[first].copy()) for first, _ in spans]
 
 
-def frame_of(
+def sensitivity_of(
     mechanism: Mechanism, record: Record, spans: Sequence[Span], measured: Sequence[State], folder: str | Path | None = None
-) -> Frame:
+) -> Sensitivity:
     """The frame of a record, from `folder` where an equal one was made before."""
     states = start_states(mechanism, record, spans, measured)
     if folder is None:
@@ -66,7 +66,7 @@ def frame_of(
     if path.exists():
         try:
             with np.load(path) as data:
-                return Frame(data["nudges"], data["stepping"], 0)
+                return Sensitivity(data["nudges"], data["stepping"], 0)
         except (OSError, ValueError, KeyError, zipfile.BadZipFile):
             path.unlink()
     frame = _make(mechanism, record, spans, states)
@@ -88,11 +88,11 @@ def _laid(outputs: Mapping[str, Array]) -> Array:
     return table
 
 
-def _make(mechanism: Mechanism, record: Record, spans: Sequence[Span], states: list[State]) -> Frame:
-    begin, count, setup = mechanism.runs, len(record.joints), build_setup(mechanism, ())
+def _make(mechanism: Mechanism, record: Record, spans: Sequence[Span], states: list[State]) -> Sensitivity:
+    begin, count, setup = mechanism.runs, len(record.joints), apply_effects(mechanism, ())
 
     def run(who: Mechanism, begins: list[State]) -> Array:
-        out = who.run(record, build_setup(who, ()) if who is not mechanism else setup, spans, begins)
+        out = who.run(record, apply_effects(who, ()) if who is not mechanism else setup, spans, begins)
         return _laid(out)
 
     plain, nudges = run(mechanism, states), []
@@ -104,4 +104,4 @@ def _make(mechanism: Mechanism, record: Record, spans: Sequence[Span], states: l
     fine = Mechanism(replace(mechanism.system, physics_rate=FINE * mechanism.system.physics_rate))
     stepping = run(fine, states) - plain
     mechanism.runs += fine.runs
-    return Frame(np.stack(nudges), stepping, mechanism.runs - begin)
+    return Sensitivity(np.stack(nudges), stepping, mechanism.runs - begin)

@@ -71,7 +71,7 @@ def draw_residuals(
 
     Args:
         series: `{role}/time`, `/before`, `/after` (where something was fitted), `/sigma`; see
-            `gsbridge.gap.diagnosis.workflow`.
+            `gsbridge.gap.workflow`.
         role: Record.
         channels: Names of the columns.
         units: Unit of each kind of channel, for the right axis.
@@ -148,7 +148,7 @@ def draw_where(before: Mapping[str, Any], after: Mapping[str, Any] | None) -> st
     """Map of where the difference shows: channel by phase and state, and below it what remains.
 
     Args:
-        before: As `gsbridge.gap.joints.residual_map.Map.record`.
+        before: As `gsbridge.gap.joints.residual_map.ResidualMap.record`.
         after: The same with the best explanation; None where there is none.
     """
     maps = [(title, found) for title, found in (("before", before), ("after", after)) if found is not None]

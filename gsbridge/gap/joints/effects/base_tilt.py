@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from scipy.spatial.transform import Rotation
 
 from gsbridge.effects.base import Effect, Parameter
-from gsbridge.gap.joints.setup import Setup
+from gsbridge.gap.joints.mechanism.setup import JointSetup
 
 
 class BaseTilt(Effect):
@@ -27,7 +27,7 @@ class BaseTilt(Effect):
         """Both axes, both signs."""
         return tuple({"about_x": a, "about_y": b} for a, b in ((0.02, 0), (-0.02, 0), (0, 0.02), (0, -0.02)))
 
-    def apply(self, setup: Setup, joint: int, values: Mapping[str, float]) -> None:
+    def apply(self, setup: JointSetup, joint: int, values: Mapping[str, float]) -> None:
         """Turn gravity the other way."""
         turn = Rotation.from_rotvec([values["about_x"], values["about_y"], 0.0])
         setup.gravity = turn.inv().apply(setup.gravity)

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from gsbridge.effects.base import Effect, Parameter
 from gsbridge.gap.joints.effects.clock_offset import restamp
-from gsbridge.gap.joints.setup import Setup
+from gsbridge.gap.joints.mechanism.setup import JointSetup
 
 
 class ClockDrift(Effect):
@@ -21,6 +21,6 @@ class ClockDrift(Effect):
     tell_apart = "log for longer: an offset stays, a drift grows"
     cost = "post"
 
-    def apply(self, setup: Setup, joint: int, values: Mapping[str, float]) -> None:
+    def apply(self, setup: JointSetup, joint: int, values: Mapping[str, float]) -> None:
         """Stretch the logged motion."""
         restamp(setup, lambda time: time * (1.0 - values["drift"]))

@@ -5,14 +5,14 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from gsbridge.effects.base import Effect, Parameter
-from gsbridge.gap.joints.records import TOOL
-from gsbridge.gap.joints.setup import Setup
+from gsbridge.gap.formats.records import TOOL
+from gsbridge.gap.joints.mechanism.setup import JointSetup
 from gsbridge.geometry import Array
 
 MOTION = ("position", "velocity", TOOL)
 
 
-def restamp(setup: Setup, taken: Callable[[Array], Array]) -> None:
+def restamp(setup: JointSetup, taken: Callable[[Array], Array]) -> None:
     """Log positions and speeds as they were at other times than their stamps say.
 
     Args:
@@ -43,6 +43,6 @@ class ClockOffset(Effect):
     tell_apart = "compare with the command's echo; efforts tell"
     cost = "post"
 
-    def apply(self, setup: Setup, joint: int, values: Mapping[str, float]) -> None:
+    def apply(self, setup: JointSetup, joint: int, values: Mapping[str, float]) -> None:
         """Shift the logged motion."""
         restamp(setup, lambda time: time - values["time"])

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from gsbridge.effects.base import DRIVEN, Effect, Parameter
-from gsbridge.gap.joints.setup import Setup
+from gsbridge.gap.joints.mechanism.setup import JointSetup
 from gsbridge.geometry import Array
 
 
@@ -29,6 +29,6 @@ class CommandDelay(Effect):
     confused_with = ("lag", "clock_offset")
     tell_apart = "a square wave; compare with the command's echo"
 
-    def apply(self, setup: Setup, joint: int, values: Mapping[str, float]) -> None:
+    def apply(self, setup: JointSetup, joint: int, values: Mapping[str, float]) -> None:
         """Shift the commands."""
         setup.commands.append(lambda commands, step: delayed(commands, values["time"], step))

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from gsbridge.effects.base import Effect, Parameter
-from gsbridge.gap.joints.setup import Setup
+from gsbridge.gap.joints.mechanism.setup import JointSetup
 
 
 class GainD(Effect):
@@ -18,6 +18,6 @@ class GainD(Effect):
     confused_with = ("viscous", "lag", "command_delay")
     tell_apart = "log command and effort; move at several constant speeds"
 
-    def apply(self, setup: Setup, joint: int, values: Mapping[str, float]) -> None:
+    def apply(self, setup: JointSetup, joint: int, values: Mapping[str, float]) -> None:
         """Scale the damping."""
         setup.law["damping"][joint] *= 1.0 + values["change"]

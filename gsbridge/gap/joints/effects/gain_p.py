@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from gsbridge.effects.base import Effect, Parameter
-from gsbridge.gap.joints.setup import Setup
+from gsbridge.gap.joints.mechanism.setup import JointSetup
 
 
 class GainP(Effect):
@@ -18,6 +18,6 @@ class GainP(Effect):
     confused_with = ("torque_gain", "gravcomp", "encoder_scale")
     tell_apart = "log position error and effort"
 
-    def apply(self, setup: Setup, joint: int, values: Mapping[str, float]) -> None:
+    def apply(self, setup: JointSetup, joint: int, values: Mapping[str, float]) -> None:
         """Scale the stiffness."""
         setup.law["stiffness"][joint] *= 1.0 + values["change"]

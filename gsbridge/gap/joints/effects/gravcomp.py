@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from gsbridge.effects.base import Effect, Parameter
-from gsbridge.gap.joints.setup import Setup
+from gsbridge.gap.joints.mechanism.setup import JointSetup
 
 
 class Gravcomp(Effect):
@@ -19,6 +19,6 @@ class Gravcomp(Effect):
     confused_with = ("payload", "link_mass")
     tell_apart = "change the controller's gain"
 
-    def apply(self, setup: Setup, joint: int, values: Mapping[str, float]) -> None:
+    def apply(self, setup: JointSetup, joint: int, values: Mapping[str, float]) -> None:
         """Change the share of all joints."""
         setup.law["gravity_share"] += values["change"]

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from gsbridge.effects.base import DRIVEN, Effect, Parameter
-from gsbridge.gap.joints.setup import Setup
+from gsbridge.gap.joints.mechanism.setup import JointSetup
 from gsbridge.geometry import Array
 
 
@@ -34,6 +34,6 @@ class Lag(Effect):
     confused_with = ("command_delay", "gain_d")
     tell_apart = "a square wave or a chirp of 2 to 10 Hz"
 
-    def apply(self, setup: Setup, joint: int, values: Mapping[str, float]) -> None:
+    def apply(self, setup: JointSetup, joint: int, values: Mapping[str, float]) -> None:
         """Filter the commands."""
         setup.commands.append(lambda commands, step: smoothed(commands, values["time"], step))

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from gsbridge.effects.base import Effect, Parameter
-from gsbridge.gap.joints.setup import Setup
+from gsbridge.gap.joints.mechanism.setup import JointSetup
 
 
 class LinkMass(Effect):
@@ -17,7 +17,7 @@ class LinkMass(Effect):
     confused_with = ("payload", "armature", "gravcomp", "torque_gain")
     tell_apart = "compare static with fast motion"
 
-    def apply(self, setup: Setup, joint: int, values: Mapping[str, float]) -> None:
+    def apply(self, setup: JointSetup, joint: int, values: Mapping[str, float]) -> None:
         """Scale the link."""
         link = setup.child_of[setup.joints[joint]]
         setup.inertials[link] = setup.inertials[link].scaled(1.0 + values["change"])

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from gsbridge.effects.base import Effect, Parameter
-from gsbridge.gap.joints.setup import Setup
+from gsbridge.gap.joints.mechanism.setup import JointSetup
 
 
 class Payload(Effect):
@@ -31,7 +31,7 @@ class Payload(Effect):
         places = ((0, 0, 0), (0.15, 0, 0), (-0.15, 0, 0), (0, 0.15, 0), (0, -0.15, 0), (0, 0, 0.15), (0, 0, -0.15))
         return tuple({"mass": 0.05, "x": float(x), "y": float(y), "z": float(z)} for x, y, z in places)
 
-    def apply(self, setup: Setup, joint: int, values: Mapping[str, float]) -> None:
+    def apply(self, setup: JointSetup, joint: int, values: Mapping[str, float]) -> None:
         """Add the mass."""
         link = setup.child_of[setup.joints[-1]]
         place = np.array([values["x"], values["y"], values["z"]])

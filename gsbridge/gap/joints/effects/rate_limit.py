@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 
 from gsbridge.effects.base import Effect, Parameter
-from gsbridge.gap.joints.joint_steps import follow
-from gsbridge.gap.joints.setup import Setup
+from gsbridge.gap.joints.mechanism.joint_steps import follow
+from gsbridge.gap.joints.mechanism.setup import JointSetup
 from gsbridge.geometry import Array
 
 
@@ -22,7 +22,7 @@ class RateLimit(Effect):
     confused_with = ("saturation", "lag")
     tell_apart = "a smaller amplitude makes it vanish"
 
-    def apply(self, setup: Setup, joint: int, values: Mapping[str, float]) -> None:
+    def apply(self, setup: JointSetup, joint: int, values: Mapping[str, float]) -> None:
         """Limit the joint's command."""
         if values["slowness"] <= 0:
             return

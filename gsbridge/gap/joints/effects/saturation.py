@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from gsbridge.effects.base import DRIVEN, Effect, Parameter
-from gsbridge.gap.joints.setup import Setup
+from gsbridge.gap.joints.mechanism.setup import JointSetup
 
 
 class Saturation(Effect):
@@ -20,7 +20,7 @@ class Saturation(Effect):
     confused_with = ("rate_limit", "payload")
     tell_apart = "a smaller amplitude makes it vanish"
 
-    def apply(self, setup: Setup, joint: int, values: Mapping[str, float]) -> None:
+    def apply(self, setup: JointSetup, joint: int, values: Mapping[str, float]) -> None:
         """Lower the limit."""
         if values["weakness"] > 0:
             row = setup.law["torque_limit"]

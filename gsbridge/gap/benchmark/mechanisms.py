@@ -15,10 +15,10 @@ from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.gap.benchmark.axis_truth import AXIS, NAMES, run_axis
 from gsbridge.gap.benchmark.bullet_truth import BulletTruth
-from gsbridge.gap.benchmark.generate import Plant, Truth
+from gsbridge.gap.benchmark.generate import BenchmarkMechanism, Truth
 from gsbridge.gap.benchmark.mujoco_truth import MujocoTruth
-from gsbridge.gap.joints.inertials import Skeleton
-from gsbridge.gap.joints.mechanism_model import System, read_system
+from gsbridge.gap.joints.mechanism.inertials import Skeleton
+from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel, read_mechanism_model
 from gsbridge.geometry import Array
 
 _LEVER = 0.2
@@ -85,19 +85,19 @@ def controller(stiffness: Any, damping: Any) -> dict[str, Any]:
     }
 
 
-def axis_plant(folder: str | Path, engine: str = "analytic") -> tuple[System, Plant]:
+def axis_plant(folder: str | Path, engine: str = "analytic") -> tuple[MechanismModel, BenchmarkMechanism]:
     """The single axis with truths of the closed equation (`analytic`) or of MuJoCo (`mujoco`)."""
-    system = read_system(axis_model(folder))
+    system = read_mechanism_model(axis_model(folder))
     truth: Truth = run_axis if engine == "analytic" else MujocoTruth(system)
     sizes = {name: (0.01, 0 if name in (*SIGNED, "gravcomp") else 1) for name in NAMES}
     sizes |= {"saturation": (0.2, 1), "command_delay": (1e-3, 1), "lag": (1e-3, 1), "clock_offset": (1e-3, 0)}
     sizes |= {"clock_drift": (5e-4, 0)}
     noise = {"position": np.array([2e-4]), "velocity": np.array([5e-3]), "effort": np.array([0.02])}
-    return system, Plant(system.joints, np.array([0.3]), np.array([0.9]), noise, truth, sizes, LARGEST)
+    return system, BenchmarkMechanism(system.joints, np.array([0.3]), np.array([0.9]), noise, truth, sizes, LARGEST)
 
 
-def arm_plant(system: System, centre: Sequence[float], reach: Sequence[float]) -> Plant:
-    """An arm with truths of MuJoCo. `centre` and `reach` as in `Plant`."""
+def arm_plant(system: MechanismModel, centre: Sequence[float], reach: Sequence[float]) -> BenchmarkMechanism:
+    """An arm with truths of MuJoCo. `centre` and `reach` as in `BenchmarkMechanism`."""
     sizes = {"command_delay": (1e-3, 1), "lag": (1e-3, 1), "clock_offset": (1e-3, 0), "payload": (0.05, 1)}
     sizes |= {"clock_drift": (5e-4, 0)}
     sizes |= {"base_tilt": (5e-3, 0), "gravcomp": (0.01, 0)}
@@ -110,7 +110,9 @@ def arm_plant(system: System, centre: Sequence[float], reach: Sequence[float]) -
         "effort": np.full(count, 0.05),
         "tool": np.full(3, 2e-4),
     }
-    return Plant(system.joints, np.asarray(centre, float), np.asarray(reach, float), noise, MujocoTruth(system), sizes, LARGEST)
+    return BenchmarkMechanism(
+        system.joints, np.asarray(centre, float), np.asarray(reach, float), noise, MujocoTruth(system), sizes, LARGEST
+    )
 
 
 _ARM = {
@@ -139,7 +141,7 @@ def arm_model(folder: str | Path) -> Path:
 
 
 @dataclass(frozen=True)
-class Site:
+class MechanismSite:
     """Where a tier's cases come from.
 
     Args:
@@ -151,17 +153,17 @@ class Site:
     """
 
     kind: str
-    system: System
-    plant: Plant
+    system: MechanismModel
+    plant: BenchmarkMechanism
     names: tuple[str, ...]
     strange: tuple[str, ...]
 
 
-def site_of(tier: str, folder: str | Path) -> Site:
+def mechanism_site(tier: str, folder: str | Path) -> MechanismSite:
     """Mechanism and truth of a tier; its model is written below `folder`.
 
     Args:
-        tier: One of `gsbridge.gap.benchmark.orders.TIERS`.
+        tier: One of `gsbridge.gap.benchmark.case_plan.TIERS`.
         folder: Gets `axis` or `arm` with the model.
 
     Raises:
@@ -169,10 +171,10 @@ def site_of(tier: str, folder: str | Path) -> Site:
     """
     if tier == "t0":
         system, plant = axis_plant(Path(folder) / "axis")
-        return Site("axis", system, plant, tuple(n for n in NAMES if n not in UNKNOWN), UNKNOWN)
+        return MechanismSite("axis", system, plant, tuple(n for n in NAMES if n not in UNKNOWN), UNKNOWN)
     if tier not in ("t1", "t2"):
         raise InputError("benchmark", f"there is no tier '{tier}'", "Use t0, t1 or t2")
-    system = read_system(arm_model(Path(folder) / "arm"))
+    system = read_mechanism_model(arm_model(Path(folder) / "arm"))
     truth: Truth = BulletTruth(system) if tier == "t1" else MujocoTruth(system)
     plant = replace(arm_plant(system, _ARM["centre"], [_ARM["reach"]] * len(system.joints)), truth=truth)
     # PyBullet has no inertia of rotors; the first axis is upright, so that an offset of its encoder changes nothing at all.
@@ -182,4 +184,6 @@ def site_of(tier: str, folder: str | Path) -> Site:
         for name in plant.sizes
         if name.split(":")[0] not in {*UNKNOWN, *missing} and name != f"encoder_offset:{system.joints[0]}"
     ]
-    return Site("arm", system, plant, tuple(names), tuple(name for name in plant.sizes if name.split(":")[0] in UNKNOWN))
+    return MechanismSite(
+        "arm", system, plant, tuple(names), tuple(name for name in plant.sizes if name.split(":")[0] in UNKNOWN)
+    )

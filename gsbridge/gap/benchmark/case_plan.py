@@ -62,7 +62,7 @@ _WORLDS = {"development": (120, 121, 122, 123), "scored": (9120, 9121, 9122, 912
 
 
 @dataclass(frozen=True)
-class Order:
+class PlannedCase:
     """A case to be drawn.
 
     Args:
@@ -94,9 +94,9 @@ class Order:
     touched: bool = False
 
 
-def orders_of(
+def plan_cases(
     tier: str, split: str, names: tuple[str, ...], strange: tuple[str, ...], count: int | None = None, seed: int = 0
-) -> tuple[Order, ...]:
+) -> tuple[PlannedCase, ...]:
     """The cases of a tier.
 
     Args:
@@ -118,7 +118,7 @@ def orders_of(
     return tuple(sorted(named, key=lambda order: order.key))
 
 
-def _motions(count: int, split: str, names: tuple[str, ...], strange: tuple[str, ...], key: list[int]) -> list[Order]:
+def _motions(count: int, split: str, names: tuple[str, ...], strange: tuple[str, ...], key: list[int]) -> list[PlannedCase]:
     """Cases of an axis or an arm, without keys."""
     rng = np.random.default_rng(key)
     # Numbers were drawn here once: without them, the arms' cases would be others than those of earlier versions.
@@ -134,7 +134,7 @@ def _motions(count: int, split: str, names: tuple[str, ...], strange: tuple[str,
             hidden = known.draw(1)
         hidden = tuple(sorted((*hidden, _DRIFT))) if kind == "dropped" else hidden
         out.append(
-            Order(
+            PlannedCase(
                 "", kind, hidden, units, int(rng.integers(2**31)),
                 # Block by block, so that a few cases share one bank.
                 _COURSES[split][number // len(_MIX) % 2],
@@ -147,19 +147,21 @@ def _motions(count: int, split: str, names: tuple[str, ...], strange: tuple[str,
     return out
 
 
-def _further(counts: Mapping[str, int], split: str, names: tuple[str, ...], key: list[int]) -> list[Order]:
+def _further(counts: Mapping[str, int], split: str, names: tuple[str, ...], key: list[int]) -> list[PlannedCase]:
     """Cases beside the mix, without keys: how many of each kind."""
     rng = np.random.default_rng([*key, 1])
     known, out = _Deck(names, rng), []
     for kind, count in counts.items():
         for number in range(count):
-            order = Order("", kind, known.draw(1), _UNITS[split][3], int(rng.integers(2**31)), _COURSES[split][number % 2])
+            order = PlannedCase(
+                "", kind, known.draw(1), _UNITS[split][3], int(rng.integers(2**31)), _COURSES[split][number % 2]
+            )
             alone = ("tool",) if kind == "tool" else ALL_CHANNELS
             out.append(replace(order, channels=alone, touched=kind == "contact"))
     return out
 
 
-def _photos(count: int, split: str, names: tuple[str, ...], strange: tuple[str, ...], key: list[int]) -> list[Order]:
+def _photos(count: int, split: str, names: tuple[str, ...], strange: tuple[str, ...], key: list[int]) -> list[PlannedCase]:
     """Cases of photos, without keys."""
     rng = np.random.default_rng(key)
     known, odd = _Deck(names, rng), _Deck(strange, rng)
@@ -170,7 +172,7 @@ def _photos(count: int, split: str, names: tuple[str, ...], strange: tuple[str, 
         hidden = odd.draw(1) if kind == "unknown" else known.draw(many)
         units = 0.0 if kind == "free" else _IMAGE_UNITS[split][which]
         world = _WORLDS[split][number // len(_IMAGE_MIX) % len(_WORLDS[split])]
-        out.append(Order("", kind, hidden, units, int(rng.integers(2**31)), world, (), 0.0, "sensor"))
+        out.append(PlannedCase("", kind, hidden, units, int(rng.integers(2**31)), world, (), 0.0, "sensor"))
     return out
 
 

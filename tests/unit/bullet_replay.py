@@ -14,10 +14,10 @@ import pybullet
 from pybullet_utils.bullet_client import BulletClient
 
 from gsbridge.errors import InputError
-from gsbridge.gap.joints.joint_kernel import LAW
-from gsbridge.gap.joints.records import Record
-from gsbridge.gap.joints.replay import Mechanism, Span, State, command_grid
-from gsbridge.gap.joints.setup import Setup
+from gsbridge.gap.formats.records import Record
+from gsbridge.gap.joints.mechanism.joint_kernel import LAW
+from gsbridge.gap.joints.mechanism.replay import Mechanism, Span, State, command_grid
+from gsbridge.gap.joints.mechanism.setup import JointSetup
 from gsbridge.geometry import Array
 
 UNDERSTOOD = ("stiffness", "damping", "gravity_share", "torque_limit", "viscous", "coulomb", "stribeck_speed", "ripple_waves")
@@ -25,7 +25,7 @@ UNDERSTOOD = ("stiffness", "damping", "gravity_share", "torque_limit", "viscous"
 
 
 def run_in_bullet(
-    mechanism: Mechanism, record: Record, setup: Setup, spans: Sequence[Span], states: Sequence[State]
+    mechanism: Mechanism, record: Record, setup: JointSetup, spans: Sequence[Span], states: Sequence[State]
 ) -> dict[str, Array]:
     """Simulate stretches of a record as `Mechanism.run` does, in PyBullet.
 
@@ -80,7 +80,7 @@ def run_in_bullet(
     return out
 
 
-def _load(mechanism: Mechanism, setup: Setup, folder: Path) -> tuple[BulletClient, int, list[int]]:
+def _load(mechanism: Mechanism, setup: JointSetup, folder: Path) -> tuple[BulletClient, int, list[int]]:
     """An engine with every setting stated, the mechanism in it, and the engine's numbers of its joints."""
     system, path = mechanism.system, folder / "skeleton.urdf"
     mechanism.skeleton.write(path, setup.inertials)

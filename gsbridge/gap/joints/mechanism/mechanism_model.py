@@ -36,7 +36,7 @@ class Applied:
 
 
 @dataclass(frozen=True)
-class Controller:
+class ControllerModel:
     """How the joints are driven.
 
     Args:
@@ -68,7 +68,7 @@ class Controller:
 
 
 @dataclass(frozen=True)
-class System:
+class MechanismModel:
     """A mechanism as it is simulated.
 
     Args:
@@ -89,7 +89,7 @@ class System:
     urdf: Path
     joints: tuple[str, ...]
     gravity: Array
-    controller: Controller
+    controller: ControllerModel
     viscous: Array
     coulomb: Array
     armature: Array
@@ -104,7 +104,7 @@ class System:
         """Of the physics, s."""
         return 1.0 / self.physics_rate
 
-    def with_effects(self, effects: tuple[Applied, ...]) -> System:
+    def with_effects(self, effects: tuple[Applied, ...]) -> MechanismModel:
         """The same mechanism with other effects."""
         return replace(self, effects=effects)
 
@@ -128,7 +128,7 @@ class System:
         return hashlib.sha256(self.urdf.read_bytes() + text.encode()).hexdigest()
 
 
-def read_system(path: str | Path) -> System:
+def read_mechanism_model(path: str | Path) -> MechanismModel:
     """Read a model of a mechanism: YAML with `urdf`, `joints`, `controller` and so on; see docs/gap.md.
 
     Raises:
@@ -136,7 +136,7 @@ def read_system(path: str | Path) -> System:
     """
     path = Path(path)
     content = read_yaml(path, "model", "docs/gap.md")
-    return parse_system(content, path.parent, path)
+    return parse_mechanism_model(content, path.parent, path)
 
 
 _KEYS = (
@@ -166,11 +166,11 @@ _CONTROL = (
 )
 
 
-def parse_system(content: Any, folder: Path, source: str | Path = "model") -> System:
+def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "model") -> MechanismModel:
     """A mechanism from the content of its file; `folder` is where its URDF's path starts.
 
     Raises:
-        InputError: As `read_system`.
+        InputError: As `read_mechanism_model`.
     """
     _check_keys(content, _KEYS, ("urdf", "controller"), source, "")
     given = content["controller"]
@@ -207,7 +207,7 @@ def parse_system(content: Any, folder: Path, source: str | Path = "model") -> Sy
     if scheme not in ("centred", "euler"):
         raise InputError(source, f"scheme is '{scheme}'", "Use centred, or euler for the engines' own")
     limits = np.array([moving[name]["limits"] for name in joints]).reshape(count, 2)
-    controller = Controller(
+    controller = ControllerModel(
         mode,
         rate,
         row(given.get("stiffness"), "controller.stiffness", 0.0),
@@ -230,7 +230,7 @@ def parse_system(content: Any, folder: Path, source: str | Path = "model") -> Sy
     )
     gravity = np.asarray(content.get("gravity", [0.0, 0.0, -9.81]), dtype=np.float64)
     own = [moving[name]["damping"] for name in joints], [moving[name]["friction"] for name in joints]
-    return System(
+    return MechanismModel(
         urdf, joints, gravity, controller,
         row(content.get("viscous", own[0]), "viscous", 0.0), row(content.get("coulomb", own[1]), "coulomb", 0.0),
         row(content.get("armature"), "armature", 0.0), limits, physics, effects,

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gsbridge.gap.joints.inertials import Inertial
-from gsbridge.gap.joints.joint_kernel import LAW
-from gsbridge.gap.joints.mechanism_model import System
+from gsbridge.gap.joints.mechanism.inertials import Inertial
+from gsbridge.gap.joints.mechanism.joint_kernel import LAW
+from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.geometry import Array
 
 CommandFilter = Callable[[Array, float], Array]
@@ -20,11 +20,11 @@ Output = Callable[[Array, dict[str, Array]], dict[str, Array]]
 
 
 @dataclass
-class Setup:
+class JointSetup:
     """A mechanism ready to be simulated.
 
     Args:
-        law: Figures of the joints, by their names in `gsbridge.gap.joints.joint_kernel.LAW`. Each [N].
+        law: Figures of the joints, by their names in `gsbridge.gap.joints.mechanism.joint_kernel.LAW`. Each [N].
         gravity: As it acts, base frame, m/s2; the controller believes in the nominal one. [3].
         inertials: Mass properties of the links as they are; the controller believes in the nominal ones.
         child_of: Link that each joint moves.
@@ -42,7 +42,7 @@ class Setup:
     outputs: list[Output] = field(default_factory=list)
 
     @classmethod
-    def nominal(cls, system: System, inertials: dict[str, Inertial], child_of: dict[str, str]) -> Setup:
+    def nominal(cls, system: MechanismModel, inertials: dict[str, Inertial], child_of: dict[str, str]) -> JointSetup:
         """Of a mechanism without effects."""
         c, count = system.controller, len(system.joints)
         law = {name: np.zeros(count) for name in LAW}

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gsbridge.errors import InputError
-from gsbridge.gap.joints.inertials import Inertial, Skeleton
+from gsbridge.gap.joints.mechanism.inertials import Inertial, Skeleton
 from gsbridge.geometry import Array
 
 

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 from gsbridge.errors import InputError
 from gsbridge.gap.effects import effect_of
-from gsbridge.gap.joints.mechanism_model import Applied
-from gsbridge.gap.joints.replay import Mechanism
-from gsbridge.gap.joints.setup import Setup
+from gsbridge.gap.joints.mechanism.mechanism_model import Applied
+from gsbridge.gap.joints.mechanism.replay import Mechanism
+from gsbridge.gap.joints.mechanism.setup import JointSetup
 
 
-def build_setup(mechanism: Mechanism, effects: Sequence[Applied]) -> Setup:
+def apply_effects(mechanism: Mechanism, effects: Sequence[Applied]) -> JointSetup:
     """A mechanism with its own and further effects.
 
     Raises:

@@ -16,16 +16,16 @@ import numpy as np
 from gsbridge.files import atomic_file, read_json, write_json, write_stage
 from gsbridge.gap.amend import amend_model
 from gsbridge.gap.contact.body import is_body
-from gsbridge.gap.contact.workflow import BodyWork
+from gsbridge.gap.contact.workflow import ThrowBackend
 from gsbridge.gap.formats.files import case_model
-from gsbridge.gap.joints.mechanism_model import Applied
-from gsbridge.gap.joints.workflow import MechanismWork
+from gsbridge.gap.joints.mechanism.mechanism_model import Applied
+from gsbridge.gap.joints.workflow import JointBackend
 from gsbridge.geometry import Array
 
 logger = logging.getLogger("gsbridge")
 
 
-class Work(Protocol):
+class Backend(Protocol):
     """A checked case, and what the stages do with it."""
 
     @property
@@ -51,22 +51,22 @@ class Work(Protocol):
         """Motion before and after, and what `replays.json` says about it."""
 
 
-def read_work(case: str | Path) -> Work:
+def read_work(case: str | Path) -> Backend:
     """A user's case, checked.
 
     Raises:
         InputError: Something in the case cannot be used.
     """
-    return BodyWork.read(case) if is_body(case_model(case)) else MechanismWork.read(case)
+    return ThrowBackend.read(case) if is_body(case_model(case)) else JointBackend.read(case)
 
 
-def load_work(model: str | Path, data: str | Path, record: str | Path) -> Work:
+def load_work(model: str | Path, data: str | Path, record: str | Path) -> Backend:
     """What `write_case_records` has left.
 
     Raises:
         InputError: A file is missing or damaged.
     """
-    return (BodyWork if is_body(model) else MechanismWork).load(model, data, read_json(record))
+    return (ThrowBackend if is_body(model) else JointBackend).load(model, data, read_json(record))
 
 
 def write_case_records(case: str | Path, data: str | Path, record: str | Path) -> None:
@@ -138,7 +138,7 @@ def write_findings(
 
 
 def _diagnose(
-    work: Work, model: str | Path, bank: str | Path, findings: str | Path, amended: str | Path, seed: int
+    work: Backend, model: str | Path, bank: str | Path, findings: str | Path, amended: str | Path, seed: int
 ) -> dict[str, Any]:
     found = work.diagnose(bank, seed)
     for reason in work.reasons:

@@ -10,8 +10,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from gsbridge.gap.joints.dynamics import LOADS, bias, inertia, place, spread, weights
-from gsbridge.gap.joints.joint_steps import advance, motor_side
+from gsbridge.gap.joints.mechanism.dynamics import LOADS, bias, inertia, place, spread, weights
+from gsbridge.gap.joints.mechanism.joint_steps import advance, motor_side
 from gsbridge.geometry import Array
 from gsbridge.kernels import njit
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gsbridge.gap.joints.dynamics import factorise, solve
+from gsbridge.gap.joints.mechanism.dynamics import factorise, solve
 from gsbridge.geometry import Array
 from gsbridge.kernels import njit
 

@@ -13,7 +13,7 @@ _LEAST = 1e-6
 """p-value below which a tail from so few replicates says nothing."""
 
 
-def tail_p(replicas: Array, value: float) -> float:
+def tail_pvalue(replicas: Array, value: float) -> float:
     """Share of replicates at least as large as a value; among the largest tenth by an exponential tail through them.
 
     Maxima and sums of noise have tails that fall no slower. Without the tail nothing could be less likely than one replicate.

@@ -1,7 +1,7 @@
 """Replay of a record through the simulated mechanism.
 
 The mechanism's equations are stepped by a compiled kernel, some ten times faster than an engine with Python between its
-steps; a diagnosis needs thousands of runs. `gsbridge.gap.joints.bullet` runs the same in PyBullet itself, and tests hold the
+steps; a diagnosis needs thousands of runs. `tests/unit/bullet_replay.py` runs the same in PyBullet itself, and tests hold the
 two together. PyBullet's scheme (positions move with the new speed) shifts positions against speeds by half a step; at 1 kHz
 that looks like half a millisecond of latency, so a mechanism is stepped with the mean speed unless its file says
 `scheme: euler`. Runs of the same input are equal to the last bit.
@@ -13,12 +13,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gsbridge.gap.joints.chain import Chain
-from gsbridge.gap.joints.inertials import Skeleton
-from gsbridge.gap.joints.joint_kernel import MODE, simulate
-from gsbridge.gap.joints.mechanism_model import System
-from gsbridge.gap.joints.records import AXES, TOOL, Record
-from gsbridge.gap.joints.setup import Setup
+from gsbridge.gap.formats.records import AXES, TOOL, Record
+from gsbridge.gap.joints.mechanism.chain import Chain
+from gsbridge.gap.joints.mechanism.inertials import Skeleton
+from gsbridge.gap.joints.mechanism.joint_kernel import MODE, simulate
+from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
+from gsbridge.gap.joints.mechanism.setup import JointSetup
 from gsbridge.geometry import Array
 
 Span = tuple[int, int]
@@ -42,18 +42,18 @@ class Mechanism:
         shared: Those of them whose results are kept for all records of equal commands.
     """
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: MechanismModel) -> None:
         self.system = system
         self.runs = self.shared = 0
         self.skeleton = Skeleton.read(system.urdf, system.joints)
         self.chain = Chain.of(self.skeleton, system.joints, system.urdf)
         self._brain = self.chain.bodies(self.skeleton.inertials)
 
-    def setup(self) -> Setup:
+    def setup(self) -> JointSetup:
         """A fresh nominal setup."""
-        return Setup.nominal(self.system, self.skeleton.inertials, self.skeleton.child_of)
+        return JointSetup.nominal(self.system, self.skeleton.inertials, self.skeleton.child_of)
 
-    def run(self, record: Record, setup: Setup, spans: Sequence[Span], states: Sequence[State]) -> dict[str, Array]:
+    def run(self, record: Record, setup: JointSetup, spans: Sequence[Span], states: Sequence[State]) -> dict[str, Array]:
         """Simulate stretches of a record.
 
         Args:
@@ -103,7 +103,7 @@ class Mechanism:
         return out
 
 
-def true_state(setup: Setup, q: Array, v: Array) -> State:
+def true_state(setup: JointSetup, q: Array, v: Array) -> State:
     """State of the joints behind a measured one: what the encoders add is taken off. Each [N]."""
     law = setup.law
     scale = 1.0 + law["encoder_scale"]
@@ -111,7 +111,7 @@ def true_state(setup: Setup, q: Array, v: Array) -> State:
     return q - law["eccentric_sine"] * np.sin(q) - law["eccentric_cosine"] * np.cos(q), v / scale
 
 
-def command_grid(record: Record, system: System, setup: Setup, steps: int) -> tuple[Array, Array, Array]:
+def command_grid(record: Record, system: MechanismModel, setup: JointSetup, steps: int) -> tuple[Array, Array, Array]:
     """Commands as they reach the controller in each physics step: target, its speed, feedforward. Each [steps, N]."""
     count, step = len(record.joints), system.time_step
     zero = np.zeros((steps, count))
