@@ -11,10 +11,10 @@ from typing import Any
 import yaml
 
 from gsbridge import __version__
-from gsbridge.board import SHEETS_M, standard_board, write_board
 from gsbridge.capture.printing import write_sheet
 from gsbridge.errors import GsbridgeError
 from gsbridge.logs import start
+from gsbridge.photogrammetry.board import SHEETS_M, standard_board, write_board
 
 _ENDED_EARLY, _INTERRUPTED = 3, 130
 

@@ -13,11 +13,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from gsbridge.board import Board, tag_pixels
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.geometry import Array
 from gsbridge.images import srgb_from_linear
+from gsbridge.photogrammetry.board import Board, tag_pixels
 
 RULER_M = 0.100
 """Length of the printed ruler, m."""

@@ -9,12 +9,20 @@ import cv2
 import numpy as np
 
 from gsbridge.cameras import Camera, View
-from gsbridge.carving import Grid, Silhouette, carve, largest_component, mesh_depth, mesh_of_field, signed_distances
 from gsbridge.errors import StageError
 from gsbridge.geometry import Array
 from gsbridge.masks.prompt import Prompt
 from gsbridge.masks.settings import MaskSettings
 from gsbridge.meshes import Mesh
+from gsbridge.photogrammetry.carving import (
+    Grid,
+    Silhouette,
+    carve,
+    largest_component,
+    mesh_depth,
+    mesh_of_field,
+    signed_distances,
+)
 
 logger = logging.getLogger("gsbridge")
 

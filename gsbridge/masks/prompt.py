@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from gsbridge.cameras import View
 from gsbridge.errors import StageError
 from gsbridge.geometry import Array
-from gsbridge.sparse import SparsePoints
+from gsbridge.photogrammetry.sparse import SparsePoints
 
 _REACH = 0.8
 """Points farther than this share of the working distance from the point the cameras look at are the room, not the object."""

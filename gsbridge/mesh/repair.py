@@ -7,10 +7,10 @@ import logging
 import numpy as np
 from scipy import ndimage
 
-from gsbridge.carving import Grid, largest_component, mesh_of_field
 from gsbridge.geometry import Array
 from gsbridge.libraries import import_open3d
 from gsbridge.meshes import Mesh
+from gsbridge.photogrammetry.carving import Grid, largest_component, mesh_of_field
 
 logger = logging.getLogger("gsbridge")
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from gsbridge.board import Board
 from gsbridge.cameras import Camera, look_at
 from gsbridge.errors import StageError
 from gsbridge.geometry import Array, rotation_angle
+from gsbridge.photogrammetry.board import Board
 from gsbridge.robot.kinematics import Kinematics
 
 _TILT = (np.deg2rad(8.0), np.deg2rad(40.0))

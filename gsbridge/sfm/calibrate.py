@@ -9,13 +9,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from gsbridge.board import Board, find_tags
 from gsbridge.cameras import Camera
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import read_json, write_stage
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8
 from gsbridge.logs import Progress
+from gsbridge.photogrammetry.board import Board, find_tags
 
 logger = logging.getLogger("gsbridge")
 

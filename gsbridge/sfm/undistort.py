@@ -9,8 +9,8 @@ import numpy as np
 import pycolmap
 
 from gsbridge.cameras import Camera
-from gsbridge.colmap import camera_from_colmap, pose_matrix
 from gsbridge.geometry import Array
+from gsbridge.photogrammetry.colmap import camera_from_colmap, pose_matrix
 
 
 def undistort_pixels(pixels: Array, camera: Camera) -> Array:

@@ -14,7 +14,7 @@ from gsbridge.cameras import Camera
 from gsbridge.files import atomic_directory
 from gsbridge.geometry import Array
 from gsbridge.images import SSIM_RADIUS, linear_from_srgb, srgb_from_linear, ssim_map, write_image
-from gsbridge.matting import background_of
+from gsbridge.photogrammetry.matting import background_of
 from gsbridge.splats.cloud import Cloud
 from gsbridge.splats.lpips import Lpips
 from gsbridge.splats.rasterize import rasterize

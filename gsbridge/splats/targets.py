@@ -14,8 +14,8 @@ from gsbridge.errors import InputError, StageError
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8, read_mask, to_u8
 from gsbridge.libraries import import_open3d
-from gsbridge.matting import unmix
 from gsbridge.meshes import Mesh
+from gsbridge.photogrammetry.matting import unmix
 
 
 @dataclass(frozen=True)

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from gsbridge.board import standard_board
 from gsbridge.cameras import Camera
 from gsbridge.capture.printing import sheet_reflectance
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.images import linear_from_srgb, srgb_from_linear
 from gsbridge.meshes import Mesh
+from gsbridge.photogrammetry.board import standard_board
 from gsbridge.reality.mirror import studio  # its private parts too: an edit there would make every film stale
 from gsbridge.reality.mirror.backgrounds import BACKGROUNDS, TABLE_CENTRE_M, TABLE_SIZE_M, make_plate, table_texture
 from gsbridge.reality.world.bodies import shown_mesh

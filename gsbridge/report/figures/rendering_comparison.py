@@ -21,7 +21,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.geometry import Array
 from gsbridge.images import psnr, read_image, read_image_u8, read_mask
-from gsbridge.matting import unmix
+from gsbridge.photogrammetry.matting import unmix
 from gsbridge.splats.evaluate import render_cloud
 from gsbridge.splats.ply import read_ply
 
