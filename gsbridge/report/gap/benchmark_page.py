@@ -6,9 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
-
-from gsbridge.files import atomic_file, read_json
+from gsbridge.files import read_json
 from gsbridge.report.gap.benchmark_figures import (
     METHODS,
     confusion_width,
@@ -18,7 +16,7 @@ from gsbridge.report.gap.benchmark_figures import (
     draw_sizes,
     tier_title,
 )
-from gsbridge.report.gap.benchmark_template import BENCHMARK_PAGE
+from gsbridge.report.pages.html import write_page
 from gsbridge.report.scores.measured_gap import OURS, PHOTOS, gap_figures, pooled, read_tiers, real_figures
 from gsbridge.report.scores.results_page import shown, shown_floor, verdict
 from gsbridge.report.scores.score import read_floors, score_figure
@@ -44,8 +42,9 @@ def write_gap_benchmark(
     """
     tiers = read_tiers(scores)
     ours = {tier: found["methods"][OURS] for tier, found in tiers.items()}
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-    text = environment.from_string(BENCHMARK_PAGE).render(
+    write_page(
+        out,
+        "benchmark.html.j2",
         headline=headline(ours),
         splits=sorted({found["split"] for found in tiers.values()}),
         preset=preset,
@@ -56,8 +55,6 @@ def write_gap_benchmark(
         brier=", ".join(f"{tier_title(tier)} {shown(found['brier'])}" for tier, found in ours.items()),
         wrong=_wrong(ours),
     )
-    with atomic_file(out) as temporary:
-        temporary.write_text(text, encoding="utf-8")
 
 
 def headline(ours: Mapping[str, Mapping[str, Any]]) -> list[str]:

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import jinja2
-
-from gsbridge.files import atomic_file, read_json
+from gsbridge.files import read_json
 from gsbridge.report.gap.figures import UNITS, channel_name, draw_where
 from gsbridge.report.gap.sections import JUDGED, MECHANISM, THROWS, Parts, read_series
-from gsbridge.report.gap.template import GAP_PAGE
 from gsbridge.report.gap.text import effect_title, explanation_title, head, looks_like, most, next_steps, plain, remains
+from gsbridge.report.pages.html import write_page
 
 
 @dataclass(frozen=True)
@@ -55,8 +53,9 @@ def write_gap_report(case: str, files: CaseFiles, out: str | Path) -> None:
     select, explained = replays["records"]["select"], f"{JUDGED}/after" in series
     before_map = comparison["records"]["select"]["where"]
     parts = THROWS if about["mode"] == "body" else MECHANISM
-    environment = jinja2.Environment(autoescape=True, trim_blocks=False, undefined=jinja2.StrictUndefined)
-    text = environment.from_string(GAP_PAGE).render(
+    write_page(
+        out,
+        "gap.html.j2",
         case=case,
         **head(findings),
         numbers=parts.numbers(findings, replays["records"][JUDGED], explained),
@@ -82,8 +81,6 @@ def write_gap_report(case: str, files: CaseFiles, out: str | Path) -> None:
         records=_records(about),
         provenance=_provenance(findings, about, screening),
     )
-    with atomic_file(out) as temporary:
-        temporary.write_text(text, encoding="utf-8")
 
 
 def effect_rows(findings: Mapping[str, Any], whole: str) -> list[dict[str, str]]:

@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import matplotlib
 
 matplotlib.use("Agg")
@@ -19,56 +18,17 @@ import numpy as np
 
 from gsbridge.environment.lens import UNDRAWN
 from gsbridge.errors import InputError
-from gsbridge.files import atomic_file, read_json
+from gsbridge.files import read_json
 from gsbridge.geometry import Array
 from gsbridge.report.gap.figures import data_uri
 from gsbridge.report.gap.page import effect_notes, effect_rows
-from gsbridge.report.gap.template import gap_page
 from gsbridge.report.gap.text import head, plain
+from gsbridge.report.pages.html import write_page
 
 _FULL = 6.0
 """Deviations that are drawn as white."""
 
 _TITLES = ("earlier photo", "later photo", "as expected", "apart before", "apart after")
-
-_PAGE = gap_page(
-    "gsbridge: photos of {{ case }}",
-    "Photos of <b>{{ case }}</b>: what changed since the first day",
-    """\
-<h2 id="pictures">Before and after</h2>
-<p>Views that neither fitting nor choosing has seen. Grey is what is apart, in units of the noise, white at {{ full }} times it; black where nothing is compared: at edges of things, where other things may come into sight.</p>
-<figure class="picture"><img src="{{ picture }}" alt="photos before, after, as expected, and what is apart"></figure>
-{% if effects %}
-<h2 id="found">{{ found_title }}</h2>
-<div class="scroll"><table>
-<thead><tr><th>effect</th><th class="text">parameter</th><th>value</th><th>90 % interval</th><th class="text">unit</th></tr></thead>
-<tbody>
-{% for row in effects %}<tr><td><b>{{ row.title }}</b></td><td class="text">{{ row.parameter }}</td><td>{{ row.value }}</td><td>{{ row.interval }}</td><td class="text">{{ row.unit }}</td></tr>
-{% endfor %}</tbody></table></div>
-{% for note in notes %}<p class="note">{{ note }}</p>
-{% endfor %}
-{% endif %}
-{% if rivals %}
-<h2 id="rivals">The rivals</h2>
-<div class="scroll"><table>
-<thead><tr><th>explanation</th><th class="text">share of the gap closed</th><th></th><th>behind the best</th><th>probability</th></tr></thead>
-<tbody>
-{% for row in rivals %}<tr><td class="text">{% if loop.first %}<b>{{ row.title }}</b>{% else %}{{ row.title }}{% endif %}</td><td class="barcell"><span class="bar" style="width: {{ row.share }}%"></span></td><td>{{ row.closure }}</td><td>{{ row.behind }}</td><td>{{ row.probability }}</td></tr>
-{% endfor %}</tbody></table></div>
-<p class="note">Fitted to some views and judged on others; distances are of minus twice the logarithm of the likelihood.</p>
-{% endif %}
-{% if unseen %}
-<p class="note">Could not show in these photos at any sensible size: {{ unseen }}.</p>
-{% endif %}
-<h2 id="provenance">Provenance</h2>
-<dl>
-{% for name, value in provenance %}<dt>{{ name }}</dt><dd>{{ value }}</dd>
-{% endfor %}</dl>
-<p class="note">For machines: <code>findings.json</code> beside this page.</p>
-</body>
-</html>
-""",
-)
 
 
 def write_sight_report(case: str, findings: str | Path, pictures: str | Path, out: str | Path) -> None:
@@ -84,8 +44,9 @@ def write_sight_report(case: str, findings: str | Path, pictures: str | Path, ou
         InputError: A file is missing or damaged.
     """
     found, shown = read_json(findings), _read(pictures)
-    environment = jinja2.Environment(autoescape=True, trim_blocks=False, undefined=jinja2.StrictUndefined)
-    text = environment.from_string(_PAGE).render(
+    write_page(
+        out,
+        "pictures.html.j2",
         case=case,
         **head(found),
         numbers=_numbers(found),
@@ -99,8 +60,6 @@ def write_sight_report(case: str, findings: str | Path, pictures: str | Path, ou
         unseen=", ".join(name.replace("_", " ") for name in found["unseen"]),
         provenance=_provenance(found),
     )
-    with atomic_file(out) as temporary:
-        temporary.write_text(text, encoding="utf-8")
 
 
 def _read(path: str | Path) -> dict[str, Array]:

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
-import jinja2
 
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_directory
 from gsbridge.images import read_image_u8
+from gsbridge.report.pages.html import render
 from gsbridge.report.pages.policies import (
     Picture,
     degraded_policies,
@@ -23,7 +23,6 @@ from gsbridge.report.pages.policies import (
     policy_tables,
     read_policy_rows,
 )
-from gsbridge.report.pages.template import PAGE
 from gsbridge.report.tables import rendering_rows as rendering_table
 from gsbridge.report.tables import timing as timing_table
 from gsbridge.report.tables.formats import Table, latex, markdown
@@ -184,7 +183,8 @@ def write_tables(
         elif name not in policies:
             others.append(plain_table(name, read_rows(path)))
             printed[name] = [others[-1]]
-    page = _page(
+    page = render(
+        "tables.html.j2",
         preset=preset,
         headline=headline(scene_lines(rendering, split="held_out", region="masked")),
         mirror=by_origin["mirror"],
@@ -220,9 +220,3 @@ def _degraded(rows: Sequence[Row]) -> dict[str, list[str]]:
         if row["status"] == "degraded" and row["reasons"] not in out.setdefault(row["scene"], []):
             out[row["scene"]].append(row["reasons"])
     return out
-
-
-def _page(**content: object) -> str:
-    """The page from its template."""
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    return environment.from_string(PAGE).render(**content)
