@@ -13,12 +13,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from gsbridge.effects.registry import Applied
 from gsbridge.files import atomic_file, read_json, write_json, write_stage
 from gsbridge.gap.amend import amend_model
 from gsbridge.gap.contact.body import is_body
 from gsbridge.gap.contact.workflow import ThrowBackend
 from gsbridge.gap.formats.files import case_model
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 from gsbridge.gap.joints.workflow import JointBackend
 from gsbridge.geometry import Array
 

@@ -11,9 +11,9 @@ import numpy as np
 from scipy.special import ive
 
 from gsbridge.cameras import Camera
+from gsbridge.effects.images.shooting import Frame, Shooting
 from gsbridge.geometry import Array
 from gsbridge.images import linear_from_srgb, srgb_from_linear
-from gsbridge.scene.shooting import Frame, Shooting
 from gsbridge.scene.track import Track
 from gsbridge.splats.cloud import Cloud
 from gsbridge.splats.rasterize import cpu

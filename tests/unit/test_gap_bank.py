@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.benchmark.generate import draw_case
 from gsbridge.gap.benchmark.mechanisms import axis_plant
 from gsbridge.gap.joints.bank import signature_bank
 from gsbridge.gap.joints.candidates import Candidate, candidates
 from gsbridge.gap.joints.fit import fit, polish
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import Screen, cosines

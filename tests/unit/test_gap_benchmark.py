@@ -12,6 +12,7 @@ from pybullet_utils.bullet_client import BulletClient
 from scipy.signal import lfilter
 
 import gsbridge.gap.benchmark
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
 from gsbridge.gap.benchmark.axis_truth import run_axis
@@ -31,10 +32,9 @@ from gsbridge.gap.benchmark.trajectories import course
 from gsbridge.gap.benchmark.twins import twins_of
 from gsbridge.gap.benchmark.verdicts import JudgedCase
 from gsbridge.gap.formats.records import Record
-from gsbridge.gap.joints.effects.lag import smoothed
 from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 from gsbridge.gap.joints.mechanism.replay import Mechanism
+from gsbridge.gap.joints.mechanism.setup import smoothed
 from gsbridge.report.tables.statistics import wilson_interval
 
 TRUTHS = ("axis_truth", "axis_motion", "mujoco_truth", "bullet_truth", "arm_loop", "trajectories", "noises")

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from thrown_truth import Scene, throw_box
 
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.gap.contact.body import parse_body, read_body
@@ -20,7 +21,6 @@ from gsbridge.gap.contact.setup import body_setup
 from gsbridge.gap.contact.starts import quat_from_turn, starts_of, turn_between
 from gsbridge.gap.contact.throws import Throw, Throws, read_throws, write_throws
 from gsbridge.gap.contact.world import simulate
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 from gsbridge.gap.workflow import run_case
 from gsbridge.geometry import quat_multiply
 

@@ -8,16 +8,15 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from gsbridge.effects.bodies import BODY_EFFECTS
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.gap.contact.body import is_body, parse_body, read_body
 from gsbridge.gap.contact.setup import BOUNDS, BodySetup, body_setup
 from gsbridge.gap.contact.starts import Starts
 from gsbridge.gap.contact.world import Numerics, simulate
-from gsbridge.gap.effects import catalogue
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 from gsbridge.geometry import rotation_from_quat
 
-BODY_EFFECTS = [name for name, effect in catalogue().items() if effect.scope == "body"]
 BOX = {"box": [0.1, 0.1, 0.1], "mass": 0.4, "controller": {"mode": "body"}, "contact": {"friction": 0.3}}
 SPHERE = (
     '<robot name="ball"><link name="ball"><inertial><mass value="0.2"/>'
@@ -160,7 +159,7 @@ def test_a_slow_clock_looks_like_weak_gravity():
 def test_every_parameter_of_every_body_effect_moves_the_output(name):
     body = body_of(damping={"linear": 0.1, "angular": 0.1}, contact={"friction": 0.3, "stiffness": 2e3, "damping": 2.0})
     throw = start((0, 0, 0.1), (0.8, 0.3, 0), (2, 5, 1), (0.9, 0.3, 0.2, 0.1))
-    effect = catalogue()[name]
+    effect = BODY_EFFECTS[name]
     values = effect.directions()[0]
     plain = fly(body, throw, [Applied(name, "", values)]).position
     for parameter in effect.parameters:

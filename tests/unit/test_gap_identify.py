@@ -7,6 +7,8 @@ import pytest
 import yaml
 from scipy.signal import lfilter
 
+from gsbridge.effects.joints import JOINT_EFFECTS
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.gap.benchmark.generate import UNIT, _joined, draw_case
@@ -15,12 +17,11 @@ from gsbridge.gap.benchmark.noises import NOISES
 from gsbridge.gap.benchmark.trajectories import KINDS, course
 from gsbridge.gap.diagnosis.results import Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import decide, transfer
-from gsbridge.gap.effects import catalogue
 from gsbridge.gap.joints.candidates import Candidate
 from gsbridge.gap.joints.diagnose import diagnose_joints, findings_of
 from gsbridge.gap.joints.fit import EffectFit, fit, polish
 from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied, read_mechanism_model
+from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.verify import Verification
@@ -92,7 +93,7 @@ def test_effect_outside_the_catalogue_is_not_given_a_name(axis):
 
 def test_an_effect_that_would_have_to_be_larger_than_makes_sense_is_not_named(axis, monkeypatch, tmp_path):
     case = case_of(axis, ("coulomb",), 20.0)
-    effect = catalogue()["coulomb"]
+    effect = JOINT_EFFECTS["coulomb"]
     (parameter,) = effect.parameters
     # It closes 97 % of the gap, and stands on its bound.
     monkeypatch.setattr(effect, "parameters", (replace(parameter, high=0.97 * case.hidden["coulomb"]),))
@@ -142,7 +143,7 @@ def test_what_would_be_larger_than_makes_sense_is_no_rival_of_what_does_as_well(
         )
         return Hypothesis(fitted, rest, rest, square, 1.0)
 
-    bound = catalogue()["eccentricity"].parameters[0].high
+    bound = JOINT_EFFECTS["eccentricity"].parameters[0].high
     sensible, huge = trial("encoder_scale", [0.1], 400.0), trial("eccentricity", [bound, 0.0], 399.5)
     found = decide([sensible, huge], Rules(), 400.0)
     assert found.trials == (sensible,)
@@ -221,9 +222,9 @@ def test_unit_is_the_stated_signature(axis):
     assert size == pytest.approx(9 * UNIT, rel=0.25)
 
 
-@pytest.mark.parametrize("name", [n for n, e in catalogue().items() if "pd" in e.modes])
+@pytest.mark.parametrize("name", [n for n, e in JOINT_EFFECTS.items() if "pd" in e.modes])
 def test_every_parameter_changes_the_output(axis, name):
-    system, effect = axis[0], catalogue()[name]
+    system, effect = axis[0], JOINT_EFFECTS[name]
     record = case_of(axis, (), 0.0).records["fit"]
     view = JointResiduals.of(Mechanism(system), record)
     joint = "axis" if effect.scope == "joint" else ""
@@ -247,9 +248,9 @@ def test_every_parameter_changes_the_output(axis, name):
 
 
 def test_catalogue_is_consistent():
-    for name, effect in catalogue().items():
+    for name, effect in JOINT_EFFECTS.items():
         assert name == effect.name
-        assert set(effect.contains) <= set(catalogue())
+        assert set(effect.contains) <= set(JOINT_EFFECTS)
         assert effect.signature
         assert effect.tell_apart
         for values in effect.directions():

@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 
 from gsbridge.cameras import Camera
+from gsbridge.effects.images import IMAGE_EFFECTS
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.gap.benchmark.image_truth import READ, SHOT
 from gsbridge.gap.benchmark.images import SIZES, STRANGE, draw_image_case, film, hidden_pairs, image_site
 from gsbridge.gap.diagnosis.results import Rules
 from gsbridge.gap.image.diagnose import UNSTEADY, diagnose_images, image_findings, unsteady
 from gsbridge.gap.image.expect import Expectation
-from gsbridge.gap.image.model import ImageCandidate, check, image_candidates, shooting
+from gsbridge.gap.image.model import ImageCandidate, image_candidates, shooting
 from gsbridge.gap.image.noise_model import Flats
 from gsbridge.gap.image.null import ImageNull
 from gsbridge.gap.image.pairs import ROLES, Pairs
 from gsbridge.gap.image.residuals import ImageResiduals, compared, learn_noise
 from gsbridge.gap.image.screen import gains_of
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
-from gsbridge.scene.effects import catalogue
 
 SPIN = {"wr": 0.8, "wb": -0.6, "x": 0.6, "y": 0.8, "z": 0.0, "a": 0.0, "b": 0.0, "c": 1.0}
 
@@ -139,17 +139,17 @@ def test_photos_that_make_no_sense_are_refused(site):
 
 
 def test_unknown_parameters_and_values_out_of_bounds_are_refused():
-    check(Applied("exposure", "", {"stops": 0.5}))
+    shooting([Applied("exposure", "", {"stops": 0.5})])
     for wrong in (Applied("exposure", "", {"stops": 9.0}), Applied("exposure", "", {}), Applied("magic", "", {})):
         with pytest.raises(InputError):
-            check(wrong)
+            shooting([wrong])
 
 
 def test_truths_and_catalogue_agree_on_what_may_be_hidden():
-    assert set(SIZES) == set(catalogue())
-    assert not set(STRANGE) & set(catalogue())
+    assert set(SIZES) == set(IMAGE_EFFECTS)
+    assert not set(STRANGE) & set(IMAGE_EFFECTS)
     assert [str(candidate) for candidate in image_candidates(["focal"])] == ["focal"]
-    assert ImageCandidate("focal").effect is catalogue()["focal"]
+    assert ImageCandidate("focal").effect is IMAGE_EFFECTS["focal"]
 
 
 def test_unit_of_an_effect_is_found_and_grows(site):

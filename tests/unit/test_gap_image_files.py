@@ -9,7 +9,6 @@ import pytest
 import yaml
 
 from gsbridge.cameras import Camera
-from gsbridge.environment.lens import EFFECTS
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import read_json
 from gsbridge.gap.benchmark.images import film, hidden_pairs, image_site
@@ -160,7 +159,7 @@ def test_what_changed_is_named_reported_and_learned(folder, tmp_path):
     assert found["sentence"][:20] in page
     assert page.count("data:image/png;base64,") == 1
     amend_camera("models/nominal.yaml", files[0], files[3])
-    effects = read_model(files[3], EFFECTS).effects
+    effects = read_model(files[3]).effects
     assert [effect.name for effect in effects] == ["exposure"]
     assert effects[0].parameters["stops"] == pytest.approx(found["amended"][0]["parameters"]["stops"])
     assert found["records"]["verify"] in files[3].read_text()

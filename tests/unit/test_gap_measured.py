@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.gap.contact.case import read_throw_case
 from gsbridge.gap.contact.replay import ThrowReplay
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = os.environ.get("GSBRIDGE_MEASURED")

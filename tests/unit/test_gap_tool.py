@@ -9,6 +9,7 @@ import pytest
 import yaml
 from pybullet_utils.bullet_client import BulletClient
 
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.gap.benchmark.bullet_truth import BulletTruth
 from gsbridge.gap.benchmark.generate import _joined
@@ -18,7 +19,7 @@ from gsbridge.gap.benchmark.trajectories import KINDS, course
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.case import read_joint_case
 from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied, read_mechanism_model
+from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.workflow import JointBackend
 

@@ -12,12 +12,13 @@ import numpy as np
 from scipy.optimize import lsq_linear
 from scipy.stats import chi2 as chi2_law
 
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.bank import SignatureBank, signature_bank
 from gsbridge.gap.joints.candidates import Candidate, candidates
 from gsbridge.gap.joints.fit import fit
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied, MechanismModel
+from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals, share_noise
 from gsbridge.gap.joints.screen import Screen

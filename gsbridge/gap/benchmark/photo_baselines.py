@@ -10,13 +10,13 @@ import numpy as np
 from scipy.optimize import lsq_linear
 from scipy.stats import chi2 as chi2_law
 
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.benchmark.baselines import ALARM, FITTED, answer
 from gsbridge.gap.image.fit import fit
 from gsbridge.gap.image.model import ImageCandidate, image_candidates
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.gap.image.residuals import ImageResiduals, learn_noise
 from gsbridge.gap.image.screen import Group, screen, signatures
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 from gsbridge.geometry import Array
 
 

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from gsbridge.cameras import Camera
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
 from gsbridge.gap.image.pairs import ROLES, Pairs
 from gsbridge.gap.image.residuals import ImageResiduals, learn_noise
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 from gsbridge.geometry import Array
 from gsbridge.images import read_image
 from gsbridge.scene.track import Track

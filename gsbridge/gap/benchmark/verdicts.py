@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from gsbridge.effects.bodies import BODY_EFFECTS
+from gsbridge.effects.joints import JOINT_EFFECTS
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.gap.benchmark.photo_cases import SAME, photo_closure
-from gsbridge.gap.effects import catalogue
 from gsbridge.gap.joints.case import read_joint_case
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
@@ -24,6 +25,8 @@ OUTCOMES = ("right", "covered", "abstained", "missed", "wrong", "quiet", "false_
 """Named as hidden, or ambiguous among nothing but what is the same equation; ambiguous with the truth inside; nothing named
 although something was hidden and seen; taken for no discrepancy; another name, or a set without the truth; silent, or not,
 where nothing was hidden."""
+
+_EFFECTS = {**JOINT_EFFECTS, **BODY_EFFECTS}
 
 _SHOWS = {"base_tilt": "about_y"}
 """Parameter that the truth's size stands for, where it is not the first."""
@@ -151,7 +154,7 @@ def _verdict(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> JudgedCase
         name = _name(effect, single)
         if photos and name not in SAME:
             continue
-        shown = SAME[name] if photos else _SHOWS.get(effect["name"], catalogue()[effect["name"]].parameters[0].name)
+        shown = SAME[name] if photos else _SHOWS.get(effect["name"], _EFFECTS[effect["name"]].parameters[0].name)
         low, high = effect["parameters"][shown]["interval90"]
         if name in truth["hidden"] and high > low:
             covers.append(low <= truth["hidden"][name] <= high)

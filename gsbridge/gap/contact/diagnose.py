@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.contact.bank import grid_bank
 from gsbridge.gap.contact.body import FreeBody
 from gsbridge.gap.contact.identify import ThrowFinding, ThrowIdentification, ThrowRules, closure, shift
@@ -16,7 +17,6 @@ from gsbridge.gap.contact.interval import intervals
 from gsbridge.gap.contact.replay import HORIZON, PHASES, ThrowReplay
 from gsbridge.gap.contact.throws import Throws
 from gsbridge.gap.joints.diagnose import ROLES
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 
 TRANSFERS = 0.5
 """Share of the gap that a name must close on throws that neither fitting nor choosing has seen."""

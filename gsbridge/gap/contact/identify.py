@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.contact.bank import FEW, GridBank
 from gsbridge.gap.contact.null import ThrowNull, throw_null
 from gsbridge.gap.contact.replay import ThrowReplay
 from gsbridge.gap.contact.search import GridMatch, ThrowFit, refine, screen
 from gsbridge.gap.diagnosis.results import Finding
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 from gsbridge.geometry import Array
 
 FEWER = 10

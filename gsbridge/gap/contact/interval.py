@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from gsbridge.effects.bodies import BODY_EFFECTS
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.contact.replay import ThrowReplay
 from gsbridge.gap.contact.search import ThrowFit
-from gsbridge.gap.effects import effect_of
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 
 _POINTS = np.linspace(-1.0, 1.0, 5)
 _DRAWS = 400
@@ -30,7 +30,7 @@ def intervals(replay: ThrowReplay, fit: ThrowFit, rng: np.random.Generator) -> l
     out, effects = [], fit.effects
     for place, applied in enumerate(effects):
         rows = {}
-        for parameter in effect_of(applied.name).parameters:
+        for parameter in BODY_EFFECTS[applied.name].parameters:
             value = applied.parameters[parameter.name]
 
             def errors(at: float, place: int = place, key: str = parameter.name) -> np.ndarray:

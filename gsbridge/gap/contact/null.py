@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.contact.replay import ThrowReplay
 from gsbridge.gap.contact.world import Numerics
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 from gsbridge.geometry import Array
 
 REPLICATES = 6

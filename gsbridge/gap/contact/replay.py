@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.contact.body import FreeBody
 from gsbridge.gap.contact.setup import body_setup
 from gsbridge.gap.contact.starts import Starts, starts_of
 from gsbridge.gap.contact.throws import Throws
 from gsbridge.gap.contact.world import Flight, Numerics, simulate
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 from gsbridge.geometry import Array
 
 HORIZON = 0.75

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gsbridge.effects.base import Effect, Parameter
+from gsbridge.effects.base import Parameter
+from gsbridge.effects.bodies import BODY_EFFECTS
+from gsbridge.effects.bodies.base import BodyEffect
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.contact.replay import ThrowReplay
 from gsbridge.gap.contact.setup import BOUNDS, body_setup
-from gsbridge.gap.effects import catalogue, effect_of
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 
 _GOLDEN = 0.5 * (3.0 - np.sqrt(5.0))
 """Share of the wider half of a bracket at which a golden section looks."""
@@ -66,16 +67,14 @@ def body_effects(replay: ThrowReplay, names: Collection[str] | None) -> tuple[st
     """Effects that may be the reason in these throws; of `names` only, if given."""
     return tuple(
         name
-        for name, effect in catalogue().items()
-        if effect.scope == "body"
-        and (names is None or name in names)
-        and (replay.starts.logged or not getattr(effect, "needs_speeds", False))
+        for name, effect in BODY_EFFECTS.items()
+        if (names is None or name in names) and (replay.starts.logged or not effect.needs_speeds)
     )
 
 
 def grid(name: str) -> list[Applied]:
     """Where an effect is looked at first: its directions, each in growing sizes."""
-    effect = effect_of(name)
+    effect = BODY_EFFECTS[name]
     return [Applied(name, "", effect.scaled(values, size)) for values in effect.directions() for size in effect.sizes]
 
 
@@ -86,7 +85,7 @@ def mean_error(replay: ThrowReplay, effects: Sequence[Applied]) -> float:
 
 def screen(replay: ThrowReplay, name: str, base: Sequence[Applied] = ()) -> GridMatch:
     """Walk an effect's grid on top of other effects."""
-    effect = effect_of(name)
+    effect = BODY_EFFECTS[name]
     plain, points = replay.flights(base), grid(name)
     errors = [mean_error(replay, (*base, applied)) for applied in points]
     change = 0.0
@@ -97,7 +96,7 @@ def screen(replay: ThrowReplay, name: str, base: Sequence[Applied] = ()) -> Grid
     return GridMatch(points[best], errors[best], change)
 
 
-def reach(replay: ThrowReplay, others: Sequence[Applied], effect: Effect, parameter: Parameter) -> tuple[float, float]:
+def reach(replay: ThrowReplay, others: Sequence[Applied], effect: BodyEffect, parameter: Parameter) -> tuple[float, float]:
     """Bounds of a parameter: its own, and those of the figure that it changes.
 
     Args:
@@ -106,9 +105,9 @@ def reach(replay: ThrowReplay, others: Sequence[Applied], effect: Effect, parame
         effect: The effect.
         parameter: Of it.
     """
-    figure = effect.figures[parameter.name]  # type: ignore[attr-defined]
+    figure = effect.figures[parameter.name]
     now, (low, high) = body_setup(replay.body, others).figures[figure], BOUNDS[figure]
-    if effect.relative:  # type: ignore[attr-defined]
+    if effect.relative:
         low, high = (low / now - 1.0, high / now - 1.0) if now > 0 else (-np.inf, np.inf)
     else:
         low, high = low - now, high - now
@@ -126,7 +125,7 @@ def refine(replay: ThrowReplay, effects: Sequence[Applied], share: float = 1.0) 
     current = list(effects)
     inside, profiles = {}, {}
     for place, applied in enumerate(effects):
-        effect = effect_of(applied.name)
+        effect = BODY_EFFECTS[applied.name]
         for parameter in effect.parameters:
 
             def error(value: float, place: int = place, key: str = parameter.name) -> float:
@@ -146,7 +145,7 @@ def _with(applied: Applied, key: str, value: float) -> Applied:
     return Applied(applied.name, "", {**applied.parameters, key: float(value)})
 
 
-def _width(effect: Effect, key: str, value: float) -> float:
+def _width(effect: BodyEffect, key: str, value: float) -> float:
     """Half of the first bracket: to the next size of the grid."""
     typical = next(parameter.typical for parameter in effect.parameters if parameter.name == key)
     ratio = max([b / a for a, b in zip(effect.sizes[:-1], effect.sizes[1:], strict=True)], default=2.0)

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from gsbridge.effects.bodies import BODY_EFFECTS
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.contact import null
 from gsbridge.gap.contact.bank import FEW, GridBank, grid_bank
 from gsbridge.gap.contact.body import MODE, read_body
@@ -22,8 +24,6 @@ from gsbridge.gap.contact.store import load_throws, save_throws
 from gsbridge.gap.contact.throws import Throws
 from gsbridge.gap.contact.world import Flight
 from gsbridge.gap.diagnosis.signature_similarity import similar_pairs
-from gsbridge.gap.effects import effect_of
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 from gsbridge.gap.joints.residual_map import ResidualMap
 from gsbridge.geometry import Array
 
@@ -195,7 +195,7 @@ def _alike(few: ThrowReplay, bank: GridBank) -> list[dict[str, Any]]:
     plain = _stack(few.flights())
     shapes = {}
     for name in bank.names:
-        count = len(effect_of(name).sizes)
+        count = len(BODY_EFFECTS[name].sizes)
         # The smallest size that shows: chaos makes large ones look like any other.
         rows = [_stack(few.flights([applied])) - plain for applied in grid(name)]
         shown = [

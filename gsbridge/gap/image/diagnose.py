@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.gap.diagnosis.closure import closed
 from gsbridge.gap.diagnosis.results import Rules
@@ -18,7 +19,6 @@ from gsbridge.gap.image.null import ImageNull
 from gsbridge.gap.image.pairs import ROLES, Pairs
 from gsbridge.gap.image.residuals import ImageResiduals, learn_noise
 from gsbridge.gap.joints.diagnose import Diagnosis, findings_of
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 from gsbridge.gap.joints.verify import Verification
 from gsbridge.geometry import Array
 

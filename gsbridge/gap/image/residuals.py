@@ -10,14 +10,14 @@ import cv2
 import numpy as np
 from scipy.optimize import nnls
 
+from gsbridge.effects.images.shooting import Shooting
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.image.expect import Expectation
 from gsbridge.gap.image.model import shooting
 from gsbridge.gap.image.noise_model import LEAST, Flats, slopes_of
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.gap.image.visibility import off_steps
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 from gsbridge.geometry import Array
-from gsbridge.scene.shooting import Shooting
 
 HEIGHT = 48
 """Rows, about, at which photos are compared, as means over blocks: light that is moved by parts of a pixel gets soft."""

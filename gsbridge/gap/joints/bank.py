@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from gsbridge.effects.registry import Applied
 from gsbridge.files import atomic_file
 from gsbridge.gap.joints.candidates import Candidate
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 

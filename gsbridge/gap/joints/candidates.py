@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gsbridge.effects.base import Effect
-from gsbridge.gap.effects import catalogue, effect_of
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied, MechanismModel
+from gsbridge.effects.joints import JOINT_EFFECTS
+from gsbridge.effects.registry import Applied
+from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.geometry import Array
 
 
@@ -23,7 +24,7 @@ class Candidate:
     @property
     def effect(self) -> Effect:
         """Its entry in the catalogue."""
-        return effect_of(self.name)
+        return JOINT_EFFECTS.effect(self.name)
 
     def applied(self, values: Mapping[str, float]) -> Applied:
         """With parameters."""
@@ -44,8 +45,8 @@ class Candidate:
 def candidates(system: MechanismModel, names: Collection[str] | None = None) -> tuple[Candidate, ...]:
     """All candidates of a mechanism; of these effects only, if `names` is given."""
     out = []
-    for name, effect in catalogue().items():
-        if effect.scope == "body" or system.controller.mode not in effect.modes or (names is not None and name not in names):
+    for name, effect in JOINT_EFFECTS.items():
+        if system.controller.mode not in effect.modes or (names is not None and name not in names):
             continue
         out += [Candidate(name, joint) for joint in system.joints] if effect.scope == "joint" else [Candidate(name)]
     return tuple(out)

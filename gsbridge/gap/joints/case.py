@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from gsbridge.effects.joints import JOINT_EFFECTS
+from gsbridge.effects.registry import read_names
 from gsbridge.errors import InputError
-from gsbridge.gap.effects import effect_of
 from gsbridge.gap.formats.logs import read_log
 from gsbridge.gap.formats.records import SHORTEST, TOOL, Layout, Record, check_degrees, doubtful_degrees
 from gsbridge.gap.formats.yaml_file import read_yaml
@@ -69,8 +70,7 @@ def read_joint_case(path: str | Path) -> JointCase:
         dict(content.get("units") or {}),
         gain,
     )
-    for name in content.get("effects") or ():
-        effect_of(name, str(path))
+    names = read_names(content.get("effects"), path, JOINT_EFFECTS)
     records = {}
     for role, file in content["records"].items():
         if role not in ROLES:
@@ -82,7 +82,7 @@ def read_joint_case(path: str | Path) -> JointCase:
     if "position" not in records["fit"].measured:
         reasons.append("no joint positions are logged: what moves the tool alike cannot be told apart")
     reasons += doubtful_degrees(records["fit"], system.limits)
-    return JointCase(model, system, records, tuple(content["effects"]) if content.get("effects") else None, (*reasons, *split))
+    return JointCase(model, system, records, names, (*reasons, *split))
 
 
 def _check(record: Record, system: MechanismModel, source: Path, noise: Mapping[str, float | list[float]]) -> Record:

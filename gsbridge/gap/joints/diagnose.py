@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.results import Finding, Hypothesis, Rules
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.bank import signature_bank
 from gsbridge.gap.joints.candidates import candidates
 from gsbridge.gap.joints.identify import JointIdentification
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied, MechanismModel
+from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals, share_noise
 from gsbridge.gap.joints.verify import Verification, verify

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.joints.candidates import Candidate
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import Screen
 from gsbridge.geometry import Array

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied, MechanismModel
+from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.replay import Mechanism, Span, State
 from gsbridge.gap.joints.noise import pooled, white_noise
 from gsbridge.gap.joints.sensitivity import FINE, KINDS, Sensitivity, sensitivity_of, start_states

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.results import Rules
 from gsbridge.gap.joints.detect import joint_null
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
 from gsbridge.gap.joints.residuals import JointResiduals
 
 _PART = 0.5

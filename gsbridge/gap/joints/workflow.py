@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.signature_similarity import similar_pairs
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.formats.store import load_records, save_records
@@ -16,7 +17,7 @@ from gsbridge.gap.joints.bank import SignatureBank, signature_bank
 from gsbridge.gap.joints.candidates import Candidate, candidates
 from gsbridge.gap.joints.case import JointCase, read_joint_case
 from gsbridge.gap.joints.diagnose import diagnose_joints, findings_of
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied, read_mechanism_model
+from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residual_map import map_residuals
 from gsbridge.gap.joints.residuals import JointResiduals, share_noise

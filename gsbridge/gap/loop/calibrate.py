@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.detect import SCALES, block_means
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied, MechanismModel
+from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals, share_noise
 from gsbridge.geometry import Array

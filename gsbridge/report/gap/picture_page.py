@@ -16,7 +16,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from gsbridge.environment.lens import UNDRAWN
+from gsbridge.effects.images import IMAGE_EFFECTS
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.geometry import Array
@@ -91,11 +91,12 @@ def _steps(found: Mapping[str, Any]) -> list[str]:
     verdict = found["verdict"]
     if verdict == "named":
         names = {item["name"] for item in found["effects"]}
-        learnt = "." if names & set(UNDRAWN) else ", or let the policy learn with the amended model."
+        unplayed = [IMAGE_EFFECTS[name] for name in sorted(names) if not IMAGE_EFFECTS[name].amendable]
+        learnt = "." if unplayed else ", or let the policy learn with the amended model."
         moved = (
             ["The camera sits or looks otherwise than it was registered: register it again."] if "extrinsics" in names else []
         )
-        return [f"Mend the camera{learnt}", *moved]
+        return [f"Mend the camera{learnt}", *(f"{effect.instead}." for effect in unplayed), *moved]
     if verdict == "ambiguous":
         return [f"To tell them apart: {found['effects'][0]['tell_apart']}."]
     if verdict == "none_of_the_known":

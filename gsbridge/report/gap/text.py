@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from gsbridge.gap.effects import catalogue
+from gsbridge.effects.bodies import BODY_EFFECTS
+from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.report.gap.figures import channel_name
 
 LABELS = {
@@ -40,7 +41,8 @@ def explanation(names: Any) -> str:
 def effect_title(name: str) -> str:
     """`coulomb:axis` for people: the effect's title in the catalogue, where it has one."""
     word, _, joint = name.partition(":")
-    title = catalogue()[word].title if word in catalogue() else word.replace("_", " ")
+    effect = JOINT_EFFECTS.get(word) or BODY_EFFECTS.get(word)
+    title = effect.title if effect else word.replace("_", " ")
     return f"{title} at {joint}" if joint else title
 
 

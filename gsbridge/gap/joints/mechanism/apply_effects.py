@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gsbridge.errors import InputError
-from gsbridge.gap.effects import effect_of
-from gsbridge.gap.joints.mechanism.mechanism_model import Applied
+from gsbridge.effects.joints import JOINT_EFFECTS
+from gsbridge.effects.registry import Applied, effect_of
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.mechanism.setup import JointSetup
 
@@ -19,16 +18,6 @@ def apply_effects(mechanism: Mechanism, effects: Sequence[Applied]) -> JointSetu
     """
     setup = mechanism.setup()
     for applied in (*mechanism.system.effects, *effects):
-        effect = effect_of(applied.name)
-        wanted = {parameter.name for parameter in effect.parameters}
-        if set(applied.parameters) != wanted or bool(applied.joint) != (effect.scope == "joint"):
-            joint = "and a joint" if effect.scope == "joint" else "and no joint"
-            raise InputError(
-                f"effect {applied.name}",
-                "its parameters are incomplete or unknown",
-                f"Give {', '.join(sorted(wanted))} {joint}",
-            )
-        if applied.joint and applied.joint not in setup.joints:
-            raise InputError(f"effect {applied.name}", f"there is no joint '{applied.joint}'", f"Use {', '.join(setup.joints)}")
+        effect = effect_of(applied, JOINT_EFFECTS, joints=setup.joints)
         effect.apply(setup, setup.joints.index(applied.joint) if applied.joint else -1, applied.parameters)
     return setup

@@ -12,6 +12,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from gsbridge.effects.joints import JOINT_EFFECTS
+from gsbridge.effects.registry import Applied, read_effects
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.yaml_file import read_yaml
 from gsbridge.geometry import Array
@@ -19,20 +21,6 @@ from gsbridge.geometry import Array
 MODES = ("torque", "pd", "position", "free")
 """How a mechanism is driven: by logged torques; by position and speed errors; by a servo known only by its bandwidth; not at
 all."""
-
-
-@dataclass(frozen=True)
-class Applied:
-    """An effect of a model: its name, the joint it acts on (empty for the whole mechanism), and its parameters."""
-
-    name: str
-    joint: str
-    parameters: Mapping[str, float]
-
-    def record(self) -> dict[str, Any]:
-        """As in a model file."""
-        out: dict[str, Any] = {"name": self.name, "parameters": dict(self.parameters)}
-        return {**out, "joint": self.joint} if self.joint else out
 
 
 @dataclass(frozen=True)
@@ -225,9 +213,7 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
     tool = content.get("tool") or ""
     if tool and tool not in urdf_links(urdf):
         raise InputError(source, f"the URDF has no link '{tool}'", f"It has: {', '.join(urdf_links(urdf))}")
-    effects = tuple(
-        Applied(item["name"], item.get("joint", ""), dict(item["parameters"])) for item in content.get("effects") or []
-    )
+    effects = read_effects(content.get("effects") or [], source, JOINT_EFFECTS, joints=joints)
     gravity = np.asarray(content.get("gravity", [0.0, 0.0, -9.81]), dtype=np.float64)
     own = [moving[name]["damping"] for name in joints], [moving[name]["friction"] for name in joints]
     return MechanismModel(
