@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gsbridge.effects.base import Effect
 from gsbridge.effects.joints import JOINT_EFFECTS
+from gsbridge.effects.joints.base import JointEffect
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.geometry import Array
@@ -22,7 +22,7 @@ class Candidate:
     joint: str = ""
 
     @property
-    def effect(self) -> Effect:
+    def effect(self) -> JointEffect:
         """Its entry in the catalogue."""
         return JOINT_EFFECTS.effect(self.name)
 
