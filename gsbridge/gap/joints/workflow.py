@@ -111,7 +111,7 @@ class JointBackend:
             "simulations": found.runs,
         }
 
-    def diagnose_joints(self, bank: str | Path, seed: int) -> dict[str, Any]:
+    def diagnose(self, bank: str | Path, seed: int) -> dict[str, Any]:
         """What is missing, proven on the third record: `findings.json`."""
         case = self.case
         diagnosis = diagnose_joints(case.system, case.records, bank, names=case.names, seed=seed)
