@@ -107,7 +107,7 @@ def build_environment(files: StageFiles, settings: EnvironmentSettings) -> PickE
 
 def lens_of(files: StageFiles, settings: EnvironmentSettings) -> Lens:
     """What the model's effects change in the pictures."""
-    return Lens(read_model(files.model).effects, wrist_camera(settings.image_size))
+    return Lens(read_model(files.model).effects_on("camera"), wrist_camera(settings.image_size))
 
 
 def camera_response(files: StageFiles) -> Camera:

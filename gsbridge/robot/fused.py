@@ -6,6 +6,7 @@ cannot: the flange, the palm, the camera and the tool's frame.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -15,12 +16,16 @@ from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.robot.links import Inertia, inertial_element, joined_inertia, origin_element, rotation_from_rpy
 
+Load = Callable[[Inertia], Inertia]
+"""Changes the mass properties of a link."""
 
-def fused_description(urdf: str | Path) -> str:
+
+def fused_description(urdf: str | Path, loads: Mapping[str, Sequence[Load]] | None = None) -> str:
     """A description with moving joints only: the same masses and shapes of contact in fewer links, and nothing to be drawn.
 
     Args:
         urdf: The robot's description. Every link has mass properties, and parents come before their children.
+        loads: By joint: changes of the mass properties of the link that it moves, links fixed to it aside.
 
     Returns:
         The new description. Its meshes are named by absolute paths, so that it may lie anywhere.
@@ -35,6 +40,10 @@ def fused_description(urdf: str | Path) -> str:
         # Of every link: the one that it becomes part of, and its pose there.
         homes: dict[str, tuple[str, Array]] = {name: (name, np.eye(4)) for name in links}
         bodies = {name: [_inertia(element, np.eye(4))] for name, element in links.items()}
+        for joint in robot.findall("joint"):
+            for change in (loads or {}).get(joint.attrib["name"], ()):
+                name = joint.find("child").attrib["link"]
+                bodies[name] = [change(bodies[name][0])]
         for joint in robot.findall("joint"):
             parent = joint.find("parent")
             home, home_from_parent = homes[parent.attrib["link"]]

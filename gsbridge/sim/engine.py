@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -18,7 +19,8 @@ from gsbridge.errors import InputError
 from gsbridge.geometry import Array, quat_from_rotation
 from gsbridge.meshes import read_mesh
 from gsbridge.robot.assembly import RobotFiles
-from gsbridge.robot.fused import fused_description
+from gsbridge.robot.fused import Load, fused_description
+from gsbridge.sim.item_setup import ItemSetup
 from gsbridge.sim.model import Model, Surface
 
 TABLE_SIZE = (0.90, 1.20, 0.05)
@@ -75,6 +77,8 @@ class Engine:
         plate: URDF of a static background, or None.
         table_from_plate: Its pose. [4, 4].
         q: Arm and gripper driver at the start. [8].
+        setup: The object with the model's effects.
+        loads: By arm joint: changes of the mass properties of the link that it moves.
 
     Raises:
         InputError: A file cannot be loaded.
@@ -93,9 +97,11 @@ class Engine:
         plate: Path | None,
         table_from_plate: Array,
         q: Array,
+        setup: ItemSetup,
+        loads: Mapping[str, Sequence[Load]],
     ) -> None:
         self.client = client = BulletClient(pybullet.DIRECT)
-        client.setGravity(0.0, 0.0, -model.gravity)
+        client.setGravity(0.0, 0.0, -setup.figures["gravity"])
         client.setPhysicsEngineParameter(
             fixedTimeStep=model.time_step,
             numSubSteps=0,
@@ -107,11 +113,18 @@ class Engine:
         )
         length, width, thickness = TABLE_SIZE
         shape = client.createCollisionShape(client.GEOM_BOX, halfExtents=[length / 2, width / 2, thickness / 2])
-        self.table = client.createMultiBody(0.0, shape, basePosition=[*centre, -thickness / 2], useMaximalCoordinates=True)
+        top = setup.table_pose()
+        self.table = client.createMultiBody(
+            0.0,
+            shape,
+            basePosition=(top @ [*centre, -thickness / 2, 1.0])[:3].tolist(),
+            baseOrientation=np.roll(quat_from_rotation(top[:3, :3]), -1).tolist(),
+            useMaximalCoordinates=True,
+        )
         self.plate = None if plate is None else load_body(client, plate, table_from_plate, static=True)
-        self._load_robot(robot, table_from_base, q)
+        self._load_robot(robot, table_from_base, q, loads)
         # A single body needs none of the joints' algebra, and its contacts with the table cost a fraction of those with it.
-        self.item = load_body(client, item.urdf, single=True)
+        self.item = self._load_item(item, setup)
         # It was loaded at the origin, so that its pose is the frame of inertia, in which Bullet tells all later ones.
         self.body_from_inertial = matrix_from_bullet(*client.getBasePositionAndOrientation(self.item))
         self.inertial_from_body = np.linalg.inv(self.body_from_inertial)
@@ -119,20 +132,39 @@ class Engine:
         self._touching += [] if self.plate is None else [(self.plate, -1, True)]
         self._touching += [(self.robot, -1, True), *((self.robot, link, False) for link in self.links.values())]
         self._touching += [(self.item, -1, False)]
-        self._set_contacts(model)
+        self._set_contacts(model, setup)
         self._bind()
+        if setup.pushes:
+            self.advance = partial(self._push_and_advance, setup, model.time_step, self.advance)
 
     def close(self) -> None:
         """Release the engine; the world cannot be used afterwards."""
         self.client.disconnect()
 
-    def _load_robot(self, robot: RobotFiles, table_from_base: Array, q: Array) -> None:
+    def _load_item(self, item: Item, setup: ItemSetup) -> int:
+        """The object, as a body for itself."""
+        description = setup.description(item.urdf)
+        if description is None:
+            return load_body(self.client, item.urdf, single=True)
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "body.urdf"
+            path.write_text(description, encoding="utf-8")
+            return load_body(self.client, path, single=True)
+
+    def _push_and_advance(self, setup: ItemSetup, step: float, advance: Callable[[], None]) -> None:
+        """One physics step with a steady force and losses in the air, which Bullet has no figures for."""
+        velocity, spin = (np.array(row) for row in self._item_velocity(self.item))
+        pushed = setup.pushed(velocity, spin, self.item_mass, step)
+        self.client.resetBaseVelocity(self.item, *(row.tolist() for row in pushed))
+        advance()
+
+    def _load_robot(self, robot: RobotFiles, table_from_base: Array, q: Array, loads: Mapping[str, Sequence[Load]]) -> None:
         """Robot with all motors and losses of the engine switched off and the fingers coupled."""
         client, record = self.client, robot.record
         try:
             with TemporaryDirectory() as folder:
                 description = Path(folder) / "fused.urdf"
-                description.write_text(fused_description(robot.urdf), encoding="utf-8")
+                description.write_text(fused_description(robot.urdf, loads), encoding="utf-8")
                 self.robot = client.loadURDF(
                     str(description),
                     basePosition=table_from_base[:3, 3].tolist(),
@@ -165,12 +197,15 @@ class Engine:
         self.knuckles = len(knuckles)
         self.pads = tuple(self.links[name] for name in record["gripper"]["pads"])
 
-    def _set_contacts(self, model: Model) -> None:
+    def _set_contacts(self, model: Model, setup: ItemSetup) -> None:
         """Coefficients of every pair. Bullet multiplies friction and restitution of two bodies, so the object carries ones."""
         client = self.client
-        table = model.contact.table
+        table, f = setup.table(model), setup.figures
         # Between two single bodies Bullet brakes a spin only where something brakes rolling, too.
         self._set_surface(self.table, -1, replace(table, rolling_friction=max(table.rolling_friction, 1e-9)))
+        if f["compliance"] > 0.0:
+            # Bullet adds up the compliances and the dampings of two bodies.
+            client.changeDynamics(self.table, -1, contactStiffness=1.0 / f["compliance"], contactDamping=f["contact_damping"])
         if self.plate is not None:
             self._set_surface(self.plate, -1, model.contact.plate)
         for link in (-1, *self.links.values()):
@@ -181,11 +216,12 @@ class Engine:
             client.changeDynamics(self.robot, pad, frictionAnchor=True)
         self._set_surface(self.item, -1, Surface(1.0, 0.0, 0.0, 1.0))
         mass, _, inertia, *_ = client.getDynamicsInfo(self.item, -1)
+        self.item_mass = mass * f["mass"]
         client.changeDynamics(
             self.item,
             -1,
-            mass=mass * model.object.mass,
-            localInertiaDiagonal=[model.object.mass * value for value in inertia],
+            mass=self.item_mass,
+            localInertiaDiagonal=[f["mass"] * f["inertia"] * value for value in inertia],
             # Bullet takes the share of the speed that a second takes away.
             linearDamping=-np.expm1(-model.object.linear_damping),
             angularDamping=-np.expm1(-model.object.angular_damping),

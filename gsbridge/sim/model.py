@@ -14,9 +14,14 @@ from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import yaml
 
+from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.effects.images import IMAGE_EFFECTS
+from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import Applied, checked_number, effect_of, read_effects
 from gsbridge.errors import InputError
+
+EFFECTS = (JOINT_EFFECTS, BODY_EFFECTS, IMAGE_EFFECTS)
+"""Effects that a model may hold, those that say a reason why not aside."""
 
 ARM = 7
 """Joints of the arm."""
@@ -184,6 +189,10 @@ class Model:
     camera: Camera
     effects: tuple[Applied, ...] = ()
 
+    def effects_on(self, *scopes: str) -> tuple[Applied, ...]:
+        """Effects that act on `joint`, `mechanism`, `body` or `camera`, in their order."""
+        return tuple(applied for applied in self.effects if effect_of(applied, *EFFECTS).scope in scopes)
+
     @property
     def substeps(self) -> int:
         """Physics steps per control period."""
@@ -232,9 +241,9 @@ def parse_model(content: Any, source: str = "model") -> Model:
     """
     if not isinstance(content, Mapping) or "effects" not in content:
         raise InputError(source, "the model has no list 'effects'", "Write effects: [] for the nominal model")
-    effects = read_effects(content["effects"], source, IMAGE_EFFECTS)
+    effects = read_effects(content["effects"], source, *EFFECTS)
     for applied in effects:
-        effect = effect_of(applied, IMAGE_EFFECTS)
+        effect = effect_of(applied, *EFFECTS)
         if not effect.amendable:
             raise InputError(source, f"the simulation cannot play '{effect.name}': {effect.reason}", effect.instead)
     model = _section(Model, {key: value for key, value in content.items() if key != "effects"}, "", source, effects=effects)

@@ -1,13 +1,16 @@
 """Closing the loop: the simulated arm as a mechanism of the gap, its calibration, the driver's log, the amended simulation."""
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import yaml
 from robot_fixture import robot
-from sim_fixture import NOMINAL, model, world
+from sim_fixture import NOMINAL, cube, model
 
+from gsbridge.effects.joints import JOINT_EFFECTS
+from gsbridge.effects.registry import read_effects
 from gsbridge.environment.trial_log import TrialPath, write_trial_log
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import read_json, write_json
@@ -25,19 +28,25 @@ from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.layout import true_base_from_table
 from gsbridge.reality.world.model import Stand
 from gsbridge.reality.world.physics import MirrorPhysics
-from gsbridge.sim.model import parse_model
+from gsbridge.sim.model import EFFECTS, parse_model
+from gsbridge.sim.world import SimWorld
 
 COLUMNS = ("pose_set", "index", "quadrant", "x", "y", "yaw", "success", "success_tolerant", "failure", "steps")
 
 
-def logged_simulation(steps: int = 50, **changes) -> tuple[DriverLog, np.ndarray]:
+def with_effects(effects: tuple, **changes):
+    """The nominal model with some values changed and with effects."""
+    return replace(model(**changes), effects=read_effects([dict(effect) for effect in effects], "test", *EFFECTS))
+
+
+def logged_simulation(steps: int = 50, effects: tuple = (), **changes) -> tuple[DriverLog, np.ndarray]:
     """What a driver of the simulated arm would log in a motion that uses every joint; and `base_from_table`."""
-    with world(**changes) as sim:
+    with SimWorld(robot(), cube(), with_effects(effects, **changes)) as sim:
         controller, rows = sim.controller, []
         substep = controller.substep
 
         def keep(number, measured):
-            state = measured[:, :7].copy()
+            state = controller.sense(measured)[:, :7].copy()
             slot = int(controller._arm["slot"][0, 0])
             out = substep(number, measured)
             rows.append(np.stack([controller._ring[slot, 0, :7], controller._ring[slot, 1, :7], *state, out[1, :7]]))
@@ -54,9 +63,9 @@ def logged_simulation(steps: int = 50, **changes) -> tuple[DriverLog, np.ndarray
         return DriverLog(1e-3 * np.arange(len(rows)), command, speed, position, velocity, effort), sim.base_from_table
 
 
-def replayed(folder, log: DriverLog, base_from_table, **changes) -> tuple[Record, dict]:
+def replayed(folder, log: DriverLog, base_from_table, effects: tuple = (), **changes) -> tuple[Record, dict]:
     """The log as the gap reads it, and the gap's own replay of it."""
-    write_arm(robot(), model(**changes), base_from_table, folder / "arm.urdf", folder / "model.yaml")
+    write_arm(robot(), with_effects(effects, **changes), base_from_table, folder / "arm.urdf", folder / "model.yaml")
     write_driver_log(folder / "log.csv", robot().record["arm_joints"], log)
     (folder / "case.yaml").write_text("model: model.yaml\nrecords: {fit: log.csv, select: log.csv, verify: log.csv}\n")
     case = read_joint_case(folder / "case.yaml")
@@ -75,6 +84,26 @@ def test_the_gap_replays_the_simulated_arm(tmp_path, delay):
     for kind, most in (("position", 3e-5), ("velocity", 1e-3), ("effort", 0.1)):
         rms = np.sqrt(((record.measured[kind] - out[kind]) ** 2).mean(axis=0))
         assert (rms < most).all(), (kind, rms)
+
+
+SIZES = {"torque_delay": 3.0, "saturation": 0.2, "rate_limit": 2.0, "encoder_scale": 1.0, "eccentricity": 3.0}
+"""Multiples of the typical amplitude; eight for the others."""
+
+
+@pytest.mark.parametrize("name", [name for name, effect in JOINT_EFFECTS.items() if effect.amendable])
+def test_an_effect_on_a_joint_is_the_same_in_the_simulation_and_in_the_gap(tmp_path, name):
+    """Amended, it changes what the arm does, by far more than the two engines differ; and both play the same effect."""
+    effect = JOINT_EFFECTS[name]
+    values = effect.scaled({p.name: p.typical for p in effect.parameters}, SIZES.get(name, 8.0))
+    entry = {"name": name, "parameters": values} | ({"joint": "lbr_iiwa_joint_3"} if effect.scope == "joint" else {})
+    log, base_from_table = logged_simulation(32, (entry,))
+    record, with_it = replayed(tmp_path, log, base_from_table, (entry,))
+    _, without = replayed(tmp_path, log, base_from_table)
+    apart = {kind: np.sqrt(((record.measured[kind] - with_it[kind]) ** 2).mean(axis=0)) for kind in with_it}
+    missed = {kind: np.sqrt(((record.measured[kind] - without[kind]) ** 2).mean(axis=0)) for kind in without}
+    share = {kind: float(np.linalg.norm(apart[kind]) / np.linalg.norm(missed[kind])) for kind in apart}
+    print(name, share, {k: v.max() for k, v in missed.items()})
+    assert min(share.values()) < 0.1, share
 
 
 AXIS = """<robot name="axis"><link name="base"/><link name="arm"><inertial><origin xyz="0.2 0 0"/><mass value="1"/>

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from gsbridge.effects.bodies import BODY_EFFECTS
+from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import read_names
 from gsbridge.errors import InputError
 from gsbridge.gap.contact.body import FreeBody, number, read_body
@@ -62,7 +63,7 @@ def read_throw_case(path: str | Path) -> ThrowCase:
     horizon = number(content.get("horizon", HORIZON), path, "horizon", low=SHORTEST)
     body = read_body(path.parent / str(content["model"]))
     body_setup(body)
-    names = read_names(content.get("effects"), path, BODY_EFFECTS)
+    names = read_names(content.get("effects"), path, BODY_EFFECTS, JOINT_EFFECTS)
     throws = {}
     for role, file in content["records"].items():
         if role not in ROLES:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import read_names
 from gsbridge.errors import InputError
@@ -70,7 +71,7 @@ def read_joint_case(path: str | Path) -> JointCase:
         dict(content.get("units") or {}),
         gain,
     )
-    names = read_names(content.get("effects"), path, JOINT_EFFECTS)
+    names = read_names(content.get("effects"), path, JOINT_EFFECTS, BODY_EFFECTS)
     records = {}
     for role, file in content["records"].items():
         if role not in ROLES:
