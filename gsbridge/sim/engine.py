@@ -35,6 +35,9 @@ of them."""
 _FIXED, _MOVING = (2, ~2), (1, -1)
 """Bullet's own collision groups, and those that each meets: what does not move meets only what does."""
 
+_RIGID = 1e18
+"""Stiffness of what gives way nowhere, N/m, as Bullet has it for bodies of which nothing is said."""
+
 _GEAR_FORCE = 1e4
 """Torque the fingers' coupling may carry, N m: practically rigid."""
 
@@ -203,9 +206,6 @@ class Engine:
         table, f = setup.table(model), setup.figures
         # Between two single bodies Bullet brakes a spin only where something brakes rolling, too.
         self._set_surface(self.table, -1, replace(table, rolling_friction=max(table.rolling_friction, 1e-9)))
-        if f["compliance"] > 0.0:
-            # Bullet adds up the compliances and the dampings of two bodies.
-            client.changeDynamics(self.table, -1, contactStiffness=1.0 / f["compliance"], contactDamping=f["contact_damping"])
         if self.plate is not None:
             self._set_surface(self.plate, -1, model.contact.plate)
         for link in (-1, *self.links.values()):
@@ -214,6 +214,8 @@ class Engine:
             # A contact that sticks is held where it began, as far as Coulomb's cone allows; without, the solver's remainder
             # adds up to slip. Only here: what slides on the table is not to be held.
             client.changeDynamics(self.robot, pad, frictionAnchor=True)
+        if setup.soft:
+            self._soften_table(model, setup)
         self._set_surface(self.item, -1, Surface(1.0, 0.0, 0.0, 1.0))
         mass, _, inertia, *_ = client.getDynamicsInfo(self.item, -1)
         self.item_mass = mass * f["mass"]
@@ -226,12 +228,25 @@ class Engine:
             linearDamping=-np.expm1(-model.object.linear_damping),
             angularDamping=-np.expm1(-model.object.angular_damping),
             contactStiffness=model.contact.stiffness,
-            contactDamping=model.contact.damping,
+            contactDamping=0.0 if setup.soft else model.contact.damping,
             # By default Bullet brakes a body before it touches, by an amount that depends on where the last step ended:
             # restitution would act by chance.
             contactProcessingThreshold=0.0,
             activationState=client.ACTIVATION_STATE_DISABLE_SLEEPING,
         )
+
+    def _soften_table(self, model: Model, setup: ItemSetup) -> None:
+        """Give the table a compliance and a damping of its own.
+
+        Bullet adds up compliances and dampings of two bodies. A damper that is stiff against the table's would hold up its
+        giving way, so the object hands its own over to all others that it touches, and the table has what both make in a row.
+        """
+        own, soft = 1.0 / model.contact.stiffness, setup.figures["compliance"]
+        damping = (model.contact.damping * own**2 + setup.figures["contact_damping"] * soft**2) / (own + soft) ** 2
+        others = [] if self.plate is None else [(self.plate, -1)]
+        for body, link in [*others, *((self.robot, link) for link in (-1, *self.links.values()))]:
+            self.client.changeDynamics(body, link, contactStiffness=_RIGID, contactDamping=model.contact.damping)
+        self.client.changeDynamics(self.table, -1, contactStiffness=1.0 / soft, contactDamping=damping)
 
     def _set_surface(self, body: int, link: int, surface: Surface) -> None:
         """Coefficients of one link. A pair rolls and spins in Bullet with each one's value times the other's friction."""

@@ -74,6 +74,11 @@ class ItemSetup:
         return out
 
     @property
+    def soft(self) -> bool:
+        """Whether the table gives way."""
+        return self.figures["compliance"] > 0.0
+
+    @property
     def pushes(self) -> bool:
         """Whether something acts on the object besides gravity and contacts."""
         return any(self.figures[name] for name in ("linear_damping", "angular_damping", "force_x", "force_y"))

@@ -245,7 +245,8 @@ def parse_model(content: Any, source: str = "model") -> Model:
     for applied in effects:
         effect = effect_of(applied, *EFFECTS)
         if not effect.amendable:
-            raise InputError(source, f"the simulation cannot play '{effect.name}': {effect.reason}", effect.instead)
+            where = f" of joint '{applied.joint}'" if applied.joint else ""
+            raise InputError(source, f"the simulation cannot play '{effect.name}'{where}: {effect.reason}", effect.instead)
     model = _section(Model, {key: value for key, value in content.items() if key != "effects"}, "", source, effects=effects)
     ratio = model.timing.physics_hz / model.timing.control_hz
     if abs(ratio - round(ratio)) > 1e-9:

@@ -14,7 +14,8 @@ from gsbridge.files import read_json
 from gsbridge.gap.benchmark.images import film, hidden_pairs, image_site
 from gsbridge.gap.image.files import read_pairs
 from gsbridge.gap.image.pairs import ROLES
-from gsbridge.gap.image.stages import amend_camera, write_image_findings
+from gsbridge.gap.image.stages import write_image_findings
+from gsbridge.gap.loop.amend import amend_camera
 from gsbridge.images import write_image
 from gsbridge.report.gap.picture_page import write_sight_report
 from gsbridge.sim.model import read_model

@@ -8,19 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
-from gsbridge.effects.images import IMAGE_EFFECTS
-from gsbridge.errors import InputError, StageError
-from gsbridge.files import atomic_file, read_json, write_json
-from gsbridge.gap.formats.yaml_file import read_yaml
+from gsbridge.files import atomic_file, write_json
 from gsbridge.gap.image.diagnose import diagnose_images, image_findings, unsteady
 from gsbridge.gap.image.files import read_pairs
 from gsbridge.gap.image.model import shooting
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.gap.image.residuals import ImageResiduals, learn_noise
 from gsbridge.gap.workflow import fitted
-from gsbridge.sim.model import parse_model
 
 logger = logging.getLogger("gsbridge")
 
@@ -79,60 +74,3 @@ def _pictures(pairs: dict[str, Pairs], found: dict[str, Any]) -> dict[str, np.nd
         "compared": view.mask[shown].astype(np.float32),
         **{name: np.abs(view.pictures(rows)[shown]).mean(axis=-1).astype(np.float32) for name, rows in table.items()},
     }
-
-
-def amend_camera(nominal: str | Path, findings: str | Path, model: str | Path, reference: str | Path | None = None) -> None:
-    """Write the simulation's model with the image effects that were named: a policy that learns with it sees them.
-
-    Args:
-        nominal: The simulation's model as it was.
-        findings: `findings.json`.
-        model: The amended model; the evidence stands in its head.
-        reference: `findings.json` of further photos of the first day, in which nothing may be found.
-
-    Raises:
-        StageError: Nothing was named, or something was found in photos of one day.
-        InputError: An episode's pictures cannot have a named effect, or a file is damaged.
-    """
-    found, content = _findings(findings), read_yaml(nominal, "model", "models/nominal.yaml")
-    parse_model(content, str(nominal))
-    if reference is not None and _findings(reference)["verdict"] != "no_discrepancy":
-        raise StageError(
-            "amend_camera",
-            f"photos of one day differ: {_findings(reference)['sentence']}",
-            f"Take them again, or more of them; see {reference}",
-        )
-    if not found["amended"]:
-        raise StageError(
-            "amend_camera", f"the diagnosis named nothing ({found['verdict']}): {found['sentence']}", f"See {findings}"
-        )
-    for named in found["amended"]:
-        effect = IMAGE_EFFECTS.effect(named["name"], findings)
-        if not effect.amendable:
-            what = f"a policy's pictures cannot be drawn with '{effect.name}': {effect.reason}"
-            raise InputError(findings, what, effect.instead)
-    content["effects"] = [*(content.get("effects") or []), *found["amended"]]
-    parse_model(content, str(nominal))
-    head = [
-        f"Amended by the gap of pictures; made from {Path(nominal).name} and not to be edited.",
-        found["sentence"],
-        *(f"photos {role}: {digest}" for role, digest in found["records"].items()),
-        f"seed {found['seed']}",
-    ]
-    text = "".join(f"# {line}\n" for line in head)
-    text += yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=128)
-    with atomic_file(model) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-
-
-def _findings(path: str | Path) -> dict[str, Any]:
-    """What a diagnosis has left.
-
-    Raises:
-        InputError: It is damaged.
-    """
-    found = read_json(path)
-    missing = [key for key in ("verdict", "sentence", "amended", "records", "seed") if key not in found]
-    if missing:
-        raise InputError(path, f"it has no '{missing[0]}'", "Diagnose the photos again")
-    return found

@@ -1,12 +1,14 @@
-"""From findings about the simulated arm to the simulation's model file: `arm.delay`, `arm.stiffness` and so on.
+"""From findings about arm, object and camera to the simulation's model file.
 
-The file has one place for each figure. What a finding says and the file cannot express is refused by name, since a policy would
-otherwise learn in a world of which nobody knows what it holds.
+What has a figure of its own there (`arm.delay`, `contact.table.friction`) changes it; all else joins the list `effects`, always
+in the order arm, object, camera, so that it does not matter what was found first. What the simulation cannot play is refused by
+name, with what to do instead, since a policy would otherwise learn in a world of which nobody knows what it holds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import copy
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +33,18 @@ _OF_ARM = {"command_delay": ("time", "delay"), "gravcomp": ("change", "gravity_c
 _FIGURES = {"stiffness": "stiffness", "damping": "damping"}
 _LOSSES = {"armature": "armature", "viscous": "viscous_friction"}
 
+_OF_BODY = {
+    "contact_friction": ("contact", "table", "friction"),
+    "restitution": ("contact", "table", "restitution"),
+    "rolling_friction": ("contact", "table", "rolling_friction"),
+    "spinning_friction": ("contact", "table", "spinning_friction"),
+    "gravity_scale": ("gravity",),
+}
+"""Effect of a thrown body: the figure that takes what the body's own figure becomes."""
+
+_FROM_ZERO = ("linear_damping", "angular_damping", "steady_force", "table_height", "table_tilt")
+"""Effects on figures that are zero in the simulation, whatever they were in the body's model."""
+
 _DIGITS = 6
 
 
@@ -46,7 +60,7 @@ def amended_content(nominal: Mapping[str, Any], arm: Mapping[str, Any], source: 
         The content, and sentences about figures of the calibration that it has no place for.
 
     Raises:
-        InputError: An effect has no place in the simulation's model, or a figure is out of its range.
+        InputError: The simulation cannot play an effect, or a figure is out of its range.
     """
     out = {key: dict(value) if isinstance(value, Mapping) else value for key, value in nominal.items()}
     figures = out["arm"]
@@ -57,6 +71,9 @@ def amended_content(nominal: Mapping[str, Any], arm: Mapping[str, Any], source: 
     figures["gravity_compensation"] = float(arm["controller"]["gravity_compensation"])
     figures["delay"] = 0.0
     joints = list(arm["joints"])
+    # The arm's model holds the effects on joints that the simulation had before, too.
+    kept = [one.record() for one in parse_model(nominal, str(source)).effects_on("body", "camera")]
+    added: list[Any] = []
     for effect in arm.get("effects") or []:
         name, joint, values = effect["name"], effect.get("joint", ""), effect["parameters"]
         if name in _OF_ARM:
@@ -67,13 +84,7 @@ def amended_content(nominal: Mapping[str, Any], arm: Mapping[str, Any], source: 
             k = joints.index(joint)
             figures[place][k] = figures[place][k] * (1.0 + values[key]) if scales else figures[place][k] + values[key]
         else:
-            known = ", ".join(sorted({*_OF_ARM, *_OF_JOINTS}))
-            where = f" of joint '{joint}'" if joint else ""
-            raise InputError(
-                source,
-                f"the simulation's model has no place for '{name}'{where}",
-                f"It can take: {known}; add others to gsbridge.sim",
-            )
+            added.append(effect)
     for name, value in figures.items():
         figures[name] = [round(float(v), _DIGITS) for v in value] if isinstance(value, list) else round(float(value), _DIGITS)
     left = []
@@ -81,8 +92,37 @@ def amended_content(nominal: Mapping[str, Any], arm: Mapping[str, Any], source: 
     if any(dry):
         listed = ", ".join(f"{value:.2g}" for value in dry)
         left.append(f"Coulomb friction of the joints ({listed} N m) was calibrated and is not simulated")
-    parse_model(out, str(source))
-    return out, left
+    out["effects"] = [*added, *kept]
+    return ordered(out, source), left
+
+
+def ordered(content: dict[str, Any], source: str | Path) -> dict[str, Any]:
+    """Content of the simulation's model with its effects in the order arm, object, camera.
+
+    Args:
+        content: Of the model.
+        source: Where it comes from, for messages.
+
+    Raises:
+        InputError: The simulation cannot play an effect, or a figure is out of its range.
+    """
+    model = parse_model(content, str(source))
+    effects = [*model.effects_on("joint", "mechanism"), *model.effects_on("body"), *model.effects_on("camera")]
+    return {**content, "effects": [effect.record() for effect in effects]}
+
+
+def write_amended(out: str | Path, content: Mapping[str, Any], head: Sequence[str]) -> None:
+    """Write an amended model below what it rests on.
+
+    Args:
+        out: The model.
+        content: What it holds.
+        head: Lines of its head.
+    """
+    text = "".join(f"# {line}\n" for line in head)
+    text += yaml.safe_dump(dict(content), sort_keys=False, default_flow_style=None, width=128)
+    with atomic_file(out) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 def amend_simulation(
@@ -103,10 +143,7 @@ def amend_simulation(
         InputError: A finding has no place in the simulation's model.
     """
     found = read_json(findings)
-    if not found["amended"]:
-        raise StageError(
-            "amend_simulation", f"the diagnosis named nothing ({found['verdict']}): {found['sentence']}", f"See {findings}"
-        )
+    _require_named("amend_simulation", found, findings)
     before, after = read_yaml(nominal, "model", "models/nominal.yaml"), read_yaml(arm, "model", "docs/gap.md")
     content, left = amended_content(before, after, arm)
     changed = {name: {"before": before["arm"][name], "after": value} for name, value in content["arm"].items()}
@@ -118,11 +155,7 @@ def amend_simulation(
         *(f"record {role}: {digest}" for role, digest in found["records"].items()),
         f"seed {found['seed']}; details: {Path(record).name}",
     ]
-    text = "".join(f"# {line}\n" for line in head) + yaml.safe_dump(
-        content, sort_keys=False, default_flow_style=None, width=128
-    )
-    with atomic_file(model) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_amended(model, content, head)
     write_stage(
         record,
         reasons=left,
@@ -139,3 +172,118 @@ def amend_simulation(
         calibrated_on=read_json(calibration)["records"],
         seed=found["seed"],
     )
+
+
+def object_content(nominal: Mapping[str, Any], found: Mapping[str, Any], source: str | Path) -> dict[str, Any]:
+    """Content of the simulation's model with everything that was found about a thrown object.
+
+    Coefficients, gravity, losses, and height and tilt of the table become those that were found, whatever the model of the
+    throws said before. Shares of mass and inertia, and how far the centre of mass is moved, are taken to hold of the asset.
+
+    Args:
+        nominal: Content of the simulation's model.
+        found: Findings about the throws.
+        source: The findings, for messages.
+
+    Raises:
+        InputError: The simulation cannot play an effect, or a figure is out of its range.
+    """
+    out = copy.deepcopy(dict(nominal))
+    out["effects"] = list(out.get("effects") or [])
+    rows = {item["name"]: item["parameters"] for item in found["effects"]}
+    for named in found["amended"]:
+        name = named["name"]
+        if name in _OF_BODY:
+            *sections, key = _OF_BODY[name]
+            place = out
+            for section in sections:
+                place = place[section]
+            (row,) = rows[name].values()
+            place[key] = round(float(row["becomes"]), _DIGITS)
+        elif name == "object_mass":
+            out["object"]["mass"] = round(out["object"]["mass"] * (1.0 + named["parameters"]["share"]), _DIGITS)
+        elif name in _FROM_ZERO:
+            values = {key: float(row["becomes"]) for key, row in rows[name].items()}
+            out["effects"] = [one for one in out["effects"] if one["name"] != name] + [{"name": name, "parameters": values}]
+        else:
+            out["effects"].append(dict(named))
+    return ordered(out, source)
+
+
+def amend_object(nominal: str | Path, findings: str | Path, model: str | Path) -> None:
+    """Write the simulation's model with what was found about a thrown object.
+
+    Args:
+        nominal: The simulation's model as it was.
+        findings: What was found.
+        model: The amended model; the evidence stands in its head.
+
+    Raises:
+        StageError: Nothing was named, so that there is nothing to amend.
+        InputError: The simulation cannot play a finding, or a file is damaged.
+    """
+    found = _findings(findings)
+    _require_named("amend_object", found, findings)
+    content = object_content(read_yaml(nominal, "model", "models/nominal.yaml"), found, findings)
+    head = [
+        f"Amended by the gap of throws; made from {Path(nominal).name} and not to be edited.",
+        found["sentence"],
+        *(f"throws {role}: {digest}" for role, digest in found["records"].items()),
+        f"seed {found['seed']}",
+    ]
+    write_amended(model, content, head)
+
+
+def amend_camera(nominal: str | Path, findings: str | Path, model: str | Path, reference: str | Path | None = None) -> None:
+    """Write the simulation's model with the image effects that were named: a policy that learns with it sees them.
+
+    Args:
+        nominal: The simulation's model as it was.
+        findings: `findings.json`.
+        model: The amended model; the evidence stands in its head.
+        reference: `findings.json` of further photos of the first day, in which nothing may be found.
+
+    Raises:
+        StageError: Nothing was named, or something was found in photos of one day.
+        InputError: An episode's pictures cannot have a named effect, or a file is damaged.
+    """
+    found, content = _findings(findings), read_yaml(nominal, "model", "models/nominal.yaml")
+    parse_model(content, str(nominal))
+    if reference is not None and _findings(reference)["verdict"] != "no_discrepancy":
+        raise StageError(
+            "amend_camera",
+            f"photos of one day differ: {_findings(reference)['sentence']}",
+            f"Take them again, or more of them; see {reference}",
+        )
+    _require_named("amend_camera", found, findings)
+    content = ordered({**content, "effects": [*content["effects"], *found["amended"]]}, findings)
+    head = [
+        f"Amended by the gap of pictures; made from {Path(nominal).name} and not to be edited.",
+        found["sentence"],
+        *(f"photos {role}: {digest}" for role, digest in found["records"].items()),
+        f"seed {found['seed']}",
+    ]
+    write_amended(model, content, head)
+
+
+def _findings(path: str | Path) -> dict[str, Any]:
+    """What a diagnosis has left.
+
+    Raises:
+        InputError: It is damaged.
+    """
+    found = read_json(path)
+    missing = [key for key in ("verdict", "sentence", "amended", "records", "seed") if key not in found]
+    if missing:
+        raise InputError(path, f"it has no '{missing[0]}'", "Diagnose again")
+    return found
+
+
+def _require_named(stage: str, found: Mapping[str, Any], findings: str | Path) -> None:
+    """Refuse findings that name nothing.
+
+    Raises:
+        StageError: They name nothing.
+    """
+    if not found["amended"]:
+        raise StageError(stage, f"the diagnosis named nothing ({found['verdict']}): {found['sentence']}", f"See {findings}")
