@@ -8,13 +8,17 @@ from pathlib import Path
 
 ROOT = Path(workflow.basedir)
 sys.path.insert(0, str(ROOT))
+# Jobs run the code that the digests tell about, whichever copy of the package is installed.
+os.environ["PYTHONPATH"] = os.pathsep.join(
+    dict.fromkeys([str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)])
+).rstrip(os.pathsep)
 
 from gsbridge.configuration import (
     check_asked,
     check_capture,
     check_configuration,
 )
-from gsbridge.digests import code_digest, kernel_digest, package_digest
+from gsbridge.digests import code_digest, kernel_digest, script_digest
 from gsbridge.errors import InputError
 
 check_configuration(config)
@@ -254,10 +258,10 @@ def asset_settings(wildcards):
     return {**ASSET, "density": config["scenes"][wildcards.scene]["density"]}
 
 
-def state_folder(rule, item, *key):
+def state_folder(script, item, *key):
     """Undeclared folder of a long job's checkpoint: another code, setting or seed finds another folder."""
-    digest = hashlib.sha256(repr(key).encode()).hexdigest()[:12]
-    return f"results/.state/{rule}/{item}-{digest}"
+    key = repr((script_digest(script), *key))
+    return f"results/.state/{script}/{item}-{hashlib.sha256(key.encode()).hexdigest()[:12]}"
 
 
 def film_settings(wildcards):
@@ -271,7 +275,6 @@ def film_state(wildcards):
     return state_folder(
         "film_scene",
         wildcards.scene,
-        package_digest("gsbridge.reality.mirror"),
         film_settings(wildcards),
         SEED,
     )
@@ -283,7 +286,6 @@ def training_state(wildcards):
     return state_folder(
         "train_splats",
         item,
-        code_digest("gsbridge.splats.stage"),
         splat_settings(wildcards),
         SEED,
     )
