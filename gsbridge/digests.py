@@ -72,8 +72,8 @@ def _tree(module: str) -> ast.Module:
 
 @functools.cache
 def _code(module: str) -> bytes:
-    """What counts of a module. Most rules share most of their modules: to write each out anew took half of a dry run."""
-    return ast.dump(_tree(module)).encode()
+    """Digest of what counts of a module; kept, as most rules share most of their modules."""
+    return hashlib.sha256(ast.dump(_tree(module)).encode()).digest()
 
 
 def _data_files(folder: Path) -> Iterator[Path]:
@@ -91,12 +91,12 @@ def _data_files(folder: Path) -> Iterator[Path]:
 
 @functools.cache
 def _data(module: str) -> bytes:
-    """Names and contents of the files that belong to a package; nothing for a module that is none."""
-    path = module_file(module)
-    if path is None or path.name != "__init__.py":
-        return b""
-    parts = (f"{file.relative_to(path.parent)}".encode() + b"\0" + file.read_bytes() for file in _data_files(path.parent))
-    return b"\0".join(parts)
+    """Digest of the files that belong to a package, names and contents; that of nothing for a module that is none."""
+    path, digest = module_file(module), hashlib.sha256()
+    if path is not None and path.name == "__init__.py":
+        for file in _data_files(path.parent):
+            digest.update(f"{file.relative_to(path.parent)}\0".encode() + hashlib.sha256(file.read_bytes()).digest())
+    return digest.digest()
 
 
 def _parents(module: str) -> list[str]:
@@ -130,8 +130,13 @@ def direct_imports(module: str) -> frozenset[str]:
 
 def import_closure(modules: Iterable[str]) -> frozenset[str]:
     """All modules of the checkout that the given ones import, directly or not, with the given ones."""
+    return frozenset().union(*(_closure(module) for module in modules))
+
+
+@functools.cache
+def _closure(root: str) -> frozenset[str]:
     closure: set[str] = set()
-    waiting = list(modules)
+    waiting = [root]
     while waiting:
         module = waiting.pop()
         if module in closure or module in WITHOUT_EFFECT:
