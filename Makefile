@@ -3,7 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
-SNAKEMAKE := $(BIN)/snakemake
+# snakemake, which goes on by itself after a run that was killed.
+SNAKEMAKE := $(BIN)/gsbridge run
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 # PyPI's torch for Linux brings gigabytes of CUDA; PyTorch's own index also has it without. Empty for a machine with a GPU.
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
