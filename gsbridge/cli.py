@@ -89,12 +89,23 @@ def _add_run(commands: Any) -> None:
     )
     run.add_argument("arguments", nargs="*", help="as on snakemake's command line")
     run.set_defaults(run=_run)
+    status = commands.add_parser(
+        "status", help="where the workflow stands: jobs left, time, degraded stages", prefix_chars="\0", add_help=False
+    )
+    status.add_argument("arguments", nargs="*", help="as on snakemake's command line")
+    status.set_defaults(run=_status)
 
 
 def _run(options: argparse.Namespace) -> int:
     from gsbridge.workflow_lock import start_workflow
 
     return start_workflow(options.arguments)
+
+
+def _status(options: argparse.Namespace) -> int:
+    from gsbridge.run_status import print_status
+
+    return print_status(options.arguments)
 
 
 def _add_run_policy(commands: Any) -> None:

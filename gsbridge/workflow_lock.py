@@ -21,8 +21,8 @@ from gsbridge.errors import InputError
 _PASSIVE = frozenset(
     {
         "-n", "--dry-run", "--dryrun", "--dag", "--rulegraph", "--filegraph", "--d3dag", "--summary", "-S",
-        "--detailed-summary", "-D", "--lint", "--list-rules", "--list", "-l", "--list-target-rules", "--lt", "--report", "--unlock",
-        "--help", "-h", "--version", "-v", "--archive", "--generate-unit-tests",
+        "--detailed-summary", "-D", "--lint", "--list-rules", "--list", "-l", "--list-target-rules", "--lt", "--report",
+        "--unlock", "--help", "-h", "--version", "-v", "--archive", "--generate-unit-tests",
     }
 )  # fmt: skip
 """Arguments with which snakemake runs no job and locks nothing."""
