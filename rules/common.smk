@@ -3,15 +3,17 @@
 import hashlib
 import os
 import re
+import shlex
 import sys
 from pathlib import Path
 
 ROOT = Path(workflow.basedir)
 sys.path.insert(0, str(ROOT))
 # Jobs run the code that the digests tell about, whichever copy of the package is installed.
-os.environ["PYTHONPATH"] = os.pathsep.join(
-    dict.fromkeys([str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)])
-).rstrip(os.pathsep)
+searched = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+os.environ.update(
+    PYTHONPATH=os.pathsep.join(filter(None, dict.fromkeys([str(ROOT), *searched])))
+)
 
 from gsbridge.configuration import (
     check_asked,
@@ -39,6 +41,16 @@ TRIALS = {
     for cell in reversed(CELLS)
 }
 BINDINGS = ["games", "soft", "refined", "unbound"]
+
+
+def program(name):
+    """Parameter: call of a program of `benchmarks/` by the interpreter that runs snakemake.
+
+    The one on the path may belong to another environment. As a function of outputs, it is not recorded: a folder that
+    was moved reruns nothing.
+    """
+    command = shlex.join([sys.executable, str(ROOT / f"benchmarks/{name}.py")])
+    return lambda wildcards, output: command
 
 
 def file_digest(path):

@@ -127,11 +127,12 @@ rule diagnose_real_logs:
         runtime="60m",
     params:
         code=code_digest("benchmarks.gap_measured"),
+        program=program("gap_measured"),
         measured=os.environ.get("GSBRIDGE_MEASURED", ""),
     message:
         "Diagnose tosses of a real cube and a real pendulum"
     shell:
-        "{sys.executable:q} {ROOT:q}/benchmarks/gap_measured.py --measured {params.measured:q} --only tosses pendulum"
+        "{params.program} --measured {params.measured:q} --only tosses pendulum"
         " --output {output.figures} > {log} 2>&1"
 
 

@@ -62,11 +62,11 @@ rule benchmark_rasterizer:
     threads: workflow.cores
     params:
         code=code_digest("benchmarks.rasterizer"),
+        program=program("rasterizer"),
     message:
         "Time the rasteriser"
     shell:
-        # The interpreter that runs snakemake: the one on the path may belong to another environment.
-        "{sys.executable:q} {ROOT:q}/benchmarks/rasterizer.py --json > {output.benchmark} 2> {log}"
+        "{params.program} --json > {output.benchmark} 2> {log}"
 
 
 rule score_real2sim:

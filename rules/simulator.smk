@@ -107,10 +107,11 @@ rule benchmark_environment:
     threads: workflow.cores
     params:
         code=code_digest("benchmarks.environment"),
+        program=program("environment"),
     message:
         "Time the environment"
     shell:
-        "{sys.executable:q} {ROOT:q}/benchmarks/environment.py --item {input.item} --background {input.background}"
+        "{params.program} --item {input.item} --background {input.background}"
         " --robot-splats {input.robot_splats} --light {input.light} --output {output.benchmark} > {log} 2>&1"
 
 

@@ -211,7 +211,7 @@ def rules():
 @pytest.mark.parametrize(("name", "text"), rules(), ids=[name for name, _ in rules()])
 def test_every_rule_carries_the_digest_of_what_it_runs(name, text):
     script = re.search(r'script:\s+"\.\./scripts/(\w+)\.py"', text)
-    program = re.search(r"\{ROOT:q\}/benchmarks/(\w+)\.py", text)
+    program = re.search(r'program=program\("(\w+)"\)', text)
     if script:
         assert f'code=script_digest("{script[1]}"),' in text
     elif program:
