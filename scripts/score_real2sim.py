@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.scores.measured_real2sim import write_real2sim_figures
+from gsbridge.report.scores.measured_scenes import write_real2sim_figures
 from gsbridge.report.scores.score import current_commit, write_scores
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.scores.measured_simulator import write_simulator_figures
+from gsbridge.report.scores.measured_scenes import write_simulator_figures
 from gsbridge.report.scores.score import current_commit, write_scores
 
 if TYPE_CHECKING:

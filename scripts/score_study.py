@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.scores.measured_study import write_study_figures
+from gsbridge.report.scores.measured_policies import write_study_figures
 from gsbridge.report.scores.score import current_commit, write_scores
 
 if TYPE_CHECKING:

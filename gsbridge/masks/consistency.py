@@ -49,7 +49,7 @@ def hull_of_masks(
         return None
     spacing = float((prompt.high - prompt.low).max()) / voxels
     ground = _GROUND * prompt.distance
-    grid = Grid.covering([prompt.low[0], prompt.low[1], ground], prompt.high, spacing)
+    grid = Grid.covering(np.array([prompt.low[0], prompt.low[1], ground]), prompt.high, spacing)
     field = carve(grid, silhouettes, vote=vote, min_views=min(3, len(silhouettes)), threads=threads)
     field = largest_component(field, (prompt.points - grid.origin) / spacing)
     mesh = mesh_of_field(grid, field)

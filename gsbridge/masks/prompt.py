@@ -122,7 +122,7 @@ def find_object(views: Sequence[View], sparse: SparsePoints, height_share: float
     chosen = points[group]
     if len(chosen) > 30:
         # Lone points (wrong matches) would stretch the box: a good point has company.
-        company = cKDTree(chosen).query(chosen, k=4)[0][:, -1]
+        company = np.asarray(cKDTree(chosen).query(chosen, k=4)[0])[:, -1]
         chosen = chosen[company < max(4.0 * float(np.median(company)), 0.02 * distance)]
     if len(chosen) < min_points:
         raise StageError("masks", f"only {len(chosen)} points lie on the object, {min_points} are needed", advice)

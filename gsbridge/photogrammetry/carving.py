@@ -19,7 +19,7 @@ from skimage.measure import marching_cubes
 
 from gsbridge.cameras import Camera
 from gsbridge.geometry import Array
-from gsbridge.kernels import njit
+from gsbridge.kernels import Real, njit
 from gsbridge.meshes import Mesh
 
 _COARSE = 4
@@ -82,7 +82,21 @@ def signed_distances(mask: Array) -> Array:
 
 
 @njit(nogil=True)
-def _carve_slab(origin, spacing, begin, end, wanted, images, sizes, projections, focals, share, least, unseen, out):  # type: ignore[no-untyped-def]
+def _carve_slab(
+    origin: Array,
+    spacing: float,
+    begin: int,
+    end: int,
+    wanted: Array,
+    images: Array,
+    sizes: Array,
+    projections: Array,
+    focals: Array,
+    share: float,
+    least: int,
+    unseen: Real,
+    out: Array,
+) -> None:
     """Quantile of the signed distances for x layers `begin`..`end`; see `carve`. `projections` [V, 3, 4] map to pixels."""
     views = images.shape[0]
     keep = int(share * views) + 1
@@ -155,13 +169,15 @@ def carve(
 
     def run(part: Grid, wanted: Array, out: Array) -> None:
         layers = np.linspace(0, part.shape[0], 4 * threads + 1).astype(int) if threads > 1 else np.array([0, part.shape[0]])
-        fixed = (images, sizes, projections, focals, 1.0 - vote, min_views, np.float32(-grid.spacing))
+
+        def sample(begin: int, end: int) -> None:
+            _carve_slab(
+                part.origin, part.spacing, begin, end, wanted, images, sizes, projections, focals,
+                1.0 - vote, min_views, np.float32(-grid.spacing), out,
+            )  # fmt: skip
+
         with ThreadPoolExecutor(threads) as pool:
-            jobs = [
-                pool.submit(_carve_slab, part.origin, part.spacing, a, b, wanted, *fixed, out)
-                for a, b in zip(layers[:-1], layers[1:], strict=True)
-                if b > a
-            ]
+            jobs = [pool.submit(sample, a, b) for a, b in zip(layers[:-1], layers[1:], strict=True) if b > a]
             for job in jobs:
                 job.result()
 
@@ -234,7 +250,7 @@ def mesh_of_field(grid: Grid, field: Array) -> Mesh | None:
 
 
 @njit(nogil=True)
-def _rasterise(pixels, depths, faces, out):  # type: ignore[no-untyped-def]
+def _rasterise(pixels: Array, depths: Array, faces: Array, out: Array) -> None:
     """Nearest depth per pixel centre; 1/z is linear over the image of a triangle."""
     height, width = out.shape
     for f in range(faces.shape[0]):

@@ -23,7 +23,7 @@ _REMEDY = "Export the model again from COLMAP (cameras, images and points3D, all
 _PARTS = ("cameras", "images", "points3D")
 
 
-def camera_from_colmap(camera: pycolmap.Camera, source: str | Path) -> Camera:
+def camera_from_colmap(camera: pycolmap.Camera | None, source: str | Path) -> Camera:
     """Turn a COLMAP camera into ours.
 
     Args:
@@ -31,8 +31,10 @@ def camera_from_colmap(camera: pycolmap.Camera, source: str | Path) -> Camera:
         source: Where it comes from, for the error.
 
     Raises:
-        InputError: The camera model has more distortion terms than k1, k2, p1, p2, or is a fisheye.
+        InputError: There is no camera, or its model has more distortion terms than k1, k2, p1, p2, or is a fisheye.
     """
+    if camera is None:
+        raise InputError(source, "an image of the COLMAP model has no camera", "Export the model again")
     name = camera.model.name
     p = [float(value) for value in camera.params]
     if name == "SIMPLE_PINHOLE":

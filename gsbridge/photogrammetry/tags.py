@@ -99,7 +99,7 @@ def scale_standard_error(source: Array, target: Array, seed: int, rounds: int = 
     if len(source) < 4:
         return float("nan")
     rng = np.random.default_rng(seed)
-    scales = []
+    scales: list[float] = []
     while len(scales) < rounds:
         pick = rng.integers(0, len(source), len(source))
         # Two tags fix a scale, but three keep one of them from deciding alone.

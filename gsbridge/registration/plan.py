@@ -71,7 +71,8 @@ def plan_poses(
     camera_from_base = np.linalg.inv(links["flange"] @ flange_from_camera)
     camera_from_tool = camera_from_base @ links["tool"]
     hand = _hand((camera_from_base @ links["palm"])[:3, 3], camera_from_tool[:3, 3])
-    found, views = [], []
+    found: list[Array] = []
+    views: list[Array] = []
     for _ in range(tries):
         if len(found) == _CHOICE * count:
             break

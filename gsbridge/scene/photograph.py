@@ -105,7 +105,8 @@ class Photographer:
         middle = time - shooting.delay
         # Middles of equal parts of the exposure.
         span = (np.arange(EXPOSURES) + 0.5) / EXPOSURES - 0.5 if shooting.exposure_time else np.zeros(1)
-        light, depths = np.float32(0.0), np.zeros(0)
+        light: Array = np.zeros(1, np.float32)
+        depths: Array = np.zeros(0)
         for k, offset in enumerate(span):
             seen, depth = self._shutter(track, middle + float(offset) * shooting.exposure_time, shooting, camera)
             light = light + seen / np.float32(len(span))

@@ -83,7 +83,7 @@ def solve(matches: Sequence[Match], size: tuple[int, int]) -> tuple[Camera, floa
         # OpenCV has pixel centres at integers, we at +0.5.
         pixels = [(p - 0.5).astype(np.float32) for _, p in kept]
         criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-10)
-        rms, k, distortion, _, _, _, _, errors = cv2.calibrateCameraExtended(
+        rms, k, distortion, _, _, _, _, errors = cv2.calibrateCameraExtended(  # type: ignore[call-overload]  # None asks OpenCV for a first guess of its own
             boards, pixels, size, None, None, flags=cv2.CALIB_FIX_K3, criteria=criteria
         )
         errors = errors.ravel()

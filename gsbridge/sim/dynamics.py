@@ -18,7 +18,7 @@ from gsbridge.sim.arm_setup import play_drives, rub_joints, sense, shape_command
 
 
 @njit(nogil=True)
-def arm_inertia(a: Array) -> None:
+def arm_inertia(a: np.record) -> None:
     """Joint-space inertia of the arm and the torques that hold its weight, by composite bodies about the base's origin.
 
     Args:

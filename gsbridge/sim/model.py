@@ -35,7 +35,7 @@ class Range(NamedTuple):
     unit: str
     low: float
     high: float
-    count: int = 0
+    length: int = 0
 
 
 @dataclass(frozen=True)
@@ -274,15 +274,15 @@ def _section(kind: type, content: Any, prefix: str, source: str, **known: Any) -
         if item.name not in content:
             raise InputError(source, f"the key '{key}' is missing", "A model states every value; see models/nominal.yaml")
         value, kind_of = content[item.name], hints[item.name]
-        if is_dataclass(kind_of):
+        if isinstance(kind_of, type) and is_dataclass(kind_of):
             values[item.name] = _section(kind_of, value, key + ".", source)
             continue
-        unit, low, high, count = kind_of.__metadata__[0]
-        if not count:
+        unit, low, high, length = kind_of.__metadata__[0]
+        if not length:
             values[item.name] = checked_number(value, low, high, key, unit, source)
             continue
-        if not isinstance(value, list) or len(value) != count:
-            raise InputError(source, f"'{key}' is no list of {count} numbers", "Give one number per joint, base first")
+        if not isinstance(value, list) or len(value) != length:
+            raise InputError(source, f"'{key}' is no list of {length} numbers", "Give one number per joint, base first")
         values[item.name] = tuple(
             checked_number(number, low, high, f"{key}[{i}]", unit, source) for i, number in enumerate(value)
         )

@@ -27,7 +27,7 @@ from gsbridge.gap.benchmark.mechanisms import MechanismSite, axis_plant, mechani
 from gsbridge.gap.benchmark.mujoco_truth import MujocoTruth
 from gsbridge.gap.benchmark.photo_baselines import run_photo_baseline
 from gsbridge.gap.benchmark.photo_cases import photo_closure, read_photos, write_photos
-from gsbridge.gap.benchmark.score import score, score_findings, wilson
+from gsbridge.gap.benchmark.score import rate, score, score_findings
 from gsbridge.gap.benchmark.trajectories import course
 from gsbridge.gap.benchmark.twins import twins_of
 from gsbridge.gap.benchmark.verdicts import JudgedCase
@@ -35,7 +35,7 @@ from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.mechanism.setup import smoothed
-from gsbridge.report.tables.statistics import wilson_interval
+from gsbridge.statistics import wilson_interval
 
 TRUTHS = ("axis_truth", "axis_motion", "mujoco_truth", "bullet_truth", "arm_loop", "trajectories", "noises")
 
@@ -313,7 +313,8 @@ def test_figures_of_a_few_verdicts():
         said("named", ["a", "c"], hidden=("a", "b")),
     ]
     figures = score(cases)
-    assert figures["named_right"] == {"value": 1 / 3, "n": 3, **dict(zip(("ci95_low", "ci95_high"), wilson(1, 3), strict=True))}
+    low, high = wilson_interval(1, 3)
+    assert figures["named_right"] == {"value": 1 / 3, "n": 3, "ci95_low": low, "ci95_high": high}
     assert figures["named_wrong"]["value"] == pytest.approx(1 / 3)
     assert figures["false_alarm"]["value"] == 0.0
     assert figures["unknown_abstained"]["value"] == 1.0
@@ -332,9 +333,15 @@ def test_sets_that_are_one_equation_count_as_found_and_other_ambiguous_ones_do_n
         assert score([case])["set_f1"]["value"] == value
 
 
-def test_wilson_interval_equals_that_of_the_reports():
+def test_rates_have_wilsons_interval_in_closed_form():
+    z = 1.959964
     for successes, total in ((81, 263), (0, 20), (150, 150)):
-        assert wilson(successes, total, 1.959964) == pytest.approx(wilson_interval(successes, total), abs=1e-6)
+        share, root = successes / total, z * (successes * (total - successes) / total + z * z / 4) ** 0.5
+        expected = [(successes + z * z / 2 + sign * root) / (total + z * z) for sign in (-1, 1)]
+        found = rate(successes, total)
+        assert found["value"] == share
+        assert [found["ci95_low"], found["ci95_high"]] == pytest.approx(expected, abs=1e-6)
+    assert rate(0, 0) == {"value": None, "n": 0, "ci95_low": 0.0, "ci95_high": 1.0}
 
 
 @pytest.mark.parametrize("engine", [BulletTruth, MujocoTruth])

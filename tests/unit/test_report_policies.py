@@ -21,9 +21,8 @@ from gsbridge.report.tables.failures import write_failure_rows
 from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SCENARIOS, PAPER_SUCCESS
 from gsbridge.report.tables.result_paths import Cell
 from gsbridge.report.tables.rows import read_rows
-from gsbridge.report.tables.success import p_text, percent, success_tables
+from gsbridge.report.tables.success import overviews, p_text, percent, read_counts, standard_cells, success_tables
 from gsbridge.report.tables.success_rows import write_success_rows
-from gsbridge.report.tables.success_summary import overviews, read_counts, standard_cells
 from gsbridge.report.tables.training import write_training_rows
 from gsbridge.report.tables.world_variants import write_further
 

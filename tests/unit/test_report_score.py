@@ -13,11 +13,19 @@ from gsbridge.files import read_json, write_json
 from gsbridge.geometry import Similarity
 from gsbridge.images import write_image
 from gsbridge.meshes import Mesh
-from gsbridge.report.scores.measured_real2sim import rasterizer_figures, rendering_figures, write_real2sim_figures
+from gsbridge.report.scores.measured_scenes import rasterizer_figures, rendering_figures, write_real2sim_figures
 from gsbridge.report.scores.results_page import write_results_page
-from gsbridge.report.scores.scene import camera_scores, chamfer, sample_surface, score_scene, surface_distance, table_scores
+from gsbridge.report.scores.scene import (
+    camera_scores,
+    chamfer,
+    mask_iou,
+    sample_surface,
+    score_scene,
+    surface_distance,
+    table_scores,
+    undistort_mask,
+)
 from gsbridge.report.scores.score import read_floors, score_figure, write_scores
-from gsbridge.report.scores.truth import mask_iou, undistort_mask
 from gsbridge.report.tables.rendering_rows import COLUMNS
 from gsbridge.report.tables.rows import write_rows
 

@@ -7,7 +7,7 @@ from test_report_score import FLOORS
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
 from gsbridge.report.figures.eye_in_hand import COLUMNS
-from gsbridge.report.scores.measured_simulator import (
+from gsbridge.report.scores.measured_scenes import (
     environment_figures,
     eye_in_hand_figures,
     trial_figures,

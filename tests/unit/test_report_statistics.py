@@ -15,8 +15,8 @@ from gsbridge.report.tables.statistics import (
     mean_relative_drop,
     pearson,
     relative_change,
-    wilson_interval,
 )
+from gsbridge.statistics import wilson_interval
 
 COUNTS = st.integers(1, 300).flatmap(lambda trials: st.tuples(st.integers(0, trials), st.just(trials)))
 RATES = st.lists(st.tuples(st.integers(0, 32), st.integers(0, 32)), min_size=2, max_size=9)

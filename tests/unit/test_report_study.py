@@ -7,7 +7,7 @@ from scipy.stats import binomtest
 
 from gsbridge.errors import InputError
 from gsbridge.report.figures.study import write_study
-from gsbridge.report.scores.measured_study import study_figures
+from gsbridge.report.scores.measured_policies import study_figures
 from gsbridge.report.tables.result_paths import Cell
 from gsbridge.report.tables.rows import read_rows
 

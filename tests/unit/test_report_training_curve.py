@@ -9,8 +9,7 @@ from gsbridge.files import write_stage
 from gsbridge.policy.curve import COLUMNS, write_curve
 from gsbridge.report.recordings.recording import read_recording
 from gsbridge.report.recordings.tensorboard import write_events
-from gsbridge.report.recordings.training import GROUPS, record_training
-from gsbridge.report.tables.curves import read_curve
+from gsbridge.report.recordings.training import GROUPS, read_curve, record_training
 
 ROWS = [{name: 100.0 * k + n for n, name in enumerate(COLUMNS)} | {"alpha": None} for k in range(3)]
 

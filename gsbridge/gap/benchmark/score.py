@@ -11,6 +11,7 @@ import numpy as np
 
 from gsbridge.files import read_json
 from gsbridge.gap.benchmark.verdicts import OUTCOMES, JudgedCase, read_verdicts
+from gsbridge.statistics import wilson_interval
 
 LARGE = 5.0
 """Units from which on naming counts."""
@@ -19,22 +20,9 @@ _BINS = (0.0, 0.5, 0.8, 0.95, 1.0)
 """Edges of the stated probabilities of being best."""
 
 
-def wilson(successes: int, total: int, deviations: float = 1.96) -> tuple[float, float]:
-    """95 % interval of a rate.
-
-    Source: Wilson, Journal of the American Statistical Association 22, 1927.
-    """
-    if total == 0:
-        return 0.0, 1.0
-    share, square = successes / total, deviations**2
-    middle = (share + square / (2 * total)) / (1 + square / total)
-    half = deviations * np.sqrt(share * (1 - share) / total + square / (4 * total**2)) / (1 + square / total)
-    return float(max(middle - half, 0.0)), float(min(middle + half, 1.0))
-
-
 def rate(successes: int, total: int) -> dict[str, Any]:
     """A rate with count and interval; no value where nothing was counted."""
-    low, high = wilson(successes, total)
+    low, high = wilson_interval(successes, total) if total else (0.0, 1.0)
     return {"value": successes / total if total else None, "n": total, "ci95_low": low, "ci95_high": high}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import zipfile
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gsbridge.digests import code_digest
 from gsbridge.effects.registry import Applied
 from gsbridge.files import atomic_file
 from gsbridge.gap.joints.candidates import Candidate
@@ -28,10 +30,6 @@ _COARSE = 2.0
 
 _LARGEST = 2e4
 """Multiple of the typical size beyond which nothing is looked for."""
-
-
-_EDITION = 2
-"""Raised when an effect's simulation changes, so that no signature of the old one is read."""
 
 
 @dataclass(frozen=True)
@@ -124,11 +122,17 @@ def _along(
     return out, factor if out else begin
 
 
+@functools.cache
+def _edition() -> str:
+    """Digest of the code that makes a bank, effects and simulation included: no signature that other code made is read."""
+    return code_digest(__name__)
+
+
 def signature_bank(view: JointResiduals, who: Sequence[Candidate], folder: str | Path) -> SignatureBank:
     """The bank of a view, from `folder` where an equal one was made before."""
     # Noise sets sizes only, where a factor of two does not matter: in coarse steps, cases of one sensor share a bank.
     steps = np.round(np.log2(view.sigma) / _COARSE)
-    key = hashlib.sha256(f"{_EDITION}{view.digest()}".encode())
+    key = hashlib.sha256(f"{_edition()}{view.digest()}".encode())
     for candidate in who:
         effect = candidate.effect
         key.update(f"{candidate}{effect.parameters}{effect.directions()}{effect.sizes}".encode())

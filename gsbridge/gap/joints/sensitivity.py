@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gsbridge.digests import code_digest
 from gsbridge.files import atomic_file
 from gsbridge.gap.formats.records import TOOL, Record
 from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
@@ -51,6 +53,12 @@ def start_states(mechanism: Mechanism, record: Record, spans: Sequence[Span], me
     return [(command[first].copy(), speed[first].copy()) for first, _ in spans]
 
 
+@functools.cache
+def _edition() -> str:
+    """Digest of the code that makes a sensitivity: none that other code made is read."""
+    return code_digest(__name__)
+
+
 def sensitivity_of(
     mechanism: Mechanism, record: Record, spans: Sequence[Span], measured: Sequence[State], folder: str | Path | None = None
 ) -> Sensitivity:
@@ -59,7 +67,7 @@ def sensitivity_of(
     if folder is None:
         return _make(mechanism, record, spans, states)
     which = TOOL if TOOL in record.measured else ""
-    key = hashlib.sha256(f"frame{mechanism.system.digest()}{record.content_digest()}{list(spans)}{which}".encode())
+    key = hashlib.sha256(f"frame{_edition()}{mechanism.system.digest()}{record.content_digest()}{list(spans)}{which}".encode())
     for q, v in states:
         key.update(q.tobytes() + v.tobytes())
     path = Path(folder) / f"{key.hexdigest()[:32]}.npz"

@@ -133,7 +133,7 @@ class MirrorCamera:
             poses: `table_from_body` by name; names that are not drawn are passed over. Each [4, 4].
         """
         for name in self.bodies:
-            if name in poses and not np.array_equal(self._moved.get(name), poses[name]):
+            if name in poses and (name not in self._moved or not np.array_equal(self._moved[name], poses[name])):
                 self._moved[name] = np.array(poses[name])
                 self._parameters[f"body_{name}.to_world"] = self._mi.ScalarTransform4f(self._moved[name])
         self._parameters.update()
@@ -234,7 +234,7 @@ def expose(light: Array, hidden: Hidden, rng: np.random.Generator) -> Array:
     """
     signal = np.maximum(np.asarray(light, dtype=np.float64) * hidden.exposure, 0.0)
     if hidden.vignette > 0.0:
-        signal = signal * _falloff(*signal.shape[:2], hidden.vignette)[..., None]
+        signal = signal * _falloff(signal.shape[0], signal.shape[1], hidden.vignette)[..., None]
     spread = np.sqrt(signal / hidden.full_well + hidden.read_noise**2)
     signal = np.clip(signal + spread * rng.standard_normal(signal.shape), 0.0, 1.0)
     encoded = srgb_from_linear(signal) * hidden.tint + hidden.pedestal

@@ -11,8 +11,8 @@ from gsbridge.files import atomic_file, read_json
 from gsbridge.report.tables.formats import Table, markdown
 from gsbridge.report.tables.result_paths import Cell, cell_of, seed_of
 from gsbridge.report.tables.rows import write_rows
-from gsbridge.report.tables.statistics import wilson_interval
-from gsbridge.report.tables.trials import read_trials
+from gsbridge.report.tables.success_rows import read_trials
+from gsbridge.statistics import wilson_interval
 
 COLUMNS = (
     *("task", "object", "background", "variant", "algo", "controller_offset_mm", "seeds", "steps", "trials", "successes"),

@@ -17,10 +17,8 @@ from gsbridge.files import atomic_file
 from gsbridge.report.tables.paper import PAPER_SUCCESS
 from gsbridge.report.tables.result_paths import Cell
 from gsbridge.report.tables.rows import read_rows
-from gsbridge.report.tables.success import MIRROR, POSE_TITLES, cell_title
-from gsbridge.report.tables.success_rows import COLUMNS, ROBOT, cell_order
-from gsbridge.report.tables.success_summary import Counts, pose_sets_in, read_counts, worlds_in
-from gsbridge.report.tables.trials import STRICT_WORLD
+from gsbridge.report.tables.success import MIRROR, POSE_TITLES, Counts, cell_title, pose_sets_in, read_counts, worlds_in
+from gsbridge.report.tables.success_rows import COLUMNS, ROBOT, STRICT_WORLD, cell_order
 
 COLOURS = {STRICT_WORLD: "#1f6f8b", MIRROR: "#c2571a", ROBOT: "#2c7a4b"}
 PAPER_COLOUR = "#7a5a1e"

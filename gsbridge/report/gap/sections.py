@@ -13,9 +13,8 @@ import numpy as np
 
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
-from gsbridge.report.gap.figures import draw_channels, draw_residuals
+from gsbridge.report.gap.figures import draw_channels, draw_each, draw_residuals, draw_throws
 from gsbridge.report.gap.text import plain
-from gsbridge.report.gap.throw_figures import draw_each, draw_throws
 
 JUDGED = "verify"
 """The record whose residuals are shown: neither fitting nor choosing has seen it."""

@@ -15,10 +15,19 @@ from gsbridge.report.tables.formats import Table
 from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SCENARIOS
 from gsbridge.report.tables.result_paths import Cell
 from gsbridge.report.tables.rows import Row, read_rows
-from gsbridge.report.tables.success import MIRROR, cell_title, percent, success_tables
-from gsbridge.report.tables.success_rows import ROBOT, cell_in
-from gsbridge.report.tables.success_summary import Overview, overviews, paper_drop, paper_mean, read_counts, standard_cells
-from gsbridge.report.tables.trials import STRICT_WORLD
+from gsbridge.report.tables.success import (
+    MIRROR,
+    Overview,
+    cell_title,
+    overviews,
+    paper_drop,
+    paper_mean,
+    percent,
+    read_counts,
+    standard_cells,
+    success_tables,
+)
+from gsbridge.report.tables.success_rows import ROBOT, STRICT_WORLD, cell_in
 
 SUCCESS = ("grasping", "renderer_contrast", "pick_and_place")
 COLUMNS = {

@@ -26,8 +26,7 @@ from gsbridge.report.pages.policies import (
 from gsbridge.report.tables import rendering_rows as rendering_table
 from gsbridge.report.tables import timing as timing_table
 from gsbridge.report.tables.formats import Table, latex, markdown
-from gsbridge.report.tables.rendering import decibel, rendering_tables
-from gsbridge.report.tables.rendering_summary import SceneLine, mean_gain, scene_lines
+from gsbridge.report.tables.rendering import SceneLine, decibel, mean_gain, rendering_tables, scene_lines
 from gsbridge.report.tables.rows import Row, number, read_rows
 from gsbridge.report.tables.stages import degraded_reasons, read_records, stages_table
 

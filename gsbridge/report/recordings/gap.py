@@ -17,8 +17,7 @@ from gsbridge.gap.joints.mechanism.inertials import Skeleton
 from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
 from gsbridge.geometry import Array
 from gsbridge.report.gap.sections import JUDGED, read_series
-from gsbridge.report.recordings.gap_look import COLOURS, WAYS, summary
-from gsbridge.report.recordings.gap_throws import record_throws
+from gsbridge.report.recordings.gap_throws import COLOURS, WAYS, record_throws, summary
 from gsbridge.report.recordings.recording import recording
 
 FRAMES_PER_S = 25.0

@@ -6,8 +6,7 @@ from pathlib import Path
 
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_directory
-from gsbridge.report.recordings.training import GROUPS
-from gsbridge.report.tables.curves import read_curve
+from gsbridge.report.recordings.training import GROUPS, read_curve
 
 
 def write_events(curve: str | Path, out: str | Path) -> None:

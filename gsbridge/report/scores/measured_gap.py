@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from gsbridge.files import read_json, write_json
-from gsbridge.report.tables.statistics import wilson_interval
+from gsbridge.statistics import wilson_interval
 
 OURS = "gsbridge"
 WHERE = "results/gap-benchmark/"

@@ -1,4 +1,4 @@
-"""Figures of the areas `policies` and `worlds`, gathered from the rows of the tables under the names of `floors.yaml`.
+"""Figures of the areas `policies`, `worlds`, `study` and `loops`, gathered from rows under the names of `floors.yaml`.
 
 A figure that cannot be formed from what is there is left out, and the `score` rule then counts it as unmet. `cells` is the
 number of cells behind a figure, `trials` the fewest trials of any of them in one world and set of start poses.
@@ -13,15 +13,16 @@ from typing import Any
 
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
-from gsbridge.report.scores.measured_real2sim import Figure, over_scenes
+from gsbridge.report.figures.loop import COLUMNS as LOOP_COLUMNS
+from gsbridge.report.figures.study import COLUMNS as STUDY_COLUMNS
+from gsbridge.report.scores.score import Figure, over_scenes, single, success_rate, write_measured
 from gsbridge.report.tables import success_rows as success_table
 from gsbridge.report.tables import training as training_table
 from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SCENARIOS, PAPER_SUCCESS
 from gsbridge.report.tables.result_paths import Cell
 from gsbridge.report.tables.rows import Row, read_rows
-from gsbridge.report.tables.success_rows import cell_in
-from gsbridge.report.tables.success_summary import Counts, Overview, overviews, read_counts, standard_cells
-from gsbridge.report.tables.trials import STRICT_WORLD
+from gsbridge.report.tables.success import Counts, Overview, overviews, read_counts, standard_cells
+from gsbridge.report.tables.success_rows import STRICT_WORLD, cell_in
 
 GRASPING = "results/rows/grasping.csv"
 CONTRAST = "results/rows/renderer_contrast.csv"
@@ -128,8 +129,7 @@ def toy_figures(grasping: Sequence[Row]) -> dict[str, Figure]:
     if not found:
         return {}
     worst = min(found, key=lambda count: count.rate)
-    interval = {"interval": [100 * limit for limit in worst.interval], "interval_of": "95 % (Wilson)"}
-    return {"toy_sim_success": {"value": 100 * worst.rate, "n": len(found), "trials": worst.trials, **interval, "where": TOY}}
+    return {"toy_sim_success": success_rate(worst.successes, worst.trials, TOY, n=len(found), trials=worst.trials)}
 
 
 def wall_time_figures(times: Mapping[str, Mapping[str, Any]]) -> dict[str, Figure]:
@@ -143,7 +143,7 @@ def wall_time_figures(times: Mapping[str, Mapping[str, Any]]) -> dict[str, Figur
     """
     units = {"make_tables": 3600.0, "make_toy": 60.0}
     return {
-        f"{name}_wall": {"value": float(entry["wall_s"]) / units[name], "n": 1, "interval": None, "where": WALL_TIMES}
+        f"{name}_wall": single(float(entry["wall_s"]) / units[name], 1, WALL_TIMES)
         for name, entry in times.items()
         if name in units and int(entry["cores"]) <= CORES
     }
@@ -176,18 +176,15 @@ def write_policy_figures(
     def rows(path: str | Path | None, columns: Sequence[str] = success_table.COLUMNS) -> list[Row]:
         return [] if path is None else read_rows(path, columns)
 
-    try:
-        figures = {
+    def gather() -> dict[str, Figure]:
+        return {
             **success_figures(rows(grasping), rows(renderer_contrast), rows(pick_and_place)),
             **training_figures(rows(training, training_table.COLUMNS)),
             **toy_figures(rows(toy)),
             **({} if wall_times is None else wall_time_figures(read_json(wall_times))),
         }
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(
-            out, f"rows about the policies are damaged ({error!r})", "Delete the rows that it is made of and run again"
-        ) from error
-    write_json(out, {"preset": preset, "figures": figures})
+
+    write_measured(out, preset, gather, damaged="rows about the policies are")
 
 
 def write_world_figures(out: str | Path, rows_csv: str | Path, preset: str) -> None:
@@ -202,8 +199,109 @@ def write_world_figures(out: str | Path, rows_csv: str | Path, preset: str) -> N
         InputError: The rows are damaged.
     """
     rows = read_rows(rows_csv, success_table.COLUMNS)
-    try:
-        figures = success_figures(rows, [], rows)
-    except (KeyError, ValueError) as error:
-        raise InputError(rows_csv, f"rows about the policies are damaged ({error!r})", "Delete them and run again") from error
-    write_json(out, {"preset": preset, "figures": {name: {**figure, "where": WORLDS} for name, figure in figures.items()}})
+
+    def gather() -> dict[str, Figure]:
+        return {name: {**figure, "where": WORLDS} for name, figure in success_figures(rows, [], rows).items()}
+
+    write_measured(out, preset, gather, damaged="rows about the policies are", source=rows_csv)
+
+
+STUDY = "results/rows/study.csv"
+IMITATION = ("bc", "dagger")
+
+
+def study_figures(rows: Sequence[Row]) -> dict[str, Figure]:
+    """Leads of SACwB, percentage points of success.
+
+    Args:
+        rows: Rows of `study.csv`. Those whose controller is off by more than nothing count as biased.
+
+    Returns:
+        `study_lead_min`, over the controller that it learned from, the worse of both; `study_imitation_good` and
+        `study_imitation_biased`, over the better of behaviour cloning and DAgger with the same controller.
+    """
+    out: dict[str, Figure] = {}
+    leads: dict[str, float] = {}
+    seeds: list[int] = []
+    for name, biased in (("good", False), ("biased", True)):
+        mine = {row["algo"]: row for row in rows if (float(row["controller_offset_mm"]) > 0) == biased}
+        ours, others = mine.get("sacwb"), [mine[algo] for algo in IMITATION if algo in mine]
+        if ours is None:
+            continue
+        rate = float(ours["success_rate"])
+        if ours["controller_success_rate"]:
+            leads[f"controller {name}"] = 100 * (rate - float(ours["controller_success_rate"]))
+            seeds.append(int(ours["seeds"]))
+        if len(others) == len(IMITATION):
+            best = max(float(row["success_rate"]) for row in others)
+            least = min(int(row["seeds"]) for row in (ours, *others))
+            out[f"study_imitation_{name}"] = {"value": 100 * (rate - best), "n": 1, "seeds": least, "where": STUDY}
+    if len(leads) == 2:
+        low, high = sorted(leads.values())
+        out["study_lead_min"] = {**single(low, 2, STUDY, [low, high], "both controllers"), "seeds": min(seeds)}
+    return out
+
+
+def write_study_figures(out: str | Path, rows_csv: str | Path, preset: str) -> None:
+    """Gather the figures of the area and write them.
+
+    Args:
+        out: JSON of measured figures, an input of `score.write_scores`.
+        rows_csv: `rows/study.csv`.
+        preset: Preset that ran.
+
+    Raises:
+        InputError: The rows are damaged.
+    """
+    rows = read_rows(rows_csv, STUDY_COLUMNS)
+    write_measured(out, preset, lambda: study_figures(rows), damaged="rows of the study are", source=rows_csv)
+
+
+def loop_figures(rows: Sequence[Row], loops: Sequence[Mapping[str, str]], where: str) -> dict[str, Figure]:
+    """Successes of a policy before its world changed and since, and of the one that learned anew.
+
+    Args:
+        rows: Rows of a closed loop.
+        loops: Of each: `reference` and `world`, the policies `before` and `after`, the latter empty where none learned anew.
+        where: Their file.
+
+    Returns:
+        `loop_{world}_before`, `loop_{world}_changed` and `loop_{world}_after`, percent.
+    """
+    found = {(row["variant"], row["world"]): row for row in rows}
+    out: dict[str, Figure] = {}
+    for loop in loops:
+        places = {
+            "before": (loop["before"], loop["reference"]),
+            "changed": (loop["before"], loop["world"]),
+            "after": (loop["after"], loop["world"]),
+        }
+        for name, place in places.items():
+            if place in found:
+                good, trials = int(found[place]["successes"]), int(found[place]["trials"])
+                out[f"loop_{loop['world']}_{name}"] = success_rate(good, trials, where)
+    return out
+
+
+def write_loop_figures(
+    out: str | Path, tables: Mapping[str, str | Path], loops: Sequence[Mapping[str, str]], preset: str
+) -> None:
+    """Gather the figures of the area and write them.
+
+    Args:
+        out: JSON of measured figures, an input of `score.write_scores`.
+        tables: Rows by name.
+        loops: As for `loop_figures`, each with the `table` that it stands in.
+        preset: Preset that ran.
+
+    Raises:
+        InputError: Rows are damaged.
+    """
+    figures: dict[str, Figure] = {}
+    for name, path in tables.items():
+        try:
+            mine = [loop for loop in loops if loop["table"] == name]
+            figures |= loop_figures(read_rows(path, LOOP_COLUMNS), mine, f"results/rows/{name}.csv")
+        except (KeyError, ValueError) as error:
+            raise InputError(path, f"rows of the loop are damaged ({error!r})", "Delete them and run again") from error
+    write_json(out, {"preset": preset, "figures": figures})

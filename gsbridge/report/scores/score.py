@@ -1,21 +1,99 @@
-"""The one generic score: measured figures against the floors that the issues ask for."""
+"""Measured figures, and the one generic score of them against the floors that are asked for."""
 
 from __future__ import annotations
 
+import statistics
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
+from scipy import stats
 
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
+from gsbridge.statistics import wilson_interval
 
 DIRECTIONS = ("at_least", "at_most")
 ANY_PRESET = "any"
 _KEYS = {"what", "area", "floor", "direction", "unit", "preset", "where", "needs", "stretch"}
 _REQUIRED = _KEYS - {"needs", "stretch"}
+
+Figure = dict[str, Any]
+"""A measured figure: `value`, `n` (how much is behind it), `interval` and what it means (`interval_of`), `where` (its file)."""
+
+
+def single(
+    value: float | None, n: int, where: str, interval: Sequence[float] | None = None, interval_of: str | None = None
+) -> Figure:
+    """A figure from one value."""
+    told = {} if interval_of is None else {"interval_of": interval_of}
+    return {"value": value, "n": n, "interval": interval and list(interval), **told, "where": where}
+
+
+def success_rate(successes: int, trials: int, where: str, /, **more: Any) -> Figure:
+    """A success rate in percent with Wilson's interval; `more` are further entries."""
+    interval = [100 * limit for limit in wilson_interval(successes, trials)]
+    return {**single(100 * successes / trials, trials, where, interval, "95 % (Wilson)"), **more}
+
+
+def over_scenes(by_scene: Mapping[str, float], summary: Callable[[list[float]], float], where: str, **more: Any) -> Figure:
+    """One figure from a value per scene.
+
+    Args:
+        by_scene: Value of each scene.
+        summary: `min`, `max`, `statistics.median` or `statistics.fmean`.
+        where: File that the values come from.
+        **more: Further entries.
+
+    Returns:
+        The figure; its interval is Student's 95 % interval of the mean for a mean over at least two scenes, and the range
+        over the scenes otherwise.
+    """
+    found = list(by_scene.values())
+    interval, meaning = [min(found), max(found)], "range over scenes"
+    if summary is statistics.fmean and len(found) > 1:
+        half = float(stats.t.ppf(0.975, len(found) - 1)) * statistics.stdev(found) / len(found) ** 0.5
+        interval, meaning = [summary(found) - half, summary(found) + half], "95 % of the mean over scenes (Student)"
+    return {
+        "value": summary(found),
+        "n": len(found),
+        "interval": interval,
+        "interval_of": meaning,
+        "by_scene": dict(by_scene),
+        "where": where,
+        **more,
+    }
+
+
+def write_measured(
+    out: str | Path,
+    preset: str | None,
+    gather: Callable[[], Mapping[str, Figure]],
+    *,
+    damaged: str,
+    source: str | Path | None = None,
+) -> None:
+    """Write measured figures, an input of `write_scores`.
+
+    Args:
+        out: The JSON file.
+        preset: Preset that ran, so that figures of several presets can be scored together.
+        gather: Forms the figures.
+        damaged: What is at fault where that fails, with its verb.
+        source: The file at fault, if it is one; else `out` is named.
+
+    Raises:
+        InputError: A file is damaged.
+    """
+    try:
+        figures = gather()
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(
+            out if source is None else source, f"{damaged} damaged ({error!r})", "Delete what it was made from and run again"
+        ) from error
+    write_json(out, {"preset": preset, "figures": figures})
 
 
 def read_floors(path: str | Path) -> dict[str, dict[str, Any]]:

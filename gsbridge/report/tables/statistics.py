@@ -1,4 +1,4 @@
-"""Statistics of successes: intervals, tests, and how well one world foretells another.
+"""Statistics of successes: tests, and how well one world foretells another.
 
 Arguments are named by world, because two of the definitions are not symmetric: the relative change divides by the rate in
 simulation, and the mean maximum rank violation weighs by differences in reality.
@@ -12,35 +12,7 @@ import numpy as np
 from scipy import stats
 
 from gsbridge.geometry import Array
-
-CONFIDENCE = 0.95
-
-
-def wilson_interval(successes: int, trials: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Wilson's score interval of a success rate, without correction for continuity.
-
-    Args:
-        successes: 0 to `trials`.
-        trials: At least 1.
-        confidence: Two-sided, between 0 and 1.
-
-    Returns:
-        Lower and upper limit, 0..1.
-
-    Raises:
-        ValueError: The counts or the confidence make no sense.
-
-    Source: Wilson, Probable inference, the law of succession, and statistical inference, 1927.
-    """
-    _check_counts(successes, trials)
-    if not 0.0 < confidence < 1.0:
-        raise ValueError(f"a confidence of {confidence} is not between 0 and 1")
-    z = float(stats.norm.ppf(0.5 + 0.5 * confidence))
-    rate, weight = successes / trials, z * z / trials
-    middle = (rate + 0.5 * weight) / (1.0 + weight)
-    half = z * (rate * (1.0 - rate) / trials + 0.25 * weight / trials) ** 0.5 / (1.0 + weight)
-    # Exactly 0 and 1 at the ends, where rounding would leave a trace.
-    return (0.0 if successes == 0 else middle - half, 1.0 if successes == trials else middle + half)
+from gsbridge.statistics import check_counts
 
 
 def fisher_p(sim_successes: int, sim_trials: int, real_successes: int, real_trials: int) -> float:
@@ -49,8 +21,8 @@ def fisher_p(sim_successes: int, sim_trials: int, real_successes: int, real_tria
     Raises:
         ValueError: The counts make no sense.
     """
-    _check_counts(sim_successes, sim_trials)
-    _check_counts(real_successes, real_trials)
+    check_counts(sim_successes, sim_trials)
+    check_counts(real_successes, real_trials)
     table = [[sim_successes, sim_trials - sim_successes], [real_successes, real_trials - real_successes]]
     return float(stats.fisher_exact(table).pvalue)
 
@@ -108,12 +80,6 @@ def mean_maximum_rank_violation(sim_rates: Sequence[float], real_rates: Sequence
         return None
     violated = (sim[:, None] > sim[None, :]) != (real[:, None] > real[None, :])
     return float((violated * np.abs(real[:, None] - real[None, :])).max(axis=1).mean())
-
-
-def _check_counts(successes: int, trials: int) -> None:
-    """Refuse counts that cannot be."""
-    if not (trials >= 1 and 0 <= successes <= trials):
-        raise ValueError(f"{successes} successes of {trials} trials cannot be")
 
 
 def _paired(sim_rates: Sequence[float], real_rates: Sequence[float]) -> tuple[Array, Array]:
