@@ -10,6 +10,7 @@ import pytest
 from gap_files import findings, write_case
 from scipy import stats
 
+from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.errors import InputError
 from gsbridge.gap.joints.residual_map import GROUPS, LEVEL, few_false
 from gsbridge.report.gap.page import CaseFiles, write_gap_report
@@ -157,6 +158,15 @@ def test_without_efforts_the_page_asks_for_them():
     steps = next_steps(findings("ambiguous"), about, {"unseen": []}, "x")
     assert any("efforts" in step for step in steps)
     assert not any("efforts" in step for step in next_steps(findings(), {**about, "mode": "free"}, {"unseen": []}, "x"))
+
+
+def test_what_no_simulation_plays_comes_with_something_else_to_do():
+    found = findings()
+    found["effects"][0]["instead"] = JOINT_EFFECTS["backlash"].advice
+    about = {"records": {"fit": {"measured": ["position", "effort"]}}, "mode": "pd"}
+    steps = next_steps(found, about, {"unseen": []}, "x")
+    assert any("cannot learn with this" in step and "Have the gear tightened" in step for step in steps)
+    assert not any("cannot learn with this" in step for step in next_steps(findings(), about, {"unseen": []}, "x"))
 
 
 def test_the_darkest_cell_is_told_only_where_it_is_marked():

@@ -98,6 +98,7 @@ def describe(diagnosis: Diagnosis) -> list[dict[str, Any]]:
                 "parameters": rows,
                 "confused_with": list(effect.confused_with),
                 "tell_apart": effect.tell_apart,
+                "instead": effect.advice,
             }
         )
     return out

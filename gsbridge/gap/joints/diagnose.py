@@ -177,6 +177,7 @@ def describe(trial: Hypothesis, finding: Finding) -> list[dict[str, Any]]:
                 "parameters": rows,
                 "confused_with": list(candidate.effect.confused_with),
                 "tell_apart": candidate.effect.tell_apart,
+                "instead": candidate.effect.advice,
             }
         )
     return out
