@@ -105,11 +105,11 @@ def test_an_effect_on_a_joint_is_the_same_in_the_simulation_and_in_the_gap(tmp_p
     log, base_from_table = logged_simulation(32, (entry,))
     record, with_it = replayed(tmp_path, log, base_from_table, (entry,))
     _, without = replayed(tmp_path, log, base_from_table)
+    # The gap takes an eccentric encoder off the first state by its first order only; what that leaves has died out by then.
+    later = slice(300, None)
     share = {
-        kind: float(
-            np.linalg.norm(record.measured[kind] - with_it[kind]) / np.linalg.norm(record.measured[kind] - without[kind])
-        )
-        for kind in with_it
+        kind: float(np.linalg.norm((seen - with_it[kind])[later]) / np.linalg.norm((seen - without[kind])[later]))
+        for kind, seen in record.measured.items()
     }
     assert min(share.values()) < 0.1, share
 
