@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from gsbridge.configuration import check_files
+from gsbridge.configuration.files import check_files
 from gsbridge.errors import InputError
 
 
