@@ -144,7 +144,7 @@ def text(name, content):
         (text("b.csv", ""), "this is no table"),
         (text("model.yaml", MODEL + "joints: [elbow]\n"), "no moving joint 'elbow'"),
         (text("model.yaml", MODEL.replace("stiffness: 60, ", "")), "controller.stiffness is missing"),
-        (text("axis.urdf", "<robot>"), "this is no XML"),
+        (text("axis.urdf", "<robot>"), "this is no valid XML"),
         (text("axis.urdf", URDF.replace('<mass value="1"/>', "")), "damaged mass properties"),
         (text("case.yaml", "model: model.yaml\nrecords: {train: a.csv}\n"), "'train' has no role"),
         (text("case.yaml", CASE + "effects: [rust]\n"), "'rust' is unknown"),

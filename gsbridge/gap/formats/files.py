@@ -6,11 +6,11 @@ import difflib
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from xml.etree import ElementTree
 
 import yaml
 
 from gsbridge.errors import InputError
+from gsbridge.robot.urdf import collision_meshes
 
 _NUMBERS = (".csv", ".parquet", ".json", ".jsonl")
 
@@ -64,7 +64,7 @@ def case_files(case: str | Path) -> list[Path]:
     found = [case.parent / name.partition("#")[0] for name in names if isinstance(name, str)]
     urdf = _content(model).get("urdf")
     if isinstance(urdf, str):
-        found += [model.parent / urdf, *_meshes(model.parent / urdf)]
+        found += [model.parent / urdf, *collision_meshes(model.parent / urdf)]
     return [file for path in found for file in _inside(path)]
 
 
@@ -107,16 +107,6 @@ def _content(path: Path) -> dict[str, object]:
 
 def _values(content: object) -> list[object]:
     return list(content.values()) if isinstance(content, dict) else []
-
-
-def _meshes(urdf: Path) -> list[Path]:
-    """Shapes of contact that a URDF names; none where it cannot be read."""
-    try:
-        root = ElementTree.parse(urdf).getroot()
-    except (OSError, ElementTree.ParseError):
-        return []
-    names = [mesh.attrib.get("filename", "") for mesh in root.iterfind("link/collision/geometry/mesh")]
-    return [urdf.parent / name.removeprefix("package://") for name in names if name]
 
 
 def _inside(path: Path) -> list[Path]:

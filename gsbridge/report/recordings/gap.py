@@ -53,7 +53,7 @@ def record_gap(
     found, motion, rows = read_json(findings), read_series(series), read_json(replays)["records"][JUDGED]
     system = read_mechanism_model(model)
     skeleton = Skeleton.read(system.urdf, system.joints)
-    chain = Chain.of(skeleton, system.joints, system.urdf)
+    chain = Chain.of(skeleton, system.joints)
     centres = chain.bodies(skeleton.inertials)[:, 1:4]
     positions = {"measured": motion[f"{JUDGED}/position"], "nominal": motion[f"{JUDGED}/nominal_position"]}
     residuals = {"before": motion[f"{JUDGED}/before"]}
