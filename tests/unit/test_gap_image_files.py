@@ -12,9 +12,9 @@ from gsbridge.cameras import Camera
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import read_json
 from gsbridge.gap.benchmark.images import film, hidden_pairs, image_site
+from gsbridge.gap.diagnosis.results import ROLES
 from gsbridge.gap.image.files import read_pairs
-from gsbridge.gap.image.pairs import ROLES
-from gsbridge.gap.image.stages import amend_camera, write_image_findings
+from gsbridge.gap.image.workflow import amend_camera, write_image_findings
 from gsbridge.images import write_image
 from gsbridge.report.gap.picture_page import write_sight_report
 from gsbridge.sim.model import read_model
