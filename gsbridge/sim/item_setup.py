@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.geometry import Array
+from gsbridge.robot.urdf import read_description
 from gsbridge.sim.model import Model, Surface
 
 _BOUNDS = MappingProxyType(
@@ -103,7 +104,7 @@ class ItemSetup:
         moved = np.array([self.figures[f"com_{axis}"] for axis in "xyz"])
         if not moved.any():
             return None
-        root = ElementTree.parse(urdf).getroot()
+        root = read_description(urdf).root
         for origin in root.iterfind("link/inertial/origin"):
             place = np.array([float(value) for value in origin.get("xyz", "0 0 0").split()]) + moved
             origin.set("xyz", " ".join(repr(float(value)) for value in place))

@@ -18,11 +18,12 @@ from gsbridge.environment.trial_log import TrialPath, write_trial_log
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import read_json, write_json
 from gsbridge.gap.formats.records import Record
+from gsbridge.gap.image.workflow import amend_camera
 from gsbridge.gap.joints.case import read_joint_case
 from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
 from gsbridge.gap.joints.mechanism.mechanism_model import parse_mechanism_model
 from gsbridge.gap.joints.mechanism.replay import Mechanism
-from gsbridge.gap.loop.amend import amend_camera, amend_object, amend_simulation, amended_content, object_content
+from gsbridge.gap.loop.amend import amend_object, amend_simulation, amended_content, object_content
 from gsbridge.gap.loop.arm import write_arm
 from gsbridge.gap.loop.calibrate import calibrate, calibrated_model
 from gsbridge.policy.joint_log import choose_trials, write_driver_log

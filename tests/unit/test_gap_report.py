@@ -12,7 +12,8 @@ from scipy import stats
 
 from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.errors import InputError
-from gsbridge.gap.joints.residual_map import GROUPS, LEVEL, few_false
+from gsbridge.gap.diagnosis.residual_map import LEVEL, few_false
+from gsbridge.gap.joints.residual_map import GROUPS
 from gsbridge.report.gap.page import CaseFiles, write_gap_report
 from gsbridge.report.gap.rows import COLUMNS, write_gap_rows
 from gsbridge.report.gap.text import effect_title, explanation_title, most, next_steps

@@ -1,63 +1,34 @@
-"""From a mechanism and three records to findings: compare, screen, identify, verify."""
+"""From a mechanism and three records to a diagnosis: compare, screen, identify, verify."""
 
 from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import Applied
-from gsbridge.gap.diagnosis.results import Finding, Hypothesis, Rules
+from gsbridge.gap.diagnosis.findings import Account, Diagnosis
+from gsbridge.gap.diagnosis.results import ROLES, Rules, Verification
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.bank import signature_bank
 from gsbridge.gap.joints.candidates import candidates
+from gsbridge.gap.joints.detect import joint_null
 from gsbridge.gap.joints.identify import JointIdentification
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals, share_noise
-from gsbridge.gap.joints.verify import Verification, verify
 
 logger = logging.getLogger("gsbridge")
 
-ROLES = ("fit", "select", "verify")
 
-_LISTED = 5
-"""Rivals that a sentence names."""
+class JointAccount(Account):
+    """How findings about a mechanism are told."""
 
-_NINETY = 1.645
-"""Standard deviations either side of a 90 % interval."""
-
-
-@dataclass(frozen=True)
-class Diagnosis:
-    """All about one case.
-
-    Args:
-        finding: Verdict and trials.
-        verification: On the third record, where something was named.
-        floor: Noise of each channel of `select`, SI units.
-        bank_runs: Simulations of the bank, whether made now or read.
-        runs: Simulations of this case beside it.
-        seconds: Of the whole.
-    """
-
-    finding: Finding
-    verification: Verification | None
-    floor: dict[str, float]
-    bank_runs: int
-    runs: int
-    seconds: float
-
-    @property
-    def effects(self) -> tuple[Applied, ...]:
-        """What may be added to the model: named, and no worse on the third record."""
-        named = self.finding.verdict == "named" and self.verification is not None and self.verification.accepted
-        return self.finding.best.fit.effects if named and self.finding.best is not None else ()
+    effects = JOINT_EFFECTS
 
 
 def diagnose_joints(
@@ -69,7 +40,7 @@ def diagnose_joints(
     rules: Rules | None = None,
     seed: int = 0,
 ) -> Diagnosis:
-    """Find out what a model lacks.
+    """Find out what the model of a mechanism lacks.
 
     Args:
         system: The mechanism.
@@ -81,10 +52,8 @@ def diagnose_joints(
     """
     begin = time.perf_counter()
     mechanism = Mechanism(system)
-    first = JointResiduals.of(mechanism, records["fit"], folder=bank_folder)
-    second = JointResiduals.of(mechanism, records["select"], folder=bank_folder)
-    third = JointResiduals.of(mechanism, records["verify"], folder=bank_folder)
-    share_noise((first, second, third))
+    views = views_of(mechanism, {role: records[role] for role in ROLES}, bank_folder)
+    first, second, third = views.values()
     who, made = candidates(system, names), mechanism.runs
     bank = signature_bank(first, who, bank_folder)
     made = mechanism.runs - made
@@ -95,144 +64,36 @@ def diagnose_joints(
         effects = finding.best.fit.effects
         verification = verify(third, effects, np.random.default_rng(seed))
         said = finding.verdict in ("named", "ambiguous")
-        if said and not verification.transfers(rules or Rules(), len(effects) > 1):
-            # It closed the gap where it was chosen, but not elsewhere: whatever is missing, it is something else.
-            finding = replace(finding, verdict="none_of_the_known", ambiguous=(), something_remains=True)
+        finding = finding.refuted() if said and not verification.transfers(rules, len(effects) > 1) else finding
     floor = {second.record.label(kind, k): float(s) for (kind, k), s in zip(second.channels, second.sigma, strict=True)}
     runs = mechanism.runs - made - mechanism.shared
     return Diagnosis(finding, verification, floor, bank.runs, runs, time.perf_counter() - begin)
 
 
-def findings_of(
-    diagnosis: Diagnosis, records: Mapping[str, Record], *, seed: int, reasons: Collection[str] = ()
-) -> dict[str, Any]:
-    """What `findings.json` holds.
+def views_of(
+    mechanism: Mechanism, records: Mapping[str, Record], folder: str | Path | None = None
+) -> dict[str, JointResiduals]:
+    """Records as a mechanism replays them, with the noise of one set of sensors; `folder` keeps what records may share."""
+    views = {role: JointResiduals.of(mechanism, record, folder=folder) for role, record in records.items()}
+    share_noise(tuple(views.values()))
+    return views
+
+
+def verify(view: JointResiduals, effects: Sequence[Applied], rng: np.random.Generator) -> Verification:
+    """Replay a record with and without effects; sizes are root mean squares in units of the noise (1 is noise alone).
 
     Args:
-        diagnosis: The diagnosis.
-        records: Its records.
-        seed: As given to `diagnose_joints`.
-        reasons: Why the result is degraded.
+        view: Of a record neither fitted nor used to choose.
+        effects: What was found.
+        rng: Of effect-free replicates.
     """
-    finding, checked = diagnosis.finding, diagnosis.verification
-    return {
-        "status": "degraded" if reasons else "pass",
-        "reasons": list(reasons),
-        "sentence": sentence(diagnosis),
-        "verdict": finding.verdict,
-        "something_remains": finding.something_remains,
-        "effects": [] if finding.best is None else describe(finding.best, finding),
-        "amended": [effect.record() for effect in diagnosis.effects],
-        "ambiguous": list(finding.ambiguous),
-        "p_value": finding.p_value,
-        "p_remaining": finding.p_remaining,
-        "rivals": [
-            {
-                "effects": list(trial.names),
-                "behind": trial.score - finding.rivals[0][0].score,
-                "probability": chance,
-                "closure": trial.closure,
-            }
-            for trial, chance in finding.rivals
-        ],
-        "select": {"before": finding.before, "after": finding.after, "unit": "noise"},
-        "verify": None
-        if checked is None
-        else {
-            "before": checked.before,
-            "after": checked.after,
-            "closure": checked.closure,
-            "accepted": checked.accepted,
-            "p_remaining": checked.p_remaining,
-            "channels": checked.channels,
-            "unit": "noise",
-        },
-        "noise_floor": diagnosis.floor,
-        "unseen": list(finding.unseen),
-        "simulations": {"bank": diagnosis.bank_runs, "case": diagnosis.runs},
-        "seconds": diagnosis.seconds,
-        "records": {role: record.digest or record.content_digest() for role, record in records.items()},
-        "seed": seed,
-    }
-
-
-def describe(trial: Hypothesis, finding: Finding) -> list[dict[str, Any]]:
-    """Parameters of a trial's effects with units and 90 % intervals."""
-    out, place = [], 0
-    # Residuals above the noise widen the intervals as they would under noise of that size.
-    wide = max(1.0, finding.after)
-    for candidate, effect in zip(trial.fit.who, trial.fit.effects, strict=True):
-        rows = {}
-        for parameter in candidate.effect.parameters:
-            value, spread = effect.parameters[parameter.name], _NINETY * wide * float(trial.fit.deviations[place])
-            interval = [max(value - spread, parameter.low), min(value + spread, parameter.high)]
-            rows[parameter.name] = {"value": value, "unit": parameter.unit, "interval90": interval}
-            place += 1
-        out.append(
-            {
-                "name": candidate.name,
-                "joint": candidate.joint,
-                "title": candidate.effect.title,
-                "hook": candidate.effect.hook,
-                "parameters": rows,
-                "confused_with": list(candidate.effect.confused_with),
-                "tell_apart": candidate.effect.tell_apart,
-                "instead": candidate.effect.advice,
-            }
-        )
-    return out
-
-
-def sentence(diagnosis: Diagnosis) -> str:
-    """The finding in words."""
-    finding, checked = diagnosis.finding, diagnosis.verification
-    if finding.coloured and finding.untold:
-        return (
-            "No known effect: more than white noise is left, nothing learnt from one record holds on the other, and no two "
-            "channels here measure the same motion, which would tell noise of another colour from motion. Log speeds, too."
-        )
-    if finding.coloured:
-        return (
-            "Simulation and measurement agree: what exceeds white noise is no motion, and nothing learnt from one record holds "
-            "on the other."
-        )
-    if finding.verdict == "no_discrepancy":
-        return f"Simulation and measurement agree within the noise (p = {finding.p_value:.2g})."
-    if finding.verdict == "not_enough_excitation" and finding.p_value < Rules.alarm:
-        return "A difference shows on 'select' alone; log another record of such motion and fit that one."
-    if finding.verdict == "not_enough_excitation":
-        return "No difference shows, but most effects could not show in these records: excite the mechanism more."
-    best = finding.best
-    if best is None:
-        return f"Something is missing (p = {finding.p_value:.2g}), and no known effect could be fitted to it."
-    if finding.verdict == "none_of_the_known":
-        return (
-            f"Something is missing that is in no catalogue: the best known explanation ({' + '.join(best.names)}) leaves "
-            f"{finding.after:.3g} times the noise of {finding.before:.3g}."
-        )
-    if finding.verdict == "ambiguous":
-        how = best.fit.who[0].effect.tell_apart
-        names = list(finding.ambiguous)
-        listed = " and ".join(names if len(names) <= _LISTED else [*names[:_LISTED], f"{len(names) - _LISTED} more"])
-        return f"These records cannot decide between {listed}. To tell them apart: {how}."
-    parts = []
-    for item in describe(best, finding):
-        figures = ", ".join(
-            f"{name} {_pair(row['value'], row['interval90'])} {row['unit']}".rstrip()
-            for name, row in item["parameters"].items()
-        )
-        where = f"Joint '{item['joint']}' lacks" if item["joint"] else "The model lacks"
-        parts.append(f"{where} {item['title']} ({figures})")
-    tail = ""
-    if checked is not None:
-        verb = "falls" if checked.after <= checked.before else "rises"
-        tail = f"; the gap {verb} from {checked.before:.3g} to {checked.after:.3g} times the noise on a record it has not seen"
-    rest = ", but something remains" if finding.something_remains else ""
-    return "; ".join(parts) + tail + rest + "."
-
-
-def _pair(value: float, interval: list[float]) -> str:
-    """A value with half the width of its interval, rounded to the width's second digit."""
-    half = max(0.5 * (interval[1] - interval[0]), 1e-12)
-    digits = max(0, int(1 - np.floor(np.log10(half))))
-    return f"{value:.{digits}f} ± {half:.{digits}f}"
+    sizes, residual = [], np.zeros(0)
+    for added in ((), tuple(effects)):
+        residual = view.residual(added)
+        sizes.append((float(np.sqrt((residual**2).sum() / view.freedom)), np.sqrt((residual**2).mean(axis=0))))
+    (before, rows_before), (after, rows_after) = sizes
+    gap, left = np.sqrt(max(before**2 - 1.0, 1e-12)), np.sqrt(max(after**2 - 1.0, 0.0))
+    names = [view.record.label(kind, k) for kind, k in view.channels]
+    channels = {name: (float(a), float(b)) for name, a, b in zip(names, rows_before, rows_after, strict=True)}
+    p_remaining = joint_null(view, rng).p_value(residual)
+    return Verification(before, after, float(1.0 - left / gap), channels, after <= before, p_remaining)

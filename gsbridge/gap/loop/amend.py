@@ -8,14 +8,13 @@ name, with what to do instead, since a policy would otherwise learn in a world o
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from gsbridge.errors import InputError, StageError
-from gsbridge.files import atomic_file, read_json, write_stage
+from gsbridge.errors import StageError
+from gsbridge.files import read_json, write_stage
+from gsbridge.gap.diagnosis.amend import ordered, write_amended
 from gsbridge.gap.formats.yaml_file import read_yaml
 from gsbridge.sim.model import parse_model
 
@@ -94,35 +93,6 @@ def amended_content(nominal: Mapping[str, Any], arm: Mapping[str, Any], source: 
         left.append(f"Coulomb friction of the joints ({listed} N m) was calibrated and is not simulated")
     out["effects"] = [*added, *kept]
     return ordered(out, source), left
-
-
-def ordered(content: dict[str, Any], source: str | Path) -> dict[str, Any]:
-    """Content of the simulation's model with its effects in the order arm, object, camera.
-
-    Args:
-        content: Of the model.
-        source: Where it comes from, for messages.
-
-    Raises:
-        InputError: The simulation cannot play an effect, or a figure is out of its range.
-    """
-    model = parse_model(content, str(source))
-    effects = [*model.effects_on("joint", "mechanism"), *model.effects_on("body"), *model.effects_on("camera")]
-    return {**content, "effects": [effect.record() for effect in effects]}
-
-
-def write_amended(out: str | Path, content: Mapping[str, Any], head: Sequence[str]) -> None:
-    """Write an amended model below what it rests on.
-
-    Args:
-        out: The model.
-        content: What it holds.
-        head: Lines of its head.
-    """
-    text = "".join(f"# {line}\n" for line in head)
-    text += yaml.safe_dump(dict(content), sort_keys=False, default_flow_style=None, width=128)
-    with atomic_file(out) as temporary:
-        temporary.write_text(text, encoding="utf-8")
 
 
 def amend_simulation(
@@ -222,7 +192,7 @@ def amend_object(nominal: str | Path, findings: str | Path, model: str | Path) -
         StageError: Nothing was named, so that there is nothing to amend.
         InputError: The simulation cannot play a finding, or a file is damaged.
     """
-    found = _findings(findings)
+    found = read_json(findings)
     _require_named("amend_object", found, findings)
     content = object_content(read_yaml(nominal, "model", "models/nominal.yaml"), found, findings)
     head = [
@@ -232,51 +202,6 @@ def amend_object(nominal: str | Path, findings: str | Path, model: str | Path) -
         f"seed {found['seed']}",
     ]
     write_amended(model, content, head)
-
-
-def amend_camera(nominal: str | Path, findings: str | Path, model: str | Path, reference: str | Path | None = None) -> None:
-    """Write the simulation's model with the image effects that were named: a policy that learns with it sees them.
-
-    Args:
-        nominal: The simulation's model as it was.
-        findings: `findings.json`.
-        model: The amended model; the evidence stands in its head.
-        reference: `findings.json` of further photos of the first day, in which nothing may be found.
-
-    Raises:
-        StageError: Nothing was named, or something was found in photos of one day.
-        InputError: An episode's pictures cannot have a named effect, or a file is damaged.
-    """
-    found, content = _findings(findings), read_yaml(nominal, "model", "models/nominal.yaml")
-    parse_model(content, str(nominal))
-    if reference is not None and _findings(reference)["verdict"] != "no_discrepancy":
-        raise StageError(
-            "amend_camera",
-            f"photos of one day differ: {_findings(reference)['sentence']}",
-            f"Take them again, or more of them; see {reference}",
-        )
-    _require_named("amend_camera", found, findings)
-    content = ordered({**content, "effects": [*content["effects"], *found["amended"]]}, findings)
-    head = [
-        f"Amended by the gap of pictures; made from {Path(nominal).name} and not to be edited.",
-        found["sentence"],
-        *(f"photos {role}: {digest}" for role, digest in found["records"].items()),
-        f"seed {found['seed']}",
-    ]
-    write_amended(model, content, head)
-
-
-def _findings(path: str | Path) -> dict[str, Any]:
-    """What a diagnosis has left.
-
-    Raises:
-        InputError: It is damaged.
-    """
-    found = read_json(path)
-    missing = [key for key in ("verdict", "sentence", "amended", "records", "seed") if key not in found]
-    if missing:
-        raise InputError(path, f"it has no '{missing[0]}'", "Diagnose again")
-    return found
 
 
 def _require_named(stage: str, found: Mapping[str, Any], findings: str | Path) -> None:
