@@ -208,7 +208,7 @@ def mechanism(tmp_path):
     (tmp_path / "arm.urdf").write_text(URDF)
     (tmp_path / "model.yaml").write_text("urdf: arm.urdf\ncontroller: {mode: free}\n")
     skeleton = Skeleton.read(tmp_path / "arm.urdf", ("lift", "turn"))
-    chain = Chain.of(skeleton, ("lift", "turn"), tmp_path / "arm.urdf")
+    chain = Chain.of(skeleton, ("lift", "turn"))
     return chain, chain.bodies(skeleton.inertials)[:, 1:4], tmp_path
 
 
