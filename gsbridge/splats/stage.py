@@ -117,7 +117,9 @@ def train_splats(
         faces=len(mesh.faces),
         steps=settings.steps,
         metrics=metrics,
-        lpips_reason=None if lpips else "no weights file is configured (splats: lpips_weights)",
+        lpips_reason=None
+        if lpips
+        else "no weights file is configured (object_splats.lpips_weights, background_splats.lpips_weights)",
         offset_mm=_offsets_mm(model),
         offset_band_mm=1e3 * model.band,
         pictures=pictures,
