@@ -153,7 +153,7 @@ class ArmSetup:
 
 
 @njit(nogil=True)
-def sense(a: Array, measured: Array) -> None:
+def sense(a: np.record, measured: Array) -> None:
     """What the encoders say of the true angles and speeds. measured [2, N + 1] -> a.seen [2, N + 1]."""
     figures, seen = a.figures, a.seen
     for i in range(figures.shape[1]):
@@ -166,7 +166,7 @@ def sense(a: Array, measured: Array) -> None:
 
 
 @njit(nogil=True)
-def shape_commands(a: Array, step: float) -> None:
+def shape_commands(a: np.record, step: float) -> None:
     """Pass the arm's set points through filters and limits of rate. a.shaped [2, N + 1] is changed; step in s."""
     shaped, filters, filtered, followed = a.shaped, a.filters, a.filtered, a.followed
     count = a.figures.shape[1]
@@ -194,7 +194,7 @@ def shape_commands(a: Array, step: float) -> None:
 
 
 @njit(nogil=True)
-def play_drives(a: Array, measured: Array, step: float, out: Array) -> bool:
+def play_drives(a: np.record, measured: Array, step: float, out: Array) -> bool:
     """Turn the torques that the controller asks for into those that act on the joints, but for dry friction and armature.
 
     Args:
@@ -244,7 +244,7 @@ def play_drives(a: Array, measured: Array, step: float, out: Array) -> bool:
 
 
 @njit(nogil=True)
-def rub_joints(a: Array, measured: Array, step: float, out: Array) -> None:
+def rub_joints(a: np.record, measured: Array, step: float, out: Array) -> None:
     """Dry friction of one step, and armature with it: torques that make the engine move as both would.
 
     Args:
