@@ -11,7 +11,7 @@ TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 TOY_POLICY := results/policies/grasp/small_cube+foam_pad/gs/default/seed1/policy.json
 SUPPORTED := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 13))
 
-.PHONY: help status dag tables toy study results test test-unit test-gap test-rules test-toy test-captures lint format clean-toy setup
+.PHONY: help status dag tables toy study results test test-unit test-gap test-rules test-toy test-captures lint format schema clean-toy setup
 
 tables: $(INSTALLED)
 	$(SNAKEMAKE)
@@ -68,6 +68,10 @@ lint: $(INSTALLED)
 	$(BIN)/ruff format --check .
 	$(BIN)/snakefmt --check Snakefile rules
 	$(SNAKEMAKE) --lint
+
+# After an edit of gsbridge/configuration: the schema for editors, and the tables of docs/configuration.md.
+schema: $(INSTALLED)
+	$(BIN)/python -m gsbridge.configuration.pages
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .
