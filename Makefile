@@ -24,7 +24,7 @@ help:
 	@echo "make dag      the graph of rules as rules.svg (needs graphviz; rules.dot without it)"
 	@echo "make study    ways of learning compared, further worlds, the gap's blind cases: hours"
 	@echo "make results  measured figures against their floors: benchmarks/RESULTS.md"
-	@echo "make setup    the environment alone; make lint, make format, make clean-toy"
+	@echo "make setup    the environment alone; make lint, make format, make schema, make clean-toy"
 
 status: $(INSTALLED)
 	@$(BIN)/gsbridge status

@@ -71,7 +71,7 @@ def write_pages(root: Path) -> None:
 def _model(name: str) -> type[BaseModel]:
     """The settings of a section, or of a class of that name."""
     if name in Sections.model_fields:
-        return Configuration.model_fields[name].annotation or Configuration
+        return type(Configuration.model_fields[name].get_default(call_default_factory=True))
     for place in (scenes, experiment, whole):
         if hasattr(place, name):
             return getattr(place, name)
