@@ -1,6 +1,6 @@
 """What is made from the models for people and editors: the JSON schema, and the tables of `docs/configuration.md`.
 
-`make schema` runs this module; a test says where it was forgotten.
+`make schema` runs this module in the folder of the project; a test says where it was forgotten.
 """
 
 from __future__ import annotations
@@ -156,4 +156,4 @@ def _untitled(schema: Any) -> Any:
 
 
 if __name__ == "__main__":
-    write_pages(Path(__file__).resolve().parents[2])
+    write_pages(Path())
