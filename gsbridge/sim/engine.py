@@ -138,7 +138,8 @@ class Engine:
         self._set_contacts(model, setup)
         self._bind()
         if setup.pushes:
-            self.advance = partial(self._push_and_advance, setup, model.time_step, self.advance)
+            plain: Callable[[], None] = self.advance
+            self.advance = partial(self._push_and_advance, setup, model.time_step, plain)
 
     def close(self) -> None:
         """Release the engine; the world cannot be used afterwards."""

@@ -12,13 +12,12 @@ from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
-import yaml
-
 from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.effects.images import IMAGE_EFFECTS
 from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import Applied, checked_number, effect_of, read_effects
 from gsbridge.errors import InputError
+from gsbridge.reading import load_yaml, refusing
 
 EFFECTS = (JOINT_EFFECTS, BODY_EFFECTS, IMAGE_EFFECTS)
 """Effects that a model may hold, those that say a reason why not aside."""
@@ -218,15 +217,8 @@ def read_model(path: str | Path) -> Model:
     Raises:
         InputError: The file is missing or damaged, a key is unknown or missing, a value is no number or out of range.
     """
-    try:
-        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(
-            path, "the model file cannot be read", "Check the path; models/nominal.yaml is the nominal one"
-        ) from error
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(path, f"this is not valid YAML ({error})", "Correct it after models/nominal.yaml") from error
-    return parse_model(content, str(path))
+    with refusing(path, "the model cannot be used", "Correct it after models/nominal.yaml"):
+        return parse_model(load_yaml(path, "model file", "Check the path; models/nominal.yaml is the nominal one"), str(path))
 
 
 def parse_model(content: Any, source: str = "model") -> Model:

@@ -19,6 +19,7 @@ from gsbridge.gap.contact.setup import body_setup
 from gsbridge.gap.contact.throws import FEWEST, SHORTEST, Throws, read_throws
 from gsbridge.gap.diagnosis.results import ROLES
 from gsbridge.gap.formats.yaml_file import read_case_file
+from gsbridge.reading import refusing
 
 _KEYS = ("model", "records", "columns", "units", "effects", "horizon")
 
@@ -51,6 +52,11 @@ def read_throw_case(path: str | Path) -> ThrowCase:
         InputError: The file, its model or its throws cannot be used.
     """
     path = Path(path)
+    with refusing(path, "the case cannot be used", "Correct it after docs/gap_objects.md"):
+        return _throw_case(path)
+
+
+def _throw_case(path: Path) -> ThrowCase:
     content = read_case_file(path, "docs/gap_objects.md", "records", _KEYS)
     for key in ("columns", "units"):
         if not isinstance(content.get(key) or {}, Mapping):

@@ -18,6 +18,7 @@ from gsbridge.gap.formats.records import SHORTEST, TOOL, Layout, Record, check_d
 from gsbridge.gap.formats.yaml_file import read_case_file
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel, read_mechanism_model
 from gsbridge.geometry import Array
+from gsbridge.reading import refusing
 
 _KEYS = ("model", "records", "columns", "units", "torque_per_ampere", "noise", "effects")
 
@@ -48,7 +49,14 @@ def read_joint_case(path: str | Path) -> JointCase:
         InputError: The file, its model or a record cannot be used.
     """
     path = Path(path)
+    with refusing(path, "the case cannot be used", "Correct it after docs/gap.md"):
+        return _joint_case(path)
+
+
+def _joint_case(path: Path) -> JointCase:
     content = read_case_file(path, "docs/gap.md", "records", _KEYS)
+    if not isinstance(content["model"], str):
+        raise InputError(path, "'model' is no file name", "Write 'model: arm.yaml'; see docs/gap.md")
     model = path.parent / content["model"]
     system = read_mechanism_model(model)
     gain = content.get("torque_per_ampere")
