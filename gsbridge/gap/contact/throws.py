@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from gsbridge.errors import InputError
-from gsbridge.gap.formats.units import factor_to_si, split_header
+from gsbridge.gap.formats.columns import Columns, read_table
 from gsbridge.geometry import Array
 
 FEWEST = 8
@@ -27,8 +27,6 @@ _UNIT_NORM = 0.05
 """How far a quaternion's length may be from one."""
 
 _AXES = "xyz"
-
-_Column = Callable[[str, str, bool], Array | None]
 
 
 @dataclass(frozen=True)
@@ -109,14 +107,9 @@ def read_throws(path: str | Path, columns: Mapping[str, str] | None = None, unit
         )
     digest, items = hashlib.sha256(), []
     for file in files:
-        try:
-            digest.update(file.read_bytes())
-            table = pd.read_parquet(file) if file.suffix == ".parquet" else pd.read_csv(file)
-        except OSError as error:
-            raise InputError(file, "the throws cannot be read", "Check the path in the case") from error
-        except (ValueError, UnicodeDecodeError) as error:
-            raise InputError(file, f"this is no table ({error})", "Give CSV with a header line, or Parquet") from error
-        items += _throws_of(table, file, columns or {}, units or {}, alone=path.is_dir())
+        table, data = read_table(file, "throws")
+        digest.update(data)
+        items += _throws_of(Columns(table, file, columns or {}, units or {}), alone=path.is_dir())
     return Throws(tuple(items), digest.hexdigest(), path.stem)
 
 
@@ -126,44 +119,21 @@ def _natural(path: Path) -> tuple[int, str]:
     return (int(digits) if digits else -1, path.name)
 
 
-def _throws_of(
-    table: pd.DataFrame, source: Path, columns: Mapping[str, str], units: Mapping[str, str], *, alone: bool
-) -> list[Throw]:
+def _throws_of(columns: Columns, *, alone: bool) -> list[Throw]:
     """All throws of one file."""
-    headers = {split_header(str(header))[0]: str(header) for header in table.columns}
+    source = columns.source
 
-    def column(ours: str, dimension: str, required: bool) -> Array | None:
-        theirs, unit = split_header(columns.get(ours, ours))
-        if theirs not in headers:
-            if required:
-                shown = ", ".join(list(headers)[:14])
-                raise InputError(source, f"the column '{theirs}' is missing", f"It has: {shown}. Name yours under 'columns'")
-            return None
-        stated = split_header(headers[theirs])[1]
-        stated = stated if stated is not None else unit
-        stated = stated if stated is not None else units.get(ours, units.get(ours.split(".")[0]))
-        values = pd.to_numeric(table[headers[theirs]], errors="coerce").to_numpy(dtype=np.float64)
-        bad = np.flatnonzero(~np.isfinite(values))
-        if len(bad):
-            raise InputError(
-                source, f"the column '{theirs}' holds no number in data row {bad[0] + 1} ({len(bad)} such rows)",
-                "Remove these rows; gaps in time are allowed",
-            )  # fmt: skip
-        return values * factor_to_si(stated, dimension, source, theirs)
-
-    def group(kind: str, dimension: str, names: str, required: bool) -> Array | None:
-        found = [column(f"{kind}.{name}", dimension, required) for name in names]
+    def optional(kind: str, dimension: str) -> Array | None:
+        found = [columns.get(f"{kind}.{name}", dimension) for name in _AXES]
         present = [values for values in found if values is not None]
         if present and len(present) < len(found):
-            raise InputError(source, f"'{kind}' lacks a component", f"Give {kind}.{{{','.join(names)}}}, or none")
+            raise InputError(source, f"'{kind}' lacks a component", f"Give {kind}.{{{','.join(_AXES)}}}, or none")
         return np.stack(present, axis=1) if present else None
 
-    time = column("time", "time", True)
-    position, quat = group("position", "length", _AXES, True), group("orientation", "number", "w" + _AXES, True)
-    velocity, spin = group("velocity", "speed", _AXES, False), group("angular_velocity", "angular speed", _AXES, False)
-    assert time is not None
-    assert position is not None
-    assert quat is not None
+    time = columns.need("time", "time")
+    position = np.stack([columns.need(f"position.{name}", "length") for name in _AXES], axis=1)
+    quat = np.stack([columns.need(f"orientation.{name}", "number") for name in "w" + _AXES], axis=1)
+    velocity, spin = optional("velocity", "speed"), optional("angular_velocity", "angular speed")
     lengths = np.linalg.norm(quat, axis=1)
     worst = int(np.abs(lengths - 1.0).argmax())
     if abs(lengths[worst] - 1.0) > _UNIT_NORM:
@@ -171,7 +141,7 @@ def _throws_of(
             source, f"the quaternion of data row {worst + 1} has the length {lengths[worst]:.3g}",
             "Log unit quaternions, orientation.w first",
         )  # fmt: skip
-    number = None if alone else column("throw", "number", True)
+    number = None if alone else columns.need("throw", "number")
     names = [source.stem] if number is None else list(dict.fromkeys(number.tolist()))
     out = []
     for name in names:

@@ -22,14 +22,14 @@ from gsbridge.gap.contact.search import grid
 from gsbridge.gap.contact.store import load_throws, save_throws
 from gsbridge.gap.contact.throws import Throws
 from gsbridge.gap.contact.world import Flight
-from gsbridge.gap.diagnosis.amend import amend_model
+from gsbridge.gap.diagnosis.backend import CaseBackend, stored_names
 from gsbridge.gap.diagnosis.findings import similar_pairs
 from gsbridge.gap.diagnosis.residual_map import ResidualMap
 from gsbridge.geometry import Array
 
 
 @dataclass(frozen=True)
-class ThrowBackend:
+class ThrowBackend(CaseBackend):
     """A case whose model is a thrown body; see `gsbridge.gap.diagnosis.backend.Backend`.
 
     Args:
@@ -54,18 +54,8 @@ class ThrowBackend:
         Raises:
             InputError: A file is missing or damaged.
         """
-        names = about["effects"]
-        return cls(
-            ThrowCase(
-                Path(model), read_body(model), load_throws(data), None if names is None else tuple(names), about["horizon"],
-                tuple(about["reasons"]),
-            )
-        )  # fmt: skip
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Why the result is degraded."""
-        return self.case.reasons
+        body, throws = read_body(model), load_throws(data)
+        return cls(ThrowCase(Path(model), body, throws, stored_names(about), about["horizon"], tuple(about["reasons"])))
 
     def save(self, data: str | Path) -> None:
         """Write the throws (`.npz`)."""
@@ -73,16 +63,8 @@ class ThrowBackend:
 
     def about(self) -> dict[str, Any]:
         """What `records.json` says."""
-        names = self.case.names
-        return {
-            "model": str(self.case.model),
-            "mechanism_digest": self.case.body.digest(),
-            "joints": [],
-            "mode": MODE,
-            "horizon": self.case.horizon,
-            "effects": None if names is None else list(names),
-            "records": {role: _about(role, items) for role, items in self.case.throws.items()},
-        }
+        parts = {role: _about(role, items) for role, items in self.case.throws.items()}
+        return self.described(self.case.body.digest(), MODE, parts, horizon=self.case.horizon)
 
     def _replay(self, role: str) -> ThrowReplay:
         return ThrowReplay(self.case.body, self.case.throws[role], self.case.horizon)
@@ -114,10 +96,6 @@ class ThrowBackend:
         diagnosis = diagnose_throws(case.body, case.throws, bank, names=case.names, horizon=case.horizon, seed=seed)
         counts = {role: len(items) for role, items in case.throws.items()}
         return ThrowAccount().findings_of(diagnosis, case.throws, seed=seed, reasons=case.reasons, throws=counts)
-
-    def amend(self, model: str | Path, findings: Mapping[str, Any], out: str | Path) -> None:
-        """Write the model with what was named and the evidence for it."""
-        amend_model(model, findings, out)
 
     def replay(self, effects: Sequence[Applied]) -> tuple[dict[str, Array], dict[str, Any]]:
         """All throws with the model as it was and with effects.

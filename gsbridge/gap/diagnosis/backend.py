@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, Self
 
 from gsbridge.effects.registry import Applied
+from gsbridge.gap.diagnosis.amend import amend_model
 from gsbridge.geometry import Array
 
 
@@ -53,6 +55,47 @@ class Backend(Protocol):
 
     def replay(self, effects: Sequence[Applied]) -> tuple[dict[str, Array], dict[str, Any]]:
         """What was measured beside the model before and after, as arrays, and what `replays.json` says about it."""
+
+
+@dataclass(frozen=True)
+class CaseBackend:
+    """What backends share.
+
+    Args:
+        case: A checked case with its `model`, the `names` of effects that may be the reason, and `reasons`.
+    """
+
+    case: Any
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the result is degraded."""
+        return self.case.reasons
+
+    def described(
+        self, digest: str, mode: str, parts: Mapping[str, Mapping[str, Any]], joints: Sequence[str] = (), **figures: Any
+    ) -> dict[str, Any]:
+        """What `records.json` says.
+
+        Args:
+            digest: SHA-256 of all that a simulation depends on.
+            mode: Kind of case, or how a mechanism is driven.
+            parts: What a person wants to know about what was measured, by role.
+            joints: Of a mechanism.
+            figures: Further entries.
+        """
+        names = self.case.names
+        about = {"model": str(self.case.model), "mechanism_digest": digest, "joints": list(joints), "mode": mode, **figures}
+        return {**about, "effects": None if names is None else list(names), "records": dict(parts)}
+
+    def amend(self, model: str | Path, findings: Mapping[str, Any], out: str | Path) -> None:
+        """Write the model with what was named and the evidence for it."""
+        amend_model(model, findings, out)
+
+
+def stored_names(about: Mapping[str, Any]) -> tuple[str, ...] | None:
+    """Effects that may be the reason, as `described` has stored them."""
+    return None if about["effects"] is None else tuple(about["effects"])
 
 
 def best_effects(findings: Mapping[str, Any]) -> tuple[Applied, ...]:

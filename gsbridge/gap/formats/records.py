@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -11,12 +11,8 @@ import numpy as np
 import pandas as pd
 
 from gsbridge.errors import InputError
-from gsbridge.gap.formats.units import factor_to_si, split_header
+from gsbridge.gap.formats.columns import Columns, read_table
 from gsbridge.geometry import Array
-from gsbridge.reading import refusing, regular_file
-
-LARGEST_RECORD = 2 * 2**30
-"""Of a file, bytes: a day of seven joints at 100 Hz as text."""
 
 SHORTEST = 2.0
 """Shortest record of a driven mechanism, s: less holds too little excitation to tell effects apart."""
@@ -33,9 +29,6 @@ TOOL = "tool"
 AXES = ("x", "y", "z")
 
 _DEGREES = 180 / np.pi
-
-_Column = Callable[[str, str, bool], Array | None]
-"""Our name, dimension, whether it must be there -> values in SI units."""
 
 
 @dataclass(frozen=True)
@@ -117,10 +110,7 @@ def read_record(path: str | Path, layout: Layout) -> Record:
             record is too short, or angles are degrees where radians are stated.
     """
     path = Path(path)
-    regular_file(path, "record", "Check the path in the case", LARGEST_RECORD)
-    with refusing(path, "this is no table", "Give CSV with a header line, or Parquet"):
-        data = path.read_bytes()
-        table = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path)
+    table, data = read_table(path, "record")
     return record_of(table, path, layout, digest=hashlib.sha256(data).hexdigest())
 
 
@@ -136,47 +126,23 @@ def record_of(table: pd.DataFrame, path: Path, layout: Layout, *, digest: str) -
     Raises:
         InputError: As `read_record`.
     """
-    headers = {}
-    for header in table.columns:
-        name, unit = split_header(str(header))
-        headers[name] = (header, unit)
-
-    def column(ours: str, dimension: str, required: bool) -> Array | None:
-        theirs, unit = split_header(layout.columns.get(ours, ours))
-        if theirs not in headers:
-            if required:
-                shown = ", ".join(list(headers)[:12])
-                raise InputError(path, f"the column '{theirs}' is missing", f"It has: {shown}. Name yours under 'columns'")
-            return None
-        header, stated = headers[theirs]
-        stated = stated if stated is not None else unit
-        stated = stated if stated is not None else layout.units.get(ours, layout.units.get(ours.split(".")[0]))
-        values = pd.to_numeric(table[header], errors="coerce").to_numpy(dtype=np.float64)
-        bad = np.flatnonzero(~np.isfinite(values))
-        if len(bad):
-            raise InputError(
-                path, f"the column '{theirs}' holds no number in data row {bad[0] + 1} ({len(bad)} such rows)",
-                "Remove or mend these rows; gaps in time are allowed",
-            )  # fmt: skip
-        return values * factor_to_si(stated, dimension, path, theirs, layout.torque_per_ampere)
-
-    time = column("time", "time", True)
-    assert time is not None
+    columns = Columns(table, path, layout.columns, layout.units, layout.torque_per_ampere)
+    time = columns.need("time", "time")
     commands, measured = {}, {}
     for kind, dimension in COMMANDS.items():
         dimension = "torque" if layout.torque_mode and kind == "command" else dimension
-        found = _per_joint(kind, dimension, layout.joints, column, path)
+        found = _per_joint(kind, dimension, layout.joints, columns)
         if found is not None:
             commands[kind] = found
     for kind, dimension in MEASURED.items():
-        found = _per_joint(kind, dimension, layout.joints, column, path)
+        found = _per_joint(kind, dimension, layout.joints, columns)
         if found is not None:
             measured[kind] = found
-    tool = _per_joint(TOOL, "length", AXES, column, path)
+    tool = _per_joint(TOOL, "length", AXES, columns)
     if tool is not None:
         measured[TOOL] = tool
     elif "position" not in measured:
-        column(f"position.{layout.joints[0]}", "angle", True)
+        columns.need(f"position.{layout.joints[0]}", "angle")
     record = Record(
         path.stem, time - time[0], layout.joints, commands, measured, digest=digest, torque_commands=layout.torque_mode
     )
@@ -185,15 +151,15 @@ def record_of(table: pd.DataFrame, path: Path, layout: Layout, *, digest: str) -
     return replace(record, quantum={kind: quantum_of(values) for kind, values in measured.items()})
 
 
-def _per_joint(kind: str, dimension: str, joints: Sequence[str], column: _Column, path: Path) -> Array | None:
+def _per_joint(kind: str, dimension: str, joints: Sequence[str], columns: Columns) -> Array | None:
     """Columns `kind.joint` of all joints, or None if there is none of the kind."""
-    found = [column(f"{kind}.{joint}", dimension, False) for joint in joints]
+    found = [columns.get(f"{kind}.{joint}", dimension) for joint in joints]
     if all(values is None for values in found):
         return None
     for joint, values in zip(joints, found, strict=True):
         if values is None:
             raise InputError(
-                path,
+                columns.source,
                 f"there are '{kind}' columns, but no '{kind}.{joint}'",
                 f"Add '{kind}.{joint} [unit]', or leave the kind out",
             )

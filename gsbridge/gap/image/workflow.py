@@ -16,7 +16,7 @@ from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import atomic_file, read_json, write_json
 from gsbridge.gap.diagnosis.amend import ordered, write_amended
-from gsbridge.gap.diagnosis.backend import best_effects
+from gsbridge.gap.diagnosis.backend import CaseBackend, best_effects, stored_names
 from gsbridge.gap.diagnosis.findings import similar_pairs
 from gsbridge.gap.formats.yaml_file import read_yaml
 from gsbridge.gap.image.case import PHOTOS, ImageCase, load_pairs, read_image_case, save_pairs
@@ -37,7 +37,7 @@ _SHOWN = 4
 
 
 @dataclass(frozen=True)
-class ImageBackend:
+class ImageBackend(CaseBackend):
     """A case about pictures; see `gsbridge.gap.diagnosis.backend.Backend`.
 
     Args:
@@ -62,13 +62,7 @@ class ImageBackend:
         Raises:
             InputError: A file is missing or damaged.
         """
-        names = about["effects"]
-        return cls(ImageCase(Path(model), load_pairs(data), None if names is None else tuple(names), tuple(about["reasons"])))
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Why the result is degraded."""
-        return self.case.reasons
+        return cls(ImageCase(Path(model), load_pairs(data), stored_names(about), tuple(about["reasons"])))
 
     def save(self, data: str | Path) -> None:
         """Write the photos (`.npz`)."""
@@ -76,15 +70,8 @@ class ImageBackend:
 
     def about(self) -> dict[str, Any]:
         """What `records.json` says."""
-        names = self.case.names
-        return {
-            "model": str(self.case.model),
-            "mechanism_digest": hashlib.sha256(self.case.model.read_bytes()).hexdigest(),
-            "joints": [],
-            "mode": PHOTOS,
-            "effects": None if names is None else list(names),
-            "records": {role: _about(part) for role, part in self.case.pairs.items()},
-        }
+        digest = hashlib.sha256(self.case.model.read_bytes()).hexdigest()
+        return self.described(digest, PHOTOS, {role: _about(part) for role, part in self.case.pairs.items()})
 
     def _views(self) -> dict[str, ImageResiduals]:
         """Photos in units of the noise, by role."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gsbridge.effects.registry import Applied
-from gsbridge.gap.diagnosis.amend import amend_model
+from gsbridge.gap.diagnosis.backend import CaseBackend, stored_names
 from gsbridge.gap.diagnosis.findings import similar_pairs
 from gsbridge.gap.diagnosis.results import Candidate
 from gsbridge.gap.formats.records import Record
@@ -28,7 +28,7 @@ from gsbridge.geometry import Array
 
 
 @dataclass(frozen=True)
-class JointBackend:
+class JointBackend(CaseBackend):
     """A case whose model is a mechanism; see `gsbridge.gap.diagnosis.backend.Backend`.
 
     Args:
@@ -56,18 +56,8 @@ class JointBackend:
         Raises:
             InputError: A file is missing or damaged.
         """
-        names = about["effects"]
-        return cls(
-            JointCase(
-                Path(model), read_mechanism_model(model), load_records(data), None if names is None else tuple(names),
-                tuple(about["reasons"]),
-            )
-        )  # fmt: skip
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Why the result is degraded."""
-        return self.case.reasons
+        system, records = read_mechanism_model(model), load_records(data)
+        return cls(JointCase(Path(model), system, records, stored_names(about), tuple(about["reasons"])))
 
     def save(self, data: str | Path) -> None:
         """Write the records (`.npz`)."""
@@ -75,15 +65,8 @@ class JointBackend:
 
     def about(self) -> dict[str, Any]:
         """What `records.json` says."""
-        system, names = self.case.system, self.case.names
-        return {
-            "model": str(self.case.model),
-            "mechanism_digest": system.digest(),
-            "joints": list(system.joints),
-            "mode": system.controller.mode,
-            "effects": None if names is None else list(names),
-            "records": {role: _about(item) for role, item in self.case.records.items()},
-        }
+        system, parts = self.case.system, {role: _about(item) for role, item in self.case.records.items()}
+        return self.described(system.digest(), system.controller.mode, parts, system.joints)
 
     def compare(self) -> dict[str, Any]:
         """Residuals of every channel under the model as it is, and a map of where they show: `comparison.json`."""
@@ -115,10 +98,6 @@ class JointBackend:
         case = self.case
         diagnosis = diagnose_joints(case.system, case.records, bank, names=case.names, seed=seed)
         return JointAccount().findings_of(diagnosis, case.records, seed=seed, reasons=case.reasons)
-
-    def amend(self, model: str | Path, findings: Mapping[str, Any], out: str | Path) -> None:
-        """Write the model with what was named and the evidence for it."""
-        amend_model(model, findings, out)
 
     def replay(self, effects: Sequence[Applied]) -> tuple[dict[str, Array], dict[str, Any]]:
         """Every record with the model as it was and with effects.

@@ -1,0 +1,99 @@
+"""Columns of a table that a user brings, in SI units: which is which, what its unit is, and whether it holds numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from gsbridge.errors import InputError
+from gsbridge.gap.formats.units import factor_to_si, split_header
+from gsbridge.geometry import Array
+from gsbridge.reading import refusing, regular_file
+
+LARGEST_TABLE = 2 * 2**30
+"""Of a file, bytes: a day of seven joints at 100 Hz as text."""
+
+_LISTED = 14
+"""Columns that a message names."""
+
+
+def read_table(path: Path, what: str) -> tuple[pd.DataFrame, bytes]:
+    """A table from CSV (header `name [unit]`) or Parquet, and the file's bytes.
+
+    Args:
+        path: The file.
+        what: What it holds, for the message: `record`, `throws`.
+
+    Raises:
+        InputError: The file cannot be read, or is no table.
+    """
+    regular_file(path, what, "Check the path in the case", LARGEST_TABLE)
+    with refusing(path, "this is no table", "Give CSV with a header line, or Parquet"):
+        data = path.read_bytes()
+        return pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path), data
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns of one table by our names.
+
+    Args:
+        table: One row per sample.
+        source: Its file, for messages.
+        names: Our name of a column to that of the file; others keep our name.
+        units: Our name of a column, or its kind alone, to its unit; for files whose headers state none.
+        gain: N m per ampere, for efforts in amperes.
+    """
+
+    table: pd.DataFrame
+    source: Path
+    names: Mapping[str, str]
+    units: Mapping[str, str]
+    gain: float | None = None
+
+    def get(self, ours: str, dimension: str) -> Array | None:
+        """Values in SI units; None where there is no such column. [T].
+
+        Args:
+            ours: Our name.
+            dimension: A key of `gsbridge.gap.formats.units.FACTORS`.
+
+        Raises:
+            InputError: The unit is missing or unknown, or a value is no number.
+        """
+        headers = self._headers()
+        theirs, unit = split_header(self.names.get(ours, ours))
+        if theirs not in headers:
+            return None
+        stated = split_header(headers[theirs])[1]
+        stated = stated if stated is not None else unit
+        stated = stated if stated is not None else self.units.get(ours, self.units.get(ours.split(".")[0]))
+        values = pd.to_numeric(self.table[headers[theirs]], errors="coerce").to_numpy(dtype=np.float64)
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad):
+            raise InputError(
+                self.source, f"the column '{theirs}' holds no number in data row {bad[0] + 1} ({len(bad)} such rows)",
+                "Remove or mend these rows; gaps in time are allowed",
+            )  # fmt: skip
+        return values * factor_to_si(stated, dimension, self.source, theirs, self.gain)
+
+    def need(self, ours: str, dimension: str) -> Array:
+        """`get` of a column that must be there. [T].
+
+        Raises:
+            InputError: It is missing, or as `get`.
+        """
+        found = self.get(ours, dimension)
+        if found is None:
+            theirs = split_header(self.names.get(ours, ours))[0]
+            shown = ", ".join(list(self._headers())[:_LISTED])
+            raise InputError(self.source, f"the column '{theirs}' is missing", f"It has: {shown}. Name yours under 'columns'")
+        return found
+
+    def _headers(self) -> dict[str, str]:
+        """Headers by the names in them."""
+        return {split_header(str(header))[0]: str(header) for header in self.table.columns}
