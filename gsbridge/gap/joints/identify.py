@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from gsbridge.gap.diagnosis.closure import closed, closed_at_most_times
-from gsbridge.gap.diagnosis.results import VERDICTS, Candidate, EffectFit, Finding, Hypothesis, Rules
+from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Finding, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import decide, transfer
 from gsbridge.gap.joints.bank import SignatureBank
 from gsbridge.gap.joints.coherence import coherence_p, has_related, line_p
@@ -17,8 +17,6 @@ from gsbridge.gap.joints.detect import JointNull, joint_null
 from gsbridge.gap.joints.fit import fit, polish
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import Mixture, Screen, SignatureMatch
-
-__all__ = ["VERDICTS", "Finding", "Hypothesis", "JointIdentification", "Rules"]
 
 logger = logging.getLogger("gsbridge")
 

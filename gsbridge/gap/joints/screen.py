@@ -203,18 +203,6 @@ class Screen:
         return sorted(best.values(), key=lambda item: -item[1])[:keep]
 
 
-def screen(view: JointResiduals, bank: SignatureBank, residual: Array, starts: int = 3) -> list[SignatureMatch]:
-    """Candidates, the best first.
-
-    Args:
-        view: Of the record that the bank belongs to.
-        bank: Signatures.
-        residual: Whitened. [T, C].
-        starts: Starts kept per candidate.
-    """
-    return Screen(view, bank).matches(residual, starts)
-
-
 def cosines(view: JointResiduals, signatures: Sequence[Signature]) -> Array:
     """How alike signatures look: 1 means that no fit can tell them apart. [S, S]."""
     shapes = np.stack([view.whiten(s.change.astype(np.float64)).ravel() for s in signatures])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -92,10 +92,6 @@ class MechanismModel:
     def time_step(self) -> float:
         """Of the physics, s."""
         return 1.0 / self.physics_rate
-
-    def with_effects(self, effects: tuple[Applied, ...]) -> MechanismModel:
-        """The same mechanism with other effects."""
-        return replace(self, effects=effects)
 
     def digest(self) -> str:
         """SHA-256 over everything that a simulation depends on."""
