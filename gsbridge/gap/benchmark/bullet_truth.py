@@ -40,11 +40,11 @@ class BulletTruth:
 
     def __call__(self, course: Course, duration: float, times: Array, hidden: Mapping[str, float]) -> dict[str, Array]:
         """What the arm with something hidden would log; see `generate.Truth`."""
-        with _Running(self.system, self._skeleton, hidden) as engine:
+        with _BulletArm(self.system, self._skeleton, hidden) as engine:
             return run_arm(engine, self.system, course, duration, times, hidden)
 
 
-class _Running:
+class _BulletArm:
     """An arm of PyBullet in motion, and the nominal one that its controller believes in."""
 
     steps = _EVERY
@@ -60,7 +60,7 @@ class _Running:
         self._clients: list[BulletClient] = []
         self._force = np.zeros(3)
 
-    def __enter__(self) -> _Running:
+    def __enter__(self) -> _BulletArm:
         bodies = dict(self._skeleton.inertials)
         if "payload" in self._hidden:
             link = self._skeleton.child_of[self._system.joints[-1]]

@@ -93,11 +93,11 @@ class MujocoTruth:
     def __call__(self, course: Course, duration: float, times: Array, hidden: Mapping[str, float]) -> dict[str, Array]:
         """What the mechanism with something hidden would log; see `generate.Truth`."""
         last = self._skeleton.child_of[self.system.joints[-1]]
-        engine = _Running(self._compile(hidden), self._brain, self.system.joints, last)
+        engine = _MujocoArm(self._compile(hidden), self._brain, self.system.joints, last)
         return run_arm(engine, self.system, course, duration, times, hidden)
 
 
-class _Running:
+class _MujocoArm:
     """An arm of MuJoCo in motion, and the nominal one that its controller believes in."""
 
     steps = _EVERY

@@ -36,7 +36,7 @@ def run_photo_baseline(method: str, pairs: Mapping[str, Pairs]) -> dict[str, Any
         if method == "training_bic":
             found = _bic(first, groups, residual)
         else:
-            table = _Table(groups, residual)
+            table = _SignatureTable(groups, residual)
             found = {"largest_change": table.largest, "cosine": table.nearest, "sparse": table.few}[method]()
     return answer(found, {"bank": 0, "case": first.expectation.pictures}, time.perf_counter() - begin)
 
@@ -52,7 +52,7 @@ def _bic(view: ImageResiduals, groups: Sequence[Group], residual: Array) -> list
     return best
 
 
-class _Table:
+class _SignatureTable:
     """Signatures side by side, either way round where an effect has two."""
 
     def __init__(self, groups: Sequence[Group], residual: Array) -> None:

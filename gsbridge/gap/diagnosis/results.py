@@ -203,8 +203,8 @@ class Finding:
 
     Args:
         verdict: One of `VERDICTS`.
-        best: The best trial; None where nothing was fitted.
-        rivals: All trials with the probability that each is best, the best first.
+        best: The best hypothesis; None where nothing was fitted.
+        rivals: All hypotheses with the probability that each is best, the best first.
         ambiguous: Names among which the data cannot decide.
         something_remains: Whether the best explanation leaves more than noise.
         p_value: Of the hypothesis that nothing is missing.

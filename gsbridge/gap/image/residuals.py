@@ -42,7 +42,7 @@ _CLEAR = 5.0
 
 
 @dataclass(frozen=True)
-class ImageNoise:
+class PhotoNoise:
     """Variance of one photo at the size at which photos are compared.
 
     Args:
@@ -62,7 +62,7 @@ class ImageNoise:
         return {"dark": float(np.sqrt(self.dark)), "white": float(np.sqrt(self.dark + self.light))}
 
 
-def learn_noise(pairs: Sequence[Pairs]) -> ImageNoise:
+def learn_noise(pairs: Sequence[Pairs]) -> PhotoNoise:
     """Noise from photos of the same views with nothing changed."""
     levels, squares = [], []
     for views in pairs:
@@ -83,7 +83,7 @@ def learn_noise(pairs: Sequence[Pairs]) -> ImageNoise:
     least = LEAST / size**2
     weight = 1.0 / np.maximum(means, least)
     dark, light = nnls(np.array(rows) * weight[:, None], np.array(means) * weight)[0]
-    return ImageNoise(max(float(dark), least), float(light))
+    return PhotoNoise(max(float(dark), least), float(light))
 
 
 def shrinking(pairs: Pairs, height: int = HEIGHT) -> int:
@@ -122,7 +122,7 @@ class ImageResiduals:
         mask: Where they are. [N, h, w].
     """
 
-    def __init__(self, pairs: Pairs, noise: ImageNoise, *, grain: bool = True, height: int = HEIGHT) -> None:
+    def __init__(self, pairs: Pairs, noise: PhotoNoise, *, grain: bool = True, height: int = HEIGHT) -> None:
         self.pairs, self.noise, self._grainy = pairs, noise, grain
         self.expectation = Expectation(pairs)
         self.size = shrinking(pairs, height)
