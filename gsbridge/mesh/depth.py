@@ -19,6 +19,13 @@ from gsbridge.mesh.stereo import confirm, patch_match
 from gsbridge.photogrammetry.carving import mesh_depth
 
 _HYPOTHESES = 24
+_DEEP_HYPOTHESES = 40
+_DEEP_MARGIN = 0.1
+"""The second search, deep into the object, is wider, and so more of its matches are chance: they must be this much better."""
+_UPWARD = 0.65
+"""Least height of the first normals (half way between hull and viewer) where the object may be open: lids, not walls."""
+_SURE = 0.8
+"""Where the first search matches this well there is nothing to look for behind."""
 _PASSES = 3
 _TEXTURE = 0.008
 """Patches with a smaller standard deviation (0..1) show sensor noise rather than the surface."""
@@ -36,6 +43,7 @@ class Cloud:
         confirmed: Per view, lattice pixels with a confirmed depth. [h, w] bool each.
         views: The views at the lattice's size, whose pixels are the lattice pixels.
         tried: Lattice pixels on the object, over all views.
+        depths: Per view, confirmed depth along camera z, 0 where there is none. [h, w] each.
     """
 
     points: Array
@@ -43,6 +51,7 @@ class Cloud:
     confirmed: tuple[Array, ...]
     views: tuple[View, ...]
     tried: int
+    depths: tuple[Array, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -176,24 +185,41 @@ def depth_cloud(views: Views, masks: Sequence[Array], hull: Hull, settings: Mesh
             images[slot, : photos[s].grey.shape[0], : photos[s].grey.shape[1]] = photos[s].grey
         pairs = [_relative(photo.view, photos[s].view) for s in chosen]
         k = photo.view.camera
-        depth, _, score = patch_match(
-            photo.grey,
-            photo.mask,
-            images,
-            np.stack([pair[0] for pair in pairs]),
-            np.stack([pair[1] for pair in pairs]),
-            np.array([k.fx, k.fy, k.cx, k.cy]),
-            near,
-            far,
-            normals,
-            settings.window,
-            stride,
-            _HYPOTHESES,
-            _PASSES,
-            _TEXTURE,
-            seed + index,
-        )
-        depth[score < settings.min_score] = 0.0
+        maps, shifts = np.stack([pair[0] for pair in pairs]), np.stack([pair[1] for pair in pairs])
+
+        def search(first: Array, last: Array, hypotheses: int, least: float) -> tuple[Array, Array]:
+            depth, _, score = patch_match(
+                photo.grey,
+                photo.mask,
+                images,
+                maps,
+                shifts,
+                np.array([k.fx, k.fy, k.cx, k.cy]),
+                first,
+                last,
+                normals,
+                settings.window,
+                stride,
+                hypotheses,
+                _PASSES,
+                _TEXTURE,
+                seed + index,
+            )
+            depth[score < least] = 0.0
+            return depth, score
+
+        depth, score = search(near, far, _HYPOTHESES, settings.min_score)
+        # A line of sight that enters the hull from above may look into the object: its far wall is where the hull ends.
+        end = np.minimum(float((hull.mesh.vertices @ pose[2, :3] + pose[2, 3]).max()), table).astype(np.float32)
+        opened = np.isfinite(near) & (normals @ pose[:3, 2] > _UPWARD) & (end > far)
+        if opened.any():
+            # A wall just beyond the first search's end pulls matches to that end.
+            depth[opened & (depth > far - 0.03 * hull.size)] = 0.0
+            deeper = opened & ((score < _SURE) | (depth == 0))
+            first = np.where(deeper, far - 0.06 * hull.size, np.inf).astype(np.float32)
+            deep, deep_score = search(first, end, _DEEP_HYPOTHESES, settings.min_score + _DEEP_MARGIN)
+            better = (deep > 0) & ((depth == 0) | (deep_score > score + _DEEP_MARGIN))
+            depth = np.where(better, deep, depth)
         return depth, near
 
     depths, tried = [], 0
@@ -216,7 +242,7 @@ def _merge(
     """Keep depths that other maps confirm, as points with normals."""
     stride = settings.stride
     neighbours = rank_sources([photo.view for photo in photos], middle, 2 * settings.sources)
-    points, confirmed = [], []
+    points, confirmed, kept_depths = [], [], []
     for index, (photo, camera, depth) in enumerate(zip(photos, lattice, depths, strict=True)):
         pose = photo.view.cam_from_table
         local = camera.pixel_rays() * depth[..., None]
@@ -224,6 +250,7 @@ def _merge(
         chosen = [s for s in neighbours[index] if depths[s].any()]
         if not chosen:
             confirmed.append(np.zeros(depth.shape, bool))
+            kept_depths.append(np.zeros(depth.shape, np.float32))
             continue
         largest = np.array([depths[s].shape for s in chosen]).max(0)
         others = np.zeros((len(chosen), *largest), np.float32)
@@ -234,12 +261,13 @@ def _merge(
         intrinsics = np.array([[c.fx, c.fy, c.cx, c.cy] for c in cameras])
         averaged, agree = confirm(world, depth, others, poses, intrinsics, stride, _TOLERANCE, settings.min_agree)
         confirmed.append(agree > 0)
+        kept_depths.append(np.where(agree > 0, depth, 0.0).astype(np.float32))
         found = averaged[agree > 0]
         points.append(np.c_[found, np.broadcast_to(photo.view.centre, found.shape)])
     views = tuple(replace(photo.view, camera=camera) for photo, camera in zip(photos, lattice, strict=True))
     cloud = np.concatenate(points) if points else np.zeros((0, 6))
     kept, normals = _oriented(cloud)
-    return Cloud(kept, normals, tuple(confirmed), views, tried)
+    return Cloud(kept, normals, tuple(confirmed), views, tried, tuple(kept_depths))
 
 
 def _oriented(cloud: Array) -> tuple[Array, Array]:

@@ -20,6 +20,7 @@ from gsbridge.images import read_image
 from gsbridge.mesh.backends import choose_backend, external_points
 from gsbridge.mesh.depth import Cloud, depth_cloud
 from gsbridge.mesh.fuse import fuse, vertex_colours
+from gsbridge.mesh.hollow import carved, lowered
 from gsbridge.mesh.hull import Hull, build_hull, read_masks
 from gsbridge.mesh.repair import closed_surface
 from gsbridge.meshes import Mesh, write_mesh
@@ -52,8 +53,13 @@ def _solid(
 ) -> tuple[Grid, Array, dict[str, Any]]:
     """Signed distance of the object by the chosen depth backend, and figures."""
     backend = choose_backend(settings.backend)
+    top = float(hull.mesh.vertices[:, 2].max())
     if backend == "sweep":
         cloud = depth_cloud(views, masks, hull, settings, seed, threads)
+        lower = lowered(hull, cloud, views, masks)
+        if lower is not hull:
+            # Matches on a top that is not there are chance, and they hide what lies below.
+            hull, cloud = lower, depth_cloud(views, masks, lower, settings, seed, threads)
         kept = sum(int(item.sum()) for item in cloud.confirmed)
         share = kept / max(cloud.tried, 1)
     else:
@@ -64,8 +70,11 @@ def _solid(
         # These points were checked by their program; near ones stand in for the pixel-wise test of hull samples.
         cloud, share = Cloud(points[above], normals[above], (), (), 0), float("nan")
     logger.info("mesh: %d depth points (%s), %.0f %% of the object's pixels confirmed", len(cloud.points), backend, 100 * share)
+    hull, cavity = carved(hull, cloud, threads)
     grid, field, figures = fuse(hull, cloud, views, settings, narrow=narrow, seed=seed, threads=threads)
-    return grid, field, {"backend": backend, "confirmed_share": share, **figures}
+    figures |= {"backend": backend, "confirmed_share": share, "cavity_share": cavity}
+    figures["lowered_share"] = 1.0 - float(hull.mesh.vertices[:, 2].max()) / top
+    return grid, field, figures
 
 
 def _figures(mesh: Mesh) -> dict[str, Any]:
@@ -127,8 +136,8 @@ def mesh_object(
         visual, figures["method"] = closed_surface(hull.grid, hull.field, settings.faces), "hull"
     else:
         figures["method"] = "depth and hull, Poisson"
-    if narrow and figures["method"] != "hull":
-        # A hull of one side is a pair of cones; the fitted solid is the better body for contacts too.
+    if (narrow or figures["cavity_share"] or figures["lowered_share"]) and figures["method"] != "hull":
+        # A hull of one side is a pair of cones and a hull never hollow: the fitted solid is the better body for contacts too.
         collision = closed_surface(grid, field, settings.collision_faces) or collision
     if visual is None or collision is None:
         raise StageError("mesh", "no closed mesh comes out of the masks", "Look at the masks and at the poses")

@@ -1,0 +1,214 @@
+"""What a hull cannot know: the space that measured depth proves empty, and a top that no outline needs.
+
+Outlines taken from one height leave a cone over whatever is open at the top, and no outline shows a cavity. A depth that other
+views confirm shows both: whatever lies in front of it is empty.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from gsbridge.cameras import View
+from gsbridge.carving import largest_component, mesh_depth, mesh_of_field
+from gsbridge.geometry import Array
+from gsbridge.kernels import njit
+from gsbridge.mesh.depth import Cloud
+from gsbridge.mesh.hull import Hull
+
+_VIEWS = 3
+"""Views that must see through a place before it counts as empty: a single wrong depth would drill a hole."""
+_SLACK = 0.012
+"""How far before a measured surface a place must lie to be empty, as a share of the object's size."""
+_WORTH = 0.01
+"""Share of the hull's volume below which what depth removes is its noise, and the hull stays as it is."""
+_LOWER = 0.03
+"""Share of the hull's size from which on a lower top is taken; less is the outlines' noise."""
+_MEASURED = 0.2
+"""Share of the lines of sight into the part above that must end there, measured, for it to stay: a dome with a pattern."""
+_OUTLINE_WIDTH = 320
+"""Masks are shrunk to this width for the height that the outlines need, px."""
+
+
+@njit(nogil=True)
+def _free_slab(origin, spacing, begin, end, solid, depths, sizes, projections, wanted, out):  # type: ignore[no-untyped-def]
+    """How far before measured surfaces the points of x layers `begin`..`end` lie: the `wanted`-th largest of all views."""
+    largest = np.empty(wanted, np.float32)
+    for i in range(begin, end):
+        x = origin[0] + spacing * i
+        for j in range(out.shape[1]):
+            y = origin[1] + spacing * j
+            for k in range(out.shape[2]):
+                if not solid[i, j, k]:
+                    continue
+                z = origin[2] + spacing * k
+                largest[:] = -1e9
+                for v in range(depths.shape[0]):
+                    p = projections[v]
+                    depth = p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3]
+                    if depth <= 1e-6:
+                        continue
+                    c = int(np.floor((p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) / depth))
+                    r = int(np.floor((p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) / depth))
+                    if c < 0 or r < 0 or c >= sizes[v, 0] or r >= sizes[v, 1]:
+                        continue
+                    measured = depths[v, r, c]
+                    if measured <= 0:
+                        continue
+                    value = np.float32(measured - depth)
+                    slot = wanted - 1
+                    if value <= largest[slot]:
+                        continue
+                    while slot > 0 and largest[slot - 1] < value:
+                        largest[slot] = largest[slot - 1]
+                        slot -= 1
+                    largest[slot] = value
+                out[i, j, k] = largest[wanted - 1]
+
+
+def free_space(hull: Hull, views: Sequence[View], depths: Sequence[Array], threads: int) -> Array:
+    """How far before a measured surface each place within a hull lies.
+
+    Args:
+        hull: Visual hull.
+        views: Views at the size of their depth maps.
+        depths: Confirmed depth along camera z, 0 where there is none. [h, w] each.
+        threads: Threads to use.
+
+    Returns:
+        The distance that `_VIEWS` views agree on, positive in empty space, m; very low where fewer views say anything, and
+        outside the hull. [nx, ny, nz] float32.
+    """
+    out = np.full(hull.grid.shape, -1e9, np.float32)
+    if len(depths) < _VIEWS:
+        return out
+    sizes = np.array([depth.shape[::-1] for depth in depths])
+    maps = np.zeros((len(depths), sizes[:, 1].max(), sizes[:, 0].max()), np.float32)
+    for item, depth in zip(maps, depths, strict=True):
+        # The nearest depth round a pixel: beside an edge the far side would prove the near side empty.
+        near = np.where(depth > 0, depth, np.inf)
+        near = ndimage.minimum_filter(near, size=3, mode="nearest")
+        item[: depth.shape[0], : depth.shape[1]] = np.where((depth > 0) & np.isfinite(near), near, 0.0)
+    projections = np.stack([view.camera.intrinsics @ view.cam_from_table[:3] for view in views])
+    solid = hull.field > 0
+    layers = np.linspace(0, hull.grid.shape[0], 4 * threads + 1).astype(int)
+    fixed = (solid, maps, sizes, projections, _VIEWS, out)
+    with ThreadPoolExecutor(threads) as pool:
+        jobs = [
+            pool.submit(_free_slab, hull.grid.origin, hull.grid.spacing, a, b, *fixed)
+            for a, b in zip(layers[:-1], layers[1:], strict=True)
+            if b > a
+        ]
+        for job in jobs:
+            job.result()
+    return out
+
+
+def needed_height(hull: Hull, views: Sequence[View], masks: Sequence[Array]) -> float:
+    """Height up to which the outlines need the hull: cut off there, it still covers what it covers in every mask.
+
+    Outlines from one height leave a cone over a flat or open top, which nothing in any picture asks for; a thin tip, which
+    some pictures do show, stays.
+
+    Args:
+        hull: Visual hull.
+        views: Posed views.
+        masks: Their masks, 0..1. [H, W] each.
+    """
+    small = []
+    for view, mask in zip(views, masks, strict=True):
+        camera = view.camera.scaled(min(1.0, _OUTLINE_WIDTH / view.camera.width))
+        inside = cv2.resize(mask, (camera.width, camera.height), interpolation=cv2.INTER_AREA) > 0.5
+        if inside.any():
+            covered = np.isfinite(mesh_depth(hull.mesh.vertices, hull.mesh.faces, camera, view.cam_from_table))
+            small.append((camera, view.cam_from_table, inside & covered))
+    # Two pixels are what an outline is sharp to.
+    brush = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+    middle = hull.mesh.vertices.mean(0)
+    blur = []
+    for camera, pose, _ in small:
+        ray = pose[:3, :3] @ middle + pose[:3, 3]
+        level = np.sqrt(1 - (pose[2, 2]) ** 2)
+        blur.append(2.0 * ray[2] / (camera.fy * max(level, 0.2)))
+
+    def enough(height: float) -> bool:
+        vertices = hull.mesh.vertices.copy()
+        vertices[:, 2] = np.minimum(vertices[:, 2], height)
+        missed = 0
+        for camera, pose, needed in small:
+            left = np.isfinite(mesh_depth(vertices, hull.mesh.faces, camera, pose)).astype(np.uint8)
+            missed += int((needed & (cv2.dilate(left, brush) == 0)).sum()) > 3
+        return missed <= 0.1 * len(small)
+
+    top = float(hull.mesh.vertices[:, 2].max())
+    low, high = 0.0, top
+    while high - low > 0.005 * top:
+        half = 0.5 * (low + high)
+        low, high = (low, half) if enough(half) else (half, high)
+    # Within two pixels of the outline nothing counts as missed, so the search ends that much too low.
+    return min(top, high + float(np.median(blur)))
+
+
+def lowered(hull: Hull, cloud: Cloud, views: Sequence[View], masks: Sequence[Array]) -> Hull:
+    """A hull without a top that neither the outlines nor the measured points need; the same object where there is none.
+
+    Args:
+        hull: Visual hull.
+        cloud: Confirmed depth, searched for from this hull inwards.
+        views: The views, whatever their size.
+        masks: Their masks, 0..1. [H, W] each.
+    """
+    top = float(hull.mesh.vertices[:, 2].max())
+    height = needed_height(hull, views, masks)
+    if height > top - _LOWER * hull.size or _measured_above(hull, cloud, height) > _MEASURED:
+        return hull
+    cut = np.minimum(hull.uncut, (height - hull.grid.axis(2)[None, None, :]).astype(np.float32))
+    return _rebuilt(hull, cut)
+
+
+def _measured_above(hull: Hull, cloud: Cloud, height: float) -> float:
+    """Share of the lines of sight that enter a hull above a height and were measured to end above it."""
+    slack = _LOWER * hull.size
+    entered = ended = 0
+    for view, depth in zip(cloud.views, cloud.depths, strict=True):
+        pose = view.cam_from_table
+        front = mesh_depth(hull.mesh.vertices, hull.mesh.faces, view.camera, pose)
+        # Height at depth d along a line of sight: the camera's height and d times the fall of its ray.
+        fall = view.camera.pixel_rays() @ pose[:3, 2]
+        above = np.isfinite(front) & (view.centre[2] + np.where(np.isfinite(front), front, 0.0) * fall > height + slack)
+        entered += int(above.sum())
+        ended += int((above & (depth > 0) & (view.centre[2] + depth * fall > height + slack)).sum())
+    return ended / max(entered, 1)
+
+
+def _rebuilt(hull: Hull, uncut: Array) -> Hull:
+    """The hull of another field; the old one where nothing is left."""
+    field = largest_component(np.minimum(uncut, hull.grid.axis(2).astype(np.float32)[None, None, :]))
+    mesh = mesh_of_field(hull.grid, field)
+    return hull if mesh is None else replace(hull, field=field, uncut=uncut, mesh=mesh)
+
+
+def carved(hull: Hull, cloud: Cloud, threads: int) -> tuple[Hull, float]:
+    """A hull without the space that depth proves empty.
+
+    Args:
+        hull: Visual hull.
+        cloud: Confirmed depth.
+        threads: Threads to use.
+
+    Returns:
+        The hull and the share of its volume that was removed; the same object and 0 where that is no more than noise.
+    """
+    free = free_space(hull, cloud.views, cloud.depths, threads)
+    share = float((free > _SLACK * hull.size).sum()) / max(float((hull.field > 0).sum()), 1.0)
+    if share < _WORTH:
+        return hull, 0.0
+    left = np.where(free > -1e8, _SLACK * hull.size - free, np.inf)
+    # Depth maps end in ragged borders; steps finer than two voxels are their noise.
+    left = ndimage.gaussian_filter(np.clip(left, -4 * hull.grid.spacing, 4 * hull.grid.spacing), 0.8)
+    return _rebuilt(hull, np.minimum(hull.uncut, left).astype(np.float32)), share
