@@ -57,7 +57,7 @@ def scale_from_length(
     table_from_sfm: Similarity,
     views: Mapping[str, tuple[Camera, Array]],
     distorted: Camera,
-    extents: Array,
+    side: float,
 ) -> float:
     """Metres per unit.
 
@@ -66,13 +66,13 @@ def scale_from_length(
         table_from_sfm: Table frame before scaling (scale 1).
         views: Pinhole and `cam_from_sfm` [4, 4] by image name.
         distorted: Camera of the keyframes as taken, in whose pixels the points are given.
-        extents: Size of the object, sfm units. [3].
+        side: Longest side of the object, sfm units.
 
     Raises:
         InputError: A named image is not registered, or the points do not lie on the table.
     """
     if length.between is None:
-        return length.metres / float(extents.max())
+        return length.metres / side
     ends = []
     for name, u, v in length.between:
         if name not in views:

@@ -11,8 +11,11 @@ from gsbridge.geometry import Array, fit_plane
 BELOW = 4.0
 """How much a point below a plane counts against it, as a multiple of a point on it."""
 
-LINK = 0.04
-"""Distance within which two points belong together, as a share of the cameras' distance."""
+SIDES = {"top": (0.0, -1.0, 0.0), "right": (1.0, 0.0, 0.0), "bottom": (0.0, 1.0, 0.0), "left": (-1.0, 0.0, 0.0)}
+"""Direction of each side of a photo in its camera's axes."""
+
+AGAINST_UP = 0.5
+"""Weight of a plane that the images' up direction points into or along, beside one that it rises from."""
 
 
 @dataclass(frozen=True)
@@ -22,14 +25,16 @@ class Attention:
     Args:
         point: Point nearest to all optical axes. [3].
         distance: Median distance of the cameras from it: the scene's own unit of length.
-        up: Mean upward direction of the images. [3].
+        up: Mean upward direction of the images; shorter than 1 the less they agree on it. [3].
         centres: Camera centres. [N, 3].
+        named: The user has said which side of the photos is up, so that a plane against it is refused.
     """
 
     point: Array
     distance: float
     up: Array
     centres: Array
+    named: bool = False
 
 
 @dataclass(frozen=True)
@@ -55,8 +60,13 @@ class Plane:
         return np.asarray(points) @ self.normal - self.offset
 
 
-def attention(cam_from_world: Array) -> Attention:
-    """Where a set of cameras looks. [N, 4, 4]."""
+def attention(cam_from_world: Array, up: str | None = None) -> Attention:
+    """Where a set of cameras looks.
+
+    Args:
+        cam_from_world: Poses. [N, 4, 4].
+        up: Side of the photos that is up in the scene, one of `SIDES`; None takes their top for a hint only.
+    """
     poses = np.asarray(cam_from_world, dtype=np.float64)
     rotations = poses[:, :3, :3]
     centres = -np.einsum("nji,nj->ni", rotations, poses[:, :3, 3])
@@ -65,16 +75,18 @@ def attention(cam_from_world: Array) -> Attention:
     # Nearly parallel axes have no common point; the small term then keeps it close to the cameras' mean look.
     lhs = across.sum(0) + 1e-6 * len(poses) * np.eye(3)
     point = np.linalg.solve(lhs, np.einsum("nij,nj->i", across, centres) + 1e-6 * len(poses) * centres.mean(0))
-    up = -rotations[:, 1].mean(0)
+    side = np.array(SIDES[up or "top"])
     distance = float(np.median(np.linalg.norm(centres - point, axis=1)))
-    return Attention(point, distance, up / max(np.linalg.norm(up), 1e-9), centres)
+    return Attention(point, distance, np.einsum("nji,j->i", rotations, side) / len(poses), centres, up is not None)
 
 
 def find_table(points: Array, looks: Attention, *, threshold: float, seed: int, trials: int = 2000) -> Plane | None:
     """Find the supporting plane by RANSAC.
 
     A plane scores by its points near the place the cameras look at, so that a wall or the floor behind loses; all cameras must
-    be on one side, hardly any point below it near that place, and the images' up direction must not point into it.
+    be on one side and hardly any point below it near that place. The images' up direction decides between planes of like
+    support only: photos may be stored turned, or be taken from straight above. Where the user has named it, it must not point
+    into the plane.
 
     Args:
         points: Sparse points, arbitrary scale. [N, 3].
@@ -115,6 +127,44 @@ def find_table(points: Array, looks: Attention, *, threshold: float, seed: int, 
     return _refit(pts, best[1], best[2], limit, looks)
 
 
+def why_no_table(points: Array, looks: Attention, *, threshold: float, seed: int) -> str:
+    """What was refused and why where `find_table` finds nothing: the plane with the most points, in one clause.
+
+    Args:
+        points: Sparse points, arbitrary scale. [N, 3].
+        looks: Where the cameras look.
+        threshold: Inlier distance as a share of the cameras' distance.
+        seed: Random seed.
+    """
+    pts = np.asarray(points, dtype=np.float64)
+    if len(pts) < 20:
+        return "20 are needed"
+    rng = np.random.default_rng(seed)
+    limit = threshold * looks.distance
+    most, normal, offset = 0, np.zeros(3), 0.0
+    for _ in range(500):
+        a, b, c = pts[rng.choice(len(pts), 3)]
+        cross = np.cross(b - a, c - a)
+        length = np.linalg.norm(cross)
+        if length < 1e-12:
+            continue
+        count = int((np.abs((pts - a) @ cross / length) < limit).sum())
+        if count > most:
+            most, normal, offset = count, cross / length, float(a @ cross / length)
+    sides = looks.centres @ normal - offset
+    if np.median(sides) < 0:
+        normal, offset, sides = -normal, -offset, -sides
+    text = f"the plane with most of them holds {most}, but "
+    below = int((pts @ normal - offset < -3.0 * limit).sum())
+    if np.quantile(sides, 0.05) <= 0:
+        return text + f"{int((sides <= 0).sum())} of {len(sides)} cameras stand on its other side"
+    if looks.named and looks.up @ normal < 0.1:
+        return text + "it does not face the side that `up` names"
+    if BELOW * below >= most:
+        return text + f"{below} lie below it"
+    return text + "they do not settle on one plane"
+
+
 def _score(
     points: Array, weights: Array, normal: Array, offset: float, looks: Attention, limit: float
 ) -> tuple[float, Array, float]:
@@ -122,13 +172,15 @@ def _score(
     sides = looks.centres @ normal - offset
     if np.median(sides) < 0:
         normal, offset, sides = -normal, -offset, -sides
-    if np.quantile(sides, 0.05) <= 0 or looks.up @ normal < 0.1:
+    against = looks.up @ normal < 0.1
+    if np.quantile(sides, 0.05) <= 0 or (against and looks.named):
         return 0.0, normal, offset
     heights = points @ normal - offset
     support = float(weights[np.abs(heights) < limit].sum())
     below = float(weights[heights < -3.0 * limit].sum())
     # Points below a table are mirror images and mismatches; a plane through an object's top has all the table below it.
-    return support - BELOW * below, normal, offset
+    score = support - BELOW * below
+    return score * (AGAINST_UP if against and score > 0 else 1.0), normal, offset
 
 
 def _refit(points: Array, normal: Array, offset: float, limit: float, looks: Attention) -> Plane | None:
@@ -151,43 +203,3 @@ def _refit(points: Array, normal: Array, offset: float, limit: float, looks: Att
         inliers = fresh
     residual = float(np.sqrt(np.mean((points[inliers] @ normal - offset) ** 2)))
     return Plane(normal, offset, inliers, limit, residual)
-
-
-def object_points(points: Array, plane: Plane, looks: Attention) -> Array:
-    """Points of what stands on the table where the cameras look: the heaviest cluster above the plane. [N] bool.
-
-    Args:
-        points: Sparse points. [N, 3].
-        plane: The table.
-        looks: Where the cameras look.
-    """
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    heights = plane.heights(points)
-    ceiling = 0.8 * float(np.quantile(plane.heights(looks.centres), 0.05))
-    foot = looks.point - plane.heights(looks.point) * plane.normal
-    flat = points - heights[:, None] * plane.normal
-    away = np.linalg.norm(flat - foot, axis=1) / looks.distance
-    chosen = (heights > 2.0 * plane.threshold) & (heights < ceiling) & (away < 0.5)
-    members = np.flatnonzero(chosen)
-    out = np.zeros(len(points), dtype=bool)
-    if len(members) < 5:
-        out[members] = True
-        return out
-    tree = cKDTree(points[members])
-    reach = LINK * looks.distance
-    # Stragglers bridge an object to the noise over the table; a point needs company to belong to anything.
-    company = tree.query_ball_point(points[members], reach, return_length=True)
-    dense = company >= max(3.0, 0.15 * float(np.quantile(company, 0.9)))
-    if dense.sum() >= 5:
-        members = members[dense]
-        tree = cKDTree(points[members])
-    pairs = tree.query_pairs(reach, output_type="ndarray")
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(members), len(members)))
-    _, labels = connected_components(graph, directed=False)
-    weights = np.exp(-0.5 * (away[members] / 0.15) ** 2)
-    scores = np.bincount(labels, weights=weights)
-    out[members[labels == int(scores.argmax())]] = True
-    return out

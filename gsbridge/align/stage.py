@@ -12,7 +12,7 @@ import numpy as np
 
 from gsbridge.align.board_fit import BoardFit, fit_board
 from gsbridge.align.length import KnownLength, scale_from_length
-from gsbridge.align.plane import Attention, Plane, attention, find_table, object_points
+from gsbridge.align.plane import Attention, Plane, attention, find_table, why_no_table
 from gsbridge.cameras import Camera, View, camera_centre, write_views
 from gsbridge.configuration.align import AlignSettings
 from gsbridge.errors import InputError, StageError
@@ -20,6 +20,7 @@ from gsbridge.files import atomic_file, read_json, write_stage
 from gsbridge.geometry import Array, Similarity, rotation_between
 from gsbridge.photogrammetry.board import Board
 from gsbridge.photogrammetry.colmap import camera_from_colmap, pose_matrix, read_model
+from gsbridge.photogrammetry.standing import box_sides, find_standing
 
 logger = logging.getLogger("gsbridge")
 
@@ -62,6 +63,7 @@ def align_scene(
     board: Board | None,
     known_length: Mapping[str, Any] | None,
     seed: int,
+    up: str | None = None,
 ) -> None:
     """Find the table frame of a reconstruction and write cameras and points in it.
 
@@ -76,6 +78,7 @@ def align_scene(
         board: Layout of the board, None where none was laid out.
         known_length: A length the user knows, see `KnownLength`; used where the board gives no scale.
         seed: Random seed.
+        up: Side of the photos that is up, see `attention`.
 
     Raises:
         InputError: A file or the known length is damaged.
@@ -84,7 +87,7 @@ def align_scene(
     stage = f"align of {out_json.parent.parent.name}"
     record = read_json(sfm_json)
     sparse = _read(model)
-    looks = attention(sparse.poses)
+    looks = attention(sparse.poses, up)
     plane = find_table(sparse.points, looks, threshold=settings.plane_threshold, seed=seed)
     fit = None
     if board is not None:
@@ -93,8 +96,10 @@ def align_scene(
     if plane is None and fit is None:
         raise StageError(
             stage,
-            f"no table plane among {len(sparse.points)} points",
-            "Film with more of the table in view, on a patterned cloth or with the board on it",
+            f"no table plane among {len(sparse.points)} points: "
+            + why_no_table(sparse.points, looks, threshold=settings.plane_threshold, seed=seed),
+            "Film with more of the table in view, on a patterned cloth or with the board on it; where the photos lie on their "
+            "side or head, name the side of theirs that is up (`up: left`)",
         )
     length = KnownLength.parse(known_length) if known_length is not None else None
     reasons: list[str] = []
@@ -188,7 +193,7 @@ def _from_plane(
 ) -> tuple[Similarity, str, dict[str, Any]]:
     """Table frame without a board: below the object, x towards the first camera's right, scale from a length or unknown."""
     above = object_points(sparse.points, plane, looks)
-    centre = np.median(sparse.points[above], axis=0) if above.sum() >= 5 else looks.point
+    centre = np.median(sparse.points[above], axis=0) if len(above) >= 5 else looks.point
     foot = centre - plane.heights(centre) * plane.normal
     rotation = rotation_between(plane.normal, np.array([0.0, 0.0, 1.0]))
     ahead = rotation @ (foot - camera_centre(sparse.poses[0]))
@@ -200,18 +205,18 @@ def _from_plane(
     source = "unknown"
     if board_expected:
         reasons.append("fewer than 3 tags of the board could be found, so the board does not give the scale")
-    extents = _extents(unscaled.apply(sparse.points[above])) if above.sum() >= 5 else np.full(3, 0.3 * looks.distance)
+    extents = box_sides(unscaled.apply(sparse.points[above])) if len(above) >= 5 else np.full(3, 0.3 * looks.distance)
     if length is not None:
         if length.between is None:
-            if above.sum() < MIN_OBJECT_POINTS:
+            if len(above) < MIN_OBJECT_POINTS:
                 raise StageError(
                     "align",
-                    f"the object's longest side is to give the scale, but only {int(above.sum())} points lie on the object",
+                    f"the object's longest side is to give the scale, but only {len(above)} points lie on the object",
                     "Give `known_length` as two points on the table (`between`), or film the board",
                 )
             reasons.append("the scale rests on sparse points of the object's longest side, which is good to some 5 %")
         cameras = dict(zip(sparse.names, zip(sparse.cameras, sparse.poses, strict=True), strict=True))
-        scale = scale_from_length(length, unscaled, cameras, Camera.from_json(record["camera"]), extents)
+        scale = scale_from_length(length, unscaled, cameras, Camera.from_json(record["camera"]), float(extents.max()))
         source = "known_length"
     else:
         scale = UNKNOWN_EXTENT / float(extents.max())
@@ -224,18 +229,23 @@ def _from_plane(
         "residual_mm": 1e3 * scale * plane.residual,
         "tags": 0,
         "tilt_deg": None,
-        "object_points": int(above.sum()),
+        "object_points": len(above),
         "object_extent": scale * extents,
     }
     return Similarity(scale, rotation, -scale * rotation @ foot), source, numbers
 
 
-def _extents(points: Array) -> Array:
-    """Length, width and height of a point cluster without its stragglers; length and width along its own axes. [3]."""
-    flat = points[:, :2] - np.median(points[:, :2], axis=0)
-    axes = np.linalg.svd(flat, full_matrices=False)[2]
-    low, high = np.quantile(flat @ axes.T, [0.02, 0.98], axis=0)
-    return np.array([*(high - low), np.quantile(points[:, 2], 0.98)])
+def object_points(points: Array, plane: Plane, looks: Attention) -> Array:
+    """Indices of the points of what stands on the table where the cameras look. [N, 3] -> [K].
+
+    Args:
+        points: Sparse points. [N, 3].
+        plane: The table.
+        looks: Where the cameras look.
+    """
+    upright = rotation_between(plane.normal, np.array([0.0, 0.0, 1.0]))
+    onto = Similarity(1.0, upright, np.array([0.0, 0.0, -plane.offset]))
+    return find_standing(onto.apply(points), onto.apply(looks.point), looks.distance).members
 
 
 def _read(folder: Path) -> _Model:

@@ -6,22 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from gsbridge.cameras import View
 from gsbridge.errors import StageError
 from gsbridge.geometry import Array
 from gsbridge.photogrammetry.sparse import SparsePoints
-
-_REACH = 0.8
-"""Points farther than this share of the working distance from the point the cameras look at are the room, not the object."""
-_LINK = 0.07
-"""Points nearer to each other than this share of the working distance belong together."""
-
-_TALL = 0.3
-"""Points above this share of the object's height choose the object; lower ones join it only right beside them."""
+from gsbridge.photogrammetry.standing import find_standing
 
 
 @dataclass(frozen=True)
@@ -64,13 +54,6 @@ def focus_point(views: Sequence[View]) -> Array:
     return np.linalg.solve(a + weight * np.eye(3), b + weight * ground)
 
 
-def _clusters(points: Array, radius: float) -> Array:
-    """Label of the connected group of each point, linked within `radius`. [N, 3] -> [N]."""
-    pairs = cKDTree(points).query_pairs(radius, output_type="ndarray")
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
-    return connected_components(graph, directed=False)[1]
-
-
 def find_object(views: Sequence[View], sparse: SparsePoints, height_share: float, min_points: int) -> Prompt:
     """Find the object among the sparse points: the group above the table that most cameras look at.
 
@@ -89,41 +72,14 @@ def find_object(views: Sequence[View], sparse: SparsePoints, height_share: float
     focus = focus_point(views)
     distance = float(np.median([np.linalg.norm(view.centre - focus) for view in views]))
     points = sparse.points
-    near = np.linalg.norm(points - focus, axis=1) < _REACH * distance
-    height = points[:, 2]
-    flat = near & (np.abs(height) < 0.02 * distance)
-    # Spread of the table's own points; half of them may belong to the object's foot, which the median forgives.
-    spread = 1.4826 * float(np.median(np.abs(height[flat]))) if flat.sum() >= 10 else 0.0
-    threshold = min(max(height_share * distance, 4.0 * spread), 0.03 * distance)
-    above = np.flatnonzero(near & (height > threshold))
+    found = find_standing(points, focus, distance, height_share, min_points)
     advice = (
         "Film closer, let the object fill a third of the picture and add light; a smooth, plain object needs the sam2 backend "
         "with weights (masks.backend, masks.sam2_weights)"
     )
-    if len(above) < min_points:
-        raise StageError("masks", f"only {len(above)} points stand above the table, {min_points} are needed", advice)
-    # Wrong heights of the table reach over the threshold in places, so the tall points decide what the object is.
-    central = above[np.linalg.norm(points[above, :2] - focus[:2], axis=1) < 0.3 * distance]
-    height_of = float(np.percentile(height[central if len(central) >= min_points else above], 95))
-    tall = above[height[above] > _TALL * height_of]
-    labels = _clusters(points[tall], _LINK * distance)
-    best, score = -1, -1.0
-    for label in np.unique(labels):
-        members = points[tall[labels == label]]
-        away = np.linalg.norm(np.median(members, axis=0)[:2] - focus[:2]) / distance
-        value = len(members) * np.exp(-((away / 0.25) ** 2))
-        if value > score:
-            best, score = int(label), value
-    group = tall[labels == best]
-    low_ones = np.setdiff1d(above, tall)
-    if len(low_ones):
-        beside = cKDTree(points[group, :2]).query(points[low_ones, :2])[0] < 0.02 * distance
-        group = np.concatenate([group, low_ones[beside]])
-    chosen = points[group]
-    if len(chosen) > 30:
-        # Lone points (wrong matches) would stretch the box: a good point has company.
-        company = np.asarray(cKDTree(chosen).query(chosen, k=4)[0])[:, -1]
-        chosen = chosen[company < max(4.0 * float(np.median(company)), 0.02 * distance)]
+    if found.above < min_points:
+        raise StageError("masks", f"only {found.above} points stand above the table, {min_points} are needed", advice)
+    chosen, height, threshold = points[found.members], points[:, 2], found.threshold
     if len(chosen) < min_points:
         raise StageError("masks", f"only {len(chosen)} points lie on the object, {min_points} are needed", advice)
     low, high = np.percentile(chosen, [1, 99], axis=0) if len(chosen) > 100 else (chosen.min(0), chosen.max(0))

@@ -15,11 +15,11 @@ import numpy as np
 from scipy import ndimage
 
 from gsbridge.cameras import View
-from gsbridge.carving import largest_component, mesh_depth, mesh_of_field
 from gsbridge.geometry import Array
 from gsbridge.kernels import njit
 from gsbridge.mesh.depth import Cloud
 from gsbridge.mesh.hull import Hull
+from gsbridge.photogrammetry.carving import largest_component, mesh_depth, mesh_of_field
 
 _VIEWS = 3
 """Views that must see through a place before it counts as empty: a single wrong depth would drill a hole."""

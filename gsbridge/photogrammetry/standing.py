@@ -1,0 +1,132 @@
+"""What stands on the table where the cameras look: its sparse points, and its size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from gsbridge.geometry import Array
+
+HEIGHT_SHARE = 0.008
+"""Least height of an object's point above the table, as a share of the working distance."""
+
+_REACH = 0.8
+"""Points farther than this share of the working distance from the point the cameras look at are the room, not the object."""
+_LINK = 0.07
+"""Points nearer to each other than this share of the working distance belong together."""
+_BESIDE = 0.02
+"""Low points this near to the object, as a share of the working distance, are its foot."""
+_TALL = 0.3
+"""Points above this share of the object's height choose the object; lower ones join it from there."""
+_HIDDEN = 2.0
+"""Low points are a foot rather than bumps of the table where they outnumber the table's own points by this much."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """The object among sparse points in the table frame.
+
+    Args:
+        members: Indices of the object's points. [K].
+        threshold: Height from which on a point stands above the table.
+        above: Number of points above it near the place the cameras look at.
+    """
+
+    members: Array
+    threshold: float
+    above: int
+
+
+def _clusters(points: Array, radius: float) -> Array:
+    """Label of the connected group of each point, linked within `radius`. [N, 3] -> [N]."""
+    pairs = cKDTree(points).query_pairs(radius, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
+    return connected_components(graph, directed=False)[1]
+
+
+def find_standing(
+    points: Array, focus: Array, distance: float, height_share: float = HEIGHT_SHARE, min_points: int = 5
+) -> Standing:
+    """Find the group of points above the table that most cameras look at, and its foot.
+
+    Args:
+        points: Sparse points in the table frame, z up, any unit. [N, 3].
+        focus: Point that the cameras look at. [3].
+        distance: Working distance: from the cameras to that point.
+        height_share: Least height of an object's point, as a share of the working distance.
+        min_points: Points below which nothing is taken for an object.
+
+    Returns:
+        The object; without members where fewer than `min_points` points stand above the table.
+    """
+    near = np.linalg.norm(points - focus, axis=1) < _REACH * distance
+    height = points[:, 2]
+    flat = near & (np.abs(height) < 0.02 * distance)
+    # Spread of the table's own points; half of them may belong to the object's foot, which the median forgives.
+    spread = 1.4826 * float(np.median(np.abs(height[flat]))) if flat.sum() >= 10 else 0.0
+    threshold = min(max(height_share * distance, 4.0 * spread), 0.03 * distance)
+    above = np.flatnonzero(near & (height > threshold))
+    if len(above) < min_points:
+        return Standing(np.zeros(0, dtype=int), threshold, len(above))
+    # Wrong heights of the table reach over the threshold in places, so the tall points decide what the object is.
+    central = above[np.linalg.norm(points[above, :2] - focus[:2], axis=1) < 0.3 * distance]
+    height_of = float(np.percentile(height[central if len(central) >= min_points else above], 95))
+    tall = above[height[above] > _TALL * height_of]
+    labels = _clusters(points[tall], _LINK * distance)
+    best, score = -1, -1.0
+    for label in np.unique(labels):
+        members = points[tall[labels == label]]
+        away = np.linalg.norm(np.median(members, axis=0)[:2] - focus[:2]) / distance
+        value = len(members) * np.exp(-((away / 0.25) ** 2))
+        if value > score:
+            best, score = int(label), value
+    group = _with_foot(points, tall[labels == best], np.setdiff1d(above, tall), near & (np.abs(height) <= threshold), distance)
+    chosen = points[group]
+    if len(chosen) > 30:
+        # Lone points (wrong matches) would stretch the box: a good point has company.
+        company = np.asarray(cKDTree(chosen).query(chosen, k=4)[0])[:, -1]
+        group = group[company < max(4.0 * float(np.median(company)), 0.02 * distance)]
+    return Standing(group, threshold, len(above))
+
+
+def _with_foot(points: Array, group: Array, low: Array, table: Array, distance: float) -> Array:
+    """Add to a group the low points that are its foot: what is linked to it and hides the table, and all right beside that.
+
+    Bumps of the table, where its own heights are wrong, lie among points of the table; a foot or plinth covers them.
+
+    Args:
+        points: All points. [N, 3].
+        group, low: Indices of the group and of the low points that may join it. [K], [L].
+        table: Points on the table. [N] bool.
+        distance: Working distance.
+
+    Returns:
+        Indices of the group with its foot. [M].
+    """
+    if len(low) == 0:
+        return group
+    reach = _BESIDE * distance
+    flat = cKDTree(points[low, :2])
+    here = flat.query_ball_point(points[low, :2], reach, return_length=True)
+    under = cKDTree(points[table, :2]).query_ball_point(points[low, :2], reach, return_length=True) if table.any() else 0 * here
+    firm = low[(here >= 4) & (here > _HIDDEN * under)]
+    if len(firm):
+        both = np.concatenate([group, firm])
+        labels = _clusters(points[both], 1.5 * reach)
+        group = both[np.isin(labels, np.unique(labels[: len(group)]))]
+    rest = np.setdiff1d(low, group)
+    if len(rest) == 0:
+        return group
+    beside = cKDTree(points[group, :2]).query(points[rest, :2])[0] < reach
+    return np.concatenate([group, rest[beside]])
+
+
+def box_sides(points: Array) -> Array:
+    """Sides of the upright box with the smallest footprint round points: footprint, height. [N, 3] -> [3]."""
+    _, sides, _ = cv2.minAreaRect(np.ascontiguousarray(points[:, :2] - points[:, :2].mean(0), dtype=np.float32))
+    return np.array([*sides, np.ptp(np.append(points[:, 2], 0.0))])
