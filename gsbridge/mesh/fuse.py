@@ -123,7 +123,8 @@ def fuse(
         threads: Threads to use.
 
     Returns:
-        Grid, signed distance (positive inside, cut at the table) [nx, ny, nz], and figures: points from depth and hull.
+        Grid, signed distance (positive inside, cut at the table) [nx, ny, nz], and figures: points from depth and hull, the
+        hull's share of the surface, and its share of what faces upward (`open_share`).
     """
     if narrow and len(cloud.points):
         hull = trimmed(hull, cloud, views)
@@ -136,6 +137,8 @@ def fuse(
     points = np.concatenate([cloud.points, samples[needed], foot])
     directions = np.concatenate([cloud.normals, normals[needed], down])
     figures = {"depth_points": len(cloud.points), "hull_points": int(needed.sum()), "hull_share": float(needed.mean())}
+    upward = normals[:, 2] > 0.5
+    figures["open_share"] = float(needed[upward].mean()) if upward.sum() > 0.02 * len(normals) else 0.0
     surface = poisson(points, directions, settings.poisson_depth, threads)
     low = np.array([*hull.mesh.vertices.min(0)[:2], 0.0])
     high = hull.mesh.vertices.max(0)

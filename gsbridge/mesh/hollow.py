@@ -6,7 +6,7 @@ views confirm shows both: whatever lies in front of it is empty.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -154,21 +154,22 @@ def needed_height(hull: Hull, views: Sequence[View], masks: Sequence[Array]) -> 
     return min(top, high + float(np.median(blur)))
 
 
-def lowered(hull: Hull, cloud: Cloud, views: Sequence[View], masks: Sequence[Array]) -> Hull:
-    """A hull without a top that neither the outlines nor the measured points need; the same object where there is none.
+def lowered(hull: Hull, views: Sequence[View], masks: Sequence[Array], measure: Callable[[], Cloud]) -> Hull:
+    """A hull without a top that neither the outlines nor measured points need; the same object where there is none.
+
+    Matches on a top that is not there are chance, and they hide what lies below: it goes before depth is measured in earnest.
 
     Args:
         hull: Visual hull.
-        cloud: Confirmed depth, searched for from this hull inwards.
         views: The views, whatever their size.
         masks: Their masks, 0..1. [H, W] each.
+        measure: Measures depth roughly, from this hull inwards; called only where the outlines do not need the top.
     """
     top = float(hull.mesh.vertices[:, 2].max())
     height = needed_height(hull, views, masks)
-    if height > top - _LOWER * hull.size or _measured_above(hull, cloud, height) > _MEASURED:
+    if height > top - _LOWER * hull.size or _measured_above(hull, measure(), height) > _MEASURED:
         return hull
-    cut = np.minimum(hull.uncut, (height - hull.grid.axis(2)[None, None, :]).astype(np.float32))
-    return _rebuilt(hull, cut)
+    return _rebuilt(hull, np.minimum(hull.uncut, (height - hull.grid.axis(2)[None, None, :]).astype(np.float32)))
 
 
 def _measured_above(hull: Hull, cloud: Cloud, height: float) -> float:

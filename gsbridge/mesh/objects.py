@@ -22,15 +22,22 @@ from gsbridge.mesh.depth import Cloud, depth_cloud
 from gsbridge.mesh.fuse import fuse, vertex_colours
 from gsbridge.mesh.hollow import carved, lowered
 from gsbridge.mesh.hull import Hull, build_hull, read_masks
-from gsbridge.mesh.repair import closed_surface
+from gsbridge.mesh.repair import closed_surface, depth_inside
 from gsbridge.meshes import Mesh, write_mesh
 from gsbridge.photogrammetry.carving import Grid
 from gsbridge.photogrammetry.sparse import read_points
+from gsbridge.photogrammetry.standing import find_standing
 
 logger = logging.getLogger("gsbridge")
 
 _FULL_ORBIT_DEG = 200.0
 """Views spread over less than this leave a side of the object unseen."""
+_DISAGREE = 0.1
+"""Share by which mesh and measured points may differ: in height, and of points that lie off the mesh."""
+_UNSEEN = 0.5
+"""Share of the upward surface without depth above which its shape is a guess."""
+_FEW_POINTS = 30
+"""Points below which they say nothing about a mesh."""
 
 
 def azimuth_coverage(views: Views, middle: Array) -> float:
@@ -55,11 +62,9 @@ def _solid(
     backend = choose_backend(settings.backend)
     top = float(hull.mesh.vertices[:, 2].max())
     if backend == "sweep":
+        rough = replace(settings, stride=2 * settings.stride)
+        hull = lowered(hull, views, masks, lambda: depth_cloud(views, masks, hull, rough, seed, threads))
         cloud = depth_cloud(views, masks, hull, settings, seed, threads)
-        lower = lowered(hull, cloud, views, masks)
-        if lower is not hull:
-            # Matches on a top that is not there are chance, and they hide what lies below.
-            hull, cloud = lower, depth_cloud(views, masks, lower, settings, seed, threads)
         kept = sum(int(item.sum()) for item in cloud.confirmed)
         share = kept / max(cloud.tried, 1)
     else:
@@ -75,6 +80,42 @@ def _solid(
     figures |= {"backend": backend, "confirmed_share": share, "cavity_share": cavity}
     figures["lowered_share"] = 1.0 - float(hull.mesh.vertices[:, 2].max()) / top
     return grid, field, figures
+
+
+def doubts(mesh: Mesh, members: Array, open_share: float, cavity_share: float) -> list[str]:
+    """Why a closed mesh may be wrong: where it and the measured points of the object disagree, and where none are.
+
+    Args:
+        mesh: Mesh of the object, standing on z = 0.
+        members: Sparse points of what stands there. [K, 3].
+        open_share: Share of the upward surface without depth, 0..1.
+        cavity_share: Share of the hull's volume that measured depth has emptied.
+
+    Returns:
+        One reason for each disagreement; none for a mesh to be trusted.
+    """
+    reasons = []
+    if open_share > _UNSEEN:
+        where = "the bottom of its opening is unseen and a guess" if cavity_share else "whether it is open there is unknown"
+        reasons.append(
+            f"{100 * open_share:.0f} % of the surface that faces upward has no depth: {where}; film from higher up as well"
+        )
+    if len(members) < _FEW_POINTS:
+        return reasons
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    top, measured = float(mesh.vertices[:, 2].max()), float(np.percentile(members[:, 2], 99.5))
+    if abs(top - measured) > _DISAGREE * max(top, measured):
+        reasons.append(
+            f"the mesh is {1e3 * top:.0f} mm tall, the measured points reach {1e3 * measured:.0f} mm; look at its top"
+        )
+    inside = depth_inside(mesh, members)
+    for wrong, what in (
+        (inside < -0.04 * size, "outside the mesh: a part of the object is missing, or something else stands beside it"),
+        (inside > 0.05 * size, "deep inside the mesh: the object is hollow or open where the mesh is solid"),
+    ):
+        if wrong.mean() > _DISAGREE:
+            reasons.append(f"{int(wrong.sum())} of {len(members)} points measured on the object lie {what}")
+    return reasons
 
 
 def _figures(mesh: Mesh) -> dict[str, Any]:
@@ -143,6 +184,10 @@ def mesh_object(
         raise StageError("mesh", "no closed mesh comes out of the masks", "Look at the masks and at the poses")
     if figures.get("hull_share", 0.0) > 0.6:
         reasons.append(f"{100 * figures['hull_share']:.0f} % of the surface has no depth and comes from the outlines alone")
+    focus = 0.5 * (visual.vertices.min(0) + visual.vertices.max(0))
+    distance = float(np.median([np.linalg.norm(view.centre - focus) for view in views]))
+    members = sparse[find_standing(sparse, focus, distance).members]
+    reasons += doubts(visual, members, figures["open_share"], figures["cavity_share"])
     photos, small = [], []
     for view in views:
         camera = view.camera.scaled(min(1.0, settings.image_width / view.camera.width))

@@ -17,18 +17,22 @@ logger = logging.getLogger("gsbridge")
 _COARSE = 4
 
 
-def signed_field(mesh: Mesh, grid: Grid) -> Array:
-    """Signed distance of a mesh on a grid, positive inside. [nx, ny, nz] float32.
+def depth_inside(mesh: Mesh, points: Array) -> Array:
+    """Signed distance of points to a closed mesh, positive inside. [N, 3] -> [N] float32.
 
-    Inside is what an odd number of surfaces separates from the outside, so the mesh should be closed; small flaws hurt only
-    near them.
+    Inside is what an odd number of surfaces separates from the outside; small flaws of the mesh hurt only near them.
     """
     open3d = import_open3d()
     scene = open3d.t.geometry.RaycastingScene(nthreads=1)
     scene.add_triangles(open3d.core.Tensor(mesh.vertices.astype(np.float32)), open3d.core.Tensor(mesh.faces.astype(np.uint32)))
+    return -scene.compute_signed_distance(open3d.core.Tensor(points.astype(np.float32)), nthreads=1).numpy()
+
+
+def signed_field(mesh: Mesh, grid: Grid) -> Array:
+    """Signed distance of a closed mesh on a grid, positive inside. [nx, ny, nz] float32."""
 
     def distances(points: Array) -> Array:
-        return -scene.compute_signed_distance(open3d.core.Tensor(points.astype(np.float32)), nthreads=1).numpy()
+        return depth_inside(mesh, points)
 
     # Far from the surface a coarse grid, interpolated, is as good: a distance changes no faster than the position.
     shape = tuple(int(np.ceil((n - 1) / _COARSE)) + 1 for n in grid.shape)
