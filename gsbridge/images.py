@@ -60,6 +60,18 @@ def read_image_u8(path: str | Path) -> Array:
         return np.ascontiguousarray(image[..., ::-1])
 
 
+def image_size(path: str | Path) -> tuple[int, int]:
+    """Width and height of an image as `read_image` gives it, turned as its EXIF data say; from the file's header alone.
+
+    Raises:
+        InputError: The file is missing or no image.
+    """
+    source = regular_file(path, "image", "Check the path", LARGEST_IMAGE_BYTES)
+    with refusing(source, "this is not a readable image", _READABLE), PIL.Image.open(source) as image:
+        turned = image.getexif().get(0x0112, 1) >= 5
+        return (image.height, image.width) if turned else (image.width, image.height)
+
+
 def _refuse_damage(source: Path, data: bytes) -> None:
     """Refuse pictures of absurd size before they are decoded, and those that were cut off, of which OpenCV makes the rest grey.
 

@@ -23,6 +23,10 @@ rule align_scene:
         settings=settings("align"),
         board=lambda wildcards: config["scenes"][wildcards.scene]["board"],
         known_length=lambda wildcards: config["scenes"][wildcards.scene]["known_length"],
+        up=lambda wildcards: config["scenes"][wildcards.scene]["up"],
+        metres_per_unit=lambda wildcards: config["scenes"][wildcards.scene][
+            "metres_per_unit"
+        ],
         require_scale=lambda wildcards: config["scenes"][wildcards.scene][
             "require_scale"
         ],

@@ -23,4 +23,6 @@ align_scene(
     board=optional_board(snakemake.params.board),
     known_length=snakemake.params.known_length,
     seed=snakemake.params.seed,
+    up=snakemake.params.up,
+    metres_per_unit=snakemake.params.metres_per_unit,
 )

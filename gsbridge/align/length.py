@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import cv2
@@ -58,6 +59,7 @@ def scale_from_length(
     views: Mapping[str, tuple[Camera, Array]],
     distorted: Camera,
     side: float,
+    others: Mapping[str, Camera] = MappingProxyType({}),
 ) -> float:
     """Metres per unit.
 
@@ -67,6 +69,7 @@ def scale_from_length(
         views: Pinhole and `cam_from_sfm` [4, 4] by image name.
         distorted: Camera of the keyframes as taken, in whose pixels the points are given.
         side: Longest side of the object, sfm units.
+        others: Cameras of keyframes of another size, by name.
 
     Raises:
         InputError: A named image is not registered, or the points do not lie on the table.
@@ -77,7 +80,7 @@ def scale_from_length(
     for name, u, v in length.between:
         if name not in views:
             raise InputError("known_length", f"the keyframe {name} is not registered", "Name another keyframe of this scene")
-        ends.append(table_point(np.array([u, v]), distorted, table_from_sfm.move_pose(views[name][1])))
+        ends.append(table_point(np.array([u, v]), others.get(name, distorted), table_from_sfm.move_pose(views[name][1])))
     distance = float(np.linalg.norm(ends[1] - ends[0]))
     if not np.isfinite(distance) or distance <= 0:
         raise InputError("known_length", "the two pixels do not show two points of the table", _FORM)

@@ -30,6 +30,9 @@ MAX_BOARD_HEIGHT_MM = 3.0
 MAX_BOARD_RESIDUAL_MM = 1.5
 """Mean distance of the tags' corners from their printed places above which the board is bent, misprinted or wrong."""
 
+MAX_UNIT_MISMATCH = 0.02
+"""Share by which the board and the stated unit of the poses may differ."""
+
 MIN_OBJECT_POINTS = 20
 """Points above the table from which the object's longest side can be measured."""
 
@@ -64,6 +67,7 @@ def align_scene(
     known_length: Mapping[str, Any] | None,
     seed: int,
     up: str | None = None,
+    metres_per_unit: float | None = None,
 ) -> None:
     """Find the table frame of a reconstruction and write cameras and points in it.
 
@@ -79,6 +83,7 @@ def align_scene(
         known_length: A length the user knows, see `KnownLength`; used where the board gives no scale.
         seed: Random seed.
         up: Side of the photos that is up, see `attention`.
+        metres_per_unit: Unit of the poses that came with the photos, m; used where the board gives no scale.
 
     Raises:
         InputError: A file or the known length is damaged.
@@ -106,16 +111,23 @@ def align_scene(
     numbers: dict[str, Any] = {}
     if fit is not None:
         table_from_sfm, source, numbers = _from_board(fit, plane, sparse, record, settings, reasons)
+        if metres_per_unit is not None and abs(table_from_sfm.scale / metres_per_unit - 1.0) > MAX_UNIT_MISMATCH:
+            reasons.append(
+                f"the board says {table_from_sfm.scale:.4g} m per unit of the poses, `metres_per_unit` {metres_per_unit:.4g}; "
+                "one of them is wrong, the board is taken"
+            )
     else:
         assert plane is not None
-        if settings.require_scale and length is None:
+        if settings.require_scale and length is None and metres_per_unit is None:
             sought = "no board" if board is None else "fewer than 3 tags of the board"
             raise StageError(
                 stage,
                 f"the scale is required, but {sought} could be found and no known length is given",
                 "Print the board (`gsbridge board`) and film it beside the object, or set `known_length`",
             )
-        table_from_sfm, source, numbers = _from_plane(plane, looks, sparse, record, length, board is not None, reasons)
+        table_from_sfm, source, numbers = _from_plane(
+            plane, looks, sparse, record, length, metres_per_unit, board is not None, reasons
+        )
     _write(sparse, record, table_from_sfm, (out_views, out_points), sfm_json)
     write_stage(
         out_json,
@@ -188,6 +200,7 @@ def _from_plane(
     sparse: _Model,
     record: dict[str, Any],
     length: KnownLength | None,
+    metres_per_unit: float | None,
     board_expected: bool,
     reasons: list[str],
 ) -> tuple[Similarity, str, dict[str, Any]]:
@@ -206,7 +219,9 @@ def _from_plane(
     if board_expected:
         reasons.append("fewer than 3 tags of the board could be found, so the board does not give the scale")
     extents = box_sides(unscaled.apply(sparse.points[above])) if len(above) >= 5 else np.full(3, 0.3 * looks.distance)
-    if length is not None:
+    if metres_per_unit is not None:
+        scale, source = metres_per_unit, "poses"
+    elif length is not None:
         if length.between is None:
             if len(above) < MIN_OBJECT_POINTS:
                 raise StageError(
@@ -216,7 +231,8 @@ def _from_plane(
                 )
             reasons.append("the scale rests on sparse points of the object's longest side, which is good to some 5 %")
         cameras = dict(zip(sparse.names, zip(sparse.cameras, sparse.poses, strict=True), strict=True))
-        scale = scale_from_length(length, unscaled, cameras, Camera.from_json(record["camera"]), float(extents.max()))
+        others = {name: Camera.from_json(item) for name, item in record.get("other_cameras", {}).items()}
+        scale = scale_from_length(length, unscaled, cameras, Camera.from_json(record["camera"]), float(extents.max()), others)
         source = "known_length"
     else:
         scale = UNKNOWN_EXTENT / float(extents.max())

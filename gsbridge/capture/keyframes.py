@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,7 @@ from gsbridge.configuration.capture import KeyframeSettings
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_directory, write_stage
 from gsbridge.geometry import Array
-from gsbridge.images import read_image_u8, write_image
+from gsbridge.images import image_size, read_image_u8, write_image
 from gsbridge.logs import track
 
 logger = logging.getLogger("gsbridge")
@@ -47,6 +48,8 @@ class _Chosen:
     sharpness: float
     motion_px: float | None
     known: KnownView | None = None
+    size: tuple[int, int] | None = None
+    """Width and height where it may differ from the other keyframes', px."""
 
 
 def select_keyframes(source: Source, out_frames: Path, out_json: Path, settings: KeyframeSettings) -> None:
@@ -74,7 +77,9 @@ def select_keyframes(source: Source, out_frames: Path, out_json: Path, settings:
     elif source.kind == "colmap":
         _from_photos(source, read_colmap(source.path, source.images), out_frames, out_json, settings)
     else:
-        _from_photos(source, read_nerfstudio(source.path), out_frames, out_json, settings)
+        photos, absent = read_nerfstudio(source.path)
+        reasons = [f"{len(absent)} of {len(photos) + len(absent)} listed photos do not exist: {', '.join(absent[:5])}"]
+        _from_photos(source, photos, out_frames, out_json, settings, reasons if absent else [])
 
 
 def choose(motions: list[FrameMotion], settings: KeyframeSettings, width: int) -> list[int]:
@@ -156,28 +161,26 @@ def _refuse_unfit_video(path: Path, motions: list[FrameMotion], settings: Keyfra
         )
 
 
-def _from_photos(source: Source, photos: list[Photo], out_frames: Path, out_json: Path, settings: KeyframeSettings) -> None:
+def _from_photos(
+    source: Source,
+    photos: list[Photo],
+    out_frames: Path,
+    out_json: Path,
+    settings: KeyframeSettings,
+    doubts: Sequence[str] = (),
+) -> None:
     """Keep every photo above the sharpness floor."""
-    first: tuple[Path, tuple[int, int]] | None = None
+    # Headers first: what cannot be used is said before any photo is decoded.
+    sizes = [image_size(photo.path) for photo in photos]
+    cameras = [_scaled_known(photo, size, _scale(*size, settings)) for photo, size in zip(photos, sizes, strict=True)]
     chosen = []
     dropped = []
-    focal: float | None = None
-    scale = 1.0
+    focal = next((_exif_focal_px(p.path) for p in photos[:1] if p.known is None), None)
     with atomic_directory(out_frames) as folder:
         for index, photo in enumerate(track(photos, "read photos")):
-            # The decoder applies the EXIF orientation, so that all photos of one camera come out upright and of one size.
+            # The decoder applies the EXIF orientation.
             image = np.ascontiguousarray(read_image_u8(photo.path)[..., ::-1])
-            height, width = image.shape[:2]
-            if first is None:
-                first = photo.path, (width, height)
-                scale = _scale(width, height, settings)
-                focal = _exif_focal_px(photo.path) if photo.known is None else None
-            elif first[1] != (width, height):
-                raise InputError(
-                    photo.path,
-                    f"this photo has {width} x {height} pixels, {first[0].name} has {first[1][0]} x {first[1][1]}",
-                    "Use photos of one camera at one size and one orientation",
-                )
+            scale = _scale(image.shape[1], image.shape[0], settings)
             grey = small_grey(image)
             sharpness = sharpness_of(grey)
             if sharpness < settings.min_sharpness or grey.mean() < settings.min_brightness:
@@ -188,7 +191,8 @@ def _from_photos(source: Source, photos: list[Photo], out_frames: Path, out_json
                 (folder / name).write_bytes(photo.path.read_bytes())
             else:
                 write_image(folder / name, _resized(image, scale)[..., ::-1])
-            chosen.append(_Chosen(name, index, photo.time_s, sharpness, None, _scaled_known(photo, (width, height), scale)))
+            size = round(image.shape[1] * scale), round(image.shape[0] * scale)
+            chosen.append(_Chosen(name, index, photo.time_s, sharpness, None, cameras[index], size))
         if len({item.name for item in chosen}) < len(chosen):
             raise InputError(source.path, "two photos carry the same name with different endings", "Rename one of them")
         if len(chosen) < MIN_KEYFRAMES:
@@ -198,11 +202,11 @@ def _from_photos(source: Source, photos: list[Photo], out_frames: Path, out_json
                 f"{len(chosen)} usable photos{lost}; at least {MIN_KEYFRAMES} are needed",
                 f"Take photos all round the object; {ADVISED_KEYFRAMES} or more, 5 to 9 degrees apart, are advised",
             )
-        reasons = _few(len(chosen))
+        reasons = [*doubts, *_few(len(chosen))]
         if dropped:
             reasons.append(f"{len(dropped)} of {len(photos)} photos dropped as black or blurred: {', '.join(dropped[:5])}")
-        assert first is not None
-        size = round(first[1][0] * scale), round(first[1][1] * scale)
+        scale = _scale(*sizes[0], settings)
+        size = round(sizes[0][0] * scale), round(sizes[0][1] * scale)
         counts = len(photos), len(photos)
         _write_record(source, out_json, settings, chosen, size, counts, reasons, focal * scale if focal else None)
 
@@ -276,6 +280,7 @@ def _write_record(
             "motion_px": item.motion_px,
             "split": split_of(position),
         }
+        | ({} if item.size in (None, size) else {"size": item.size})
         for position, item in enumerate(chosen)
     ]
     logger.info("%d keyframes of %d frames", len(chosen), counts[1])

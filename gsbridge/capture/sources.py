@@ -15,7 +15,7 @@ from gsbridge.cameras import Camera
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.geometry import Array
-from gsbridge.images import HEIF_SUFFIXES, read_image_u8
+from gsbridge.images import HEIF_SUFFIXES, image_size, read_image_u8
 from gsbridge.reading import refusing
 
 logger = logging.getLogger("gsbridge")
@@ -230,43 +230,65 @@ def read_colmap(model: Path, images: Path | None) -> list[Photo]:
     return _existing(sorted(photos, key=lambda photo: photo.path.name), model)
 
 
-def read_nerfstudio(path: Path) -> list[Photo]:
-    """Posed photos of a nerfstudio `transforms.json`.
+def read_nerfstudio(path: Path) -> tuple[list[Photo], list[str]]:
+    """Posed photos of a nerfstudio `transforms.json`, and the listed photos that do not exist.
 
     The file holds `world_from_cam` with OpenGL axes (y up, z backward); they become `cam_from_world` with OpenCV axes here.
 
     Raises:
-        InputError: The file is damaged, or photos are missing.
+        InputError: The file is damaged, or fewer than 3 of its photos exist.
     """
     content = read_json(path)
     model = content.get("camera_model", "OPENCV")
     if model not in ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE"):
         raise InputError(path, f"the camera model {model} is not supported", "Use OPENCV or PINHOLE")
-    photos = []
+    photos, absent = [], []
     try:
         for frame in content["frames"]:
-            values = {**content, **frame}
-            if any(float(values.get(key, 0.0)) != 0.0 for key in ("k3", "k4")):
-                raise InputError(path, "the camera has distortion terms k3 or k4", "Use the OPENCV model with k1, k2, p1, p2")
+            file = _photo_file(path.parent, str(frame["file_path"]))
+            if file is None:
+                absent.append(str(frame["file_path"]))
+                continue
             matrix = np.array(frame["transform_matrix"], dtype=np.float64)
             if matrix.shape not in ((4, 4), (3, 4)) or not np.isfinite(matrix).all():
                 raise ValueError("a transform_matrix is no 4 x 4 matrix")
             world_from_cam = np.eye(4)
             world_from_cam[: len(matrix)] = matrix
             world_from_cam[:3, 1:3] *= -1.0
-            camera = Camera(
-                int(values["w"]),
-                int(values["h"]),
-                float(values["fl_x"]),
-                float(values.get("fl_y", values["fl_x"])),
-                float(values["cx"]),
-                float(values["cy"]),
-                tuple(float(values.get(key, 0.0)) for key in ("k1", "k2", "p1", "p2")),  # type: ignore[arg-type]
-            )
-            photos.append(Photo(path.parent / frame["file_path"], known=KnownView(camera, np.linalg.inv(world_from_cam))))
+            camera = _nerfstudio_camera(path, {**content, **frame}, file)
+            photos.append(Photo(file, known=KnownView(camera, np.linalg.inv(world_from_cam))))
     except (KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
         raise InputError(path, f"the transforms file is damaged ({error})", "Export it again with ns-process-data") from error
-    return _existing(sorted(photos, key=lambda photo: photo.path.name), path)
+    if absent and len(photos) < 3:
+        total = len(photos) + len(absent)
+        raise InputError(
+            path, f"{len(absent)} of {total} listed photos do not exist, for example {absent[0]}", "Check the paths"
+        )
+    if absent:
+        logger.warning("%s: %d listed photos do not exist and are left out: %s", path, len(absent), ", ".join(absent[:5]))
+    return _existing(sorted(photos, key=lambda photo: photo.path.name), path), absent
+
+
+def _photo_file(folder: Path, name: str) -> Path | None:
+    """File of a listed photo; some exporters leave the suffix out. None where there is none."""
+    file = folder / name
+    choices = [file, *(file.with_name(file.name + suffix) for suffix in IMAGE_SUFFIXES)]
+    return next((choice for choice in choices if choice.is_file()), None)
+
+
+def _nerfstudio_camera(path: Path, values: dict[str, Any], file: Path) -> Camera:
+    """Camera of one frame; what the file leaves out comes from the photo's size: the middle, and the opening angle."""
+    if any(float(values.get(key, 0.0)) != 0.0 for key in ("k3", "k4")):
+        raise InputError(path, "the camera has distortion terms k3 or k4", "Use the OPENCV model with k1, k2, p1, p2")
+    width, height = (int(values["w"]), int(values["h"])) if {"w", "h"} <= values.keys() else image_size(file)
+    fx = float(values["fl_x"]) if "fl_x" in values else 0.5 * width / np.tan(0.5 * float(values["camera_angle_x"]))
+    if "fl_y" in values or "camera_angle_y" not in values:
+        fy = float(values.get("fl_y", fx))
+    else:
+        fy = 0.5 * height / np.tan(0.5 * float(values["camera_angle_y"]))
+    k1, k2, p1, p2 = (float(values.get(key, 0.0)) for key in ("k1", "k2", "p1", "p2"))
+    cx, cy = float(values.get("cx", 0.5 * width)), float(values.get("cy", 0.5 * height))
+    return Camera(width, height, float(fx), fy, cx, cy, (k1, k2, p1, p2))
 
 
 def _existing(photos: list[Photo], source: Path) -> list[Photo]:

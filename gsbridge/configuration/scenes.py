@@ -65,6 +65,12 @@ class Scene(Settings):
     """Stop when the metric scale cannot be found, instead of going on degraded."""
     known_length: OrNull[KnownLength] = None
     """A length that gives the scale where no board was filmed."""
+    metres_per_unit: OrNull[Number] = Field(default=None, gt=0)
+    """Unit of the poses of a `colmap` or `nerfstudio` source, m, where they are metric (ARKit, Polycam and Record3D: 1); the
+    board goes before it."""
+    up: OrNull[Literal["top", "right", "bottom", "left"]] = None
+    """Side of the photos that is up in the scene, for photos that lie on their side or head and whose table is not found; null
+    finds out."""
     density: Density = "wood"
     """Density for the mass, kg/m3, or a material's name (docs/assets.md)."""
     example: Switch = False

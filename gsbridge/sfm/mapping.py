@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,7 @@ class Photos:
         camera: Calibrated camera, kept fixed; None to find it.
         focal_prior_px: Focal length from EXIF data, px.
         size: Width and height, px.
+        other_sizes: Those of images that differ, by name: a camera of its own for each size.
     """
 
     folder: Path
@@ -49,6 +50,14 @@ class Photos:
     camera: Camera | None
     focal_prior_px: float | None
     size: tuple[int, int]
+    other_sizes: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+
+    def by_size(self) -> dict[tuple[int, int], list[str]]:
+        """Names of the images of each size, in order."""
+        out: dict[tuple[int, int], list[str]] = {}
+        for name in self.names:
+            out.setdefault(self.other_sizes.get(name, self.size), []).append(name)
+        return out
 
 
 @dataclass(frozen=True)
@@ -136,7 +145,7 @@ def map_photos(
 
 
 def extract(database: Path, photos: Photos, settings: SfmSettings, threads: int, *, per_image: bool = False) -> None:
-    """Find SIFT features of all photos; their camera is one, or one per image."""
+    """Find SIFT features of all photos; their camera is one for each size, or one per image."""
     logger.info("find features in %d images", len(photos.names))
     options = pycolmap.FeatureExtractionOptions()
     options.use_gpu = False
@@ -145,25 +154,28 @@ def extract(database: Path, photos: Photos, settings: SfmSettings, threads: int,
     options.sift.peak_threshold = settings.peak_threshold
     if max(photos.size) > DOUBLED_UP_TO_PX:
         options.sift.first_octave = 0
-    reader = pycolmap.ImageReaderOptions()
-    width, height = photos.size
-    if photos.camera is not None:
-        # OPENCV also without distortion, so that one model holds every case.
-        reader.camera_model = "OPENCV"
-        params = [*colmap_params(photos.camera.undistorted()), *photos.camera.distortion]
-        reader.camera_params = ",".join(repr(float(value)) for value in params)
-    elif photos.focal_prior_px is not None:
-        reader.camera_model = "SIMPLE_RADIAL"
-        reader.camera_params = f"{photos.focal_prior_px!r},{width / 2!r},{height / 2!r},0.0"
-    pycolmap.extract_features(
-        database,
-        photos.folder,
-        image_names=photos.names,
-        camera_mode=pycolmap.CameraMode.PER_IMAGE if per_image else pycolmap.CameraMode.SINGLE,
-        reader_options=reader,
-        extraction_options=options,
-        device=pycolmap.Device.cpu,
-    )
+    for (width, height), names in photos.by_size().items():
+        reader = pycolmap.ImageReaderOptions()
+        if photos.camera is not None:
+            # OPENCV also without distortion, so that one model holds every case.
+            reader.camera_model = "OPENCV"
+            params = [*colmap_params(photos.camera.undistorted()), *photos.camera.distortion]
+            reader.camera_params = ",".join(repr(float(value)) for value in params)
+        elif photos.focal_prior_px is not None:
+            reader.camera_model = "SIMPLE_RADIAL"
+            # One lens: photos of another size were scaled to the same longer side, or turned.
+            focal = photos.focal_prior_px * max(width, height) / max(photos.size)
+            reader.camera_params = f"{focal!r},{width / 2!r},{height / 2!r},0.0"
+        # Each call makes its own camera, which the images of one size share.
+        pycolmap.extract_features(
+            database,
+            photos.folder,
+            image_names=names,
+            camera_mode=pycolmap.CameraMode.PER_IMAGE if per_image else pycolmap.CameraMode.SINGLE,
+            reader_options=reader,
+            extraction_options=options,
+            device=pycolmap.Device.cpu,
+        )
 
 
 def match(database: Path, photos: Photos, settings: SfmSettings, seed: int, threads: int, *, exhaustive: bool) -> None:
@@ -328,7 +340,7 @@ def triangulate_known(
     """
     database_path = workspace / "database.db"
     first = next(iter(known.values()))[0]
-    base = Photos(photos.folder, photos.names, photos.ordered, first, None, photos.size)
+    base = Photos(photos.folder, photos.names, photos.ordered, first, None, photos.size, photos.other_sizes)
     extract(database_path, base, settings, threads, per_image=True)
     model = pycolmap.Reconstruction()
     database = pycolmap.Database.open(database_path)

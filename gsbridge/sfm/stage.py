@@ -119,19 +119,21 @@ def _read_input(
             name: (Camera.from_json(item["camera"]), np.array(item["cam_from_world"], dtype=np.float64))
             for name, item in record["known_cameras"].items()
         }
+        others = {frame["name"]: tuple(int(side) for side in frame["size"]) for frame in record["frames"] if "size" in frame}
         ordered = record["source"]["kind"] in ("video", "film")
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(source, f"the record of the keyframes is damaged ({error})", "Delete it and run again") from error
     missing = [name for name in names if not (frames / name).is_file()]
     if missing:
         raise InputError(frames / missing[0], "a keyframe is missing", "Delete the capture folder of this scene and run again")
-    if camera is not None and (camera.width, camera.height) != size:
+    unlike = [one for one in (size, *others.values()) if camera is not None and (camera.width, camera.height) != one]
+    if camera is not None and unlike:
         raise InputError(
             source,
-            f"the keyframes have {size[0]} x {size[1]} pixels, the calibrated camera {camera.width} x {camera.height}",
+            f"keyframes have {unlike[0][0]} x {unlike[0][1]} pixels, the calibrated camera {camera.width} x {camera.height}",
             "Give this scene another camera in config.yaml",
         )
-    return Photos(frames, names, ordered, camera, record.get("focal_prior_px"), size), known
+    return Photos(frames, names, ordered, camera, record.get("focal_prior_px"), size, others), known
 
 
 def pinhole_poses(model: pycolmap.Reconstruction) -> dict[str, tuple[Camera, Array]]:
@@ -196,6 +198,7 @@ def _write(
         retries=max(0, len(outcome.tried) - 1),
         tried=outcome.tried,
         camera=first[0].to_json(),
+        other_cameras={name: camera.to_json() for name, (camera, _) in by_name.items() if camera != first[0]},
         pinhole=first[1].to_json(),
         calibrated=photos.camera is not None,
         images_with_tags=sum(bool(found) for found in tags.values()),

@@ -332,3 +332,14 @@ def test_a_wide_foot_belongs_to_the_object_and_bumps_of_the_table_do_not() -> No
     assert ((found >= 300) & (found < 1800)).sum() > 0.95 * 1500
     assert (found >= 1800 + len(table)).sum() == 0
     assert ((found >= 1800) & (found < 1800 + len(table))).sum() == 0
+
+
+def test_metric_poses_give_the_scale_and_the_board_is_compared_with_it(tmp_path: Path) -> None:
+    paths = write_scene(tmp_path / "a", cloud())
+    record = run(paths, board=False, metres_per_unit=1 / AWAY.scale)
+    assert record["scale_source"] == "poses"
+    assert record["scale"] * AWAY.scale == pytest.approx(1.0)
+    assert not any("scale" in reason for reason in record["reasons"])
+    doubted = run(write_scene(tmp_path / "b", cloud(), sightings(PINHOLE, POSES)), metres_per_unit=1.1 / AWAY.scale)
+    assert doubted["scale_source"] == "tags"
+    assert any("metres_per_unit" in reason for reason in doubted["reasons"])

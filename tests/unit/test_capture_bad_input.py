@@ -101,12 +101,6 @@ def test_no_photos(tmp_path: Path) -> None:
     refuse(tmp_path, Source("images", tmp_path / "bare"), "bare", "no photos")
 
 
-def test_photos_of_different_sizes(tmp_path: Path) -> None:
-    folder = photos(tmp_path / "mixed", 5)
-    cv2.imwrite(str(folder / "3.png"), pan([0.0], size=(300, 240))[0])
-    refuse(tmp_path, Source("images", folder), "3.png", "0.png", "300 x 240", "320 x 240")
-
-
 def test_a_photo_that_is_none(tmp_path: Path) -> None:
     folder = photos(tmp_path / "set", 5)
     (folder / "2.png").write_text("no image")

@@ -164,6 +164,34 @@ def test_nerfstudio_axes_are_converted(tmp_path: Path) -> None:
     np.testing.assert_allclose(pose[:3, :3] @ [0, 1, 0], [0, -1, 0], atol=1e-12)
 
 
+def test_portrait_and_landscape_in_one_folder_keep_their_sizes(tmp_path: Path) -> None:
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    for i, image in enumerate(pan([20.0 * i for i in range(6)])):
+        cv2.imwrite(str(folder / f"{i}.png"), image if i < 4 else np.rot90(image))
+    record = select(tmp_path, Source("images", folder))
+    assert [frame.get("size") for frame in record["frames"]] == [None] * 4 + [[240, 320]] * 2
+    assert (record["width"], record["height"]) == (320, 240)
+    assert cv2.imread(str(tmp_path / "frames" / "5.png")).shape == (320, 240, 3)
+
+
+def test_nerfstudio_files_of_other_programs_are_read(tmp_path: Path) -> None:
+    """No suffix, an opening angle without a size, and a frame whose photo is gone."""
+    (tmp_path / "images").mkdir()
+    frames = []
+    for i, image in enumerate(pan([20.0 * i for i in range(4)])):
+        cv2.imwrite(str(tmp_path / "images" / f"{i}.png"), image)
+        frames.append({"file_path": f"./images/{i}", "transform_matrix": np.eye(4).tolist()})
+    frames.append({"file_path": "./images/gone", "transform_matrix": np.eye(4).tolist()})
+    angle = 2 * np.arctan(160 / 300)
+    (tmp_path / "transforms.json").write_text(json.dumps({"camera_angle_x": angle, "frames": frames}))
+    record = select(tmp_path, Source("nerfstudio", tmp_path / "transforms.json"))
+    assert record["status"] == "degraded"
+    assert any("1 of 5 listed photos do not exist: ./images/gone" in reason for reason in record["reasons"])
+    camera = Camera.from_json(record["known_cameras"]["2.png"]["camera"])
+    assert camera == Camera(320, 240, pytest.approx(300.0), pytest.approx(300.0), 160.0, 120.0, (0.0, 0.0, 0.0, 0.0))
+
+
 @pytest.mark.capture
 @pytest.mark.skipif("GSBRIDGE_CAPTURES" not in os.environ, reason="GSBRIDGE_CAPTURES names no folder of real captures")
 def test_real_video_decodes(tmp_path: Path) -> None:
