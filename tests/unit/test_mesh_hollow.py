@@ -1,0 +1,107 @@
+"""Open and hollow things: what measured depth and the outlines say, against solids known from formulas."""
+
+import numpy as np
+import pytest
+import trimesh
+from solid_scene import POT_HEIGHT, around, filled_pot, pot, statue, traced
+
+from gsbridge.cameras import Camera
+from gsbridge.mesh.depth import Cloud
+from gsbridge.mesh.hollow import carved, lowered, needed_height
+from gsbridge.mesh.hull import build_hull
+from gsbridge.mesh.objects import doubts
+from gsbridge.meshes import Mesh
+
+CAMERA = Camera(200, 150, 235.0, 235.0, 100.0, 75.0)
+MIDDLE = np.array([0.0, 0.0, 0.025])
+
+
+def look(solid, lifts_deg, count=18):
+    """Views of a solid, its outlines, their hull, and the true depth as if all of it had been confirmed."""
+    views = around(CAMERA, count, lifts_deg, MIDDLE)
+    seen = [traced(view, solid) for view in views]
+    masks = [on.astype(np.float32) for _, _, on in seen]
+    depths = tuple(np.where(on, depth, 0.0).astype(np.float32) for _, depth, on in seen)
+    points = np.concatenate([at[on] for at, _, on in seen])[::7]
+    cloud = Cloud(points, np.zeros_like(points), tuple(depth > 0 for depth in depths), tuple(views), 1, depths)
+    return views, masks, build_hull(views, masks, vote=0.95, voxels=64, width=200, threads=1), cloud
+
+
+@pytest.fixture(scope="module")
+def one_height():
+    return look(pot, (38.0,))
+
+
+def blind(cloud):
+    """The same views where nothing was measured."""
+    return Cloud(cloud.points[:0], cloud.points[:0], (), cloud.views, 1, tuple(0 * depth for depth in cloud.depths))
+
+
+def test_outlines_from_one_height_leave_a_cone_that_goes(one_height):
+    views, masks, hull, cloud = one_height
+    assert hull.mesh.vertices[:, 2].max() > POT_HEIGHT + 0.015
+    assert needed_height(hull, views, masks) == pytest.approx(POT_HEIGHT, abs=0.0015)
+    low = lowered(hull, views, masks, lambda: cloud)
+    assert low.mesh.vertices[:, 2].max() == pytest.approx(POT_HEIGHT, abs=0.002)
+    assert low.mesh.is_watertight()
+
+
+def test_depth_empties_the_pot_as_far_as_it_is_seen(one_height):
+    views, masks, hull, cloud = one_height
+    left, share = carved(lowered(hull, views, masks, lambda: cloud), cloud, threads=1)
+    again, _ = carved(lowered(hull, views, masks, lambda: cloud), cloud, threads=2)
+    np.testing.assert_array_equal(left.field, again.field)
+    assert share > 0.2
+    assert left.mesh.is_watertight()
+    x, y, z = np.meshgrid(*(left.grid.axis(k) for k in range(3)), indexing="ij")
+    truth = pot(np.stack([x, y, z], -1).reshape(-1, 3)).reshape(x.shape)
+    # No wall is drilled through: what the pot is made of stays, give or take a voxel.
+    assert (left.field[truth < -1.5 * left.grid.spacing] > 0).mean() > 0.99
+    # From 38 degrees a line of sight over the near rim meets the far wall about half way down.
+    inner = (np.hypot(x, y) < 0.02) & (z > 0.038) & (z < POT_HEIGHT)
+    assert (left.field[inner] > 0).mean() < 0.02
+
+
+def test_a_full_pot_stays_full():
+    views, masks, hull, cloud = look(filled_pot, (38.0,))
+    left, share = carved(lowered(hull, views, masks, lambda: cloud), cloud, threads=1)
+    x, y, z = np.meshgrid(*(left.grid.axis(k) for k in range(3)), indexing="ij")
+    truth = filled_pot(np.stack([x, y, z], -1).reshape(-1, 3)).reshape(x.shape)
+    assert (left.field[truth < -1.5 * left.grid.spacing] > 0).mean() > 0.995
+    assert left.mesh.vertices[:, 2].max() == pytest.approx(POT_HEIGHT, abs=0.002)
+
+
+def test_without_depth_nothing_is_carved_and_a_narrow_top_stays(one_height):
+    views, masks, hull, cloud = one_height
+    assert carved(hull, blind(cloud), threads=1) == (hull, 0.0)
+    views, masks, hull, cloud = look(statue, (25.0, 45.0))
+    # Its head is measured by no depth and needed by every outline.
+    assert lowered(hull, views, masks, lambda: blind(cloud)) is hull
+
+
+def box(low, high):
+    mesh = trimesh.creation.box(bounds=[low, high])
+    return Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+
+
+def surface(low, high, count=400):
+    points, _ = trimesh.sample.sample_surface(trimesh.creation.box(bounds=[low, high]), count, seed=0)
+    return np.asarray(points)
+
+
+def test_doubts_name_what_disagrees():
+    low, high = [-0.02, -0.02, 0.0], [0.02, 0.02, 0.06]
+    fine = surface(low, high)
+    assert doubts(box(low, high), fine, 0.1, 0.0) == []
+    assert doubts(box(low, high), fine[:5], 0.1, 0.0) == []
+    (tall,) = doubts(box(low, [0.02, 0.02, 0.072]), fine, 0.1, 0.0)
+    assert "72 mm tall, the measured points reach 60 mm" in tall
+    plinth = surface([-0.05, -0.05, 0.0], [0.05, 0.05, 0.012])
+    (missing,) = doubts(box(low, high), np.concatenate([fine, plinth]), 0.1, 0.0)
+    assert "outside the mesh" in missing
+    (hollow,) = doubts(box(low, high), np.concatenate([fine, surface([-0.01, -0.01, 0.02], [0.01, 0.01, 0.05])]), 0.1, 0.0)
+    assert "deep inside the mesh" in hollow
+    (unseen,) = doubts(box(low, high), fine, 0.8, 0.0)
+    assert "whether it is open there is unknown" in unseen
+    (floor,) = doubts(box(low, high), fine, 0.8, 0.3)
+    assert "bottom of its opening is unseen" in floor
