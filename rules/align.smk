@@ -1,9 +1,44 @@
+rule measure_length:
+    input:
+        sfm="results/scenes/{scene}/sfm/sfm.json",
+        model="results/scenes/{scene}/sfm/model",
+        tags="results/scenes/{scene}/sfm/tags.json",
+        images="results/scenes/{scene}/sfm/images",
+    output:
+        length="results/scenes/{scene}/align/length.json",
+    log:
+        "results/logs/measure_length/{scene}.log",
+    benchmark:
+        "results/benchmarks/measure_length/{scene}.jsonl"
+    wildcard_constraints:
+        scene=one_of(names("object")),
+    conda:
+        "../envs/mesh.yaml"
+    threads: 1
+    resources:
+        mem_mb=4000,
+        runtime="40m",
+    params:
+        code=script_digest("measure_length"),
+        workspace=lambda wildcards: f"results/.state/measure_length/{wildcards.scene}",
+        align=settings("align"),
+        masks=settings("masks"),
+        mesh=settings("mesh"),
+        up=lambda wildcards: config["scenes"][wildcards.scene]["up"],
+        seed=SEED,
+    message:
+        "Measure the longest side of the object of {wildcards.scene}"
+    script:
+        "../scripts/measure_length.py"
+
+
 rule align_scene:
     input:
         keyframes="results/scenes/{scene}/capture/keyframes.json",
         sfm="results/scenes/{scene}/sfm/sfm.json",
         model="results/scenes/{scene}/sfm/model",
         tags="results/scenes/{scene}/sfm/tags.json",
+        length=measured_length,
     output:
         align="results/scenes/{scene}/align/align.json",
         views="results/scenes/{scene}/align/views.json",

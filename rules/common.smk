@@ -194,6 +194,14 @@ def scene_camera(wildcards):
     return f"results/cameras/{camera}.json" if camera else []
 
 
+def measured_length(wildcards):
+    """The longest side of a scene's object, where that is the length that gives the scale; nothing otherwise."""
+    length = config["scenes"][wildcards.scene]["known_length"]
+    if length is None or "object" not in length:
+        return []
+    return f"results/scenes/{wildcards.scene}/align/length.json"
+
+
 def workspace_capture(wildcards):
     """Folder of the board capture that registers the workspace; nothing where its poses are typed."""
     kind, value = next(iter(config["workspace"]["source"].items()))

@@ -22,6 +22,7 @@ align_scene(
     settings=AlignSettings(**snakemake.params.settings, require_scale=snakemake.params.require_scale),
     board=optional_board(snakemake.params.board),
     known_length=snakemake.params.known_length,
+    measured=snakemake.input.get("length") or None,
     seed=snakemake.params.seed,
     up=snakemake.params.up,
     metres_per_unit=snakemake.params.metres_per_unit,

@@ -68,6 +68,7 @@ def align_scene(
     seed: int,
     up: str | None = None,
     metres_per_unit: float | None = None,
+    measured: str | Path | None = None,
 ) -> None:
     """Find the table frame of a reconstruction and write cameras and points in it.
 
@@ -81,6 +82,7 @@ def align_scene(
         settings: Limits.
         board: Layout of the board, None where none was laid out.
         known_length: A length the user knows, see `KnownLength`; used where the board gives no scale.
+        measured: Record of the longest side of the object's mesh, sfm units; None takes that of its sparse points.
         seed: Random seed.
         up: Side of the photos that is up, see `attention`.
         metres_per_unit: Unit of the poses that came with the photos, m; used where the board gives no scale.
@@ -126,7 +128,7 @@ def align_scene(
                 "Print the board (`gsbridge board`) and film it beside the object, or set `known_length`",
             )
         table_from_sfm, source, numbers = _from_plane(
-            plane, looks, sparse, record, length, metres_per_unit, board is not None, reasons
+            plane, looks, sparse, record, length, metres_per_unit, board is not None, reasons, measured
         )
     _write(sparse, record, table_from_sfm, (out_views, out_points), sfm_json)
     write_stage(
@@ -203,6 +205,7 @@ def _from_plane(
     metres_per_unit: float | None,
     board_expected: bool,
     reasons: list[str],
+    measured: str | Path | None,
 ) -> tuple[Similarity, str, dict[str, Any]]:
     """Table frame without a board: below the object, x towards the first camera's right, scale from a length or unknown."""
     above = object_points(sparse.points, plane, looks)
@@ -219,23 +222,29 @@ def _from_plane(
     if board_expected:
         reasons.append("fewer than 3 tags of the board could be found, so the board does not give the scale")
     extents = box_sides(unscaled.apply(sparse.points[above])) if len(above) >= 5 else np.full(3, 0.3 * looks.distance)
+    side = float(extents.max())
     if metres_per_unit is not None:
         scale, source = metres_per_unit, "poses"
     elif length is not None:
         if length.between is None:
-            if len(above) < MIN_OBJECT_POINTS:
+            if measured is not None:
+                content = read_json(measured)
+                side = float(content["side"])
+                reasons += [f"the length is measured on a mesh that may be wrong: {doubt}" for doubt in content["doubts"]]
+            elif len(above) < MIN_OBJECT_POINTS:
                 raise StageError(
                     "align",
                     f"the object's longest side is to give the scale, but only {len(above)} points lie on the object",
                     "Give `known_length` as two points on the table (`between`), or film the board",
                 )
-            reasons.append("the scale rests on sparse points of the object's longest side, which is good to some 5 %")
+            what = "sparse points of" if measured is None else "the mesh along"
+            reasons.append(f"the scale rests on {what} the object's longest side, which is good to some 5 %")
         cameras = dict(zip(sparse.names, zip(sparse.cameras, sparse.poses, strict=True), strict=True))
         others = {name: Camera.from_json(item) for name, item in record.get("other_cameras", {}).items()}
-        scale = scale_from_length(length, unscaled, cameras, Camera.from_json(record["camera"]), float(extents.max()), others)
+        scale = scale_from_length(length, unscaled, cameras, Camera.from_json(record["camera"]), side, others)
         source = "known_length"
     else:
-        scale = UNKNOWN_EXTENT / float(extents.max())
+        scale = UNKNOWN_EXTENT / side
         reasons.append(
             f"the scale is unknown: lengths are in units in which the object's longest side is {UNKNOWN_EXTENT:g} m; "
             "film the board, or set `known_length`"
