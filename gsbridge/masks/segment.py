@@ -20,7 +20,7 @@ from gsbridge.masks import flatness, grabcut, sam2
 from gsbridge.masks.consistency import agreed_hull, outline, overlap, shrunk
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop
 from gsbridge.masks.prompt import Prompt, find_object
-from gsbridge.masks.subtraction import subtract_table
+from gsbridge.masks.subtraction import open_windows, subtract_table
 from gsbridge.meshes import Mesh
 from gsbridge.photogrammetry.matting import estimate_alpha
 from gsbridge.photogrammetry.sparse import SparsePoints, read_points
@@ -138,6 +138,7 @@ def _grabcut_masks(
             vote = settings.hull_vote if number == 0 else settings.strict_vote
             hull = agreed_hull(views, masks, prompt, settings, vote, threads)
     masks = subtract_table(views, masks, prompt, settings, threads)
+    masks = open_windows(views, masks, settings, threads)
     return masks, agreed_hull(views, masks, prompt, settings, settings.strict_vote, threads)
 
 

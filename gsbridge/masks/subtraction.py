@@ -38,6 +38,14 @@ _MISPLACED_PX = 0.5
 _GAIN_PIXELS = 50
 _RIM = 0.15
 """Plain pixels are taken off to this depth, as a share of the object's size."""
+_WINDOW = 0.003
+"""Smallest share of a mask that a window takes; smaller patches of the table's colour are the object's own marks."""
+_WINDOW_MATCH = 0.7
+"""Least correlation of a window's pattern with the table behind it: a plain patch may have the table's colour by chance."""
+_WINDOW_TEXTURE = 0.008
+"""Least standard deviation of that pattern, 0..1."""
+_WINDOW_VIEWS = 3
+"""Views that must see through before any window is believed."""
 _MAJORITY = 0.75
 """Share of the views that must agree on a point before what they add there counts."""
 
@@ -49,10 +57,12 @@ class Evidence:
     Args:
         strange: The pixel does not have the table's colour of that spot. [h, w] bool.
         plain: It has, clearly. [h, w] bool. Neither where too few photos see the spot.
+        table: The bare table, RGB 0..1, where it is known; the photo elsewhere. [h, w, 3].
     """
 
     strange: Array
     plain: Array
+    table: Array
 
 
 def disc(radius: int) -> Array:
@@ -89,11 +99,11 @@ def compare_with_table(
     laid = [_laid(index, i, photos[i], masks[i], cameras, poses, own, away) for i in others]
     nothing = np.zeros(away.shape, bool)
     if len(laid) < _NEEDED:
-        return Evidence(nothing, nothing)
+        return Evidence(nothing, nothing, own)
     near = cv2.dilate(masks[index].astype(np.uint8), disc(round(0.25 * np.sqrt(masks[index].sum())))) > 0
     table, known = _median(laid, near, own)
     if not known.any():
-        return Evidence(nothing, nothing)
+        return Evidence(nothing, nothing, own)
     grey = cv2.GaussianBlur(table.mean(-1), (0, 0), 0.7)
     slope = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.125), cv2.Sobel(grey, cv2.CV_32F, 0, 1, scale=0.125))
     excess = np.maximum(np.abs(own - table).max(-1) - _MISPLACED_PX * slope, 0.0)
@@ -104,7 +114,7 @@ def compare_with_table(
     # Pixels on the outline are of both: they are strange, but not yet the object.
     strange = cv2.erode((known & (smooth > least)).astype(np.uint8), disc(1)) > 0
     plain = cv2.morphologyEx((known & (smooth < 0.5 * least)).astype(np.uint8), cv2.MORPH_OPEN, disc(1)) > 0
-    return Evidence(strange, plain)
+    return Evidence(strange, plain, table)
 
 
 def _median(laid: Sequence[Array], where: Array, fallback: Array) -> tuple[Array, Array]:
@@ -168,13 +178,81 @@ def amend(mask: Array, evidence: Evidence, allowed: Array | None = None) -> Arra
     return cv2.morphologyEx(((mask & ~rim) | added).astype(np.uint8), cv2.MORPH_OPEN, disc(1)) > 0
 
 
-def _round_mask(mask: Array, longest: int) -> Crop | None:
-    """The part of a photo round its mask; None where the mask is empty."""
+def windows(mask: Array, photo: Array, evidence: Evidence) -> Array:
+    """Parts of a mask through which the table is seen: they have its colour of that very spot, and its pattern.
+
+    Args:
+        mask: The object so far. [h, w] bool.
+        photo: RGB. [h, w, 3] uint8.
+        evidence: Of this photo.
+
+    Returns:
+        [h, w] bool.
+    """
+    found = np.zeros(mask.shape, bool)
+    plain = cv2.morphologyEx((evidence.plain & mask).astype(np.uint8), cv2.MORPH_OPEN, disc(1))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(plain, connectivity=4)
+    own = photo.astype(np.float32).mean(-1) / 255
+    behind = evidence.table.mean(-1)
+    for label in range(1, count):
+        if stats[label, cv2.CC_STAT_AREA] > _WINDOW * mask.sum():
+            patch = labels == label
+            a, b = own[patch] - own[patch].mean(), behind[patch] - behind[patch].mean()
+            spread = float(a.std() * b.std())
+            if min(a.std(), b.std()) > _WINDOW_TEXTURE and float((a * b).mean()) > _WINDOW_MATCH * spread:
+                found |= patch
+    # Pixels on a window's border are of both; half of them are the window's.
+    return (cv2.dilate(found.astype(np.uint8), disc(1)) > 0) & mask & ~evidence.strange
+
+
+def open_windows(views: Views, masks: Sequence[Array], settings: MaskSettings, threads: int) -> list[Array]:
+    """Masks without the windows through which several photos see the table.
+
+    What is seen through a window stands far behind the object, so wider parts of the photos are compared than for its outline.
+
+    Args:
+        views: Posed, undistorted photos.
+        masks: The object, its windows filled. [H, W] float32 each.
+        settings: See `MaskSettings`.
+        threads: Threads to use.
+
+    Returns:
+        [H, W] float32 each; the same where fewer than three photos see through the object.
+    """
+    crops = [_round_mask(mask, round(1.5 * settings.crop_px), 1.0) for mask in masks]
+    poses = [view.cam_from_table for view in views]
+    cameras = [view.camera if crop is None else crop.camera(view.camera) for view, crop in zip(views, crops, strict=True)]
+    photos = [
+        None if crop is None else crop.cut(read_image_u8(views.path(view))) for view, crop in zip(views, crops, strict=True)
+    ]
+    parts = [np.zeros((0, 0), bool) if crop is None else crop.cut(mask) > 0.5 for mask, crop in zip(masks, crops, strict=True)]
+
+    def look(index: int) -> Array:
+        photo = photos[index]
+        if photo is None:
+            return parts[index]
+        return windows(parts[index], photo, compare_with_table(index, photos, parts, cameras, poses))
+
+    with ThreadPoolExecutor(threads) as pool:
+        found = list(pool.map(look, range(len(views))))
+    if sum(bool(part.any()) for part in found) < _WINDOW_VIEWS:
+        return list(masks)
+    out = []
+    for mask, crop, part in zip(masks, crops, found, strict=True):
+        opened = mask.copy()
+        if crop is not None and part.any():
+            opened[crop.paste(part, mask.shape[::-1]) > 0.5] = 0.0
+        out.append(opened)
+    return out
+
+
+def _round_mask(mask: Array, longest: int, margin: float = 0.25) -> Crop | None:
+    """The part of a photo round its mask, with a margin; None where the mask is empty."""
     rows, columns = np.nonzero(mask > 0.5)
     if len(rows) == 0:
         return None
     corners = np.array([[columns.min(), rows.min()], [columns.max() + 1, rows.max() + 1]], float)
-    return Crop.around(corners, mask.shape[::-1], longest)
+    return Crop.around(corners, mask.shape[::-1], longest, margin)
 
 
 def subtract_table(views: Views, masks: Sequence[Array], prompt: Prompt, settings: MaskSettings, threads: int) -> list[Array]:

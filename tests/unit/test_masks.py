@@ -4,6 +4,8 @@ import json
 
 import numpy as np
 import pytest
+from scipy import ndimage
+from solid_scene import around, gate, solid_scene
 from table_scene import CENTRE, RADIUS, ball_scene
 
 from gsbridge.cameras import Camera, View, Views
@@ -12,7 +14,7 @@ from gsbridge.images import read_image_u8, read_mask
 from gsbridge.masks import MaskSettings, flatness, grabcut, segment_object
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop, cut_out, tidy
 from gsbridge.masks.prompt import find_object, focus_point
-from gsbridge.masks.subtraction import amend, compare_with_table, subtract_table
+from gsbridge.masks.subtraction import amend, compare_with_table, open_windows, subtract_table
 from gsbridge.photogrammetry.sparse import SparsePoints, read_points
 
 SMALL = MaskSettings(crop_px=160, hull_voxels=48, iterations=2, passes=1)
@@ -274,3 +276,24 @@ def test_the_camera_of_a_part_has_exactly_its_pixels(width, height):
     assert crop.cut(np.zeros((960, 1280), np.uint8)).shape == (camera.height, camera.width)
     point = np.array([[-0.5, -0.4, 1.0]])
     np.testing.assert_allclose(camera.project(point), crop.pixels(view.camera.project(point)), atol=1e-9)
+
+
+def test_windows_through_which_the_table_is_seen_are_opened(tmp_path):
+    """Masks that are filled lose the window, and nothing else: all other pixels of the block stay."""
+    camera = Camera(256, 192, 220.0, 220.0, 128.0, 96.0)
+    views = around(camera, 24, (15.0, 25.0), np.array([0.0, 0.0, 0.03]))
+    scene = solid_scene(tmp_path, gate, views)
+    filled = [ndimage.binary_fill_holes(inside) for inside in scene.inside]
+    opened = open_windows(scene.views, [mask.astype(np.float32) for mask in filled], MaskSettings(), 1)
+    holes = [full & ~true for full, true in zip(filled, scene.inside, strict=True)]
+    seen = sum(hole.sum() for hole in holes)
+    assert seen > 1000
+    assert sum(((mask < 0.5) & hole).sum() for mask, hole in zip(opened, holes, strict=True)) > 0.7 * seen
+    lost = sum(((mask < 0.5) & true).sum() for mask, true in zip(opened, scene.inside, strict=True))
+    assert lost < 0.02 * sum(true.sum() for true in scene.inside)
+
+
+def test_an_object_without_windows_keeps_its_masks(scene):
+    masks = [inside.astype(np.float32) for inside in scene.inside]
+    for before, after in zip(masks, open_windows(scene.views, masks, SMALL, 1), strict=True):
+        np.testing.assert_array_equal(before, after)

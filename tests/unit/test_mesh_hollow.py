@@ -64,7 +64,7 @@ def test_depth_empties_the_pot_as_far_as_it_is_seen(one_height):
 
 def test_a_full_pot_stays_full():
     views, masks, hull, cloud = look(filled_pot, (38.0,))
-    left, share = carved(lowered(hull, views, masks, lambda: cloud), cloud, threads=1)
+    left, _ = carved(lowered(hull, views, masks, lambda: cloud), cloud, threads=1)
     x, y, z = np.meshgrid(*(left.grid.axis(k) for k in range(3)), indexing="ij")
     truth = filled_pot(np.stack([x, y, z], -1).reshape(-1, 3)).reshape(x.shape)
     assert (left.field[truth < -1.5 * left.grid.spacing] > 0).mean() > 0.995
