@@ -3,12 +3,15 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gsbridge.align.stage import AlignSettings, align_scene
+from gsbridge.align.stage import align_scene
 from gsbridge.cameras import read_views
+from gsbridge.configuration.align import AlignSettings
+from gsbridge.configuration.masks import MaskSettings
+from gsbridge.configuration.mesh import MeshSettings
 from gsbridge.files import read_json, write_json
 from gsbridge.logs import start
-from gsbridge.masks import MaskSettings, segment_object
-from gsbridge.mesh import MeshSettings, mesh_object
+from gsbridge.masks import segment_object
+from gsbridge.mesh import mesh_object
 from gsbridge.meshes import read_mesh
 from gsbridge.photogrammetry.standing import box_sides
 

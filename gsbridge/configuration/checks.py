@@ -40,13 +40,13 @@ def check_configuration(config: Mapping[str, Any]) -> None:
         _check_source(name, scene)
         _check_camera(name, scene, scenes, cameras)
         _check_known_length(name, scene)
-        if scene["metres_per_unit"] is not None and not {"colmap", "nerfstudio"} & scene["source"].keys():
+        if scene.get("metres_per_unit") is not None and not {"colmap", "nerfstudio"} & scene["source"].keys():
             raise InputError(
                 f"config: scenes.{name}.metres_per_unit",
                 "only poses that come with the photos have a unit",
                 "Remove it, or give the photos with their poses: source: {nerfstudio: FILE} or {colmap: FOLDER}",
             )
-        lengths = (scene["board"], scene["known_length"], scene["metres_per_unit"])
+        lengths = (scene["board"], scene["known_length"], scene.get("metres_per_unit"))
         if scene["require_scale"] and all(item is None for item in lengths):
             raise InputError(
                 f"config: scenes.{name}.require_scale",

@@ -62,7 +62,7 @@ def _solid(
     backend = choose_backend(settings.backend)
     top = float(hull.mesh.vertices[:, 2].max())
     if backend == "sweep":
-        rough = replace(settings, stride=2 * settings.stride)
+        rough = settings.model_copy(update={"stride": 2 * settings.stride})
         hull = lowered(hull, views, masks, lambda: depth_cloud(views, masks, hull, rough, seed, threads))
         cloud = depth_cloud(views, masks, hull, settings, seed, threads)
         kept = sum(int(item.sum()) for item in cloud.confirmed)
