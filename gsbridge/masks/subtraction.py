@@ -19,7 +19,7 @@ from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8
 from gsbridge.masks import grabcut
 from gsbridge.masks.consistency import agreed_hull, outline
-from gsbridge.masks.flatness import table_homography
+from gsbridge.masks.flatness import fine_detail, table_homography
 from gsbridge.masks.grabcut import Crop
 from gsbridge.masks.prompt import Prompt
 
@@ -190,17 +190,18 @@ def windows(mask: Array, photo: Array, evidence: Evidence) -> Array:
         [h, w] bool.
     """
     found = np.zeros(mask.shape, bool)
-    plain = cv2.morphologyEx((evidence.plain & mask).astype(np.uint8), cv2.MORPH_OPEN, disc(1))
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(plain, connectivity=4)
-    own = photo.astype(np.float32).mean(-1) / 255
-    behind = evidence.table.mean(-1)
+    same = (evidence.plain & mask).astype(np.uint8)
+    # Where a rim turns away from the light it takes on any table's brightness: such ribbons are no windows.
+    core = cv2.morphologyEx(same, cv2.MORPH_OPEN, disc(max(2, round(0.02 * np.sqrt(mask.sum())))))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(core, connectivity=4)
+    own, behind = fine_detail(photo), fine_detail(np.clip(255 * evidence.table, 0, 255).astype(np.uint8))
     for label in range(1, count):
         if stats[label, cv2.CC_STAT_AREA] > _WINDOW * mask.sum():
             patch = labels == label
             a, b = own[patch] - own[patch].mean(), behind[patch] - behind[patch].mean()
             spread = float(a.std() * b.std())
             if min(a.std(), b.std()) > _WINDOW_TEXTURE and float((a * b).mean()) > _WINDOW_MATCH * spread:
-                found |= patch
+                found |= (cv2.dilate(patch.astype(np.uint8), disc(3)) > 0) & (same > 0)
     # Pixels on a window's border are of both; half of them are the window's.
     return (cv2.dilate(found.astype(np.uint8), disc(1)) > 0) & mask & ~evidence.strange
 
