@@ -27,6 +27,9 @@ from gsbridge.splats.train import train
 
 logger = logging.getLogger("gsbridge")
 
+MIN_TRAINING_PSNR = 24.0
+"""Masked PSNR on the training photos below which a model is underfitted, dB: sound ones reach 28 and more."""
+
 VISIBLE_OPACITY = 0.3
 """Splats below this opacity hardly show; their offsets are left out of the statistics."""
 
@@ -103,6 +106,12 @@ def train_splats(
     if len(targets) < len(views):
         what = "an empty mask" if kind == "object" else "no pixel on the mesh"
         reasons.append(f"{len(views) - len(targets)} of {len(views)} views have {what} and were left out")
+    fitted = metrics["train"]["masked"]["psnr"]
+    if fitted is not None and fitted < MIN_TRAINING_PSNR:
+        reasons.append(
+            f"the splats reach {fitted:.1f} dB on their own training photos, {MIN_TRAINING_PSNR:g} are usual: there is more "
+            "detail than the budget holds, or its mesh or poses are off; raise max_splats and steps, and look at views/"
+        )
     if metrics["held_out"]["full"]["views"] == 0:
         reasons.append("no view is held out: the metrics of the training views flatter the model")
     write_stage(

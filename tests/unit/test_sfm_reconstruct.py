@@ -148,3 +148,26 @@ def test_camera_of_another_size_is_refused(tmp_path: Path, capture: tuple[Path, 
     (frames / "0003.png").unlink()
     with pytest.raises(InputError, match=r"0003\.png: a keyframe is missing"):
         run(tmp_path, frames, keyframes)
+
+
+@pytest.mark.slow
+def test_portrait_and_landscape_photos_are_one_capture_with_a_camera_each(
+    tmp_path: Path, capture: tuple[Path, Camera, list[Array]]
+) -> None:
+    folder, camera, poses = capture
+    turned = names(len(poses))[::3]
+    (tmp_path / "photos").mkdir()
+    for name in names(len(poses)):
+        image = read_image(folder / name)
+        write_image(tmp_path / "photos" / name, np.ascontiguousarray(np.rot90(image)) if name in turned else image)
+    record = run(tmp_path, *keyframes_of(Source("images", tmp_path / "photos"), tmp_path))
+    assert record["registered"] == len(poses)
+    # The first photo is turned, so the others are those of the other camera.
+    assert sorted(record["other_cameras"]) == sorted(set(names(len(poses))) - set(turned))
+    other = Camera.from_json(next(iter(record["other_cameras"].values())))
+    assert (other.width, other.height) == (camera.width, camera.height)
+    aligned = align(tmp_path)
+    assert aligned["scale_source"] == "tags"
+    views = read_views(tmp_path / "views.json", tmp_path / "images")
+    errors = [1e3 * np.linalg.norm(view.centre - camera_centre(pose)) for view, pose in zip(views, poses, strict=True)]
+    assert np.mean(errors) < 4.0
