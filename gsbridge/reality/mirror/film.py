@@ -26,6 +26,7 @@ from gsbridge.photogrammetry.board import standard_board
 from gsbridge.reality.mirror.backgrounds import TABLE_SIZE_M
 from gsbridge.reality.mirror.lens import Lens, phone
 from gsbridge.reality.mirror.path import background_path, object_path, pan_path
+from gsbridge.reality.mirror.path_tracer import variant
 from gsbridge.reality.mirror.studio import SCENES, Studio, build_studio
 
 DENSE = "dense_pan"
@@ -181,6 +182,7 @@ def _deliver(
         out_json,
         seed=seed,
         packages=("mitsuba",),
+        path_tracer=variant(),
         scene=scene,
         kind="dense" if scene == DENSE else "object" if SCENES[scene][0] else "background",
         width=camera.width,

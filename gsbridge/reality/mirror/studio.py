@@ -1,8 +1,4 @@
-"""The set: object, table, board, light and camera as a Mitsuba scene, rendered in linear light.
-
-Mitsuba's `scalar_rgb` variant needs no compiler at run time and gives the same picture for the same seed whatever the number
-of threads.
-"""
+"""The set: object, table, board, light and camera as a Mitsuba scene, rendered in linear light."""
 
 from __future__ import annotations
 
@@ -27,6 +23,7 @@ from gsbridge.reality.mirror.backgrounds import (
 )
 from gsbridge.reality.mirror.objects import OBJECTS, make_object
 from gsbridge.reality.mirror.path import OBJECT_SPOT_M
+from gsbridge.reality.mirror.path_tracer import load_mitsuba
 
 _SHEET_PIXELS_PER_M = 4000.0
 _PAPER, _INK = 0.80, 0.03  # reflectances
@@ -46,18 +43,6 @@ SCENES: dict[str, tuple[str | None, str, float]] = {
     "dense_pan": ("small_cube", "foam_pad", 24.0),
 }
 """The films of the studio."""
-
-
-def _mitsuba(threads: int) -> Any:
-    """Mitsuba in the studio's variant, limited to `threads`."""
-    import drjit
-    import mitsuba
-
-    mitsuba.set_variant("scalar_rgb")
-    # Warnings only say that the sampler rounds a number of samples up.
-    mitsuba.set_log_level(mitsuba.LogLevel.Error)
-    drjit.set_thread_count(threads)
-    return mitsuba
 
 
 def placed(mesh: Mesh, normals: Array, spot: tuple[float, float], yaw_deg: float) -> tuple[Mesh, Array]:
@@ -196,7 +181,7 @@ def build_studio(scene: str, sheet: str, threads: int, seed: int) -> Studio:
     if scene not in SCENES:
         raise InputError("mirror", f"the scene '{scene}' is unknown", f"Use one of {', '.join(SCENES)}")
     name, background, yaw = SCENES[scene]
-    mi = _mitsuba(threads)
+    mi = load_mitsuba(threads)
     board = standard_board(sheet)
     paper = _INK + (_PAPER - _INK) * sheet_reflectance(board, _SHEET_PIXELS_PER_M)
     to_light = mi.ScalarTransform4f().look_at(origin=_LIGHT_EYE, target=_LIGHT_AIM, up=[0, 0, 1]).scale([_LIGHT_HALF] * 3)

@@ -23,6 +23,7 @@ from gsbridge.meshes import Mesh
 from gsbridge.photogrammetry.board import standard_board
 from gsbridge.reality.mirror import studio  # its private parts too: an edit there would make every film stale
 from gsbridge.reality.mirror.backgrounds import BACKGROUNDS, TABLE_CENTRE_M, TABLE_SIZE_M, make_plate, table_texture
+from gsbridge.reality.mirror.path_tracer import SCALAR, load_mitsuba
 from gsbridge.reality.world.bodies import shown_mesh
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.robot.assembly import RobotFiles
@@ -104,7 +105,8 @@ class MirrorCamera:
 
     def __init__(self, setting: Setting, robot: RobotFiles, hidden: Hidden, threads: int = 1) -> None:
         self.hidden = hidden
-        self._mi = mi = studio._mitsuba(threads)
+        # At this camera's few pixels the other variant spends as long on preparing a picture as this one on tracing it.
+        self._mi = mi = load_mitsuba(threads, SCALAR)
         self._moved: dict[str, Array] = {}
         content = _room(mi, setting, hidden)
         shapes = {name: [_link(mi, mesh, colour, hidden) for mesh, colour in items] for name, items in robot.visuals().items()}
