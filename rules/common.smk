@@ -22,9 +22,11 @@ from gsbridge.configuration.checks import (
 )
 from gsbridge.digests import code_digest, kernel_digest, script_digest
 from gsbridge.errors import InputError
+from gsbridge.experiment.folder_dates import restore_folder_dates
 
 check_configuration(config)
 if workflow.is_main_process:
+    restore_folder_dates(Path.cwd())
     # A second of imports, which jobs need not pay again.
     from gsbridge.policy.plan import check_policies
 
@@ -53,9 +55,16 @@ def program(name):
     return lambda wildcards, output: command
 
 
-def file_digest(path):
-    """Digest of a file of the project that a rule reads or runs beside its script."""
-    return hashlib.sha256((ROOT / path).read_bytes()).hexdigest()[:12]
+def project_file(path):
+    """A file of the project as jobs read it: a copy among the results, whose path is the same wherever the project lies."""
+    return f"results/project/{path}"
+
+
+def portable(path):
+    """A path as it is recorded: relative inside the project or where snakemake runs, so that both may be moved."""
+    path = Path(path)
+    inside = any(path.is_relative_to(folder) for folder in (ROOT, Path.cwd()))
+    return os.path.relpath(path) if inside else str(path)
 
 
 def names(kind):
@@ -100,7 +109,7 @@ def capture_places(path):
 def capture_path(path):
     """A capture's file or folder."""
     places = capture_places(path)
-    return str(next((place for place in places if place.exists()), places[0]))
+    return portable(next((place for place in places if place.exists()), places[0]))
 
 
 def asked_scenes():
@@ -174,7 +183,23 @@ def is_present(scene):
 def scene_source(wildcards):
     """Files that a scene's keyframes are taken from."""
     kind, value = next(iter(config["scenes"][wildcards.scene]["source"].items()))
-    return f"results/films/{value}/film.json" if kind == "film" else capture_path(value)
+    if kind == "film":
+        return f"results/films/{value}/film.json"
+    path = capture_path(value)
+    # A folder's date changes with every copy; the listing in the parameters tells whether its files changed.
+    return ancient(path) if Path(path).is_dir() else path
+
+
+def source_listing(wildcards):
+    """Names and sizes of the files of a capture that is a folder."""
+    kind, value = next(iter(config["scenes"][wildcards.scene]["source"].items()))
+    folder = ROOT if kind == "film" else Path(capture_path(value))
+    if kind == "film" or not folder.is_dir():
+        return []
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return sorted(
+        (str(path.relative_to(folder)), path.stat().st_size) for path in files
+    )
 
 
 def source_path(wildcards):

@@ -41,21 +41,23 @@ def gap_case(wildcards):
     """A case's file: relative to where snakemake runs, or to the project; the loop's are made by the workflow."""
     if wildcards.case in LOOP_CASES:
         return f"results/loop/cases/{wildcards.case}.yaml"
-    return str(case_path(wildcards.case, GAP_CASES[wildcards.case], [Path.cwd(), ROOT]))
+    return portable(
+        case_path(wildcards.case, GAP_CASES[wildcards.case], [Path.cwd(), ROOT])
+    )
 
 
 def gap_case_files(wildcards):
     """Files that a case names, which are read with it."""
     if wildcards.case in LOOP_CASES:
         return loop_case_files(wildcards.case)
-    return [str(path) for path in case_files(gap_case(wildcards))]
+    return [portable(path) for path in case_files(gap_case(wildcards))]
 
 
 def gap_model(wildcards):
     """The model that a case diagnoses."""
     if wildcards.case in LOOP_CASES:
         return loop_model(wildcards.case)
-    return str(case_model(gap_case(wildcards)))
+    return portable(case_model(gap_case(wildcards)))
 
 
 def gap_reports(wildcards):

@@ -1,5 +1,15 @@
 """Which policies and trials there are, and functions that rules about them share; no rule stands here."""
 
+# What jobs read of the project beside its code.
+PROJECT_FILES = {
+    "benchmarks/floors.yaml",
+    "models/nominal.yaml",
+    *(
+        variant["model"]
+        for variant in config["variants"].values()
+        if variant["model"] and not variant["model"].startswith(("/", "results/"))
+    ),
+}
 # What a policy is named after in logs; its path has slashes instead.
 POLICY_ITEM = "{task}-{object}+{background}-{renderer}-{variant}-seed{seed}"
 # The same for all seeds together.
@@ -56,8 +66,7 @@ def simulated_scene(wildcards):
         "photometry": "results/workspace/photometry.json",
         "item": f"{item}/asset/asset.json",
         "background": f"results/scenes/{wildcards.background}/asset/asset.json",
-        # A model that the workflow makes lies where it runs, others in the project.
-        "model": model if model.startswith("results/") else str(ROOT / model),
+        "model": project_file(model) if model in PROJECT_FILES else model,
         "views": f"{item}/align/views.json",
         "images": f"{item}/sfm/images",
         "masks": f"{item}/masks/images",

@@ -108,6 +108,6 @@ def sight_scene(wildcards):
         "light": "results/workspace/light.json",
         "item": f"results/scenes/{SIGHT_CELL['object']}/asset/asset.json",
         "background": f"results/scenes/{SIGHT_CELL['background']}/asset/asset.json",
-        "model": str(ROOT / "models/nominal.yaml"),
+        "model": project_file("models/nominal.yaml"),
         "kernels": ancient("results/.state/compile_kernels.done"),
     }

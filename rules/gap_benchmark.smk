@@ -84,8 +84,7 @@ rule score_gap_cases:
 rule report_gap_benchmark:
     input:
         unpack(real_logs),
-        # Its date changes with every checkout; its digest below tells whether it changed.
-        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
+        floors=project_file("benchmarks/floors.yaml"),
         scores=collect("results/gap-benchmark/{tier}/scores.json", tier=GAP_TIERS),
     output:
         page=report(
@@ -106,7 +105,6 @@ rule report_gap_benchmark:
         runtime="10m",
     params:
         code=script_digest("report_gap_benchmark"),
-        floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:
         "Write the page of the blind benchmark"
@@ -139,8 +137,7 @@ rule diagnose_real_logs:
 rule score_gap:
     input:
         unpack(real_logs),
-        # Its date changes with every checkout; its digest below tells whether it changed.
-        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
+        floors=project_file("benchmarks/floors.yaml"),
         scores=collect("results/gap-benchmark/{tier}/scores.json", tier=GAP_TIERS),
     output:
         measured="results/scores/measured/gap.json",
@@ -151,7 +148,6 @@ rule score_gap:
         "../envs/gap.yaml"
     params:
         code=script_digest("score_gap"),
-        floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:
         "Compare the benchmark of the gap with the floors"

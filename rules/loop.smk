@@ -2,7 +2,7 @@ rule describe_arm:
     input:
         robot="results/robot/description",
         registration="results/workspace/registration.json",
-        model=f"{workflow.basedir}/models/nominal.yaml",
+        model=project_file("models/nominal.yaml"),
     output:
         urdf="results/loop/arm/arm.urdf",
         model="results/loop/arm/nominal.yaml",
@@ -102,7 +102,7 @@ rule calibrate_arm:
 
 rule amend_simulation:
     input:
-        nominal=f"{workflow.basedir}/models/nominal.yaml",
+        nominal=project_file("models/nominal.yaml"),
         arm="results/gap/loop_changed/model.yaml",
         findings="results/gap/loop_changed/findings.json",
         calibration="results/loop/arm/calibration.json",

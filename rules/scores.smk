@@ -71,8 +71,7 @@ rule benchmark_rasterizer:
 
 rule score_real2sim:
     input:
-        # Its date changes with every checkout; its digest below tells whether it changed.
-        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
+        floors=project_file("benchmarks/floors.yaml"),
         scenes=collect("results/scores/scenes/{scene}.json", scene=mirrored_scenes()),
         films=collect("results/films/{scene}/film.json", scene=mirrored_scenes()),
         rendering="results/rows/rendering.csv",
@@ -87,7 +86,6 @@ rule score_real2sim:
         "../envs/report.yaml"
     params:
         code=script_digest("score_real2sim"),
-        floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
         films={
             scene: f"results/films/{scene}/film.json"
@@ -103,8 +101,7 @@ rule score_real2sim:
 
 rule score_policies:
     input:
-        # Its date changes with every checkout; its digest below tells whether it changed.
-        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
+        floors=project_file("benchmarks/floors.yaml"),
         grasping=measured_rows("grasping"),
         renderer_contrast=measured_rows("renderer_contrast"),
         pick_and_place=measured_rows("pick_and_place"),
@@ -120,7 +117,6 @@ rule score_policies:
         "../envs/report.yaml"
     params:
         code=script_digest("score_policies"),
-        floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:
         "Compare the policies with the floors"
@@ -130,8 +126,7 @@ rule score_policies:
 
 rule score_worlds:
     input:
-        # Its date changes with every checkout; its digest below tells whether it changed.
-        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
+        floors=project_file("benchmarks/floors.yaml"),
         worlds="results/rows/worlds.csv",
     output:
         measured="results/scores/measured/worlds.json",
@@ -142,7 +137,6 @@ rule score_worlds:
         "../envs/report.yaml"
     params:
         code=script_digest("score_worlds"),
-        floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:
         "Compare the policies in further worlds with the floors"
@@ -152,8 +146,7 @@ rule score_worlds:
 
 rule score_study:
     input:
-        # Its date changes with every checkout; its digest below tells whether it changed.
-        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
+        floors=project_file("benchmarks/floors.yaml"),
         study="results/rows/study.csv",
     output:
         measured="results/scores/measured/study.json",
@@ -164,7 +157,6 @@ rule score_study:
         "../envs/report.yaml"
     params:
         code=script_digest("score_study"),
-        floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:
         "Compare the study with the floors"
@@ -175,8 +167,7 @@ rule score_study:
 rule score_loops:
     input:
         unpack(measured_loops),
-        # Its date changes with every checkout; its digest below tells whether it changed.
-        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
+        floors=project_file("benchmarks/floors.yaml"),
     output:
         measured="results/scores/measured/loops.json",
         scores="results/scores/loops.json",
@@ -186,7 +177,6 @@ rule score_loops:
         "../envs/report.yaml"
     params:
         code=script_digest("score_loops"),
-        floors_digest=file_digest("benchmarks/floors.yaml"),
         loops=closed_loops(),
         preset=config["preset"],
     message:

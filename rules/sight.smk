@@ -124,7 +124,7 @@ rule report_photos:
 
 rule amend_camera:
     input:
-        nominal=f"{workflow.basedir}/models/nominal.yaml",
+        nominal=project_file("models/nominal.yaml"),
         findings="results/sight/{world}/findings.json",
         # In photos of one day nothing may be found.
         reference=f"results/sight/{SIGHT['reference']}/findings.json",

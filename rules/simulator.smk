@@ -4,7 +4,7 @@ rule try_controller_in_sim:
         registration="results/workspace/registration.json",
         item="results/scenes/{object}/asset/asset.json",
         background="results/scenes/{background}/asset/asset.json",
-        model=f"{workflow.basedir}/models/nominal.yaml",
+        model=project_file("models/nominal.yaml"),
         kernels=ancient("results/.state/compile_kernels.done"),
     output:
         record="results/trials/{task}/{object}+{background}/sim.json",
@@ -68,7 +68,7 @@ rule check_simulator:
         registration="results/workspace/registration.json",
         item=first_asset("object"),
         background=first_asset("background"),
-        model=f"{workflow.basedir}/models/nominal.yaml",
+        model=project_file("models/nominal.yaml"),
         kernels=ancient("results/.state/compile_kernels.done"),
     output:
         record="results/robot/simulator.json",
@@ -144,8 +144,7 @@ rule simulator:
 
 rule score_simulator:
     input:
-        # Its date changes with every checkout; its digest below tells whether it changed.
-        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
+        floors=project_file("benchmarks/floors.yaml"),
         assets=collect(
             "results/scenes/{scene}/asset/asset.json",
             scene=[scene for scene in bundled_scenes() if scene in names("object")],
@@ -166,7 +165,6 @@ rule score_simulator:
         "../envs/report.yaml"
     params:
         code=script_digest("score_simulator"),
-        floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:
         "Compare the simulator with the floors"

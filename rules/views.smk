@@ -108,7 +108,7 @@ rule draw_views:
         light="results/workspace/light.json",
         item="results/scenes/{object}/asset/asset.json",
         background="results/scenes/{background}/asset/asset.json",
-        model=f"{workflow.basedir}/models/nominal.yaml",
+        model=project_file("models/nominal.yaml"),
         views="results/scenes/{object}/align/views.json",
         images="results/scenes/{object}/sfm/images",
         masks="results/scenes/{object}/masks/images",
