@@ -40,9 +40,9 @@ rule select_keyframes:
         runtime="10m",
     params:
         code=script_digest("select_keyframes"),
-        kind=source_kind,
-        path=source_path,
-        listing=source_listing,
+        kind=lambda wildcards: PLAN.source(wildcards.scene)[0],
+        path=lambda wildcards: PLAN.source_path(wildcards.scene),
+        listing=lambda wildcards: PLAN.source_listing(wildcards.scene),
         settings=settings("capture"),
     message:
         "Select keyframes of {wildcards.scene}"

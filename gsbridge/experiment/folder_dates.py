@@ -14,9 +14,9 @@ _STAMP = ".snakemake_timestamp"
 def restore_folder_dates(working: Path) -> list[str]:
     """Date folders that jobs made to when they were made, so that a copy of finished results reruns nothing.
 
-    Of files, snakemake compares the contents where the dates speak for a rerun. Of folders it compares the date of a stamp alone,
-    which a copy renews. The record of the job knows when the stamp was written; nothing but a job writes it, so that its date
-    tells no more than the record does.
+    Of files, snakemake compares the contents where the dates speak for a rerun. Of folders it compares the date of a stamp
+    alone, which a copy renews. The record of the job knows when the stamp was written. Nothing but a job writes it,
+    so that its date tells no more than the record does.
 
     Args:
         working: Folder in which snakemake works: results and records lie below it.
