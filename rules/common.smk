@@ -54,7 +54,9 @@ PROJECT_FILES = {
     *(
         variant["model"]
         for variant in config["variants"].values()
-        if variant["model"] and not variant["model"].startswith(("/", "results/"))
+        if variant["model"]
+        and not variant["model"].startswith("results/")
+        and not Path(variant["model"]).is_absolute()
     ),
 }
 # A case of one's own needs no entry: `--config gap_case=FILE`.
