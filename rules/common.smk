@@ -46,7 +46,7 @@ OBJECTS, BACKGROUNDS = PLAN.named("object"), PLAN.named("background")
 FILMED = set(PLAN.films)
 EDITED = PLAN.edited
 # What a policy is named after in logs; its path has slashes instead.
-POLICY_ITEM = ANY.item + "-seed{seed}"
+POLICY_ITEM = f"{ANY.item}-seed{{seed}}"
 # What jobs read of the project beside its code.
 PROJECT_FILES = {
     "benchmarks/floors.yaml",
