@@ -22,10 +22,6 @@ report: "rules/captions/workflow.rst"
 
 
 include: "rules/common.smk"
-include: "rules/common_policies.smk"
-include: "rules/common_loop.smk"
-include: "rules/common_sight.smk"
-include: "rules/common_gap.smk"
 include: "rules/film.smk"
 include: "rules/capture.smk"
 include: "rules/sfm.smk"

@@ -11,7 +11,7 @@ rule measure_length:
     benchmark:
         "results/benchmarks/measure_length/{scene}.jsonl"
     wildcard_constraints:
-        scene=one_of(names("object")),
+        scene=one_of(OBJECTS),
     conda:
         "../envs/mesh.yaml"
     threads: 1

@@ -1,7 +1,7 @@
 rule compare_behaviour:
     input:
-        tables=behaviour_files("csv"),
-        logs=behaviour_files("npz"),
+        tables=[trial.file("csv") for trial in TABLES.compared],
+        logs=[trial.file("npz") for trial in TABLES.compared],
     output:
         figure=report(
             "results/figures/behaviour_consistency.png",
@@ -18,12 +18,13 @@ rule compare_behaviour:
         "../envs/report.yaml"
     threads: 1
     resources:
+        runtime="10m",
         mem_mb=2000,
     params:
         code=script_digest("compare_behaviour"),
-        cells=[cell for cell, _, _ in behaviour_trials()],
-        worlds=[world for _, world, _ in behaviour_trials()],
-        seeds=[seed for _, _, seed in behaviour_trials()],
+        cells=[asdict(trial.policy) for trial in TABLES.compared],
+        worlds=[trial.world for trial in TABLES.compared],
+        seeds=[trial.seed for trial in TABLES.compared],
     message:
         "Compare the hand's paths in simulation and in the mirror"
     script:
@@ -36,7 +37,7 @@ rule film_trials:
         logs=shown_trials("npz"),
     output:
         film=report(
-            f"results/films_of_trials/{CELL_ITEM}.webp",
+            f"results/films_of_trials/{ANY.item}.webp",
             caption="captions/film_of_trials.rst",
             category="Policies",
             labels={
@@ -45,23 +46,24 @@ rule film_trials:
             },
         ),
     log:
-        f"results/logs/film_trials/{CELL_ITEM}.log",
+        f"results/logs/film_trials/{ANY.item}.log",
     benchmark:
-        f"results/benchmarks/film_trials/{CELL_ITEM}.jsonl"
+        f"results/benchmarks/film_trials/{ANY.item}.jsonl"
     wildcard_constraints:
-        object=one_of(names("object")),
-        background=one_of(names("background")),
+        object=one_of(OBJECTS),
+        background=one_of(BACKGROUNDS),
         renderer="gs|mesh|mesh_vertex",
         variant=one_of(config["variants"]),
     conda:
         "../envs/report.yaml"
     threads: 1
     resources:
+        runtime="60m",
         mem_mb=2000,
     params:
         code=script_digest("film_trials"),
-        worlds=shown_worlds,
-        seeds=shown_seeds,
+        worlds=lambda wildcards: [trial.world for trial in pictured(wildcards)],
+        seeds=lambda wildcards: [trial.seed for trial in pictured(wildcards)],
     message:
         "Film the trials: {wildcards.task} {wildcards.object} on {wildcards.background}, {wildcards.renderer}, {wildcards.variant}"
     script:
@@ -75,25 +77,26 @@ rule record_trials:
         item="results/scenes/{object}/asset/asset.json",
         background="results/scenes/{background}/asset/asset.json",
     output:
-        recording=f"results/rerun/trials/{CELL_ITEM}.rrd",
+        recording=f"results/rerun/trials/{ANY.item}.rrd",
     log:
-        f"results/logs/record_trials/{CELL_ITEM}.log",
+        f"results/logs/record_trials/{ANY.item}.log",
     benchmark:
-        f"results/benchmarks/record_trials/{CELL_ITEM}.jsonl"
+        f"results/benchmarks/record_trials/{ANY.item}.jsonl"
     wildcard_constraints:
-        object=one_of(names("object")),
-        background=one_of(names("background")),
+        object=one_of(OBJECTS),
+        background=one_of(BACKGROUNDS),
         renderer="gs|mesh|mesh_vertex",
         variant=one_of(config["variants"]),
     conda:
         "../envs/report.yaml"
     threads: 1
     resources:
+        runtime="10m",
         mem_mb=2000,
     params:
         code=script_digest("record_trials"),
-        worlds=shown_worlds,
-        seeds=shown_seeds,
+        worlds=lambda wildcards: [trial.world for trial in pictured(wildcards)],
+        seeds=lambda wildcards: [trial.seed for trial in pictured(wildcards)],
     message:
         "Record the trials: {wildcards.task} {wildcards.object} on {wildcards.background}, {wildcards.renderer}, {wildcards.variant}"
     script:
@@ -102,5 +105,5 @@ rule record_trials:
 
 rule trial_pictures:
     input:
-        trial_pictures,
+        TABLES.pictures,
     localrule: True

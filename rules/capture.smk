@@ -1,3 +1,27 @@
+rule copy_project_file:
+    output:
+        file=project_file("{file}"),
+    log:
+        "results/logs/copy_project_file/{file}.log",
+    benchmark:
+        "results/benchmarks/copy_project_file/{file}.jsonl"
+    wildcard_constraints:
+        file=one_of(PROJECT_FILES),
+    localrule: True
+    conda:
+        "../envs/report.yaml"
+    params:
+        digest=lambda wildcards: hashlib.sha256(
+            (ROOT / wildcards.file).read_bytes()
+        ).hexdigest(),
+        # A function of outputs is not recorded: a project that was moved reruns nothing.
+        original=lambda wildcards, output: ROOT / wildcards.file,
+    message:
+        "Copy {wildcards.file} of the project"
+    shell:
+        "cp {params.original:q} {output.file} 2> {log}"
+
+
 rule select_keyframes:
     input:
         source=scene_source,
@@ -16,8 +40,9 @@ rule select_keyframes:
         runtime="10m",
     params:
         code=script_digest("select_keyframes"),
-        kind=source_kind,
-        path=source_path,
+        kind=lambda wildcards: PLAN.source(wildcards.scene)[0],
+        path=lambda wildcards: PLAN.source_path(wildcards.scene),
+        listing=lambda wildcards: PLAN.source_listing(wildcards.scene),
         settings=settings("capture"),
     message:
         "Select keyframes of {wildcards.scene}"

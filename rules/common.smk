@@ -1,10 +1,11 @@
-"""Functions and wildcard constraints shared by the rules; no rule stands here."""
+"""What rules look up: settings, scenes, policies, trials and cases, by wildcards; no rule stands here. See gsbridge/experiment."""
 
 import hashlib
+import importlib.util
 import os
-import re
 import shlex
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 ROOT = Path(workflow.basedir)
@@ -15,32 +16,84 @@ os.environ.update(
     PYTHONPATH=os.pathsep.join(filter(None, dict.fromkeys([str(ROOT), *searched])))
 )
 
-from gsbridge.configuration.checks import (
-    check_asked,
-    check_capture,
-    check_configuration,
-)
+from gsbridge.configuration.checks import check_asked, check_configuration
 from gsbridge.digests import code_digest, kernel_digest, script_digest
-from gsbridge.errors import InputError
+from gsbridge.experiment.folder_dates import restore_folder_dates
+from gsbridge.experiment.loops import JointLoop, PictureLoop, closed_loops
+from gsbridge.experiment.plan import BINDINGS, Experiment
+from gsbridge.experiment.policies import ANY, policy_files
+from gsbridge.experiment.tables import Tables
+from gsbridge.gap.formats.files import (
+    case_files,
+    case_model,
+    case_name,
+    case_path,
+    check_asked_cases,
+    check_contents,
+    check_own_cases,
+)
 
 check_configuration(config)
+
+SEED = config["seed"]
+PLAN = Experiment(config, ROOT, Path.cwd())
+TABLES = Tables(PLAN)
+LOOP = JointLoop(PLAN)
+SIGHT = PictureLoop(PLAN)
+GAP = PLAN.settings("gap")
+settings = PLAN.settings
+OBJECTS, BACKGROUNDS = PLAN.named("object"), PLAN.named("background")
+FILMED = set(PLAN.films)
+EDITED = PLAN.edited
+# What a policy is named after in logs; its path has slashes instead.
+POLICY_ITEM = f"{ANY.item}-seed{{seed}}"
+# What jobs read of the project beside its code.
+PROJECT_FILES = {
+    "benchmarks/floors.yaml",
+    "models/nominal.yaml",
+    *(
+        variant["model"]
+        for variant in config["variants"].values()
+        if variant["model"]
+        and not variant["model"].startswith("results/")
+        and not Path(variant["model"]).is_absolute()
+    ),
+}
+# A case of one's own needs no entry: `--config gap_case=FILE`.
+OWN_CASE = config["gap_case"]
+GAP_CASES = {
+    **GAP["cases"],
+    **({case_name(OWN_CASE): OWN_CASE} if OWN_CASE else {}),
+}
+GAP_BANK = "results/.state/gap_bank"
+# The one way of naming that needs a package of its own; the page says what was left out.
+GAP_METHODS = [
+    name
+    for name in GAP["methods"]
+    if name != "cma_es" or importlib.util.find_spec("cma")
+]
+
 if workflow.is_main_process:
     # A second of imports, which jobs need not pay again.
     from gsbridge.policy.plan import check_policies
 
     check_policies(config, ROOT)
+    check_asked(sys.argv[1:], config["scenes"])
+    check_asked_cases(sys.argv[1:], [*GAP_CASES, *LOOP.cases])
+    check_own_cases(GAP_CASES, LOOP.cases)
+    check_contents(GAP["contents"], config["scenes"])
+    for scene in PLAN.scenes:
+        PLAN.scene_source(scene)
+    restore_folder_dates(Path.cwd())
+    if PLAN.left_out:
+        logger.warning(
+            f"Example captures that are not on this machine are left out: {', '.join(PLAN.left_out)}"
+        )
 
-PRESET = config["presets"][config["preset"]]
-SEED = config["seed"]
-ASSET = {**config["asset"], **PRESET.get("asset", {})}
-CELLS = PRESET.get("cells", config["cells"])
-PAIRS = sorted({f"{cell['object']}+{cell['background']}" for cell in CELLS})
-# A controller sees no picture: one background is enough for each object and task.
-TRIALS = {
-    f"{cell['task']}/{cell['object']}": f"{cell['task']}/{cell['object']}+{cell['background']}"
-    for cell in reversed(CELLS)
-}
-BINDINGS = ["games", "soft", "refined", "unbound"]
+
+def one_of(choices):
+    """Regular expression for one of some names; matches nothing where there are none."""
+    return "|".join(sorted(choices)) or "(?!)"
 
 
 def program(name):
@@ -53,139 +106,24 @@ def program(name):
     return lambda wildcards, output: command
 
 
-def file_digest(path):
-    """Digest of a file of the project that a rule reads or runs beside its script."""
-    return hashlib.sha256((ROOT / path).read_bytes()).hexdigest()[:12]
+def project_file(path):
+    """A file of the project as jobs read it: a copy among the results, whose path is the same wherever the project lies."""
+    return f"results/project/{path}"
 
 
-def names(kind):
-    """Names of all configured scenes of one kind."""
-    return [name for name, scene in config["scenes"].items() if scene["kind"] == kind]
+def state_folder(script, wildcards, *key):
+    """Undeclared folder of a long job's checkpoint: another code, setting or seed finds another folder."""
+    key = hashlib.sha256(repr((script_digest(script), *key)).encode()).hexdigest()
+    return f"results/.state/{script}/{'-'.join(wildcards)}-{key[:12]}"
 
 
-def one_of(choices):
-    """Regular expression for one of some names; matches nothing where there are none."""
-    return "|".join(sorted(choices)) or "(?!)"
-
-
-def films():
-    """Names of the scenes that the mirror's film studio films."""
-    return [
-        name for name, scene in config["scenes"].items() if "film" in scene["source"]
-    ]
-
-
-def preset_scenes(kind):
-    """Scenes of the preset of one kind."""
-    return [name for name in SCENES if config["scenes"][name]["kind"] == kind]
-
-
-def settings(section):
-    """Settings of one stage: the section of the config, overridden by the preset."""
-    return {**config[section], **PRESET.get(section, {})}
-
-
-def edited_scene():
-    """Object of the figure of non-rigid edits: the configured one, or the first of the preset."""
-    objects = preset_scenes("object") or names("object")
-    return settings("editing")["scene"] or next(iter(objects), "none")
-
-
-def capture_places(path):
-    """Where a capture may lie: at its absolute path, or below the captures folder, or below the project's."""
-    captures = Path(os.environ.get("GSBRIDGE_CAPTURES") or ROOT / config["captures"])
-    return [(folder / Path(path).expanduser()).resolve() for folder in (captures, ROOT)]
-
-
-def capture_path(path):
-    """A capture's file or folder."""
-    places = capture_places(path)
-    return str(next((place for place in places if place.exists()), places[0]))
-
-
-def asked_scenes():
-    """Scenes of the preset, and those that this call's arguments name."""
-    words = {word for argument in sys.argv[1:] for word in re.split(r"[/.-]", argument)}
-    return sorted({*SCENES, *words.intersection(config["scenes"])})
-
-
-def mirrored_scenes():
-    """Scenes of the preset that the mirror films, and that therefore have a truth."""
-    return [name for name in SCENES if name in films()]
-
-
-def real_records():
-    """Records of the real captures of the preset, which have no truth."""
-    stages = {"keyframes": "capture/keyframes.json", "sfm": "sfm/sfm.json"}
-    real = [name for name in SCENES if name not in films()]
-    return {
-        name: {key: f"results/scenes/{name}/{file}" for key, file in stages.items()}
-        for name in real
-    }
-
-
-def scene_labels():
-    """Kind and origin of each scene of the preset, for the tables."""
-    origin = {name: "mirror" if name in films() else "real" for name in SCENES}
-    return {
-        name: {"kind": config["scenes"][name]["kind"], "origin": origin[name]}
-        for name in SCENES
-    }
-
-
-def scenes_from(origin):
-    """Scenes of the preset from the mirror or from real captures."""
-    return [name for name, label in scene_labels().items() if label["origin"] == origin]
-
-
-def film_records():
-    """Record of each mirrored scene's film, which tells the noise of its photos."""
-    return {scene: f"results/films/{scene}/film.json" for scene in mirrored_scenes()}
-
-
-def comparison_figures(wildcards):
-    """One comparison figure for the mirror's scenes, one for real ones, where there are any."""
-    return [
-        f"results/figures/rendering_comparison_{origin}.png"
-        for origin in ("mirror", "real")
-        if scenes_from(origin)
-    ]
-
-
-def compared_splats(wildcards):
-    """Records of the splats that a comparison figure shows."""
-    return collect(
-        "results/scenes/{scene}/splats/{binding}/splats.json",
-        scene=scenes_from(wildcards.origin),
-        binding=["games", "soft", "refined"],
-    )
-
-
-def is_present(scene):
-    """Whether a scene runs here: always, but for example captures whose files are not on this machine."""
-    kind, value = next(iter(config["scenes"][scene]["source"].items()))
-    return (
-        kind == "film"
-        or not config["scenes"][scene]["example"]
-        or Path(capture_path(value)).exists()
-    )
+# Scenes
 
 
 def scene_source(wildcards):
-    """Files that a scene's keyframes are taken from."""
-    kind, value = next(iter(config["scenes"][wildcards.scene]["source"].items()))
-    return f"results/films/{value}/film.json" if kind == "film" else capture_path(value)
-
-
-def source_path(wildcards):
-    """The source as the keyframe stage takes it: a film's folder, or the capture itself."""
-    kind, value = next(iter(config["scenes"][wildcards.scene]["source"].items()))
-    return f"results/films/{value}" if kind == "film" else capture_path(value)
-
-
-def source_kind(wildcards):
-    """Kind of a scene's source: film, video, images, colmap or nerfstudio."""
-    return next(iter(config["scenes"][wildcards.scene]["source"]))
+    """Files that a scene's keyframes are taken from; a folder's date changes with every copy, its listing does not."""
+    path = PLAN.scene_source(wildcards.scene)
+    return ancient(path) if Path(path).is_dir() else path
 
 
 def scene_camera(wildcards):
@@ -196,10 +134,28 @@ def scene_camera(wildcards):
 
 def measured_length(wildcards):
     """The longest side of a scene's object, where that is the length that gives the scale; nothing otherwise."""
-    length = config["scenes"][wildcards.scene]["known_length"]
-    if length is None or "object" not in length:
-        return []
-    return f"results/scenes/{wildcards.scene}/align/length.json"
+    length = config["scenes"][wildcards.scene]["known_length"] or {}
+    file = f"results/scenes/{wildcards.scene}/align/length.json"
+    return file if "object" in length else []
+
+
+def calibration_keyframes(wildcards):
+    """Keyframes that calibrate a camera: those of its scenes in the preset, or of all its scenes if none is."""
+    scenes = config["cameras"][wildcards.camera]["calibrate_from"]
+    chosen = [scene for scene in scenes if scene in PLAN.scenes] or scenes
+    return collect("results/scenes/{scene}/capture/keyframes.json", scene=chosen)
+
+
+def scene_masks(wildcards):
+    """Masks of an object; a background has none."""
+    masks = f"results/scenes/{wildcards.scene}/masks/masks.json"
+    return masks if wildcards.scene in OBJECTS else []
+
+
+def scene_mask_images(wildcards):
+    """Folder of an object's masks; a background has none."""
+    images = f"results/scenes/{wildcards.scene}/masks/images"
+    return images if wildcards.scene in OBJECTS else []
 
 
 def workspace_capture(wildcards):
@@ -207,7 +163,7 @@ def workspace_capture(wildcards):
     kind, value = next(iter(config["workspace"]["source"].items()))
     if kind == "mirror":
         return "results/workspace/capture"
-    return capture_path(value) if kind == "capture" else []
+    return PLAN.capture_path(value) if kind == "capture" else []
 
 
 def workspace_background(wildcards):
@@ -218,54 +174,27 @@ def workspace_background(wildcards):
 
 def workspace_light(wildcards):
     """What shows an object's shadow on the table of the work place; nothing where no object was filmed there."""
-    scene, background = config["workspace"]["light"], config["workspace"]["background"]
-    if scene is None or background is None:
-        return {}
+    item, background = config["workspace"]["light"], config["workspace"]["background"]
     # The mirror's objects stand on the mirror's table, yours on yours.
-    if (
-        len(
-            {"film" in config["scenes"][name]["source"] for name in (scene, background)}
-        )
-        > 1
-    ):
+    if None in (item, background) or (item in FILMED) != (background in FILMED):
         return {}
     return {
-        "item": f"results/scenes/{scene}/asset/asset.json",
-        "views": f"results/scenes/{scene}/align/views.json",
-        "images": f"results/scenes/{scene}/sfm/images",
-        "masks": f"results/scenes/{scene}/masks/images",
+        "item": f"results/scenes/{item}/asset/asset.json",
+        "views": f"results/scenes/{item}/align/views.json",
+        "images": f"results/scenes/{item}/sfm/images",
+        "masks": f"results/scenes/{item}/masks/images",
         "background": f"results/scenes/{background}/asset/asset.json",
     }
 
 
-def calibration_keyframes(wildcards):
-    """Keyframes that calibrate a camera: those of its scenes in the preset, or of all its scenes if none is."""
-    scenes = config["cameras"][wildcards.camera]["calibrate_from"]
-    chosen = [scene for scene in scenes if scene in SCENES] or scenes
-    return collect("results/scenes/{scene}/capture/keyframes.json", scene=chosen)
+def film_settings(wildcards):
+    """Size and quality of a film; the dense one, which looks like a video, has its own."""
+    return settings("dense_film" if wildcards.scene == "dense_pan" else "films")
 
 
-def scene_masks(wildcards):
-    """Masks of an object; a background has none."""
-    return (
-        f"results/scenes/{wildcards.scene}/masks/masks.json"
-        if wildcards.scene in names("object")
-        else []
-    )
-
-
-def scene_mask_images(wildcards):
-    """Folder of an object's masks; a background has none."""
-    return (
-        f"results/scenes/{wildcards.scene}/masks/images"
-        if wildcards.scene in names("object")
-        else []
-    )
-
-
-def bundled_scenes():
-    """Scenes that become bodies for simulators: those that must have a metric scale."""
-    return [name for name in SCENES if config["scenes"][name]["require_scale"]]
+def film_state(wildcards):
+    """Where a film keeps its finished frames until it is whole."""
+    return state_folder("film_scene", wildcards, film_settings(wildcards), SEED)
 
 
 def splat_settings(wildcards):
@@ -273,63 +202,9 @@ def splat_settings(wildcards):
     return settings(f"{config['scenes'][wildcards.scene]['kind']}_splats")
 
 
-def asset_settings(wildcards):
-    """Settings of an asset; what an object is made of belongs to its scene."""
-    return {**ASSET, "density": config["scenes"][wildcards.scene]["density"]}
-
-
-def state_folder(script, item, *key):
-    """Undeclared folder of a long job's checkpoint: another code, setting or seed finds another folder."""
-    key = repr((script_digest(script), *key))
-    return f"results/.state/{script}/{item}-{hashlib.sha256(key.encode()).hexdigest()[:12]}"
-
-
-def film_settings(wildcards):
-    """Size and quality of a film; the dense one, which looks like a video, has its own."""
-    section = "dense_film" if wildcards.scene == "dense_pan" else "films"
-    return settings(section)
-
-
-def film_state(wildcards):
-    """Where a film keeps its finished frames until it is whole."""
-    return state_folder(
-        "film_scene",
-        wildcards.scene,
-        film_settings(wildcards),
-        SEED,
-    )
-
-
 def training_state(wildcards):
     """Where a training keeps its checkpoint."""
-    item = "-".join(wildcards)
-    return state_folder(
-        "train_splats",
-        item,
-        splat_settings(wildcards),
-        SEED,
-    )
-
-
-def comparison_runs(scene):
-    """Names of the extra trainings of a mirrored scene: more seeds, and the same bindings on the visual hull."""
-    if scene not in films():
-        return []
-    plan = settings("comparison")
-    seeds = range(SEED, SEED + plan["seeds"])
-    runs = [
-        f"visual-{binding}-seed{seed}"
-        for seed in seeds
-        if seed != SEED
-        for binding in ("games", "soft")
-    ]
-    if plan["hull"] and scene in names("object"):
-        runs += [
-            f"hull-{binding}-seed{seed}"
-            for seed in seeds
-            for binding in ("games", "soft")
-        ]
-    return runs
+    return state_folder("train_splats", wildcards, splat_settings(wildcards), SEED)
 
 
 def comparison_surface(wildcards):
@@ -338,126 +213,179 @@ def comparison_surface(wildcards):
     return f"results/scenes/{wildcards.scene}/mesh/{mesh}"
 
 
-def stage_records(wildcards):
-    """Records of all stages of the preset's scenes, for the page that names what is degraded."""
-    records = collect(
-        "results/scenes/{scene}/{stage}.json",
-        scene=SCENES,
-        stage=["capture/keyframes", "sfm/sfm", "align/align"],
-    )
-    records += collect("results/scenes/{scene}/mesh/mesh.json", scene=SCENES)
-    return records + collect(
-        "results/scenes/{scene}/masks/masks.json", scene=preset_scenes("object")
-    )
-
-
-def page_records(wildcards):
-    """Records of all stages that the page of tables judges: also those behind the splats."""
-    assets = collect("results/scenes/{scene}/asset/asset.json", scene=bundled_scenes())
-    return stage_records(wildcards) + assets
-
-
-def mirrored(pairs):
-    """Those of `object+background` of which the mirror films both."""
-    return [pair for pair in pairs if set(pair.split("+")) <= set(films())]
-
-
-def trial_records(world):
-    """Records of the baseline controllers' trials in one world; the mirror has its own scenes only."""
-    trials = sorted(TRIALS.values())
-    return [
-        f"results/trials/{trial}/{world}.json"
-        for trial in trials
-        if world == "sim" or mirrored([trial.split("/")[1]])
-    ]
-
-
-def preset_pairs():
-    """Objects on backgrounds of the cells whose scenes the preset runs."""
-    return [pair for pair in PAIRS if set(pair.split("+")) <= set(SCENES)]
-
-
-def first_asset(kind):
-    """Input function: asset of the first cell's object or background, on which the simulator as such is measured."""
-
-    def path(wildcards):
-        if not CELLS:
-            raise InputError(
-                "config: cells", "there is no cell to simulate", "Name at least one"
-            )
-        return f"results/scenes/{CELLS[0][kind]}/asset/asset.json"
-
-    return path
-
-
-def cell_task(wildcards):
-    """Task of the first cell with an object on a background; a pair without a cell is grasped."""
-    pair = (wildcards.object, wildcards.background)
-    tasks = [
-        cell["task"] for cell in CELLS if (cell["object"], cell["background"]) == pair
-    ]
-    return tasks[0] if tasks else "grasp"
+def asset_settings(wildcards):
+    """Settings of an asset; what an object is made of belongs to its scene."""
+    density = config["scenes"][wildcards.scene]["density"]
+    return {**settings("asset"), "density": density}
 
 
 def episode_photos(wildcards):
     """The mirror's photos of an episode, where it films both scenes."""
-    pair = {wildcards.object, wildcards.background}
-    folder = f"results/episodes/{wildcards.object}+{wildcards.background}/mirror"
-    return {"photos": folder} if pair <= set(films()) else {}
+    pair = f"{wildcards.object}+{wildcards.background}"
+    filmed = PLAN.both_filmed([pair])
+    return {"photos": f"results/episodes/{pair}/mirror"} if filmed else {}
+
+
+# Policies and trials
+
+
+def simulated_world(item, background, model=None):
+    """All that a simulated world without shadows is made of."""
+    model = model or "models/nominal.yaml"
+    return {
+        "robot": "results/robot/description",
+        "robot_splats": "results/robot/splats",
+        "registration": "results/workspace/registration.json",
+        "photometry": "results/workspace/photometry.json",
+        "item": f"results/scenes/{item}/asset/asset.json",
+        "background": f"results/scenes/{background}/asset/asset.json",
+        "model": project_file(model) if model in PROJECT_FILES else model,
+        "kernels": ancient("results/.state/compile_kernels.done"),
+    }
+
+
+def simulated_scene(wildcards):
+    """All that a simulated world with a camera is made of."""
+    item, light = f"results/scenes/{wildcards.object}", {}
+    # Meshes have no shadows, and need not learn anew where the light was calibrated anew.
+    if wildcards.renderer == "gs":
+        light = {"light": "results/workspace/light.json"}
+    return {
+        **light,
+        **simulated_world(
+            wildcards.object, wildcards.background, variant_of(wildcards)["model"]
+        ),
+        "views": f"{item}/align/views.json",
+        "images": f"{item}/sfm/images",
+        "masks": f"{item}/masks/images",
+    }
+
+
+def variant_of(wildcards):
+    """What a variant changes of the paper's way."""
+    return config["variants"][wildcards.variant]
+
+
+def policy_settings(wildcards):
+    """How a policy learns: the settings of its task, those of the preset, and those of its variant."""
+    return {**settings(f"{wildcards.task}_policy"), **variant_of(wildcards)["policy"]}
+
+
+def policy_memory(wildcards):
+    """Memory of a training, MB: libraries and pictures in use, the replay, and each further environment."""
+    chosen = policy_settings(wildcards)
+    replay = 3e-6 * chosen["replay_capacity"] * chosen["image_size"] ** 2
+    return round(2350 + replay + 400 * (chosen["environments"] - 1))
+
+
+def policy_minutes(wildcards):
+    """Time limit of a training, minutes: with room for slow machines."""
+    return max(60, round(policy_settings(wildcards)["steps"] / 100))
+
+
+def policy_state(wildcards):
+    """Where a training keeps its checkpoint."""
+    key = policy_settings(wildcards), variant_of(wildcards)
+    return state_folder("train_policy", wildcards, *key)
+
+
+def world_settings(wildcards):
+    """Seed of a world of the mirror, the configuration's unless it names one, and its hidden changes."""
+    world = config["worlds"][wildcards.world]
+    seed = SEED if world["seed"] is None else world["seed"]
+    return {"seed": seed, "hidden": world["hidden"]}
+
+
+def trial_state(world, wildcards, input):
+    """Where finished trials are kept until all are done. Another policy, which is another file, finds another folder."""
+    script = "try_policy_in_sim" if world == "sim" else "try_policy_in_mirror"
+    files = (Path(path) for path in input if Path(path).is_file())
+    made = [hashlib.sha256(path.read_bytes()).hexdigest() for path in files]
+    key = settings("trials"), made, SEED, config["worlds"].get(world)
+    return state_folder(script, wildcards, *key)
+
+
+def pictured(wildcards):
+    """Trials that pictures of a policy show."""
+    return TABLES.pictured(type(ANY)(**dict(wildcards.items())))
+
+
+def shown_trials(ending):
+    """Input function: tables or logs of those trials."""
+    return lambda wildcards: [trial.file(ending) for trial in pictured(wildcards)]
+
+
+# Pages
+
+
+def rows_of(names):
+    """Tables of rows by their names."""
+    return [f"results/rows/{name}.csv" for name in names]
+
+
+def measured_rows(name):
+    """Rows about policies that a score is made of; nothing where the preset trains none."""
+    return f"results/rows/{name}.csv" if name in TABLES.rows else []
 
 
 def recordings(wildcards):
     """The rerun recordings of all stages of the preset's scenes."""
-    every = collect(
-        "results/rerun/{stage}/{scene}.rrd",
-        stage=["capture", "sfm", "align", "mesh"],
-        scene=SCENES,
-    )
-    every += collect("results/rerun/masks/{scene}.rrd", scene=preset_scenes("object"))
-    every += collect("results/rerun/asset/{scene}.rrd", scene=bundled_scenes())
-    for policy in POLICIES:
-        every.append(f"results/rerun/trials/{CELL_ITEM}.rrd".format(**policy))
-        every += [
-            f"results/rerun/training/{POLICY_ITEM}.rrd".format(**policy, seed=seed)
-            for seed in POLICY_SEEDS
-        ]
-    return every + collect(
-        "results/rerun/splats/{scene}-{binding}.rrd",
-        scene=SCENES,
-        binding=["games", "soft", "refined"],
-    )
+    stages = ["capture", "sfm", "align", "mesh"]
+    every = [f"{stage}/{scene}" for stage in stages for scene in PLAN.scenes]
+    every += [f"masks/{scene}" for scene in PLAN.scenes_of("object")]
+    every += [f"asset/{scene}" for scene in PLAN.bundled]
+    every += [f"splats/{name}-{way}" for name in PLAN.scenes for way in BINDINGS[:3]]
+    return [f"results/rerun/{name}.rrd" for name in every] + TABLES.recordings
 
 
-def splat_records(wildcards):
-    """Records of all trainings that the rendering table shows."""
-    main = collect(
-        "results/scenes/{scene}/splats/{binding}/splats.json",
-        scene=SCENES,
-        binding=BINDINGS,
-    )
-    extra = [
-        f"results/scenes/{scene}/comparison/{run}/splats.json"
-        for scene in SCENES
-        for run in comparison_runs(scene)
-    ]
-    return main + extra
+# The gap
 
 
-SCENES = [scene for scene in PRESET["scenes"] if is_present(scene)]
-LEFT_OUT = [scene for scene in PRESET["scenes"] if scene not in SCENES]
-if LEFT_OUT and workflow.is_main_process:
-    logger.warning(
-        f"Example captures that are not on this machine are left out: {', '.join(LEFT_OUT)}"
-    )
-if workflow.is_main_process:
-    check_asked(sys.argv[1:], config["scenes"])
-    # With results in place snakemake would go on without a missing source, and with an earlier capture's frames.
-    for scene in asked_scenes():
-        source = config["scenes"][scene]["source"]
-        if "film" not in source:
-            check_capture(scene, source, capture_places(*source.values()))
+def gap_case(wildcards):
+    """A case's file: relative to where snakemake runs, or to the project; the loop's are made by the workflow."""
+    if wildcards.case in LOOP.cases:
+        return f"results/loop/cases/{wildcards.case}.yaml"
+    places = [Path.cwd(), ROOT]
+    return PLAN.portable(case_path(wildcards.case, GAP_CASES[wildcards.case], places))
 
-EDITED = edited_scene()
+
+def gap_case_files(wildcards):
+    """Files that a case names, which are read with it."""
+    if wildcards.case in LOOP.cases:
+        return LOOP.case_files(wildcards.case)
+    return [PLAN.portable(path) for path in case_files(gap_case(wildcards))]
+
+
+def gap_model(wildcards):
+    """The model that a case diagnoses."""
+    if wildcards.case in LOOP.cases:
+        return LOOP.model(wildcards.case)
+    return PLAN.portable(case_model(gap_case(wildcards)))
+
+
+def gap_methods(tier):
+    """Ways of naming in one tier; CMA-ES on all parameters would draw every photo for every guess."""
+    return [name for name in GAP_METHODS if (tier, name) != ("t4", "cma_es")]
+
+
+def gap_contents(tier, kind):
+    """Folders of pictures that lie on the tables of a tier's worlds: photos of scenes, or renders of their splats."""
+    place = {"photos": "capture/frames", "renders": "splats/soft/views"}[kind]
+    scenes = [name for name in GAP["contents"][kind] if name in PLAN.scenes]
+    return [f"results/scenes/{name}/{place}" for name in scenes if tier == "t4"]
+
+
+def gap_chunks(wildcards):
+    """Findings of all ways of naming in one tier, a folder per chunk: those of a way lie side by side."""
+    folder, chunks = f"results/gap-benchmark/{wildcards.tier}/findings", GAP["chunks"]
+    methods = gap_methods(wildcards.tier)
+    return [f"{folder}/{name}-{chunk}" for name in methods for chunk in range(chunks)]
+
+
+def real_logs(wildcards):
+    """What is said about real logs, where GSBRIDGE_MEASURED names their folder."""
+    figures = "results/benchmarks/gap_measured.json"
+    return {"real": figures} if os.environ.get("GSBRIDGE_MEASURED") else {}
 
 
 wildcard_constraints:
@@ -469,3 +397,7 @@ wildcard_constraints:
     seed=r"\d+",
     origin="mirror|real",
     table="grasping|renderer_contrast|pick_and_place|worlds|sight",
+    case=one_of([*GAP_CASES, *LOOP.cases]),
+    tier="t[0-9]",
+    method="[a-z_]+",
+    chunk=r"[0-9]+",

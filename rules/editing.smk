@@ -17,7 +17,7 @@ rule show_editing:
     log:
         "results/logs/show_editing.log",
     benchmark:
-        "results/benchmarks/show_editing.jsonl"
+        "results/benchmarks/show_editing/all.jsonl"
     conda:
         "../envs/report.yaml"
     threads: 1

@@ -7,7 +7,7 @@ rule play_episode:
         light="results/workspace/light.json",
         item="results/scenes/{object}/asset/asset.json",
         background="results/scenes/{background}/asset/asset.json",
-        model=f"{workflow.basedir}/models/nominal.yaml",
+        model=project_file("models/nominal.yaml"),
         views="results/scenes/{object}/align/views.json",
         images="results/scenes/{object}/sfm/images",
         masks="results/scenes/{object}/masks/images",
@@ -21,8 +21,8 @@ rule play_episode:
     benchmark:
         "results/benchmarks/play_episode/{object}+{background}.jsonl"
     wildcard_constraints:
-        object=one_of(names("object")),
-        background=one_of(names("background")),
+        object=one_of(OBJECTS),
+        background=one_of(BACKGROUNDS),
     conda:
         "../envs/world.yaml"
     threads: 1
@@ -32,7 +32,7 @@ rule play_episode:
     params:
         code=script_digest("play_episode"),
         size=settings("episodes")["size"],
-        task=cell_task,
+        task=lambda wildcards: PLAN.task_of(wildcards.object, wildcards.background),
     message:
         "Play an episode with {wildcards.object} on {wildcards.background}"
     script:
@@ -51,8 +51,8 @@ rule photograph_episode:
     benchmark:
         "results/benchmarks/photograph_episode/{object}+{background}.jsonl"
     wildcard_constraints:
-        object=one_of(set(names("object")).intersection(films())),
-        background=one_of(set(names("background")).intersection(films())),
+        object=one_of(FILMED.intersection(OBJECTS)),
+        background=one_of(FILMED.intersection(BACKGROUNDS)),
     conda:
         "../envs/world.yaml"
     threads: workflow.cores
@@ -85,11 +85,12 @@ rule record_episode:
     benchmark:
         "results/benchmarks/record_episode/{object}+{background}.jsonl"
     wildcard_constraints:
-        object=one_of(names("object")),
-        background=one_of(names("background")),
+        object=one_of(OBJECTS),
+        background=one_of(BACKGROUNDS),
     conda:
         "../envs/report.yaml"
     resources:
+        runtime="10m",
         mem_mb=2000,
     params:
         code=script_digest("record_episode"),

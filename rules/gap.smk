@@ -1,6 +1,9 @@
 rule gap:
     input:
-        gap_reports,
+        collect(
+            ["results/gap/{case}/report.html", "results/rerun/gap/{case}.rrd"],
+            case=list(GAP_CASES),
+        ),
         "results/rows/gap.csv",
     localrule: True
 
@@ -211,6 +214,9 @@ rule collect_gap:
         "results/benchmarks/collect_gap/all.jsonl"
     conda:
         "../envs/gap.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("collect_gap"),
         cases=list(GAP_CASES),

@@ -46,7 +46,7 @@ rule diagnose_gap_cases:
         code=script_digest("diagnose_gap_cases"),
         chunks=GAP["chunks"],
         bank=GAP_BANK,
-        state=gap_state,
+        state=lambda wildcards: state_folder("diagnose_gap_cases", wildcards, SEED),
         seed=SEED,
     message:
         "Diagnose tier {wildcards.tier} by {wildcards.method}, chunk {wildcards.chunk} of {params.chunks}"
@@ -84,9 +84,10 @@ rule score_gap_cases:
 rule report_gap_benchmark:
     input:
         unpack(real_logs),
-        # Its date changes with every checkout; its digest below tells whether it changed.
-        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
-        scores=collect("results/gap-benchmark/{tier}/scores.json", tier=GAP_TIERS),
+        floors=project_file("benchmarks/floors.yaml"),
+        scores=collect(
+            "results/gap-benchmark/{tier}/scores.json", tier=list(GAP["benchmark"])
+        ),
     output:
         page=report(
             "results/gap-benchmark/report.html",
@@ -106,7 +107,6 @@ rule report_gap_benchmark:
         runtime="10m",
     params:
         code=script_digest("report_gap_benchmark"),
-        floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:
         "Write the page of the blind benchmark"
@@ -119,6 +119,8 @@ rule diagnose_real_logs:
         figures="results/benchmarks/gap_measured.json",
     log:
         "results/logs/diagnose_real_logs.log",
+    benchmark:
+        "results/benchmarks/diagnose_real_logs/all.jsonl"
     conda:
         "../envs/gap.yaml"
     threads: 1
@@ -139,19 +141,24 @@ rule diagnose_real_logs:
 rule score_gap:
     input:
         unpack(real_logs),
-        # Its date changes with every checkout; its digest below tells whether it changed.
-        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
-        scores=collect("results/gap-benchmark/{tier}/scores.json", tier=GAP_TIERS),
+        floors=project_file("benchmarks/floors.yaml"),
+        scores=collect(
+            "results/gap-benchmark/{tier}/scores.json", tier=list(GAP["benchmark"])
+        ),
     output:
         measured="results/scores/measured/gap.json",
         scores="results/scores/gap.json",
     log:
         "results/logs/score_gap.log",
+    benchmark:
+        "results/benchmarks/score_gap/all.jsonl"
     conda:
         "../envs/gap.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("score_gap"),
-        floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:
         "Compare the benchmark of the gap with the floors"

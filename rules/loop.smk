@@ -2,14 +2,19 @@ rule describe_arm:
     input:
         robot="results/robot/description",
         registration="results/workspace/registration.json",
-        model=f"{workflow.basedir}/models/nominal.yaml",
+        model=project_file("models/nominal.yaml"),
     output:
         urdf="results/loop/arm/arm.urdf",
         model="results/loop/arm/nominal.yaml",
     log:
         "results/logs/describe_arm.log",
+    benchmark:
+        "results/benchmarks/describe_arm/all.jsonl"
     conda:
         "../envs/gap.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("describe_arm"),
     message:
@@ -20,11 +25,11 @@ rule describe_arm:
 
 rule log_trials:
     input:
-        table=lambda wildcards: loop_trials(wildcards.world, "csv"),
-        log=lambda wildcards: loop_trials(wildcards.world, "npz"),
+        table=lambda wildcards: LOOP.trials(wildcards.world, "csv"),
+        log=lambda wildcards: LOOP.trials(wildcards.world, "npz"),
         registration="results/workspace/registration.json",
-        item=f"results/scenes/{LOOP_CELL['object']}/asset/asset.json",
-        background=f"results/scenes/{LOOP_CELL['background']}/asset/asset.json",
+        item=f"results/scenes/{LOOP.cell['object']}/asset/asset.json",
+        background=f"results/scenes/{LOOP.cell['background']}/asset/asset.json",
     output:
         fit="results/loop/records/{world}/fit.csv",
         select="results/loop/records/{world}/select.csv",
@@ -44,7 +49,7 @@ rule log_trials:
         runtime="10m",
     params:
         code=script_digest("log_trials"),
-        cell=LOOP_CELL,
+        cell=LOOP.cell,
         world=world_settings,
         sheet=settings("films")["sheet"],
         pieces="results/.state/pieces",
@@ -57,16 +62,21 @@ rule log_trials:
 
 rule write_loop_case:
     input:
-        unpack(loop_case),
+        unpack(lambda wildcards: LOOP.case(wildcards.case)),
         urdf="results/loop/arm/arm.urdf",
     output:
         case="results/loop/cases/{case}.yaml",
     log:
         "results/logs/write_loop_case/{case}.log",
+    benchmark:
+        "results/benchmarks/write_loop_case/{case}.jsonl"
     wildcard_constraints:
-        case=one_of(LOOP_CASES),
+        case=one_of(LOOP.cases),
     conda:
         "../envs/gap.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("write_loop_case"),
     message:
@@ -78,7 +88,7 @@ rule write_loop_case:
 rule calibrate_arm:
     input:
         case="results/loop/cases/loop_reference.yaml",
-        files=loop_case_files("loop_reference"),
+        files=LOOP.case_files("loop_reference"),
     output:
         model="results/loop/arm/calibrated.yaml",
         record="results/loop/arm/calibration.json",
@@ -102,7 +112,7 @@ rule calibrate_arm:
 
 rule amend_simulation:
     input:
-        nominal=f"{workflow.basedir}/models/nominal.yaml",
+        nominal=project_file("models/nominal.yaml"),
         arm="results/gap/loop_changed/model.yaml",
         findings="results/gap/loop_changed/findings.json",
         calibration="results/loop/arm/calibration.json",
@@ -111,8 +121,13 @@ rule amend_simulation:
         record="results/loop/amendment.json",
     log:
         "results/logs/amend_simulation.log",
+    benchmark:
+        "results/benchmarks/amend_simulation/all.jsonl"
     conda:
         "../envs/gap.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("amend_simulation"),
     message:
@@ -123,17 +138,17 @@ rule amend_simulation:
 
 rule collect_loop:
     input:
-        trials=loop_tables(),
-        trainings=loop_trainings(),
+        trials=LOOP.tables,
+        trainings=LOOP.trainings,
         logged=collect(
             "results/loop/records/{world}/trials.json",
-            world=[LOOP["reference"], LOOP["changed"]],
+            world=[LOOP.settings["reference"], LOOP.settings["changed"]],
         ),
         calibration="results/loop/arm/calibration.json",
-        findings=collect("results/gap/{case}/findings.json", case=list(LOOP_CASES)),
+        findings=collect("results/gap/{case}/findings.json", case=list(LOOP.cases)),
         amendment="results/loop/amendment.json",
         # The pages that tell how the findings came about.
-        reports=collect("results/gap/{case}/report.html", case=list(LOOP_CASES)),
+        reports=collect("results/gap/{case}/report.html", case=list(LOOP.cases)),
     output:
         rows="results/rows/loop.csv",
         page="results/loop/dynamic.md",
@@ -145,12 +160,17 @@ rule collect_loop:
         ),
     log:
         "results/logs/collect_loop.log",
+    benchmark:
+        "results/benchmarks/collect_loop/all.jsonl"
     conda:
         "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("collect_loop"),
-        plan=LOOP_TRIALS,
-        cell=LOOP_CELL,
+        plan=LOOP.rows,
+        cell=LOOP.cell,
     message:
         "Collect the successes before and after, and the price"
     script:

@@ -12,7 +12,7 @@ rule segment_object:
     benchmark:
         "results/benchmarks/segment_object/{scene}.jsonl"
     wildcard_constraints:
-        scene=one_of(names("object")),
+        scene=one_of(OBJECTS),
     conda:
         "../envs/mesh.yaml"
     threads: 1

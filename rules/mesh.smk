@@ -14,7 +14,7 @@ rule mesh_object:
     benchmark:
         "results/benchmarks/mesh_object/{scene}.jsonl"
     wildcard_constraints:
-        scene=one_of(names("object")),
+        scene=one_of(OBJECTS),
     conda:
         "../envs/mesh.yaml"
     threads: 1
@@ -46,7 +46,7 @@ rule mesh_background:
     benchmark:
         "results/benchmarks/mesh_background/{scene}.jsonl"
     wildcard_constraints:
-        scene=one_of(names("background")),
+        scene=one_of(BACKGROUNDS),
     conda:
         "../envs/mesh.yaml"
     threads: 1

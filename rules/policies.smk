@@ -2,18 +2,18 @@ rule train_policy:
     input:
         unpack(simulated_scene),
     output:
-        weights=policy_file("policy.safetensors"),
-        spec=policy_file("policy.json"),
-        onnx=policy_file("policy.onnx"),
-        curve=policy_file("training.csv"),
-        record=policy_file("training.json"),
+        weights=ANY.file("{seed}", "policy.safetensors"),
+        spec=ANY.file("{seed}", "policy.json"),
+        onnx=ANY.file("{seed}", "policy.onnx"),
+        curve=ANY.file("{seed}", "training.csv"),
+        record=ANY.file("{seed}", "training.json"),
     log:
         f"results/logs/train_policy/{POLICY_ITEM}.log",
     benchmark:
         f"results/benchmarks/train_policy/{POLICY_ITEM}.jsonl"
     wildcard_constraints:
-        object=one_of(names("object")),
-        background=one_of(names("background")),
+        object=one_of(OBJECTS),
+        background=one_of(BACKGROUNDS),
         renderer="gs|mesh|mesh_vertex",
         variant=one_of(config["variants"]),
     # The longest way to the tables goes through here.
@@ -40,20 +40,20 @@ rule train_policy:
 rule try_policy_in_sim:
     input:
         unpack(simulated_scene),
-        spec=policy_file("policy.json"),
-        weights=policy_file("policy.safetensors"),
-        training=policy_file("training.json"),
+        spec=ANY.file("{seed}", "policy.json"),
+        weights=ANY.file("{seed}", "policy.safetensors"),
+        training=ANY.file("{seed}", "training.json"),
     output:
-        table=trial_file("sim", "csv"),
-        log=trial_file("sim", "npz"),
-        record=trial_file("sim", "json"),
+        table=ANY.trials("sim", "{seed}", "csv"),
+        log=ANY.trials("sim", "{seed}", "npz"),
+        record=ANY.trials("sim", "{seed}", "json"),
     log:
         f"results/logs/try_policy_in_sim/{POLICY_ITEM}.log",
     benchmark:
         f"results/benchmarks/try_policy_in_sim/{POLICY_ITEM}.jsonl"
     wildcard_constraints:
-        object=one_of(names("object")),
-        background=one_of(names("background")),
+        object=one_of(OBJECTS),
+        background=one_of(BACKGROUNDS),
         renderer="gs|mesh|mesh_vertex",
         variant=one_of(config["variants"]),
     # The longest way to the tables goes through here.
@@ -77,23 +77,23 @@ rule try_policy_in_sim:
 
 rule try_policy_in_mirror:
     input:
-        spec=policy_file("policy.json"),
-        weights=policy_file("policy.safetensors"),
-        training=policy_file("training.json"),
+        spec=ANY.file("{seed}", "policy.json"),
+        weights=ANY.file("{seed}", "policy.safetensors"),
+        training=ANY.file("{seed}", "training.json"),
         registration="results/workspace/registration.json",
         item="results/scenes/{object}/asset/asset.json",
         background="results/scenes/{background}/asset/asset.json",
     output:
-        table=trial_file("{world}", "csv"),
-        log=trial_file("{world}", "npz"),
-        record=trial_file("{world}", "json"),
+        table=ANY.trials("{world}", "{seed}", "csv"),
+        log=ANY.trials("{world}", "{seed}", "npz"),
+        record=ANY.trials("{world}", "{seed}", "json"),
     log:
         f"results/logs/try_policy_in_mirror/{POLICY_ITEM}-{{world}}.log",
     benchmark:
         f"results/benchmarks/try_policy_in_mirror/{POLICY_ITEM}-{{world}}.jsonl"
     wildcard_constraints:
-        object=one_of(set(names("object")).intersection(films())),
-        background=one_of(set(names("background")).intersection(films())),
+        object=one_of(FILMED.intersection(OBJECTS)),
+        background=one_of(FILMED.intersection(BACKGROUNDS)),
         renderer="gs|mesh|mesh_vertex",
         variant=one_of(config["variants"]),
         world=one_of(config["worlds"]),

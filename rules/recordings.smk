@@ -11,6 +11,7 @@ rule record_capture:
     conda:
         "../envs/report.yaml"
     resources:
+        runtime="10m",
         mem_mb=2000,
     params:
         code=script_digest("record_capture"),
@@ -34,6 +35,7 @@ rule record_sfm:
     conda:
         "../envs/report.yaml"
     resources:
+        runtime="10m",
         mem_mb=2000,
     params:
         code=script_digest("record_sfm"),
@@ -59,6 +61,7 @@ rule record_align:
     conda:
         "../envs/report.yaml"
     resources:
+        runtime="10m",
         mem_mb=2000,
     params:
         code=script_digest("record_align"),
@@ -82,10 +85,11 @@ rule record_masks:
     benchmark:
         "results/benchmarks/record_masks/{scene}.jsonl"
     wildcard_constraints:
-        scene=one_of(names("object")),
+        scene=one_of(OBJECTS),
     conda:
         "../envs/report.yaml"
     resources:
+        runtime="10m",
         mem_mb=2000,
     params:
         code=script_digest("record_masks"),
@@ -109,6 +113,7 @@ rule record_mesh:
     conda:
         "../envs/report.yaml"
     resources:
+        runtime="10m",
         mem_mb=2000,
     params:
         code=script_digest("record_mesh"),
@@ -132,6 +137,7 @@ rule record_splats:
     conda:
         "../envs/report.yaml"
     resources:
+        runtime="10m",
         mem_mb=2000,
     params:
         code=script_digest("record_splats"),
@@ -162,6 +168,7 @@ rule record_asset:
     conda:
         "../envs/report.yaml"
     resources:
+        runtime="10m",
         mem_mb=2000,
     params:
         code=script_digest("record_asset"),
@@ -173,15 +180,18 @@ rule record_asset:
 
 rule record_training:
     input:
-        curve=policy_file("training.csv"),
-        record=policy_file("training.json"),
+        curve=ANY.file("{seed}", "training.csv"),
+        record=ANY.file("{seed}", "training.json"),
     output:
         recording=f"results/rerun/training/{POLICY_ITEM}.rrd",
     log:
         f"results/logs/record_training/{POLICY_ITEM}.log",
+    benchmark:
+        f"results/benchmarks/record_training/{POLICY_ITEM}.jsonl"
     conda:
         "../envs/report.yaml"
     resources:
+        runtime="10m",
         mem_mb=1000,
     params:
         code=script_digest("record_training"),
@@ -195,13 +205,18 @@ rule record_training:
 # On demand: it needs the extra `tensorboard`.
 rule export_tensorboard:
     input:
-        curve=policy_file("training.csv"),
+        curve=ANY.file("{seed}", "training.csv"),
     output:
         events=directory(f"results/tensorboard/{POLICY_ITEM}"),
     log:
         f"results/logs/export_tensorboard/{POLICY_ITEM}.log",
+    benchmark:
+        f"results/benchmarks/export_tensorboard/{POLICY_ITEM}.jsonl"
     conda:
         "../envs/policy.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("export_tensorboard"),
     message:

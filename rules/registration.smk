@@ -5,7 +5,7 @@ rule film_board:
     log:
         "results/logs/film_board.log",
     benchmark:
-        "results/benchmarks/film_board.jsonl"
+        "results/benchmarks/film_board/all.jsonl"
     conda:
         "../envs/world.yaml"
     threads: 1
@@ -32,7 +32,7 @@ rule register_workspace:
     log:
         "results/logs/register_workspace.log",
     benchmark:
-        "results/benchmarks/register_workspace.jsonl"
+        "results/benchmarks/register_workspace/all.jsonl"
     conda:
         "../envs/world.yaml"
     threads: 1

@@ -1,7 +1,7 @@
 rule collect_rendering:
     input:
-        splats=splat_records,
-        records=stage_records,
+        splats=PLAN.splat_records,
+        records=PLAN.stage_records,
     output:
         rows="results/rows/rendering.csv",
     log:
@@ -10,10 +10,13 @@ rule collect_rendering:
         "results/benchmarks/collect_rendering/all.jsonl"
     conda:
         "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("collect_rendering"),
-        scenes=scene_labels(),
-        films=film_records(),
+        scenes=PLAN.labels,
+        films={scene: f"results/films/{scene}/film.json" for scene in PLAN.mirrored},
     message:
         "Collect the rendering table"
     script:
@@ -23,13 +26,18 @@ rule collect_rendering:
 rule collect_timing:
     input:
         rows="results/rows/rendering.csv",
-        policies=policy_rows,
+        policies=rows_of(TABLES.rows),
     output:
         rows="results/rows/timing.csv",
     log:
         "results/logs/collect_timing.log",
+    benchmark:
+        "results/benchmarks/collect_timing/all.jsonl"
     conda:
         "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("collect_timing"),
         benchmarks="results/benchmarks",
@@ -41,7 +49,11 @@ rule collect_timing:
 
 rule compare_renderings:
     input:
-        splats=compared_splats,
+        splats=lambda wildcards: collect(
+            "results/scenes/{scene}/splats/{binding}/splats.json",
+            scene=PLAN.scenes_from(wildcards.origin),
+            binding=BINDINGS[:3],
+        ),
     output:
         figure=report(
             "results/figures/rendering_comparison_{origin}.png",
@@ -58,9 +70,12 @@ rule compare_renderings:
         "results/benchmarks/compare_renderings/{origin}.jsonl"
     conda:
         "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("compare_renderings"),
-        scenes=lambda wildcards: scenes_from(wildcards.origin),
+        scenes=lambda wildcards: PLAN.scenes_from(wildcards.origin),
     message:
         "Draw photo, soft, GaMeS and refined of the {wildcards.origin} scenes side by side"
     script:
@@ -69,11 +84,13 @@ rule compare_renderings:
 
 rule collect_success:
     input:
-        trials=table_trials,
-        trial_records=table_trial_records,
-        robot=table_robot_files,
-        policies=table_policies,
-        records=table_records,
+        trials=lambda wildcards: TABLES.table_trials(wildcards.table, "csv"),
+        trial_records=lambda wildcards: TABLES.table_trials(wildcards.table, "json"),
+        robot=lambda wildcards: list(
+            TABLES.table_robot_trials(wildcards.table).values()
+        ),
+        policies=lambda wildcards: TABLES.table_trainings(wildcards.table),
+        records=lambda wildcards: TABLES.table_scenes(wildcards.table),
     output:
         rows="results/rows/{table}.csv",
     log:
@@ -82,9 +99,12 @@ rule collect_success:
         "results/benchmarks/collect_success/{table}.jsonl"
     conda:
         "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("collect_success"),
-        robot=table_robot_trials,
+        robot=lambda wildcards: TABLES.table_robot_trials(wildcards.table),
     message:
         "Collect the successes: {wildcards.table}"
     script:
@@ -93,9 +113,9 @@ rule collect_success:
 
 rule collect_failures:
     input:
-        trials=policy_trials(POLICIES, "csv"),
-        trial_records=policy_trials(POLICIES, "json"),
-        robot=list(robot_trials(POLICIES).values()),
+        trials=TABLES.trials(TABLES.policies, TABLES.worlds, "csv"),
+        trial_records=TABLES.trials(TABLES.policies, TABLES.worlds, "json"),
+        robot=list(TABLES.robot_trials(TABLES.policies).values()),
     output:
         rows="results/rows/failures.csv",
     log:
@@ -104,9 +124,12 @@ rule collect_failures:
         "results/benchmarks/collect_failures/all.jsonl"
     conda:
         "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("collect_failures"),
-        robot=robot_trials(POLICIES),
+        robot=TABLES.robot_trials(TABLES.policies),
     message:
         "Collect how trials ended"
     script:
@@ -115,8 +138,8 @@ rule collect_failures:
 
 rule collect_training:
     input:
-        policies=policy_files(POLICIES, "training.json"),
-        curves=policy_files(POLICIES, "training.csv"),
+        policies=policy_files(TABLES.policies, TABLES.seeds, "training.json"),
+        curves=policy_files(TABLES.policies, TABLES.seeds, "training.csv"),
     output:
         rows="results/rows/training.csv",
     log:
@@ -125,6 +148,9 @@ rule collect_training:
         "results/benchmarks/collect_training/all.jsonl"
     conda:
         "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("collect_training"),
     message:
@@ -135,7 +161,7 @@ rule collect_training:
 
 rule draw_learning_curves:
     input:
-        curves=policy_files(POLICIES, "training.csv"),
+        curves=policy_files(TABLES.policies, TABLES.seeds, "training.csv"),
     output:
         figure=report(
             "results/figures/learning_curves.png",
@@ -149,6 +175,9 @@ rule draw_learning_curves:
         "results/benchmarks/draw_learning_curves/all.jsonl"
     conda:
         "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("draw_learning_curves"),
     message:
@@ -159,7 +188,7 @@ rule draw_learning_curves:
 
 rule draw_success:
     input:
-        rows=collect("results/rows/{table}.csv", table=success_tables()),
+        rows=collect("results/rows/{table}.csv", table=TABLES.successes),
     output:
         figure=report(
             "results/figures/success_rates.png",
@@ -173,6 +202,9 @@ rule draw_success:
         "results/benchmarks/draw_success/all.jsonl"
     conda:
         "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("draw_success"),
     message:
@@ -185,11 +217,16 @@ rule assemble_tables:
     input:
         rendering="results/rows/rendering.csv",
         timing="results/rows/timing.csv",
-        policies=policy_rows,
-        figures=comparison_figures,
-        policy_figures=policy_figures,
-        films=list(trial_films().values()),
-        records=page_records,
+        policies=rows_of(TABLES.rows),
+        figures=[
+            f"results/figures/rendering_comparison_{origin}.png"
+            for origin in ("mirror", "real")
+            if PLAN.scenes_from(origin)
+        ],
+        policy_figures=[f"results/figures/{name}.png" for name in TABLES.figures],
+        films=list(TABLES.films.values()),
+        records=PLAN.stage_records
+        + [f"results/scenes/{scene}/asset/asset.json" for scene in PLAN.bundled],
     output:
         # Not marked for snakemake's report: a folder would force the report into a zip file.
         tables=directory("results/tables"),
@@ -199,10 +236,13 @@ rule assemble_tables:
         "results/benchmarks/assemble_tables/all.jsonl"
     conda:
         "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("assemble_tables"),
         preset=config["preset"],
-        films=list(trial_films()),
+        films=list(TABLES.films),
     message:
         "Assemble the tables"
     script:

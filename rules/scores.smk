@@ -18,10 +18,11 @@ rule score_scene:
     benchmark:
         "results/benchmarks/score_scene/{scene}.jsonl"
     wildcard_constraints:
-        scene=one_of(films()),
+        scene=one_of(FILMED),
     conda:
         "../envs/report.yaml"
     resources:
+        runtime="10m",
         mem_mb=2000,
     params:
         code=script_digest("score_scene"),
@@ -41,8 +42,13 @@ rule score_keyframes:
         scores="results/scores/keyframes.json",
     log:
         "results/logs/score_keyframes.log",
+    benchmark:
+        "results/benchmarks/score_keyframes/all.jsonl"
     conda:
         "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("score_keyframes"),
     message:
@@ -56,10 +62,15 @@ rule benchmark_rasterizer:
         benchmark="results/benchmarks/rasterizer.json",
     log:
         "results/logs/benchmark_rasterizer.log",
+    benchmark:
+        "results/benchmarks/benchmark_rasterizer/all.jsonl"
     conda:
         "../envs/splats.yaml"
     # Alone on the machine: the figures are times.
     threads: workflow.cores
+    resources:
+        mem_mb=1000,
+        runtime="60m",
     params:
         code=code_digest("benchmarks.rasterizer"),
         program=program("rasterizer"),
@@ -71,30 +82,33 @@ rule benchmark_rasterizer:
 
 rule score_real2sim:
     input:
-        # Its date changes with every checkout; its digest below tells whether it changed.
-        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
-        scenes=collect("results/scores/scenes/{scene}.json", scene=mirrored_scenes()),
-        films=collect("results/films/{scene}/film.json", scene=mirrored_scenes()),
+        floors=project_file("benchmarks/floors.yaml"),
+        scenes=collect("results/scores/scenes/{scene}.json", scene=PLAN.mirrored),
+        films=collect("results/films/{scene}/film.json", scene=PLAN.mirrored),
         rendering="results/rows/rendering.csv",
-        real=[path for paths in real_records().values() for path in paths.values()],
+        real=[path for paths in PLAN.real_records.values() for path in paths.values()],
         rasterizer="results/benchmarks/rasterizer.json",
     output:
         measured="results/scores/measured/real2sim.json",
         scores="results/scores/real2sim.json",
     log:
         "results/logs/score_real2sim.log",
+    benchmark:
+        "results/benchmarks/score_real2sim/all.jsonl"
     conda:
         "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("score_real2sim"),
-        floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
         films={
             scene: f"results/films/{scene}/film.json"
-            for scene in preset_scenes("object")
-            if scene in films()
+            for scene in PLAN.scenes_of("object")
+            if scene in FILMED
         },
-        real=real_records(),
+        real=PLAN.real_records,
     message:
         "Compare what was measured with the floors"
     script:
@@ -103,24 +117,36 @@ rule score_real2sim:
 
 rule score_policies:
     input:
-        # Its date changes with every checkout; its digest below tells whether it changed.
-        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
+        floors=project_file("benchmarks/floors.yaml"),
         grasping=measured_rows("grasping"),
         renderer_contrast=measured_rows("renderer_contrast"),
         pick_and_place=measured_rows("pick_and_place"),
         training=measured_rows("training"),
-        toy=toy_rows,
-        wall_times=wall_times,
+        # Rows of a toy run and wall times of whole runs, where there were any.
+        toy=[
+            PLAN.portable(path)
+            for path in [ROOT / "toy/results/rows/grasping.csv"]
+            if path.is_file()
+        ],
+        wall_times=[
+            path
+            for path in ["results/benchmarks/wall_times.json"]
+            if Path(path).is_file()
+        ],
     output:
         measured="results/scores/measured/policies.json",
         scores="results/scores/policies.json",
     log:
         "results/logs/score_policies.log",
+    benchmark:
+        "results/benchmarks/score_policies/all.jsonl"
     conda:
         "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("score_policies"),
-        floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:
         "Compare the policies with the floors"
@@ -130,19 +156,22 @@ rule score_policies:
 
 rule score_worlds:
     input:
-        # Its date changes with every checkout; its digest below tells whether it changed.
-        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
+        floors=project_file("benchmarks/floors.yaml"),
         worlds="results/rows/worlds.csv",
     output:
         measured="results/scores/measured/worlds.json",
         scores="results/scores/worlds.json",
     log:
         "results/logs/score_worlds.log",
+    benchmark:
+        "results/benchmarks/score_worlds/all.jsonl"
     conda:
         "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("score_worlds"),
-        floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:
         "Compare the policies in further worlds with the floors"
@@ -152,19 +181,22 @@ rule score_worlds:
 
 rule score_study:
     input:
-        # Its date changes with every checkout; its digest below tells whether it changed.
-        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
+        floors=project_file("benchmarks/floors.yaml"),
         study="results/rows/study.csv",
     output:
         measured="results/scores/measured/study.json",
         scores="results/scores/study.json",
     log:
         "results/logs/score_study.log",
+    benchmark:
+        "results/benchmarks/score_study/all.jsonl"
     conda:
         "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("score_study"),
-        floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:
         "Compare the study with the floors"
@@ -174,20 +206,26 @@ rule score_study:
 
 rule score_loops:
     input:
-        unpack(measured_loops),
-        # Its date changes with every checkout; its digest below tells whether it changed.
-        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
+        **{
+            loop["table"]: f"results/rows/{loop['table']}.csv"
+            for loop in closed_loops(LOOP, SIGHT)
+        },
+        floors=project_file("benchmarks/floors.yaml"),
     output:
         measured="results/scores/measured/loops.json",
         scores="results/scores/loops.json",
     log:
         "results/logs/score_loops.log",
+    benchmark:
+        "results/benchmarks/score_loops/all.jsonl"
     conda:
         "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("score_loops"),
-        floors_digest=file_digest("benchmarks/floors.yaml"),
-        loops=closed_loops(),
+        loops=closed_loops(LOOP, SIGHT),
         preset=config["preset"],
     message:
         "Compare the closed loops with the floors"
@@ -203,6 +241,8 @@ rule record_scores:
         record="benchmarks/scores/{area}.json",
     log:
         "results/logs/record_scores/{area}.log",
+    benchmark:
+        "results/benchmarks/record_scores/{area}.jsonl"
     localrule: True
     conda:
         "../envs/report.yaml"
@@ -220,6 +260,8 @@ rule write_results_page:
         page="benchmarks/RESULTS.md",
     log:
         "results/logs/write_results_page.log",
+    benchmark:
+        "results/benchmarks/write_results_page/all.jsonl"
     localrule: True
     conda:
         "../envs/report.yaml"
@@ -233,6 +275,6 @@ rule write_results_page:
 
 rule score_scenes:
     input:
-        collect("results/scores/scenes/{scene}.json", scene=mirrored_scenes()),
+        collect("results/scores/scenes/{scene}.json", scene=PLAN.mirrored),
         "results/scores/keyframes.json",
     localrule: True

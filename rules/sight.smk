@@ -1,13 +1,14 @@
 rule draw_postures:
     input:
-        unpack(sight_scene),
+        **simulated_world(SIGHT.cell["object"], SIGHT.cell["background"]),
+        light="results/workspace/light.json",
     output:
         views=directory("results/sight/postures"),
         record="results/sight/postures.json",
     log:
         "results/logs/draw_postures.log",
     benchmark:
-        "results/benchmarks/draw_postures.jsonl"
+        "results/benchmarks/draw_postures/all.jsonl"
     conda:
         "../envs/world.yaml"
     threads: 1
@@ -16,7 +17,7 @@ rule draw_postures:
         runtime="20m",
     params:
         code=script_digest("draw_postures"),
-        postures=SIGHT["postures"],
+        postures=SIGHT.settings["postures"],
         size=settings("views")["size"],
         seed=SEED,
     message:
@@ -29,7 +30,7 @@ rule photograph_postures:
     input:
         views="results/sight/postures",
         record="results/sight/postures.json",
-        item=f"results/scenes/{SIGHT_CELL['object']}/asset/asset.json",
+        item=f"results/scenes/{SIGHT.cell['object']}/asset/asset.json",
     output:
         photos=directory("results/sight/photos/{world}"),
         record="results/sight/photos/{world}.json",
@@ -38,7 +39,7 @@ rule photograph_postures:
     benchmark:
         "results/benchmarks/photograph_postures/{world}.jsonl"
     wildcard_constraints:
-        world=one_of(SIGHT_WORLDS),
+        world=one_of(SIGHT.worlds),
     conda:
         "../envs/world.yaml"
     threads: 1
@@ -47,16 +48,12 @@ rule photograph_postures:
         runtime="60m",
     params:
         code=script_digest("photograph_postures"),
-        cell=SIGHT_CELL,
+        cell=SIGHT.cell,
         world=world_settings,
-        shots=sight_shots,
-        first=lambda wildcards: (
-            0
-            if wildcards.world == SIGHT["reference"]
-            else SIGHT_SHOTS * SIGHT["postures"]
-        ),
+        shots=lambda wildcards: SIGHT.shots(wildcards.world),
+        first=lambda wildcards: SIGHT.first_shot(wildcards.world),
         size=settings("views")["size"],
-        samples=SIGHT["samples"],
+        samples=SIGHT.settings["samples"],
         sheet=settings("films")["sheet"],
         pieces="results/.state/pieces",
         seed=SEED,
@@ -69,7 +66,7 @@ rule photograph_postures:
 rule diagnose_photos:
     input:
         views="results/sight/postures",
-        before=f"results/sight/photos/{SIGHT['reference']}",
+        before=f"results/sight/photos/{SIGHT.settings['reference']}",
         after="results/sight/photos/{world}",
     output:
         findings="results/sight/{world}/findings.json",
@@ -79,7 +76,7 @@ rule diagnose_photos:
     benchmark:
         "results/benchmarks/diagnose_photos/{world}.jsonl"
     wildcard_constraints:
-        world=one_of(SIGHT_WORLDS),
+        world=one_of(SIGHT.worlds),
     conda:
         "../envs/gap.yaml"
     threads: 1
@@ -89,7 +86,7 @@ rule diagnose_photos:
     params:
         code=script_digest("diagnose_photos"),
         # Of the reference, the last photo of each posture stands for a later day.
-        shot=lambda wildcards: sight_shots(wildcards) - 1,
+        shot=lambda wildcards: SIGHT.shots(wildcards.world) - 1,
         seed=SEED,
     message:
         "Find what changed in the photos of {wildcards.world}"
@@ -110,10 +107,15 @@ rule report_photos:
         ),
     log:
         "results/logs/report_photos/{world}.log",
+    benchmark:
+        "results/benchmarks/report_photos/{world}.jsonl"
     wildcard_constraints:
-        world=one_of(SIGHT_WORLDS),
+        world=one_of(SIGHT.worlds),
     conda:
         "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("report_photos"),
     message:
@@ -124,18 +126,23 @@ rule report_photos:
 
 rule amend_camera:
     input:
-        nominal=f"{workflow.basedir}/models/nominal.yaml",
+        nominal=project_file("models/nominal.yaml"),
         findings="results/sight/{world}/findings.json",
         # In photos of one day nothing may be found.
-        reference=f"results/sight/{SIGHT['reference']}/findings.json",
+        reference=f"results/sight/{SIGHT.settings['reference']}/findings.json",
     output:
         model="results/sight/{world}/model.yaml",
     log:
         "results/logs/amend_camera/{world}.log",
+    benchmark:
+        "results/benchmarks/amend_camera/{world}.jsonl"
     wildcard_constraints:
-        world=one_of(SIGHT["amended"]),
+        world=one_of(SIGHT.settings["amended"]),
     conda:
         "../envs/policy.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("amend_camera"),
     message:
@@ -146,12 +153,12 @@ rule amend_camera:
 
 rule collect_sight_loop:
     input:
-        trials=sight_tables(),
-        trainings=sight_trainings(),
-        photos=collect("results/sight/photos/{world}.json", world=SIGHT_WORLDS),
-        findings=collect("results/sight/{world}/findings.json", world=SIGHT_WORLDS),
+        trials=SIGHT.tables,
+        trainings=SIGHT.trainings,
+        photos=collect("results/sight/photos/{world}.json", world=SIGHT.worlds),
+        findings=collect("results/sight/{world}/findings.json", world=SIGHT.worlds),
         # The pages that tell how the findings came about.
-        reports=collect("results/sight/{world}/report.html", world=SIGHT_WORLDS),
+        reports=collect("results/sight/{world}/report.html", world=SIGHT.worlds),
     output:
         rows="results/rows/sight_loop.csv",
         page="results/sight/loop.md",
@@ -163,13 +170,18 @@ rule collect_sight_loop:
         ),
     log:
         "results/logs/collect_sight_loop.log",
+    benchmark:
+        "results/benchmarks/collect_sight_loop/all.jsonl"
     conda:
         "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("collect_sight_loop"),
-        plan=sight_trials(),
-        cell=SIGHT_CELL,
-        worlds=SIGHT_WORLDS,
+        plan=SIGHT.rows,
+        cell=SIGHT.cell,
+        worlds=SIGHT.worlds,
     message:
         "Collect the successes before and after the camera was amended, and the price"
     script:

@@ -4,7 +4,7 @@ rule try_controller_in_sim:
         registration="results/workspace/registration.json",
         item="results/scenes/{object}/asset/asset.json",
         background="results/scenes/{background}/asset/asset.json",
-        model=f"{workflow.basedir}/models/nominal.yaml",
+        model=project_file("models/nominal.yaml"),
         kernels=ancient("results/.state/compile_kernels.done"),
     output:
         record="results/trials/{task}/{object}+{background}/sim.json",
@@ -13,8 +13,8 @@ rule try_controller_in_sim:
     benchmark:
         "results/benchmarks/try_controller_in_sim/{task}-{object}+{background}.jsonl"
     wildcard_constraints:
-        object=one_of(names("object")),
-        background=one_of(names("background")),
+        object=one_of(OBJECTS),
+        background=one_of(BACKGROUNDS),
     conda:
         "../envs/world.yaml"
     threads: 1
@@ -43,8 +43,8 @@ rule try_controller_in_mirror:
     benchmark:
         "results/benchmarks/try_controller_in_mirror/{task}-{object}+{background}.jsonl"
     wildcard_constraints:
-        object=one_of(set(names("object")).intersection(films())),
-        background=one_of(set(names("background")).intersection(films())),
+        object=one_of(FILMED.intersection(OBJECTS)),
+        background=one_of(FILMED.intersection(BACKGROUNDS)),
     conda:
         "../envs/world.yaml"
     threads: 1
@@ -66,16 +66,16 @@ rule check_simulator:
     input:
         robot="results/robot/description",
         registration="results/workspace/registration.json",
-        item=first_asset("object"),
-        background=first_asset("background"),
-        model=f"{workflow.basedir}/models/nominal.yaml",
+        item=lambda wildcards: PLAN.first_asset("object"),
+        background=lambda wildcards: PLAN.first_asset("background"),
+        model=project_file("models/nominal.yaml"),
         kernels=ancient("results/.state/compile_kernels.done"),
     output:
         record="results/robot/simulator.json",
     log:
         "results/logs/check_simulator.log",
     benchmark:
-        "results/benchmarks/check_simulator.jsonl"
+        "results/benchmarks/check_simulator/all.jsonl"
     conda:
         "../envs/world.yaml"
     threads: 1
@@ -93,18 +93,23 @@ rule check_simulator:
 rule benchmark_environment:
     input:
         robot_splats="results/robot/splats",
-        item=first_asset("object"),
-        background=first_asset("background"),
+        item=lambda wildcards: PLAN.first_asset("object"),
+        background=lambda wildcards: PLAN.first_asset("background"),
         light="results/workspace/light.json",
         kernels=ancient("results/.state/compile_kernels.done"),
     output:
         benchmark="results/benchmarks/environment.json",
     log:
         "results/logs/benchmark_environment.log",
+    benchmark:
+        "results/benchmarks/benchmark_environment/all.jsonl"
     conda:
         "../envs/world.yaml"
     # Alone on the machine: the figures are times.
     threads: workflow.cores
+    resources:
+        mem_mb=1000,
+        runtime="60m",
     params:
         code=code_digest("benchmarks.environment"),
         program=program("environment"),
@@ -123,8 +128,13 @@ rule score_registration:
         scores="results/scores/workspace/registration.json",
     log:
         "results/logs/score_registration.log",
+    benchmark:
+        "results/benchmarks/score_registration/all.jsonl"
     conda:
         "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("score_registration"),
     message:
@@ -138,22 +148,21 @@ rule simulator:
         "results/scores/simulator.json",
         "results/figures/eye_in_hand.png",
         "results/figures/gs_editing.png",
-        collect("results/rerun/episode/{pair}.rrd", pair=preset_pairs()),
+        collect("results/rerun/episode/{pair}.rrd", pair=PLAN.preset_pairs),
     localrule: True
 
 
 rule score_simulator:
     input:
-        # Its date changes with every checkout; its digest below tells whether it changed.
-        floors=ancient(f"{workflow.basedir}/benchmarks/floors.yaml"),
+        floors=project_file("benchmarks/floors.yaml"),
         assets=collect(
             "results/scenes/{scene}/asset/asset.json",
-            scene=[scene for scene in bundled_scenes() if scene in names("object")],
+            scene=[scene for scene in PLAN.bundled if scene in OBJECTS],
         ),
-        sim=trial_records("sim"),
-        mirror=trial_records("mirror"),
+        sim=PLAN.controller_trials("sim"),
+        mirror=PLAN.controller_trials("mirror"),
         checks="results/robot/simulator.json",
-        views=collect("results/views/{pair}/drawn.json", pair=PAIRS),
+        views=collect("results/views/{pair}/drawn.json", pair=PLAN.pairs),
         eye_in_hand="results/rows/eye_in_hand.csv",
         registration="results/scores/workspace/registration.json",
         environment="results/benchmarks/environment.json",
@@ -162,11 +171,15 @@ rule score_simulator:
         scores="results/scores/simulator.json",
     log:
         "results/logs/score_simulator.log",
+    benchmark:
+        "results/benchmarks/score_simulator/all.jsonl"
     conda:
         "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("score_simulator"),
-        floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:
         "Compare the simulator with the floors"

@@ -1,24 +1,28 @@
 rule study:
     input:
         "results/study.md",
-        further_pages,
+        [f"results/{table}.md" for table in TABLES.further],
         "results/gap-benchmark/report.html",
-        loop_rows,
-        sight_loop_rows,
+        rows_of(sorted({loop["table"] for loop in closed_loops(LOOP, SIGHT)})),
     localrule: True
 
 
 rule collect_study:
     input:
-        trainings=study_files("policies", "training.json"),
-        trials=study_files("trials", "csv"),
+        trainings=TABLES.study_files("training.json", trials=False),
+        trials=TABLES.study_files("csv", trials=True),
     output:
         rows="results/rows/study.csv",
         page="results/study.md",
     log:
         "results/logs/collect_study.log",
+    benchmark:
+        "results/benchmarks/collect_study/all.jsonl"
     conda:
         "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
     params:
         code=script_digest("collect_study"),
     message:
@@ -34,6 +38,8 @@ rule write_further:
         page="results/{table}.md",
     log:
         "results/logs/write_further/{table}.log",
+    benchmark:
+        "results/benchmarks/write_further/{table}.jsonl"
     wildcard_constraints:
         table="worlds|sight",
     localrule: True

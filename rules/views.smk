@@ -6,7 +6,7 @@ rule describe_robot:
     log:
         "results/logs/describe_robot.log",
     benchmark:
-        "results/benchmarks/describe_robot.jsonl"
+        "results/benchmarks/describe_robot/all.jsonl"
     conda:
         "../envs/world.yaml"
     threads: 1
@@ -33,7 +33,7 @@ rule calibrate_wrist_camera:
     log:
         "results/logs/calibrate_wrist_camera.log",
     benchmark:
-        "results/benchmarks/calibrate_wrist_camera.jsonl"
+        "results/benchmarks/calibrate_wrist_camera/all.jsonl"
     conda:
         "../envs/world.yaml"
     threads: 1
@@ -58,7 +58,7 @@ rule calibrate_light:
     log:
         "results/logs/calibrate_light.log",
     benchmark:
-        "results/benchmarks/calibrate_light.jsonl"
+        "results/benchmarks/calibrate_light/all.jsonl"
     conda:
         "../envs/world.yaml"
     threads: 1
@@ -83,7 +83,7 @@ rule fit_robot_splats:
     log:
         "results/logs/fit_robot_splats.log",
     benchmark:
-        "results/benchmarks/fit_robot_splats.jsonl"
+        "results/benchmarks/fit_robot_splats/all.jsonl"
     conda:
         "../envs/assets.yaml"
     threads: 1
@@ -108,7 +108,7 @@ rule draw_views:
         light="results/workspace/light.json",
         item="results/scenes/{object}/asset/asset.json",
         background="results/scenes/{background}/asset/asset.json",
-        model=f"{workflow.basedir}/models/nominal.yaml",
+        model=project_file("models/nominal.yaml"),
         views="results/scenes/{object}/align/views.json",
         images="results/scenes/{object}/sfm/images",
         masks="results/scenes/{object}/masks/images",
@@ -121,8 +121,8 @@ rule draw_views:
     benchmark:
         "results/benchmarks/draw_views/{object}+{background}.jsonl"
     wildcard_constraints:
-        object=one_of(names("object")),
-        background=one_of(names("background")),
+        object=one_of(OBJECTS),
+        background=one_of(BACKGROUNDS),
     conda:
         "../envs/world.yaml"
     threads: 1
@@ -151,8 +151,8 @@ rule photograph_views:
     benchmark:
         "results/benchmarks/photograph_views/{object}+{background}.jsonl"
     wildcard_constraints:
-        object=one_of(set(names("object")).intersection(films())),
-        background=one_of(set(names("background")).intersection(films())),
+        object=one_of(FILMED.intersection(OBJECTS)),
+        background=one_of(FILMED.intersection(BACKGROUNDS)),
     conda:
         "../envs/world.yaml"
     threads: workflow.cores
@@ -173,8 +173,8 @@ rule photograph_views:
 
 rule compare_eye_in_hand:
     input:
-        drawn=collect("results/views/{pair}/drawn", pair=mirrored(PAIRS)),
-        photos=collect("results/views/{pair}/mirror", pair=mirrored(PAIRS)),
+        drawn=collect("results/views/{pair}/drawn", pair=PLAN.both_filmed(PLAN.pairs)),
+        photos=collect("results/views/{pair}/mirror", pair=PLAN.both_filmed(PLAN.pairs)),
     output:
         figure=report(
             "results/figures/eye_in_hand.png",
@@ -185,7 +185,7 @@ rule compare_eye_in_hand:
     log:
         "results/logs/compare_eye_in_hand.log",
     benchmark:
-        "results/benchmarks/compare_eye_in_hand.jsonl"
+        "results/benchmarks/compare_eye_in_hand/all.jsonl"
     conda:
         "../envs/report.yaml"
     threads: 1
@@ -194,7 +194,7 @@ rule compare_eye_in_hand:
         runtime="10m",
     params:
         code=script_digest("compare_eye_in_hand"),
-        pairs=mirrored(PAIRS),
+        pairs=PLAN.both_filmed(PLAN.pairs),
     message:
         "Compare renderers with the mirror's wrist camera"
     script:

@@ -13,7 +13,7 @@ GROUND += "run_status workflow_lock reading"
 FLOORS = [
     # The ground floor has no packages; its modules may build on one another.
     GROUND.split(),
-    ["robot", "tasks", "effects"],
+    ["robot", "tasks", "effects", "experiment"],
     # Real2Sim: what several stages measure with, the stages, and what bundles or places the stages' results.
     ["photogrammetry"],
     ["capture", "sfm", "align", "masks", "mesh", "splats"],

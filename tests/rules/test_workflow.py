@@ -43,6 +43,23 @@ def test_each_rule_has_a_log_an_environment_and_a_script_of_its_name(name):
         assert (ROOT / "scripts" / f"{script.group(1)}.py").is_file()
 
 
+@pytest.mark.parametrize("name", WORKING_RULES)
+def test_a_rules_log_and_benchmark_carry_its_name_and_its_wildcards(name):
+    text = WORKING_RULES[name]
+    log = re.search(r'log:\n +f?"results/logs/(\w+)(.*)\.log"', text)
+    benchmark = re.search(r'benchmark:\n +f?"results/benchmarks/(\w+)/(.+)\.jsonl"', text)
+    assert log
+    assert benchmark
+    assert log[1] == benchmark[1] == name
+    assert log[2].removeprefix("/") == benchmark[2].removesuffix("all")
+    if "localrule: True" not in text:
+        assert "resources:" in text
+        assert {"mem_mb", "runtime"} <= set(re.findall(r"\w+(?==)", text.split("resources:")[1]))
+    script = re.search(r'"\.\./scripts/(\w+)\.py"', text)
+    # One script trains splats, for the scenes and for their comparison.
+    assert script is None or script[1] == {"train_comparison": "train_splats"}.get(name, name)
+
+
 @pytest.mark.parametrize("preset", ["toy", "desktop", "paper"])
 def test_every_preset_plans(snakemake, tmp_path, preset):
     plan = snakemake("--dry-run", "--directory", str(tmp_path), "--config", f"preset={preset}", "--", "results/tables").stdout
@@ -70,9 +87,8 @@ def test_policies_know_the_mirror_by_its_films_and_the_registration_alone(snakem
     stats = plan.split("Job stats:")[1].split("total")[0]
     planned = {line.split()[0] for line in stats.splitlines() if re.match(r"\w+ +\d+$", line)}
     assert "train_policy" in planned
-    reading = {name for name in planned if "gsbridge.reality" in rules()[name]}
     of_the_mirror = {name for name in planned if re.search(r"reality|mirror", script_of(name))}
-    assert reading | of_the_mirror == {"film_scene", "film_board"}
+    assert of_the_mirror == {"film_scene", "film_board"}
 
 
 def script_of(rule):

@@ -1,0 +1,1 @@
+"""What an experiment consists of: its scenes, cells, policies, trials and worlds, and where the results of each lie."""

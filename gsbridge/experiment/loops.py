@@ -1,0 +1,175 @@
+"""Loops that an experiment closes: a world changes, the gap is named, the simulation amended, and the policy learns anew."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from gsbridge.experiment.plan import Experiment
+from gsbridge.experiment.policies import Policy
+
+ROLES = ("fit", "select", "verify")
+"""What the records of a case are for."""
+
+
+@dataclass(frozen=True)
+class JointLoop:
+    """The loop that is closed by logs of the arm, on one cell.
+
+    Args:
+        plan: Scenes, cells and settings.
+    """
+
+    plan: Experiment
+
+    @property
+    def settings(self) -> Mapping[str, Any]:
+        """Worlds, cell and variant."""
+        loop: Mapping[str, Any] = self.plan.config["loop"]
+        return loop
+
+    @property
+    def cell(self) -> dict[str, Any]:
+        """What its rules put into the places of wildcards."""
+        return {**self.settings["cell"], "renderer": "gs", "seed": self.plan.config["seed"]}
+
+    @property
+    def cases(self) -> dict[str, dict[str, str]]:
+        """Cases of the gap that the workflow makes by itself, beside those of the configuration."""
+        return {
+            "loop_reference": {"world": self.settings["reference"], "model": "nominal"},
+            "loop_changed": {"world": self.settings["changed"], "model": "calibrated"},
+        }
+
+    @property
+    def rows(self) -> list[dict[str, str]]:
+        """Variant and world of each row of the table."""
+        before, after, changed = "default", self.settings["variant"], self.settings["changed"]
+        tried = [(before, "sim"), (before, self.settings["reference"]), (before, changed), (after, "sim"), (after, changed)]
+        return [{"variant": variant, "world": world} for variant, world in tried]
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether a variant learns with what was found."""
+        return bool(self.settings["variant"] != "default")
+
+    def policy(self, variant: str) -> Policy:
+        """The policy of the cell that learned in one way."""
+        return Policy.of(self.cell, variant)
+
+    def trials(self, world: str, ending: str, variant: str = "default") -> str:
+        """A file about the trials in one world."""
+        return self.policy(variant).trials(world, self.cell["seed"], ending)
+
+    @property
+    def tables(self) -> list[str]:
+        """Trials of the table's rows."""
+        return [self.trials(row["world"], "csv", row["variant"]) for row in self.rows]
+
+    @property
+    def trainings(self) -> list[str]:
+        """Records of the trainings before and after."""
+        variants = ("default", self.settings["variant"])
+        return [self.policy(variant).file(self.cell["seed"], "training.json") for variant in variants]
+
+    def records(self, world: str) -> dict[str, str]:
+        """Logs of the arm from trials in one world, by role."""
+        return {role: f"results/loop/records/{world}/{role}.csv" for role in ROLES}
+
+    def model(self, case: str) -> str:
+        """The arm's model in a case."""
+        return f"results/loop/arm/{self.cases[case]['model']}.yaml"
+
+    def case(self, case: str) -> dict[str, Any]:
+        """What a case is made of."""
+        calibration = "results/loop/arm/calibration.json" if self.cases[case]["model"] == "calibrated" else []
+        return {"model": self.model(case), **self.records(self.cases[case]["world"]), "calibration": calibration}
+
+    def case_files(self, case: str) -> list[str]:
+        """Files that a case names."""
+        return [self.model(case), "results/loop/arm/arm.urdf", *self.records(self.cases[case]["world"]).values()]
+
+
+@dataclass(frozen=True)
+class PictureLoop:
+    """The loop that is closed by photos of the wrist camera, on one cell.
+
+    Args:
+        plan: Scenes, cells and settings.
+    """
+
+    plan: Experiment
+
+    @cached_property
+    def settings(self) -> Mapping[str, Any]:
+        """Worlds, variants, postures and repeats."""
+        sight: Mapping[str, Any] = self.plan.config["study"]["sight"]
+        return sight
+
+    @property
+    def cell(self) -> dict[str, Any]:
+        """What its rules put into the places of wildcards."""
+        return {**self.plan.config["study"]["cell"], "renderer": "gs", "seed": self.plan.config["seed"]}
+
+    @property
+    def repeats(self) -> int:
+        """Photos of a posture in the reference: the one that is compared, further ones, and one that stands for a later day."""
+        return int(self.settings["repeats"]) + 2
+
+    def shots(self, world: str) -> int:
+        """Photos of each posture in a world."""
+        return self.repeats if world == self.settings["reference"] else 1
+
+    def first_shot(self, world: str) -> int:
+        """Number of a world's first photo: those of the reference come before all others."""
+        return 0 if world == self.settings["reference"] else self.repeats * int(self.settings["postures"])
+
+    @property
+    def worlds(self) -> list[str]:
+        """Worlds that are photographed. The reference itself is diagnosed too: nothing may be found in it."""
+        return [self.settings["reference"], *self.settings["amended"]] if self.settings["amended"] else []
+
+    @property
+    def rows(self) -> list[dict[str, str]]:
+        """Variant and world of each row of the table: what was there before, and what learned anew."""
+        before = [(variant, world) for variant in self.settings["variants"] for world in ("sim", *self.worlds)]
+        amended = self.settings["amended"].items()
+        after = [(variant, place) for world, variants in amended for variant in variants for place in ("sim", world)]
+        return [{"variant": variant, "world": world} for variant, world in before + after]
+
+    def policy(self, variant: str) -> Policy:
+        """The policy of the cell that learned in one way."""
+        return Policy.of(self.cell, variant)
+
+    @property
+    def tables(self) -> list[str]:
+        """Trials of the table's rows."""
+        return [self.policy(row["variant"]).trials(row["world"], self.cell["seed"], "csv") for row in self.rows]
+
+    @property
+    def trainings(self) -> list[str]:
+        """Records of the trainings of the policies in the table."""
+        variants = dict.fromkeys(row["variant"] for row in self.rows)
+        return [self.policy(variant).file(self.cell["seed"], "training.json") for variant in variants]
+
+    def alike(self, variant: str) -> str:
+        """The variant of the table that differs from one which learned anew in its model alone; "" if none does."""
+        variants = self.plan.config["variants"]
+        rest = {name: {key: value for key, value in plan.items() if key != "model"} for name, plan in variants.items()}
+        return next((name for name in self.settings["variants"] if rest[name] == rest[variant]), "")
+
+
+def closed_loops(joints: JointLoop, pictures: PictureLoop) -> list[dict[str, str]]:
+    """Worlds that changed, with the policies before and after, and the table that they stand in."""
+    loops = []
+    if joints.is_closed:
+        worlds = {"reference": joints.settings["reference"], "world": joints.settings["changed"]}
+        loops.append({"table": "loop", **worlds, "before": "default", "after": joints.settings["variant"]})
+    for world, variants in pictures.settings["amended"].items():
+        after = variants[0] if variants else ""
+        before = pictures.alike(after) if after else "default"
+        worlds = {"reference": pictures.settings["reference"], "world": world}
+        loops.append({"table": "sight_loop", **worlds, "before": before, "after": after})
+    return loops

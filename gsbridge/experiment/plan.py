@@ -1,0 +1,227 @@
+"""The scenes and cells of a configured experiment, and which of them the chosen preset runs on this machine."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from gsbridge.configuration.checks import check_capture
+from gsbridge.errors import InputError
+from gsbridge.experiment.policies import Policy
+
+BINDINGS = ("games", "soft", "refined", "unbound")
+"""Ways in which splats hold on to a mesh."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A valid configuration, read for one preset.
+
+    Args:
+        config: Settings with their defaults filled in.
+        root: Folder of the project.
+        working: Folder in which the results lie.
+    """
+
+    config: Mapping[str, Any]
+    root: Path
+    working: Path
+
+    @cached_property
+    def preset(self) -> Mapping[str, Any]:
+        """What the chosen preset runs and overrides."""
+        return self.config["presets"][self.config["preset"]]
+
+    def settings(self, section: str) -> dict[str, Any]:
+        """Settings of one stage: the section of the configuration, overridden by the preset."""
+        return {**self.config[section], **self.preset.get(section, {})}
+
+    # Scenes
+
+    def named(self, kind: str) -> list[str]:
+        """Names of all configured scenes of one kind."""
+        return [name for name, scene in self.config["scenes"].items() if scene["kind"] == kind]
+
+    @cached_property
+    def films(self) -> list[str]:
+        """Names of the scenes that the mirror's film studio films."""
+        return [name for name, scene in self.config["scenes"].items() if "film" in scene["source"]]
+
+    def source(self, scene: str) -> tuple[str, str]:
+        """Kind of a scene's source and its value: the name of a film, or a path."""
+        kind, value = next(iter(self.config["scenes"][scene]["source"].items()))
+        return kind, value
+
+    @cached_property
+    def scenes(self) -> list[str]:
+        """Scenes of the preset that run here: all but example captures whose files are not on this machine."""
+        return [name for name in self.preset["scenes"] if self._is_present(name)]
+
+    @property
+    def left_out(self) -> list[str]:
+        """Scenes of the preset that do not run here."""
+        return [name for name in self.preset["scenes"] if name not in self.scenes]
+
+    def _is_present(self, scene: str) -> bool:
+        kind, value = self.source(scene)
+        return (
+            kind == "film" or not self.config["scenes"][scene]["example"] or (self.working / self.capture_path(value)).exists()
+        )
+
+    def scenes_of(self, kind: str) -> list[str]:
+        """Scenes of one kind that run here."""
+        return [name for name in self.scenes if self.config["scenes"][name]["kind"] == kind]
+
+    @property
+    def bundled(self) -> list[str]:
+        """Scenes that become bodies for simulators: those that must have a metric scale."""
+        return [name for name in self.scenes if self.config["scenes"][name]["require_scale"]]
+
+    @property
+    def mirrored(self) -> list[str]:
+        """Scenes that run here and have a truth, because the mirror films them."""
+        return [name for name in self.scenes if name in self.films]
+
+    @property
+    def labels(self) -> dict[str, dict[str, str]]:
+        """Kind and origin of each scene that runs here, for the tables."""
+        kinds = {name: self.config["scenes"][name]["kind"] for name in self.scenes}
+        return {name: {"kind": kinds[name], "origin": "mirror" if name in self.films else "real"} for name in self.scenes}
+
+    @property
+    def real_records(self) -> dict[str, dict[str, str]]:
+        """Records of the real captures that run here, which have no truth."""
+        stages = {"keyframes": "capture/keyframes.json", "sfm": "sfm/sfm.json"}
+        real = self.scenes_from("real")
+        return {name: {key: f"results/scenes/{name}/{file}" for key, file in stages.items()} for name in real}
+
+    def scenes_from(self, origin: str) -> list[str]:
+        """Scenes that run here, from the mirror or from real captures."""
+        return [name for name, label in self.labels.items() if label["origin"] == origin]
+
+    @property
+    def edited(self) -> str:
+        """Object of the figure of non-rigid edits: the configured one, or the first that runs here."""
+        objects = self.scenes_of("object") or self.named("object")
+        return self.settings("editing")["scene"] or next(iter(objects), "none")
+
+    @property
+    def stage_records(self) -> list[str]:
+        """Records of all stages of the scenes that run here, for the page that names what is degraded."""
+        early = [f"{scene}/{stage}" for scene in self.scenes for stage in ("capture/keyframes", "sfm/sfm", "align/align")]
+        surfaces = [f"{scene}/mesh/mesh" for scene in self.scenes]
+        masks = [f"{scene}/masks/masks" for scene in self.scenes_of("object")]
+        return [f"results/scenes/{name}.json" for name in (*early, *surfaces, *masks)]
+
+    # Captures
+
+    def capture_places(self, path: str) -> list[Path]:
+        """Where a capture may lie: at its absolute path, or below the captures folder, or below the project's."""
+        captures = Path(os.environ.get("GSBRIDGE_CAPTURES") or self.root / self.config["captures"])
+        return [(folder / Path(path).expanduser()).resolve() for folder in (captures, self.root)]
+
+    def capture_path(self, path: str) -> str:
+        """A capture's file or folder."""
+        places = self.capture_places(path)
+        return self.portable(next((place for place in places if place.exists()), places[0]))
+
+    def portable(self, path: str | Path) -> str:
+        """A path as it is recorded: relative inside the project or the working folder, so that both may be moved."""
+        path = Path(path)
+        inside = any(path.is_relative_to(folder) for folder in (self.root, self.working))
+        return os.path.relpath(path, self.working) if inside else str(path)
+
+    def scene_source(self, scene: str) -> str:
+        """File or folder that a scene's keyframes are taken from.
+
+        Raises:
+            InputError: A capture is not there. With results in place snakemake would go on with an earlier capture's frames.
+        """
+        kind, value = self.source(scene)
+        if kind == "film":
+            return f"results/films/{value}/film.json"
+        check_capture(scene, self.config["scenes"][scene]["source"], self.capture_places(value))
+        return self.capture_path(value)
+
+    def source_path(self, scene: str) -> str:
+        """The source as the keyframe stage takes it: a film's folder, or the capture itself."""
+        kind, value = self.source(scene)
+        return f"results/films/{value}" if kind == "film" else self.capture_path(value)
+
+    def source_listing(self, scene: str) -> list[tuple[str, int]]:
+        """Names and sizes (bytes) of the files of a capture that is a folder, whose date changes with every copy."""
+        kind, value = self.source(scene)
+        if kind == "film" or not (folder := self.working / self.capture_path(value)).is_dir():
+            return []
+        files = (path for path in folder.rglob("*") if path.is_file())
+        return sorted((str(path.relative_to(folder)), path.stat().st_size) for path in files)
+
+    # Cells
+
+    @cached_property
+    def cells(self) -> list[dict[str, Any]]:
+        """Cells of the preset."""
+        return self.preset.get("cells", self.config["cells"])
+
+    @property
+    def pairs(self) -> list[str]:
+        """Each `object+background` of the cells, once."""
+        return sorted({Policy.of(cell).pair for cell in self.cells})
+
+    @property
+    def preset_pairs(self) -> list[str]:
+        """Those of which both scenes run here."""
+        return [pair for pair in self.pairs if set(pair.split("+")) <= set(self.scenes)]
+
+    def both_filmed(self, pairs: Iterable[str]) -> list[str]:
+        """Those of `object+background` of which the mirror films both."""
+        return [pair for pair in pairs if set(pair.split("+")) <= set(self.films)]
+
+    def first_asset(self, kind: str) -> str:
+        """Asset of the first cell's object or background, on which the simulator as such is measured.
+
+        Raises:
+            InputError: There is no cell.
+        """
+        if not self.cells:
+            raise InputError("config: cells", "there is no cell to simulate", "Name at least one")
+        return f"results/scenes/{self.cells[0][kind]}/asset/asset.json"
+
+    def task_of(self, item: str, background: str) -> str:
+        """Task of the first cell with an object on a background; a pair without a cell is grasped."""
+        tasks = (cell["task"] for cell in self.cells if (cell["object"], cell["background"]) == (item, background))
+        return next(tasks, "grasp")
+
+    def controller_trials(self, world: str) -> list[str]:
+        """Records of the baseline controllers' trials in one world; the mirror has its own scenes only.
+
+        A controller sees no picture: the first background is enough for each object and task.
+        """
+        first = {(cell["task"], cell["object"]): Policy.of(cell) for cell in reversed(self.cells)}
+        chosen = sorted(f"{policy.task}/{policy.pair}" for policy in first.values())
+        filmed = self.both_filmed(trial.split("/")[1] for trial in chosen)
+        return [f"results/trials/{trial}/{world}.json" for trial in chosen if world == "sim" or trial.split("/")[1] in filmed]
+
+    # Trainings of splats
+
+    def comparison_runs(self, scene: str) -> list[str]:
+        """Names of the extra trainings of a mirrored scene: more seeds, and the same bindings on the visual hull."""
+        if scene not in self.films:
+            return []
+        plan, first = self.settings("comparison"), self.config["seed"]
+        seeds = range(first, first + plan["seeds"])
+        runs = [f"visual-{binding}-seed{seed}" for seed in seeds[1:] for binding in ("games", "soft")]
+        if plan["hull"] and scene in self.named("object"):
+            runs += [f"hull-{binding}-seed{seed}" for seed in seeds for binding in ("games", "soft")]
+        return runs
+
+    @property
+    def splat_records(self) -> list[str]:
+        """Records of all trainings that the rendering table shows."""
+        main = [f"results/scenes/{scene}/splats/{binding}/splats.json" for scene in self.scenes for binding in BINDINGS]
+        runs = [(scene, run) for scene in self.scenes for run in self.comparison_runs(scene)]
+        return main + [f"results/scenes/{scene}/comparison/{run}/splats.json" for scene, run in runs]

@@ -1,0 +1,78 @@
+"""A trained policy: what it learns, on what, how, and where its files and those of its trials lie."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+_TRAINED = {"gs": "", "mesh": ", RL-sim", "mesh_vertex": ", RL-sim (vertex colours)"}
+"""What the pages call a policy by the renderer it learned with."""
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A policy, of any seed.
+
+    Args:
+        task: What it does.
+        object: Scene of the object that it handles.
+        background: Scene of the table under it.
+        renderer: What it saw while it learned.
+        variant: Way of learning.
+    """
+
+    task: str
+    object: str
+    background: str
+    renderer: str = "gs"
+    variant: str = "default"
+
+    @classmethod
+    def of(cls, cell: Mapping[str, Any], variant: str = "default") -> Policy:
+        """The policy of a cell of the configuration, which may name a renderer."""
+        return cls(cell["task"], cell["object"], cell["background"], cell.get("renderer", "gs"), variant)
+
+    @property
+    def pair(self) -> str:
+        """Object and background, as paths name them."""
+        return f"{self.object}+{self.background}"
+
+    @property
+    def scenes(self) -> set[str]:
+        """Names of both scenes."""
+        return {self.object, self.background}
+
+    @property
+    def place(self) -> str:
+        """Folder below `policies/` or `trials/`."""
+        return f"{self.task}/{self.pair}/{self.renderer}/{self.variant}"
+
+    @property
+    def item(self) -> str:
+        """Name in one word, for logs and recordings."""
+        return f"{self.task}-{self.pair}-{self.renderer}-{self.variant}"
+
+    @property
+    def title(self) -> str:
+        """Name on pages."""
+        named = f"{self.task.replace('_', ' ').capitalize()}: {self.object} on {self.background}"
+        return named.replace("_", " ") + _TRAINED[self.renderer]
+
+    def file(self, seed: int | str, name: str) -> str:
+        """A file that the training with one seed makes."""
+        return f"results/policies/{self.place}/seed{seed}/{name}"
+
+    def trials(self, world: str, seed: int | str, ending: str) -> str:
+        """Table, log or record of the trials in one world of the policy with one seed."""
+        return f"results/trials/{self.place}/{world}/seed{seed}.{ending}"
+
+
+ANY = Policy("{task}", "{object}", "{background}", "{renderer}", "{variant}")
+"""Any policy: its paths are patterns, whose wildcards are named in braces."""
+
+
+def policy_files(policies: Iterable[Policy], seeds: Iterable[int], name: str) -> list[str]:
+    """One file of each policy and seed."""
+    seeds = list(seeds)
+    return [policy.file(seed, name) for policy in policies for seed in seeds]

@@ -1,0 +1,214 @@
+"""Scenes, policies, trials and loops of an experiment, and where their results lie."""
+
+import base64
+import json
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from gsbridge.errors import InputError
+from gsbridge.experiment.folder_dates import restore_folder_dates
+from gsbridge.experiment.loops import JointLoop, PictureLoop, closed_loops
+from gsbridge.experiment.plan import Experiment
+from gsbridge.experiment.policies import ANY, Policy, policy_files
+from gsbridge.experiment.tables import Tables
+
+
+def scene(kind, source, **more):
+    return {"kind": kind, "source": source, "example": False, "require_scale": True, "density": 500, **more}
+
+
+CUBE = {"task": "grasp", "object": "cube", "background": "pad", "renderer": "gs", "robot_trials": None}
+
+
+@pytest.fixture
+def config():
+    return {
+        "seed": 3,
+        "preset": "small",
+        "captures": "captures",
+        "scenes": {
+            "cube": scene("object", {"film": "cube"}),
+            "pad": scene("background", {"film": "pad"}),
+            "mug": scene("object", {"video": "mug.mp4"}, example=True),
+            "desk": scene("background", {"images": "desk"}, require_scale=False),
+        },
+        "cells": [
+            CUBE,
+            {**CUBE, "renderer": "mesh"},
+            {**CUBE, "object": "mug", "background": "desk", "robot_trials": "mug.csv"},
+        ],
+        "presets": {"small": {"scenes": ["cube", "pad", "mug", "desk"], "trials": {"policies": 2}}},
+        "trials": {"policies": 5, "worlds": ["mirror", "mirror_2"]},
+        "comparison": {"seeds": 2, "hull": True},
+        "editing": {"scene": None},
+        "variants": {
+            "default": {"model": None, "policy": {}},
+            "after": {"model": "results/loop/model.yaml", "policy": {}},
+            "other": {"model": "x.yaml", "policy": {"steps": 1}},
+        },
+        "loop": {"cell": CUBE, "reference": "mirror", "changed": "mirror_heavy", "variant": "after"},
+        "study": {
+            "cell": CUBE,
+            "seeds": 2,
+            "variants": ["default", "other"],
+            "worlds": ["mirror_2"],
+            "sight": {
+                "variants": ["other", "default"],
+                "worlds": [],
+                "reference": "mirror",
+                "amended": {"mirror_dark": ["after"]},
+                "repeats": 4,
+                "postures": 10,
+            },
+        },
+    }
+
+
+@pytest.fixture
+def plan(config, tmp_path, monkeypatch):
+    monkeypatch.delenv("GSBRIDGE_CAPTURES", raising=False)
+    (tmp_path / "captures/desk").mkdir(parents=True)
+    (tmp_path / "captures/desk/1.jpg").write_bytes(b"123")
+    return Experiment(config, tmp_path, tmp_path)
+
+
+def test_paths_of_a_policy_name_all_that_it_is():
+    policy = Policy("pick_and_place", "cake", "plate", "mesh", "other")
+    assert policy.file(2, "policy.json") == "results/policies/pick_and_place/cake+plate/mesh/other/seed2/policy.json"
+    assert policy.trials("sim", 2, "csv") == "results/trials/pick_and_place/cake+plate/mesh/other/sim/seed2.csv"
+    assert policy.item == "pick_and_place-cake+plate-mesh-other"
+    assert policy.title == "Pick and place: cake on plate, RL-sim"
+    assert policy_files([policy], [1, 2], "a") == [policy.file(1, "a"), policy.file(2, "a")]
+
+
+def test_any_policys_paths_become_each_ones():
+    policy = Policy("grasp", "cube", "pad", "gs", "default")
+    wildcards = {"task": "grasp", "object": "cube", "background": "pad", "renderer": "gs", "variant": "default"}
+    assert ANY.file("{seed}", "a.json").format(**wildcards, seed=7) == policy.file(7, "a.json")
+    assert ANY.trials("{world}", "{seed}", "csv").format(**wildcards, seed=7, world="sim") == policy.trials("sim", 7, "csv")
+
+
+def test_examples_that_are_not_here_are_left_out(plan):
+    assert plan.scenes == ["cube", "pad", "desk"]
+    assert plan.left_out == ["mug"]
+    assert plan.scenes_of("object") == ["cube"]
+    assert plan.scenes_from("real") == ["desk"]
+    assert plan.labels["pad"] == {"kind": "background", "origin": "mirror"}
+    assert plan.bundled == ["cube", "pad"]
+    assert plan.preset_pairs == ["cube+pad"]
+    assert plan.edited == "cube"
+    assert plan.settings("trials") == {"policies": 2, "worlds": ["mirror", "mirror_2"]}
+
+
+def test_captures_are_named_as_they_may_be_moved(plan, tmp_path):
+    assert plan.scene_source("cube") == "results/films/cube/film.json"
+    assert plan.source_path("cube") == "results/films/cube"
+    assert plan.scene_source("desk") == "captures/desk"
+    assert plan.source_listing("desk") == [("1.jpg", 3)]
+    assert plan.source_listing("cube") == []
+    below = Experiment(plan.config, tmp_path, tmp_path / "toy")
+    assert below.capture_path("desk") == "../captures/desk"
+    assert below.portable("/elsewhere/a.csv") == "/elsewhere/a.csv"
+
+
+def test_a_capture_that_is_gone_is_named(plan):
+    with pytest.raises(InputError, match=r"scenes\.mug\.source\.video: mug\.mp4 is there neither as"):
+        plan.scene_source("mug")
+
+
+def test_comparison_is_of_films_and_their_hulls(plan):
+    assert plan.comparison_runs("desk") == []
+    assert plan.comparison_runs("pad") == ["visual-games-seed4", "visual-soft-seed4"]
+    assert plan.comparison_runs("cube")[2:] == [f"hull-{way}-seed{seed}" for seed in (3, 4) for way in ("games", "soft")]
+    assert len(plan.splat_records) == 3 * 4 + 2 + 6
+
+
+def test_controllers_are_tried_once_for_an_object_and_in_mirrors_where_it_was_filmed(plan):
+    assert plan.controller_trials("sim") == ["results/trials/grasp/cube+pad/sim.json", "results/trials/grasp/mug+desk/sim.json"]
+    assert plan.controller_trials("mirror") == ["results/trials/grasp/cube+pad/mirror.json"]
+
+
+def test_tables_show_the_policies_of_the_scenes_that_run(plan):
+    tables = Tables(plan)
+    splats, mesh = tables.policies
+    assert (splats.renderer, mesh.renderer) == ("gs", "mesh")
+    assert tables.seeds == [3, 4]
+    assert tables.shown("grasping") == [splats]
+    assert tables.shown("renderer_contrast") == [splats, mesh]
+    assert tables.successes == ["grasping", "renderer_contrast"]
+    assert tables.further == ["worlds"]
+    assert tables.shown_worlds("worlds") == ["sim", "mirror_2"]
+    assert len(tables.table_trials("grasping", "csv")) == 3 * 2
+    assert [(trial.world, trial.seed) for trial in tables.pictured(splats)] == [
+        ("sim", 3),
+        ("mirror", 3),
+        ("sim", 4),
+        ("mirror", 4),
+    ]
+    assert "results/scenes/cube/masks/masks.json" in tables.table_scenes("grasping")
+    assert "results/scenes/pad/masks/masks.json" not in tables.table_scenes("grasping")
+    assert tables.study_files("csv", trials=True)[-1] == "results/trials/grasp/cube+pad/gs/other/sim/seed4.csv"
+
+
+def test_trials_on_a_robot_stand_in_tables_of_successes_alone(plan, tmp_path):
+    for name in ("mug.mp4", "mug.csv"):
+        (tmp_path / "captures" / name).touch()
+    tables = Tables(plan)
+    assert tables.table_robot_trials("grasping") == {"grasp/mug+desk/gs/default": "captures/mug.csv"}
+    assert tables.table_robot_trials("worlds") == {}
+    # The mirrors lack what they did not film.
+    mug = [path for path in tables.table_trials("grasping", "csv") if "mug" in path]
+    assert [path.split("/")[-2] for path in mug] == ["sim", "sim"]
+
+
+def test_loops_compare_what_differs_in_the_model_alone(plan):
+    joints, pictures = JointLoop(plan), PictureLoop(plan)
+    assert joints.model("loop_changed") == "results/loop/arm/calibrated.yaml"
+    assert joints.case("loop_reference")["calibration"] == []
+    assert len(joints.case_files("loop_changed")) == 5
+    assert joints.trainings[1] == "results/policies/grasp/cube+pad/gs/after/seed3/training.json"
+    assert pictures.worlds == ["mirror", "mirror_dark"]
+    assert (pictures.shots("mirror"), pictures.shots("mirror_dark")) == (6, 1)
+    assert (pictures.first_shot("mirror"), pictures.first_shot("mirror_dark")) == (0, 60)
+    assert len(pictures.tables) == len(pictures.rows) == 2 * 3 + 2
+    assert closed_loops(joints, pictures) == [
+        {"table": "loop", "reference": "mirror", "world": "mirror_heavy", "before": "default", "after": "after"},
+        {"table": "sight_loop", "reference": "mirror", "world": "mirror_dark", "before": "default", "after": "after"},
+    ]
+
+
+def write_record(working: Path, name: str, end: float) -> None:
+    """A record as snakemake keeps it, its name split where it is long."""
+    folder = working / ".snakemake/metadata"
+    parts = [part.decode() for part in [base64.urlsafe_b64encode(name.encode())]]
+    if len(parts[0]) > 40:
+        parts = ["@" + parts[0][:40], parts[0][40:]]
+    folder.joinpath(*parts[:-1]).mkdir(parents=True, exist_ok=True)
+    folder.joinpath(*parts).write_text(json.dumps({"endtime": end}))
+
+
+def test_copied_folders_get_back_their_dates(tmp_path):
+    working, end = tmp_path / "run", 1.6e9 + 0.25
+    for name in ("results/short", "results/a_folder/with_a_name/that_is_long"):
+        (working / name).mkdir(parents=True)
+        (working / name / ".snakemake_timestamp").touch()
+        os.utime(working / name / ".snakemake_timestamp", (end, end))
+        write_record(working, name, end)
+    (working / "results/file.json").touch()
+    write_record(working, "results/file.json", end)
+    assert restore_folder_dates(working) == []
+    copy = Path(shutil.copytree(working, tmp_path / "copy", copy_function=shutil.copy))
+    stamp = copy / "results/short/.snakemake_timestamp"
+    assert stamp.stat().st_mtime > end
+    assert restore_folder_dates(copy) == ["results/a_folder/with_a_name/that_is_long", "results/short"]
+    assert stamp.stat().st_mtime == pytest.approx(end, abs=1e-3)
+    # A file's content decides, and snakemake compares it.
+    assert (copy / "results/file.json").stat().st_mtime > end
+    assert restore_folder_dates(copy) == []
+
+
+def test_without_records_nothing_is_dated(tmp_path):
+    assert restore_folder_dates(tmp_path) == []
