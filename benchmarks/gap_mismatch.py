@@ -18,6 +18,7 @@ sizes, signs, courses and noise from that number alone; without it they come fro
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import os
 import sys
@@ -84,10 +85,9 @@ STEPS = {"soft": 2.5e-4, "stiff": 5e-5}
 class Order:
     """A case: what is hidden, how large, and how the engine and the sensors are."""
 
-    key: str
     kind: str
     hidden: Mapping[str, float]
-    right: frozenset[str]
+    right: tuple[str, ...]
     engine: str
     noise: str
     seed: int
@@ -286,8 +286,8 @@ def orders(seed: int, engines: Sequence[str], sizes: Sequence[int]) -> list[Orde
     """All cases of a draw. `sizes` are numbers from 1 to 5 on a scale of factors from the smallest size to the largest."""
     rng, out = np.random.default_rng([seed, 6]), list[Order]()
 
-    def add(kind: str, hidden: Mapping[str, float], right: frozenset[str], engine: str, noise: str = "white") -> None:
-        out.append(Order(f"{len(out):03d}", kind, hidden, right, engine, noise, int(rng.integers(2**31))))
+    def add(kind: str, hidden: Mapping[str, float], right: Sequence[str], engine: str, noise: str = "white") -> None:
+        out.append(Order(kind, hidden, tuple(sorted(right)), engine, noise, int(rng.integers(2**31))))
 
     for engine in engines:
         for name, (low, high, where) in KINDS.items():
@@ -296,33 +296,33 @@ def orders(seed: int, engines: Sequence[str], sizes: Sequence[int]) -> list[Orde
                 value = low * (high / low) ** ((size - 1) / 4) * rng.uniform(0.8, 1.2)
                 signed = name in ("torque_gain", "effort_offset", "encoder_offset", "link_mass", "base_tilt")
                 label = f"{name}:{joint}" if joint else name
-                add("single", {label: value * (rng.choice((-1, 1)) if signed else 1)}, frozenset({label}), engine)
+                add("single", {label: value * (rng.choice((-1, 1)) if signed else 1)}, [label], engine)
         for names in PAIRS:
             middle = {name: np.sqrt(np.prod(KINDS[name.split(":")[0]][:2])) * rng.uniform(0.8, 1.6) for name in names}
-            add("pair", middle, frozenset(names), engine)
+            add("pair", middle, names, engine)
         for law, (name, low, high) in MISMATCHES.items():
             joint = str(rng.choice(JOINTS)) if name == "coulomb" else ""
             label = f"{law}:{joint}" if joint else law
-            add("mismatch", {label: rng.uniform(low, high)}, frozenset({f"{name}:{joint}" if joint else name}), engine)
+            add("mismatch", {label: rng.uniform(low, high)}, [f"{name}:{joint}" if joint else name], engine)
         for noise in FREE:
-            add("free", {}, frozenset(), engine, noise)
-        add("noise", {"coulomb:shoulder": rng.uniform(0.3, 0.8)}, frozenset({"coulomb:shoulder"}), engine, "filtered")
-        add("noise", {"command_delay": rng.uniform(0.01, 0.03)}, frozenset({"command_delay"}), engine, "coarse")
+            add("free", {}, (), engine, noise)
+        add("noise", {"coulomb:shoulder": rng.uniform(0.3, 0.8)}, ["coulomb:shoulder"], engine, "filtered")
+        add("noise", {"command_delay": rng.uniform(0.01, 0.03)}, ["command_delay"], engine, "coarse")
     return out
 
 
 def outcome(order: Order, findings: Mapping[str, Any]) -> str:
     """What a finding amounts to."""
-    verdict = findings["verdict"]
+    verdict, right = findings["verdict"], frozenset(order.right)
     named = frozenset(f"{e['name']}:{e['joint']}" if e.get("joint") else e["name"] for e in findings["effects"])
     if not order.right:
         return "quiet" if verdict in ("no_discrepancy", "not_enough_excitation") else "false_alarm"
     if verdict == "named":
         # What is named is there, though not all of it was found.
-        return "right" if named == order.right else "part" if named < order.right else "wrong"
+        return "right" if named == right else "part" if named < right else "wrong"
     if verdict == "ambiguous":
         sets = [frozenset(item.split(" + ")) for item in findings["ambiguous"]]
-        return "covered" if order.right in sets else "one_of_others"
+        return "covered" if right in sets else "one_of_others"
     return "mute" if verdict == "none_of_the_known" else "missed"
 
 
@@ -341,7 +341,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     seed = options.seed if seal is None else int(seal)
     with TemporaryDirectory(prefix="gsbridge-mismatch-") as temporary:
         folder = options.folder or Path(temporary)
-        rows = [row for row in run(orders(seed, options.engines, options.sizes), options.kinds, folder, seed)]
+        rows = run(orders(seed, options.engines, options.sizes), options.kinds, folder, seed)
     counts: dict[str, dict[str, int]] = {}
     for row in rows:
         kind = counts.setdefault(f"{row['engine']} {row['kind']}", {})
@@ -360,7 +360,8 @@ def run(drawn: Sequence[Order], kinds: Sequence[str] | None, folder: Path, seed:
     for order in drawn:
         if kinds and order.kind not in kinds:
             continue
-        case = folder / f"{seed}-{order.engine}-{order.key}"
+        # Named by all that it is, so that no other draw's files are taken for its own.
+        case = folder / f"{order.engine}-{hashlib.sha256(f'{seed}{order}'.encode()).hexdigest()[:12]}"
         file = case / "case.yaml"
         if not file.exists():
             write_case(order, case, seed)
@@ -369,8 +370,8 @@ def run(drawn: Sequence[Order], kinds: Sequence[str] | None, folder: Path, seed:
         account = findings.get("account") or {"entries": [], "explained": None}
         first = account["entries"][0] if account["entries"] else None
         row = {
-            "key": order.key, "engine": order.engine, "kind": order.kind, "noise": order.noise, "hidden": dict(order.hidden),
-            "right": sorted(order.right), "outcome": outcome(order, findings), "verdict": findings["verdict"],
+            "case": case.name, "engine": order.engine, "kind": order.kind, "noise": order.noise, "hidden": dict(order.hidden),
+            "right": order.right, "outcome": outcome(order, findings), "verdict": findings["verdict"],
             "said": [f"{e['name']}:{e['joint']}" if e.get("joint") else e["name"] for e in findings["effects"]],
             "ambiguous": findings["ambiguous"], "first": first and first["label"],
             "first_right": first is not None and first["label"] in order.right, "explained": account["explained"],
@@ -382,7 +383,8 @@ def run(drawn: Sequence[Order], kinds: Sequence[str] | None, folder: Path, seed:
         sys.stdout.write(
             f"{order.engine} {order.kind} {hidden}: {row['outcome']} ({row['verdict']}: {'+'.join(row['said'])}"
             f"{' | ' + ' | '.join(row['ambiguous'][:4]) if row['ambiguous'] else ''}; first {row['first']}, explained "
-            f"{row['explained']}; {row['before']:.4g} -> {row['after']:.4g}; {row['simulations']} sims, {row['seconds']:.0f} s)\n"
+            f"{row['explained']}; {row['before']:.4g} -> {row['after']:.4g}); {row['simulations']} runs, "
+            f"{row['seconds']:.0f} s\n"
         )
         sys.stdout.flush()
     return rows

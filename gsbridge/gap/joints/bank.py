@@ -30,7 +30,7 @@ _LARGEST = 2e4
 """Multiple of the typical size beyond which nothing is looked for."""
 
 
-_EDITION = 2
+_EDITION = 3
 """Raised when an effect's simulation changes, so that no signature of the old one is read."""
 
 
