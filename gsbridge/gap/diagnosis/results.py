@@ -23,11 +23,18 @@ class Rules:
         earn: The same for a rival on the record that neither was fitted to, and for larger sets of effects.
         simple: The same for further parameters of an effect that holds a simpler one: Schwarz's logarithm of ten thousand
             samples instead of Akaike's two (Annals of Statistics 6, 1978).
-        closure: Share of the gap that the name of one effect must close where something remains; several must leave nothing.
+        closure: Share of the gap that the name of one effect must close where something remains.
         deviations: Of the mean, by which a gain on `select` must exceed chance, for coloured noise too.
         most: Effects that are looked for at once.
         draws: Of the block bootstrap.
-        budget: Simulations of one diagnosis, apart from the bank.
+        budget: Simulations of one diagnosis, apart from the bank and the account.
+        whole: Share of the gap that several effects must close to be named although something remains, or one of which more
+            were tried.
+        larger: By how much more each of several must explain than what remains: what is smaller than the model's own error
+            is not named.
+        least: Share of the gap that a further entry of an account must close.
+        entries: Of an account, at most.
+        account: Simulations of an account.
     """
 
     alarm: float = 0.01
@@ -41,7 +48,12 @@ class Rules:
     deviations: float = 3.0
     most: int = 3
     draws: int = 500
-    budget: int = 90
+    budget: int = 140
+    whole: float = 0.95
+    larger: float = 3.0
+    least: float = 0.01
+    entries: int = 12
+    account: int = 160
 
 
 @dataclass(frozen=True)
@@ -111,6 +123,7 @@ class Finding:
         unseen: Candidates that do not show in these records at any sensible size.
         coloured: Whether residuals exceed white noise without being motion.
         untold: Whether no channels are related by motion, so that nothing could tell motion from coloured noise.
+        lost: Candidates whose fit did not converge.
     """
 
     verdict: str
@@ -126,3 +139,4 @@ class Finding:
     unseen: tuple[str, ...] = field(default=())
     coloured: bool = False
     untold: bool = False
+    lost: tuple[str, ...] = ()

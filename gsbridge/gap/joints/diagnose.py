@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from gsbridge.gap.diagnosis.results import Finding, Rules, Trial
+from gsbridge.gap.joints.account import Account, account_of
 from gsbridge.gap.joints.bank import bank_of
-from gsbridge.gap.joints.candidates import candidates
+from gsbridge.gap.joints.candidates import Candidate, candidates
 from gsbridge.gap.joints.identify import Identification
 from gsbridge.gap.joints.mechanism_model import Applied, System
 from gsbridge.gap.joints.records import Record
@@ -38,7 +39,8 @@ class Diagnosis:
 
     Args:
         finding: Verdict and trials.
-        verification: On the third record, where something was named.
+        verification: Of all that the account holds, on the third record.
+        account: All effects that explain a part of the gap.
         floor: Noise of each channel of `select`, SI units.
         bank_runs: Simulations of the bank, whether made now or read.
         runs: Simulations of this case beside it.
@@ -47,6 +49,7 @@ class Diagnosis:
 
     finding: Finding
     verification: Verification | None
+    account: Account | None
     floor: dict[str, float]
     bank_runs: int
     runs: int
@@ -54,9 +57,9 @@ class Diagnosis:
 
     @property
     def effects(self) -> tuple[Applied, ...]:
-        """What may be added to the model: named, and no worse on the third record."""
-        named = self.finding.verdict == "named" and self.verification is not None and self.verification.accepted
-        return self.finding.best.fit.effects if named and self.finding.best is not None else ()
+        """What may be added to the model: the whole account, if it makes the third record no worse."""
+        better = self.verification is not None and self.verification.accepted
+        return self.account.effects if better and self.account is not None else ()
 
 
 def diagnose(
@@ -88,7 +91,8 @@ def diagnose(
     bank = bank_of(first, who, bank_folder)
     made = mechanism.runs - made
     logger.info("%d candidates, %d signatures", len(who), len(bank.signatures))
-    finding = Identification(first, second, bank, who, rules, seed).run()
+    search = Identification(first, second, bank, who, rules, seed)
+    finding = search.run()
     verification = None
     if finding.best is not None:
         effects = finding.best.fit.effects
@@ -97,9 +101,16 @@ def diagnose(
         if said and not verification.transfers(rules or Rules(), len(effects) > 1):
             # It closed the gap where it was chosen, but not elsewhere: whatever is missing, it is something else.
             finding = replace(finding, verdict="none_of_the_known", ambiguous=(), something_remains=True)
+    account = account_of(search, finding, third)
+    if (
+        account is not None
+        and verification is not None
+        and len(account.entries) > len(finding.best.fit.who if finding.best else ())
+    ):
+        verification = verify(third, account.effects, np.random.default_rng(seed))
     floor = {second.record.label(kind, k): float(s) for (kind, k), s in zip(second.channels, second.sigma, strict=True)}
     runs = mechanism.runs - made - mechanism.shared
-    return Diagnosis(finding, verification, floor, bank.runs, runs, time.perf_counter() - begin)
+    return Diagnosis(finding, verification, account, floor, bank.runs, runs, time.perf_counter() - begin)
 
 
 def findings_of(
@@ -121,6 +132,8 @@ def findings_of(
         "verdict": finding.verdict,
         "something_remains": finding.something_remains,
         "effects": [] if finding.best is None else describe(finding.best, finding),
+        "account": None if diagnosis.account is None else account_record(diagnosis.account, finding),
+        "lost": list(finding.lost),
         "amended": [effect.record() for effect in diagnosis.effects],
         "ambiguous": list(finding.ambiguous),
         "p_value": finding.p_value,
@@ -155,30 +168,55 @@ def findings_of(
     }
 
 
+def account_record(account: Account, finding: Finding) -> dict[str, Any]:
+    """An account as `findings.json` holds it."""
+    rows = []
+    for entry in account.entries:
+        described = _described(entry.candidate, entry.effect, entry.deviations, max(1.0, finding.after))
+        rows.append(
+            {
+                "label": str(entry.candidate),
+                **described,
+                "share": entry.share,
+                "verdict": entry.verdict,
+                "instead": list(entry.instead),
+            }
+        )
+    return {
+        "entries": rows,
+        "explained": account.explained,
+        "remains": {"channel": account.channel, "phase": account.phase, "size": account.left, "unit": "noise"},
+    }
+
+
 def describe(trial: Trial, finding: Finding) -> list[dict[str, Any]]:
     """Parameters of a trial's effects with units and 90 % intervals."""
     out, place = [], 0
     # Residuals above the noise widen the intervals as they would under noise of that size.
     wide = max(1.0, finding.after)
     for candidate, effect in zip(trial.fit.who, trial.fit.effects, strict=True):
-        rows = {}
-        for parameter in candidate.effect.parameters:
-            value, spread = effect.parameters[parameter.name], _NINETY * wide * float(trial.fit.deviations[place])
-            interval = [max(value - spread, parameter.low), min(value + spread, parameter.high)]
-            rows[parameter.name] = {"value": value, "unit": parameter.unit, "interval90": interval}
-            place += 1
-        out.append(
-            {
-                "name": candidate.name,
-                "joint": candidate.joint,
-                "title": candidate.effect.title,
-                "hook": candidate.effect.hook,
-                "parameters": rows,
-                "confused_with": list(candidate.effect.confused_with),
-                "tell_apart": candidate.effect.tell_apart,
-            }
-        )
+        count = len(candidate.effect.parameters)
+        out.append(_described(candidate, effect, trial.fit.deviations[place : place + count], wide))
+        place += count
     return out
+
+
+def _described(candidate: Candidate, effect: Applied, deviations: Sequence[float], wide: float) -> dict[str, Any]:
+    """One effect with units and 90 % intervals, made wider by a factor."""
+    rows = {}
+    for parameter, deviation in zip(candidate.effect.parameters, deviations, strict=True):
+        value, spread = effect.parameters[parameter.name], _NINETY * wide * float(deviation)
+        interval = [max(value - spread, parameter.low), min(value + spread, parameter.high)]
+        rows[parameter.name] = {"value": value, "unit": parameter.unit, "interval90": interval}
+    return {
+        "name": candidate.name,
+        "joint": candidate.joint,
+        "title": candidate.effect.title,
+        "hook": candidate.effect.hook,
+        "parameters": rows,
+        "confused_with": list(candidate.effect.confused_with),
+        "tell_apart": candidate.effect.tell_apart,
+    }
 
 
 def sentence(diagnosis: Diagnosis) -> str:
@@ -204,10 +242,7 @@ def sentence(diagnosis: Diagnosis) -> str:
     if best is None:
         return f"Something is missing (p = {finding.p_value:.2g}), and no known effect could be fitted to it."
     if finding.verdict == "none_of_the_known":
-        return (
-            f"Something is missing that is in no catalogue: the best known explanation ({' + '.join(best.names)}) leaves "
-            f"{finding.after:.3g} times the noise of {finding.before:.3g}."
-        )
+        return _closest(diagnosis, finding)
     if finding.verdict == "ambiguous":
         how = best.fit.who[0].effect.tell_apart
         names = list(finding.ambiguous)
@@ -227,6 +262,23 @@ def sentence(diagnosis: Diagnosis) -> str:
         tail = f"; the gap {verb} from {checked.before:.3g} to {checked.after:.3g} times the noise on a record it has not seen"
     rest = ", but something remains" if finding.something_remains else ""
     return "; ".join(parts) + tail + rest + "."
+
+
+def _closest(diagnosis: Diagnosis, finding: Finding) -> str:
+    """What comes nearest where nothing can be named, what it leaves, and what to do next."""
+    account = diagnosis.account
+    if account is None or not account.entries:
+        return f"Something is missing (p = {finding.p_value:.2g}), and no single known effect suffices."
+    shown = account.entries[:_LISTED]
+    listed = ", ".join(f"{entry.effect.joint and entry.effect.joint + ': '}{entry.candidate.effect.title} "
+                       f"({100 * entry.share:.0f} %)" for entry in shown)  # fmt: skip
+    more = f" and {len(account.entries) - _LISTED} more" if len(account.entries) > _LISTED else ""
+    rest = f", mostly in {account.channel}, {account.phase}" if account.channel else ""
+    return (
+        f"No single known effect suffices. Closest are {listed}{more}; with them in the model, "
+        f"{100 * (1.0 - account.explained):.0f} % of the gap remains on a record that they have not seen{rest}. Do this next: "
+        f"{shown[0].candidate.effect.tell_apart}."
+    )
 
 
 def _pair(value: float, interval: list[float]) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from gsbridge.gap.diagnosis.closure import closed, closed_at_most_times
 from gsbridge.gap.diagnosis.results import VERDICTS, Finding, Rules, Trial
-from gsbridge.gap.diagnosis.verdict import decide, transfer
+from gsbridge.gap.diagnosis.verdict import Decision, decide, transfer
 from gsbridge.gap.joints.bank import Bank
 from gsbridge.gap.joints.candidates import Candidate
 from gsbridge.gap.joints.coherence import coherence_p, has_related, line_p
@@ -25,6 +25,9 @@ logger = logging.getLogger("gsbridge")
 
 _RESERVE = 12
 """Simulations kept for the derivatives of the best explanation."""
+
+_SETS = 6
+"""Of effects that are tried for each number of them."""
 
 _JUDGED = 2
 """Simulations after a fit: with another step of time, and on the record that it has not seen."""
@@ -62,6 +65,7 @@ class Identification:
         self.start, self.plain = first.residual(), second.residual()
         self.floor, self.floor_first = self.null.share * self.plain.size, self.null_first.share * self.start.size
         self.plain_chi2 = float((self.plain**2).sum())
+        self.lost: set[str] = set()
 
     def run(self) -> Finding:
         """Detect, screen, fit, rank, decide."""
@@ -121,7 +125,9 @@ class Identification:
     def _quiet(self, verdict: str, p_value: float, unseen: tuple[str, ...]) -> Finding:
         size = float(np.sqrt(self.plain_chi2 / self.second.freedom))
         remains = verdict == "none_of_the_known"
-        return Finding(verdict, None, (), (), remains, p_value, p_value, size, size, self._used(), unseen)
+        return Finding(
+            verdict, None, (), (), remains, p_value, p_value, size, size, self._used(), unseen, lost=tuple(sorted(self.lost))
+        )
 
     def _trial(self, fitted: Fit) -> Trial:
         """Judge a fit on `select`."""
@@ -143,7 +149,7 @@ class Identification:
         return min(1.0, len(looks) * min(looks))
 
     def _singles(self, matches: Sequence[Match]) -> list[Trial]:
-        """Fits of one effect each; those that cannot reach the best are not fitted, those that did not converge left out."""
+        """Fits of one effect each; those that cannot reach the best are not fitted, those that did not converge are told."""
         ranked = sorted((match for match in matches if match.gain > 0), key=lambda match: -match.bound)
         out: list[Trial] = []
         chi2, reached = float((self.start**2).sum()), -np.inf
@@ -154,21 +160,32 @@ class Identification:
                 break
             bar = chi2 - reached + 0.3 * max(reached, 0.0) + 100.0 if np.isfinite(reached) else np.inf
             fitted = fit(self.first, (match.candidate,), (match.starts[0],), bar, self.screen, self._limit())
+            for start in match.starts[1:2]:
+                # A start in the wrong valley leaves more than a projection onto the signatures promised.
+                poor = chi2 - fitted.chi2 < 0.5 * match.bound
+                if (fitted.converged and not poor) or not self._affords(2 + len(match.candidate.effect.parameters)):
+                    break
+                other = fit(self.first, (match.candidate,), (start,), bar, self.screen, self._limit())
+                if other.chi2 < fitted.chi2:
+                    fitted = other
             if fitted.converged:
                 out.append(self._trial(fitted))
                 reached = max(reached, chi2 - fitted.chi2)
+            else:
+                self.lost.add(str(match.candidate))
         return out
 
     def _several(self, singles: list[Trial], best: Trial) -> list[Trial]:
-        """Sets of effects: the best sums of signatures are fitted, larger sets only if smaller ones leave something."""
+        """Sets of effects: what grows from the best smaller set, then the best sums of signatures; larger sets only if
+        smaller ones leave something."""
         trials = list(singles)
         for count in range(2, self.rules.most + 1):
             tried: set[frozenset[Candidate]] = set()
-            mixtures = self.screen.mixtures(self.start, count, 6) + self._grown(best, count)
+            mixtures = self._grown(best, count) + self.screen.mixtures(self.start, count, 6)
             reached = np.inf
             for mixture in mixtures:
                 who = frozenset(mixture.who)
-                if who in tried or len(tried) >= 4:
+                if who in tried or len(tried) >= _SETS:
                     continue
                 if not self._affords(3 + sum(len(c.effect.parameters) for c in mixture.who)):
                     break
@@ -218,23 +235,112 @@ class Identification:
         p_remaining = self._p_remaining(best)
         remains = p_remaining < rules.alarm
         names: tuple[str, ...] = ()
-        # Several effects together fit much that they do not explain; what they explain, they explain to the noise.
-        poor = min(self._closed(best), self._closed_first(best)) < rules.closure or len(best.fit.who) > 1
-        if best.fit.stopped or best.fit.blurred or (remains and poor):
+        part = None
+        if best.fit.stopped or best.fit.blurred or (remains and not self._suffices(best, trials)):
             verdict = "none_of_the_known"
+            part = self._sure_part(found, trials)
         elif found.near or found.chances[0] < rules.sure:
             verdict = "ambiguous"
             names = tuple(dict.fromkeys(" + ".join(trial.names) for trial in (best, *found.near)))
             names += tuple(name for name in self._unfitted(best, matches, trials) if name not in names)
         else:
             verdict = "named"
+        if part is not None:
+            # More effects than that mimic what is left; this one is in all that do.
+            verdict, best, remains, p_remaining = "named", part, True, self._p_remaining(part)
+            found = replace(found, trials=(part, *(t for t in found.trials if t is not part)))
         if verdict == "ambiguous" and len(names) == 1:
             names += tuple(" + ".join(trial.names) for trial in found.trials[1:2])
         return Finding(
             verdict, best, tuple(zip(found.trials, found.chances.tolist(), strict=True)), names, remains, p_value, p_remaining,
             float(np.sqrt(self.plain_chi2 / self.second.freedom)), float(np.sqrt(best.chi2 / self.second.freedom)),
-            self._used(), unseen,
+            self._used(), unseen, lost=tuple(sorted(self.lost)),
         )  # fmt: skip
+
+    def _suffices(self, trial: Trial, trials: Sequence[Trial]) -> bool:
+        """Whether a trial explains enough to be named although more than noise is left.
+
+        Several effects together fit much that they do not explain: each must explain more than what remains, which is the
+        error of the model as far as anybody knows.
+        """
+        rules, closure = self.rules, min(self._closed(trial), self._closed_first(trial))
+        if len(trial.fit.who) == 1:
+            return closure >= rules.closure
+        if closure < rules.whole:
+            return False
+        left = max(trial.chi2 - self.floor, 0.0)
+        for candidate in trial.fit.who:
+            kept = [k for k, c in enumerate(trial.fit.who) if c != candidate]
+            without = next((t for t in trials if set(t.fit.who) == set(trial.fit.who) - {candidate}), None)
+            if without is None:
+                who, values = [trial.fit.who[k] for k in kept], [trial.fit.values[k] for k in kept]
+                without = self._trial(fit(self.first, who, values, np.inf, self.screen, self._limit(0)))
+            if without.chi2 - trial.chi2 < rules.larger * left:
+                return False
+        return True
+
+    def _sure_part(self, found: Decision, trials: Sequence[Trial]) -> Trial | None:
+        """What all of the best explanations hold, if that alone closes the gap but for a little and has no rival; else None."""
+        best = found.trials[0]
+        core = set(best.fit.who).intersection(*(trial.fit.who for trial in found.near))
+        if not core or core == set(best.fit.who):
+            return None
+        part = next((trial for trial in trials if set(trial.fit.who) == core), None)
+        if part is None or part.fit.stopped or part.fit.blurred:
+            return None
+        if min(self._closed(part), self._closed_first(part)) < self.rules.whole:
+            return None
+        if len(core) > 1 and not self._suffices(part, trials):
+            return None
+        alone = decide([trial for trial in trials if len(trial.fit.who) <= len(core)], self.rules, self.floor)
+        sure = alone.trials[0] is part and not alone.near and alone.chances[0] >= self.rules.sure
+        return part if sure else None
+
+    def widen(self, finding: Finding) -> Trial | None:
+        """An explanation with all effects that help: grown from what was found, by what helps on `select` most.
+
+        Args:
+            finding: Of `run`.
+
+        Returns:
+            The explanation, of as many effects as earn their place; None where nothing could be fitted.
+        """
+        if finding.best is None:
+            return None
+        begins = [finding.best]
+        singles = [trial for trial, _ in finding.rivals if len(trial.fit.who) == 1]
+        if finding.verdict == "none_of_the_known" and singles and len(finding.best.fit.who) > 1:
+            begins = [singles[0], finding.best]
+        end, grown = self.first.mechanism.runs + self.rules.account, list[Trial]()
+        for number, trial in enumerate(begins, 1):
+            grown.append(self._widened(trial, end - self.rules.account * (len(begins) - number) // len(begins)))
+        return min(grown, key=lambda trial: trial.chi2)
+
+    def _widened(self, best: Trial, end: int) -> Trial:
+        """One explanation, grown until nothing helps or the simulations are spent."""
+        failed: set[Candidate] = set()
+        while len(best.fit.who) < self.rules.entries and self._remains(best):
+            left, before = self.screen.matches(best.first), best
+            fresh = [match for match in left if match.candidate not in best.fit.who and match.candidate not in failed]
+            for match in sorted(fresh, key=lambda match: -match.bound)[:_SETS]:
+                if self.first.mechanism.runs >= end:
+                    return best
+                who, start = (*best.fit.who, match.candidate), (*best.fit.values, match.starts[0])
+                trial = self._trial(fit(self.first, who, start, np.inf, self.screen, end))
+                if self._earns(trial, best):
+                    best = trial
+                    break
+                failed.add(match.candidate)
+            if best is before:
+                break
+        return best
+
+    def _earns(self, trial: Trial, best: Trial) -> bool:
+        """Whether one effect more explains a part of the gap on `select` worth a line, and by more than chance."""
+        before, after, gap = (np.sqrt(max(chi2 - self.floor, 0.0)) for chi2 in (best.chi2, trial.chi2, self.plain_chi2))
+        if before - after < self.rules.least * gap or trial.fit.stopped:
+            return False
+        return transfer(best.residual, trial.residual) > self.rules.deviations
 
     def _closed(self, trial: Trial) -> float:
         """Share of the gap on `select` that a trial closes, as far as noise tells."""

@@ -42,7 +42,7 @@ class Verification:
     def transfers(self, rules: Rules, several: bool = False) -> bool:
         """Whether the record does not refute the effects.
 
-        They close a good part of a gap that stands out, and leave noise alone; one effect may leave a little more.
+        They close a good part of a gap that stands out, and leave noise alone or a little more.
 
         Args:
             rules: Thresholds.
@@ -50,7 +50,7 @@ class Verification:
         """
         if self.before >= _SLIGHT and self.closure < _PART:
             return False
-        return self.p_remaining >= rules.alarm or (not several and self.closure >= rules.closure)
+        return self.p_remaining >= rules.alarm or self.closure >= (rules.whole if several else rules.closure)
 
 
 def verify(view: View, effects: Sequence[Applied], rng: np.random.Generator) -> Verification:
