@@ -62,13 +62,13 @@ NOISE = {"position": 1e-4, "velocity": 4e-3, "effort": 0.02}
 KINDS: Mapping[str, tuple[float, float, tuple[str, ...]]] = {
     "coulomb": (0.06, 1.5, JOINTS), "viscous": (0.05, 1.2, JOINTS), "armature": (0.004, 0.1, JOINTS),
     "torque_gain": (0.01, 0.25, ("shoulder", "elbow")), "effort_offset": (0.06, 1.5, JOINTS),
-    "encoder_offset": (0.002, 0.05, ("shoulder", "elbow")), "backlash": (0.001, 0.02, ("shoulder", "elbow")),
+    "encoder_offset": (0.002, 0.05, ("shoulder", "elbow")), "backlash": (0.001, 0.02, ("yaw",)),
     "link_mass": (0.01, 0.3, ("shoulder",)), "payload": (0.01, 0.5, ("",)), "command_delay": (0.001, 0.04, ("",)),
     "lag": (0.002, 0.05, ("",)), "base_tilt": (0.002, 0.06, ("",)),
 }  # fmt: skip
 """Smallest and largest size, SI units, and the joints that an effect may act on."""
 
-PAIRS = (("coulomb:shoulder", "command_delay"), ("payload", "viscous:elbow"), ("backlash:elbow", "command_delay"))
+PAIRS = (("coulomb:shoulder", "command_delay"), ("payload", "viscous:elbow"), ("backlash:yaw", "command_delay"))
 
 MISMATCHES: Mapping[str, tuple[str, float, float]] = {
     "lugre": ("coulomb", 0.2, 1.2), "dahl": ("coulomb", 0.2, 1.2), "softest": ("coulomb", 0.2, 1.2),
@@ -129,9 +129,9 @@ def engine_model(hidden: Mapping[str, float], engine: str) -> mujoco.MjModel:
         end = "</body>" + end
         if gap:
             step = STEPS[engine]
-            text += f'<joint name="{name}" axis="{axis}" armature="{rotor}"/><inertial pos="0 0 0" mass="1e-6" '
+            text += f'<joint name="{name}" axis="{axis}" armature="{rotor}" damping="{loss}" {dry}/><inertial pos="0 0 0" mass="1e-6" '
             text += f'diaginertia="1e-9 1e-9 1e-9"/><body name="{name}_load"><joint name="{name}_play" axis="{axis}" '
-            text += f'range="{-gap / 2} {gap / 2}" limited="true" solreflimit="{4 * step} 1" damping="{loss}" {dry}/>'
+            text += f'range="{-gap / 2} {gap / 2}" limited="true" solreflimit="{4 * step} 1"/>'
             end = "</body>" + end
         else:
             text += f'<joint name="{name}" axis="{axis}" armature="{rotor}" damping="{loss}" {dry}/>'

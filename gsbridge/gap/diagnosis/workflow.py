@@ -169,10 +169,11 @@ def write_replays(
 
 
 def fitted(findings: Mapping[str, Any]) -> tuple[Applied, ...]:
-    """Effects of the best explanation, whether named or not."""
+    """All effects of the account, whether named or not; of the best explanation where there is no account."""
+    account = findings.get("account")
     return tuple(
         Applied(item["name"], item["joint"] or "", {name: row["value"] for name, row in item["parameters"].items()})
-        for item in findings["effects"]
+        for item in (account["entries"] if account else findings["effects"])
     )
 
 

@@ -30,7 +30,7 @@ _LARGEST = 2e4
 """Multiple of the typical size beyond which nothing is looked for."""
 
 
-_EDITION = 3
+_EDITION = 4
 """Raised when an effect's simulation changes, so that no signature of the old one is read."""
 
 
@@ -56,10 +56,12 @@ class Bank:
     Args:
         signatures: All, by candidate and size.
         runs: Simulations that making it took.
+        diverged: Candidates with which no simulation ran through.
     """
 
     signatures: tuple[Signature, ...]
     runs: int
+    diverged: tuple[Candidate, ...] = ()
 
 
 def make_bank(view: View, who: Sequence[Candidate], base: Sequence[Applied] = ()) -> Bank:
@@ -70,19 +72,24 @@ def make_bank(view: View, who: Sequence[Candidate], base: Sequence[Applied] = ()
     before = view.mechanism.runs
     plain = view.stack(view.simulate(base))
     found: list[Signature] = []
+    diverged = []
     for candidate in who:
-        factor = 1.0
+        factor, thrown = 1.0, False
         for direction in candidate.effect.directions():
             # The size that just stands out along one direction is a good guess for the next.
-            made, factor = _along(view, candidate, direction, factor, plain, base)
+            made, factor, lost = _along(view, candidate, direction, factor, plain, base)
             found += made
-    return Bank(tuple(found), view.mechanism.runs - before)
+            thrown |= lost
+        if thrown and all(signature.candidate != candidate for signature in found):
+            diverged.append(candidate)
+    return Bank(tuple(found), view.mechanism.runs - before, tuple(diverged))
 
 
 def _along(
     view: View, candidate: Candidate, direction: dict[str, float], begin: float, plain: Array, base: Sequence[Applied]
-) -> tuple[list[Signature], float]:
-    """Signatures along one direction of a candidate's parameters, and the multiple of it that just stands out."""
+) -> tuple[list[Signature], float, bool]:
+    """Signatures along one direction of a candidate's parameters, the multiple of it that just stands out, and whether a
+    simulation diverged."""
     effect = candidate.effect
 
     def change(factor: float) -> tuple[dict[str, float], Array, float]:
@@ -121,7 +128,7 @@ def _along(
         last = values
         if size > 1.0:
             out.append(Signature(candidate, values, difference.astype(np.float32)))
-    return out, factor if out else begin
+    return out, factor if out else begin, any(size == np.inf for _, _, size in seen.values())
 
 
 def bank_of(view: View, who: Sequence[Candidate], folder: str | Path) -> Bank:
@@ -147,7 +154,8 @@ def bank_of(view: View, who: Sequence[Candidate], folder: str | Path) -> Bank:
     changes = np.stack([s.change for s in bank.signatures]) if bank.signatures else np.empty((0, *shape))
     labels = json.dumps([[s.candidate.name, s.candidate.joint, s.values] for s in bank.signatures])
     with atomic_file(path) as temporary, open(temporary, "wb") as stream:
-        np.savez_compressed(stream, changes=changes, labels=labels, runs=bank.runs)
+        lost = json.dumps([[who.name, who.joint] for who in bank.diverged])
+        np.savez_compressed(stream, changes=changes, labels=labels, runs=bank.runs, diverged=lost)
     return bank
 
 
@@ -158,4 +166,5 @@ def _read(path: Path) -> Bank:
             Signature(Candidate(name, joint), values, change)
             for (name, joint, values), change in zip(labels, changes, strict=True)
         )
-        return Bank(found, int(data["runs"]))
+        diverged = tuple(Candidate(*names) for names in json.loads(str(data["diverged"])))
+        return Bank(found, int(data["runs"]), diverged)

@@ -26,6 +26,9 @@ logger = logging.getLogger("gsbridge")
 
 ROLES = ("fit", "select", "verify")
 
+_FAR = 50.0
+"""Gap, in units of the noise, from which on the noise itself is doubted."""
+
 _LISTED = 5
 """Rivals that a sentence names."""
 
@@ -45,6 +48,7 @@ class Diagnosis:
         bank_runs: Simulations of the bank, whether made now or read.
         runs: Simulations of this case beside it.
         seconds: Of the whole.
+        diverged: Candidates with which no simulation ran through.
     """
 
     finding: Finding
@@ -54,6 +58,7 @@ class Diagnosis:
     bank_runs: int
     runs: int
     seconds: float
+    diverged: tuple[str, ...] = ()
 
     @property
     def effects(self) -> tuple[Applied, ...]:
@@ -110,7 +115,9 @@ def diagnose(
         verification = verify(third, account.effects, np.random.default_rng(seed))
     floor = {second.record.label(kind, k): float(s) for (kind, k), s in zip(second.channels, second.sigma, strict=True)}
     runs = mechanism.runs - made - mechanism.shared
-    return Diagnosis(finding, verification, account, floor, bank.runs, runs, time.perf_counter() - begin)
+    return Diagnosis(
+        finding, verification, account, floor, bank.runs, runs, time.perf_counter() - begin, tuple(map(str, bank.diverged))
+    )
 
 
 def findings_of(
@@ -128,6 +135,7 @@ def findings_of(
     return {
         "status": "degraded" if reasons else "pass",
         "reasons": list(reasons),
+        "warnings": warnings_of(diagnosis, records),
         "sentence": sentence(diagnosis),
         "verdict": finding.verdict,
         "something_remains": finding.something_remains,
@@ -166,6 +174,27 @@ def findings_of(
         "records": {role: record.digest or record.content_digest() for role, record in records.items()},
         "seed": seed,
     }
+
+
+def warnings_of(diagnosis: Diagnosis, records: Mapping[str, Record]) -> list[str]:
+    """What a reader must know before the figures.
+
+    Args:
+        diagnosis: The diagnosis.
+        records: Its records.
+    """
+    out, finding = [], diagnosis.finding
+    stated = any(record.sigma or record.tolerance for record in records.values())
+    if finding.before > _FAR and not stated:
+        out.append(
+            f"The gap is {finding.before:.3g} times the noise that neighbouring samples show. Filters in an encoder hide noise "
+            "from them: log one motion twice and name it under 'repeats', or state a 'tolerance'."
+        )
+    if finding.lost:
+        out.append(f"These fits did not converge, so that nothing is said of them: {', '.join(finding.lost)}.")
+    if diagnosis.diverged:
+        out.append(f"The simulation diverged with these, so that nothing is said of them: {', '.join(diagnosis.diverged)}.")
+    return out
 
 
 def account_record(account: Account, finding: Finding) -> dict[str, Any]:

@@ -26,6 +26,13 @@ logger = logging.getLogger("gsbridge")
 _RESERVE = 12
 """Simulations kept for the derivatives of the best explanation."""
 
+_AS_LITTLE, _LITTLE = 5.0, 0.01
+"""Multiple of what the best explanation leaves, and share of the gap, up to which others leave as little: the model's error
+decides between them."""
+
+_MUCH = 0.8
+"""Share of what one account leaves that another must leave to be told instead."""
+
 _SETS = 6
 """Of effects that are tried for each number of them."""
 
@@ -79,7 +86,7 @@ class Identification:
             few = len(unseen) > 0.5 * len(self.who)
             return self._quiet("not_enough_excitation" if few else "no_discrepancy", p_value, unseen)
         trials = self._singles(matches)
-        best = min(trials, key=lambda trial: trial.score, default=None)
+        best = decide(trials, rules, self.floor).trials[0] if trials else None
         if best is not None and self._remains(best):
             trials = self._several(trials, best)
             best = min(trials, key=lambda trial: trial.score)
@@ -282,7 +289,11 @@ class Identification:
     def _sure_part(self, found: Decision, trials: Sequence[Trial]) -> Trial | None:
         """What all of the best explanations hold, if that alone closes the gap but for a little and has no rival; else None."""
         best = found.trials[0]
-        core = set(best.fit.who).intersection(*(trial.fit.who for trial in found.near))
+        if len(best.fit.who) == 1:
+            return None
+        leaves = max(_AS_LITTLE * (1.0 - self._closed(best)), _LITTLE)
+        good = [trial for trial in (*found.near, *trials) if 1.0 - self._closed(trial) <= leaves]
+        core = set(best.fit.who).intersection(*(trial.fit.who for trial in good))
         if not core or core == set(best.fit.who):
             return None
         part = next((trial for trial in trials if set(trial.fit.who) == core), None)
@@ -310,11 +321,16 @@ class Identification:
         begins = [finding.best]
         singles = [trial for trial, _ in finding.rivals if len(trial.fit.who) == 1]
         if finding.verdict == "none_of_the_known" and singles and len(finding.best.fit.who) > 1:
-            begins = [singles[0], finding.best]
+            begins = [decide(singles, self.rules, self.floor).trials[0], finding.best]
         end, grown = self.first.mechanism.runs + self.rules.account, list[Trial]()
         for number, trial in enumerate(begins, 1):
             grown.append(self._widened(trial, end - self.rules.account * (len(begins) - number) // len(begins)))
-        return min(grown, key=lambda trial: trial.chi2)
+        # What grew from one effect is told, unless what began as several leaves much less.
+        return grown[0] if len(grown) == 1 or self._gap(grown[1].chi2) > _MUCH * self._gap(grown[0].chi2) else grown[1]
+
+    def _gap(self, chi2: float) -> float:
+        """Length of a residual on `select` beyond the noise."""
+        return float(np.sqrt(max(chi2 - self.floor, 0.0)))
 
     def _widened(self, best: Trial, end: int) -> Trial:
         """One explanation, grown until nothing helps or the simulations are spent."""
@@ -337,7 +353,7 @@ class Identification:
 
     def _earns(self, trial: Trial, best: Trial) -> bool:
         """Whether one effect more explains a part of the gap on `select` worth a line, and by more than chance."""
-        before, after, gap = (np.sqrt(max(chi2 - self.floor, 0.0)) for chi2 in (best.chi2, trial.chi2, self.plain_chi2))
+        before, after, gap = (self._gap(chi2) for chi2 in (best.chi2, trial.chi2, self.plain_chi2))
         if before - after < self.rules.least * gap or trial.fit.stopped:
             return False
         return transfer(best.residual, trial.residual) > self.rules.deviations
