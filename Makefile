@@ -3,17 +3,35 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
-SNAKEMAKE := $(BIN)/snakemake
+# snakemake, which goes on by itself after a run that was killed.
+SNAKEMAKE := $(BIN)/gsbridge run
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 # PyPI's torch for Linux brings gigabytes of CUDA; PyTorch's own index also has it without. Empty for a machine with a GPU.
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 TOY_POLICY := results/policies/grasp/small_cube+foam_pad/gs/default/seed1/policy.json
 SUPPORTED := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 13))
 
-.PHONY: tables toy study results test test-unit test-gap test-rules test-toy test-captures lint format clean-toy setup
+.PHONY: help status dag tables toy study results test test-unit test-gap test-rules test-toy test-captures lint format clean-toy setup
 
 tables: $(INSTALLED)
 	$(SNAKEMAKE)
+
+help:
+	@echo "make tables   reconstruct, train, try, and write results/tables/index.html"
+	@echo "make toy      the same on one object, in the folder toy/"
+	@echo "make test     lint, types, unit, rule and end-to-end tests"
+	@echo "make status   what is left of make tables, about how long it takes, what is degraded and why"
+	@echo "make dag      the graph of rules as rules.svg (needs graphviz; rules.dot without it)"
+	@echo "make study    ways of learning compared, further worlds, the gap's blind cases: hours"
+	@echo "make results  measured figures against their floors: benchmarks/RESULTS.md"
+	@echo "make setup    the environment alone; make lint, make format, make clean-toy"
+
+status: $(INSTALLED)
+	@$(BIN)/gsbridge status
+
+dag: $(INSTALLED)
+	@$(SNAKEMAKE) --rulegraph dot 2>/dev/null > rules.dot && test -s rules.dot
+	@if command -v dot > /dev/null; then dot -Tsvg rules.dot -o rules.svg && rm rules.dot && echo rules.svg; else echo rules.dot; fi
 
 # What the policy needs goes first: its training is the longest way to the tables, and leaves a core to everything else.
 toy: $(INSTALLED)

@@ -124,7 +124,7 @@ def write_toss_case(measured: Path, folder: Path, roles: dict[str, tuple[int, in
 
 def diagnose_tosses(measured: Path, folder: Path) -> dict[str, Any]:
     """Figures of the tosses."""
-    from gsbridge.gap.diagnosis.workflow import run_case
+    from gsbridge.gap.workflow import run_case
 
     digest = check_data(measured, "cube_toss")
     findings = run_case(write_toss_case(measured, folder, TOSSES), folder / "out", folder / "bank")
@@ -168,7 +168,7 @@ def write_pendulum_case(measured: Path, folder: Path) -> Path:
 
 def diagnose_pendulum(measured: Path, folder: Path) -> dict[str, Any]:
     """Figures of the pendulum."""
-    from gsbridge.gap.diagnosis.workflow import run_case
+    from gsbridge.gap.workflow import run_case
 
     digest = check_data(measured, "dfki_pendulum")
     findings = run_case(write_pendulum_case(measured, folder), folder / "out", folder / "bank")
@@ -177,7 +177,7 @@ def diagnose_pendulum(measured: Path, folder: Path) -> dict[str, Any]:
 
 def diagnose_axis(measured: Path, folder: Path) -> dict[str, Any]:
     """What is said about logs that no case can be made of: currents of an arm without a clock."""
-    from gsbridge.gap.joints.records import Layout, read_record
+    from gsbridge.gap.formats.records import Layout, read_record
 
     digest = check_data(measured, "staubli_tx40")
     try:

@@ -129,7 +129,8 @@ def engine_model(hidden: Mapping[str, float], engine: str) -> mujoco.MjModel:
         end = "</body>" + end
         if gap:
             step = STEPS[engine]
-            text += f'<joint name="{name}" axis="{axis}" armature="{rotor}" damping="{loss}" {dry}/><inertial pos="0 0 0" mass="1e-6" '
+            text += f'<joint name="{name}" axis="{axis}" armature="{rotor}" damping="{loss}" {dry}/>'
+            text += '<inertial pos="0 0 0" mass="1e-6" '
             text += f'diaginertia="1e-9 1e-9 1e-9"/><body name="{name}_load"><joint name="{name}_play" axis="{axis}" '
             text += f'range="{-gap / 2} {gap / 2}" limited="true" solreflimit="{4 * step} 1"/>'
             end = "</body>" + end
@@ -354,7 +355,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run(drawn: Sequence[Order], kinds: Sequence[str] | None, folder: Path, seed: int) -> list[dict[str, Any]]:
     """Diagnose cases; one line each."""
-    from gsbridge.gap.diagnosis.workflow import run_case
+    from gsbridge.gap.workflow import run_case
 
     rows = []
     for order in drawn:

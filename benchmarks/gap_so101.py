@@ -4,8 +4,8 @@
     python benchmarks/gap_so101.py --output results/benchmarks/gap_so101.json
 
 The data stay where they are: `measured/so101/logs` (isaac-sim2real/sage at 4ffd262) and `robots/so101/so101.urdf`
-(TheRobotStudio/SO-ARM100), both Apache-2.0. Each motion holds what was commanded and what six servos measured, 50 times a second.
-The servos are position controllers without an integral, whose gains nobody states in N m/rad.
+(TheRobotStudio/SO-ARM100), both Apache-2.0. Each motion holds what was commanded and what six servos
+measured, 50 times a second. The servos are position controllers without an integral, whose gains nobody states in N m/rad.
 
 As a stranger would, this starts from the description and three motions:
 
@@ -41,9 +41,9 @@ from numpy.typing import NDArray
 from gsbridge import logs
 from gsbridge.errors import InputError
 from gsbridge.files import write_json
-from gsbridge.gap.joints.chain import Chain
-from gsbridge.gap.joints.dynamics import place, weights
-from gsbridge.gap.joints.inertials import Skeleton
+from gsbridge.gap.joints.mechanism.chain import Chain
+from gsbridge.gap.joints.mechanism.dynamics import place, weights
+from gsbridge.gap.joints.mechanism.inertials import Skeleton
 
 Array = NDArray[np.float64]
 
@@ -216,20 +216,19 @@ def write_case(motions: Mapping[str, Motion], start: Start, urdf: Path, folder: 
 def judge(motion: Motion, start: Start, model: Path, amended: Path, folder: Path) -> dict[str, Any]:
     """Deviation of a motion from the model as it was and as amended, root mean square, rad."""
     from gsbridge.gap.formats.logs import read_log
-    from gsbridge.gap.joints.mechanism_model import read_system
-    from gsbridge.gap.joints.records import Layout
-    from gsbridge.gap.joints.replay import Mechanism
+    from gsbridge.gap.formats.records import Layout
+    from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
+    from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
+    from gsbridge.gap.joints.mechanism.replay import Mechanism
     from gsbridge.gap.joints.residuals import spans_of, state_at
 
     write_case({"judged": motion}, start, model, folder / "judged")
     sizes, joints = [], []
     for path in (model, amended):
-        system = read_system(path)
+        system = read_mechanism_model(path)
         record = read_log(folder / "judged" / "judged.csv", Layout(system.joints))
         mechanism, spans = Mechanism(system), spans_of(record, system)
-        from gsbridge.gap.joints.apply_effects import build_setup
-
-        moved = mechanism.run(record, build_setup(mechanism, ()), spans, [state_at(record, first) for first, _ in spans])
+        moved = mechanism.run(record, apply_effects(mechanism, ()), spans, [state_at(record, first) for first, _ in spans])
         apart = record.measured["position"] - moved["position"]
         sizes.append(float(np.sqrt((apart**2).mean())))
         joints.append(np.sqrt((apart**2).mean(axis=0)).tolist())
@@ -242,7 +241,7 @@ def diagnose(
     measured: Path, robots: Path, motions: Sequence[str], folder: Path, judged: Sequence[str] | None
 ) -> dict[str, Any]:
     """One diagnosis, and what its account is worth on all motions that it has not seen."""
-    from gsbridge.gap.diagnosis.workflow import run_case
+    from gsbridge.gap.workflow import run_case
 
     source, urdf = measured / "so101" / "logs", robots / "so101" / "so101.urdf"
     if not source.is_dir() or not urdf.exists():

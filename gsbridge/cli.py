@@ -11,10 +11,10 @@ from typing import Any
 import yaml
 
 from gsbridge import __version__
-from gsbridge.board import SHEETS_M, standard_board, write_board
 from gsbridge.capture.printing import write_sheet
 from gsbridge.errors import GsbridgeError
 from gsbridge.logs import start
+from gsbridge.photogrammetry.board import SHEETS_M, standard_board, write_board
 
 _ENDED_EARLY, _INTERRUPTED = 3, 130
 
@@ -48,6 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(dest="command", required=True)
     _add_board(commands)
+    _add_run(commands)
     _add_run_policy(commands)
     options = parser.parse_args(arguments)
     try:
@@ -75,6 +76,36 @@ def _board(options: argparse.Namespace) -> int:
         write_board(options.layout, layout)
     print(f"{options.path}: print it at 100 % on {options.sheet.upper()} and check the ruler on it")
     return 0
+
+
+def _add_run(commands: Any) -> None:
+    run = commands.add_parser(
+        "run",
+        help="run the workflow: snakemake, which goes on by itself after a run that was killed",
+        description="Run snakemake with the arguments that follow. A lock that a killed run left is removed first; "
+        "where another run works in the same folder, that is said and nothing is touched.",
+        prefix_chars="\0",
+        add_help=False,
+    )
+    run.add_argument("arguments", nargs="*", help="as on snakemake's command line")
+    run.set_defaults(run=_run)
+    status = commands.add_parser(
+        "status", help="where the workflow stands: jobs left, time, degraded stages", prefix_chars="\0", add_help=False
+    )
+    status.add_argument("arguments", nargs="*", help="as on snakemake's command line")
+    status.set_defaults(run=_status)
+
+
+def _run(options: argparse.Namespace) -> int:
+    from gsbridge.workflow_lock import start_workflow
+
+    return start_workflow(options.arguments)
+
+
+def _status(options: argparse.Namespace) -> int:
+    from gsbridge.run_status import print_status
+
+    return print_status(options.arguments)
 
 
 def _add_run_policy(commands: Any) -> None:

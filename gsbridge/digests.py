@@ -1,7 +1,8 @@
-"""Digests of library code, so that an edit reruns exactly the stages that use it.
+"""Digests of code, so that an edit reruns exactly the jobs whose script reaches it.
 
-Snakemake watches a rule's script only. Each rule therefore carries, as a parameter, a digest over the static import closure
-of the modules its script calls. Comments, docstrings and formatting do not count, nor do logging and error texts.
+Snakemake watches the date of a rule's script only, and dates change with every clone. Each rule therefore carries, as a
+parameter, a digest over its script and the static import closure of that. Comments, docstrings and formatting do not count, nor
+do logging and error texts. Files beside the code, such as templates, belong to the package in whose folder they lie.
 """
 
 from __future__ import annotations
@@ -9,19 +10,26 @@ from __future__ import annotations
 import ast
 import functools
 import hashlib
+import os
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent
 NAME = PACKAGE.name
+FOLLOWED = (NAME, "scripts", "benchmarks")
+"""Folders of the checkout whose modules are followed: the library, the rules' scripts, and the programs that rules run."""
+
 WITHOUT_EFFECT = frozenset({NAME, f"{NAME}.logs", f"{NAME}.errors", f"{NAME}.digests"})
 """Modules that cannot change a stage's result."""
 
+_NAMED = re.compile(rf"""["']({NAME}(?:\.\w+)+)["':]""")
+"""A module that is named by a text, as `importlib.import_module` and `importlib.resources.files` take it."""
+
 
 def module_file(module: str) -> Path | None:
-    """File of a module of the package, or None if there is no such module."""
-    base = PACKAGE.joinpath(*module.split(".")[1:])
+    """File of a module of the checkout, or None if there is no such module."""
+    base = PACKAGE.parent.joinpath(*module.split("."))
     for candidate in (base.with_suffix(".py"), base / "__init__.py"):
         if candidate.is_file():
             return candidate
@@ -39,12 +47,18 @@ def _statements(tree: ast.Module) -> Iterator[ast.AST]:
 
 
 @functools.cache
-def _tree(module: str) -> ast.Module:
-    """Syntax tree of a module without docstrings."""
+def _source(module: str) -> str:
+    """Text of a module."""
     path = module_file(module)
     if path is None:
         raise ValueError(f"there is no module {module}")
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return path.read_text(encoding="utf-8")
+
+
+@functools.cache
+def _tree(module: str) -> ast.Module:
+    """Syntax tree of a module without docstrings."""
+    tree = ast.parse(_source(module))
     for node in _statements(tree):
         body = getattr(node, "body", None)
         if not body:
@@ -58,43 +72,71 @@ def _tree(module: str) -> ast.Module:
 
 @functools.cache
 def _code(module: str) -> bytes:
-    """What counts of a module. Most rules share most of their modules: to write each out anew took half of a dry run."""
-    return ast.dump(_tree(module)).encode()
+    """Digest of what counts of a module; kept, as most rules share most of their modules."""
+    return hashlib.sha256(ast.dump(_tree(module)).encode()).digest()
+
+
+def _data_files(folder: Path) -> Iterator[Path]:
+    """Files below a package's folder that are no code, without those of the packages inside it."""
+    for entry in sorted(os.scandir(folder), key=lambda entry: entry.name):
+        if entry.name.startswith(".") or entry.name == "__pycache__":
+            continue
+        path = Path(entry.path)
+        if entry.is_dir():
+            if not (path / "__init__.py").is_file():
+                yield from _data_files(path)
+        elif path.suffix not in (".py", ".pyc"):
+            yield path
+
+
+@functools.cache
+def _data(module: str) -> bytes:
+    """Digest of the files that belong to a package, names and contents; that of nothing for a module that is none."""
+    path, digest = module_file(module), hashlib.sha256()
+    if path is not None and path.name == "__init__.py":
+        for file in _data_files(path.parent):
+            digest.update(f"{file.relative_to(path.parent)}\0".encode() + hashlib.sha256(file.read_bytes()).digest())
+    return digest.digest()
 
 
 def _parents(module: str) -> list[str]:
     """The packages that Python imports on the way to a module."""
     parts = module.split(".")
-    return [".".join(parts[:count]) for count in range(1, len(parts))]
+    names = (".".join(parts[:count]) for count in range(1, len(parts)))
+    return [name for name in names if module_file(name) is not None]
 
 
 @functools.cache
 def direct_imports(module: str) -> frozenset[str]:
-    """Modules of the package that a module imports, anywhere in its text.
+    """Modules of the checkout that a module imports, anywhere in its text, or names in a text of its own.
 
     Raises:
         ValueError: A relative import: the package uses absolute ones, which this reader relies on.
     """
-    found: set[str] = set()
+    found = {name for name in _NAMED.findall(_source(module)) if module_file(name) is not None}
     for node in _statements(_tree(module)):
         if isinstance(node, ast.Import):
-            found.update(alias.name for alias in node.names if alias.name.split(".")[0] == NAME)
+            found.update(alias.name for alias in node.names if alias.name.split(".")[0] in FOLLOWED)
         elif isinstance(node, ast.ImportFrom):
             if node.level:
                 raise ValueError(f"{module} uses a relative import")
-            if node.module and node.module.split(".")[0] == NAME:
-                found.add(node.module)
-                names = (f"{node.module}.{alias.name}" for alias in node.names)
-                found.update(name for name in names if module_file(name) is not None)
+            if node.module and node.module.split(".")[0] in FOLLOWED:
+                names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+                found.update(name for name in names if name == node.module or module_file(name) is not None)
     for name in list(found):
         found.update(_parents(name))
     return frozenset(found)
 
 
 def import_closure(modules: Iterable[str]) -> frozenset[str]:
-    """All modules of the package that the given ones import, directly or not, with the given ones."""
+    """All modules of the checkout that the given ones import, directly or not, with the given ones."""
+    return frozenset().union(*(_closure(module) for module in modules))
+
+
+@functools.cache
+def _closure(root: str) -> frozenset[str]:
     closure: set[str] = set()
-    waiting = list(modules)
+    waiting = [root]
     while waiting:
         module = waiting.pop()
         if module in closure or module in WITHOUT_EFFECT:
@@ -106,33 +148,28 @@ def import_closure(modules: Iterable[str]) -> frozenset[str]:
 
 
 def code_digest(*modules: str) -> str:
-    """Digest of the code behind the given modules, for a rule's `params`.
+    """Digest of the code behind the given modules and of the files that belong to it.
 
     Raises:
         ValueError: There is no such module.
     """
     digest = hashlib.sha256()
+    # What lies beside the library's packages, in none of them, could be read by any.
+    digest.update(_data(NAME))
     for module in sorted(import_closure(modules)):
         digest.update(module.encode())
         digest.update(_code(module))
+        digest.update(_data(module))
     return digest.hexdigest()[:12]
 
 
-def package_digest(package: str) -> str:
-    """Digest of the modules inside one package only, for outputs that outlive changes elsewhere (the mirror's films).
+def script_digest(script: str) -> str:
+    """Digest of a script of `scripts/`, named without its ending, and of all code that it reaches, for a rule's `params`.
 
     Raises:
-        ValueError: There is no such package.
+        ValueError: There is no such script.
     """
-    root = PACKAGE.joinpath(*package.split(".")[1:])
-    if not root.is_dir():
-        raise ValueError(f"there is no package {package}")
-    digest = hashlib.sha256()
-    for path in sorted(root.rglob("*.py")):
-        module = ".".join([NAME, *path.relative_to(PACKAGE).with_suffix("").parts]).removesuffix(".__init__")
-        digest.update(module.encode())
-        digest.update(_code(module))
-    return digest.hexdigest()[:12]
+    return code_digest(f"scripts.{script}")
 
 
 def kernel_modules() -> list[Path]:

@@ -22,6 +22,8 @@ class _ToldError(GsbridgeError):
         remedy: What the user can do about it.
     """
 
+    parts: tuple[str, str, str]
+
     def __init__(self, place: str | Path | _ToldError, problem: str = "", remedy: str = "") -> None:
         # gymnasium raises `type(error)(error)` for what went wrong in the worker of a vector environment.
         self.parts = place.parts if isinstance(place, _ToldError) else (str(place), problem, remedy)

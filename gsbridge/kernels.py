@@ -7,8 +7,9 @@ that defines kernels: an edit starts a fresh folder. Import `njit` from here, ne
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, TypeAlias, TypeVar, overload
 
 from gsbridge.digests import kernel_digest
 
@@ -22,15 +23,35 @@ def cache_folder() -> Path:
 os.environ.setdefault("NUMBA_CACHE_DIR", str(cache_folder()))
 
 import numba  # noqa: E402  (the cache folder is read when numba is imported)
+import numpy as np  # noqa: E402
 from numba import prange  # noqa: E402
+from numba.extending import intrinsic as numba_intrinsic  # noqa: E402
 
-numba.config.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]
+options: Any = numba.config
+"""numba's settings: it makes their names at run time, which no checker sees."""
+options.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]
+
+Real: TypeAlias = float | np.floating[Any]
+"""A number as kernels take and give it: of Python or of numpy."""
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+_Arguments = ParamSpec("_Arguments")
 
 
-def njit(*args: Any, **options: Any) -> Any:
-    """`numba.njit` with caching on; the other options as in numba."""
-    options = {"cache": True, **options}
-    return numba.njit(**options) if not args else numba.njit(**options)(*args)
+@overload
+def njit(function: _Function) -> _Function: ...
+@overload
+def njit(**kwargs: Any) -> Callable[[_Function], _Function]: ...
+def njit(*args: Any, **kwargs: Any) -> Any:
+    """`numba.njit` with caching on; the other options as in numba. The compiled function keeps the type of its source."""
+    compiler = numba.njit(**{"cache": True, **kwargs})
+    return compiler(*args) if args else compiler
 
 
-__all__ = ["cache_folder", "njit", "prange"]
+def intrinsic(define: Callable[Concatenate[Any, _Arguments], Any]) -> Callable[_Arguments, Any]:
+    """`numba.extending.intrinsic`. A kernel calls it without the first argument, numba's typing context."""
+    made: Any = numba_intrinsic(define)
+    return made
+
+
+__all__ = ["Real", "cache_folder", "intrinsic", "njit", "options", "prange"]

@@ -80,7 +80,7 @@ def _log_exception(kind: type[BaseException], value: BaseException, trace: Trace
         logger.error("interrupted; run the same command again to go on")
     elif issubclass(kind, GsbridgeError):
         logger.error("%s", value)
-    elif issubclass(kind, OSError) and getattr(value, "errno", None) in NO_ROOM:
+    elif isinstance(value, OSError) and value.errno in NO_ROOM:
         logger.error(
             "no space left on the disk while writing %s; free some room and run the same command again", value.filename
         )

@@ -69,7 +69,7 @@ def write_mesh(path: str | Path, mesh: Mesh) -> None:
         rgb = np.rint(np.clip(mesh.colours, 0, 1) * 255).astype(np.uint8)
         out.visual = trimesh.visual.ColorVisuals(out, vertex_colors=np.c_[rgb, np.full(len(rgb), 255, np.uint8)])
     with atomic_file(path) as temporary:
-        temporary.write_bytes(out.export(file_type="ply"))
+        out.export(str(temporary), file_type="ply")
 
 
 def read_mesh(path: str | Path) -> Mesh:
@@ -82,6 +82,8 @@ def read_mesh(path: str | Path) -> Mesh:
         raise InputError(path, "the mesh does not exist", "Check the path, or run the mesh stage")
     try:
         loaded = trimesh.load(str(path), process=False, force="mesh")
+        if not isinstance(loaded, trimesh.Trimesh):
+            raise ValueError("it holds no triangles")
         vertices = np.asarray(loaded.vertices, dtype=np.float64)
         faces = np.asarray(loaded.faces, dtype=np.int64)
     except Exception as error:  # trimesh raises many kinds for damaged files; the user needs one clear line
@@ -89,6 +91,6 @@ def read_mesh(path: str | Path) -> Mesh:
     if len(faces) == 0 or not np.isfinite(vertices).all():
         raise InputError(path, "the mesh holds no triangle or a vertex that is no number", "Run the mesh stage again")
     colours = None
-    if loaded.visual.kind == "vertex":
+    if isinstance(loaded.visual, trimesh.visual.ColorVisuals) and loaded.visual.kind == "vertex":
         colours = np.asarray(loaded.visual.vertex_colors)[:, :3].astype(np.float32) / 255.0
     return Mesh(vertices, faces, colours)

@@ -19,7 +19,7 @@ rule align_scene:
         mem_mb=2000,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.align.stage"),
+        code=script_digest("align_scene"),
         settings=settings("align"),
         board=lambda wildcards: config["scenes"][wildcards.scene]["board"],
         known_length=lambda wildcards: config["scenes"][wildcards.scene]["known_length"],

@@ -25,7 +25,7 @@ rule build_asset:
         mem_mb=2000,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.asset.stage"),
+        code=script_digest("build_asset"),
         settings=asset_settings,
         margin_px=lambda wildcards: splat_settings(wildcards)["margin_px"],
         kind=lambda wildcards: config["scenes"][wildcards.scene]["kind"],

@@ -20,7 +20,7 @@ rule compare_behaviour:
     resources:
         mem_mb=2000,
     params:
-        code=code_digest("gsbridge.report.behaviour"),
+        code=script_digest("compare_behaviour"),
         cells=[cell for cell, _, _ in behaviour_trials()],
         worlds=[world for _, world, _ in behaviour_trials()],
         seeds=[seed for _, _, seed in behaviour_trials()],
@@ -59,7 +59,7 @@ rule film_trials:
     resources:
         mem_mb=2000,
     params:
-        code=code_digest("gsbridge.report.trial_films"),
+        code=script_digest("film_trials"),
         worlds=shown_worlds,
         seeds=shown_seeds,
     message:
@@ -91,7 +91,7 @@ rule record_trials:
     resources:
         mem_mb=2000,
     params:
-        code=code_digest("gsbridge.report.recordings.trials"),
+        code=script_digest("record_trials"),
         worlds=shown_worlds,
         seeds=shown_seeds,
     message:

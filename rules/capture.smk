@@ -15,7 +15,7 @@ rule select_keyframes:
         mem_mb=2000,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.capture.keyframes", "gsbridge.capture.sources"),
+        code=script_digest("select_keyframes"),
         kind=source_kind,
         path=source_path,
         settings=settings("capture"),

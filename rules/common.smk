@@ -3,18 +3,24 @@
 import hashlib
 import os
 import re
+import shlex
 import sys
 from pathlib import Path
 
 ROOT = Path(workflow.basedir)
 sys.path.insert(0, str(ROOT))
+# Jobs run the code that the digests tell about, whichever copy of the package is installed.
+searched = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+os.environ.update(
+    PYTHONPATH=os.pathsep.join(filter(None, dict.fromkeys([str(ROOT), *searched])))
+)
 
 from gsbridge.configuration import (
     check_asked,
     check_capture,
     check_configuration,
 )
-from gsbridge.digests import code_digest, kernel_digest, package_digest
+from gsbridge.digests import code_digest, kernel_digest, script_digest
 from gsbridge.errors import InputError
 
 check_configuration(config)
@@ -35,6 +41,16 @@ TRIALS = {
     for cell in reversed(CELLS)
 }
 BINDINGS = ["games", "soft", "refined", "unbound"]
+
+
+def program(name):
+    """Parameter: call of a program of `benchmarks/` by the interpreter that runs snakemake.
+
+    The one on the path may belong to another environment. As a function of outputs, it is not recorded: a folder that
+    was moved reruns nothing.
+    """
+    command = shlex.join([sys.executable, str(ROOT / f"benchmarks/{name}.py")])
+    return lambda wildcards, output: command
 
 
 def file_digest(path):
@@ -254,10 +270,10 @@ def asset_settings(wildcards):
     return {**ASSET, "density": config["scenes"][wildcards.scene]["density"]}
 
 
-def state_folder(rule, item, *key):
+def state_folder(script, item, *key):
     """Undeclared folder of a long job's checkpoint: another code, setting or seed finds another folder."""
-    digest = hashlib.sha256(repr(key).encode()).hexdigest()[:12]
-    return f"results/.state/{rule}/{item}-{digest}"
+    key = repr((script_digest(script), *key))
+    return f"results/.state/{script}/{item}-{hashlib.sha256(key.encode()).hexdigest()[:12]}"
 
 
 def film_settings(wildcards):
@@ -271,7 +287,6 @@ def film_state(wildcards):
     return state_folder(
         "film_scene",
         wildcards.scene,
-        package_digest("gsbridge.reality.mirror"),
         film_settings(wildcards),
         SEED,
     )
@@ -283,7 +298,6 @@ def training_state(wildcards):
     return state_folder(
         "train_splats",
         item,
-        code_digest("gsbridge.splats.stage"),
         splat_settings(wildcards),
         SEED,
     )

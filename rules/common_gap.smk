@@ -68,8 +68,7 @@ def gap_reports(wildcards):
 
 def gap_state(wildcards):
     """Where a chunk of the benchmark keeps the findings that are done, until all are."""
-    code = code_digest("gsbridge.gap.benchmark.chunks")
-    return state_folder("diagnose_gap_cases", "-".join(wildcards), code, SEED)
+    return state_folder("diagnose_gap_cases", "-".join(wildcards), SEED)
 
 
 def real_logs(wildcards):

@@ -95,7 +95,6 @@ def policy_state(wildcards):
     return state_folder(
         "train_policy",
         "-".join(wildcards),
-        code_digest("gsbridge.policy.stage"),
         policy_settings(wildcards),
         variant_of(wildcards),
     )
@@ -112,12 +111,14 @@ def world_settings(wildcards):
 
 def trial_state(world, wildcards, input):
     """Where finished trials are kept until all are done. Another policy, which is another file, finds another folder."""
-    made = [Path(path).stat().st_mtime_ns for path in (input.weights, input.item)]
-    item = "-".join([*wildcards, *([] if "world" in wildcards.keys() else [world])])
-    code = code_digest("gsbridge.policy.trials")
+    script = "try_policy_in_sim" if world == "sim" else "try_policy_in_mirror"
+    made = [
+        hashlib.sha256(Path(path).read_bytes()).hexdigest()
+        for path in (input.weights, input.item)
+    ]
     hidden = config["worlds"].get(world)
     return state_folder(
-        "try_policy", item, code, settings("trials"), made, SEED, hidden
+        script, "-".join(wildcards), settings("trials"), made, SEED, hidden
     )
 
 

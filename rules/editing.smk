@@ -25,7 +25,7 @@ rule show_editing:
         mem_mb=2000,
         runtime="20m",
     params:
-        code=code_digest("gsbridge.report.editing"),
+        code=script_digest("show_editing"),
         scene=EDITED,
         settings=settings("editing"),
     message:

@@ -30,7 +30,7 @@ rule play_episode:
         mem_mb=2000,
         runtime="20m",
     params:
-        code=code_digest("gsbridge.environment.episode"),
+        code=script_digest("play_episode"),
         size=settings("episodes")["size"],
         task=cell_task,
     message:
@@ -60,7 +60,7 @@ rule photograph_episode:
         mem_mb=2500,
         runtime="60m",
     params:
-        code=code_digest("gsbridge.reality.world.episode"),
+        code=script_digest("photograph_episode"),
         settings=settings("episodes"),
         sheet=settings("films")["sheet"],
         pieces="results/.state/pieces",
@@ -92,7 +92,7 @@ rule record_episode:
     resources:
         mem_mb=2000,
     params:
-        code=code_digest("gsbridge.report.recordings.episode"),
+        code=script_digest("record_episode"),
     message:
         "Record the episode with {wildcards.object} on {wildcards.background}"
     script:

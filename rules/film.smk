@@ -14,8 +14,7 @@ rule film_scene:
         mem_mb=2500,
         runtime="60m",
     params:
-        # The studio alone: a film outlives changes in the stages that look at it.
-        code=package_digest("gsbridge.reality.mirror"),
+        code=script_digest("film_scene"),
         settings=film_settings,
         seed=SEED,
         state=film_state,

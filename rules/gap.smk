@@ -24,7 +24,7 @@ rule read_gap_records:
         mem_mb=1000,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.gap.diagnosis.workflow"),
+        code=script_digest("read_gap_records"),
     message:
         "Read and check the records of {wildcards.case}"
     script:
@@ -49,7 +49,7 @@ rule compare_gap:
         mem_mb=1000,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.gap.diagnosis.workflow"),
+        code=script_digest("compare_gap"),
     message:
         "Replay the records of {wildcards.case} through its model"
     script:
@@ -74,7 +74,7 @@ rule screen_gap:
         mem_mb=2000,
         runtime="60m",
     params:
-        code=code_digest("gsbridge.gap.diagnosis.workflow"),
+        code=script_digest("screen_gap"),
         bank=GAP_BANK,
     message:
         "Simulate what each known effect would change in the records of {wildcards.case}"
@@ -103,7 +103,7 @@ rule identify_gap:
         mem_mb=2000,
         runtime="60m",
     params:
-        code=code_digest("gsbridge.gap.diagnosis.workflow"),
+        code=script_digest("identify_gap"),
         bank=GAP_BANK,
         seed=SEED,
     message:
@@ -132,7 +132,7 @@ rule replay_gap:
         mem_mb=1000,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.gap.diagnosis.workflow"),
+        code=script_digest("replay_gap"),
     message:
         "Replay the records of {wildcards.case} before and after"
     script:
@@ -165,7 +165,7 @@ rule report_gap:
         mem_mb=1000,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.report.gap_page"),
+        code=script_digest("report_gap"),
     message:
         "Write the report of {wildcards.case}"
     script:
@@ -193,7 +193,7 @@ rule record_gap:
         mem_mb=1000,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.report.recordings.gap"),
+        code=script_digest("record_gap"),
     message:
         "Record {wildcards.case}: measured, nominal and explained motion side by side"
     script:
@@ -212,7 +212,7 @@ rule collect_gap:
     conda:
         "../envs/gap.yaml"
     params:
-        code=code_digest("gsbridge.report.gap_rows"),
+        code=script_digest("collect_gap"),
         cases=list(GAP_CASES),
     message:
         "Collect the cases of the gap"

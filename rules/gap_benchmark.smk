@@ -17,7 +17,7 @@ rule generate_gap_cases:
         mem_mb=1000,
         runtime="60m",
     params:
-        code=code_digest("gsbridge.gap.benchmark.chunks"),
+        code=script_digest("generate_gap_cases"),
         split=GAP["split"],
         cases_wanted=lambda wildcards: GAP["benchmark"][wildcards.tier],
         seed=SEED,
@@ -43,7 +43,7 @@ rule diagnose_gap_cases:
         mem_mb=2000,
         runtime="4h",
     params:
-        code=code_digest("gsbridge.gap.benchmark.chunks"),
+        code=script_digest("diagnose_gap_cases"),
         chunks=GAP["chunks"],
         bank=GAP_BANK,
         state=gap_state,
@@ -72,7 +72,7 @@ rule score_gap_cases:
         mem_mb=1000,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.gap.benchmark.chunks"),
+        code=script_digest("score_gap_cases"),
         methods=lambda wildcards: gap_methods(wildcards.tier),
         chunks=GAP["chunks"],
     message:
@@ -105,7 +105,7 @@ rule report_gap_benchmark:
         mem_mb=1000,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.report.gap_benchmark_page"),
+        code=script_digest("report_gap_benchmark"),
         floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:
@@ -115,9 +115,6 @@ rule report_gap_benchmark:
 
 
 rule diagnose_real_logs:
-    input:
-        # Its date changes with every checkout; its digest below tells whether it changed.
-        program=ancient(f"{workflow.basedir}/benchmarks/gap_measured.py"),
     output:
         figures="results/benchmarks/gap_measured.json",
     log:
@@ -129,14 +126,13 @@ rule diagnose_real_logs:
         mem_mb=2000,
         runtime="60m",
     params:
-        code=code_digest("gsbridge.gap.diagnosis.workflow"),
-        program_digest=file_digest("benchmarks/gap_measured.py"),
-        python=sys.executable,
+        code=code_digest("benchmarks.gap_measured"),
+        program=program("gap_measured"),
         measured=os.environ.get("GSBRIDGE_MEASURED", ""),
     message:
         "Diagnose tosses of a real cube and a real pendulum"
     shell:
-        "{params.python:q} {input.program:q} --measured {params.measured:q} --only tosses pendulum"
+        "{params.program} --measured {params.measured:q} --only tosses pendulum"
         " --output {output.figures} > {log} 2>&1"
 
 
@@ -154,7 +150,7 @@ rule score_gap:
     conda:
         "../envs/gap.yaml"
     params:
-        code=code_digest("gsbridge.report.score", "gsbridge.report.measured_gap"),
+        code=script_digest("score_gap"),
         floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:

@@ -11,7 +11,7 @@ rule describe_arm:
     conda:
         "../envs/gap.yaml"
     params:
-        code=code_digest("gsbridge.gap.loop.stages"),
+        code=script_digest("describe_arm"),
     message:
         "Describe the simulated arm as the gap takes it"
     script:
@@ -43,12 +43,7 @@ rule log_trials:
         mem_mb=1500,
         runtime="10m",
     params:
-        code=code_digest(
-            "gsbridge.policy.joint_log",
-            "gsbridge.environment.build",
-            "gsbridge.reality.world.further",
-            "gsbridge.registration.result",
-        ),
+        code=script_digest("log_trials"),
         cell=LOOP_CELL,
         world=world_settings,
         sheet=settings("films")["sheet"],
@@ -73,7 +68,7 @@ rule write_loop_case:
     conda:
         "../envs/gap.yaml"
     params:
-        code=code_digest("gsbridge.gap.loop.stages"),
+        code=script_digest("write_loop_case"),
     message:
         "Write the case {wildcards.case}"
     script:
@@ -98,7 +93,7 @@ rule calibrate_arm:
         mem_mb=1500,
         runtime="60m",
     params:
-        code=code_digest("gsbridge.gap.loop.stages"),
+        code=script_digest("calibrate_arm"),
     message:
         "Calibrate the arm's model in the world in which it works"
     script:
@@ -119,7 +114,7 @@ rule amend_simulation:
     conda:
         "../envs/gap.yaml"
     params:
-        code=code_digest("gsbridge.gap.loop.amend"),
+        code=script_digest("amend_simulation"),
     message:
         "Put what was found into the simulation's model"
     script:
@@ -153,7 +148,7 @@ rule collect_loop:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.loop"),
+        code=script_digest("collect_loop"),
         plan=LOOP_TRIALS,
         cell=LOOP_CELL,
     message:

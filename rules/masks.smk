@@ -20,7 +20,7 @@ rule segment_object:
         mem_mb=3000,
         runtime="20m",
     params:
-        code=code_digest("gsbridge.masks.segment"),
+        code=script_digest("segment_object"),
         settings=settings("masks"),
         seed=SEED,
     message:

@@ -22,7 +22,7 @@ rule mesh_object:
         mem_mb=4000,
         runtime="30m",
     params:
-        code=code_digest("gsbridge.mesh.objects"),
+        code=script_digest("mesh_object"),
         settings=settings("mesh"),
         seed=SEED,
     message:
@@ -54,7 +54,7 @@ rule mesh_background:
         mem_mb=4000,
         runtime="30m",
     params:
-        code=code_digest("gsbridge.mesh.background"),
+        code=script_digest("mesh_background"),
         settings=settings("mesh"),
         seed=SEED,
     message:

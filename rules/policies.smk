@@ -27,7 +27,7 @@ rule train_policy:
         runtime=policy_minutes,
         gpu=lambda wildcards: int(policy_settings(wildcards)["device"] == "cuda"),
     params:
-        code=code_digest("gsbridge.policy.stage"),
+        code=script_digest("train_policy"),
         settings=policy_settings,
         controller_offset=lambda wildcards: variant_of(wildcards)["controller_offset"],
         state=policy_state,
@@ -65,7 +65,7 @@ rule try_policy_in_sim:
         mem_mb=2000,
         runtime="60m",
     params:
-        code=code_digest("gsbridge.policy.trials"),
+        code=script_digest("try_policy_in_sim"),
         image_size=lambda wildcards: policy_settings(wildcards)["image_size"],
         poses=settings("trials")["poses"],
         state=lambda wildcards, input: trial_state("sim", wildcards, input),
@@ -106,7 +106,7 @@ rule try_policy_in_mirror:
         mem_mb=2500,
         runtime="4h",
     params:
-        code=code_digest("gsbridge.policy.trials"),
+        code=script_digest("try_policy_in_mirror"),
         image_size=lambda wildcards: policy_settings(wildcards)["image_size"],
         poses=settings("trials")["poses"],
         world=world_settings,

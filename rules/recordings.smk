@@ -13,7 +13,7 @@ rule record_capture:
     resources:
         mem_mb=2000,
     params:
-        code=code_digest("gsbridge.report.recordings.capture"),
+        code=script_digest("record_capture"),
     message:
         "Record the keyframes of {wildcards.scene}"
     script:
@@ -36,7 +36,7 @@ rule record_sfm:
     resources:
         mem_mb=2000,
     params:
-        code=code_digest("gsbridge.report.recordings.sfm"),
+        code=script_digest("record_sfm"),
     message:
         "Record the cameras of {wildcards.scene}"
     script:
@@ -61,7 +61,7 @@ rule record_align:
     resources:
         mem_mb=2000,
     params:
-        code=code_digest("gsbridge.report.recordings.align"),
+        code=script_digest("record_align"),
         board=lambda wildcards: config["scenes"][wildcards.scene]["board"],
     message:
         "Record the alignment of {wildcards.scene}"
@@ -88,7 +88,7 @@ rule record_masks:
     resources:
         mem_mb=2000,
     params:
-        code=code_digest("gsbridge.report.recordings.masks"),
+        code=script_digest("record_masks"),
     message:
         "Record the masks of {wildcards.scene}"
     script:
@@ -111,7 +111,7 @@ rule record_mesh:
     resources:
         mem_mb=2000,
     params:
-        code=code_digest("gsbridge.report.recordings.mesh"),
+        code=script_digest("record_mesh"),
     message:
         "Record the meshes of {wildcards.scene}"
     script:
@@ -134,7 +134,7 @@ rule record_splats:
     resources:
         mem_mb=2000,
     params:
-        code=code_digest("gsbridge.report.recordings.splats"),
+        code=script_digest("record_splats"),
     message:
         "Record the {wildcards.binding} splats of {wildcards.scene}"
     script:
@@ -164,7 +164,7 @@ rule record_asset:
     resources:
         mem_mb=2000,
     params:
-        code=code_digest("gsbridge.report.recordings.asset"),
+        code=script_digest("record_asset"),
     message:
         "Record the asset of {wildcards.scene}"
     script:
@@ -184,7 +184,7 @@ rule record_training:
     resources:
         mem_mb=1000,
     params:
-        code=code_digest("gsbridge.report.recordings.training"),
+        code=script_digest("record_training"),
         name=lambda wildcards: "-".join(wildcards),
     message:
         "Record the training of {wildcards.variant} to {wildcards.task} {wildcards.object} on {wildcards.background}, {wildcards.renderer}"
@@ -203,7 +203,7 @@ rule export_tensorboard:
     conda:
         "../envs/policy.yaml"
     params:
-        code=code_digest("gsbridge.report.tensorboard"),
+        code=script_digest("export_tensorboard"),
     message:
         "Write the training of {wildcards.variant} for TensorBoard: {wildcards.task} {wildcards.object} on {wildcards.background}, {wildcards.renderer}"
     script:

@@ -13,7 +13,7 @@ rule film_board:
         mem_mb=2500,
         runtime="20m",
     params:
-        code=code_digest("gsbridge.reality.world.board_capture"),
+        code=script_digest("film_board"),
         settings=settings("board_film"),
         board=config["workspace"]["board"],
         background=config["workspace"]["background"] or "foam_pad",
@@ -40,7 +40,7 @@ rule register_workspace:
         mem_mb=1000,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.registration.stage"),
+        code=script_digest("register_workspace"),
         settings=settings("registration"),
         source=config["workspace"]["source"],
         board=config["workspace"]["board"],

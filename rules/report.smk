@@ -11,7 +11,7 @@ rule collect_rendering:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.rendering_table"),
+        code=script_digest("collect_rendering"),
         scenes=scene_labels(),
         films=film_records(),
     message:
@@ -31,7 +31,7 @@ rule collect_timing:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.timing_table"),
+        code=script_digest("collect_timing"),
         benchmarks="results/benchmarks",
     message:
         "Collect the time of each stage"
@@ -59,7 +59,7 @@ rule compare_renderings:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.figures"),
+        code=script_digest("compare_renderings"),
         scenes=lambda wildcards: scenes_from(wildcards.origin),
     message:
         "Draw photo, soft, GaMeS and refined of the {wildcards.origin} scenes side by side"
@@ -83,7 +83,7 @@ rule collect_success:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.success_table"),
+        code=script_digest("collect_success"),
         robot=table_robot_trials,
     message:
         "Collect the successes: {wildcards.table}"
@@ -105,7 +105,7 @@ rule collect_failures:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.failures_table"),
+        code=script_digest("collect_failures"),
         robot=robot_trials(POLICIES),
     message:
         "Collect how trials ended"
@@ -126,7 +126,7 @@ rule collect_training:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.training_table"),
+        code=script_digest("collect_training"),
     message:
         "Collect what the trainings took and reached"
     script:
@@ -150,7 +150,7 @@ rule draw_learning_curves:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.learning_curves"),
+        code=script_digest("draw_learning_curves"),
     message:
         "Draw the learning curves"
     script:
@@ -174,7 +174,7 @@ rule draw_success:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.success_figure"),
+        code=script_digest("draw_success"),
     message:
         "Draw the success of every cell in both worlds"
     script:
@@ -200,7 +200,7 @@ rule assemble_tables:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.tables"),
+        code=script_digest("assemble_tables"),
         preset=config["preset"],
         films=list(trial_films()),
     message:

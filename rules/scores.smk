@@ -24,7 +24,7 @@ rule score_scene:
     resources:
         mem_mb=2000,
     params:
-        code=code_digest("gsbridge.report.score_real2sim"),
+        code=script_digest("score_scene"),
         kind=lambda wildcards: config["scenes"][wildcards.scene]["kind"],
         seed=SEED,
     message:
@@ -44,7 +44,7 @@ rule score_keyframes:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.score_keyframes"),
+        code=script_digest("score_keyframes"),
     message:
         "Score the choice of keyframes on the film whose motion and blur are known"
     script:
@@ -61,15 +61,12 @@ rule benchmark_rasterizer:
     # Alone on the machine: the figures are times.
     threads: workflow.cores
     params:
-        code=code_digest("gsbridge.splats.rasterize", "gsbridge.splats.losses"),
-        # The interpreter that runs snakemake: the one on the path may belong to another environment.
-        python=sys.executable,
-        program=f"{workflow.basedir}/benchmarks/rasterizer.py",
-        program_digest=file_digest("benchmarks/rasterizer.py"),
+        code=code_digest("benchmarks.rasterizer"),
+        program=program("rasterizer"),
     message:
         "Time the rasteriser"
     shell:
-        "{params.python} {params.program} --json > {output.benchmark} 2> {log}"
+        "{params.program} --json > {output.benchmark} 2> {log}"
 
 
 rule score_real2sim:
@@ -89,7 +86,7 @@ rule score_real2sim:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.score", "gsbridge.report.measured"),
+        code=script_digest("score_real2sim"),
         floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
         films={
@@ -122,7 +119,7 @@ rule score_policies:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.score", "gsbridge.report.measured_policies"),
+        code=script_digest("score_policies"),
         floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:
@@ -144,7 +141,7 @@ rule score_worlds:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.score", "gsbridge.report.measured_policies"),
+        code=script_digest("score_worlds"),
         floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:
@@ -166,7 +163,7 @@ rule score_study:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.score", "gsbridge.report.measured_study"),
+        code=script_digest("score_study"),
         floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:
@@ -188,7 +185,7 @@ rule score_loops:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.score", "gsbridge.report.measured_loops"),
+        code=script_digest("score_loops"),
         floors_digest=file_digest("benchmarks/floors.yaml"),
         loops=closed_loops(),
         preset=config["preset"],
@@ -227,7 +224,7 @@ rule write_results_page:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.results_page"),
+        code=script_digest("write_results_page"),
     message:
         "Write the page of results"
     script:

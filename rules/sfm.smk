@@ -14,7 +14,7 @@ rule calibrate_camera:
         mem_mb=2000,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.sfm.calibrate"),
+        code=script_digest("calibrate_camera"),
         board=lambda wildcards: config["cameras"][wildcards.camera]["board"],
     message:
         "Calibrate the camera {wildcards.camera} from the board"
@@ -43,7 +43,7 @@ rule reconstruct_cameras:
         mem_mb=4000,
         runtime="60m",
     params:
-        code=code_digest("gsbridge.sfm.stage"),
+        code=script_digest("reconstruct_cameras"),
         settings=settings("sfm"),
         workspace=lambda wildcards: f"results/.state/reconstruct_cameras/{wildcards.scene}",
         board=lambda wildcards: config["scenes"][wildcards.scene]["board"],

@@ -15,7 +15,7 @@ rule draw_postures:
         mem_mb=2000,
         runtime="20m",
     params:
-        code=code_digest("gsbridge.environment.postures"),
+        code=script_digest("draw_postures"),
         postures=SIGHT["postures"],
         size=settings("views")["size"],
         seed=SEED,
@@ -46,9 +46,7 @@ rule photograph_postures:
         mem_mb=2500,
         runtime="60m",
     params:
-        code=code_digest(
-            "gsbridge.reality.world.views", "gsbridge.reality.world.further"
-        ),
+        code=script_digest("photograph_postures"),
         cell=SIGHT_CELL,
         world=world_settings,
         shots=sight_shots,
@@ -89,7 +87,7 @@ rule diagnose_photos:
         mem_mb=2000,
         runtime="30m",
     params:
-        code=code_digest("gsbridge.gap.image.stages"),
+        code=script_digest("diagnose_photos"),
         # Of the reference, the last photo of each posture stands for a later day.
         shot=lambda wildcards: sight_shots(wildcards) - 1,
         seed=SEED,
@@ -117,7 +115,7 @@ rule report_photos:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.sight_page"),
+        code=script_digest("report_photos"),
     message:
         "Write the report on the photos of {wildcards.world}"
     script:
@@ -139,7 +137,7 @@ rule amend_camera:
     conda:
         "../envs/policy.yaml"
     params:
-        code=code_digest("gsbridge.gap.image.stages"),
+        code=script_digest("amend_camera"),
     message:
         "Put what changed in {wildcards.world} into the simulation's camera"
     script:
@@ -168,7 +166,7 @@ rule collect_sight_loop:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.sight_loop"),
+        code=script_digest("collect_sight_loop"),
         plan=sight_trials(),
         cell=SIGHT_CELL,
         worlds=SIGHT_WORLDS,

@@ -22,7 +22,7 @@ rule try_controller_in_sim:
         mem_mb=1000,
         runtime="60m",
     params:
-        code=code_digest("gsbridge.environment.trials", "gsbridge.environment.build"),
+        code=script_digest("try_controller_in_sim"),
         trials=settings("trials"),
     message:
         "Try the controller in simulation: {wildcards.task}, {wildcards.object} on {wildcards.background}"
@@ -52,11 +52,7 @@ rule try_controller_in_mirror:
         mem_mb=1500,
         runtime="60m",
     params:
-        code=code_digest(
-            "gsbridge.environment.trials",
-            "gsbridge.environment.build",
-            "gsbridge.reality.world.mirror",
-        ),
+        code=script_digest("try_controller_in_mirror"),
         trials=settings("trials"),
         pieces="results/.state/pieces",
         seed=SEED,
@@ -87,7 +83,7 @@ rule check_simulator:
         mem_mb=1000,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.environment.checks"),
+        code=script_digest("check_simulator"),
     message:
         "Compare the simulated arm with another engine's, and an episode with itself"
     script:
@@ -110,17 +106,12 @@ rule benchmark_environment:
     # Alone on the machine: the figures are times.
     threads: workflow.cores
     params:
-        code=code_digest(
-            "gsbridge.environment.build",
-            "gsbridge.reality.world.mirror",
-        ),
-        python=sys.executable,
-        program=f"{workflow.basedir}/benchmarks/environment.py",
-        program_digest=file_digest("benchmarks/environment.py"),
+        code=code_digest("benchmarks.environment"),
+        program=program("environment"),
     message:
         "Time the environment"
     shell:
-        "{params.python} {params.program} --item {input.item} --background {input.background}"
+        "{params.program} --item {input.item} --background {input.background}"
         " --robot-splats {input.robot_splats} --light {input.light} --output {output.benchmark} > {log} 2>&1"
 
 
@@ -135,7 +126,7 @@ rule score_registration:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.score_registration"),
+        code=script_digest("score_registration"),
     message:
         "Score the registration against the mirror's truth"
     script:
@@ -174,7 +165,7 @@ rule score_simulator:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.score", "gsbridge.report.measured_simulator"),
+        code=script_digest("score_simulator"),
         floors_digest=file_digest("benchmarks/floors.yaml"),
         preset=config["preset"],
     message:

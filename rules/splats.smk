@@ -12,6 +12,7 @@ rule compile_kernels:
         mem_mb=2000,
         runtime="10m",
     params:
+        code=script_digest("compile_kernels"),
         kernels=kernel_digest(),
     message:
         "Compile the rasteriser's kernels once, before jobs run side by side"
@@ -45,7 +46,7 @@ rule train_splats:
         mem_mb=3000,
         runtime="60m",
     params:
-        code=code_digest("gsbridge.splats.stage"),
+        code=script_digest("train_splats"),
         settings=splat_settings,
         kind=lambda wildcards: config["scenes"][wildcards.scene]["kind"],
         surface="visual",
@@ -85,7 +86,7 @@ rule train_comparison:
         mem_mb=3000,
         runtime="60m",
     params:
-        code=code_digest("gsbridge.splats.stage"),
+        code=script_digest("train_splats"),
         settings=splat_settings,
         kind=lambda wildcards: config["scenes"][wildcards.scene]["kind"],
         surface=lambda wildcards: wildcards.surface,

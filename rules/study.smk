@@ -20,7 +20,7 @@ rule collect_study:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.study"),
+        code=script_digest("collect_study"),
     message:
         "Compare the ways of learning"
     script:
@@ -40,7 +40,7 @@ rule write_further:
     conda:
         "../envs/report.yaml"
     params:
-        code=code_digest("gsbridge.report.further"),
+        code=script_digest("write_further"),
     message:
         "Compare policies in further worlds: {wildcards.table}"
     script:

@@ -14,7 +14,7 @@ rule describe_robot:
         mem_mb=1000,
         runtime="5m",
     params:
-        code=code_digest("gsbridge.robot.assembly"),
+        code=script_digest("describe_robot"),
     message:
         "Describe the robot with its registered camera"
     script:
@@ -41,7 +41,7 @@ rule calibrate_wrist_camera:
         mem_mb=1500,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.environment.photometry"),
+        code=script_digest("calibrate_wrist_camera"),
     message:
         "Measure how the wrist camera sees colours"
     script:
@@ -66,7 +66,7 @@ rule calibrate_light:
         mem_mb=2000,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.environment.light"),
+        code=script_digest("calibrate_light"),
     message:
         "Find the light over the table from an object's shadow"
     script:
@@ -91,9 +91,7 @@ rule fit_robot_splats:
         mem_mb=2000,
         runtime="20m",
     params:
-        code=code_digest(
-            "gsbridge.environment.robot_splats", "gsbridge.environment.photometry"
-        ),
+        code=script_digest("fit_robot_splats"),
         seed=SEED,
     message:
         "Fit splats to the links of the robot"
@@ -132,7 +130,7 @@ rule draw_views:
         mem_mb=2000,
         runtime="20m",
     params:
-        code=code_digest("gsbridge.environment.views"),
+        code=script_digest("draw_views"),
         settings=settings("views"),
     message:
         "Draw what the wrist camera sees of {wildcards.object} on {wildcards.background}"
@@ -162,7 +160,7 @@ rule photograph_views:
         mem_mb=2500,
         runtime="60m",
     params:
-        code=code_digest("gsbridge.reality.world.views"),
+        code=script_digest("photograph_views"),
         settings=settings("views"),
         sheet=settings("films")["sheet"],
         pieces="results/.state/pieces",
@@ -195,7 +193,7 @@ rule compare_eye_in_hand:
         mem_mb=2000,
         runtime="10m",
     params:
-        code=code_digest("gsbridge.report.eye_in_hand"),
+        code=script_digest("compare_eye_in_hand"),
         pairs=mirrored(PAIRS),
     message:
         "Compare renderers with the mirror's wrist camera"

@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsbridge.align.stage import AlignSettings, align_scene
-from gsbridge.board import optional_board
 from gsbridge.logs import start
+from gsbridge.photogrammetry.board import optional_board
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

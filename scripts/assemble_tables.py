@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.tables import write_tables
+from gsbridge.report.pages.tables import write_tables
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.failures_table import write_failure_rows
+from gsbridge.report.tables.failures import write_failure_rows
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.gap_rows import write_gap_rows
+from gsbridge.report.gap.rows import write_gap_rows
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.loop import LoopFiles, write_loop
+from gsbridge.report.figures.loop import LoopFiles, write_loop
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

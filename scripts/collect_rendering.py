@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.rendering_table import write_rendering_rows
+from gsbridge.report.tables.rendering_rows import write_rendering_rows
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

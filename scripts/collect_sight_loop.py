@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.sight_loop import SightFiles, write_sight_loop
+from gsbridge.report.figures.loop import SightFiles, write_sight_loop
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

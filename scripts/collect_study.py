@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.study import write_study
+from gsbridge.report.figures.study import write_study
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.success_table import write_success_rows
+from gsbridge.report.tables.success_rows import write_success_rows
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

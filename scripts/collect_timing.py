@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.timing_table import write_timing_rows
+from gsbridge.report.tables.timing import write_timing_rows
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

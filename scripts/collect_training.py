@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.training_table import write_training_rows
+from gsbridge.report.tables.training import write_training_rows
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

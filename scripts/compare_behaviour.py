@@ -3,8 +3,8 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.behaviour import write_behaviour
-from gsbridge.report.paired_trials import trials_by_cell
+from gsbridge.report.figures.behaviour import write_behaviour
+from gsbridge.report.figures.paired_trials import trials_by_cell
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

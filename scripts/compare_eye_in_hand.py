@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.eye_in_hand import Looked, write_eye_in_hand
+from gsbridge.report.figures.eye_in_hand import Looked, write_eye_in_hand
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.figures import compared_scene, write_rendering_comparison
+from gsbridge.report.figures.rendering_comparison import compared_scene, write_rendering_comparison
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.learning_curves import write_learning_curves
+from gsbridge.report.figures.learning_curves import write_learning_curves
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.success_figure import write_success_figure
+from gsbridge.report.figures.success import write_success_figure
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.tensorboard import write_events
+from gsbridge.report.recordings.tensorboard import write_events
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gsbridge.board import standard_board
 from gsbridge.logs import start
+from gsbridge.photogrammetry.board import standard_board
 from gsbridge.reality.world.board_capture import BoardFilmSettings, film_board
 
 if TYPE_CHECKING:

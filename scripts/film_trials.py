@@ -3,9 +3,9 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.paired_trials import TrialFiles
-from gsbridge.report.places import Cell
-from gsbridge.report.trial_films import write_trial_film
+from gsbridge.report.figures.paired_trials import TrialFiles
+from gsbridge.report.figures.trial_films import write_trial_film
+from gsbridge.report.tables.result_paths import Cell
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from gsbridge.gap.diagnosis.workflow import write_case_records
+from gsbridge.gap.workflow import write_case_records
 from gsbridge.logs import start
 
 if TYPE_CHECKING:

@@ -2,8 +2,8 @@
 
 from typing import TYPE_CHECKING
 
-from gsbridge.board import optional_board
 from gsbridge.logs import start
+from gsbridge.photogrammetry.board import optional_board
 from gsbridge.report.recordings.align import record_align
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.gap_page import CaseFiles, write_gap_report
+from gsbridge.report.gap.page import CaseFiles, write_gap_report
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.gap_benchmark_page import write_gap_benchmark
+from gsbridge.report.gap.benchmark_page import write_gap_benchmark
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

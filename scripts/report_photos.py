@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.sight_page import write_sight_report
+from gsbridge.report.gap.picture_page import write_sight_report
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

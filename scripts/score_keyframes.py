@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.score_keyframes import write_keyframe_score
+from gsbridge.report.scores.keyframes import write_keyframe_score
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

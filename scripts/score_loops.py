@@ -3,8 +3,8 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.measured_loops import write_loop_figures
-from gsbridge.report.score import current_commit, write_scores
+from gsbridge.report.scores.measured_policies import write_loop_figures
+from gsbridge.report.scores.score import current_commit, write_scores
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

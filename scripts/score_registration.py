@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.score_registration import score_registration
+from gsbridge.report.scores.registration import score_registration
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

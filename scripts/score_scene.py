@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.score_real2sim import write_scene_score
+from gsbridge.report.scores.scene import write_scene_score
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.editing import EditingSettings, write_editing
+from gsbridge.report.figures.editing import EditingSettings, write_editing
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

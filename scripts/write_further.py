@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.further import write_further
+from gsbridge.report.tables.world_variants import write_further
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.results_page import write_results_page
+from gsbridge.report.scores.results_page import write_results_page
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from gsbridge.board import Board
 from gsbridge.cameras import Camera
 from gsbridge.geometry import Array, Similarity, align_similarity
-from gsbridge.tags import Tags, corner_points, scale_standard_error
+from gsbridge.photogrammetry.board import Board
+from gsbridge.photogrammetry.tags import Tags, corner_points, scale_standard_error
 
 MIN_TAGS = 3
 

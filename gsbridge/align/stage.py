@@ -13,12 +13,12 @@ import numpy as np
 from gsbridge.align.board_fit import BoardFit, fit_board
 from gsbridge.align.length import KnownLength, scale_from_length
 from gsbridge.align.plane import Attention, Plane, attention, find_table, object_points
-from gsbridge.board import Board
 from gsbridge.cameras import Camera, View, camera_centre, write_views
-from gsbridge.colmap import camera_from_colmap, pose_matrix, read_model
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import atomic_file, read_json, write_stage
 from gsbridge.geometry import Array, Similarity, rotation_between
+from gsbridge.photogrammetry.board import Board
+from gsbridge.photogrammetry.colmap import camera_from_colmap, pose_matrix, read_model
 
 logger = logging.getLogger("gsbridge")
 

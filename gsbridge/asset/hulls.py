@@ -115,6 +115,7 @@ def inset(points: Array, margin: float) -> tuple[Array, float]:
     best = linprog(
         [0.0, 0.0, 0.0, -1.0], np.c_[normals, np.ones(len(normals))], -offsets, bounds=[(None, None)] * 3 + [(0, None)]
     )
+    assert best.x is not None  # the hull of any points holds their mean
     middle, radius = best.x[:3], best.x[3]
     moved = min(margin, 0.5 * radius)
     try:

@@ -266,7 +266,7 @@ def _scaled_known(photo: Photo, size: tuple[int, int], scale: float) -> KnownVie
 
 def _exif_focal_px(path: Path) -> float | None:
     """Focal length from the photo's EXIF data, px at full size; None where it says nothing."""
-    from gsbridge.colmap import exif_focal_px
+    from gsbridge.photogrammetry.colmap import exif_focal_px
 
     return exif_focal_px(path)
 

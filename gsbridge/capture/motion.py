@@ -53,8 +53,8 @@ def image_motion(previous: Array, current: Array) -> float | None:
     corners = cv2.goodFeaturesToTrack(previous, maxCorners=300, qualityLevel=0.01, minDistance=8)
     if corners is None or len(corners) < _MIN_TRACKS:
         return None
-    moved, found, _ = cv2.calcOpticalFlowPyrLK(previous, current, corners, None, winSize=(21, 21), maxLevel=3)
-    back, found_back, _ = cv2.calcOpticalFlowPyrLK(current, previous, moved, None, winSize=(21, 21), maxLevel=3)
+    moved, found, _ = cv2.calcOpticalFlowPyrLK(previous, current, corners, None, winSize=(21, 21), maxLevel=3)  # type: ignore[call-overload]  # None asks OpenCV for new points
+    back, found_back, _ = cv2.calcOpticalFlowPyrLK(current, previous, moved, None, winSize=(21, 21), maxLevel=3)  # type: ignore[call-overload]  # as above
     # Forth and back must agree, or the track has jumped.
     good = (found.ravel() == 1) & (found_back.ravel() == 1) & (np.linalg.norm(back - corners, axis=-1).ravel() < 1.0)
     if good.sum() < _MIN_TRACKS:

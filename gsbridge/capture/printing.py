@@ -13,11 +13,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from gsbridge.board import Board, tag_pixels
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.geometry import Array
 from gsbridge.images import srgb_from_linear
+from gsbridge.photogrammetry.board import Board, tag_pixels
 
 RULER_M = 0.100
 """Length of the printed ruler, m."""
@@ -76,7 +76,8 @@ def _region_outlines(cells: Array) -> list[Array]:
     outlines = []
     while turns:
         begin = next(iter(turns))
-        here, outline = begin, []
+        here = begin
+        outline: list[tuple[int, int]] = []
         way = (0, 0)
         while not outline or here != begin:
             outline.append(here)
@@ -114,7 +115,8 @@ def _text_shape(text: str, x: float, y: float, height: float, anchor: str = "mid
     from matplotlib.textpath import TextPath
 
     path = TextPath((0, 0), text, size=100, prop=FontProperties(family="DejaVu Sans"))
-    outlines = [polygon[:-1] * (height / 100) for polygon in path.to_polygons(closed_only=True) if len(polygon) > 3]
+    polygons = map(np.asarray, path.to_polygons(closed_only=True))
+    outlines = [polygon[:-1] * (height / 100) for polygon in polygons if len(polygon) > 3]
     points = np.concatenate(outlines)
     shift = (points[:, 0].min() + points[:, 0].max()) / 2 if anchor == "middle" else points[:, 0].min()
     return Shape(0.0, tuple(outline + np.array([x - shift, y]) for outline in outlines))

@@ -206,7 +206,7 @@ def read_colmap(model: Path, images: Path | None) -> list[Photo]:
         InputError: The model is damaged, or photos are missing.
     """
     # pycolmap is loaded only here: videos and photo folders do not need it.
-    from gsbridge.colmap import camera_from_colmap, pose_matrix, read_model
+    from gsbridge.photogrammetry.colmap import camera_from_colmap, pose_matrix, read_model
 
     # A whole COLMAP project is as good as its model.
     model = next((p for p in (model, model / "sparse" / "0", model / "sparse") if list(p.glob("cameras.*"))), model)

@@ -1,21 +1,34 @@
-"""What an effect is. Each lives in one file of this package; `catalogue` finds it there."""
+"""What an effect is, whatever it changes."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import ABC
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import ClassVar
 
-from gsbridge.effects.parameter import Parameter
-from gsbridge.gap.joints.setup import Setup
 
-__all__ = ["ALL", "DRIVEN", "HOOKS", "Effect", "FigureEffect", "Parameter"]
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of an effect.
 
-HOOKS = ("command", "actuator", "transmission", "body", "contact", "sensor", "clock", "image")
-"""Places where an effect takes hold, on the way from the command to the log."""
+    Args:
+        name: As in model files.
+        unit: SI.
+        low: Smallest value that makes sense.
+        high: Largest.
+        typical: A size at which to begin looking.
+        amplitude: Whether the effect vanishes as this goes to zero with the other amplitudes; others are shapes.
+        meaning: In words.
+    """
 
-DRIVEN = ("torque", "pd", "position")
-ALL = ("torque", "pd", "position", "free")
+    name: str
+    unit: str
+    low: float
+    high: float
+    typical: float
+    amplitude: bool
+    meaning: str
 
 
 class Effect(ABC):
@@ -24,38 +37,35 @@ class Effect(ABC):
     Attributes:
         name: In files and reports.
         title: In sentences.
-        hook: One of `HOOKS`.
-        scope: `joint` (one joint), `mechanism` (all at once) or `body` (a thrown body).
+        hook: Where it takes hold, on the way from the command to the log or from the scene to the file.
+        scope: What it acts on: `joint` (one joint), `mechanism` (all joints at once), `body` or `camera`.
         parameters: With all amplitudes at zero there is no effect.
-        modes: Ways of driving a mechanism under which it can show.
-        signature: How it looks in residuals.
+        signature: How it looks in what is left between measurement and simulation.
         confused_with: Effects that look alike.
         tell_apart: The experiment that separates them.
         contains: Effects that are this one with some amplitudes at zero.
-        blends: Whether adding signatures of different shape parameters gives those in between.
-        threshold: Whether nothing shows below some size, so that signatures do not simply grow with it.
-        sizes: Multiples of the size that just stands out, at which signatures are made; one suffices where they only grow.
-        cost: `sim` if it needs a simulation of its own, `post` if it changes logs only.
+        sizes: Multiples of the typical size, or of the size that just stands out, at which signatures are made.
+        reason: Why the simulation cannot play it, so that its model cannot hold it; empty where it can.
+        instead: What to do about it then.
     """
 
     name: ClassVar[str]
     title: ClassVar[str]
     hook: ClassVar[str]
-    scope: ClassVar[str] = "joint"
+    scope: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]]
-    modes: ClassVar[tuple[str, ...]] = ALL
     signature: ClassVar[str]
     confused_with: ClassVar[tuple[str, ...]]
     tell_apart: ClassVar[str]
     contains: ClassVar[tuple[str, ...]] = ()
-    blends: ClassVar[bool] = True
-    threshold: ClassVar[bool] = False
-    sizes: ClassVar[tuple[float, ...]] = (1.0, 6.0, 40.0)
-    cost: ClassVar[str] = "sim"
+    sizes: ClassVar[tuple[float, ...]] = (1.0,)
+    reason: ClassVar[str] = ""
+    instead: ClassVar[str] = ""
 
-    @abstractmethod
-    def apply(self, setup: Setup, joint: int, values: Mapping[str, float]) -> None:
-        """Put the effect into a setup. `joint` is a column of the records, -1 for a whole mechanism."""
+    @property
+    def amendable(self) -> bool:
+        """Whether the simulation can play it, so that its model may hold it."""
+        return not self.reason
 
     def directions(self) -> tuple[dict[str, float], ...]:
         """Parameter sets of typical size whose multiples are looked at first; both signs where both make sense."""
@@ -69,19 +79,3 @@ class Effect(ABC):
     def scaled(self, values: Mapping[str, float], factor: float) -> dict[str, float]:
         """Amplitudes multiplied, shapes kept, all within their bounds."""
         return {p.name: min(max(values[p.name] * (factor if p.amplitude else 1.0), p.low), p.high) for p in self.parameters}
-
-
-class FigureEffect(Effect):
-    """An effect that adds to figures of the joint's law, one parameter per figure.
-
-    Attributes:
-        figures: Name of each parameter's figure in `gsbridge.gap.joints.joint_kernel.LAW`.
-    """
-
-    figures: ClassVar[Mapping[str, str]]
-
-    def apply(self, setup: Setup, joint: int, values: Mapping[str, float]) -> None:
-        """Add every parameter to its figure; shapes replace it."""
-        for parameter in self.parameters:
-            row = setup.law[self.figures[parameter.name]]
-            row[joint] = values[parameter.name] + (row[joint] if parameter.amplitude else 0.0)

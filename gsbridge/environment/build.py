@@ -13,7 +13,7 @@ from gsbridge.asset.bundle import Asset, read_asset
 from gsbridge.environment.controllers import GraspController, PlaceController, grip_of, stable_gain
 from gsbridge.environment.env import PickEnvironment
 from gsbridge.environment.gaussian_renderer import OBJECT, GaussianRenderer
-from gsbridge.environment.lens import EFFECTS, Lens
+from gsbridge.environment.lens import Lens
 from gsbridge.environment.light import LightFile
 from gsbridge.environment.mesh_renderer import MeshRenderer
 from gsbridge.environment.photometry import Photometry, Response, read_photometry
@@ -107,12 +107,12 @@ def build_environment(files: StageFiles, settings: EnvironmentSettings) -> PickE
 
 def lens_of(files: StageFiles, settings: EnvironmentSettings) -> Lens:
     """What the model's effects change in the pictures."""
-    return Lens(read_model(files.model, EFFECTS).effects, wrist_camera(settings.image_size))
+    return Lens(read_model(files.model).effects, wrist_camera(settings.image_size))
 
 
 def camera_response(files: StageFiles) -> Camera:
     """What the wrist camera makes of a rendered picture: as it was calibrated, and the model's changes on top."""
-    return _photometry(files).response.after(read_model(files.model, EFFECTS).camera)
+    return _photometry(files).response.after(read_model(files.model).camera)
 
 
 def build_world(files: StageFiles) -> SimWorld:
@@ -124,7 +124,7 @@ def build_world(files: StageFiles) -> SimWorld:
     return SimWorld(
         RobotFiles.read(files.robot),
         Item.of(_asset(files.item, "object"), files.item),
-        read_model(files.model, EFFECTS),
+        read_model(files.model),
         base_from_table=_base_from_table(files.registration),
         plate=_asset(files.background, "background").relief_urdf,
     )

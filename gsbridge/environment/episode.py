@@ -18,7 +18,6 @@ from gsbridge.environment.build import (
     lens_of,
 )
 from gsbridge.environment.env import DrawnEye, Eye, PickEnvironment, state_of
-from gsbridge.environment.lens import EFFECTS
 from gsbridge.environment.settings import RENDERERS, EnvironmentSettings
 from gsbridge.files import write_stage
 from gsbridge.geometry import Array
@@ -118,7 +117,7 @@ def play_episode(
     Raises:
         InputError: A file is missing or of the wrong kind.
     """
-    model, response, lens = read_model(files.model, EFFECTS), camera_response(files), lens_of(files, settings)
+    model, response, lens = read_model(files.model), camera_response(files), lens_of(files, settings)
     eyes = {name: DrawnEye(build_renderer(files, replace(settings, renderer=name)), response, lens) for name in RENDERERS}
     environment = build_environment(files, replace(settings, renderer="mesh"))
     try:

@@ -5,41 +5,20 @@ An effect is told against the wrist camera as it was calibrated, so it comes aft
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from types import MappingProxyType
-from typing import Final
 
 import numpy as np
 
 from gsbridge.cameras import Camera
+from gsbridge.effects.images import IMAGE_EFFECTS
+from gsbridge.effects.images.shooting import Frame, Shooting
+from gsbridge.effects.registry import Applied
 from gsbridge.geometry import Array
 from gsbridge.images import linear_from_srgb, to_u8
-from gsbridge.scene.effects import catalogue, effect_of
 from gsbridge.scene.photograph import develop, with_noise
-from gsbridge.scene.shooting import Frame, Shooting
-from gsbridge.sim.effects import Description, Effect, Parameter
-
-UNDRAWN: Final = ("distortion", "flicker", "latency", "motion_blur", "rolling_shutter", "shadow")
-"""Effects that an episode's pictures cannot have: of more moments than one, of the depth of pixels, or of a bent lens."""
 
 _LIGHT = linear_from_srgb(np.arange(256, dtype=np.float32) / np.float32(255.0))
-
-
-def _descriptions() -> Mapping[str, Description]:
-    return MappingProxyType(
-        {
-            name: Description(
-                {p.name: Parameter(p.name, p.unit, p.low, p.high) for p in effect.parameters}, ("image",), effect.title
-            )
-            for name, effect in catalogue().items()
-            if name not in UNDRAWN
-        }
-    )
-
-
-EFFECTS: Final[Mapping[str, Description]] = _descriptions()
-"""Effects that a model's list `effects` may hold."""
 
 
 class Lens:
@@ -50,10 +29,10 @@ class Lens:
         camera: Pinhole of the pictures, as it is thought to be.
     """
 
-    def __init__(self, effects: Sequence[Effect], camera: Camera) -> None:
+    def __init__(self, effects: Sequence[Applied], camera: Camera) -> None:
         self.nominal, self.how = camera, Shooting()
         for effect in effects:
-            effect_of(effect.name).apply(self.how, effect.parameters)
+            IMAGE_EFFECTS[effect.name].apply(self.how, effect.parameters)
         self.camera = replace(camera, fx=camera.fx * self.how.focal, fy=camera.fy * self.how.focal)
         how = self.how
         self._noisy = how.read_noise > 0.0 or how.shot_noise > 0.0

@@ -9,12 +9,20 @@ import cv2
 import numpy as np
 
 from gsbridge.cameras import Camera, View
-from gsbridge.carving import Grid, Silhouette, carve, largest_component, mesh_depth, mesh_of_field, signed_distances
 from gsbridge.errors import StageError
 from gsbridge.geometry import Array
 from gsbridge.masks.prompt import Prompt
 from gsbridge.masks.settings import MaskSettings
 from gsbridge.meshes import Mesh
+from gsbridge.photogrammetry.carving import (
+    Grid,
+    Silhouette,
+    carve,
+    largest_component,
+    mesh_depth,
+    mesh_of_field,
+    signed_distances,
+)
 
 logger = logging.getLogger("gsbridge")
 
@@ -41,7 +49,7 @@ def hull_of_masks(
         return None
     spacing = float((prompt.high - prompt.low).max()) / voxels
     ground = _GROUND * prompt.distance
-    grid = Grid.covering([prompt.low[0], prompt.low[1], ground], prompt.high, spacing)
+    grid = Grid.covering(np.array([prompt.low[0], prompt.low[1], ground]), prompt.high, spacing)
     field = carve(grid, silhouettes, vote=vote, min_views=min(3, len(silhouettes)), threads=threads)
     field = largest_component(field, (prompt.points - grid.origin) / spacing)
     mesh = mesh_of_field(grid, field)

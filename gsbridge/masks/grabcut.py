@@ -106,7 +106,7 @@ def cut_out(image: Array, labels: Array, iterations: int, seed: int) -> Array:
     cv2.setRNGSeed(seed)
     lab = cv2.cvtColor(image, cv2.COLOR_RGB2LAB)
     result = labels.copy()
-    cv2.grabCut(lab, result, None, np.zeros((1, 65)), np.zeros((1, 65)), iterations, cv2.GC_INIT_WITH_MASK)
+    cv2.grabCut(lab, result, (0, 0, 1, 1), np.zeros((1, 65)), np.zeros((1, 65)), iterations, cv2.GC_INIT_WITH_MASK)
     return (result == FRONT) | (result == UNSURE_FRONT)
 
 

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from gsbridge.cameras import View
 from gsbridge.errors import StageError
 from gsbridge.geometry import Array
-from gsbridge.sparse import SparsePoints
+from gsbridge.photogrammetry.sparse import SparsePoints
 
 _REACH = 0.8
 """Points farther than this share of the working distance from the point the cameras look at are the room, not the object."""
@@ -122,7 +122,7 @@ def find_object(views: Sequence[View], sparse: SparsePoints, height_share: float
     chosen = points[group]
     if len(chosen) > 30:
         # Lone points (wrong matches) would stretch the box: a good point has company.
-        company = cKDTree(chosen).query(chosen, k=4)[0][:, -1]
+        company = np.asarray(cKDTree(chosen).query(chosen, k=4)[0])[:, -1]
         chosen = chosen[company < max(4.0 * float(np.median(company)), 0.02 * distance)]
     if len(chosen) < min_points:
         raise StageError("masks", f"only {len(chosen)} points lie on the object, {min_points} are needed", advice)

@@ -21,9 +21,9 @@ from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop
 from gsbridge.masks.prompt import Prompt, find_object
 from gsbridge.masks.settings import MaskSettings
 from gsbridge.masks.subtraction import subtract_table
-from gsbridge.matting import estimate_alpha
 from gsbridge.meshes import Mesh
-from gsbridge.sparse import SparsePoints, read_points
+from gsbridge.photogrammetry.matting import estimate_alpha
+from gsbridge.photogrammetry.sparse import SparsePoints, read_points
 
 logger = logging.getLogger("gsbridge")
 

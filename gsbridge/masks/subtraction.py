@@ -137,11 +137,11 @@ def _laid(
     size = own.shape[1::-1]
     shown = cv2.warpPerspective(source, onto, size, flags=flags).astype(np.float32) / 255
     free = 1.0 - cv2.dilate(mask.astype(np.uint8), disc(_MARGIN_PX)).astype(np.float32)
-    free = cv2.warpPerspective(free, onto, size, flags=flags) > 0.999
-    both = free & away
+    bare = cv2.warpPerspective(free, onto, size, flags=flags) > 0.999
+    both = bare & away
     if both.sum() >= _GAIN_PIXELS:
         shown = shown * (np.median(own[both], axis=0) / np.maximum(np.median(shown[both], axis=0), 1e-3))
-    shown[~free] = np.nan
+    shown[~bare] = np.nan
     return shown
 
 

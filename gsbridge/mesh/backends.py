@@ -8,6 +8,7 @@ import subprocess
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -146,7 +147,7 @@ def external_points(backend: str, views: Views, masks: Sequence[Array], points: 
                     raise StageError("mesh", f"{program} failed ({tail[0]})", "Use mesh.backend: sweep")
         if not result.is_file():
             raise StageError("mesh", f"{backend} left no points", "Use mesh.backend: sweep")
-        cloud = trimesh.load(str(result), process=False)
+        cloud: Any = trimesh.load(str(result), process=False)
         data = cloud.metadata.get("_ply_raw", {}).get("vertex", {}).get("data")
         found = np.asarray(cloud.vertices, dtype=np.float64)
         if data is None or "nx" not in data.dtype.names or len(found) < 100:

@@ -22,7 +22,7 @@ from gsbridge.mesh.relief import agreement, smooth_heights
 from gsbridge.mesh.repair import largest_part
 from gsbridge.mesh.settings import MeshSettings
 from gsbridge.meshes import Mesh, write_mesh
-from gsbridge.sparse import read_points
+from gsbridge.photogrammetry.sparse import read_points
 
 logger = logging.getLogger("gsbridge")
 

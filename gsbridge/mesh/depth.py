@@ -10,13 +10,13 @@ import cv2
 import numpy as np
 
 from gsbridge.cameras import Camera, View, Views
-from gsbridge.carving import mesh_depth
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8
 from gsbridge.logs import Progress
 from gsbridge.mesh.hull import Hull
 from gsbridge.mesh.settings import MeshSettings
 from gsbridge.mesh.stereo import confirm, patch_match
+from gsbridge.photogrammetry.carving import mesh_depth
 
 _HYPOTHESES = 24
 _PASSES = 3
@@ -92,7 +92,7 @@ def _working_photos(views: Views, masks: Sequence[Array], width: int, stride: in
         camera = view.camera.scaled(min(1.0, width / view.camera.width))
         size = (camera.width, camera.height)
         grey = cv2.cvtColor(read_image_u8(views.path(view)), cv2.COLOR_RGB2GRAY).astype(np.float32) / 255.0
-        grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+        grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.float32)
         small = cv2.resize(mask, size, interpolation=cv2.INTER_AREA) > 0.5
         rows, columns = np.nonzero(small)
         if len(rows) == 0:
@@ -256,7 +256,7 @@ def _oriented(cloud: Array) -> tuple[Array, Array]:
     centres = np.stack([np.bincount(inverse, centres[:, axis]) / counts for axis in range(3)], axis=1)
     size = min(24, len(points))
     distances, neighbours = cKDTree(points).query(points, k=size)
-    reach = distances[:, min(8, size - 1)]
+    reach = np.asarray(distances)[:, min(8, size - 1)]
     good = reach < 3.0 * np.median(reach)
     local = points[neighbours] - points[neighbours].mean(axis=1, keepdims=True)
     normals = np.linalg.eigh(np.einsum("nki,nkj->nij", local, local))[1][:, :, 0]

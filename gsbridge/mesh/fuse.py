@@ -10,7 +10,6 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from gsbridge.cameras import View
-from gsbridge.carving import Grid, largest_component, mesh_depth, mesh_of_field
 from gsbridge.geometry import Array
 from gsbridge.libraries import import_open3d
 from gsbridge.mesh.depth import Cloud
@@ -18,6 +17,7 @@ from gsbridge.mesh.hull import Hull
 from gsbridge.mesh.repair import signed_field
 from gsbridge.mesh.settings import MeshSettings
 from gsbridge.meshes import Mesh
+from gsbridge.photogrammetry.carving import Grid, largest_component, mesh_depth, mesh_of_field
 
 logger = logging.getLogger("gsbridge")
 

@@ -11,11 +11,11 @@ import numpy as np
 from scipy import ndimage
 
 from gsbridge.cameras import View, Views
-from gsbridge.carving import Grid, Silhouette, carve, largest_component, mesh_of_field, signed_distances
 from gsbridge.errors import StageError
 from gsbridge.geometry import Array
 from gsbridge.images import read_mask
 from gsbridge.meshes import Mesh
+from gsbridge.photogrammetry.carving import Grid, Silhouette, carve, largest_component, mesh_of_field, signed_distances
 
 _BELOW = 2
 """Grid layers below the table, so that the cut at z = 0 is a level set like every other surface."""

@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 
 from gsbridge.cameras import Views
-from gsbridge.carving import Grid
 from gsbridge.errors import StageError
 from gsbridge.files import write_stage
 from gsbridge.geometry import Array
@@ -24,7 +23,8 @@ from gsbridge.mesh.hull import Hull, build_hull, read_masks
 from gsbridge.mesh.repair import closed_surface
 from gsbridge.mesh.settings import MeshSettings
 from gsbridge.meshes import Mesh, write_mesh
-from gsbridge.sparse import read_points
+from gsbridge.photogrammetry.carving import Grid
+from gsbridge.photogrammetry.sparse import read_points
 
 logger = logging.getLogger("gsbridge")
 

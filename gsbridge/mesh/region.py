@@ -93,7 +93,7 @@ def _supported(sparse: Array, middle: Array, x: Array, y: Array, distance: float
     flat = sparse[np.abs(sparse[:, 2]) < 0.012 * distance][:, :2]
     if len(flat) >= 50:
         # A point of the table has others beside it; wrong matches and far ground at this height are lonely.
-        flat = flat[cKDTree(flat).query(flat, k=6)[0][:, -1] < 0.1 * distance]
+        flat = flat[np.asarray(cKDTree(flat).query(flat, k=6)[0])[:, -1] < 0.1 * distance]
     if len(flat) < 50:
         return near
     return near | (Delaunay(flat).find_simplex(np.stack([x, y], axis=-1)) >= 0)

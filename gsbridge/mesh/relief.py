@@ -13,11 +13,23 @@ import math
 import numpy as np
 
 from gsbridge.geometry import Array
-from gsbridge.kernels import njit
+from gsbridge.kernels import Real, njit
 
 
 @njit(nogil=True)
-def agreement(images, sizes, projections, chosen, xs, ys, heights, pitch, radius, texture, out):  # type: ignore[no-untyped-def]
+def agreement(
+    images: Array,
+    sizes: Array,
+    projections: Array,
+    chosen: Array,
+    xs: Array,
+    ys: Array,
+    heights: Array,
+    pitch: float,
+    radius: int,
+    texture: float,
+    out: Array,
+) -> None:
     """Mean correlation of the views of every cell at every height.
 
     Args:
@@ -91,7 +103,7 @@ def agreement(images, sizes, projections, chosen, xs, ys, heights, pitch, radius
 
 
 @njit(nogil=True)
-def _sweep(cost, valid, di, dj, slope, limit, total):  # type: ignore[no-untyped-def]
+def _sweep(cost: Array, valid: Array, di: int, dj: int, slope: Real, limit: Real, total: Array) -> None:
     """Add the path costs of one direction to `total`. [ny, nx, L]."""
     rows, columns, levels = cost.shape
     path = np.zeros_like(cost)

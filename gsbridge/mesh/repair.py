@@ -7,10 +7,10 @@ import logging
 import numpy as np
 from scipy import ndimage
 
-from gsbridge.carving import Grid, largest_component, mesh_of_field
 from gsbridge.geometry import Array
 from gsbridge.libraries import import_open3d
 from gsbridge.meshes import Mesh
+from gsbridge.photogrammetry.carving import Grid, largest_component, mesh_of_field
 
 logger = logging.getLogger("gsbridge")
 
@@ -126,10 +126,10 @@ def closed_surface(grid: Grid, field: Array, faces: int) -> Mesh | None:
         coarse = Grid.covering(grid.origin, grid.origin + grid.spacing * (np.array(grid.shape) - 1), grid.spacing * step)
         index = (coarse.points() - grid.origin) / grid.spacing
         values = ndimage.map_coordinates(field, index.T, order=1, mode="nearest").reshape(coarse.shape)
-        mesh = mesh_of_field(coarse, largest_component(values))
-        if mesh is None:
+        whole = mesh_of_field(coarse, largest_component(values))
+        if whole is None:
             return None
-        mesh = largest_part(mesh)
+        mesh = largest_part(whole)
         if len(mesh.faces) <= faces and is_good(mesh):
             return _seated(mesh)
         step *= 1.15

@@ -12,7 +12,8 @@ import math
 
 import numpy as np
 
-from gsbridge.kernels import njit
+from gsbridge.geometry import Array
+from gsbridge.kernels import Real, njit
 
 _WORST = -1.0
 _MIN_COSINE = 0.15
@@ -21,7 +22,26 @@ _MIN_COSINE = 0.15
 
 # No fastmath: each compilation may order the sums differently, and the mesh would depend on the state of the kernels' cache.
 @njit(nogil=True)
-def _score(patch, count, mean, spread, reach, u0, v0, images, maps, shifts, nx, ny, nz, offset, fx, fy, cx, cy):  # type: ignore[no-untyped-def]
+def _score(
+    patch: Array,
+    count: int,
+    mean: float,
+    spread: float,
+    reach: Real,
+    u0: float,
+    v0: float,
+    images: Array,
+    maps: Array,
+    shifts: Array,
+    nx: float,
+    ny: float,
+    nz: float,
+    offset: float,
+    fx: float,
+    fy: float,
+    cx: float,
+    cy: float,
+) -> Real:
     """Mean of the two best correlations of a patch under the plane `n . x = offset` (camera frame).
 
     `patch` [3, N] holds x and y from the patch's centre (`u0`, `v0`) and the grey value. Over so few pixels the plane's
@@ -91,9 +111,23 @@ def _score(patch, count, mean, spread, reach, u0, v0, images, maps, shifts, nx, 
 
 
 @njit(nogil=True)
-def patch_match(  # type: ignore[no-untyped-def]
-    photo, mask, images, maps, shifts, intrinsics, near, far, normals, window, stride, hypotheses, passes, texture, seed
-):
+def patch_match(
+    photo: Array,
+    mask: Array,
+    images: Array,
+    maps: Array,
+    shifts: Array,
+    intrinsics: Array,
+    near: Array,
+    far: Array,
+    normals: Array,
+    window: int,
+    stride: int,
+    hypotheses: int,
+    passes: int,
+    texture: float,
+    seed: int,
+) -> tuple[Array, Array, Array]:
     """Depth, normal and score of the lattice pixels of one photo.
 
     Args:
@@ -227,7 +261,9 @@ def patch_match(  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True)
-def confirm(points, depth, others, poses, intrinsics, strides, tolerance, least):  # type: ignore[no-untyped-def]
+def confirm(
+    points: Array, depth: Array, others: Array, poses: Array, intrinsics: Array, strides: int, tolerance: float, least: int
+) -> tuple[Array, Array]:
     """Average each point with those of other depth maps that agree with it.
 
     Args:

@@ -9,7 +9,6 @@ from pathlib import Path
 
 from gsbridge.environment.biased import BiasedController
 from gsbridge.environment.build import StageFiles, build_controller, build_environment, environment_makers
-from gsbridge.environment.lens import EFFECTS
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_stage
@@ -58,7 +57,7 @@ def train_policy(
     """
     environment = build_environment(files, environment_settings)
     try:
-        model = read_model(files.model, EFFECTS)
+        model = read_model(files.model)
         delay = model.arm.delay * model.timing.control_hz
         controller: Controller = build_controller(files.item, environment_settings, delay=delay)
         if any(controller_offset):

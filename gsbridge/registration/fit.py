@@ -132,7 +132,8 @@ def fit_views(views: Views, start: HandEye, *, with_scale: bool) -> Fit:
     errors = residual(result.x).reshape(-1, 2)
     # The middle half of the residuals tells their spread without the outliers: 0.6745 sigma holds half of a normal law.
     sigma = max(float(np.median(np.abs(errors))) / 0.6745, 1e-6)
-    covariance = sigma**2 * np.linalg.pinv(result.jac.T @ result.jac)
+    slope = np.asarray(result.jac)
+    covariance = sigma**2 * np.linalg.pinv(slope.T @ slope)
     return Fit(moved(start, result.x), covariance, errors)
 
 

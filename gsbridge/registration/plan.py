@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from gsbridge.board import Board
 from gsbridge.cameras import Camera, look_at
 from gsbridge.errors import StageError
 from gsbridge.geometry import Array, rotation_angle
+from gsbridge.photogrammetry.board import Board
 from gsbridge.robot.kinematics import Kinematics
 
 _TILT = (np.deg2rad(8.0), np.deg2rad(40.0))
@@ -71,7 +71,8 @@ def plan_poses(
     camera_from_base = np.linalg.inv(links["flange"] @ flange_from_camera)
     camera_from_tool = camera_from_base @ links["tool"]
     hand = _hand((camera_from_base @ links["palm"])[:3, 3], camera_from_tool[:3, 3])
-    found, views = [], []
+    found: list[Array] = []
+    views: list[Array] = []
     for _ in range(tries):
         if len(found) == _CHOICE * count:
             break

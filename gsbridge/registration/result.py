@@ -39,9 +39,9 @@ def read_registration(path: str | Path) -> Registration:
     """
     content = read_json(path)
     try:
-        poses = [check_rigid(content[key], str(path)) for key in ("base_from_table", "flange_from_camera")]
+        table, mount = (check_rigid(content[key], str(path)) for key in ("base_from_table", "flange_from_camera"))
         camera = content.get("camera")
-        return Registration(*poses, tuple(content["reasons"]), None if camera is None else Camera.from_json(camera))
+        return Registration(table, mount, tuple(content["reasons"]), None if camera is None else Camera.from_json(camera))
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(path, f"the registration is damaged ({error})", "Delete the file and register again") from error
 

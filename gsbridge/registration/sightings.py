@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from gsbridge.board import Board
 from gsbridge.cameras import Camera
 from gsbridge.geometry import Array
+from gsbridge.photogrammetry.board import Board
 
 MIN_TAGS = 3
 """Tags that a photo must show: with fewer, a flat target's pose is soft or ambiguous."""

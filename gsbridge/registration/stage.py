@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from gsbridge.board import Board, find_tags
 from gsbridge.cameras import Camera
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import write_stage
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8
+from gsbridge.photogrammetry.board import Board, find_tags
 from gsbridge.registration.capture import ARM_CSV, CAMERA_JSON, BoardCapture, read_board_capture
 from gsbridge.registration.fit import LeftOut, Views, consistent, leave_one_out, pose_rms
 from gsbridge.registration.handeye import start_hand_eye, turn_spread_deg

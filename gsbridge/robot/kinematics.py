@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
 
@@ -75,6 +75,16 @@ class Kinematics:
                 "rest posture", "it does not fit the arm's joints and their limits", "Give one angle per arm joint"
             )
         return out
+
+    _index: dict[str, int] = field(init=False, repr=False, compare=False)
+    _parents: Array = field(init=False, repr=False, compare=False)
+    _fixed: Array = field(init=False, repr=False, compare=False)
+    _axes: Array = field(init=False, repr=False, compare=False)
+    _source: Array = field(init=False, repr=False, compare=False)
+    _factor: Array = field(init=False, repr=False, compare=False)
+    _arm_nodes: Array = field(init=False, repr=False, compare=False)
+    _arm_limits: JointLimits = field(init=False, repr=False, compare=False)
+    _pull: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         joints, index = self.tree.joints, {name: k for k, name in enumerate(self.tree.links)}

@@ -135,7 +135,7 @@ class Workspace:
     def contains(self, position: Array) -> Array:
         """Whether points lie in the box. [..., 3] -> bool [...]."""
         position = np.asarray(position)
-        return ((position >= self.lower) & (position <= self.upper)).all(-1)
+        return np.asarray(np.all((position >= self.lower) & (position <= self.upper), axis=-1))
 
 
 @dataclass

@@ -169,10 +169,10 @@ def solid_inertia(parts: Sequence[Part], density: float) -> Inertia:
 
 def joined_inertia(bodies: Sequence[Inertia]) -> Inertia:
     """Mass properties of bodies that move as one, all given in one frame, by the parallel-axis theorem."""
-    mass = sum(body.mass for body in bodies)
+    mass = float(sum(body.mass for body in bodies))
     if mass == 0.0:
         return NO_INERTIA
-    centre = sum(body.mass * body.centre for body in bodies) / mass
+    centre = sum((body.mass * body.centre for body in bodies), np.zeros(3)) / mass
     tensor = np.zeros((3, 3))
     for body in bodies:
         offset = body.centre - centre

@@ -18,5 +18,6 @@ def compile_kernels() -> None:
         Joint("hand", "lower", "tool", link),
     )
     arm = Kinematics(Tree("base", joints), np.array([0.1, 0.2]))
-    arm.jacobian([0.3, 0.4])
-    arm.inverse(arm.fk([0.3, 0.4], ["tool"])["tool"])
+    bent = np.array([0.3, 0.4])
+    arm.jacobian(bent)
+    arm.inverse(arm.fk(bent, ["tool"])["tool"])

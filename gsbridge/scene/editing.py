@@ -23,7 +23,7 @@ _RIGID = 1e-4
 
 
 @njit(error_model="numpy")
-def is_rigid(pose):  # type: ignore[no-untyped-def]
+def is_rigid(pose: Array) -> bool:
     """Whether a pose is finite and its rotation one, within `_RIGID`. [4, 4] float64."""
     for i in range(3):
         for j in range(i + 1):
@@ -42,7 +42,7 @@ def is_rigid(pose):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy")
-def _move(poses, moved, starts, rest_means, rest_quats, means, quats):  # type: ignore[no-untyped-def]
+def _move(poses: Array, moved: Array, starts: Array, rest_means: Array, rest_quats: Array, means: Array, quats: Array) -> int:
     """Write the splats of all bodies marked as moved; returns the first body whose pose is not rigid, or -1.
 
     Args:

@@ -90,7 +90,15 @@ def _grouped(cloud: Cloud) -> tuple[Cloud, _Bounds]:
 
 
 @njit(error_model="numpy")
-def _see(poses, cam_from_world, owners, balls, reaches, lens, size):  # type: ignore[no-untyped-def]
+def _see(
+    poses: Array,
+    cam_from_world: Array,
+    owners: Array,
+    balls: Array,
+    reaches: Array,
+    lens: tuple[float, ...],
+    size: tuple[int, int],
+) -> tuple[int, Array, Array, Array]:
     """Find the groups that a picture may show.
 
     Args:
@@ -193,7 +201,7 @@ class GroupedComposition:
             np.concatenate([world_from_body[name] for name in self.names], out=self._flat)
         lens, size = camera.pinhole_numbers, (camera.width, camera.height)
         pose = np.ascontiguousarray(cam_from_world, dtype=np.float64)
-        seen, groups, owners, views = _see(self._poses, pose, self._owners, *self._bounds, lens, size)
+        seen, groups, owners, views = _see(self._poses, pose, self._owners, self._bounds[0], self._bounds[1], lens, size)
         if seen < 0:
             number = -1 - seen
             raise ValueError(f"the pose of {self.names[number]} is no finite rigid transform:\n{self._poses[number]}")

@@ -80,14 +80,12 @@ def _cells(features: Array, count: int) -> Array:
     """Number of the cell that each point belongs to, after some rounds of Lloyd's algorithm. [N]."""
     # The points run along the faces in order, so that equal steps through them start near an even spread.
     centres = features[np.linspace(0, len(features) - 1, count).astype(int)]
-    owner = np.zeros(len(features), int)
     for _ in range(_ROUNDS):
-        owner = cKDTree(centres).query(features)[1]
+        owner = np.asarray(cKDTree(centres).query(features)[1])
         sizes = np.bincount(owner, minlength=len(centres))
         sums = np.stack([np.bincount(owner, column, minlength=len(centres)) for column in features.T], axis=1)
         centres = sums[sizes > 0] / sizes[sizes > 0, None]
-    owner = cKDTree(centres).query(features)[1]
-    return np.unique(owner, return_inverse=True)[1]
+    return np.unique(cKDTree(centres).query(features)[1], return_inverse=True)[1]
 
 
 def _discs(points: Array, normals: Array, features: Array, owner: Array, width: float) -> tuple[Array, Array, Array, Array]:

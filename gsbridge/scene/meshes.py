@@ -66,7 +66,7 @@ def uniform(mesh: Mesh, colour: Sequence[float]) -> Mesh:
 
 
 @njit(error_model="numpy")
-def _fill(a, b, c, ca, cb, cc, inverse, image):  # type: ignore[no-untyped-def]
+def _fill(a: Array, b: Array, c: Array, ca: Array, cb: Array, cc: Array, inverse: Array, image: Array) -> None:
     """Draw a triangle before the camera.
 
     Args:
@@ -103,7 +103,7 @@ def _fill(a, b, c, ca, cb, cc, inverse, image):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy")
-def _project(vertices, starts, poses, pinhole, points, pixels):  # type: ignore[no-untyped-def]
+def _project(vertices: Array, starts: Array, poses: Array, pinhole: Array, points: Array, pixels: Array) -> None:
     """Camera coordinates of all vertices and, of those before the near plane, what `_fill` takes.
 
     Args:
@@ -129,7 +129,7 @@ def _project(vertices, starts, poses, pinhole, points, pixels):  # type: ignore[
 
 
 @njit(error_model="numpy", forceinline=True)
-def _tone(a, b, c, light, ambient):  # type: ignore[no-untyped-def]
+def _tone(a: Array, b: Array, c: Array, light: Array, ambient: float) -> float:
     """Brightness of a face under a distant light, 0..1."""
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
@@ -144,7 +144,17 @@ def _tone(a, b, c, light, ambient):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy")
-def _draw(points, pixels, colours, faces, pinhole, light, ambient, inverse, image):  # type: ignore[no-untyped-def]
+def _draw(
+    points: Array,
+    pixels: Array,
+    colours: Array,
+    faces: Array,
+    pinhole: Array,
+    light: Array,
+    ambient: float,
+    inverse: Array,
+    image: Array,
+) -> None:
     """Draw all faces.
 
     Args:
@@ -198,7 +208,7 @@ def _draw(points, pixels, colours, faces, pinhole, light, ambient, inverse, imag
 
 
 @njit(error_model="numpy")
-def _resolve(image, samples, out):  # type: ignore[no-untyped-def]
+def _resolve(image: Array, samples: int, out: Array) -> None:
     """Mean of the samples of each pixel as 8 bits."""
     share = np.float32(255.0 / (samples * samples))
     for row in range(out.shape[0]):

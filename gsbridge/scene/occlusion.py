@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gsbridge.kernels import njit  # isort: skip  (first: it sets numba's cache folder)
+from gsbridge.kernels import Real, njit  # isort: skip  (first: it sets numba's cache folder)
 
 import math
 
@@ -41,7 +41,8 @@ def spheres_in(mesh: Mesh, count: int) -> Array:
     radii = depths + 0.5 * cell
     tried = np.argsort(-depths, kind="stable")[:: max(1, len(points) // 1000)]
     held = np.linalg.norm(points[tried][:, None] - points[None], axis=-1) < radii[tried][:, None]
-    left, out = np.ones(len(points), bool), []
+    left = np.ones(len(points), bool)
+    out: list[list[float]] = []
     while len(out) < count and left.mean() > 1 - SHARE:
         gains = (held & left).sum(1)
         best = int(np.argmax(gains))
@@ -67,7 +68,7 @@ def moved(spheres: Array, pose: Array) -> Array:
 
 
 @njit(error_model="numpy", fastmath=True)
-def left_by(px, py, pz, sphere, dx, dy, dz, width):  # type: ignore[no-untyped-def]
+def left_by(px: float, py: float, pz: float, sphere: Array, dx: float, dy: float, dz: float, width: Real) -> Real:
     """Share of the light from a direction, blurred by an angle, that a sphere lets through to a point."""
     x, y, z, radius = sphere[0] - px, sphere[1] - py, sphere[2] - pz, sphere[3]
     along = x * dx + y * dy + z * dz
@@ -85,10 +86,10 @@ def left_by(px, py, pz, sphere, dx, dy, dz, width):  # type: ignore[no-untyped-d
 
 
 @njit(error_model="numpy", fastmath=True)
-def _transmittances(points, spheres, directions, width, out):  # type: ignore[no-untyped-def]
+def _transmittances(points: Array, spheres: Array, directions: Array, width: Real, out: Array) -> None:
     for i in range(points.shape[0]):
         for m in range(directions.shape[0]):
-            left = np.float32(1.0)
+            left: Real = np.float32(1.0)
             for s in range(spheres.shape[0]):
                 left = min(
                     left,

@@ -11,9 +11,9 @@ import numpy as np
 from scipy.special import ive
 
 from gsbridge.cameras import Camera
+from gsbridge.effects.images.shooting import Frame, Shooting
 from gsbridge.geometry import Array
 from gsbridge.images import linear_from_srgb, srgb_from_linear
-from gsbridge.scene.shooting import Frame, Shooting
 from gsbridge.scene.track import Track
 from gsbridge.splats.cloud import Cloud
 from gsbridge.splats.rasterize import cpu
@@ -105,7 +105,8 @@ class Photographer:
         middle = time - shooting.delay
         # Middles of equal parts of the exposure.
         span = (np.arange(EXPOSURES) + 0.5) / EXPOSURES - 0.5 if shooting.exposure_time else np.zeros(1)
-        light, depths = np.float32(0.0), np.zeros(0)
+        light: Array = np.zeros(1, np.float32)
+        depths: Array = np.zeros(0)
         for k, offset in enumerate(span):
             seen, depth = self._shutter(track, middle + float(offset) * shooting.exposure_time, shooting, camera)
             light = light + seen / np.float32(len(span))

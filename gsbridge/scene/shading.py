@@ -5,7 +5,7 @@ Points are looked at in small tiles of neighbours, and only spheres that may sha
 
 from __future__ import annotations
 
-from gsbridge.kernels import njit  # isort: skip  (first: it sets numba's cache folder)
+from gsbridge.kernels import Real, njit  # isort: skip  (first: it sets numba's cache folder)
 
 import math
 from functools import cache
@@ -15,7 +15,7 @@ import numpy as np
 from gsbridge.geometry import Array
 from gsbridge.scene.light import WIDTH
 from gsbridge.splats.rasterize.lanes import WIDTH as LANES
-from gsbridge.splats.rasterize.lanes import larger, lowest_bit, mask_bits, select, smaller, spread, square_root
+from gsbridge.splats.rasterize.lanes import LaneValues, larger, lowest_bit, mask_bits, select, smaller, spread, square_root
 from gsbridge.splats.rasterize.memory import at, load, store
 
 TABLE_HEIGHT = 0.006
@@ -52,7 +52,7 @@ def tile_order(rows: int, columns: int) -> Array:
 
 
 @njit(error_model="numpy", fastmath=True)
-def _frame(dx, dy, dz):  # type: ignore[no-untyped-def]
+def _frame(dx: float, dy: float, dz: float) -> tuple[Real, ...]:
     """Two unit vectors across a direction that does not lie level along x."""
     length = math.sqrt(dy * dy + dz * dz)
     ax, ay, az = np.float32(0.0), dz / length, -dy / length
@@ -60,7 +60,7 @@ def _frame(dx, dy, dz):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy", fastmath=True)
-def _within(x, y, z, spheres, first, last, margin):  # type: ignore[no-untyped-def]
+def _within(x: float, y: float, z: float, spheres: Array, first: int, last: int, margin: Real) -> bool:
     """Whether a point lies in one of some spheres, or within a margin of it."""
     for s in range(first, last):
         a, b, c, edge = spheres[s, 0] - x, spheres[s, 1] - y, spheres[s, 2] - z, spheres[s, 3] + margin
@@ -70,7 +70,16 @@ def _within(x, y, z, spheres, first, last, margin):  # type: ignore[no-untyped-d
 
 
 @njit(error_model="numpy", forceinline=True)
-def _shade(along, side, up, s_along, s_side, s_up, radius, left):  # type: ignore[no-untyped-def]
+def _shade(
+    along: LaneValues,
+    side: LaneValues,
+    up: LaneValues,
+    s_along: float,
+    s_side: float,
+    s_up: float,
+    radius: float,
+    left: LaneValues,
+) -> LaneValues:
     """What a sphere leaves of a direction's light at some points (`Lanes`), in coordinates along and across the direction.
 
     The same as `gsbridge.scene.occlusion.left_by`, without branches.
@@ -87,7 +96,7 @@ def _shade(along, side, up, s_along, s_side, s_up, radius, left):  # type: ignor
 
 
 @njit(error_model="numpy", fastmath=True)
-def _sort_out(points, spheres, robot, kinds):  # type: ignore[no-untyped-def]
+def _sort_out(points: Array, spheres: Array, robot: int, kinds: Array) -> None:
     """What each point belongs to: `BARE`, `OWN` or `LIT`. [N, 3], [S, 4] (the robot's first) -> kinds [N] int8."""
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -100,7 +109,7 @@ def _sort_out(points, spheres, robot, kinds):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy")
-def _gather(points, kinds, order, tiled, balls, lit):  # type: ignore[no-untyped-def]
+def _gather(points: Array, kinds: Array, order: Array, tiled: Array, balls: Array, lit: Array) -> None:
     """Points in the order of their tiles, and a ball round those of each tile that are to be lit.
 
     Args:
@@ -134,7 +143,9 @@ def _gather(points, kinds, order, tiled, balls, lit):  # type: ignore[no-untyped
 
 
 @njit(error_model="numpy")
-def _light(tiled, balls, lit, spheres, robot, sources, shares, work, sums):  # type: ignore[no-untyped-def]
+def _light(
+    tiled: Array, balls: Array, lit: Array, spheres: Array, robot: int, sources: Array, shares: Array, work: Array, sums: Array
+) -> None:
     """Add up the light of all directions at each point.
 
     Args:
@@ -190,7 +201,7 @@ def _light(tiled, balls, lit, spheres, robot, sources, shares, work, sums):  # t
 
 
 @njit(error_model="numpy", fastmath=True)
-def _tones(kinds, order, sums, tones):  # type: ignore[no-untyped-def]
+def _tones(kinds: Array, order: Array, sums: Array, tones: Array) -> None:
     """Share of the light at each point, to the power that colours are encoded with.
 
     Args:
@@ -207,7 +218,17 @@ def _tones(kinds, order, sums, tones):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy")
-def shade_points(points, order, spheres, robot, sources, shares, floor, kinds, tones):  # type: ignore[no-untyped-def]
+def shade_points(
+    points: Array,
+    order: Array,
+    spheres: Array,
+    robot: int,
+    sources: Array,
+    shares: Array,
+    floor: Real,
+    kinds: Array,
+    tones: Array,
+) -> None:
     """What belongs to whom, and how light it is there.
 
     Args:

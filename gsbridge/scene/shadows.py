@@ -7,7 +7,7 @@ Surfaces count as level, which the wrist camera, looking down, mostly sees; the 
 
 from __future__ import annotations
 
-from gsbridge.kernels import njit  # isort: skip  (first: it sets numba's cache folder)
+from gsbridge.kernels import Real, njit  # isort: skip  (first: it sets numba's cache folder)
 
 import math
 from collections.abc import Mapping
@@ -32,7 +32,7 @@ _OFFSET = 0.055
 
 
 @njit(error_model="numpy")
-def _place(poses, owners, rest, out):  # type: ignore[no-untyped-def]
+def _place(poses: Array, owners: Array, rest: Array, out: Array) -> None:
     """Spheres where their bodies are. [4 B, 4], [S], [S, 4] -> out [S, 4]."""
     for s in range(rest.shape[0]):
         first = 4 * owners[s]
@@ -43,7 +43,7 @@ def _place(poses, owners, rest, out):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy")
-def _table_from_cam(cam_from_table):  # type: ignore[no-untyped-def]
+def _table_from_cam(cam_from_table: Array) -> Array:
     """Inverse of a rigid pose. [4, 4] -> [3, 4] float32."""
     out = np.empty((3, 4), np.float32)
     for i in range(3):
@@ -56,7 +56,7 @@ def _table_from_cam(cam_from_table):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy", fastmath=True)
-def _points(depths, alphas, lens, table_from_cam, step, out):  # type: ignore[no-untyped-def]
+def _points(depths: Array, alphas: Array, lens: Array, table_from_cam: Array, step: int, out: Array) -> None:
     """Surface points of the grid's pixels, table frame, far below where nothing is drawn."""
     rows, columns = out.shape[0], out.shape[1]
     for i in range(rows):
@@ -74,7 +74,7 @@ def _points(depths, alphas, lens, table_from_cam, step, out):  # type: ignore[no
 
 
 @njit(error_model="numpy", fastmath=True)
-def _widen(points, tones, kinds, step, out):  # type: ignore[no-untyped-def]
+def _widen(points: Array, tones: Array, kinds: Array, step: int, out: Array) -> None:
     """For each row of grid points, what the point to the left of every pixel of a row, and the one to the right, know.
 
     -> out [rows, 2, 4, W]: height, what the robot leaves, what robot and object leave, 1 on the object.
@@ -90,7 +90,17 @@ def _widen(points, tones, kinds, step, out):  # type: ignore[no-untyped-def]
 
 
 @njit(error_model="numpy", fastmath=True)
-def _dim(image, depths, alphas, lens, table_from_cam, step, points, tones, kinds):  # type: ignore[no-untyped-def]
+def _dim(
+    image: Array,
+    depths: Array,
+    alphas: Array,
+    lens: Array,
+    table_from_cam: Array,
+    step: int,
+    points: Array,
+    tones: Array,
+    kinds: Array,
+) -> None:
     """Dim every pixel by the tone of the four grid points round it, those at its height foremost.
 
     Without branches, a row at a time, so that many pixels are computed at once.
@@ -135,9 +145,22 @@ def _dim(image, depths, alphas, lens, table_from_cam, step, points, tones, kinds
 
 
 @njit(error_model="numpy")
-def _dim_picture(  # type: ignore[no-untyped-def]
-    image, depths, alphas, lens, cam_from_table, poses, owners, rest, robot, sources, shares, floor, step, order
-):
+def _dim_picture(
+    image: Array,
+    depths: Array,
+    alphas: Array,
+    lens: tuple[float, ...],
+    cam_from_table: Array,
+    poses: Array,
+    owners: Array,
+    rest: Array,
+    robot: int,
+    sources: Array,
+    shares: Array,
+    floor: Real,
+    step: int,
+    order: Array,
+) -> None:
     """Dim a picture; see `Shadows.dim`.
 
     Args:

@@ -19,7 +19,7 @@ BLACK = (0.0, 0.0, 0.0)
 
 
 @njit(error_model="numpy")
-def _bytes_of(values, out):  # type: ignore[no-untyped-def]
+def _bytes_of(values: Array, out: Array) -> None:
     """Clamp to 0..1 and round to 8 bits; NaN becomes 0. Flat arrays."""
     for i in range(values.shape[0]):
         value = values[i] * np.float32(255.0) + np.float32(0.5)

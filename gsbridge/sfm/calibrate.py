@@ -9,13 +9,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from gsbridge.board import Board, find_tags
 from gsbridge.cameras import Camera
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import read_json, write_stage
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8
 from gsbridge.logs import Progress
+from gsbridge.photogrammetry.board import Board, find_tags
 
 logger = logging.getLogger("gsbridge")
 
@@ -83,7 +83,7 @@ def solve(matches: Sequence[Match], size: tuple[int, int]) -> tuple[Camera, floa
         # OpenCV has pixel centres at integers, we at +0.5.
         pixels = [(p - 0.5).astype(np.float32) for _, p in kept]
         criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-10)
-        rms, k, distortion, _, _, _, _, errors = cv2.calibrateCameraExtended(
+        rms, k, distortion, _, _, _, _, errors = cv2.calibrateCameraExtended(  # type: ignore[call-overload]  # None asks OpenCV for a first guess of its own
             boards, pixels, size, None, None, flags=cv2.CALIB_FIX_K3, criteria=criteria
         )
         errors = errors.ravel()

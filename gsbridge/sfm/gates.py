@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pycolmap
 
-from gsbridge.board import Board
-from gsbridge.colmap import camera_from_colmap, pose_matrix
 from gsbridge.errors import StageError
+from gsbridge.geometry import Array
+from gsbridge.photogrammetry.board import Board
+from gsbridge.photogrammetry.colmap import camera_from_colmap, pose_matrix
 from gsbridge.sfm.mapping import Outcome, Photos
 from gsbridge.sfm.settings import SfmSettings
 from gsbridge.sfm.tags import MAX_LAYOUT_ERROR, MIN_TAGS, Tags, corner_points, layout_error
@@ -33,7 +34,7 @@ def doubt(model: pycolmap.Reconstruction, raw_tags: Tags, board: Board | None) -
     return None
 
 
-def model_corners(model: pycolmap.Reconstruction, raw_tags: Tags):  # type: ignore[no-untyped-def]
+def model_corners(model: pycolmap.Reconstruction, raw_tags: Tags) -> dict[int, Array]:
     """Triangulated tag corners of a model by tag id. [4, 3] each."""
     tags: Tags = {}
     poses = {}

@@ -9,12 +9,12 @@ import cv2  # noqa: F401  (must be loaded before pycolmap)
 import numpy as np
 import pycolmap
 
-from gsbridge.board import Board
-from gsbridge.colmap import pose_matrix
 from gsbridge.geometry import Array, align_similarity
+from gsbridge.photogrammetry.board import Board
+from gsbridge.photogrammetry.colmap import pose_matrix
+from gsbridge.photogrammetry.tags import scale_standard_error
 from gsbridge.sfm.gates import model_corners
 from gsbridge.sfm.tags import MIN_TAGS, Tags, layout_error
-from gsbridge.tags import scale_standard_error
 
 logger = logging.getLogger("gsbridge")
 

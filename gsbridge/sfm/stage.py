@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pycolmap
 
-from gsbridge.board import Board
 from gsbridge.cameras import Camera, split_of
-from gsbridge.colmap import camera_from_colmap, pose_matrix, quiet
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import atomic_directory, read_json, write_json, write_stage
 from gsbridge.geometry import Array
+from gsbridge.photogrammetry.board import Board
+from gsbridge.photogrammetry.colmap import camera_from_colmap, pose_matrix, quiet
 from gsbridge.sfm import gates
 from gsbridge.sfm.mapping import Outcome, Photos, map_photos, rematch, triangulate_known
 from gsbridge.sfm.refine import refine_with_tags

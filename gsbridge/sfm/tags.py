@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from gsbridge.board import Board, find_tags
 from gsbridge.geometry import Array, align_similarity
 from gsbridge.images import read_image_u8
 from gsbridge.logs import track
-from gsbridge.tags import Tags, corner_points, triangulate
+from gsbridge.photogrammetry.board import Board, find_tags
+from gsbridge.photogrammetry.tags import Tags, corner_points, triangulate
 
 MIN_TAGS = 3
 MAX_LAYOUT_ERROR = 0.02

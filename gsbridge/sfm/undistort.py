@@ -9,8 +9,8 @@ import numpy as np
 import pycolmap
 
 from gsbridge.cameras import Camera
-from gsbridge.colmap import camera_from_colmap, pose_matrix
 from gsbridge.geometry import Array
+from gsbridge.photogrammetry.colmap import camera_from_colmap, pose_matrix
 
 
 def undistort_pixels(pixels: Array, camera: Camera) -> Array:
@@ -72,14 +72,15 @@ def undistorted_model(model: pycolmap.Reconstruction, pinholes: dict[int, Camera
     """
     out = pycolmap.Reconstruction()
     for camera_id, pinhole in pinholes.items():
-        camera = pycolmap.Camera(
-            camera_id=camera_id,
-            model="PINHOLE",
-            width=pinhole.width,
-            height=pinhole.height,
-            params=[pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy],
+        out.add_camera_with_trivial_rig(
+            pycolmap.Camera(
+                camera_id=camera_id,
+                model="PINHOLE",
+                width=pinhole.width,
+                height=pinhole.height,
+                params=[pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy],
+            )
         )
-        out.add_camera_with_trivial_rig(camera)
     for image_id in sorted(model.reg_image_ids()):
         image = model.image(image_id)
         camera = camera_from_colmap(image.camera, image.name)

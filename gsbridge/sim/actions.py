@@ -127,6 +127,6 @@ class ToolTarget:
         self.saturated += cut != values
         # The cube of three equal steps, as in the paper: a diagonal action moves farther than one along an axis.
         position = [at + self.scale.position * part for at, part in zip(self.position.tolist(), step, strict=True)]
-        self.position, self.yaw = self.counted.clip(position, self.yaw + self.scale.yaw * turn)
+        self.position, self.yaw = self.counted.clip(np.array(position), self.yaw + self.scale.yaw * turn)
         self.aperture = min(max(self.aperture + self.scale.aperture * opening, 0.0), self.stroke)
         return self.position, self.yaw, self.aperture

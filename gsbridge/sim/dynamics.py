@@ -17,7 +17,7 @@ from gsbridge.robot.chain import cholesky_solve, place_links
 
 
 @njit(nogil=True)
-def arm_inertia(a: Array) -> None:
+def arm_inertia(a: np.record) -> None:
     """Joint-space inertia of the arm and the torques that hold its weight, by composite bodies about the base's origin.
 
     Args:

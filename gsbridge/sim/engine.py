@@ -215,7 +215,7 @@ class Engine:
         self._number = client._client
         self._joint_states = partial(pybullet.getJointStates, self.robot, self.measured_joints, self._number)
         self.measured = np.zeros((2, len(self.measured_joints)))
-        self._write = partial(Struct(f"{self.measured.size}d").pack_into, memoryview(self.measured).cast("B"), 0)
+        self._write = partial(Struct(f"{self.measured.size}d").pack_into, self.measured.data.cast("B"), 0)
         self._set_torques = pybullet.setJointMotorControlArray
         self.advance = partial(pybullet.stepSimulation, self._number)
         self._contacts = client.getContactPoints

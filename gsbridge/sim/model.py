@@ -14,8 +14,9 @@ from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import yaml
 
+from gsbridge.effects.images import IMAGE_EFFECTS
+from gsbridge.effects.registry import Applied, checked_number, effect_of, read_effects
 from gsbridge.errors import InputError
-from gsbridge.sim.effects import CATALOGUE, Description, Effect, checked_number, read_effects
 
 ARM = 7
 """Joints of the arm."""
@@ -29,7 +30,7 @@ class Range(NamedTuple):
     unit: str
     low: float
     high: float
-    count: int = 0
+    length: int = 0
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ class Object:
     Args:
         mass: Factor on the asset's mass and inertia.
         linear_damping: d of the loss `v' = -d v`. Bullet's default of 0.04 is wrong for a solid in air. Not the coefficient of
-            the same name that the gap finds in flights (`gsbridge.gap.contact.effects.linear_damping`), which grows with speed.
+            the same name that the gap finds in flights (`gsbridge.effects.bodies.linear_damping`), which grows with speed.
         angular_damping: The same for the spin, with rad/s.
     """
 
@@ -181,7 +182,7 @@ class Model:
     contact: Contact
     object: Object
     camera: Camera
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[Applied, ...] = ()
 
     @property
     def substeps(self) -> int:
@@ -199,12 +200,11 @@ class Model:
         return self.substeps * self.time_step
 
 
-def read_model(path: str | Path, catalogue: Mapping[str, Description] = CATALOGUE) -> Model:
+def read_model(path: str | Path) -> Model:
     """Read a model file.
 
     Args:
         path: The file.
-        catalogue: Effects that it may hold.
 
     Raises:
         InputError: The file is missing or damaged, a key is unknown or missing, a value is no number or out of range.
@@ -217,23 +217,26 @@ def read_model(path: str | Path, catalogue: Mapping[str, Description] = CATALOGU
         ) from error
     except (UnicodeDecodeError, yaml.YAMLError) as error:
         raise InputError(path, f"this is not valid YAML ({error})", "Correct it after models/nominal.yaml") from error
-    return parse_model(content, str(path), catalogue)
+    return parse_model(content, str(path))
 
 
-def parse_model(content: Any, source: str = "model", catalogue: Mapping[str, Description] = CATALOGUE) -> Model:
+def parse_model(content: Any, source: str = "model") -> Model:
     """A model from the content of a model file.
 
     Args:
         content: Nested mappings as in `models/nominal.yaml`.
         source: Where it comes from, for messages.
-        catalogue: Effects that it may hold.
 
     Raises:
         InputError: As `read_model`.
     """
     if not isinstance(content, Mapping) or "effects" not in content:
         raise InputError(source, "the model has no list 'effects'", "Write effects: [] for the nominal model")
-    effects = read_effects(content["effects"], source, catalogue)
+    effects = read_effects(content["effects"], source, IMAGE_EFFECTS)
+    for applied in effects:
+        effect = effect_of(applied, IMAGE_EFFECTS)
+        if not effect.amendable:
+            raise InputError(source, f"the simulation cannot play '{effect.name}': {effect.reason}", effect.instead)
     model = _section(Model, {key: value for key, value in content.items() if key != "effects"}, "", source, effects=effects)
     ratio = model.timing.physics_hz / model.timing.control_hz
     if abs(ratio - round(ratio)) > 1e-9:
@@ -261,15 +264,15 @@ def _section(kind: type, content: Any, prefix: str, source: str, **known: Any) -
         if item.name not in content:
             raise InputError(source, f"the key '{key}' is missing", "A model states every value; see models/nominal.yaml")
         value, kind_of = content[item.name], hints[item.name]
-        if is_dataclass(kind_of):
+        if isinstance(kind_of, type) and is_dataclass(kind_of):
             values[item.name] = _section(kind_of, value, key + ".", source)
             continue
-        unit, low, high, count = kind_of.__metadata__[0]
-        if not count:
+        unit, low, high, length = kind_of.__metadata__[0]
+        if not length:
             values[item.name] = checked_number(value, low, high, key, unit, source)
             continue
-        if not isinstance(value, list) or len(value) != count:
-            raise InputError(source, f"'{key}' is no list of {count} numbers", "Give one number per joint, base first")
+        if not isinstance(value, list) or len(value) != length:
+            raise InputError(source, f"'{key}' is no list of {length} numbers", "Give one number per joint, base first")
         values[item.name] = tuple(
             checked_number(number, low, high, f"{key}[{i}]", unit, source) for i, number in enumerate(value)
         )

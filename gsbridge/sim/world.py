@@ -130,7 +130,7 @@ class SimWorld:
         if np.shape(point) != (3,) or not all(map(isfinite, (*point, yaw, aperture))):
             raise InputError("command", "the target is not finite", "Check the policy's output for NaN")
         target = np.empty((4, 4))
-        place_tool_down(self.base_from_table, *point, float(yaw), target)
+        place_tool_down(self.base_from_table, point[0], point[1], point[2], float(yaw), target)
         found = self.kinematics.inverse(target, self.controller.goal[:-1])
         if found.converged:
             self.controller.aim(found.q, aperture)

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -217,6 +217,7 @@ def _multiply(left: Tensor, right: Tensor) -> Tensor:
 def write_binding(path: str | Path, binding: Binding) -> None:
     """Write a binding with its rest mesh, whole or not at all."""
     with atomic_file(path) as temporary, temporary.open("wb") as stream:
+        parameters: dict[str, Any] = {f"parameter_{name}": value.detach().numpy() for name, value in binding.parameters.items()}
         np.savez_compressed(
             stream,
             kind=np.array(binding.kind),
@@ -224,7 +225,7 @@ def write_binding(path: str | Path, binding: Binding) -> None:
             faces=binding.faces.astype(np.int32),
             face_index=binding.face_index.astype(np.int32),
             band=np.array(binding.band),
-            **{f"parameter_{name}": value.detach().numpy() for name, value in binding.parameters.items()},
+            **parameters,
         )
 
 

@@ -14,7 +14,7 @@ from gsbridge.cameras import Camera
 from gsbridge.files import atomic_directory
 from gsbridge.geometry import Array
 from gsbridge.images import SSIM_RADIUS, linear_from_srgb, srgb_from_linear, ssim_map, write_image
-from gsbridge.matting import background_of
+from gsbridge.photogrammetry.matting import background_of
 from gsbridge.splats.cloud import Cloud
 from gsbridge.splats.lpips import Lpips
 from gsbridge.splats.rasterize import rasterize
@@ -98,7 +98,7 @@ def _measure(cloud: Cloud, target: Target, kind: str, lpips: Lpips | None) -> li
         iou = float((inside & shown).sum() / max((inside | shown).sum(), 1))
     # Outside this window both images are equal: there the error is 0 and the similarity 1.
     window = _window((alphas > 0) | (photo.max(-1) > 0), 2 * SSIM_RADIUS + 1)
-    rows = []
+    rows: list[tuple[float, ...]] = []
     for region, image, reference, count in (
         ("masked", shown_in_place, photo_in_place, weight),
         ("full", colours, photo, np.ones_like(weight)),

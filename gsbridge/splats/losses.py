@@ -18,7 +18,7 @@ import torch
 from gsbridge import logs
 from gsbridge.geometry import Array
 from gsbridge.splats.rasterize.blending import use_threads
-from gsbridge.splats.rasterize.lanes import WIDTH, select, spread
+from gsbridge.splats.rasterize.lanes import WIDTH, LaneValues, select, spread
 from gsbridge.splats.rasterize.memory import load, load_spread, store
 
 RADIUS = 5
@@ -41,7 +41,7 @@ TAPS = window()
 
 
 @njit(error_model="numpy")
-def _blur_along(taps, source, start, target, to, stride):
+def _blur_along(taps: Array, source: Array, start: int, target: Array, to: int, stride: int) -> None:
     """Window along a padded, interleaved row."""
     w0, w1, w2 = load_spread(taps, 0), load_spread(taps, 1), load_spread(taps, 2)
     w3, w4, w5 = load_spread(taps, 3), load_spread(taps, 4), load_spread(taps, 5)
@@ -54,7 +54,7 @@ def _blur_along(taps, source, start, target, to, stride):
 
 
 @njit(error_model="numpy")
-def _blur_across(taps, ring, rows, offset, target, to, stride):
+def _blur_across(taps: Array, ring: Array, rows: Array, offset: int, target: Array, to: int, stride: int) -> None:
     """Window across eleven rows of the ring, `rows` holding their starts from the top."""
     w0, w1, w2 = load_spread(taps, 0), load_spread(taps, 1), load_spread(taps, 2)
     w3, w4, w5 = load_spread(taps, 3), load_spread(taps, 4), load_spread(taps, 5)
@@ -69,12 +69,25 @@ def _blur_across(taps, ring, rows, offset, target, to, stride):
 
 
 @njit(error_model="numpy", forceinline=True)
-def _size(values):
+def _size(values: LaneValues) -> LaneValues:
     return select(values < 0.0, -values, values)
 
 
 @njit(error_model="numpy")
-def _compare_band(taps, images, weights, weight_step, first, last, height, stride, factors, maps, gradient, sums):
+def _compare_band(
+    taps: Array,
+    images: tuple[Array, ...],
+    weights: Array,
+    weight_step: int,
+    first: int,
+    last: int,
+    height: int,
+    stride: int,
+    factors: tuple[np.float32, np.float32],
+    maps: Array,
+    gradient: Array,
+    sums: Array,
+) -> None:
     """Compare rows first..last: fill the rows' sums, the L1 gradient and the three maps that `_gather_band` blurs back."""
     image, target = images
     span = stride + 2 * _PAD
@@ -127,7 +140,9 @@ def _compare_band(taps, images, weights, weight_step, first, last, height, strid
 
 
 @njit(error_model="numpy")
-def _gather_band(taps, images, first, last, height, stride, maps, gradient):
+def _gather_band(
+    taps: Array, images: tuple[Array, ...], first: int, last: int, height: int, stride: int, maps: Array, gradient: Array
+) -> None:
     """Blur the three maps back (the window is symmetric) and add them to the gradient of rows first..last."""
     image, target = images
     span = stride + 2 * _PAD
@@ -160,7 +175,19 @@ def _gather_band(taps, images, first, last, height, stride, maps, gradient):
 
 
 @njit(error_model="numpy")
-def _compare(taps, images, weights, weight_step, height, stride, factors, with_gradient, maps, gradient, sums):
+def _compare(
+    taps: Array,
+    images: tuple[Array, ...],
+    weights: Array,
+    weight_step: int,
+    height: int,
+    stride: int,
+    factors: tuple[np.float32, np.float32],
+    with_gradient: bool,
+    maps: Array,
+    gradient: Array,
+    sums: Array,
+) -> None:
     """Loss and gradient on one thread."""
     _compare_band(taps, images, weights, weight_step, 0, height, height, stride, factors, maps, gradient, sums)
     if with_gradient:
@@ -168,7 +195,20 @@ def _compare(taps, images, weights, weight_step, height, stride, factors, with_g
 
 
 @njit(error_model="numpy", parallel=True)
-def _compare_parallel(taps, images, weights, weight_step, height, stride, factors, with_gradient, maps, gradient, sums, bands):
+def _compare_parallel(
+    taps: Array,
+    images: tuple[Array, ...],
+    weights: Array,
+    weight_step: int,
+    height: int,
+    stride: int,
+    factors: tuple[np.float32, np.float32],
+    with_gradient: bool,
+    maps: Array,
+    gradient: Array,
+    sums: Array,
+    bands: int,
+) -> None:
     """`_compare` in bands of rows; every row is computed in the same way, so the result is the same to the last bit."""
     for band in prange(bands):
         first, last = height * band // bands, height * (band + 1) // bands
@@ -217,16 +257,19 @@ class _L1Ssim(torch.autograd.Function):
     """Autograd around the kernels: the gradient is ready after the forward pass and only scaled in the backward pass."""
 
     @staticmethod
-    def forward(ctx: Any, image, target, weight, ssim_weight: float):  # type: ignore[no-untyped-def]
-        arrays = [tensor.detach().numpy() for tensor in (image, target)]
+    def forward(
+        ctx: Any, image: torch.Tensor, target: torch.Tensor, weight: torch.Tensor | None, ssim_weight: float
+    ) -> torch.Tensor:
         weights = None if weight is None else weight.detach().numpy()
-        l1, ssim, gradient = _evaluate(*arrays, weights, ssim_weight, ctx.needs_input_grad[0])
+        l1, ssim, gradient = _evaluate(
+            image.detach().numpy(), target.detach().numpy(), weights, ssim_weight, ctx.needs_input_grad[0]
+        )
         ctx.gradient = torch.from_numpy(gradient)
         inside = 1.0 if weights is None or weights.any() else 0.0
         return image.new_tensor((1.0 - ssim_weight) * l1 + ssim_weight * (inside - ssim))
 
     @staticmethod
-    def backward(ctx: Any, upstream):  # type: ignore[no-untyped-def]
+    def backward(ctx: Any, upstream: torch.Tensor) -> tuple[torch.Tensor, None, None, None]:
         return upstream * ctx.gradient, None, None, None
 
 
@@ -251,4 +294,4 @@ def l1_ssim(
         raise ValueError(f"image {tuple(image.shape)} and target {tuple(target.shape)} must both be [H, W, 3]")
     if weight is not None and weight.shape != image.shape[:2]:
         raise ValueError(f"weight has shape {tuple(weight.shape)}, expected {tuple(image.shape[:2])}")
-    return _L1Ssim.apply(image, target, weight, ssim_weight)  # type: ignore[no-any-return]
+    return _L1Ssim.apply(image, target, weight, ssim_weight)

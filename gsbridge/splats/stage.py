@@ -69,13 +69,13 @@ def train_splats(
         StageError: There is nothing to train on, or the training failed.
     """
     torch.set_num_threads(threads)
-    if kind == "object" and masks_dir is None:
-        raise InputError("splats", "an object needs masks", "Give the folder of the masks stage")
     if binding not in BINDINGS:
         raise InputError("splats: binding", f"{binding!r} is unknown", f"Use one of {', '.join(BINDINGS)}")
     lpips = Lpips(settings.lpips_weights) if settings.lpips_weights else None
     surface_mesh = read_mesh(mesh_path)
     if kind == "object":
+        if masks_dir is None:
+            raise InputError("splats", "an object needs masks", "Give the folder of the masks stage")
         targets = object_targets(views, masks_dir, settings.margin_px)
     else:
         targets = background_targets(views, surface_mesh)
@@ -129,11 +129,11 @@ def _digest(mesh: Mesh, targets: Sequence[Target]) -> str:
     """Digest of all that a training learns from, so that a checkpoint is never continued on other inputs."""
     digest = hashlib.sha256()
     for array in (mesh.vertices, mesh.faces):
-        digest.update(np.ascontiguousarray(array))
+        digest.update(np.ascontiguousarray(array).data)
     for target in targets:
         digest.update(repr((target.name, target.split, target.camera)).encode())
         for array in (target.cam_from_table, target.photo, target.weight):
-            digest.update(np.ascontiguousarray(array))
+            digest.update(np.ascontiguousarray(array).data)
     return digest.hexdigest()
 
 

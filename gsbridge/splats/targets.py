@@ -14,8 +14,8 @@ from gsbridge.errors import InputError, StageError
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8, read_mask, to_u8
 from gsbridge.libraries import import_open3d
-from gsbridge.matting import unmix
 from gsbridge.meshes import Mesh
+from gsbridge.photogrammetry.matting import unmix
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Target:
         weight = self.weight.astype(np.float32) / 255
         colour = self.photo * weight[..., None] if kind == "object" else self.photo
         colour = cv2.resize(colour, size, interpolation=cv2.INTER_AREA).astype(np.float32)
-        weight = cv2.resize(weight, size, interpolation=cv2.INTER_AREA)
+        weight = cv2.resize(weight, size, interpolation=cv2.INTER_AREA).astype(np.float32)
         if kind == "object":
             colour /= np.maximum(weight, 1e-3)[..., None]
         else:

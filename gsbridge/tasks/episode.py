@@ -26,6 +26,7 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -132,11 +133,11 @@ def _check(name: str, value: Array, shape: tuple[int | None, ...]) -> None:
 
 def write_episode(path: str | Path, episode: Episode) -> None:
     """Write an episode, whole or not at all."""
-    plain = {item.name: np.asarray(getattr(episode, item.name)) for item in fields(Episode)[:-2]}
-    terms = {f"term_{name}": value for name, value in episode.terms.items()}
-    images = {f"image_{name}": value for name, value in episode.images.items()}
+    content: dict[str, Any] = {item.name: np.asarray(getattr(episode, item.name)) for item in fields(Episode)[:-2]}
+    content |= {f"term_{name}": value for name, value in episode.terms.items()}
+    content |= {f"image_{name}": value for name, value in episode.images.items()}
     with atomic_file(path) as temporary:
-        np.savez_compressed(temporary, **plain, **terms, **images)
+        np.savez_compressed(temporary, **content)
 
 
 def read_episode(path: str | Path) -> Episode:
@@ -150,11 +151,11 @@ def read_episode(path: str | Path) -> Episode:
     try:
         with np.load(path, allow_pickle=False) as file:
             content = {name: file[name] for name in file.files}
-        groups = {
+        groups: dict[str, Any] = {
             group: {name.removeprefix(start): value for name, value in content.items() if name.startswith(start)}
             for group, start in (("terms", "term_"), ("images", "image_"))
         }
-        plain = {item.name: content[item.name] for item in fields(Episode)[:-2]}
+        plain: dict[str, Any] = {item.name: content[item.name] for item in fields(Episode)[:-2]}
         plain["task"], plain["start"] = str(plain["task"]), int(plain["start"])
         plain["names"] = tuple(str(name) for name in plain["names"])
         return Episode(**plain, **groups)

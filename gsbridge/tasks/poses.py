@@ -66,7 +66,7 @@ class StartRegion:
 
     def contains(self, xy: Array) -> Array:
         """Whether points lie in the square. [..., 2] -> bool [...]."""
-        return (np.abs(np.asarray(xy) - self.centre) <= 0.5 * self.side + 1e-12).all(-1)
+        return np.asarray(np.all(np.abs(np.asarray(xy) - self.centre) <= 0.5 * self.side + 1e-12, axis=-1))
 
     def corners(self) -> Array:
         """Corners of the square. [4, 2]."""

@@ -73,7 +73,7 @@ class State:
 
     def gripped(self, force: float) -> Array:
         """Whether both pads press on the object with at least `force`, N. bool [N]."""
-        return (self.pad_forces >= force).all(1)
+        return np.asarray(np.all(self.pad_forces >= force, axis=1))
 
     def finite(self) -> Array:
         """Worlds without a NaN or an infinity, looked up once. bool [N]."""
@@ -114,8 +114,18 @@ def _spoilt(value: Array, k: int) -> float:
 
 @njit(nogil=True)
 def _all_finite(
-    tool_position, tool_quat, aperture, pad_forces, position, quat, velocity, spin, clearance, robot_contact, object_contact
-):  # type: ignore[no-untyped-def]
+    tool_position: Array,
+    tool_quat: Array,
+    aperture: Array,
+    pad_forces: Array,
+    position: Array,
+    quat: Array,
+    velocity: Array,
+    spin: Array,
+    clearance: Array,
+    robot_contact: Array,
+    object_contact: Array,
+) -> Array:
     """Worlds in which every number is finite. [N, D] or [N] each -> bool [N]."""
     out = np.empty(len(aperture), np.bool_)
     for k in range(len(aperture)):

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gsbridge.board import standard_board
 from gsbridge.cameras import Camera, look_at
+from gsbridge.photogrammetry.board import standard_board
 from gsbridge.robot import nominal
 
 CAMERA = Camera(640, 480, 617.0, 615.0, 322.0, 238.0, (0.05, -0.04, 0.001, -0.0005))

@@ -1,6 +1,6 @@
 """Scores of a benchmark as the scoring rule writes them, made up."""
 
-from gsbridge.report.statistics import wilson_interval
+from gsbridge.statistics import wilson_interval
 
 
 def rate(good: int, total: int) -> dict:

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from gsbridge.files import write_json
-from gsbridge.report.places import Cell
-from gsbridge.report.rows import write_rows
-from gsbridge.report.success import COLUMNS
+from gsbridge.report.tables.result_paths import Cell
+from gsbridge.report.tables.rows import write_rows
+from gsbridge.report.tables.success_rows import TRIAL_COLUMNS
 
 SETS = ("fixed", "unseen")
 
@@ -58,7 +58,7 @@ def write_trials(
 ) -> Path:
     """A trial file and its record."""
     path = path_of(root, "trials", cell) / world / f"seed{seed}.csv"
-    write_rows(path, COLUMNS, rows)
+    write_rows(path, TRIAL_COLUMNS, rows)
     status = "degraded" if reasons else "pass"
     write_json(path.with_suffix(".json"), {"status": status, "reasons": list(reasons), "world": world})
     return path

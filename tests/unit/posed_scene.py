@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import pycolmap
 
-from gsbridge.board import standard_board, tag_pixels
 from gsbridge.cameras import Camera, look_at
-from gsbridge.colmap import colmap_model, colmap_params
 from gsbridge.geometry import Array, Similarity
 from gsbridge.images import write_image
+from gsbridge.photogrammetry.board import standard_board, tag_pixels
+from gsbridge.photogrammetry.colmap import colmap_model, colmap_params
 
 BOARD = standard_board()
 LENS = Camera(640, 480, 600.0, 601.0, 323.0, 236.0, (0.04, -0.03, 0.0005, -0.0004))

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from gsbridge.board import SHEETS_M, find_tags, read_board, standard_board, tag_pixels, write_board
 from gsbridge.cameras import Camera, camera_centre, look_at
 from gsbridge.errors import InputError
 from gsbridge.images import srgb_from_linear, to_u8
+from gsbridge.photogrammetry.board import SHEETS_M, find_tags, read_board, standard_board, tag_pixels, write_board
 
 
 def photo_of_board(camera, cam_from_board, board, samples=4):

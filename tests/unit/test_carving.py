@@ -6,7 +6,15 @@ import trimesh
 from table_scene import CENTRE, RADIUS, cameras, trace
 
 from gsbridge.cameras import Camera
-from gsbridge.carving import Grid, Silhouette, carve, largest_component, mesh_depth, mesh_of_field, signed_distances
+from gsbridge.photogrammetry.carving import (
+    Grid,
+    Silhouette,
+    carve,
+    largest_component,
+    mesh_depth,
+    mesh_of_field,
+    signed_distances,
+)
 
 CAMERA = Camera(160, 120, 184.0, 184.0, 80.0, 60.0)
 

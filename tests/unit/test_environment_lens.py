@@ -8,13 +8,13 @@ import pytest
 import yaml
 
 from gsbridge.cameras import Camera
+from gsbridge.effects.images import IMAGE_EFFECTS
+from gsbridge.effects.registry import Applied
 from gsbridge.environment.env import DrawnEye
-from gsbridge.environment.lens import EFFECTS, UNDRAWN, Lens
+from gsbridge.environment.lens import Lens
 from gsbridge.errors import InputError
 from gsbridge.images import linear_from_srgb
-from gsbridge.scene.effects import catalogue
 from gsbridge.sim.camera import respond
-from gsbridge.sim.effects import Effect
 from gsbridge.sim.model import parse_model, read_model
 
 NOMINAL = Path(__file__).resolve().parents[2] / "models" / "nominal.yaml"
@@ -44,8 +44,8 @@ class Renderer:
 
 
 def lens(name, **values):
-    full = {p.name: 0.0 if p.amplitude else p.typical for p in catalogue()[name].parameters} | values
-    return Lens([Effect(name, full)], CAMERA)
+    full = {p.name: 0.0 if p.amplitude else p.typical for p in IMAGE_EFFECTS[name].parameters} | values
+    return Lens([Applied(name, "", full)], CAMERA)
 
 
 def test_without_effects_nothing_changes():
@@ -93,10 +93,17 @@ def test_noise_is_drawn_from_the_episodes_seed():
 
 def test_models_hold_the_effects_that_can_be_drawn():
     content = yaml.safe_load(NOMINAL.read_text(encoding="utf-8"))
-    assert set(EFFECTS) | set(UNDRAWN) == set(catalogue())
     good = content | {"effects": [{"name": "exposure", "parameters": {"stops": -0.5}}]}
-    (effect,) = parse_model(good, catalogue=EFFECTS).effects
+    (effect,) = parse_model(good).effects
     assert (effect.name, dict(effect.parameters)) == ("exposure", {"stops": -0.5})
+    for name, effect in IMAGE_EFFECTS.items():
+        values = {p.name: p.typical for p in effect.parameters}
+        model = content | {"effects": [{"name": name, "parameters": values}]}
+        if effect.amendable:
+            assert parse_model(model).effects[0].parameters == values
+        else:
+            with pytest.raises(InputError, match=effect.reason):
+                parse_model(model)
     for name, parameters in (("latency", {"delay": 0.1}), ("exposure", {"stops": 9.0}), ("exposure", {})):
         with pytest.raises(InputError):
-            parse_model(content | {"effects": [{"name": name, "parameters": parameters}]}, catalogue=EFFECTS)
+            parse_model(content | {"effects": [{"name": name, "parameters": parameters}]})

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.benchmark.generate import draw_case
-from gsbridge.gap.benchmark.plants import axis_plant
-from gsbridge.gap.joints.bank import bank_of
+from gsbridge.gap.benchmark.mechanisms import axis_plant
+from gsbridge.gap.joints.bank import signature_bank
 from gsbridge.gap.joints.candidates import Candidate, candidates
 from gsbridge.gap.joints.fit import fit, polish
-from gsbridge.gap.joints.mechanism_model import Applied
-from gsbridge.gap.joints.replay import Mechanism
-from gsbridge.gap.joints.residuals import View
+from gsbridge.gap.joints.mechanism.replay import Mechanism
+from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import Screen, cosines
 
 NAMES = ("coulomb", "viscous", "armature", "stribeck", "base_tilt", "saturation")
@@ -22,8 +22,8 @@ def site(tmp_path_factory):
     folder = tmp_path_factory.mktemp("axis")
     system, plant = axis_plant(folder)
     record = draw_case(plant, (), 0.0, 1, 2).records["fit"]
-    view = View.of(Mechanism(system), record, folder=folder / "bank")
-    bank = bank_of(view, candidates(system, NAMES), folder / "bank")
+    view = JointResiduals.of(Mechanism(system), record, folder=folder / "bank")
+    bank = signature_bank(view, candidates(system, NAMES), folder / "bank")
     return system, record, view, bank, Screen(view, bank), folder
 
 
@@ -31,7 +31,7 @@ def planted(view, effects):
     """A record that the mechanism itself would leave with some effects, without noise."""
     outputs = view.simulate(effects)
     measured = {kind: outputs[kind] for kind in view.record.measured}
-    other = View.of(view.mechanism, view.record.with_measured(measured))
+    other = JointResiduals.of(view.mechanism, view.record.with_measured(measured))
     other.set_noise(view.sigma, 1)
     return other
 
@@ -39,8 +39,8 @@ def planted(view, effects):
 def test_bank_and_frame_are_made_once(site):
     system, record, view, bank, _, folder = site
     mechanism = Mechanism(system)
-    again = View.of(mechanism, record, folder=folder / "bank")
-    found = bank_of(again, candidates(system, NAMES), folder / "bank")
+    again = JointResiduals.of(mechanism, record, folder=folder / "bank")
+    found = signature_bank(again, candidates(system, NAMES), folder / "bank")
     assert mechanism.runs == 1  # the nominal replay of this record
     np.testing.assert_array_equal(again.sigma, view.sigma)
     assert [s.values for s in found.signatures] == [s.values for s in bank.signatures]
@@ -51,11 +51,11 @@ def test_other_sizes_make_another_bank(site, monkeypatch):
     _, _, view, _, _, folder = site
     who = (Candidate("viscous", "axis"),)
     before = view.mechanism.runs
-    bank_of(view, who, folder / "bank")
+    signature_bank(view, who, folder / "bank")
     made = view.mechanism.runs
     assert made > before
     monkeypatch.setattr(type(who[0].effect), "sizes", (1.0, 2.0))
-    bank_of(view, who, folder / "bank")
+    signature_bank(view, who, folder / "bank")
     assert view.mechanism.runs > made
 
 
@@ -114,7 +114,7 @@ def test_fit_agrees_with_scipy_and_takes_few_simulations(site, name, values, sta
     seen = planted(view, [who.applied(values)])
     rng = np.random.default_rng(0)
     noisy = {kind: v + view.sigma[k] * rng.standard_normal(v.shape) for k, (kind, v) in enumerate(seen.record.measured.items())}
-    seen = View.of(view.mechanism, seen.record.with_measured(noisy))
+    seen = JointResiduals.of(view.mechanism, seen.record.with_measured(noisy))
     before = seen.mechanism.runs
     found = polish(seen, fit(seen, (who,), (start,), screen=screen))
     assert seen.mechanism.runs - before <= 14

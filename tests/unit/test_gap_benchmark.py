@@ -12,30 +12,30 @@ from pybullet_utils.bullet_client import BulletClient
 from scipy.signal import lfilter
 
 import gsbridge.gap.benchmark
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
 from gsbridge.gap.benchmark.axis_truth import run_axis
 from gsbridge.gap.benchmark.baselines import METHODS, available
 from gsbridge.gap.benchmark.bullet_truth import BulletTruth
 from gsbridge.gap.benchmark.campaign import _drawn, case_keys, diagnose_cases, generate_cases
-from gsbridge.gap.benchmark.generate import NotShownError, Plant, _joined, size_of_units
+from gsbridge.gap.benchmark.case_plan import SPLITS, TIER_SIZE, TIERS, PlannedCase, plan_cases
+from gsbridge.gap.benchmark.generate import BenchmarkMechanism, NotShownError, _joined, size_of_units
 from gsbridge.gap.benchmark.images import draw_image_case
-from gsbridge.gap.benchmark.images import site_of as photo_site
+from gsbridge.gap.benchmark.images import image_site as photo_site
+from gsbridge.gap.benchmark.mechanisms import MechanismSite, axis_plant, mechanism_site
 from gsbridge.gap.benchmark.mujoco_truth import MujocoTruth
-from gsbridge.gap.benchmark.orders import SPLITS, TIER_SIZE, TIERS, Order, orders_of
 from gsbridge.gap.benchmark.photo_baselines import run_photo_baseline
 from gsbridge.gap.benchmark.photo_cases import photo_closure, read_photos, write_photos
-from gsbridge.gap.benchmark.plants import Site, axis_plant, site_of
-from gsbridge.gap.benchmark.score import score, score_findings, wilson
+from gsbridge.gap.benchmark.score import rate, score, score_findings
 from gsbridge.gap.benchmark.trajectories import course
 from gsbridge.gap.benchmark.twins import twins_of
-from gsbridge.gap.benchmark.verdicts import Verdict
-from gsbridge.gap.joints.apply_effects import build_setup
-from gsbridge.gap.joints.effects.lag import smoothed
-from gsbridge.gap.joints.mechanism_model import Applied
-from gsbridge.gap.joints.records import Record
-from gsbridge.gap.joints.replay import Mechanism
-from gsbridge.report.statistics import wilson_interval
+from gsbridge.gap.benchmark.verdicts import JudgedCase
+from gsbridge.gap.formats.records import Record
+from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
+from gsbridge.gap.joints.mechanism.replay import Mechanism
+from gsbridge.gap.joints.mechanism.setup import smoothed
+from gsbridge.statistics import wilson_interval
 
 TRUTHS = ("axis_truth", "axis_motion", "mujoco_truth", "bullet_truth", "arm_loop", "trajectories", "noises")
 
@@ -54,7 +54,12 @@ def test_truths_import_nothing_of_the_diagnosis(name):
             found.add(str(node.module))
         elif isinstance(node, ast.Import):
             found |= {item.name for item in node.names}
-    known = {"gsbridge.gap.joints.mechanism_model", "gsbridge.gap.joints.inertials", "gsbridge.geometry", "gsbridge.kernels"}
+    known = {
+        "gsbridge.gap.joints.mechanism.mechanism_model",
+        "gsbridge.gap.joints.mechanism.inertials",
+        "gsbridge.geometry",
+        "gsbridge.kernels",
+    }
     ours = {item for item in found if item.startswith("gsbridge")}
     assert all(item in known or item.startswith("gsbridge.gap.benchmark.") for item in ours), ours
 
@@ -78,7 +83,7 @@ def test_engines_agree_with_the_replay_on_what_an_effect_does(tmp_path, hidden, 
     mechanism = Mechanism(system)
     record = Record("a", times, system.joints, {"command": np.array([wanted(t) for t in times])}, {})
     start = [(wanted(0.0), np.zeros(1))]
-    ours = mechanism.run(record, build_setup(mechanism, [effect] if effect else []), [(0, len(times))], start)
+    ours = mechanism.run(record, apply_effects(mechanism, [effect] if effect else []), [(0, len(times))], start)
     for truth in (run_axis, MujocoTruth(system), BulletTruth(system)):
         theirs = truth(wanted, 1.0, times, hidden)
         assert np.abs(theirs["position"] - ours["position"]).max() < (4e-4 if "coulomb" in hidden else 1.5e-4)
@@ -119,7 +124,7 @@ def plant_of(sizes, shows):
     def truth(wanted, duration, times, hidden):
         return {"position": np.full((len(times), 1), shows(hidden) / np.sqrt(len(times)))}
 
-    return Plant(("a",), np.zeros(1), np.ones(1), {"position": np.ones(1)}, truth, sizes)
+    return BenchmarkMechanism(("a",), np.zeros(1), np.ones(1), {"position": np.ones(1)}, truth, sizes)
 
 
 @pytest.mark.parametrize(
@@ -148,13 +153,13 @@ def test_what_does_not_show_gives_way_and_what_cancels_is_not_hidden():
         return 1e3 * np.hypot(hidden.get("good", 0.0), hidden.get("late", 0.0) - hidden.get("early", 0.0))
 
     plant = plant_of(dict.fromkeys(("good", "mute", "late", "early"), (1e-2, 1)), shows)
-    site = Site("axis", None, plant, ("good", "mute", "late", "early"), ())
+    site = MechanismSite("axis", None, plant, ("good", "mute", "late", "early"), ())
     for names in (("mute",), ("early", "late")):
-        order, case = _drawn(site, Order("a", "single", names, 5.0, 1, 2, ("position",)))
+        order, case = _drawn(site, PlannedCase("a", "single", names, 5.0, 1, 2, ("position",)))
         assert "mute" not in case.hidden
         assert set(order.names) == set(case.hidden) != set(names)
     with pytest.raises(InputError, match="mute do not show"):
-        _drawn(replace(site, names=("mute",)), Order("a", "single", ("mute",), 5.0, 1, 2, ("position",)))
+        _drawn(replace(site, names=("mute",)), PlannedCase("a", "single", ("mute",), 5.0, 1, 2, ("position",)))
 
 
 def test_no_effect_is_larger_than_a_likely_fault():
@@ -196,13 +201,13 @@ def test_twins_are_written_down_per_plant():
 
 def test_orders_keep_the_mix_and_splits_share_nothing():
     names, strange = ("coulomb:a", "coulomb:b", "viscous:a", "lag"), ("odd",)
-    drawn = {split: orders_of("t2", split, names, strange) for split in SPLITS}
-    assert drawn["scored"] == orders_of("t2", "scored", names, strange)
+    drawn = {split: plan_cases("t2", split, names, strange) for split in SPLITS}
+    assert drawn["scored"] == plan_cases("t2", "scored", names, strange)
     for field in ("seed", "course_seed", "units"):
         sets = [{getattr(order, field) for order in drawn[split] if order.names} for split in SPLITS]
         assert not sets[0] & sets[1]
     kinds = [order.kind for order in drawn["scored"]]
-    few = [order.kind for order in orders_of("t2", "scored", names, strange, 26)]
+    few = [order.kind for order in plan_cases("t2", "scored", names, strange, 26)]
     mixed = [kind for kind in kinds if kind not in ("contact", "tool")]
     assert len(mixed) < len(kinds)
     for kind in set(mixed):
@@ -215,7 +220,7 @@ def test_orders_keep_the_mix_and_splits_share_nothing():
     assert lossy
     assert all(order.lost > 0 and "clock_drift" in order.names and len(order.names) == 2 for order in lossy)
     assert {order.lost for order in drawn["scored"] if order.kind != "dropped"} == {0.0}
-    free = sum(order.kind == "free" for tier in TIERS for order in orders_of(tier, "scored", names, strange))
+    free = sum(order.kind == "free" for tier in TIERS for order in plan_cases(tier, "scored", names, strange))
     assert free >= 150
     assert sum(TIER_SIZE.values()) <= 500
 
@@ -278,7 +283,7 @@ def test_unknown_tier_method_and_missing_package_are_refused(tmp_path):
 
 def said(verdict, named=(), sets=(), hidden=("a",), twins=(), **more):
     sets = tuple(frozenset(s) for s in sets)
-    return Verdict(frozenset(hidden), 5.0, verdict, frozenset(named), sets, twins=tuple(frozenset(t) for t in twins), **more)
+    return JudgedCase(frozenset(hidden), 5.0, verdict, frozenset(named), sets, twins=tuple(frozenset(t) for t in twins), **more)
 
 
 def test_outcomes():
@@ -308,7 +313,8 @@ def test_figures_of_a_few_verdicts():
         said("named", ["a", "c"], hidden=("a", "b")),
     ]
     figures = score(cases)
-    assert figures["named_right"] == {"value": 1 / 3, "n": 3, **dict(zip(("ci95_low", "ci95_high"), wilson(1, 3), strict=True))}
+    low, high = wilson_interval(1, 3)
+    assert figures["named_right"] == {"value": 1 / 3, "n": 3, "ci95_low": low, "ci95_high": high}
     assert figures["named_wrong"]["value"] == pytest.approx(1 / 3)
     assert figures["false_alarm"]["value"] == 0.0
     assert figures["unknown_abstained"]["value"] == 1.0
@@ -327,15 +333,21 @@ def test_sets_that_are_one_equation_count_as_found_and_other_ambiguous_ones_do_n
         assert score([case])["set_f1"]["value"] == value
 
 
-def test_wilson_interval_equals_that_of_the_reports():
+def test_rates_have_wilsons_interval_in_closed_form():
+    z = 1.959964
     for successes, total in ((81, 263), (0, 20), (150, 150)):
-        assert wilson(successes, total, 1.959964) == pytest.approx(wilson_interval(successes, total), abs=1e-6)
+        share, root = successes / total, z * (successes * (total - successes) / total + z * z / 4) ** 0.5
+        expected = [(successes + z * z / 2 + sign * root) / (total + z * z) for sign in (-1, 1)]
+        found = rate(successes, total)
+        assert found["value"] == share
+        assert [found["ci95_low"], found["ci95_high"]] == pytest.approx(expected, abs=1e-6)
+    assert rate(0, 0) == {"value": None, "n": 0, "ci95_low": 0.0, "ci95_high": 1.0}
 
 
 @pytest.mark.parametrize("engine", [BulletTruth, MujocoTruth])
 def test_a_push_is_the_engines_own_and_passes(engine, tmp_path):
     """A slow push down: the controller's torques grow by the Jacobian's transpose times the force, where the arm then is."""
-    site = site_of("t1", tmp_path)
+    site = mechanism_site("t1", tmp_path)
     truth, times = engine(site.system), np.arange(300) / 100
     still = np.array(site.plant.centre)
     push = {"touch_at": 0.2, "touch_for": 2.2, "touch_x": 0.0, "touch_y": 0.0, "touch_z": -10.0}

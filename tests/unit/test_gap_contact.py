@@ -5,23 +5,23 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from thrown_truth import Scene, throw_box
 
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
-from gsbridge.gap.benchmark.thrown_truth import Scene, throw_box
 from gsbridge.gap.contact.body import parse_body, read_body
-from gsbridge.gap.contact.case import read_case, split_throws
+from gsbridge.gap.contact.case import read_throw_case, split_throws
 from gsbridge.gap.contact.diagnose import diagnose_throws
 from gsbridge.gap.contact.findings import findings_of
 from gsbridge.gap.contact.identify import closure
-from gsbridge.gap.contact.replay import Replay
+from gsbridge.gap.contact.replay import ThrowReplay
 from gsbridge.gap.contact.search import lowest, refine
-from gsbridge.gap.contact.setup import build_setup
+from gsbridge.gap.contact.setup import body_setup
 from gsbridge.gap.contact.starts import quat_from_turn, starts_of, turn_between
 from gsbridge.gap.contact.throws import Throw, Throws, read_throws, write_throws
 from gsbridge.gap.contact.world import simulate
-from gsbridge.gap.diagnosis.workflow import run_case
-from gsbridge.gap.joints.mechanism_model import Applied
+from gsbridge.gap.workflow import run_case
 from gsbridge.geometry import quat_multiply
 
 MODEL = {"box": [0.1, 0.1, 0.1], "mass": 0.4, "controller": {"mode": "body"}, "contact": {"friction": 0.5}}
@@ -189,7 +189,7 @@ def own_throws(friction, count, seed, scene=None):
     body = parse_body({**MODEL, "contact": {"friction": friction}}, ".")
     time = np.arange(75) / 150
     rng = np.random.default_rng(seed)
-    flights = simulate(body, build_setup(body), starts, [time] * count)
+    flights = simulate(body, body_setup(body), starts, [time] * count)
     return Throws(
         tuple(
             Throw(str(k), time, f.position + rng.normal(0, 1e-4, f.position.shape), f.quat, starts.velocity[k], starts.spin[k])
@@ -200,7 +200,7 @@ def own_throws(friction, count, seed, scene=None):
 
 def test_a_size_at_the_bound_of_its_figure_has_not_converged():
     """Throws without any friction: the coefficient cannot go below zero, whatever the parameter could."""
-    replay = Replay(parse_body(MODEL, "."), own_throws(0.0, 8, 2), HORIZON)
+    replay = ThrowReplay(parse_body(MODEL, "."), own_throws(0.0, 8, 2), HORIZON)
     fit = refine(replay, (Applied("contact_friction", "", {"friction": -0.45}),))
     assert fit.effects[0].parameters["friction"] == pytest.approx(-0.5, abs=0.02)
     assert min(min(profile) for profile in fit.profiles.values()) >= -0.5
@@ -208,7 +208,7 @@ def test_a_size_at_the_bound_of_its_figure_has_not_converged():
 
 
 def test_a_fitted_size_is_the_hidden_one():
-    replay = Replay(parse_body(MODEL, "."), own_throws(0.3, 12, 1), HORIZON)
+    replay = ThrowReplay(parse_body(MODEL, "."), own_throws(0.3, 12, 1), HORIZON)
     fit = refine(replay, (Applied("contact_friction", "", {"friction": -0.1}),))
     assert fit.converged
     assert fit.effects[0].parameters["friction"] == pytest.approx(-0.2, abs=0.02)
@@ -284,7 +284,7 @@ def test_a_wrong_case_is_refused_and_nothing_is_written(thrown, tmp_path, change
     case = {**yaml.safe_load((folder / "case.yaml").read_text()), **change}
     (folder / "wrong.yaml").write_text(yaml.safe_dump(case))
     with pytest.raises(InputError, match=said):
-        read_case(folder / "wrong.yaml")
+        read_throw_case(folder / "wrong.yaml")
     with pytest.raises(InputError):
         run_case(folder / "wrong.yaml", tmp_path / "out", tmp_path / "bank")
     assert not list(tmp_path.iterdir())

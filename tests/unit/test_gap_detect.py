@@ -7,14 +7,14 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from gsbridge.gap.benchmark.generate import draw_case
+from gsbridge.gap.benchmark.mechanisms import axis_plant
 from gsbridge.gap.benchmark.noises import NOISES, spoiled
-from gsbridge.gap.benchmark.plants import axis_plant
 from gsbridge.gap.diagnosis.verdict import transfer
 from gsbridge.gap.joints.coherence import _pairs, coherence_p, line_p
-from gsbridge.gap.joints.detect import block_means, calibrate
+from gsbridge.gap.joints.detect import block_means, joint_null
+from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.noise import pooled, white_noise
-from gsbridge.gap.joints.replay import Mechanism
-from gsbridge.gap.joints.residuals import View
+from gsbridge.gap.joints.residuals import JointResiduals
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def views(tmp_path_factory):
     system, plant = axis_plant(folder)
     mechanism = Mechanism(system)
     quiet, shaken = draw_case(plant, (), 0.0, 1, 2), draw_case(plant, ("shaking",), 4.0, 1, 2)
-    return [[View.of(mechanism, case.records[role]) for role in ("fit", "select")] for case in (quiet, shaken)]
+    return [[JointResiduals.of(mechanism, case.records[role]) for role in ("fit", "select")] for case in (quiet, shaken)]
 
 
 def test_noise_is_told_from_motion_and_jumps():
@@ -54,7 +54,7 @@ def test_block_means_keep_the_size_of_white_noise():
 
 def test_p_values_of_noise_are_those_of_chance_and_small_for_a_trend(views):
     view = views[0][0]
-    null = calibrate(view, np.random.default_rng(0))
+    null = joint_null(view, np.random.default_rng(0))
     rng = np.random.default_rng(1)
     shape = view.residual().shape
     found = []

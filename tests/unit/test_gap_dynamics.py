@@ -7,14 +7,14 @@ import numpy as np
 import pybullet_data
 import pytest
 import scipy.linalg
+from bullet_replay import run_in_bullet
 
-from gsbridge.gap.benchmark.plants import axis_plant, controller
+from gsbridge.gap.benchmark.mechanisms import axis_plant, controller
 from gsbridge.gap.benchmark.trajectories import course
-from gsbridge.gap.joints import dynamics
-from gsbridge.gap.joints.bullet import run_in_bullet
-from gsbridge.gap.joints.mechanism_model import parse_system
-from gsbridge.gap.joints.records import Record
-from gsbridge.gap.joints.replay import Mechanism
+from gsbridge.gap.formats.records import Record
+from gsbridge.gap.joints.mechanism import dynamics
+from gsbridge.gap.joints.mechanism.mechanism_model import parse_mechanism_model
+from gsbridge.gap.joints.mechanism.replay import Mechanism
 
 ARM = {
     "urdf": "model.urdf",
@@ -25,7 +25,7 @@ HOME = np.array([0.0, 0.4, 0.0, -1.2, 0.0, 0.8, 0.0])
 
 
 def arm(**changes):
-    return parse_system(ARM | changes, Path(pybullet_data.getDataPath()) / "kuka_iiwa")
+    return parse_mechanism_model(ARM | changes, Path(pybullet_data.getDataPath()) / "kuka_iiwa")
 
 
 def moved(system, centre, reach, duration=2.0):

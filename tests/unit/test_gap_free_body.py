@@ -8,16 +8,15 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from gsbridge.effects.bodies import BODY_EFFECTS
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.gap.contact.body import is_body, parse_body, read_body
-from gsbridge.gap.contact.setup import BOUNDS, BodySetup, build_setup
+from gsbridge.gap.contact.setup import BOUNDS, BodySetup, body_setup
 from gsbridge.gap.contact.starts import Starts
 from gsbridge.gap.contact.world import Numerics, simulate
-from gsbridge.gap.effects import catalogue
-from gsbridge.gap.joints.mechanism_model import Applied
 from gsbridge.geometry import rotation_from_quat
 
-BODY_EFFECTS = [name for name, effect in catalogue().items() if effect.scope == "body"]
 BOX = {"box": [0.1, 0.1, 0.1], "mass": 0.4, "controller": {"mode": "body"}, "contact": {"friction": 0.3}}
 SPHERE = (
     '<robot name="ball"><link name="ball"><inertial><mass value="0.2"/>'
@@ -38,7 +37,7 @@ def start(position=(0, 0, 0.05), velocity=(0, 0, 0), spin=(0, 0, 0), quat=(1, 0,
 
 
 def fly(body, starts, effects=(), times=TIMES):
-    return simulate(body, build_setup(body, effects), starts, [times])[0]
+    return simulate(body, body_setup(body, effects), starts, [times])[0]
 
 
 @pytest.fixture
@@ -101,7 +100,7 @@ def test_a_tilted_surface_accelerates_by_what_friction_leaves():
 def test_a_ball_rebounds_with_its_share_of_the_speed(ball):
     times = np.arange(0, 0.8, 0.005)
     # What pushes bodies out of each other would add to the rebound.
-    flight = simulate(ball, build_setup(ball), start((0, 0, 0.25)), [times], Numerics(erp=0.01))[0]
+    flight = simulate(ball, body_setup(ball), start((0, 0, 0.25)), [times], Numerics(erp=0.01))[0]
     hit = np.sqrt(2 * 0.2 / 9.81)
     rebound = flight.position[(times > hit + 0.02) & (times < hit + 0.4), 2].max() - 0.05
     assert rebound == pytest.approx(0.6**2 * 0.2, rel=0.06)
@@ -133,7 +132,7 @@ def test_a_set_gives_what_its_throws_give_alone():
         rng.normal(0, 0.5, (4, 3)), rng.normal(0, 3, (4, 3)), np.zeros((4, 3)), True,
     )  # fmt: skip
     body = body_of()
-    together = simulate(body, build_setup(body), states, [TIMES] * 4)
+    together = simulate(body, body_setup(body), states, [TIMES] * 4)
     for k in range(4):
         part = Starts(
             *(getattr(states, key)[k : k + 1] for key in ("position", "quat", "velocity", "spin", "acceleration")), True
@@ -160,7 +159,7 @@ def test_a_slow_clock_looks_like_weak_gravity():
 def test_every_parameter_of_every_body_effect_moves_the_output(name):
     body = body_of(damping={"linear": 0.1, "angular": 0.1}, contact={"friction": 0.3, "stiffness": 2e3, "damping": 2.0})
     throw = start((0, 0, 0.1), (0.8, 0.3, 0), (2, 5, 1), (0.9, 0.3, 0.2, 0.1))
-    effect = catalogue()[name]
+    effect = BODY_EFFECTS[name]
     values = effect.directions()[0]
     plain = fly(body, throw, [Applied(name, "", values)]).position
     for parameter in effect.parameters:
@@ -171,14 +170,14 @@ def test_every_parameter_of_every_body_effect_moves_the_output(name):
 
 def test_effects_change_the_figures_that_they_name():
     body = body_of()
-    setup = build_setup(body, [Applied("contact_friction", "", {"friction": -0.1}), Applied("object_mass", "", {"share": 0.5})])
+    setup = body_setup(body, [Applied("contact_friction", "", {"friction": -0.1}), Applied("object_mass", "", {"share": 0.5})])
     assert setup.figures["friction"] == pytest.approx(0.2)
     assert setup.figures["mass"] == pytest.approx(0.6)
-    assert build_setup(body, [Applied("contact_friction", "", {"friction": -1.0})]).figures["friction"] == 0.0
+    assert body_setup(body, [Applied("contact_friction", "", {"friction": -1.0})]).figures["friction"] == 0.0
     assert set(BodySetup.nominal(body).figures) == set(BOUNDS)
     for wrong in (Applied("viscous", "", {"coefficient": 1.0}), Applied("restitution", "", {}), Applied("magic", "", {})):
         with pytest.raises(InputError):
-            build_setup(body, [wrong])
+            body_setup(body, [wrong])
 
 
 def parse_urdf(text):

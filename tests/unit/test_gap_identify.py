@@ -7,24 +7,25 @@ import pytest
 import yaml
 from scipy.signal import lfilter
 
+from gsbridge.effects.joints import JOINT_EFFECTS
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.gap.benchmark.generate import UNIT, _joined, draw_case
+from gsbridge.gap.benchmark.mechanisms import axis_plant
 from gsbridge.gap.benchmark.noises import NOISES
-from gsbridge.gap.benchmark.plants import axis_plant
 from gsbridge.gap.benchmark.trajectories import KINDS, course
-from gsbridge.gap.diagnosis.results import Rules, Trial
+from gsbridge.gap.diagnosis.results import Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import decide, transfer
-from gsbridge.gap.diagnosis.workflow import run_case
-from gsbridge.gap.effects import catalogue
-from gsbridge.gap.joints.apply_effects import build_setup
 from gsbridge.gap.joints.candidates import Candidate
-from gsbridge.gap.joints.diagnose import diagnose, findings_of
-from gsbridge.gap.joints.fit import Fit, fit, polish
-from gsbridge.gap.joints.mechanism_model import Applied, read_system
-from gsbridge.gap.joints.replay import Mechanism
-from gsbridge.gap.joints.residuals import View
+from gsbridge.gap.joints.diagnose import diagnose_joints, findings_of
+from gsbridge.gap.joints.fit import EffectFit, fit, polish
+from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
+from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
+from gsbridge.gap.joints.mechanism.replay import Mechanism
+from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.verify import Verification
+from gsbridge.gap.workflow import run_case
 
 SEED, COURSES = 40, 41
 
@@ -44,7 +45,7 @@ def case_of(axis, names, units, seed=SEED, **options):
 
 def diagnosed(axis, names, units, seed=SEED, only=None, **options):
     case = case_of(axis, names, units, seed, **options)
-    result = diagnose(axis[0], case.records, axis[2] / "bank", names=only, seed=1)
+    result = diagnose_joints(axis[0], case.records, axis[2] / "bank", names=only, seed=1)
     assert result.runs <= BUDGET
     return case, result
 
@@ -92,11 +93,11 @@ def test_effect_outside_the_catalogue_is_not_given_a_name(axis):
 
 def test_an_effect_that_would_have_to_be_larger_than_makes_sense_is_not_named(axis, monkeypatch, tmp_path):
     case = case_of(axis, ("coulomb",), 20.0)
-    effect = catalogue()["coulomb"]
+    effect = JOINT_EFFECTS["coulomb"]
     (parameter,) = effect.parameters
     # It closes 97 % of the gap, and stands on its bound.
     monkeypatch.setattr(effect, "parameters", (replace(parameter, high=0.97 * case.hidden["coulomb"]),))
-    result = diagnose(axis[0], case.records, tmp_path, names=("coulomb",), seed=1)
+    result = diagnose_joints(axis[0], case.records, tmp_path, names=("coulomb",), seed=1)
     assert result.finding.verdict == "none_of_the_known"
     assert result.effects == ()
 
@@ -107,7 +108,7 @@ def test_an_effect_that_would_have_to_be_larger_than_makes_sense_is_not_named(ax
 def test_a_fit_on_its_bound_is_told(name, value, stopped):
     candidate = Candidate(name, "axis")
     effects = (candidate.from_vector(np.array([value])),)
-    assert Fit((candidate,), effects, 1.0, True, np.zeros(1), 0.0, 1).stopped == stopped
+    assert EffectFit((candidate,), effects, 1.0, True, np.zeros(1), 0.0, 1).stopped == stopped
 
 
 @pytest.mark.parametrize("first", [0, 100], ids=["throughout", "in two blocks"])
@@ -130,17 +131,19 @@ def test_what_holds_on_another_record_is_told_from_coloured_noise(first):
 def test_effects_that_may_as_well_be_absent_mimic_something_else(spread, blurred):
     who = (Candidate("viscous", "axis"), Candidate("coulomb", "axis"))
     effects = tuple(candidate.from_vector(np.array([0.1])) for candidate in who)
-    assert Fit(who, effects, 1.0, True, np.array([0.001, spread]), 0.9, 2).blurred == blurred
-    assert not Fit(who[1:], effects[1:], 1.0, True, np.array([spread]), 0.0, 1).blurred
+    assert EffectFit(who, effects, 1.0, True, np.array([0.001, spread]), 0.9, 2).blurred == blurred
+    assert not EffectFit(who[1:], effects[1:], 1.0, True, np.array([spread]), 0.0, 1).blurred
 
 
 def test_what_would_be_larger_than_makes_sense_is_no_rival_of_what_does_as_well():
     def trial(name, values, square):
         candidate, rest = Candidate(name, "axis"), np.full((400, 1), np.sqrt(square / 400))
-        fitted = Fit((candidate,), (candidate.from_vector(np.array(values)),), square, True, np.zeros(len(values)), 0.0, 1)
-        return Trial(fitted, rest, rest, square, 1.0)
+        fitted = EffectFit(
+            (candidate,), (candidate.from_vector(np.array(values)),), square, True, np.zeros(len(values)), 0.0, 1
+        )
+        return Hypothesis(fitted, rest, rest, square, 1.0)
 
-    bound = catalogue()["eccentricity"].parameters[0].high
+    bound = JOINT_EFFECTS["eccentricity"].parameters[0].high
     sensible, huge = trial("encoder_scale", [0.1], 400.0), trial("eccentricity", [bound, 0.0], 399.5)
     found = decide([sensible, huge], Rules(), 400.0)
     assert found.trials == (sensible,)
@@ -181,7 +184,7 @@ def test_same_seed_gives_the_same_findings(axis):
     case = case_of(axis, ("coulomb",), 5.0)
     found = []
     for _ in range(2):
-        result = findings_of(diagnose(axis[0], case.records, axis[2] / "bank", seed=3), case.records, seed=3)
+        result = findings_of(diagnose_joints(axis[0], case.records, axis[2] / "bank", seed=3), case.records, seed=3)
         found.append({key: value for key, value in result.items() if key != "seconds"})
     assert found[0] == found[1]
 
@@ -195,7 +198,7 @@ def test_intervals_know_what_the_step_of_time_does_where_a_limit_magnifies_it(ax
     roads = np.random.default_rng(COURSES)
     wanted = _joined(course(KINDS["fit"], plant.centre, plant.reach, 4.0, roads), 100.0)
     clean = plant.truth(wanted, 4.0, record.time, {"saturation": weak})
-    view = View.of(mechanism, replace(record.with_measured(clean), sigma=plant.noise))
+    view = JointResiduals.of(mechanism, replace(record.with_measured(clean), sigma=plant.noise))
     candidate = Candidate("saturation", "axis")
     rough = fit(view, (candidate,), ({"weakness": weak},))
     final = polish(view, rough)
@@ -212,18 +215,18 @@ def test_unit_is_the_stated_signature(axis):
     case = case_of(axis, ("viscous",), 3.0)
     rows = case.records["select"]
     mechanism = Mechanism(system)
-    view = View.of(mechanism, rows)
+    view = JointResiduals.of(mechanism, rows)
     with_it = view.simulate([Applied("viscous", "axis", {"coefficient": case.hidden["viscous"]})])
     plain = view.simulate()
     size = sum((((with_it[kind] - plain[kind]) / plant.noise[kind]) ** 2).sum() for kind in plain)
     assert size == pytest.approx(9 * UNIT, rel=0.25)
 
 
-@pytest.mark.parametrize("name", [n for n, e in catalogue().items() if "pd" in e.modes])
+@pytest.mark.parametrize("name", [n for n, e in JOINT_EFFECTS.items() if "pd" in e.modes])
 def test_every_parameter_changes_the_output(axis, name):
-    system, effect = axis[0], catalogue()[name]
+    system, effect = axis[0], JOINT_EFFECTS[name]
     record = case_of(axis, (), 0.0).records["fit"]
-    view = View.of(Mechanism(system), record)
+    view = JointResiduals.of(Mechanism(system), record)
     joint = "axis" if effect.scope == "joint" else ""
     rubbing = [Applied("coulomb", "axis", {"torque": 0.2})] if name == "warming" else []
     # Shapes act only beside an amplitude, and limits only once they are passed.
@@ -245,9 +248,9 @@ def test_every_parameter_changes_the_output(axis, name):
 
 
 def test_catalogue_is_consistent():
-    for name, effect in catalogue().items():
+    for name, effect in JOINT_EFFECTS.items():
         assert name == effect.name
-        assert set(effect.contains) <= set(catalogue())
+        assert set(effect.contains) <= set(JOINT_EFFECTS)
         assert effect.signature
         assert effect.tell_apart
         for values in effect.directions():
@@ -258,7 +261,7 @@ def test_unknown_effect_or_parameter_is_refused(axis):
     mechanism = Mechanism(axis[0])
     for wrong in (Applied("magic", "", {}), Applied("viscous", "axis", {}), Applied("viscous", "elbow", {"coefficient": 1.0})):
         with pytest.raises(InputError):
-            build_setup(mechanism, [wrong])
+            apply_effects(mechanism, [wrong])
 
 
 def test_case_from_files_writes_findings_and_a_model_that_can_be_read(axis, tmp_path):
@@ -280,7 +283,7 @@ def test_case_from_files_writes_findings_and_a_model_that_can_be_read(axis, tmp_
     assert findings["verdict"] == "named"
     assert "Coulomb friction" in findings["sentence"]
     assert read_json(tmp_path / "out" / "findings.json")["verify"]["accepted"]
-    amended = read_system(tmp_path / "out" / "model.yaml")
+    amended = read_mechanism_model(tmp_path / "out" / "model.yaml")
     assert [effect.name for effect in amended.effects] == ["coulomb"]
     # What was added is no longer missing.
     content["model"] = "out/model.yaml"

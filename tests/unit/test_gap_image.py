@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 
 from gsbridge.cameras import Camera
+from gsbridge.effects.images import IMAGE_EFFECTS
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.gap.benchmark.image_truth import READ, SHOT
-from gsbridge.gap.benchmark.images import SIZES, STRANGE, draw_image_case, film, hidden_pairs, site_of
+from gsbridge.gap.benchmark.images import SIZES, STRANGE, draw_image_case, film, hidden_pairs, image_site
 from gsbridge.gap.diagnosis.results import Rules
 from gsbridge.gap.image.diagnose import UNSTEADY, diagnose_images, image_findings, unsteady
 from gsbridge.gap.image.expect import Expectation
-from gsbridge.gap.image.model import ImageCandidate, check, image_candidates, shooting
+from gsbridge.gap.image.model import ImageCandidate, image_candidates, shooting
 from gsbridge.gap.image.noise_model import Flats
-from gsbridge.gap.image.null import Null
+from gsbridge.gap.image.null import ImageNull
 from gsbridge.gap.image.pairs import ROLES, Pairs
-from gsbridge.gap.image.residuals import View, compared, learn_noise
+from gsbridge.gap.image.residuals import ImageResiduals, compared, learn_noise
 from gsbridge.gap.image.screen import gains_of
-from gsbridge.gap.joints.mechanism_model import Applied
-from gsbridge.scene.effects import catalogue
 
 SPIN = {"wr": 0.8, "wb": -0.6, "x": 0.6, "y": 0.8, "z": 0.0, "a": 0.0, "b": 0.0, "c": 1.0}
 
@@ -30,13 +30,13 @@ NAMES = (*STILL, "flicker", "latency", "motion_blur", "rolling_shutter")
 
 @pytest.fixture(scope="module")
 def site():
-    return site_of(7, camera=Camera(64, 48, 60.0, 60.0, 32.0, 24.0), photos=5)
+    return image_site(7, camera=Camera(64, 48, 60.0, 60.0, 32.0, 24.0), photos=5)
 
 
 @pytest.fixture(scope="module")
 def fine():
     """Photos of twice the size at which they are compared, as geometry asks."""
-    return site_of(7, camera=Camera(128, 96, 120.0, 120.0, 64.0, 48.0), photos=4)
+    return image_site(7, camera=Camera(128, 96, 120.0, 120.0, 64.0, 48.0), photos=4)
 
 
 def hidden_case(site, hidden, seed=11, moving=False):
@@ -101,7 +101,7 @@ def test_an_effect_in_the_expectation_predicts_the_photos(fine, hidden, effect, 
         # The truth says where the camera is in the frame of where it is thought to be.
         values = {"x": 0.6 * 0.006, "y": 0.8 * 0.006, "z": 0.0, "about_x": 0.0, "about_y": 0.0, "about_z": -0.012}
     pairs = hidden_case(fine, hidden, moving=moving)["fit"]
-    view = View(pairs, learn_noise([pairs]))
+    view = ImageResiduals(pairs, learn_noise([pairs]))
     plain, known = ((view.residual(effects) ** 2).sum() / view.numbers for effects in ((), (Applied(effect, "", values),)))
     assert plain > 4.0
     assert known - 1.0 < 0.05 * (plain - 1.0)
@@ -109,7 +109,7 @@ def test_an_effect_in_the_expectation_predicts_the_photos(fine, hidden, effect, 
 
 def test_blurring_effects_win_nothing_by_smoothing_noise(site):
     pairs = hidden_case(site, {})["fit"]
-    view = View(pairs, learn_noise([pairs]))
+    view = ImageResiduals(pairs, learn_noise([pairs]))
     squares = [(view.residual(effects) ** 2).sum() for effects in ((), (Applied("defocus", "", {"sigma": 0.25}),))]
     assert squares[1] > squares[0] - 9.0
 
@@ -118,12 +118,12 @@ def test_photos_with_nothing_changed_are_rarely_odd_and_changed_ones_are(site):
     found = []
     for seed in range(8):
         pairs = hidden_case(site, {}, seed=100 + seed)["fit"]
-        view = View(pairs, learn_noise([pairs]))
-        found.append(Null.of(view, np.random.default_rng(seed), 99).p_value(view, view.residual()))
+        view = ImageResiduals(pairs, learn_noise([pairs]))
+        found.append(ImageNull.of(view, np.random.default_rng(seed), 99).p_value(view, view.residual()))
     # Edges count less than their noise alone would have them, so that chance is rarely as odd as it might be.
     assert min(found) > 0.02
-    changed = View(hidden_case(site, {"exposure": 0.02}, seed=100)["fit"], view.noise)
-    assert Null.of(changed, np.random.default_rng(0), 99).p_value(changed, changed.residual()) < 1e-3
+    changed = ImageResiduals(hidden_case(site, {"exposure": 0.02}, seed=100)["fit"], view.noise)
+    assert ImageNull.of(changed, np.random.default_rng(0), 99).p_value(changed, changed.residual()) < 1e-3
 
 
 def test_photos_that_make_no_sense_are_refused(site):
@@ -139,17 +139,17 @@ def test_photos_that_make_no_sense_are_refused(site):
 
 
 def test_unknown_parameters_and_values_out_of_bounds_are_refused():
-    check(Applied("exposure", "", {"stops": 0.5}))
+    shooting([Applied("exposure", "", {"stops": 0.5})])
     for wrong in (Applied("exposure", "", {"stops": 9.0}), Applied("exposure", "", {}), Applied("magic", "", {})):
         with pytest.raises(InputError):
-            check(wrong)
+            shooting([wrong])
 
 
 def test_truths_and_catalogue_agree_on_what_may_be_hidden():
-    assert set(SIZES) == set(catalogue())
-    assert not set(STRANGE) & set(catalogue())
+    assert set(SIZES) == set(IMAGE_EFFECTS)
+    assert not set(STRANGE) & set(IMAGE_EFFECTS)
     assert [str(candidate) for candidate in image_candidates(["focal"])] == ["focal"]
-    assert ImageCandidate("focal").effect is catalogue()["focal"]
+    assert ImageCandidate("focal").effect is IMAGE_EFFECTS["focal"]
 
 
 def test_unit_of_an_effect_is_found_and_grows(site):

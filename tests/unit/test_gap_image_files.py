@@ -9,15 +9,14 @@ import pytest
 import yaml
 
 from gsbridge.cameras import Camera
-from gsbridge.environment.lens import EFFECTS
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import read_json
-from gsbridge.gap.benchmark.images import film, hidden_pairs, site_of
+from gsbridge.gap.benchmark.images import film, hidden_pairs, image_site
 from gsbridge.gap.image.files import read_pairs
 from gsbridge.gap.image.pairs import ROLES
 from gsbridge.gap.image.stages import amend_camera, write_image_findings
 from gsbridge.images import write_image
-from gsbridge.report.sight_page import write_sight_report
+from gsbridge.report.gap.picture_page import write_sight_report
 from gsbridge.sim.model import read_model
 
 SPIN = {"wr": 0.8, "wb": -0.6, "x": 0.6, "y": 0.8, "z": 0.0, "a": 0.0, "b": 0.0, "c": 1.0}
@@ -29,7 +28,7 @@ NAMES = ("black_level", "exposure", "response", "shadow", "vignetting", "white_b
 def folder(tmp_path_factory):
     """Photos of a camera that became darker by 0.3 EV, as a robot would leave them."""
     out = tmp_path_factory.mktemp("photos")
-    site = site_of(7, camera=Camera(64, 48, 60.0, 60.0, 32.0, 24.0), photos=5)
+    site = image_site(7, camera=Camera(64, 48, 60.0, 60.0, 32.0, 24.0), photos=5)
     films = {role: film(3 + k, site.photos) for k, role in enumerate(ROLES)}
     takes = [hidden_pairs(site, {"exposure": 0.3}, films, SPIN, np.random.default_rng(k)) for k in range(SHOTS)]
     views, depths = [], []
@@ -160,7 +159,7 @@ def test_what_changed_is_named_reported_and_learned(folder, tmp_path):
     assert found["sentence"][:20] in page
     assert page.count("data:image/png;base64,") == 1
     amend_camera("models/nominal.yaml", files[0], files[3])
-    effects = read_model(files[3], EFFECTS).effects
+    effects = read_model(files[3]).effects
     assert [effect.name for effect in effects] == ["exposure"]
     assert effects[0].parameters["stops"] == pytest.approx(found["amended"][0]["parameters"]["stops"])
     assert found["records"]["verify"] in files[3].read_text()

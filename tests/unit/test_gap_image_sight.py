@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from gsbridge.cameras import Camera
+from gsbridge.effects.images.shooting import Shooting
 from gsbridge.gap.image.expect import Expectation
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.gap.image.visibility import off_steps, seen_from
 from gsbridge.images import srgb_from_linear
-from gsbridge.scene.shooting import Shooting
 
 CAMERA = Camera(128, 96, 110.0, 110.0, 64.0, 48.0)
 WALL, CARD = 0.4, 0.2

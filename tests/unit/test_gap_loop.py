@@ -11,11 +11,11 @@ from sim_fixture import NOMINAL, model, world
 from gsbridge.environment.trial_log import TrialPath, write_trial_log
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import read_json, write_json
-from gsbridge.gap.joints.apply_effects import build_setup
-from gsbridge.gap.joints.case import read_case
-from gsbridge.gap.joints.mechanism_model import parse_system
-from gsbridge.gap.joints.records import Record
-from gsbridge.gap.joints.replay import Mechanism
+from gsbridge.gap.formats.records import Record
+from gsbridge.gap.joints.case import read_joint_case
+from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
+from gsbridge.gap.joints.mechanism.mechanism_model import parse_mechanism_model
+from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.loop.amend import amend_simulation, amended_content
 from gsbridge.gap.loop.arm import write_arm
 from gsbridge.gap.loop.calibrate import calibrate, calibrated_model
@@ -59,10 +59,10 @@ def replayed(folder, log: DriverLog, base_from_table, **changes) -> tuple[Record
     write_arm(robot(), model(**changes), base_from_table, folder / "arm.urdf", folder / "model.yaml")
     write_driver_log(folder / "log.csv", robot().record["arm_joints"], log)
     (folder / "case.yaml").write_text("model: model.yaml\nrecords: {fit: log.csv, select: log.csv, verify: log.csv}\n")
-    case = read_case(folder / "case.yaml")
+    case = read_joint_case(folder / "case.yaml")
     mechanism, record = Mechanism(case.system), case.records["fit"]
     start = record.measured["position"][0], record.measured["velocity"][0]
-    return record, mechanism.run(record, build_setup(mechanism, ()), [(0, len(record.time))], [start])
+    return record, mechanism.run(record, apply_effects(mechanism, ()), [(0, len(record.time))], [start])
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.08])
@@ -105,18 +105,18 @@ def test_calibration_finds_every_figure(tmp_path):
         speed = np.gradient(command, 1e-3, axis=0)
         blank = {kind: np.zeros((len(time), 1)) for kind in ("position", "velocity", "effort")}
         record = Record(role, time, ("axis",), {"command": command, "command_velocity": speed}, blank)
-        mechanism = Mechanism(parse_system(hidden, tmp_path))
-        out = mechanism.run(record, build_setup(mechanism, ()), [(0, len(time))], [(np.zeros(1), np.zeros(1))])
+        mechanism = Mechanism(parse_mechanism_model(hidden, tmp_path))
+        out = mechanism.run(record, apply_effects(mechanism, ()), [(0, len(time))], [(np.zeros(1), np.zeros(1))])
         noise = {"position": 1e-5, "velocity": 1e-3, "effort": 0.01}
         records[role] = record.with_measured({k: v + noise[k] * rng.standard_normal(v.shape) for k, v in out.items()})
-    found = calibrate(parse_system(content, tmp_path), records)
+    found = calibrate(parse_mechanism_model(content, tmp_path), records)
     assert found.delay == pytest.approx(0.03, abs=2e-4)
     for name, value in truth.items():
         assert found.figures[name][0] == pytest.approx(value, rel=0.02, abs=2e-3), name
     assert found.after["verify"] < 1.5 < found.before["verify"]
     # Channels were weighed by a hundredth of their range; what is left, summed up over time, is a ten-thousandth of it.
     assert found.floor["position"][0] < 1e-4 * np.ptp(records["verify"].measured["position"])
-    written = parse_system(calibrated_model(content, found), tmp_path)
+    written = parse_mechanism_model(calibrated_model(content, found), tmp_path)
     assert written.coulomb[0] == pytest.approx(0.3, rel=0.02)
     assert [effect.name for effect in written.effects] == ["command_delay"]
 

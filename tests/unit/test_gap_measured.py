@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
-from gsbridge.gap.contact.case import read_case
-from gsbridge.gap.contact.replay import Replay
-from gsbridge.gap.joints.mechanism_model import Applied
+from gsbridge.gap.contact.case import read_throw_case
+from gsbridge.gap.contact.replay import ThrowReplay
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = os.environ.get("GSBRIDGE_MEASURED")
@@ -50,8 +50,8 @@ def test_the_pendulum_has_the_inertia_and_weight_it_is_given():
 def test_tosses_convert_to_a_case_that_friction_explains(tmp_path):
     benchmark = load()
     roles = {"fit": (0, 12), "select": (60, 70), "verify": (160, 170)}
-    case = read_case(benchmark.write_toss_case(Path(FOLDER), tmp_path, roles))
-    replay = Replay(case.body, case.throws["fit"])
+    case = read_throw_case(benchmark.write_toss_case(Path(FOLDER), tmp_path, roles))
+    replay = ThrowReplay(case.body, case.throws["fit"])
     before = replay.errors().mean()
     after = replay.errors([Applied("contact_friction", "", {"friction": 0.18 - 0.5})]).mean()
     assert before > 0.05
@@ -62,7 +62,7 @@ def test_tosses_convert_to_a_case_that_friction_explains(tmp_path):
 
 @measured
 def test_the_pendulum_becomes_a_case(tmp_path):
-    from gsbridge.gap.joints.case import read_case as read_mechanism_case
+    from gsbridge.gap.joints.case import read_joint_case as read_mechanism_case
 
     case = read_mechanism_case(load().write_pendulum_case(Path(FOLDER), tmp_path))
     assert case.system.joints == ("axis",)

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from gsbridge.errors import InputError
-from gsbridge.gap.joints.records import Layout, check_degrees, doubtful_degrees, quantum_of, read_record
+from gsbridge.gap.formats.records import Layout, check_degrees, doubtful_degrees, quantum_of, read_record
 
 LAYOUT = Layout(("axis",))
 

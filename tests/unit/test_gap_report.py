@@ -12,12 +12,12 @@ from scipy import stats
 
 from gsbridge.errors import InputError
 from gsbridge.gap.joints.residual_map import GROUPS, LEVEL, few_false
-from gsbridge.report.gap_page import CaseFiles, write_gap_report
-from gsbridge.report.gap_rows import COLUMNS, write_gap_rows
-from gsbridge.report.gap_words import effect_title, explanation_title, most, next_steps
+from gsbridge.report.gap.page import CaseFiles, write_gap_report
+from gsbridge.report.gap.rows import COLUMNS, write_gap_rows
+from gsbridge.report.gap.text import effect_title, explanation_title, most, next_steps
 from gsbridge.report.recordings.gap import enlargement, lines, place_joints, record_gap
 from gsbridge.report.recordings.recording import read_recording
-from gsbridge.report.rows import read_rows
+from gsbridge.report.tables.rows import read_rows
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 LOOK = """
@@ -65,7 +65,7 @@ def test_the_page_says_all_that_is_asked_for(tmp_path):
 @pytest.fixture
 def without_figures(monkeypatch):
     """Pages of words alone: drawing takes most of the time."""
-    for name in ("gap_parts.draw_residuals", "gap_parts.draw_channels", "gap_page.draw_where"):
+    for name in ("gap.sections.draw_residuals", "gap.sections.draw_channels", "gap.page.draw_where"):
         monkeypatch.setattr(f"gsbridge.report.{name}", lambda *arguments: "data:,")
 
 
@@ -191,8 +191,8 @@ URDF = """<robot name="arm"><link name="base"/>
 @pytest.fixture
 def mechanism(tmp_path):
     """A lift with a turning link, as a model and as a chain."""
-    from gsbridge.gap.joints.chain import Chain
-    from gsbridge.gap.joints.inertials import Skeleton
+    from gsbridge.gap.joints.mechanism.chain import Chain
+    from gsbridge.gap.joints.mechanism.inertials import Skeleton
 
     (tmp_path / "arm.urdf").write_text(URDF)
     (tmp_path / "model.yaml").write_text("urdf: arm.urdf\ncontroller: {mode: free}\n")

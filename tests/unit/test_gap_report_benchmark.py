@@ -9,10 +9,10 @@ from gap_scores import method_scores, rate, tier_scores
 
 from gsbridge.gap.benchmark import campaign, chunks, score
 from gsbridge.gap.benchmark.baselines import METHODS
-from gsbridge.report.gap_benchmark_figures import confusion_cells
-from gsbridge.report.gap_benchmark_page import headline, write_gap_benchmark
-from gsbridge.report.measured_gap import baseline_figures, gap_figures, pooled, real_figures
-from gsbridge.report.score import read_floors, score_figure
+from gsbridge.report.gap.benchmark_figures import confusion_cells
+from gsbridge.report.gap.benchmark_page import headline, write_gap_benchmark
+from gsbridge.report.scores.measured_gap import baseline_figures, gap_figures, pooled, real_figures
+from gsbridge.report.scores.score import read_floors, score_figure
 
 FLOORS = Path(__file__).resolve().parents[2] / "benchmarks/floors.yaml"
 

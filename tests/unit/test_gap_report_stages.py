@@ -7,10 +7,10 @@ import pytest
 
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
-from gsbridge.gap.diagnosis.workflow import load_work, write_case_records, write_comparison, write_replays
+from gsbridge.gap.formats.records import Record
 from gsbridge.gap.formats.store import load_records
-from gsbridge.gap.joints.records import Record
-from gsbridge.gap.joints.residual_map import GROUPS, where
+from gsbridge.gap.joints.residual_map import GROUPS, map_residuals
+from gsbridge.gap.workflow import load_work, write_case_records, write_comparison, write_replays
 
 URDF = """<robot name="axis"><link name="base"/><link name="arm"><inertial><origin xyz="0.2 0 0"/><mass value="1"/>
 <inertia ixx="0.001" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -171,7 +171,7 @@ def test_a_difference_in_one_direction_is_found_there():
     faster = (v[:, 0] > 0.05) & (q[:, 0] < -0.2)
     residual[faster, 0] *= 4
     view = SimpleNamespace(record=Record("fit", time, ("a", "b"), {}, {}), channels=(("position", 0), ("position", 1)))
-    found = where(view, residual, outputs)
+    found = map_residuals(view, residual, outputs)
     columns = [name for names in GROUPS.values() for name in names]
     place = columns.index("speeds up +")
     assert found.channels == ("position.a", "position.b")

@@ -6,18 +6,19 @@ import numpy as np
 import pytest
 import yaml
 from scipy.spatial.transform import Rotation
+from thrown_truth import Scene, throw_box
 
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
-from gsbridge.gap.benchmark.thrown_truth import Scene, throw_box
-from gsbridge.gap.contact.bank import fill
+from gsbridge.gap.contact.bank import grid_bank
 from gsbridge.gap.contact.body import parse_body, read_body
 from gsbridge.gap.contact.checks import check_clock, check_fall, check_speeds
-from gsbridge.gap.contact.replay import Replay
-from gsbridge.gap.contact.residual_map import CHANNELS, GROUPS, cells, where
+from gsbridge.gap.contact.replay import ThrowReplay
+from gsbridge.gap.contact.residual_map import CHANNELS, GROUPS, cells, map_distances
 from gsbridge.gap.contact.store import load_throws, save_throws
 from gsbridge.gap.contact.throws import Throw, Throws, write_throws
-from gsbridge.gap.diagnosis.workflow import (
+from gsbridge.gap.formats.files import case_files
+from gsbridge.gap.workflow import (
     load_work,
     read_work,
     write_case_records,
@@ -26,9 +27,8 @@ from gsbridge.gap.diagnosis.workflow import (
     write_replays,
     write_screening,
 )
-from gsbridge.gap.formats.files import case_files
-from gsbridge.report.gap_page import CaseFiles, write_gap_report
-from gsbridge.report.gap_rows import gap_row
+from gsbridge.report.gap.page import CaseFiles, write_gap_report
+from gsbridge.report.gap.rows import gap_row
 from gsbridge.report.recordings.gap import record_gap
 from gsbridge.report.recordings.gap_throws import solid
 from gsbridge.report.recordings.recording import read_recording
@@ -154,8 +154,8 @@ def test_a_bank_is_made_once_and_again_where_it_is_damaged(tmp_path):
     body, throws = parse_body(MODEL, "."), throw_box(Scene(duration=0.2), 8, 0)
 
     def matches():
-        replay = Replay(body, throws, 0.2)
-        bank = fill(replay, ("restitution",), tmp_path)
+        replay = ThrowReplay(body, throws, 0.2)
+        bank = grid_bank(replay, ("restitution",), tmp_path)
         return bank, replay
 
     first, made = matches()
@@ -168,14 +168,14 @@ def test_a_bank_is_made_once_and_again_where_it_is_damaged(tmp_path):
     assert file.stat().st_mtime_ns == stamp
     file.write_bytes(b"no archive")
     assert matches()[0] == first
-    changed = fill(Replay(parse_body({**MODEL, "mass": 0.5}, "."), throws, 0.2), ("restitution",), tmp_path)
+    changed = grid_bank(ThrowReplay(parse_body({**MODEL, "mass": 0.5}, "."), throws, 0.2), ("restitution",), tmp_path)
     assert len(list(tmp_path.iterdir())) == 2
     assert changed.runs == first.runs
 
 
 def test_a_difference_in_height_behind_the_impact_is_found_there():
     body, throws = parse_body(MODEL, "."), throw_box(Scene(friction=0.5, duration=HORIZON), 16, 1)
-    replay = Replay(body, throws, HORIZON)
+    replay = ThrowReplay(body, throws, HORIZON)
     plain = replay.flights()
     rng = np.random.default_rng(0)
     quiet = [[rng.normal(0, 1e-3, f.position.shape) for f in plain] for _ in range(4)]
@@ -185,7 +185,7 @@ def test_a_difference_in_height_behind_the_impact_is_found_there():
         late = flight.touched & (time > time[np.argmax(flight.touched)] + 0.061)
         measured.append(flight.position + rng.normal(0, 1e-3, flight.position.shape) + late[:, None] * [0, 0, 0.05])
     replay.measured = measured
-    found = where(replay, plain, null)
+    found = map_distances(replay, plain, null)
     columns = [name for names in GROUPS.values() for name in names]
     place = columns.index("after")
     assert found.values[CHANNELS.index("height"), place] == pytest.approx(50, rel=0.05)
@@ -198,7 +198,7 @@ def test_a_difference_in_height_behind_the_impact_is_found_there():
 def test_axes_of_a_throw_are_those_of_its_start():
     """A difference along the start's direction shows there and nowhere else, whatever that direction is."""
     body, throws = parse_body(MODEL, "."), throw_box(Scene(duration=0.2), 8, 2)
-    replay = Replay(body, throws, 0.2)
+    replay = ThrowReplay(body, throws, 0.2)
     ahead = replay.starts.velocity * [1, 1, 0]
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
     found = cells(replay, [0.02 * np.tile(row, (len(time), 1)) for row, time in zip(ahead, replay.times, strict=True)])

@@ -9,18 +9,19 @@ import pytest
 import yaml
 from pybullet_utils.bullet_client import BulletClient
 
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.gap.benchmark.bullet_truth import BulletTruth
 from gsbridge.gap.benchmark.generate import _joined
+from gsbridge.gap.benchmark.mechanisms import arm_model
 from gsbridge.gap.benchmark.mujoco_truth import MujocoTruth
-from gsbridge.gap.benchmark.plants import arm_model
 from gsbridge.gap.benchmark.trajectories import KINDS, course
-from gsbridge.gap.joints.apply_effects import build_setup
-from gsbridge.gap.joints.case import read_case
-from gsbridge.gap.joints.mechanism_model import Applied, read_system
-from gsbridge.gap.joints.records import Record
-from gsbridge.gap.joints.replay import Mechanism
-from gsbridge.gap.joints.workflow import MechanismWork
+from gsbridge.gap.formats.records import Record
+from gsbridge.gap.joints.case import read_joint_case
+from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
+from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
+from gsbridge.gap.joints.mechanism.replay import Mechanism
+from gsbridge.gap.joints.workflow import JointBackend
 
 CENTRE, REACH = np.array([0.0, 0.4, 0.0, -1.2, 0.0, 0.8, 0.0]), np.full(7, 0.5)
 LINK = "lbr_iiwa_link_7"
@@ -33,7 +34,7 @@ def model(tmp_path_factory):
 
 
 def test_place_of_a_link_is_that_of_pybullet(model):
-    system = read_system(model)
+    system = read_mechanism_model(model)
     mechanism, rng = Mechanism(system), np.random.default_rng(0)
     client = BulletClient(pybullet.DIRECT)
     body = client.loadURDF(str(system.urdf), useFixedBase=True)
@@ -59,31 +60,31 @@ def motion(system, truth, hidden, role, duration=4.0):
 
 @pytest.mark.parametrize("engine", [BulletTruth, MujocoTruth])
 def test_replayed_tool_is_that_of_the_engines(model, engine):
-    system = read_system(model)
+    system = read_mechanism_model(model)
     times, sent, logged = motion(system, engine(system), {}, "fit", 2.5)
     record = Record("fit", times, system.joints, {"command": sent}, {"tool": logged["tool"]})
     mechanism = Mechanism(system)
     state = (sent[0], np.zeros(7))
-    out = mechanism.run(record, build_setup(mechanism, ()), [(0, len(times))], [state])
+    out = mechanism.run(record, apply_effects(mechanism, ()), [(0, len(times))], [state])
     own = mechanism.chain.place(LINK, logged["position"][:, mechanism.chain.order])
     np.testing.assert_allclose(logged["tool"], own, atol=2e-6)
     # By the model's step of a millisecond.
     assert np.abs(out["tool"] - logged["tool"]).max() < 2e-4
     # An encoder that errs moves the tool, and is not seen by itself.
     off = [Applied("encoder_offset", system.joints[1], {"angle": 0.01})]
-    moved = mechanism.run(record, build_setup(mechanism, off), [(0, len(times))], [state])
+    moved = mechanism.run(record, apply_effects(mechanism, off), [(0, len(times))], [state])
     arm = np.linalg.norm(logged["tool"][0] - [0, 0, 0.34])
     assert np.linalg.norm(moved["tool"][0] - out["tool"][0]) == pytest.approx(0.01 * arm, rel=0.05)
 
 
 def test_tool_of_a_soft_joint_is_where_the_link_is(model):
     """At rest the link hangs behind the motor by the compliance times the torque."""
-    system = read_system(model)
+    system = read_mechanism_model(model)
     mechanism, times = Mechanism(system), np.arange(250) / 100
     record = Record("fit", times, system.joints, {"command": np.tile(CENTRE, (250, 1))}, {"tool": np.zeros((250, 3))})
     twist = 2e-3
     soft = [Applied("compliance", SECOND, {"compliance": twist})]
-    out = mechanism.run(record, build_setup(mechanism, soft), [(0, 250)], [(CENTRE, np.zeros(7))])
+    out = mechanism.run(record, apply_effects(mechanism, soft), [(0, 250)], [(CENTRE, np.zeros(7))])
     motor, asked = out["position"][-1], out["effort"][-1]
     hangs = motor.copy()
     hangs[system.joints.index(SECOND)] -= twist * asked[system.joints.index(SECOND)]
@@ -94,7 +95,7 @@ def test_tool_of_a_soft_joint_is_where_the_link_is(model):
 
 def write_case(folder, model, hidden):
     """A case whose records hold commands and the tool."""
-    system, rng = read_system(model), np.random.default_rng(5)
+    system, rng = read_mechanism_model(model), np.random.default_rng(5)
     for role in KINDS:
         times, sent, logged = motion(system, MujocoTruth(system), hidden, role)
         columns = {"time [s]": times}
@@ -115,7 +116,7 @@ SECOND = "lbr_iiwa_joint_2"
     ("hidden", "names"), [({}, None), ({"command_delay": 0.02}, LATE), ({f"coulomb:{SECOND}": 4.0}, {"coulomb"})]
 )
 def test_tool_alone_tells_what_is_missing(model, tmp_path, hidden, names):
-    work = MechanismWork.read(write_case(tmp_path, model, hidden))
+    work = JointBackend.read(write_case(tmp_path, model, hidden))
     assert any("no joint positions" in reason for reason in work.reasons)
     found = work.diagnose(tmp_path / "bank", 0)
     if names is None:
@@ -142,17 +143,17 @@ def test_what_tells_no_tool_is_refused(model, tmp_path):
     case = yaml.safe_load(path.read_text(encoding="utf-8"))
     path.write_text(yaml.safe_dump({**case, "model": str(bare)}), encoding="utf-8")
     with pytest.raises(InputError, match="does not say which link"):
-        read_case(path)
+        read_joint_case(path)
     bare.write_text(yaml.safe_dump({**content, "urdf": str(model.parent / "arm.urdf"), "tool": "hand"}), encoding="utf-8")
     with pytest.raises(InputError, match="no link 'hand'"):
-        read_case(path)
+        read_joint_case(path)
     table = pd.read_csv(tmp_path / "fit.csv").drop(columns="tool.y [mm]")
     table.to_csv(tmp_path / "fit.csv", index=False)
     path.write_text(yaml.safe_dump({**case, "model": str(model)}), encoding="utf-8")
     with pytest.raises(InputError, match=r"no 'tool\.y'"):
-        read_case(path)
+        read_joint_case(path)
 
 
 def test_system_with_a_tool_is_another(model):
-    system = read_system(model)
+    system = read_mechanism_model(model)
     assert system.digest() != replace(system, tool="").digest()

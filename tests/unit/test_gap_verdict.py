@@ -5,11 +5,11 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import norm
 
-from gsbridge.gap.diagnosis.results import Rules, Trial
+from gsbridge.gap.diagnosis.results import Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import decide
 from gsbridge.gap.joints.candidates import Candidate
-from gsbridge.gap.joints.detect import REPLICATES, Null
-from gsbridge.gap.joints.fit import Fit
+from gsbridge.gap.joints.detect import REPLICATES, JointNull
+from gsbridge.gap.joints.fit import EffectFit
 
 SHAPE = (400, 3)
 
@@ -17,8 +17,10 @@ SHAPE = (400, 3)
 def trial(name, values, select, fitted):
     candidate = Candidate(name, "axis")
     square = float((fitted**2).sum())
-    fit = Fit((candidate,), (candidate.from_vector(np.array(values)),), square, True, np.zeros(len(values)), 0.0, len(values))
-    return Trial(fit, select, fitted, float((select**2).sum()), 1.0)
+    fit = EffectFit(
+        (candidate,), (candidate.from_vector(np.array(values)),), square, True, np.zeros(len(values)), 0.0, len(values)
+    )
+    return Hypothesis(fit, select, fitted, float((select**2).sum()), 1.0)
 
 
 def decided(noises, apart, floor):
@@ -81,8 +83,8 @@ def test_one_effect_more_must_be_as_sure_as_a_name():
         who = tuple(Candidate(name, "axis") for name in names)
         effects = tuple(candidate.from_vector(np.array([0.1])) for candidate in who)
         size = len(names)
-        fit = Fit(who, effects, float((fitted**2).sum()), True, np.full(size, 0.01), 0.0, size)
-        return Trial(fit, select, fitted, float((select**2).sum()), 1.0)
+        fit = EffectFit(who, effects, float((fitted**2).sum()), True, np.full(size, 0.01), 0.0, size)
+        return Hypothesis(fit, select, fitted, float((select**2).sum()), 1.0)
 
     for hidden in (0.0, 60.0):
         for _ in range(100):
@@ -109,11 +111,11 @@ def test_p_values_go_on_where_replicates_end():
     rng = np.random.default_rng(4)
     found = []
     for _ in range(200):
-        null = Null(np.zeros((REPLICATES, 1)), rng.standard_normal(REPLICATES), 1.0)
+        null = JointNull(np.zeros((REPLICATES, 1)), rng.standard_normal(REPLICATES), 1.0)
         found.append([null.p_gain(value) for value in (0.0, 1.0, 2.0, 3.0)])
     middle = np.median(found, axis=0)
     np.testing.assert_allclose(middle[:3], norm.sf([0.0, 1.0, 2.0]), rtol=0.3)
     # An exponential tail falls slower than a normal one: it errs towards chance, and not by much.
     assert norm.sf(3.0) <= middle[3] <= 6.0 * norm.sf(3.0)
     assert null.p_gain(1e9) == pytest.approx(1e-6)
-    assert Null(np.zeros((3, 1)), np.zeros(0), 1.0).p_gain(5.0) == 1.0
+    assert JointNull(np.zeros((3, 1)), np.zeros(0), 1.0).p_gain(5.0) == 1.0

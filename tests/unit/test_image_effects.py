@@ -1,18 +1,15 @@
 """Image effects: each against a formulation that shares nothing with it, and all against what the catalogue promises."""
 
-import sys
-
 import numpy as np
 import pytest
 from image_scene import CAMERA, dots, scene, track
 
 from gsbridge.cameras import Camera, look_at
+from gsbridge.effects.images import IMAGE_EFFECTS, base
+from gsbridge.effects.images.shooting import Shooting
 from gsbridge.errors import InputError
 from gsbridge.images import linear_from_srgb, srgb_from_linear
-from gsbridge.scene import effects
-from gsbridge.scene.effects import base, catalogue, effect_of
 from gsbridge.scene.photograph import Photographer, softened, with_noise
-from gsbridge.scene.shooting import Shooting
 from gsbridge.scene.track import Track
 
 NAMES = (
@@ -33,7 +30,7 @@ def path():
 
 def shot(name, **values):
     """A way of taking photos with one effect; parameters that are not given are typical shapes or zero."""
-    effect = effect_of(name)
+    effect = IMAGE_EFFECTS[name]
     out = Shooting()
     effect.apply(out, {p.name: values.get(p.name, 0.0 if p.amplitude else p.typical) for p in effect.parameters})
     return out
@@ -47,8 +44,8 @@ def both(photographer, path, name, **values):
 
 
 def test_catalogue_is_complete_and_consistent():
-    assert tuple(catalogue()) == NAMES
-    for name, effect in catalogue().items():
+    assert tuple(IMAGE_EFFECTS) == NAMES
+    for name, effect in IMAGE_EFFECTS.items():
         assert name == effect.name
         assert effect.hook in base.HOOKS
         assert effect.amplitudes
@@ -59,12 +56,12 @@ def test_catalogue_is_complete_and_consistent():
         for values in effect.directions():
             assert effect.clipped(values) == values
     with pytest.raises(InputError, match="magic"):
-        effect_of("magic")
+        IMAGE_EFFECTS.effect("magic")
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_parameter_changes_the_output(photographer, path, name):
-    effect = catalogue()[name]
+    effect = IMAGE_EFFECTS[name]
     values = {p.name: 4 * p.typical if p.amplitude else p.typical for p in effect.parameters}
     times = np.array([0.403, 1.307])
 
@@ -85,28 +82,6 @@ def test_every_parameter_changes_the_output(photographer, path, name):
 def test_nothing_happens_at_amplitude_zero(photographer, path, name):
     times = np.array([0.403, 1.307])
     assert np.array_equal(photographer.photos(path, times, shot(name)), photographer.photos(path, times))
-
-
-def test_an_effect_is_one_file(tmp_path, monkeypatch):
-    text = (
-        "from gsbridge.scene.effects.base import ImageEffect, Parameter\n"
-        "from gsbridge.scene.shooting import LENS\n\n\n"
-        "class Haze(ImageEffect):\n"
-        '    name = "haze"\n    title = "haze"\n    hook = "light"\n'
-        '    parameters = (Parameter("light", "1", 0.0, 0.5, 0.02, True, "white light that is added"),)\n'
-        '    signature = "dark places are brighter"\n    confused_with = ("black_level",)\n    tell_apart = "wipe the lens"\n\n'
-        "    def apply(self, shooting, values):\n"
-        '        shooting.on_light(LENS, lambda light, frame: light + values["light"])\n'
-    )
-    (tmp_path / "haze.py").write_text(text)
-    monkeypatch.setattr(effects, "__path__", [*effects.__path__, str(tmp_path)])
-    catalogue.cache_clear()
-    try:
-        assert catalogue()["haze"].directions() == ({"light": 0.02},)
-        assert set(catalogue()) == {*NAMES, "haze"}
-    finally:
-        catalogue.cache_clear()
-        sys.modules.pop("gsbridge.scene.effects.haze", None)
 
 
 def test_track_passes_through_its_poses_and_turns_at_a_steady_rate():

@@ -13,7 +13,7 @@ from gsbridge.masks import MaskSettings, flatness, grabcut, segment_object
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop, cut_out, tidy
 from gsbridge.masks.prompt import find_object, focus_point
 from gsbridge.masks.subtraction import amend, compare_with_table, subtract_table
-from gsbridge.sparse import SparsePoints, read_points
+from gsbridge.photogrammetry.sparse import SparsePoints, read_points
 
 SMALL = MaskSettings(crop_px=160, hull_voxels=48, iterations=2, passes=1)
 

@@ -8,7 +8,7 @@ from gsbridge.errors import InputError
 from gsbridge.masks import MaskSettings, segment_object
 from gsbridge.masks.prompt import find_object
 from gsbridge.masks.sam2 import frame_tensor, load_model, prompt_points, propagate
-from gsbridge.sparse import read_points
+from gsbridge.photogrammetry.sparse import read_points
 
 transformers = pytest.importorskip("transformers", reason="the optional extra sam2 (transformers) is not installed")
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from gsbridge.images import linear_from_srgb, srgb_from_linear
-from gsbridge.matting import estimate_alpha, unmix
+from gsbridge.photogrammetry.matting import estimate_alpha, unmix
 
 SIZE, FINE = 96, 8
 

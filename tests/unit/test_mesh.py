@@ -7,7 +7,6 @@ import pytest
 import trimesh
 from table_scene import CENTRE, RADIUS, ball_scene
 
-from gsbridge.carving import Grid
 from gsbridge.errors import InputError, StageError
 from gsbridge.images import write_image
 from gsbridge.mesh import MeshSettings, mesh_object
@@ -18,6 +17,7 @@ from gsbridge.mesh.hull import build_hull, object_box, read_masks, silhouettes
 from gsbridge.mesh.objects import azimuth_coverage
 from gsbridge.mesh.repair import closed_surface, components, largest_part, signed_field
 from gsbridge.meshes import Mesh, read_mesh
+from gsbridge.photogrammetry.carving import Grid
 
 SMALL = MeshSettings(backend="sweep", faces=3000, collision_faces=1500, hull_voxels=64, poisson_depth=6, solid_voxels=64)
 

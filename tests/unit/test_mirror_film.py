@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gsbridge.board import find_tags, standard_board
 from gsbridge.cameras import Camera, split_of
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.images import read_image_u8, read_mask
 from gsbridge.meshes import read_mesh
+from gsbridge.photogrammetry.board import find_tags, standard_board
 from gsbridge.reality.mirror import film as film_module
 from gsbridge.reality.mirror.film import DENSE, FilmSettings, film_scene, image_motion
 from gsbridge.reality.mirror.studio import Studio

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gsbridge.board import standard_board
 from gsbridge.cameras import camera_centre
+from gsbridge.photogrammetry.board import standard_board
 from gsbridge.reality.mirror.backgrounds import WORK_CENTRE_M
 from gsbridge.reality.mirror.lens import phone
 from gsbridge.reality.mirror.path import OBJECT_SPOT_M, background_path, object_path, pan_path

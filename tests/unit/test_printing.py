@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from gsbridge.board import find_tags, standard_board, tag_pixels
 from gsbridge.capture.printing import sheet_image, sheet_reflectance, sheet_shapes, write_sheet
 from gsbridge.errors import InputError
+from gsbridge.photogrammetry.board import find_tags, standard_board, tag_pixels
 
 PIXELS_PER_M = 3000.0
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from robot_fixture import kinematics
 
-from gsbridge.board import find_tags, standard_board
 from gsbridge.errors import InputError, StageError
 from gsbridge.images import read_image_u8
+from gsbridge.photogrammetry.board import find_tags, standard_board
 from gsbridge.reality.world import camera as world_camera
 from gsbridge.reality.world.board_capture import BoardFilmSettings, film_board, full_camera
 from gsbridge.reality.world.camera import wrist_camera

@@ -8,10 +8,10 @@ from PIL import Image
 from trial_files import POSES, write_trials
 
 from gsbridge.errors import InputError
-from gsbridge.report.behaviour import COLUMNS, most_typical, write_behaviour
-from gsbridge.report.behaviour_figure import picked, spread_starts
-from gsbridge.report.paired_trials import failures_first, read_starts, trials_by_cell
-from gsbridge.report.places import Cell
+from gsbridge.report.figures.behaviour import COLUMNS, most_typical, write_behaviour
+from gsbridge.report.figures.behaviour_drawing import picked, spread_starts
+from gsbridge.report.figures.paired_trials import failures_first, read_starts, trials_by_cell
+from gsbridge.report.tables.result_paths import Cell
 
 CELL = Cell("grasp", "mug", "table")
 MESH = Cell("grasp", "mug", "table", "mesh")

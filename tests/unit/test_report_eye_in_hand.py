@@ -7,7 +7,7 @@ import pytest
 
 from gsbridge.errors import InputError
 from gsbridge.images import write_image
-from gsbridge.report.eye_in_hand import RENDERERS, Looked, write_eye_in_hand
+from gsbridge.report.figures.eye_in_hand import RENDERERS, Looked, write_eye_in_hand
 from gsbridge.tasks.views import ViewState, read_states, write_states
 
 

@@ -9,7 +9,7 @@ import pytest
 from gsbridge.cameras import Camera, View, look_at, write_views
 from gsbridge.errors import InputError
 from gsbridge.images import read_image_u8, write_image
-from gsbridge.report.figures import ASPECT, _crop, _detail, compared_scene, write_rendering_comparison
+from gsbridge.report.figures.rendering_comparison import ASPECT, _crop, _detail, compared_scene, write_rendering_comparison
 from gsbridge.splats.cloud import Cloud
 from gsbridge.splats.ply import write_ply
 

@@ -5,7 +5,7 @@ import csv
 import pytest
 
 from gsbridge.files import write_json
-from gsbridge.report.loop import LoopFiles, write_loop
+from gsbridge.report.figures.loop import LoopFiles, write_loop
 
 HEADER = ("pose_set", "index", "quadrant", "success", "success_tolerant", "failure")
 

@@ -4,9 +4,9 @@ import pytest
 
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
-from gsbridge.report.loop_rows import COLUMNS
-from gsbridge.report.measured_loops import write_loop_figures
-from gsbridge.report.rows import write_rows
+from gsbridge.report.figures.loop import COLUMNS
+from gsbridge.report.scores.measured_policies import write_loop_figures
+from gsbridge.report.tables.rows import write_rows
 
 CELL = {"task": "grasp", "object": "bear", "background": "foam_pad", "training_steps": 5000}
 LOOPS = [

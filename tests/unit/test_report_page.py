@@ -8,8 +8,8 @@ import subprocess
 import pytest
 from test_report_policies import paper_run
 
-from gsbridge.report.success_figure import write_success_figure
-from gsbridge.report.tables import write_tables
+from gsbridge.report.figures.success import write_success_figure
+from gsbridge.report.pages.tables import write_tables
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 LOOK = """

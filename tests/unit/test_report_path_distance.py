@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from gsbridge.report.path_distance import SPACING, path_distance, resample, warped_distance
+from gsbridge.report.figures.path_distance import SPACING, path_distance, resample, warped_distance
 
 LINE = np.c_[np.linspace(0, 0.5, 40), np.zeros(40), np.zeros(40)]
 PATHS = arrays(np.float64, st.tuples(st.integers(1, 7), st.just(3)), elements=st.floats(-0.125, 0.125, width=16))

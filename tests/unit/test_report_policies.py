@@ -10,22 +10,21 @@ from policy_files import trial_rows, write_policy, write_trials
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
 from gsbridge.images import read_image, write_image
-from gsbridge.report.failures_table import write_failure_rows
-from gsbridge.report.further import write_further
-from gsbridge.report.learning_curves import write_learning_curves
-from gsbridge.report.measured_policies import wall_time_figures, write_policy_figures, write_world_figures
-from gsbridge.report.paper import PAPER_GRASPS, PAPER_SCENARIOS, PAPER_SUCCESS
-from gsbridge.report.places import Cell
-from gsbridge.report.policies_section import film
-from gsbridge.report.results_page import write_results_page
-from gsbridge.report.rows import read_rows
-from gsbridge.report.score import read_floors, write_scores
-from gsbridge.report.success_figure import write_success_figure
-from gsbridge.report.success_summary import overviews, read_counts, standard_cells
-from gsbridge.report.success_table import write_success_rows
-from gsbridge.report.success_tables import p_text, percent, success_tables
-from gsbridge.report.tables import write_tables
-from gsbridge.report.training_table import write_training_rows
+from gsbridge.report.figures.learning_curves import write_learning_curves
+from gsbridge.report.figures.success import write_success_figure
+from gsbridge.report.pages.policies import film
+from gsbridge.report.pages.tables import write_tables
+from gsbridge.report.scores.measured_policies import wall_time_figures, write_policy_figures, write_world_figures
+from gsbridge.report.scores.results_page import write_results_page
+from gsbridge.report.scores.score import read_floors, write_scores
+from gsbridge.report.tables.failures import write_failure_rows
+from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SCENARIOS, PAPER_SUCCESS
+from gsbridge.report.tables.result_paths import Cell
+from gsbridge.report.tables.rows import read_rows
+from gsbridge.report.tables.success import overviews, p_text, percent, read_counts, standard_cells, success_tables
+from gsbridge.report.tables.success_rows import write_success_rows
+from gsbridge.report.tables.training import write_training_rows
+from gsbridge.report.tables.world_variants import write_further
 
 FLOORS = Path(__file__).parents[2] / "benchmarks" / "floors.yaml"
 MESHES = [cell for cell in PAPER_SUCCESS if cell.renderer == "mesh"]

@@ -9,12 +9,12 @@ import pytest
 import trimesh
 
 from gsbridge.asset.stage import AssetInputs, AssetOutputs, build_asset
-from gsbridge.board import standard_board
 from gsbridge.cameras import Camera, View, look_at, write_views
 from gsbridge.errors import InputError
 from gsbridge.files import write_json
 from gsbridge.images import write_image
 from gsbridge.meshes import Mesh, write_mesh
+from gsbridge.photogrammetry.board import standard_board
 from gsbridge.report.recordings.align import record_align, triangulate
 from gsbridge.report.recordings.asset import record_asset
 from gsbridge.report.recordings.capture import record_capture

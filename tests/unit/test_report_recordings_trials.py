@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from trial_files import write_trials
 
-from gsbridge.report.paired_trials import failures_first, read_starts
-from gsbridge.report.places import Cell
+from gsbridge.report.figures.paired_trials import failures_first, read_starts
 from gsbridge.report.recordings import trials as module
 from gsbridge.report.recordings.recording import read_recording
 from gsbridge.report.recordings.trials import hand_lines, record_trials
+from gsbridge.report.tables.result_paths import Cell
 from gsbridge.splats.cloud import Cloud
 
 CELL = Cell("grasp", "mug", "table")

@@ -13,13 +13,21 @@ from gsbridge.files import read_json, write_json
 from gsbridge.geometry import Similarity
 from gsbridge.images import write_image
 from gsbridge.meshes import Mesh
-from gsbridge.report.measured import rasterizer_figures, rendering_figures, write_real2sim_figures
-from gsbridge.report.rendering_table import COLUMNS
-from gsbridge.report.results_page import write_results_page
-from gsbridge.report.rows import write_rows
-from gsbridge.report.score import read_floors, score_figure, write_scores
-from gsbridge.report.score_real2sim import camera_scores, chamfer, sample_surface, score_scene, surface_distance, table_scores
-from gsbridge.report.truth import mask_iou, undistort_mask
+from gsbridge.report.scores.measured_scenes import rasterizer_figures, rendering_figures, write_real2sim_figures
+from gsbridge.report.scores.results_page import write_results_page
+from gsbridge.report.scores.scene import (
+    camera_scores,
+    chamfer,
+    mask_iou,
+    sample_surface,
+    score_scene,
+    surface_distance,
+    table_scores,
+    undistort_mask,
+)
+from gsbridge.report.scores.score import read_floors, score_figure, write_scores
+from gsbridge.report.tables.rendering_rows import COLUMNS
+from gsbridge.report.tables.rows import write_rows
 
 FLOORS = Path(__file__).parents[2] / "benchmarks" / "floors.yaml"
 LENS = Camera(160, 120, 140.0, 141.0, 79.0, 61.0, (0.08, -0.03, 0.002, -0.001))

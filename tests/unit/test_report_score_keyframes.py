@@ -5,7 +5,7 @@ import pytest
 
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
-from gsbridge.report.score_keyframes import keyframe_scores, write_keyframe_score
+from gsbridge.report.scores.keyframes import keyframe_scores, write_keyframe_score
 
 MOTION = np.r_[0, 0, 0, np.full(27, 2.0)]
 SHAKEN = np.arange(30) % 3 == 1

@@ -3,7 +3,7 @@
 import csv
 
 from gsbridge.files import write_json
-from gsbridge.report.sight_loop import SightFiles, write_sight_loop
+from gsbridge.report.figures.loop import SightFiles, write_sight_loop
 
 HEADER = ("pose_set", "index", "quadrant", "success", "success_tolerant", "failure")
 PLAN = (("default", "mirror", 8), ("default", "tint", 3), ("sees", "sim", 8), ("sees", "tint", 7))

@@ -6,11 +6,16 @@ from test_report_score import FLOORS
 
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
-from gsbridge.report.eye_in_hand import COLUMNS
-from gsbridge.report.measured_simulator import environment_figures, eye_in_hand_figures, trial_figures, write_simulator_figures
-from gsbridge.report.rows import write_rows
-from gsbridge.report.score import read_floors
-from gsbridge.report.score_registration import score_registration
+from gsbridge.report.figures.eye_in_hand import COLUMNS
+from gsbridge.report.scores.measured_scenes import (
+    environment_figures,
+    eye_in_hand_figures,
+    trial_figures,
+    write_simulator_figures,
+)
+from gsbridge.report.scores.registration import score_registration
+from gsbridge.report.scores.score import read_floors
+from gsbridge.report.tables.rows import write_rows
 
 
 def record(task="grasp", strict=(32, 31, 32), tolerant=(32, 32, 32), poses=32):

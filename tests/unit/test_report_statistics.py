@@ -9,14 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from gsbridge.report.statistics import (
+from gsbridge.report.tables.statistics import (
     fisher_p,
     mean_maximum_rank_violation,
     mean_relative_drop,
     pearson,
     relative_change,
-    wilson_interval,
 )
+from gsbridge.statistics import wilson_interval
 
 COUNTS = st.integers(1, 300).flatmap(lambda trials: st.tuples(st.integers(0, trials), st.just(trials)))
 RATES = st.lists(st.tuples(st.integers(0, 32), st.integers(0, 32)), min_size=2, max_size=9)

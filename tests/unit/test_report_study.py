@@ -6,10 +6,10 @@ from policy_files import trial_rows, write_policy, write_trials
 from scipy.stats import binomtest
 
 from gsbridge.errors import InputError
-from gsbridge.report.measured_study import study_figures
-from gsbridge.report.places import Cell
-from gsbridge.report.rows import read_rows
-from gsbridge.report.study import write_study
+from gsbridge.report.figures.study import write_study
+from gsbridge.report.scores.measured_policies import study_figures
+from gsbridge.report.tables.result_paths import Cell
+from gsbridge.report.tables.rows import read_rows
 
 
 def cell(variant):

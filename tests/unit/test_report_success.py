@@ -9,12 +9,11 @@ from scipy import stats
 
 from gsbridge.errors import InputError
 from gsbridge.files import write_json
-from gsbridge.report.failures_table import failure_rows, failures_table, write_failure_rows
-from gsbridge.report.paper import PAPER_GRASPS, PAPER_SCENARIOS, PAPER_SUCCESS
-from gsbridge.report.places import Cell, cell_of, seed_of
-from gsbridge.report.rows import read_rows
-from gsbridge.report.success import read_trials
-from gsbridge.report.success_table import read_trial_files, success_rows, write_success_rows
+from gsbridge.report.tables.failures import failure_rows, failures_table, write_failure_rows
+from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SCENARIOS, PAPER_SUCCESS
+from gsbridge.report.tables.result_paths import Cell, cell_of, seed_of
+from gsbridge.report.tables.rows import read_rows
+from gsbridge.report.tables.success_rows import read_trial_files, read_trials, success_rows, write_success_rows
 
 CUBE = Cell("grasp", "small_cube", "tablecloth")
 PLACE = Cell("pick_and_place", "cake", "plate")

@@ -11,13 +11,13 @@ import pytest
 from gsbridge.errors import InputError
 from gsbridge.files import write_json
 from gsbridge.images import write_image
-from gsbridge.report.paper import PAPER_RENDERING
-from gsbridge.report.rendering_summary import scene_lines
-from gsbridge.report.rendering_table import COLUMNS, differences, write_rendering_rows
-from gsbridge.report.rows import read_rows
-from gsbridge.report.stages_table import read_records, stages_table
-from gsbridge.report.tables import write_tables
-from gsbridge.report.timing_table import write_timing_rows
+from gsbridge.report.pages.tables import write_tables
+from gsbridge.report.tables.paper import PAPER_RENDERING
+from gsbridge.report.tables.rendering import scene_lines
+from gsbridge.report.tables.rendering_rows import COLUMNS, differences, write_rendering_rows
+from gsbridge.report.tables.rows import read_rows
+from gsbridge.report.tables.stages import read_records, stages_table
+from gsbridge.report.tables.timing import write_timing_rows
 
 SCENES = {
     "banana": {"kind": "object", "origin": "mirror"},

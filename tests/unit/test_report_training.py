@@ -5,10 +5,11 @@ from policy_files import write_policy
 
 from gsbridge.errors import InputError
 from gsbridge.policy import curve
-from gsbridge.report import learning_curves, training_table
-from gsbridge.report.paper import PAPER_GRASPS
-from gsbridge.report.rows import read_rows
-from gsbridge.report.training_table import write_training_rows
+from gsbridge.report.figures import learning_curves
+from gsbridge.report.tables import training as training_table
+from gsbridge.report.tables.paper import PAPER_GRASPS
+from gsbridge.report.tables.rows import read_rows
+from gsbridge.report.tables.training import write_training_rows
 
 CELL = PAPER_GRASPS[0]
 

@@ -7,10 +7,9 @@ import pytest
 from gsbridge.errors import InputError
 from gsbridge.files import write_stage
 from gsbridge.policy.curve import COLUMNS, write_curve
-from gsbridge.report.curves import read_curve
 from gsbridge.report.recordings.recording import read_recording
-from gsbridge.report.recordings.training import GROUPS, record_training
-from gsbridge.report.tensorboard import write_events
+from gsbridge.report.recordings.tensorboard import write_events
+from gsbridge.report.recordings.training import GROUPS, read_curve, record_training
 
 ROWS = [{name: 100.0 * k + n for n, name in enumerate(COLUMNS)} | {"alpha": None} for k in range(3)]
 

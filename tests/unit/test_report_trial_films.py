@@ -6,10 +6,9 @@ from PIL import Image
 from trial_files import write_trials
 
 from gsbridge.errors import InputError
-from gsbridge.report import trial_films as module
-from gsbridge.report.paired_trials import read_starts
-from gsbridge.report.places import Cell
-from gsbridge.report.trial_films import (
+from gsbridge.report.figures import trial_films as module
+from gsbridge.report.figures.paired_trials import read_starts
+from gsbridge.report.figures.trial_films import (
     BORDER,
     GAP,
     HEAD,
@@ -21,6 +20,7 @@ from gsbridge.report.trial_films import (
     film_frames,
     write_trial_film,
 )
+from gsbridge.report.tables.result_paths import Cell
 
 CELL = Cell("grasp", "mug", "table")
 FAILED = {("fixed", 8): "not_grasped", ("unseen", 24): "dropped"}

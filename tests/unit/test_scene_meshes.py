@@ -5,9 +5,9 @@ import pytest
 import trimesh
 
 from gsbridge.cameras import Camera, look_at
-from gsbridge.carving import mesh_depth
 from gsbridge.images import linear_from_srgb
 from gsbridge.meshes import Mesh
+from gsbridge.photogrammetry.carving import mesh_depth
 from gsbridge.scene.meshes import NEAR, Light, MeshComposition, mean_colour, uniform
 
 CAMERA = Camera(96, 80, 110.0, 112.0, 47.3, 41.1)

@@ -16,7 +16,7 @@ from gsbridge.policy.settings import PolicySettings
 from gsbridge.reality.mirror.film import FilmSettings
 from gsbridge.reality.world.board_capture import BoardFilmSettings
 from gsbridge.registration.settings import RegistrationSettings
-from gsbridge.report.editing import EditingSettings
+from gsbridge.report.figures.editing import EditingSettings
 from gsbridge.sfm.settings import SfmSettings
 from gsbridge.splats.train import SplatSettings
 

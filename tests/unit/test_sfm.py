@@ -10,11 +10,11 @@ import pytest
 from posed_scene import BOARD, LENS, cloud, local, model_of, moved, names, orbit, sightings
 
 from gsbridge.cameras import Camera, camera_centre
-from gsbridge.colmap import camera_from_colmap, pose_matrix, quiet, read_model
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import write_json
 from gsbridge.geometry import Array, Similarity, align_similarity
 from gsbridge.images import write_image
+from gsbridge.photogrammetry.colmap import camera_from_colmap, pose_matrix, quiet, read_model
 from gsbridge.sfm import gates
 from gsbridge.sfm.calibrate import MIN_VIEWS, calibrate_camera, solve
 from gsbridge.sfm.mapping import Outcome, Photos, drop_weak_images, ladder

@@ -10,7 +10,6 @@ from sim_fixture import NOMINAL, content, model
 from gsbridge.errors import InputError
 from gsbridge.images import linear_from_srgb
 from gsbridge.sim.camera import respond
-from gsbridge.sim.effects import Description, Parameter, read_effects
 from gsbridge.sim.model import parse_model, read_model
 
 
@@ -89,23 +88,6 @@ def test_unknown_keys_effects_and_parameters_are_refused(tmp_path):
             read_model(tmp_path / "m.yaml")
     with pytest.raises(InputError, match="cannot be read"):
         read_model(tmp_path / "none.yaml")
-
-
-def test_effects_are_checked_against_the_catalogue():
-    """With a catalogue of one; the nominal one is still empty."""
-    catalogue = {"coulomb": Description({"torque": Parameter("Fc", "N m", 0, 5)}, ("effort",), "any textbook")}
-
-    def read(**parameters):
-        return read_effects([{"name": "coulomb", "parameters": parameters}], "m.yaml", catalogue)
-
-    assert read(torque=2)[0].parameters == {"torque": 2.0}
-    for bad, message in (
-        ({}, "torque is unknown or missing"),
-        ({"torque": 9}, "outside"),
-        ({"torque": 1, "x": 1}, "x is unknown"),
-    ):
-        with pytest.raises(InputError, match=message):
-            read(**bad)
 
 
 # The camera. A ramp of greys with a colour in every row.

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from gsbridge.environment.trial_log import TrialPath, encode, write_trial_log
-from gsbridge.report.paired_trials import TrialFiles
+from gsbridge.report.figures.paired_trials import TrialFiles
 
 COLUMNS = (
     *("pose_set", "index", "quadrant", "x", "y", "yaw"),

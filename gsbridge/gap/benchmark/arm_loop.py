@@ -11,14 +11,14 @@ from typing import Protocol
 import numpy as np
 
 from gsbridge.gap.benchmark.trajectories import Course
-from gsbridge.gap.joints.mechanism_model import System
+from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.geometry import Array
 
 PERIOD = 1e-3
 """Of the controller, s."""
 
 
-class Engine(Protocol):
+class ArmEngine(Protocol):
     """A simulated arm with what its engine itself can hide."""
 
     def begin(self, q: Array) -> None:
@@ -45,7 +45,7 @@ class Engine(Protocol):
 
 
 def run_arm(
-    engine: Engine, system: System, course: Course, duration: float, times: Array, hidden: Mapping[str, float]
+    engine: ArmEngine, system: MechanismModel, course: Course, duration: float, times: Array, hidden: Mapping[str, float]
 ) -> dict[str, Array]:
     """What an arm with something hidden would log; see `generate.Truth`."""
     count, steps = len(system.joints), int(np.ceil(duration / PERIOD)) + 150

@@ -12,14 +12,15 @@ import numpy as np
 from scipy.optimize import lsq_linear
 from scipy.stats import chi2 as chi2_law
 
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
-from gsbridge.gap.joints.bank import Bank, bank_of
+from gsbridge.gap.formats.records import Record
+from gsbridge.gap.joints.bank import SignatureBank, signature_bank
 from gsbridge.gap.joints.candidates import Candidate, candidates
 from gsbridge.gap.joints.fit import fit
-from gsbridge.gap.joints.mechanism_model import Applied, System
-from gsbridge.gap.joints.records import Record
-from gsbridge.gap.joints.replay import Mechanism
-from gsbridge.gap.joints.residuals import View, share_noise
+from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
+from gsbridge.gap.joints.mechanism.replay import Mechanism
+from gsbridge.gap.joints.residuals import JointResiduals, share_noise
 from gsbridge.gap.joints.screen import Screen
 from gsbridge.geometry import Array
 
@@ -46,7 +47,7 @@ def available(method: str) -> str | None:
 
 
 def run_baseline(
-    method: str, system: System, records: Mapping[str, Record], bank_folder: str | Path, seed: int
+    method: str, system: MechanismModel, records: Mapping[str, Record], bank_folder: str | Path, seed: int
 ) -> dict[str, Any]:
     """Findings of a baseline, in the form of `findings.json` as far as it has any.
 
@@ -59,10 +60,10 @@ def run_baseline(
     if reason:
         raise InputError("benchmark", reason, "Install it, or leave this baseline out")
     begin, mechanism = time.perf_counter(), Mechanism(system)
-    first, second = (View.of(mechanism, records[role], folder=bank_folder) for role in ("fit", "select"))
+    first, second = (JointResiduals.of(mechanism, records[role], folder=bank_folder) for role in ("fit", "select"))
     share_noise((first, second))
     before = mechanism.runs
-    bank = bank_of(first, candidates(system), bank_folder)
+    bank = signature_bank(first, candidates(system), bank_folder)
     made = mechanism.runs - before
     residual = first.residual()
     # Theory's own test, which believes in white noise; none of these methods has another.
@@ -131,7 +132,7 @@ def _largest(screen: Screen, residual: Array) -> list[Applied]:
     return [_sized(screen, rows[best], float(factors[best]))] if factors[best] > 0 else []
 
 
-def _bic(view: View, screen: Screen, residual: Array) -> list[Applied]:
+def _bic(view: JointResiduals, screen: Screen, residual: Array) -> list[Applied]:
     """The fit with the smallest BIC on the record that it was fitted to."""
     best, least = [], float((residual**2).sum())
     for match in screen.matches(residual)[:FITTED]:
@@ -169,7 +170,7 @@ def _sparse(screen: Screen, residual: Array) -> list[Applied]:
     return [_sized(screen, k, float(f)) for k, f in zip(chosen, factors, strict=True)]
 
 
-def _cma(view: View, bank: Bank, rng: np.random.Generator) -> list[Applied]:
+def _cma(view: JointResiduals, bank: SignatureBank, rng: np.random.Generator) -> list[Applied]:
     """All amplitudes at once by CMA-ES; the one that moved most in typical sizes."""
     import cma
 

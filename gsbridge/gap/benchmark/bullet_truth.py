@@ -16,8 +16,8 @@ from pybullet_utils.bullet_client import BulletClient
 
 from gsbridge.gap.benchmark.arm_loop import PERIOD, run_arm, size_at
 from gsbridge.gap.benchmark.trajectories import Course
-from gsbridge.gap.joints.inertials import Inertial, Skeleton
-from gsbridge.gap.joints.mechanism_model import System
+from gsbridge.gap.joints.mechanism.inertials import Inertial, Skeleton
+from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.geometry import Array
 
 _EVERY = 8
@@ -34,7 +34,7 @@ class BulletTruth:
         system: Description, gains and known losses; its effects are not looked at.
     """
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: MechanismModel) -> None:
         self.system = system
         self._skeleton = Skeleton.read(system.urdf, system.joints)
 
@@ -49,7 +49,7 @@ class _Running:
 
     steps = _EVERY
 
-    def __init__(self, system: System, skeleton: Skeleton, hidden: Mapping[str, float]) -> None:
+    def __init__(self, system: MechanismModel, skeleton: Skeleton, hidden: Mapping[str, float]) -> None:
         self._system, self._skeleton, self._hidden = system, skeleton, hidden
         self._step, joints = PERIOD / _EVERY, system.joints
         self._gain = 1.0 + np.array([size_at(hidden, "torque_gain", name) for name in joints])

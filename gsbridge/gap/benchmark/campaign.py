@@ -16,19 +16,19 @@ import yaml
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_directory, read_json, write_json
 from gsbridge.gap.benchmark.baselines import METHODS, run_baseline
-from gsbridge.gap.benchmark.generate import Case, NotShownError, draw_case
-from gsbridge.gap.benchmark.images import SIZES, STILL, STRANGE, ImageCase, draw_image_case
-from gsbridge.gap.benchmark.images import site_of as world_of
+from gsbridge.gap.benchmark.case_plan import IMAGES, SPLITS, TIER_SIZE, TIERS, PlannedCase, plan_cases
+from gsbridge.gap.benchmark.generate import DrawnCase, NotShownError, draw_case
+from gsbridge.gap.benchmark.images import SIZES, STILL, STRANGE, DrawnImageCase, draw_image_case
+from gsbridge.gap.benchmark.images import image_site as world_of
+from gsbridge.gap.benchmark.mechanisms import BenchmarkMechanism, MechanismSite, mechanism_site
 from gsbridge.gap.benchmark.noises import STATED
-from gsbridge.gap.benchmark.orders import IMAGES, SPLITS, TIER_SIZE, TIERS, Order, orders_of
 from gsbridge.gap.benchmark.photo_baselines import run_photo_baseline
 from gsbridge.gap.benchmark.photo_cases import CAMERA_FILE, read_photos, write_photos
-from gsbridge.gap.benchmark.plants import Plant, Site, site_of
 from gsbridge.gap.benchmark.twins import twins_of
+from gsbridge.gap.formats.records import Record
 from gsbridge.gap.image.diagnose import diagnose_images, image_findings, unsteady
-from gsbridge.gap.joints.case import read_case
-from gsbridge.gap.joints.diagnose import diagnose, findings_of
-from gsbridge.gap.joints.records import Record
+from gsbridge.gap.joints.case import read_joint_case
+from gsbridge.gap.joints.diagnose import diagnose_joints, findings_of
 from gsbridge.geometry import Array
 
 __all__ = ["METHODS", "SPLITS", "TIERS", "TIER_SIZE", "case_keys", "diagnose_cases", "generate_cases"]
@@ -84,8 +84,8 @@ def _motion_cases(
     made: Path, hidden: Path, tier: str, split: str, count: int | None, seed: int
 ) -> tuple[str, list[dict[str, Any]]]:
     """Cases of an axis or an arm: the kind of mechanism, and the manifest's rows."""
-    site, rows = site_of(tier, made / "models"), []
-    for order in orders_of(tier, split, site.names, site.strange, count, seed):
+    site, rows = mechanism_site(tier, made / "models"), []
+    for order in plan_cases(tier, split, site.names, site.strange, count, seed):
         order, case = _drawn(site, order)
         records = _write_case(made / order.key, site, order, case)
         rows.append({"key": order.key, "courses": order.course_seed, "records": records})
@@ -99,7 +99,7 @@ def _photo_cases(
 ) -> list[dict[str, Any]]:
     """Cases of photos: the manifest's rows."""
     rows = []
-    for order in orders_of(IMAGES, split, tuple(SIZES), tuple(STRANGE), count, seed):
+    for order in plan_cases(IMAGES, split, tuple(SIZES), tuple(STRANGE), count, seed):
         pictures = contents[order.course_seed % len(contents)]
         order, case = _drawn_photos(order, pictures)
         (made / order.key).mkdir()
@@ -112,7 +112,7 @@ def _photo_cases(
     return rows
 
 
-def _drawn_photos(order: Order, pictures: Sequence[Array]) -> tuple[Order, ImageCase]:
+def _drawn_photos(order: PlannedCase, pictures: Sequence[Array]) -> tuple[PlannedCase, DrawnImageCase]:
     """A case of photos; what cannot be hidden in its views gives way to another effect.
 
     Raises:
@@ -133,7 +133,7 @@ def _drawn_photos(order: Order, pictures: Sequence[Array]) -> tuple[Order, Image
     raise InputError("benchmark", f"nothing of {order.units:g} units could be hidden in photos", "Take other worlds")
 
 
-def _drawn(site: Site, order: Order) -> tuple[Order, Case]:
+def _drawn(site: MechanismSite, order: PlannedCase) -> tuple[PlannedCase, DrawnCase]:
     """A case; what cannot be hidden in its courses gives way to the same effect on another joint, then to another effect.
 
     Raises:
@@ -171,7 +171,7 @@ def _effect(name: str) -> str:
     return name.split(":")[0]
 
 
-def _write_case(folder: Path, site: Site, order: Order, case: Case) -> dict[str, str]:
+def _write_case(folder: Path, site: MechanismSite, order: PlannedCase, case: DrawnCase) -> dict[str, str]:
     """Records and case file. Returns the records' SHA-256 by role."""
     folder.mkdir()
     digests = {}
@@ -198,9 +198,9 @@ def _table(record: Record) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def _write_truth(folder: Path, site: Site, order: Order, case: Case, split: str, seed: int) -> str:
+def _write_truth(folder: Path, site: MechanismSite, order: PlannedCase, case: DrawnCase, split: str, seed: int) -> str:
     """What is hidden in a mechanism. Returns the SHA-256."""
-    plant: Plant = site.plant
+    plant: BenchmarkMechanism = site.plant
     truth = {
         **_common(order, split, seed),
         "plant": site.kind,
@@ -211,7 +211,7 @@ def _write_truth(folder: Path, site: Site, order: Order, case: Case, split: str,
     return _sealed_truth(folder, truth, {**case.clean, **{f"plain_{kind}": values for kind, values in case.plain.items()}})
 
 
-def _common(order: Order, split: str, seed: int) -> dict[str, Any]:
+def _common(order: PlannedCase, split: str, seed: int) -> dict[str, Any]:
     """What truths of all tiers say; salted so that their SHA-256 tells nothing."""
     return {
         "key": order.key,
@@ -282,8 +282,8 @@ def _found(folder: Path, bank: Path, method: str, seed: int) -> Mapping[str, Any
         if method != METHODS[0]:
             return run_photo_baseline(method, pairs)
         return image_findings(diagnose_images(pairs, seed=seed), pairs, seed=seed, reasons=unsteady(pairs, seed=seed))
-    case = read_case(folder / "case.yaml")
+    case = read_joint_case(folder / "case.yaml")
     if method != METHODS[0]:
         return run_baseline(method, case.system, case.records, bank, seed)
-    diagnosis = diagnose(case.system, case.records, bank, names=case.names, seed=seed)
+    diagnosis = diagnose_joints(case.system, case.records, bank, names=case.names, seed=seed)
     return findings_of(diagnosis, case.records, seed=seed, reasons=case.reasons)

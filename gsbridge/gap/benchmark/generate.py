@@ -13,7 +13,7 @@ import numpy as np
 
 from gsbridge.gap.benchmark.noises import spoiled
 from gsbridge.gap.benchmark.trajectories import KINDS, Course, course
-from gsbridge.gap.joints.records import Record
+from gsbridge.gap.formats.records import Record
 from gsbridge.geometry import Array
 
 Truth = Callable[[Course, float, Array, Mapping[str, float]], dict[str, Array]]
@@ -47,7 +47,7 @@ class NotShownError(ValueError):
 
 
 @dataclass(frozen=True)
-class Plant:
+class BenchmarkMechanism:
     """A mechanism under test.
 
     Args:
@@ -72,7 +72,7 @@ class Plant:
 
 
 @dataclass(frozen=True)
-class Case:
+class DrawnCase:
     """A sealed truth and its records.
 
     Args:
@@ -95,7 +95,7 @@ class Case:
 
 
 def draw_case(
-    plant: Plant,
+    plant: BenchmarkMechanism,
     names: tuple[str, ...],
     units: float,
     seed: int,
@@ -107,7 +107,7 @@ def draw_case(
     spoil: str = "white",
     lost: float = 0.0,
     touched: bool = False,
-) -> Case:
+) -> DrawnCase:
     """Draw one case.
 
     Args:
@@ -157,7 +157,7 @@ def draw_case(
         made[role] = Record(role, times[kept], plant.joints, {"command": sent}, measured)
     # Those of the last record, `verify`.
     clean, plain = ({kind: values[kind][kept] for kind in kinds} for values in (clean, effect_free("verify")))
-    return Case("+".join(names) or "none", hidden, units, made, clean, plain, hashlib.sha256(text.encode()).hexdigest())
+    return DrawnCase("+".join(names) or "none", hidden, units, made, clean, plain, hashlib.sha256(text.encode()).hexdigest())
 
 
 def _touch(duration: float, rng: np.random.Generator) -> dict[str, float]:
@@ -181,7 +181,7 @@ def _joined(wanted: Course, rate: float) -> Course:
 
 
 def size_of_units(
-    plant: Plant,
+    plant: BenchmarkMechanism,
     name: str,
     sign: float,
     units: float,
@@ -218,7 +218,7 @@ def size_of_units(
     raise NotShownError(name, f"{name} reaches no {units:g} units in these courses")
 
 
-def _length(plant: Plant, moved: Mapping[str, Array], plain: Mapping[str, Array], kinds: tuple[str, ...]) -> float:
+def _length(plant: BenchmarkMechanism, moved: Mapping[str, Array], plain: Mapping[str, Array], kinds: tuple[str, ...]) -> float:
     """Of a noise-free signature, in units of the noise."""
     return float(np.sqrt(sum((((moved[kind] - plain[kind]) / plant.noise[kind]) ** 2).sum() for kind in kinds)))
 

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from gsbridge.cameras import Camera
-from gsbridge.gap.benchmark.image_world import World
+from gsbridge.gap.benchmark.image_world import ImageWorld
 from gsbridge.geometry import Array
 from gsbridge.scene.track import Track
 
@@ -28,7 +28,7 @@ READ, SHOT = 0.006, 6e-5
 
 
 @dataclass
-class Lens:
+class TruthCamera:
     """A camera in the world and what is hidden in it.
 
     Args:
@@ -38,7 +38,7 @@ class Lens:
         spin: Directions, places and colours of what is hidden.
     """
 
-    world: World
+    world: ImageWorld
     camera: Camera
     hidden: Mapping[str, float] = field(default_factory=dict)
     spin: Mapping[str, float] = field(default_factory=dict)

@@ -91,7 +91,7 @@ class Box:
 
 
 @dataclass(frozen=True)
-class World:
+class ImageWorld:
     """A table at z = 0 without an end, and boxes.
 
     Args:
@@ -103,7 +103,7 @@ class World:
     boxes: tuple[Box, ...]
 
     @classmethod
-    def draw(cls, seed: int, pictures: Sequence[Array] = ()) -> World:
+    def draw(cls, seed: int, pictures: Sequence[Array] = ()) -> ImageWorld:
         """A random world.
 
         Args:

@@ -11,8 +11,8 @@ import numpy as np
 
 from gsbridge.cameras import Camera
 from gsbridge.gap.benchmark.generate import UNIT
-from gsbridge.gap.benchmark.image_truth import READ, SHOT, Lens, grainy
-from gsbridge.gap.benchmark.image_world import World, course
+from gsbridge.gap.benchmark.image_truth import READ, SHOT, TruthCamera, grainy
+from gsbridge.gap.benchmark.image_world import ImageWorld, course
 from gsbridge.gap.image.pairs import ROLES, Pairs
 from gsbridge.geometry import Array
 from gsbridge.scene.track import Track
@@ -61,7 +61,7 @@ _TRIES = 14
 
 
 @dataclass(frozen=True, eq=False)
-class Site:
+class ImageSite:
     """A world and the camera in it.
 
     Args:
@@ -71,14 +71,14 @@ class Site:
         seed: Of everything.
     """
 
-    world: World
+    world: ImageWorld
     camera: Camera
     photos: int
     seed: int
 
-    def lens(self, hidden: Mapping[str, float] | None = None, spin: Mapping[str, float] | None = None) -> Lens:
+    def lens(self, hidden: Mapping[str, float] | None = None, spin: Mapping[str, float] | None = None) -> TruthCamera:
         """A camera in the world."""
-        return Lens(self.world, self.camera, hidden or {}, spin or {})
+        return TruthCamera(self.world, self.camera, hidden or {}, spin or {})
 
     def depths(self, poses: Array, rng: np.random.Generator) -> Array:
         """Camera z of what views show, nearly. [N, 4, 4] -> [N, H, W]."""
@@ -96,7 +96,7 @@ def film(seed: int, photos: int, duration: float = 4.0, rounds: float = 0.0) -> 
     return course(seed, duration, rounds), np.sort(rng.uniform(0.25, duration - 0.25, photos))
 
 
-def site_of(seed: int, pictures: Sequence[Array] = (), *, camera: Camera = CAMERA, photos: int = 8) -> Site:
+def image_site(seed: int, pictures: Sequence[Array] = (), *, camera: Camera = CAMERA, photos: int = 8) -> ImageSite:
     """A site.
 
     Args:
@@ -105,11 +105,11 @@ def site_of(seed: int, pictures: Sequence[Array] = (), *, camera: Camera = CAMER
         camera: Of all photos.
         photos: Of each role.
     """
-    return Site(World.draw(seed, pictures), camera, photos, seed)
+    return ImageSite(ImageWorld.draw(seed, pictures), camera, photos, seed)
 
 
 @dataclass(frozen=True)
-class ImageCase:
+class DrawnImageCase:
     """A sealed truth and its photos.
 
     Args:
@@ -131,7 +131,9 @@ class ImageCase:
     seal: str
 
 
-def draw_image_case(site: Site, names: tuple[str, ...], units: float, seed: int, *, moving: bool | None = None) -> ImageCase:
+def draw_image_case(
+    site: ImageSite, names: tuple[str, ...], units: float, seed: int, *, moving: bool | None = None
+) -> DrawnImageCase:
     """Draw one case.
 
     Args:
@@ -157,11 +159,11 @@ def draw_image_case(site: Site, names: tuple[str, ...], units: float, seed: int,
     clean, plain = site.lens(hidden, spin).photos(*track), site.lens().photos(*track)
     text = json.dumps({"seed": seed, "site": site.seed, "hidden": dict(sorted(hidden.items())), "spin": spin})
     seal = hashlib.sha256(text.encode()).hexdigest()
-    return ImageCase("+".join(names) or "none", hidden, units, pairs, clean, plain, seal)
+    return DrawnImageCase("+".join(names) or "none", hidden, units, pairs, clean, plain, seal)
 
 
 def hidden_pairs(
-    site: Site,
+    site: ImageSite,
     hidden: Mapping[str, float],
     films: Mapping[str, tuple[Track, Array]],
     spin: Mapping[str, float],
@@ -203,7 +205,7 @@ def _posed(film: tuple[Track, Array], moving: bool) -> tuple[Track, Array]:
 
 
 def size_of_units(
-    site: Site, name: str, sign: float, units: float, film: tuple[Track, Array], spin: Mapping[str, float]
+    site: ImageSite, name: str, sign: float, units: float, film: tuple[Track, Array], spin: Mapping[str, float]
 ) -> float:
     """Size at which the noise-free signature on `select` has the squared length `units`^2 times `UNIT`.
 

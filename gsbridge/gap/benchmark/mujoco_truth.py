@@ -15,8 +15,8 @@ import numpy as np
 
 from gsbridge.gap.benchmark.arm_loop import run_arm, size_at
 from gsbridge.gap.benchmark.trajectories import Course
-from gsbridge.gap.joints.inertials import Skeleton
-from gsbridge.gap.joints.mechanism_model import System
+from gsbridge.gap.joints.mechanism.inertials import Skeleton
+from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.geometry import Array
 
 STEP = 6.25e-5
@@ -35,7 +35,7 @@ class MujocoTruth:
         system: Description, gains and known losses; its effects are not looked at.
     """
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: MechanismModel) -> None:
         self.system = system
         self._skeleton = Skeleton.read(system.urdf, system.joints)
         self._brain = self._compile({})

@@ -10,13 +10,13 @@ import numpy as np
 from scipy.optimize import lsq_linear
 from scipy.stats import chi2 as chi2_law
 
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.benchmark.baselines import ALARM, FITTED, answer
 from gsbridge.gap.image.fit import fit
 from gsbridge.gap.image.model import ImageCandidate, image_candidates
 from gsbridge.gap.image.pairs import Pairs
-from gsbridge.gap.image.residuals import View, learn_noise
+from gsbridge.gap.image.residuals import ImageResiduals, learn_noise
 from gsbridge.gap.image.screen import Group, screen, signatures
-from gsbridge.gap.joints.mechanism_model import Applied
 from gsbridge.geometry import Array
 
 
@@ -28,7 +28,7 @@ def run_photo_baseline(method: str, pairs: Mapping[str, Pairs]) -> dict[str, Any
         pairs: Photos by role.
     """
     begin = time.perf_counter()
-    first = View(pairs["fit"], learn_noise(list(pairs.values())))
+    first = ImageResiduals(pairs["fit"], learn_noise(list(pairs.values())))
     who = [one for one in image_candidates() if first.pairs.times is not None or not one.effect.timed]
     groups, residual = signatures(first, who), first.residual()
     found: Sequence[Applied] = ()
@@ -41,7 +41,7 @@ def run_photo_baseline(method: str, pairs: Mapping[str, Pairs]) -> dict[str, Any
     return answer(found, {"bank": 0, "case": first.expectation.pictures}, time.perf_counter() - begin)
 
 
-def _bic(view: View, groups: Sequence[Group], residual: Array) -> list[Applied]:
+def _bic(view: ImageResiduals, groups: Sequence[Group], residual: Array) -> list[Applied]:
     """The fit with the smallest BIC on the photos that it was fitted to."""
     best, least = [], float((residual.astype(np.float64) ** 2).sum())
     for match in screen(groups, residual)[:FITTED]:

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from gsbridge.cameras import Camera
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
 from gsbridge.gap.image.pairs import ROLES, Pairs
-from gsbridge.gap.image.residuals import View, learn_noise
-from gsbridge.gap.joints.mechanism_model import Applied
+from gsbridge.gap.image.residuals import ImageResiduals, learn_noise
 from gsbridge.geometry import Array
 from gsbridge.images import read_image
 from gsbridge.scene.track import Track
@@ -113,7 +113,7 @@ def photo_closure(folder: str | Path, clean: Array, plain: Array, effects: Seque
     noise = learn_noise(list(pairs.values()))
 
     def gap(photos: Array, with_effects: Sequence[Applied]) -> float:
-        view = View(replace(pairs["verify"], after=photos.astype(np.float32)), noise, grain=False)
+        view = ImageResiduals(replace(pairs["verify"], after=photos.astype(np.float32)), noise, grain=False)
         return float(np.sqrt((view.residual(with_effects).astype(np.float64) ** 2).mean()))
 
     floor, before, after = gap(plain, ()), gap(clean, ()), gap(clean, effects)

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from gsbridge.files import read_json
-from gsbridge.gap.benchmark.verdicts import OUTCOMES, Verdict, read_verdicts
+from gsbridge.gap.benchmark.verdicts import OUTCOMES, JudgedCase, read_verdicts
+from gsbridge.statistics import wilson_interval
 
 LARGE = 5.0
 """Units from which on naming counts."""
@@ -19,22 +20,9 @@ _BINS = (0.0, 0.5, 0.8, 0.95, 1.0)
 """Edges of the stated probabilities of being best."""
 
 
-def wilson(successes: int, total: int, deviations: float = 1.96) -> tuple[float, float]:
-    """95 % interval of a rate.
-
-    Source: Wilson, Journal of the American Statistical Association 22, 1927.
-    """
-    if total == 0:
-        return 0.0, 1.0
-    share, square = successes / total, deviations**2
-    middle = (share + square / (2 * total)) / (1 + square / total)
-    half = deviations * np.sqrt(share * (1 - share) / total + square / (4 * total**2)) / (1 + square / total)
-    return float(max(middle - half, 0.0)), float(min(middle + half, 1.0))
-
-
 def rate(successes: int, total: int) -> dict[str, Any]:
     """A rate with count and interval; no value where nothing was counted."""
-    low, high = wilson(successes, total)
+    low, high = wilson_interval(successes, total) if total else (0.0, 1.0)
     return {"value": successes / total if total else None, "n": total, "ci95_low": low, "ci95_high": high}
 
 
@@ -57,7 +45,7 @@ def score_findings(
     return {"tier": manifest["tier"], "split": manifest["split"], "cases": len(manifest["cases"]), "methods": methods}
 
 
-def score(verdicts: Iterable[Verdict], large: float = LARGE) -> dict[str, Any]:
+def score(verdicts: Iterable[JudgedCase], large: float = LARGE) -> dict[str, Any]:
     """Figures of one method on one tier.
 
     Args:
@@ -104,7 +92,7 @@ def score(verdicts: Iterable[Verdict], large: float = LARGE) -> dict[str, Any]:
     }
 
 
-def _rate(cases: Sequence[Verdict], outcome: str) -> dict[str, Any]:
+def _rate(cases: Sequence[JudgedCase], outcome: str) -> dict[str, Any]:
     return rate(sum(case.outcome == outcome for case in cases), len(cases))
 
 
@@ -112,7 +100,7 @@ def _quantile(values: Sequence[float], share: float) -> float | None:
     return float(np.quantile(values, share)) if values else None
 
 
-def _groups(cases: Sequence[Verdict], of: Callable[[Verdict], Any], title: str) -> list[dict[str, Any]]:
+def _groups(cases: Sequence[JudgedCase], of: Callable[[JudgedCase], Any], title: str) -> list[dict[str, Any]]:
     """Outcomes of the cases of each group, as rates."""
     out = []
     for value in sorted({of(case) for case in cases}):
@@ -121,7 +109,7 @@ def _groups(cases: Sequence[Verdict], of: Callable[[Verdict], Any], title: str) 
     return out
 
 
-def _confusion(cases: Sequence[Verdict]) -> list[dict[str, Any]]:
+def _confusion(cases: Sequence[JudgedCase]) -> list[dict[str, Any]]:
     """How often each answer was given to what was hidden; joints are left out, unless they were mistaken."""
 
     def short(text: str) -> str:
@@ -136,7 +124,7 @@ def _confusion(cases: Sequence[Verdict]) -> list[dict[str, Any]]:
     return [{"hidden": a, "answer": b, "cases": n} for (a, b), n in sorted(counts.items())]
 
 
-def _calibration(cases: Sequence[Verdict]) -> dict[str, Any]:
+def _calibration(cases: Sequence[JudgedCase]) -> dict[str, Any]:
     """Whether the stated probabilities of being best are right as often as they say."""
     said = np.array([case.chance for case in cases], dtype=np.float64)
     true = np.array([case.named in {case.hidden, *case.twins} for case in cases], dtype=np.float64)
@@ -149,7 +137,7 @@ def _calibration(cases: Sequence[Verdict]) -> dict[str, Any]:
     return {"calibration": rows, "brier": float(((said - true) ** 2).mean()) if len(said) else None}
 
 
-def _f1(cases: Sequence[Verdict]) -> dict[str, Any]:
+def _f1(cases: Sequence[JudgedCase]) -> dict[str, Any]:
     """F1 over sets of effects; what is ambiguous among more than the same equation counts as not named."""
     said, hits = 0, 0
     for case in cases:
@@ -160,7 +148,7 @@ def _f1(cases: Sequence[Verdict]) -> dict[str, Any]:
     return {"value": 2 * hits / (said + hidden) if said + hidden else None, "n": len(cases)}
 
 
-def _row(case: Verdict) -> dict[str, Any]:
+def _row(case: JudgedCase) -> dict[str, Any]:
     """One line of the list of cases."""
     return {
         "key": case.key,

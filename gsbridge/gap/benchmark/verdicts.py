@@ -10,14 +10,15 @@ from typing import Any
 
 import numpy as np
 
+from gsbridge.effects.bodies import BODY_EFFECTS
+from gsbridge.effects.joints import JOINT_EFFECTS
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.gap.benchmark.photo_cases import SAME, photo_closure
-from gsbridge.gap.effects import catalogue
-from gsbridge.gap.joints.case import read_case
-from gsbridge.gap.joints.mechanism_model import Applied
-from gsbridge.gap.joints.replay import Mechanism
-from gsbridge.gap.joints.residuals import View
+from gsbridge.gap.joints.case import read_joint_case
+from gsbridge.gap.joints.mechanism.replay import Mechanism
+from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
 OUTCOMES = ("right", "covered", "abstained", "missed", "wrong", "quiet", "false_alarm")
@@ -25,12 +26,14 @@ OUTCOMES = ("right", "covered", "abstained", "missed", "wrong", "quiet", "false_
 although something was hidden and seen; taken for no discrepancy; another name, or a set without the truth; silent, or not,
 where nothing was hidden."""
 
+_EFFECTS = {**JOINT_EFFECTS, **BODY_EFFECTS}
+
 _SHOWS = {"base_tilt": "about_y"}
 """Parameter that the truth's size stands for, where it is not the first."""
 
 
 @dataclass(frozen=True)
-class Verdict:
+class JudgedCase:
     """One diagnosed case.
 
     Args:
@@ -99,7 +102,7 @@ class Verdict:
         return self.verdict
 
 
-def read_verdicts(cases: str | Path, truths: str | Path, folders: Sequence[str | Path]) -> list[Verdict]:
+def read_verdicts(cases: str | Path, truths: str | Path, folders: Sequence[str | Path]) -> list[JudgedCase]:
     """Findings of one method with their truths.
 
     Args:
@@ -143,7 +146,7 @@ def _name(effect: Mapping[str, Any], single: bool) -> str:
     return effect["name"] if single or not effect.get("joint") else f"{effect['name']}:{effect['joint']}"
 
 
-def _verdict(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> Verdict:
+def _verdict(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> JudgedCase:
     single, photos = truth["plant"] == "axis", truth["plant"] == "camera"
     short = (lambda name: name.split(":")[0]) if single else (lambda name: name)
     covers = []
@@ -151,12 +154,12 @@ def _verdict(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> Verdict:
         name = _name(effect, single)
         if photos and name not in SAME:
             continue
-        shown = SAME[name] if photos else _SHOWS.get(effect["name"], catalogue()[effect["name"]].parameters[0].name)
+        shown = SAME[name] if photos else _SHOWS.get(effect["name"], _EFFECTS[effect["name"]].parameters[0].name)
         low, high = effect["parameters"][shown]["interval90"]
         if name in truth["hidden"] and high > low:
             covers.append(low <= truth["hidden"][name] <= high)
     rivals = finding["rivals"]
-    return Verdict(
+    return JudgedCase(
         frozenset(truth["hidden"]),
         float(truth["units"]),
         finding["verdict"],
@@ -174,8 +177,10 @@ def _verdict(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> Verdict:
     )
 
 
-def _closed(verdict: Verdict, finding: Mapping[str, Any], truth: Mapping[str, Any], folder: Path, truths: Path) -> Verdict:
-    """With the gap that the named effects close; see `Verdict.closure`."""
+def _closed(
+    verdict: JudgedCase, finding: Mapping[str, Any], truth: Mapping[str, Any], folder: Path, truths: Path
+) -> JudgedCase:
+    """With the gap that the named effects close; see `JudgedCase.closure`."""
     if verdict.verdict != "named" or not verdict.hidden:
         return verdict
     effects = tuple(Applied(e["name"], e.get("joint", ""), e["parameters"]) for e in _applied(finding))
@@ -184,14 +189,14 @@ def _closed(verdict: Verdict, finding: Mapping[str, Any], truth: Mapping[str, An
     if truth["plant"] == "camera":
         closure, after = photo_closure(folder, arrays["clean"], arrays["plain"], effects)
         return replace(verdict, closure=closure, left=None if closure is None else float(np.hypot(1.0, after)))
-    content = read_case(folder / "case.yaml")
+    content = read_joint_case(folder / "case.yaml")
     plain = {name.removeprefix("plain_"): values for name, values in arrays.items() if name.startswith("plain_")}
     clean = {name: arrays[name] for name in plain}
     sigma = {kind: np.asarray(values, dtype=np.float64) for kind, values in truth["sigma"].items()}
     record, mechanism = content.records["verify"], Mechanism(content.system)
 
     def gap(measured: Mapping[str, Array], effects: tuple[Applied, ...]) -> float:
-        view = View.of(mechanism, replace(record.with_measured(measured), sigma=sigma, quantum={}))
+        view = JointResiduals.of(mechanism, replace(record.with_measured(measured), sigma=sigma, quantum={}))
         return float(np.sqrt((view.residual(effects) ** 2).mean()))
 
     floor, before, after = gap(plain, ()), gap(clean, ()), gap(clean, effects)

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from gsbridge.files import atomic_file
-from gsbridge.gap.contact.replay import Replay
-from gsbridge.gap.contact.search import Match, body_effects, grid, screen
-from gsbridge.gap.contact.setup import build_setup
+from gsbridge.gap.contact.replay import ThrowReplay
+from gsbridge.gap.contact.search import GridMatch, body_effects, grid, screen
+from gsbridge.gap.contact.setup import body_setup
 from gsbridge.gap.contact.world import Flight
 from gsbridge.geometry import Array
 
@@ -22,7 +22,7 @@ FEW = 20
 
 
 @dataclass(frozen=True)
-class Bank:
+class GridBank:
     """Grids that were walked.
 
     Args:
@@ -32,19 +32,19 @@ class Bank:
     """
 
     names: tuple[str, ...]
-    matches: tuple[Match, ...]
+    matches: tuple[GridMatch, ...]
     runs: float
 
-    def seen(self, replay: Replay) -> list[Match]:
+    def seen(self, replay: ThrowReplay) -> list[GridMatch]:
         """Effects that move the replay of these throws by more than noise, the best first."""
         return [match for match in self.matches if match.change > 3.0 * replay.noise.position]
 
-    def unseen(self, replay: Replay) -> tuple[str, ...]:
+    def unseen(self, replay: ThrowReplay) -> tuple[str, ...]:
         """The others."""
         return tuple(sorted(set(self.names) - {match.effect.name for match in self.seen(replay)}))
 
 
-def fill(replay: Replay, names: Collection[str] | None, folder: str | Path) -> Bank:
+def grid_bank(replay: ThrowReplay, names: Collection[str] | None, folder: str | Path) -> GridBank:
     """Walk the grids of all effects on the first throws, from `folder` where that was done before.
 
     Args:
@@ -55,7 +55,7 @@ def fill(replay: Replay, names: Collection[str] | None, folder: str | Path) -> B
     few, who = replay.part(FEW), body_effects(replay, names)
     path = Path(folder) / f"{_key(few, who)}.npz"
     points = [(), *((applied,) for name in who for applied in grid(name))]
-    keys = {tuple(build_setup(few.body, effects).figures.values()): effects for effects in points}
+    keys = {tuple(body_setup(few.body, effects).figures.values()): effects for effects in points}
     found = _read(path, len(keys)) if path.exists() else None
     if found is None:
         before = few.runs
@@ -68,10 +68,10 @@ def fill(replay: Replay, names: Collection[str] | None, folder: str | Path) -> B
     # Those that were just made are replaced too, so that a bank that was read gives the same figures.
     few.remember({key: _flights(rows, counts) for key, rows in zip(keys, found, strict=True)})
     matches = sorted((screen(few, name) for name in who), key=lambda match: match.error)
-    return Bank(who, tuple(matches), len(keys) * len(few) / len(replay))
+    return GridBank(who, tuple(matches), len(keys) * len(few) / len(replay))
 
 
-def _key(few: Replay, who: Collection[str]) -> str:
+def _key(few: ThrowReplay, who: Collection[str]) -> str:
     """Digest of all that a bank depends on."""
     total = hashlib.sha256(f"{few.body.digest()} {few.horizon} {list(who)}".encode())
     for path in few.body.meshes:

@@ -15,9 +15,10 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
+from gsbridge.effects.bodies import BODY_EFFECTS
+from gsbridge.effects.registry import Applied, read_effects
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.yaml_file import read_yaml
-from gsbridge.gap.joints.mechanism_model import Applied
 from gsbridge.geometry import Array
 
 MODE = "body"
@@ -183,8 +184,9 @@ def parse_body(content: Any, folder: Path, source: str | Path = "model") -> Free
         "angular_damping": positive(damping, "damping.", "angular"),
         "gravity": positive(content, "", "gravity", 9.81),
     }
+    effects = read_effects(content.get("effects") or [], source, BODY_EFFECTS)
     rate = number(content.get("physics_rate", 500.0), source, "physics_rate", 50.0)
-    return FreeBody(source, shapes, mass, com, inertia, figures, rate, _effects(content, source))
+    return FreeBody(source, shapes, mass, com, inertia, figures, rate, effects)
 
 
 def number(value: Any, source: str | Path, key: str, low: float = -np.inf, high: float = np.inf) -> float:
@@ -201,20 +203,6 @@ def number(value: Any, source: str | Path, key: str, low: float = -np.inf, high:
         bounds = f"at least {low:g}" if high == np.inf else f"{low:g} to {high:g}"
         raise InputError(source, f"'{key}' is {out:g}", f"Give {bounds}" if np.isfinite(low) else "Give a finite number")
     return out
-
-
-def _effects(content: Mapping[str, Any], source: Path) -> tuple[Applied, ...]:
-    """Effects that were added to a model before."""
-    try:
-        return tuple(
-            Applied(item["name"], "", {key: float(value) for key, value in item["parameters"].items()})
-            for item in content.get("effects") or []
-        )
-    except (TypeError, KeyError, ValueError, AttributeError) as error:
-        raise InputError(
-            source, "'effects' holds something else than names with parameters", "E.g. {name: restitution, parameters: "
-            "{restitution: 0.1}}",
-        ) from error  # fmt: skip
 
 
 def _check(content: Any, known: tuple[str, ...], source: Path, prefix: str) -> None:

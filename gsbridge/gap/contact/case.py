@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
+from gsbridge.effects.bodies import BODY_EFFECTS
+from gsbridge.effects.registry import read_names
 from gsbridge.errors import InputError
 from gsbridge.gap.contact.body import FreeBody, number, read_body
 from gsbridge.gap.contact.checks import check_throws
 from gsbridge.gap.contact.replay import HORIZON
-from gsbridge.gap.contact.setup import build_setup
+from gsbridge.gap.contact.setup import body_setup
 from gsbridge.gap.contact.throws import FEWEST, SHORTEST, Throws, read_throws
-from gsbridge.gap.effects import effect_of
 from gsbridge.gap.formats.yaml_file import read_yaml
 from gsbridge.gap.joints.diagnose import ROLES
 
@@ -22,7 +23,7 @@ _KEYS = ("model", "records", "columns", "units", "effects", "horizon")
 
 
 @dataclass(frozen=True)
-class Case:
+class ThrowCase:
     """A case of throws, checked.
 
     Args:
@@ -42,7 +43,7 @@ class Case:
     reasons: tuple[str, ...]
 
 
-def read_case(path: str | Path) -> Case:
+def read_throw_case(path: str | Path) -> ThrowCase:
     """Read and check a case of throws.
 
     Raises:
@@ -60,13 +61,8 @@ def read_case(path: str | Path) -> Case:
             raise InputError(path, f"'{key}' is no section", "Write 'name: value' lines below it; see docs/gap_objects.md")
     horizon = number(content.get("horizon", HORIZON), path, "horizon", low=SHORTEST)
     body = read_body(path.parent / str(content["model"]))
-    build_setup(body)
-    names = content.get("effects") or ()
-    if isinstance(names, str) or not all(isinstance(name, str) for name in names):
-        raise InputError(path, "'effects' is no list of names", "E.g. [contact_friction, restitution]")
-    for name in names:
-        if effect_of(name, str(path)).scope != "body":
-            raise InputError(path, f"the effect '{name}' acts on mechanisms", "Name effects of a thrown body")
+    body_setup(body)
+    names = read_names(content.get("effects"), path, BODY_EFFECTS)
     throws = {}
     for role, file in content["records"].items():
         if role not in ROLES:
@@ -74,7 +70,7 @@ def read_case(path: str | Path) -> Case:
         throws[role] = read_throws(path.parent / str(file), content.get("columns"), content.get("units"))
         check_throws(throws[role], body.figures["gravity"], path.parent / str(file))
     throws, reasons = split_throws(throws, path)
-    return Case(path.parent / str(content["model"]), body, throws, tuple(names) or None, horizon, reasons)
+    return ThrowCase(path.parent / str(content["model"]), body, throws, names, horizon, reasons)
 
 
 def split_throws(throws: Mapping[str, Throws], source: str | Path) -> tuple[dict[str, Throws], tuple[str, ...]]:

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from gsbridge.gap.contact.bank import fill
+from gsbridge.effects.registry import Applied
+from gsbridge.gap.contact.bank import grid_bank
 from gsbridge.gap.contact.body import FreeBody
-from gsbridge.gap.contact.identify import Finding, Identification, Rules, closure, shift
+from gsbridge.gap.contact.identify import ThrowFinding, ThrowIdentification, ThrowRules, closure, shift
 from gsbridge.gap.contact.interval import intervals
-from gsbridge.gap.contact.replay import HORIZON, PHASES, Replay
+from gsbridge.gap.contact.replay import HORIZON, PHASES, ThrowReplay
 from gsbridge.gap.contact.throws import Throws
 from gsbridge.gap.joints.diagnose import ROLES
-from gsbridge.gap.joints.mechanism_model import Applied
 
 TRANSFERS = 0.5
 """Share of the gap that a name must close on throws that neither fitting nor choosing has seen."""
@@ -68,7 +68,7 @@ class Diagnosis:
     """
 
     body: FreeBody
-    finding: Finding
+    finding: ThrowFinding
     verification: Verification | None
     intervals: tuple[Mapping[str, tuple[float, float]], ...]
     where: Mapping[str, tuple[float, float]]
@@ -89,7 +89,7 @@ def diagnose_throws(
     bank_folder: str | Path,
     *,
     names: Collection[str] | None = None,
-    rules: Rules | None = None,
+    rules: ThrowRules | None = None,
     horizon: float = HORIZON,
     seed: int = 0,
 ) -> Diagnosis:
@@ -105,9 +105,9 @@ def diagnose_throws(
         seed: Of replicates and bootstraps.
     """
     begin = time.perf_counter()
-    first, select, third = (Replay(body, throws[role], horizon) for role in ROLES)
-    bank = fill(first, names, bank_folder)
-    finding = Identification(first, select, bank, rules, seed).run()
+    first, select, third = (ThrowReplay(body, throws[role], horizon) for role in ROLES)
+    bank = grid_bank(first, names, bank_folder)
+    finding = ThrowIdentification(first, select, bank, rules, seed).run()
     verification, spans = None, []
     phases = select.phases()
     where = {phase: (phases[phase], phases[phase]) for phase in PHASES if phase in phases}

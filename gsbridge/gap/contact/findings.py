@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.gap.contact.diagnose import TRANSFERS, Diagnosis
-from gsbridge.gap.contact.setup import build_setup
+from gsbridge.gap.contact.setup import body_setup
 from gsbridge.gap.contact.throws import Throws
-from gsbridge.gap.effects import effect_of
 
 UNIT = "mm"
 
@@ -75,17 +75,17 @@ def describe(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     best = diagnosis.finding.best
     if best is None:
         return []
-    was, became = (build_setup(diagnosis.body, effects).figures for effects in ((), best.fit.effects))
+    was, became = (body_setup(diagnosis.body, effects).figures for effects in ((), best.fit.effects))
     out = []
     for applied, spans in zip(best.fit.effects, diagnosis.intervals, strict=True):
-        effect = effect_of(applied.name)
+        effect = BODY_EFFECTS[applied.name]
         rows = {
             parameter.name: {
                 "value": applied.parameters[parameter.name],
                 "unit": "" if parameter.unit == "1" else parameter.unit,
                 "interval90": list(spans[parameter.name]),
-                "was": was[effect.figures[parameter.name]],  # type: ignore[attr-defined]
-                "becomes": became[effect.figures[parameter.name]],  # type: ignore[attr-defined]
+                "was": was[effect.figures[parameter.name]],
+                "becomes": became[effect.figures[parameter.name]],
             }
             for parameter in effect.parameters
         }
@@ -121,11 +121,11 @@ def sentence(diagnosis: Diagnosis) -> str:
             seen = f"closes {checked.closure:.0%} of the gap on throws that it has not seen"
         return f"Something is missing that is in no catalogue: the best known explanation ({names}) {seen}."
     if finding.verdict == "ambiguous":
-        how = effect_of(best.fit.effects[0].name).tell_apart
+        how = BODY_EFFECTS[best.fit.effects[0].name].tell_apart
         return f"These throws cannot decide between {' and '.join(finding.ambiguous)}. To tell them apart: {how}."
     parts = []
     for item in describe(diagnosis):
-        share = effect_of(item["name"]).relative  # type: ignore[attr-defined]
+        share = BODY_EFFECTS[item["name"]].relative
         figures = ", ".join(
             _figure("" if len(item["parameters"]) == 1 else name.replace("_", " "), row, share)
             for name, row in item["parameters"].items()

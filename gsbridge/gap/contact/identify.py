@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gsbridge.gap.contact.bank import FEW, Bank
-from gsbridge.gap.contact.null import Null, calibrate
-from gsbridge.gap.contact.replay import Replay
-from gsbridge.gap.contact.search import Fit, Match, refine, screen
-from gsbridge.gap.diagnosis.results import Finding as AnyFinding
-from gsbridge.gap.joints.mechanism_model import Applied
+from gsbridge.effects.registry import Applied
+from gsbridge.gap.contact.bank import FEW, GridBank
+from gsbridge.gap.contact.null import ThrowNull, throw_null
+from gsbridge.gap.contact.replay import ThrowReplay
+from gsbridge.gap.contact.search import GridMatch, ThrowFit, refine, screen
+from gsbridge.gap.diagnosis.results import Finding
 from gsbridge.geometry import Array
 
 FEWER = 10
@@ -29,7 +29,7 @@ logger = logging.getLogger("gsbridge")
 
 
 @dataclass(frozen=True)
-class Rules:
+class ThrowRules:
     """Thresholds of the verdict.
 
     Args:
@@ -58,7 +58,7 @@ class Rules:
 
 
 @dataclass(frozen=True)
-class Trial:
+class ThrowHypothesis:
     """A fit and how it does on throws that it has not seen.
 
     Args:
@@ -66,7 +66,7 @@ class Trial:
         errors: Mean error of each throw of `select`, m. [N].
     """
 
-    fit: Fit
+    fit: ThrowFit
     errors: Array
 
     @property
@@ -81,7 +81,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Finding(AnyFinding):
+class ThrowFinding(Finding):
     """What was found. Gaps are mean distances on `select`, m; simulations are passes over the throws of a role.
 
     Args:
@@ -100,7 +100,7 @@ def closure(before: float, after: float, floor: float) -> float:
     return 1.0 - max(after - floor, 0.0) / max(before - floor, 1e-12)
 
 
-class Identification:
+class ThrowIdentification:
     """One diagnosis of throws.
 
     Args:
@@ -111,16 +111,18 @@ class Identification:
         seed: Of replicates and bootstrap.
     """
 
-    def __init__(self, first: Replay, second: Replay, bank: Bank, rules: Rules | None = None, seed: int = 0) -> None:
-        self.first, self.second, self.bank, self.rules = first, second, bank, rules or Rules()
+    def __init__(
+        self, first: ThrowReplay, second: ThrowReplay, bank: GridBank, rules: ThrowRules | None = None, seed: int = 0
+    ) -> None:
+        self.first, self.second, self.bank, self.rules = first, second, bank, rules or ThrowRules()
         self.few = first.part(FEW)
         self.rng = np.random.default_rng(seed)
         self.plain = second.errors()
 
-    def run(self) -> Finding:
+    def run(self) -> ThrowFinding:
         """Detect, screen, fit, rank, decide."""
         rules = self.rules
-        null = calibrate(self.second, (), self.rng)
+        null = throw_null(self.second, (), self.rng)
         p_value = null.p_value(self.plain)
         seen, unseen = self.bank.seen(self.first), self.bank.unseen(self.first)
         if p_value >= rules.alarm:
@@ -130,20 +132,20 @@ class Identification:
         trials = self._trials([refine(self.few, (match.effect,)) for match in seen[: rules.rivals]])
         if not trials:
             return self._quiet("none_of_the_known", p_value, null, unseen)
-        best, rest = trials[0], calibrate(self.second, trials[0].fit.effects, self.rng)
+        best, rest = trials[0], throw_null(self.second, trials[0].fit.effects, self.rng)
         if rest.p_value(best.errors) < rules.alarm and rules.most > 1:
             grown = self._several(trials, rest.floor)
             if grown is not best:
-                trials, rest = [grown, *trials], calibrate(self.second, grown.fit.effects, self.rng)
+                trials, rest = [grown, *trials], throw_null(self.second, grown.fit.effects, self.rng)
         return self._decide(trials, rest, p_value, unseen)
 
-    def _trials(self, fits: Sequence[Fit]) -> list[Trial]:
+    def _trials(self, fits: Sequence[ThrowFit]) -> list[ThrowHypothesis]:
         """Judge fits of a few throws on `select`, the best first; those near the best are fitted on all throws before."""
         fits = [fit for fit in fits if fit.converged]
         bar = _NEAR * min((fit.error for fit in fits), default=0.0)
         if self.few is not self.first:
             fits = [refine(self.first, fit.effects, _FINE) if fit.error <= bar else fit for fit in fits]
-        trials = [Trial(fit, self.second.errors(fit.effects)) for fit in fits if fit.converged]
+        trials = [ThrowHypothesis(fit, self.second.errors(fit.effects)) for fit in fits if fit.converged]
         return sorted(trials, key=lambda trial: trial.error)
 
     def _runs(self) -> int:
@@ -153,17 +155,19 @@ class Identification:
         """Whether the budget holds so many passes more."""
         return self._runs() + passes <= self.rules.budget
 
-    def _quiet(self, verdict: str, p_value: float, null: Null, unseen: tuple[str, ...]) -> Finding:
+    def _quiet(self, verdict: str, p_value: float, null: ThrowNull, unseen: tuple[str, ...]) -> ThrowFinding:
         size, missing = float(self.plain.mean()), verdict == "none_of_the_known"
-        return Finding(verdict, None, (), (), missing, p_value, p_value, size, size, self._runs(), unseen, floor=null.floor)
+        return ThrowFinding(
+            verdict, None, (), (), missing, p_value, p_value, size, size, self._runs(), unseen, floor=null.floor
+        )
 
-    def _better(self, new: Trial, old: Trial, floor: float) -> bool:
+    def _better(self, new: ThrowHypothesis, old: ThrowHypothesis, floor: float) -> bool:
         """Whether one trial is better than another on `select`, beyond chance and by a part of what is left."""
         gain = old.errors - new.errors
         chance = self.rules.sigmas * float(gain.std(ddof=1)) / np.sqrt(len(gain))
         return float(gain.mean()) > max(chance, self.rules.gain * max(old.error - floor, 0.0))
 
-    def _several(self, singles: Sequence[Trial], floor: float) -> Trial:
+    def _several(self, singles: Sequence[ThrowHypothesis], floor: float) -> ThrowHypothesis:
         """Add effects while throws that were not fitted agree: the best addition, swaps of earlier ones, dropping."""
         best = singles[0]
         for _ in range(self.rules.most - 1):
@@ -173,13 +177,13 @@ class Identification:
             best = self._slim(self._swap(grown, singles), floor)
         return best
 
-    def _grow(self, base: Sequence[Applied], tries: int, floor: float) -> Trial | None:
+    def _grow(self, base: Sequence[Applied], tries: int, floor: float) -> ThrowHypothesis | None:
         """The best explanation with one effect more; None where a few throws show no use of any."""
         fewer = self.first.part(FEWER)
         taken = {applied.name for applied in base}
         if not self._affords(len(self.bank.matches) * FEWER / len(self.first)):
             return None
-        matches: list[Match] = sorted(
+        matches: list[GridMatch] = sorted(
             (screen(fewer, name, base) for name in self.bank.names if name not in taken), key=lambda match: match.error
         )
         left = float(self.few.errors(base).mean())
@@ -189,7 +193,7 @@ class Identification:
         fits = sorted((fit for fit in fits if fit.converged), key=lambda fit: fit.error)
         return next(iter(self._trials(fits[:1])), None)
 
-    def _swap(self, trial: Trial, singles: Sequence[Trial]) -> Trial:
+    def _swap(self, trial: ThrowHypothesis, singles: Sequence[ThrowHypothesis]) -> ThrowHypothesis:
         """Replace each effect but the last by the other singles that did well."""
         fits = []
         for place in range(len(trial.fit.effects) - 1):
@@ -201,7 +205,7 @@ class Identification:
         bar = _NEAR * float(self.few.errors(trial.fit.effects).mean())
         return min([trial, *self._trials([fit for fit in fits if fit.error <= bar])], key=lambda one: one.error)
 
-    def _slim(self, trial: Trial, floor: float) -> Trial:
+    def _slim(self, trial: ThrowHypothesis, floor: float) -> ThrowHypothesis:
         """Drop effects that cost nothing on throws that were not fitted."""
         for place in range(len(trial.fit.effects)):
             if len(trial.fit.effects) == 1 or not self._affords(10.0):
@@ -211,7 +215,9 @@ class Identification:
                 return self._slim(less[0], floor)
         return trial
 
-    def _decide(self, trials: Sequence[Trial], rest: Null, p_value: float, unseen: tuple[str, ...]) -> Finding:
+    def _decide(
+        self, trials: Sequence[ThrowHypothesis], rest: ThrowNull, p_value: float, unseen: tuple[str, ...]
+    ) -> ThrowFinding:
         rules, best, floor = self.rules, trials[0], rest.floor
         before = float(self.plain.mean())
         # Parts of a set were beaten when it grew; they are no rivals of it.
@@ -230,24 +236,24 @@ class Identification:
         else:
             verdict = "named"
         order = sorted(range(len(trials)), key=lambda k: trials[k].error)
-        return Finding(
+        return ThrowFinding(
             verdict, best, tuple((trials[k], float(chances[k])) for k in order), names, remains, p_value, p_remaining,
             before, best.error, self._runs(), unseen, floor=floor,
         )  # fmt: skip
 
-    def _near(self, trial: Trial, best: Trial, gap: float) -> bool:
+    def _near(self, trial: ThrowHypothesis, best: ThrowHypothesis, gap: float) -> bool:
         """Whether a rival is not clearly behind."""
         behind = trial.errors - best.errors
         chance = self.rules.sigmas * float(behind.std(ddof=1)) / np.sqrt(len(behind))
         return float(behind.mean()) < max(chance, self.rules.margin * gap)
 
-    def _chances(self, trials: Sequence[Trial]) -> Array:
+    def _chances(self, trials: Sequence[ThrowHypothesis]) -> Array:
         """Probability that each trial is best, by a bootstrap over throws. [trials]."""
         errors = np.stack([trial.errors for trial in trials])
         draws = self.rng.integers(0, errors.shape[1], (self.rules.draws, errors.shape[1]))
         return np.bincount(errors[:, draws].mean(axis=2).argmin(axis=0), minlength=len(trials)) / self.rules.draws
 
 
-def shift(finding: Finding, verdict: str) -> Finding:
+def shift(finding: ThrowFinding, verdict: str) -> ThrowFinding:
     """The same finding with another verdict, where the third role contradicts it."""
     return replace(finding, verdict=verdict, something_remains=True)

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gsbridge.gap.contact.replay import Replay
-from gsbridge.gap.contact.search import Fit
-from gsbridge.gap.effects import effect_of
-from gsbridge.gap.joints.mechanism_model import Applied
+from gsbridge.effects.bodies import BODY_EFFECTS
+from gsbridge.effects.registry import Applied
+from gsbridge.gap.contact.replay import ThrowReplay
+from gsbridge.gap.contact.search import ThrowFit
 
 _POINTS = np.linspace(-1.0, 1.0, 5)
 _DRAWS = 400
@@ -19,7 +19,7 @@ _RISES = (0.03, 0.3)
 _TRIES = 4
 
 
-def intervals(replay: Replay, fit: Fit, rng: np.random.Generator) -> list[dict[str, tuple[float, float]]]:
+def intervals(replay: ThrowReplay, fit: ThrowFit, rng: np.random.Generator) -> list[dict[str, tuple[float, float]]]:
     """90 % intervals of all parameters, one by one, by a bootstrap over throws of a parabola through the error's profile.
 
     Args:
@@ -30,7 +30,7 @@ def intervals(replay: Replay, fit: Fit, rng: np.random.Generator) -> list[dict[s
     out, effects = [], fit.effects
     for place, applied in enumerate(effects):
         rows = {}
-        for parameter in effect_of(applied.name).parameters:
+        for parameter in BODY_EFFECTS[applied.name].parameters:
             value = applied.parameters[parameter.name]
 
             def errors(at: float, place: int = place, key: str = parameter.name) -> np.ndarray:

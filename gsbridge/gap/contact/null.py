@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gsbridge.gap.contact.replay import Replay
+from gsbridge.effects.registry import Applied
+from gsbridge.gap.contact.replay import ThrowReplay
 from gsbridge.gap.contact.world import Numerics
-from gsbridge.gap.joints.mechanism_model import Applied
 from gsbridge.geometry import Array
 
 REPLICATES = 6
@@ -29,7 +29,7 @@ _PUSHES = (0.05, 0.3)
 
 
 @dataclass(frozen=True)
-class Null:
+class ThrowNull:
     """Errors of effect-free replicates.
 
     Args:
@@ -60,7 +60,7 @@ def _statistics(errors: Array) -> Array:
 
 
 def replicates(
-    replay: Replay, effects: Sequence[Applied], rng: np.random.Generator, count: int = REPLICATES
+    replay: ThrowReplay, effects: Sequence[Applied], rng: np.random.Generator, count: int = REPLICATES
 ) -> list[list[Array]]:
     """Differences between sets of throws of a model with these effects as truth, measured with noise, and their replay.
 
@@ -83,11 +83,11 @@ def replicates(
     return out
 
 
-def calibrate(replay: Replay, effects: Sequence[Applied], rng: np.random.Generator) -> Null:
+def throw_null(replay: ThrowReplay, effects: Sequence[Applied], rng: np.random.Generator) -> ThrowNull:
     """Errors of the first throws as they would be with these effects as truth, replayed by the same model."""
     rows = replicates(replay.part(FEW), effects, rng)
     errors = np.array([[np.linalg.norm(difference, axis=1).mean() for difference in row] for row in rows])
     # One engine makes all throws of a set, so that sets are drawn from one replicate each.
     which = rng.integers(0, len(errors), _DRAWS)
     throws = rng.integers(0, errors.shape[1], (_DRAWS, len(replay)))
-    return Null(errors, _statistics(errors[which[:, None], throws]))
+    return ThrowNull(errors, _statistics(errors[which[:, None], throws]))

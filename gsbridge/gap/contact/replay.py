@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.contact.body import FreeBody
-from gsbridge.gap.contact.setup import build_setup
+from gsbridge.gap.contact.setup import body_setup
 from gsbridge.gap.contact.starts import Starts, starts_of
 from gsbridge.gap.contact.throws import Throws
 from gsbridge.gap.contact.world import Flight, Numerics, simulate
-from gsbridge.gap.joints.mechanism_model import Applied
 from gsbridge.geometry import Array
 
 HORIZON = 0.75
@@ -24,7 +24,7 @@ PHASES = ("flight", "impact", "after")
 """Before the first touch, just behind it, and the rest."""
 
 
-class Replay:
+class ThrowReplay:
     """Throws of one role and the model that replays them.
 
     Args:
@@ -40,16 +40,16 @@ class Replay:
         self.times = [throw.time[:count] for throw, count in zip(throws.items, counts, strict=True)]
         self.measured = [throw.position[:count] for throw, count in zip(throws.items, counts, strict=True)]
         self.runs = 0
-        self._parts: dict[int, Replay] = {}
+        self._parts: dict[int, ThrowReplay] = {}
         self._known: dict[tuple[float, ...], list[Flight]] = {}
-        self._plain = tuple(build_setup(body).figures.values())
+        self._plain = tuple(body_setup(body).figures.values())
 
-    def part(self, count: int) -> Replay:
+    def part(self, count: int) -> ThrowReplay:
         """The first throws, whose simulations count with these."""
         if count >= len(self):
             return self
         if count not in self._parts:
-            self._parts[count] = Replay(self.body, self.throws.part(0, count), self.horizon)
+            self._parts[count] = ThrowReplay(self.body, self.throws.part(0, count), self.horizon)
             # A few throws know their own noise less well than all.
             self._parts[count].noise = self.noise
         return self._parts[count]
@@ -64,7 +64,7 @@ class Replay:
 
     def flights(self, effects: Sequence[Applied] = ()) -> list[Flight]:
         """Simulated throws; figures that were simulated before cost nothing."""
-        setup = build_setup(self.body, effects)
+        setup = body_setup(self.body, effects)
         key = tuple(setup.figures.values())
         if key not in self._known:
             self._known[key] = self.simulate(effects)
@@ -81,7 +81,7 @@ class Replay:
     ) -> list[Flight]:
         """Simulate with other starts or another engine's choices."""
         self.runs += 1
-        return simulate(self.body, build_setup(self.body, effects), starts or self.starts, self.times, numerics)
+        return simulate(self.body, body_setup(self.body, effects), starts or self.starts, self.times, numerics)
 
     def errors(self, effects: Sequence[Applied] = ()) -> Array:
         """Mean distance between replay and measurement of each throw, m. [N]."""
@@ -98,7 +98,7 @@ class Replay:
         return {phase: total / count for phase, (total, count) in sums.items() if count}
 
 
-def phase_numbers(replay: Replay) -> list[Array]:
+def phase_numbers(replay: ThrowReplay) -> list[Array]:
     """Place in `PHASES` of every sample; the first touch is the nominal replay's. Each [T]."""
     out = []
     for plain, time in zip(replay.flights(), replay.times, strict=True):

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy import stats
 
-from gsbridge.gap.contact.replay import PHASES, Replay, phase_numbers
+from gsbridge.gap.contact.replay import PHASES, ThrowReplay, phase_numbers
 from gsbridge.gap.contact.world import Flight
-from gsbridge.gap.joints.residual_map import Map, few_false
+from gsbridge.gap.joints.residual_map import ResidualMap, few_false
 from gsbridge.geometry import Array
 
 CHANNELS = ("along the throw", "across it", "height")
@@ -26,7 +26,7 @@ FEWEST = 4
 """Throws that a cell needs; others stay empty."""
 
 
-def where(replay: Replay, flights: Sequence[Flight], null: Array) -> Map:
+def map_distances(replay: ThrowReplay, flights: Sequence[Flight], null: Array) -> ResidualMap:
     """Lay distances over the motion.
 
     Args:
@@ -47,10 +47,10 @@ def where(replay: Replay, flights: Sequence[Flight], null: Array) -> Map:
         seen, expected = seen[np.isfinite(seen)], expected[np.isfinite(expected)]
         if len(expected) >= FEWEST:
             chances[row, column] = stats.mannwhitneyu(seen, expected, alternative="greater").pvalue
-    return Map(CHANNELS, values, few_false(chances, np.isfinite(values)), GROUPS)
+    return ResidualMap(CHANNELS, values, few_false(chances, np.isfinite(values)), GROUPS)
 
 
-def cells(replay: Replay, differences: Sequence[Array]) -> Array:
+def cells(replay: ThrowReplay, differences: Sequence[Array]) -> Array:
     """Root mean square difference of each throw in each cell, m; not-a-number where it has no sample there.
 
     Args:
@@ -73,7 +73,7 @@ def cells(replay: Replay, differences: Sequence[Array]) -> Array:
     return out
 
 
-def along(replay: Replay, differences: Sequence[Array]) -> list[Array]:
+def along(replay: ThrowReplay, differences: Sequence[Array]) -> list[Array]:
     """Differences along the axes of each throw, as `CHANNELS` has them. Log's frame, each [T, 3] -> each [T, 3]."""
     velocity = replay.starts.velocity
     level = np.hypot(velocity[:, 0], velocity[:, 1])

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gsbridge.effects.base import Effect, Parameter
-from gsbridge.gap.contact.replay import Replay
-from gsbridge.gap.contact.setup import BOUNDS, build_setup
-from gsbridge.gap.effects import catalogue, effect_of
-from gsbridge.gap.joints.mechanism_model import Applied
+from gsbridge.effects.base import Parameter
+from gsbridge.effects.bodies import BODY_EFFECTS
+from gsbridge.effects.bodies.base import BodyEffect
+from gsbridge.effects.registry import Applied
+from gsbridge.gap.contact.replay import ThrowReplay
+from gsbridge.gap.contact.setup import BOUNDS, body_setup
 
 _GOLDEN = 0.5 * (3.0 - np.sqrt(5.0))
 """Share of the wider half of a bracket at which a golden section looks."""
@@ -31,7 +32,7 @@ _LOOKS = 12
 
 
 @dataclass(frozen=True)
-class Match:
+class GridMatch:
     """The best point of an effect's grid.
 
     Args:
@@ -46,7 +47,7 @@ class Match:
 
 
 @dataclass(frozen=True)
-class Fit:
+class ThrowFit:
     """Effects with fitted sizes.
 
     Args:
@@ -62,31 +63,29 @@ class Fit:
     profiles: Mapping[tuple[int, str], Mapping[float, float]] = field(default_factory=dict, repr=False)
 
 
-def body_effects(replay: Replay, names: Collection[str] | None) -> tuple[str, ...]:
+def body_effects(replay: ThrowReplay, names: Collection[str] | None) -> tuple[str, ...]:
     """Effects that may be the reason in these throws; of `names` only, if given."""
     return tuple(
         name
-        for name, effect in catalogue().items()
-        if effect.scope == "body"
-        and (names is None or name in names)
-        and (replay.starts.logged or not getattr(effect, "needs_speeds", False))
+        for name, effect in BODY_EFFECTS.items()
+        if (names is None or name in names) and (replay.starts.logged or not effect.needs_speeds)
     )
 
 
 def grid(name: str) -> list[Applied]:
     """Where an effect is looked at first: its directions, each in growing sizes."""
-    effect = effect_of(name)
+    effect = BODY_EFFECTS[name]
     return [Applied(name, "", effect.scaled(values, size)) for values in effect.directions() for size in effect.sizes]
 
 
-def mean_error(replay: Replay, effects: Sequence[Applied]) -> float:
+def mean_error(replay: ThrowReplay, effects: Sequence[Applied]) -> float:
     """Mean error over the throws, m."""
     return float(replay.errors(effects).mean())
 
 
-def screen(replay: Replay, name: str, base: Sequence[Applied] = ()) -> Match:
+def screen(replay: ThrowReplay, name: str, base: Sequence[Applied] = ()) -> GridMatch:
     """Walk an effect's grid on top of other effects."""
-    effect = effect_of(name)
+    effect = BODY_EFFECTS[name]
     plain, points = replay.flights(base), grid(name)
     errors = [mean_error(replay, (*base, applied)) for applied in points]
     change = 0.0
@@ -94,10 +93,10 @@ def screen(replay: Replay, name: str, base: Sequence[Applied] = ()) -> Match:
         moved = zip(plain, replay.flights((*base, applied)), strict=True)
         change = max(change, float(np.mean([np.linalg.norm(a.position - b.position, axis=1).mean() for a, b in moved])))
     best = int(np.argmin(errors))
-    return Match(points[best], errors[best], change)
+    return GridMatch(points[best], errors[best], change)
 
 
-def reach(replay: Replay, others: Sequence[Applied], effect: Effect, parameter: Parameter) -> tuple[float, float]:
+def reach(replay: ThrowReplay, others: Sequence[Applied], effect: BodyEffect, parameter: Parameter) -> tuple[float, float]:
     """Bounds of a parameter: its own, and those of the figure that it changes.
 
     Args:
@@ -106,16 +105,16 @@ def reach(replay: Replay, others: Sequence[Applied], effect: Effect, parameter: 
         effect: The effect.
         parameter: Of it.
     """
-    figure = effect.figures[parameter.name]  # type: ignore[attr-defined]
-    now, (low, high) = build_setup(replay.body, others).figures[figure], BOUNDS[figure]
-    if effect.relative:  # type: ignore[attr-defined]
+    figure = effect.figures[parameter.name]
+    now, (low, high) = body_setup(replay.body, others).figures[figure], BOUNDS[figure]
+    if effect.relative:
         low, high = (low / now - 1.0, high / now - 1.0) if now > 0 else (-np.inf, np.inf)
     else:
         low, high = low - now, high - now
     return max(low, parameter.low), min(high, parameter.high)
 
 
-def refine(replay: Replay, effects: Sequence[Applied], share: float = 1.0) -> Fit:
+def refine(replay: ThrowReplay, effects: Sequence[Applied], share: float = 1.0) -> ThrowFit:
     """Fit all sizes together, one after the other, from where the grid found them.
 
     Args:
@@ -126,7 +125,7 @@ def refine(replay: Replay, effects: Sequence[Applied], share: float = 1.0) -> Fi
     current = list(effects)
     inside, profiles = {}, {}
     for place, applied in enumerate(effects):
-        effect = effect_of(applied.name)
+        effect = BODY_EFFECTS[applied.name]
         for parameter in effect.parameters:
 
             def error(value: float, place: int = place, key: str = parameter.name) -> float:
@@ -139,14 +138,14 @@ def refine(replay: Replay, effects: Sequence[Applied], share: float = 1.0) -> Fi
             profiles[place, parameter.name] = known
             inside[place, parameter.name] = free or not parameter.amplitude
             current[place] = _with(current[place], parameter.name, min(known, key=lambda at: known[at]))
-    return Fit(tuple(current), mean_error(replay, current), all(inside.values()), profiles)
+    return ThrowFit(tuple(current), mean_error(replay, current), all(inside.values()), profiles)
 
 
 def _with(applied: Applied, key: str, value: float) -> Applied:
     return Applied(applied.name, "", {**applied.parameters, key: float(value)})
 
 
-def _width(effect: Effect, key: str, value: float) -> float:
+def _width(effect: BodyEffect, key: str, value: float) -> float:
     """Half of the first bracket: to the next size of the grid."""
     typical = next(parameter.typical for parameter in effect.parameters if parameter.name == key)
     ratio = max([b / a for a, b in zip(effect.sizes[:-1], effect.sizes[1:], strict=True)], default=2.0)

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gsbridge.errors import InputError
+from gsbridge.effects.bodies import BODY_EFFECTS
+from gsbridge.effects.registry import Applied, effect_of
 from gsbridge.gap.contact.body import FreeBody
-from gsbridge.gap.effects import effect_of
-from gsbridge.gap.joints.mechanism_model import Applied
 
 BOUNDS: Mapping[str, tuple[float, float]] = {
     "friction": (0.0, 5.0),
@@ -50,7 +49,7 @@ and the tracked point in the body frame in m."""
 
 @dataclass
 class BodySetup:
-    """Figures of one simulation.
+    """Figures of one simulation; a `gsbridge.effects.bodies.base.BodyFigures`.
 
     Args:
         figures: By the names of `BOUNDS`.
@@ -78,7 +77,7 @@ class BodySetup:
         self.figures[figure] = float(np.clip(value, low, high))
 
 
-def build_setup(body: FreeBody, effects: Sequence[Applied] = ()) -> BodySetup:
+def body_setup(body: FreeBody, effects: Sequence[Applied] = ()) -> BodySetup:
     """Figures of a body with its own effects and further ones.
 
     Raises:
@@ -86,11 +85,5 @@ def build_setup(body: FreeBody, effects: Sequence[Applied] = ()) -> BodySetup:
     """
     setup = BodySetup.nominal(body)
     for applied in (*body.effects, *effects):
-        effect = effect_of(applied.name, str(body.source))
-        wanted = {parameter.name for parameter in effect.parameters}
-        if effect.scope != "body" or applied.joint:
-            raise InputError(f"effect {applied.name}", "it acts on mechanisms, not on a thrown body", "Leave it out")
-        if set(applied.parameters) != wanted:
-            raise InputError(f"effect {applied.name}", "its parameters are incomplete", f"Give {', '.join(sorted(wanted))}")
-        effect.apply(setup, -1, applied.parameters)  # type: ignore[arg-type]
+        effect_of(applied, BODY_EFFECTS, source=body.source).apply(setup, applied.parameters)
     return setup

@@ -35,7 +35,7 @@ class Starts:
     acceleration: Array
     logged: bool
 
-    def shifted(self, noise: Noise, rng: np.random.Generator) -> Starts:
+    def shifted(self, noise: ThrowNoise, rng: np.random.Generator) -> Starts:
         """As they might have been, given how well they are known."""
         draw = [rng.standard_normal(self.position.shape) for _ in range(4)]
         return Starts(
@@ -49,7 +49,7 @@ class Starts:
 
 
 @dataclass(frozen=True)
-class Noise:
+class ThrowNoise:
     """Standard deviations of one component: position (m), angle (rad), start velocity (m/s) and start spin (rad/s)."""
 
     position: float
@@ -72,7 +72,7 @@ def turn_between(quats: Array, reference: Array) -> Array:
     return 2.0 * change[..., 1:] * np.arctan2(sine, change[..., :1]) / np.maximum(sine, 1e-15)
 
 
-def starts_of(throws: Throws) -> tuple[Starts, Noise]:
+def starts_of(throws: Throws) -> tuple[Starts, ThrowNoise]:
     """First states of throws, and their noise.
 
     Speeds are the logged ones where all throws have them. Otherwise a parabola through the poses of the first stretch gives
@@ -85,7 +85,7 @@ def starts_of(throws: Throws) -> tuple[Starts, Noise]:
     of_position = float(np.sqrt(np.median([fit.squares[0] for fit in fits])))
     of_angle = float(np.sqrt(np.median([fit.squares[1] for fit in fits])))
     gain = float(np.median([fit.gain for fit in fits]))
-    noise = Noise(of_position, of_angle, gain * of_position, gain * of_angle)
+    noise = ThrowNoise(of_position, of_angle, gain * of_position, gain * of_angle)
     logged = all(throw.velocity is not None and throw.spin is not None for throw in throws.items)
     if logged:
         given = [np.stack([getattr(throw, key) for throw in throws.items]) for key in ("velocity", "spin")]
@@ -93,7 +93,7 @@ def starts_of(throws: Throws) -> tuple[Starts, Noise]:
         apart = [a - b for a, b in zip(given, (speeds, spins), strict=True)]
         spread = [1.4826 * np.median(np.abs(values - np.median(values, axis=0))) for values in apart]
         rest = [np.sqrt(max(s**2 - f**2, 0.0)) for s, f in zip(spread, (noise.velocity, noise.spin), strict=True)]
-        noise = Noise(of_position, of_angle, float(rest[0]), float(rest[1]))
+        noise = ThrowNoise(of_position, of_angle, float(rest[0]), float(rest[1]))
         speeds, spins = given
     acceleration = np.stack([fit.acceleration for fit in fits])
     return Starts(position, quat, speeds, spins, acceleration, logged), noise

@@ -9,46 +9,46 @@ from typing import Any
 
 import numpy as np
 
+from gsbridge.effects.bodies import BODY_EFFECTS
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.contact import null
-from gsbridge.gap.contact.bank import FEW, Bank, fill
+from gsbridge.gap.contact.bank import FEW, GridBank, grid_bank
 from gsbridge.gap.contact.body import MODE, read_body
-from gsbridge.gap.contact.case import Case, read_case
+from gsbridge.gap.contact.case import ThrowCase, read_throw_case
 from gsbridge.gap.contact.diagnose import diagnose_throws
 from gsbridge.gap.contact.findings import UNIT, findings_of
-from gsbridge.gap.contact.replay import Replay
-from gsbridge.gap.contact.residual_map import CHANNELS, along, cells, where
+from gsbridge.gap.contact.replay import ThrowReplay
+from gsbridge.gap.contact.residual_map import CHANNELS, along, cells, map_distances
 from gsbridge.gap.contact.search import grid
 from gsbridge.gap.contact.store import load_throws, save_throws
 from gsbridge.gap.contact.throws import Throws
 from gsbridge.gap.contact.world import Flight
-from gsbridge.gap.diagnosis.signature_similarity import alike
-from gsbridge.gap.effects import effect_of
-from gsbridge.gap.joints.mechanism_model import Applied
-from gsbridge.gap.joints.residual_map import Map
+from gsbridge.gap.diagnosis.signature_similarity import similar_pairs
+from gsbridge.gap.joints.residual_map import ResidualMap
 from gsbridge.geometry import Array
 
 
 @dataclass(frozen=True)
-class BodyWork:
-    """A case whose model is a thrown body; see `gsbridge.gap.diagnosis.workflow.Work`.
+class ThrowBackend:
+    """A case whose model is a thrown body; see `gsbridge.gap.workflow.Backend`.
 
     Args:
         case: The case.
     """
 
-    case: Case
+    case: ThrowCase
 
     @classmethod
-    def read(cls, path: str | Path) -> BodyWork:
+    def read(cls, path: str | Path) -> ThrowBackend:
         """From a case's file, checked.
 
         Raises:
             InputError: It cannot be used.
         """
-        return cls(read_case(path))
+        return cls(read_throw_case(path))
 
     @classmethod
-    def load(cls, model: str | Path, data: str | Path, about: Mapping[str, Any]) -> BodyWork:
+    def load(cls, model: str | Path, data: str | Path, about: Mapping[str, Any]) -> ThrowBackend:
         """From what `save` and `about` have left.
 
         Raises:
@@ -56,7 +56,7 @@ class BodyWork:
         """
         names = about["effects"]
         return cls(
-            Case(
+            ThrowCase(
                 Path(model), read_body(model), load_throws(data), None if names is None else tuple(names), about["horizon"],
                 tuple(about["reasons"]),
             )
@@ -84,8 +84,8 @@ class BodyWork:
             "records": {role: _about(role, items) for role, items in self.case.throws.items()},
         }
 
-    def _replay(self, role: str) -> Replay:
-        return Replay(self.case.body, self.case.throws[role], self.case.horizon)
+    def _replay(self, role: str) -> ThrowReplay:
+        return ThrowReplay(self.case.body, self.case.throws[role], self.case.horizon)
 
     def compare(self) -> dict[str, Any]:
         """Distances under the model as it is, and a map of where they show: `comparison.json`."""
@@ -99,7 +99,7 @@ class BodyWork:
     def screen(self, bank: str | Path) -> dict[str, Any]:
         """Walk the grids of all effects, and say before any fit what the throws can tell apart: `screen.json`."""
         replay = self._replay("fit")
-        found = fill(replay, self.case.names, bank)
+        found = grid_bank(replay, self.case.names, bank)
         return {
             "candidates": list(found.names),
             "unseen": list(found.unseen(replay)),
@@ -171,14 +171,14 @@ def _logged(throws: Throws, key: str) -> bool:
     return all(getattr(item, key) is not None for item in throws.items)
 
 
-def _map(replay: Replay, effects: Sequence[Applied] = ()) -> Map:
+def _map(replay: ThrowReplay, effects: Sequence[Applied] = ()) -> ResidualMap:
     """Where the difference to a replay with effects shows, against effect-free replicates of the first throws."""
     few = replay.part(null.FEW)
     sets = null.replicates(few, effects, np.random.default_rng(0))
-    return where(replay, replay.flights(effects), np.stack([cells(few, differences) for differences in sets]))
+    return map_distances(replay, replay.flights(effects), np.stack([cells(few, differences) for differences in sets]))
 
 
-def _distances(replay: Replay) -> dict[str, Any]:
+def _distances(replay: ThrowReplay) -> dict[str, Any]:
     """Distances of one role, and where they show."""
     apart = [at - flight.position for flight, at in zip(replay.flights(), replay.measured, strict=True)]
     sizes = 1e3 * np.sqrt((np.concatenate(along(replay, apart)) ** 2).mean(axis=0))
@@ -190,12 +190,12 @@ def _distances(replay: Replay) -> dict[str, Any]:
     }
 
 
-def _alike(few: Replay, bank: Bank) -> list[dict[str, Any]]:
+def _alike(few: ThrowReplay, bank: GridBank) -> list[dict[str, Any]]:
     """Pairs of effects of which some directions look alike in these throws, the closest first."""
     plain = _stack(few.flights())
     shapes = {}
     for name in bank.names:
-        count = len(effect_of(name).sizes)
+        count = len(BODY_EFFECTS[name].sizes)
         # The smallest size that shows: chaos makes large ones look like any other.
         rows = [_stack(few.flights([applied])) - plain for applied in grid(name)]
         shown = [
@@ -205,7 +205,7 @@ def _alike(few: Replay, bank: Bank) -> list[dict[str, Any]]:
         shapes[name] = np.array([row / np.linalg.norm(row) for row in shown if row is not None])
     names = [name for name in bank.names if len(shapes[name])]
     table = [[np.abs(shapes[one] @ shapes[other].T).max() for other in names] for one in names]
-    return alike(names, np.array(table))
+    return similar_pairs(names, np.array(table))
 
 
 def _stack(flights: Sequence[Flight]) -> Array:

@@ -76,7 +76,7 @@ def simulate(
     """
     numerics = numerics or Numerics()
     step = numerics.step_factor / body.physics_rate
-    frame = _Frame(setup.figures)
+    frame = _SurfaceFrame(setup.figures)
     clocks = [np.asarray(time, dtype=np.float64) / setup.figures["rate"] for time in times]
     client = BulletClient(pybullet.DIRECT)
     try:
@@ -96,7 +96,7 @@ def simulate(
     ]
 
 
-class _Frame:
+class _SurfaceFrame:
     """Between the log and the engine, whose plane is the surface and whose lengths and times are true."""
 
     def __init__(self, figures: Mapping[str, float]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from gsbridge.gap.joints.fit import Fit
+from gsbridge.gap.joints.fit import EffectFit
 from gsbridge.geometry import Array
 
 VERDICTS = ("no_discrepancy", "named", "ambiguous", "none_of_the_known", "not_enough_excitation")
@@ -53,11 +53,11 @@ class Rules:
     larger: float = 3.0
     least: float = 0.01
     entries: int = 12
-    account: int = 160
+    account: int = 400
 
 
 @dataclass(frozen=True)
-class Trial:
+class Hypothesis:
     """A fit and how it does on the record that it has not seen.
 
     Args:
@@ -68,7 +68,7 @@ class Trial:
         closure: Share of the gap that it closes there.
     """
 
-    fit: Fit
+    fit: EffectFit
     residual: Array
     first: Array
     chi2: float
@@ -94,7 +94,7 @@ class Trial:
         """The same with Akaike's allowance for what fitting won on the first by chance."""
         return self.squares + 2.0 * self.parameters
 
-    def contains(self, other: Trial) -> bool:
+    def contains(self, other: Hypothesis) -> bool:
         """Whether another explanation is a special case of this one, by what the catalogue says."""
         if set(other.fit.who) < set(self.fit.who):
             return True
@@ -127,8 +127,8 @@ class Finding:
     """
 
     verdict: str
-    best: Trial | None
-    rivals: tuple[tuple[Trial, float], ...]
+    best: Hypothesis | None
+    rivals: tuple[tuple[Hypothesis, float], ...]
     ambiguous: tuple[str, ...]
     something_remains: bool
     p_value: float

@@ -11,7 +11,7 @@ ALIKE = 0.95
 """Cosine of two signatures from which on a fit can hardly tell their effects apart."""
 
 
-def alike(names: Sequence[str], cosines: Array) -> list[dict[str, Any]]:
+def similar_pairs(names: Sequence[str], cosines: Array) -> list[dict[str, Any]]:
     """Pairs of effects that look alike, the closest first, as in `screen.json`.
 
     Args:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from gsbridge.gap.diagnosis.results import Rules, Trial
+from gsbridge.gap.diagnosis.results import Hypothesis, Rules
 from gsbridge.geometry import Array
 
 _ERRING = 1.5
@@ -29,12 +29,12 @@ class Decision:
         near: Those that cannot be told from the best.
     """
 
-    trials: tuple[Trial, ...]
+    trials: tuple[Hypothesis, ...]
     chances: Array
-    near: tuple[Trial, ...]
+    near: tuple[Hypothesis, ...]
 
 
-def decide(trials: Sequence[Trial], rules: Rules, floor: float) -> Decision:
+def decide(trials: Sequence[Hypothesis], rules: Rules, floor: float) -> Decision:
     """Rank trials.
 
     Args:
@@ -72,13 +72,13 @@ def decide(trials: Sequence[Trial], rules: Rules, floor: float) -> Decision:
     return Decision(tuple(kept), chances, near)
 
 
-def _without_unsure_parts(trials: list[Trial], sure: float) -> list[Trial]:
+def _without_unsure_parts(trials: list[Hypothesis], sure: float) -> list[Hypothesis]:
     """Trials, the best first, without sets of effects of which a part may as well be all that there is.
 
     One effect more than there is always explains some of a coloured residual: it must be as sure as a name.
     """
 
-    def unsure(whole: Trial, part: Trial) -> bool:
+    def unsure(whole: Hypothesis, part: Hypothesis) -> bool:
         return set(part.fit.who) < set(whole.fit.who) and _chances([whole, part])[0] < sure
 
     while True:
@@ -89,12 +89,12 @@ def _without_unsure_parts(trials: list[Trial], sure: float) -> list[Trial]:
         trials = [best, *(trial for trial in trials if trial is not best and not unsure(trial, best))]
 
 
-def _is_larger(trial: Trial, best: Trial) -> bool:
+def _is_larger(trial: Hypothesis, best: Hypothesis) -> bool:
     """Whether a trial is a set of several effects with more parameters than the best explanation."""
     return len(trial.fit.who) > 1 and trial.parameters > best.parameters
 
 
-def _chances(trials: Sequence[Trial]) -> Array:
+def _chances(trials: Sequence[Hypothesis]) -> Array:
     """Probability that each trial is best, the first being the best guess. [trials].
 
     Likelihoods, tempered: if the noise were white, squared residuals would be twice the negative logarithms. How much more they

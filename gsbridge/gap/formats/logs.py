@@ -14,7 +14,7 @@ import pandas as pd
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.lerobot import read_lerobot
 from gsbridge.gap.formats.mcap import read_mcap
-from gsbridge.gap.joints.records import Layout, Record, read_record, record_of
+from gsbridge.gap.formats.records import Layout, Record, read_record, record_of
 
 
 def split_part(path: str | Path) -> tuple[Path, str]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
-from gsbridge.gap.joints.records import Record
+from gsbridge.gap.formats.records import Record
 from gsbridge.geometry import Array
 
 

@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.gap.diagnosis.closure import closed
 from gsbridge.gap.diagnosis.results import Rules
-from gsbridge.gap.image.identify import Identification
+from gsbridge.gap.image.identify import ImageIdentification
 from gsbridge.gap.image.model import image_candidates
-from gsbridge.gap.image.null import Null
+from gsbridge.gap.image.null import ImageNull
 from gsbridge.gap.image.pairs import ROLES, Pairs
-from gsbridge.gap.image.residuals import View, learn_noise
+from gsbridge.gap.image.residuals import ImageResiduals, learn_noise
 from gsbridge.gap.joints.diagnose import Diagnosis, findings_of
-from gsbridge.gap.joints.mechanism_model import Applied
 from gsbridge.gap.joints.verify import Verification
 from gsbridge.geometry import Array
 
@@ -44,8 +44,8 @@ def diagnose_images(
         raise InputError("photos", f"there are none for '{missing[0]}'", f"Give views for each of {', '.join(ROLES)}")
     begin, rules = time.perf_counter(), rules or Rules()
     noise = learn_noise([pairs[role] for role in ROLES])
-    views = {role: View(pairs[role], noise) for role in ROLES}
-    finding = Identification(views["fit"], views["select"], image_candidates(names), rules, seed).run()
+    views = {role: ImageResiduals(pairs[role], noise) for role in ROLES}
+    finding = ImageIdentification(views["fit"], views["select"], image_candidates(names), rules, seed).run()
     verification = None
     if finding.best is not None:
         effects = finding.best.fit.effects
@@ -58,14 +58,14 @@ def diagnose_images(
     return Diagnosis(finding, verification, floor, 0, runs, time.perf_counter() - begin)
 
 
-def verify_images(view: View, effects: Sequence[Applied], rng: np.random.Generator) -> Verification:
+def verify_images(view: ImageResiduals, effects: Sequence[Applied], rng: np.random.Generator) -> Verification:
     """Views that neither fitting nor choosing has seen, with and without effects."""
     before, after = view.residual(), view.residual(effects)
     sizes = [float(np.sqrt((table.astype(np.float64) ** 2).sum() / view.numbers)) for table in (before, after)]
     parts = [_channels(view, table) for table in (before, after)]
     channels = {name: (parts[0][name], parts[1][name]) for name in parts[0]}
     closure = closed(before, after, view.numbers / before.size)
-    p_remaining = Null.of(view, rng).p_value(view, after)
+    p_remaining = ImageNull.of(view, rng).p_value(view, after)
     return Verification(sizes[0], sizes[1], closure, channels, sizes[1] <= sizes[0] + 1e-9, p_remaining)
 
 
@@ -74,12 +74,12 @@ def unsteady(pairs: Mapping[str, Pairs], rules: Rules | None = None, seed: int =
     noise = learn_noise([pairs[role] for role in ROLES])
     rng, chances = np.random.default_rng(seed), []
     for role in ROLES:
-        view = View(pairs[role], noise).quiet()
-        chances.append(Null.of(view, rng).p_value(view, view.residual()))
+        view = ImageResiduals(pairs[role], noise).quiet()
+        chances.append(ImageNull.of(view, rng).p_value(view, view.residual()))
     return (UNSTEADY,) if len(chances) * min(chances) < (rules or Rules()).alarm else ()
 
 
-def _channels(view: View, table: Array) -> dict[str, float]:
+def _channels(view: ImageResiduals, table: Array) -> dict[str, float]:
     """Root mean square of pictures and of grain, in units of the noise."""
     pictures, grain = view.pictures(table), view.grains(table)
     measured = max(int((grain != 0).sum()), 1)

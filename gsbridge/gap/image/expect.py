@@ -14,12 +14,12 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from gsbridge.effects.images.shooting import Frame, Shooting
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.gap.image.visibility import off_steps, seen_from
 from gsbridge.geometry import Array
 from gsbridge.images import linear_from_srgb, to_u8
 from gsbridge.scene.photograph import EXPOSURES, STRIPS, develop, straightening
-from gsbridge.scene.shooting import Frame, Shooting
 
 _STRENGTH = 3.0
 """Differences, of 255, that count as noise in a single photo."""

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from gsbridge.gap.image.model import ImageCandidate
-from gsbridge.gap.image.residuals import View
-from gsbridge.gap.joints.fit import Fit
+from gsbridge.gap.image.residuals import ImageResiduals
+from gsbridge.gap.joints.fit import EffectFit
 from gsbridge.geometry import Array
 
 _ROUNDS = 30
@@ -24,7 +24,9 @@ class _LostError(Exception):
     """No parameter shows where the search is, and the solver would divide by nothing."""
 
 
-def fit(view: View, who: Sequence[ImageCandidate], starts: Sequence[Mapping[str, float]], rounds: int = _ROUNDS) -> Fit:
+def fit(
+    view: ImageResiduals, who: Sequence[ImageCandidate], starts: Sequence[Mapping[str, float]], rounds: int = _ROUNDS
+) -> EffectFit:
     """Fit all parameters of some effects together.
 
     Args:
@@ -67,7 +69,9 @@ def fit(view: View, who: Sequence[ImageCandidate], starts: Sequence[Mapping[str,
         )  # fmt: skip
     except _LostError:
         unknown = np.full(len(scale), np.inf)
-        return Fit(tuple(who), effects(begin / scale), float((residual(begin / scale) ** 2).sum()), False, unknown, 0.0, 1)
+        return EffectFit(
+            tuple(who), effects(begin / scale), float((residual(begin / scale) ** 2).sum()), False, unknown, 0.0, 1
+        )
     curvature = found.jac.T @ found.jac
     size = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
     covariance = np.linalg.pinv(curvature * np.outer(size, size), rcond=1e-8) * np.outer(size, size)
@@ -78,4 +82,4 @@ def fit(view: View, who: Sequence[ImageCandidate], starts: Sequence[Mapping[str,
     shown = np.linalg.svd(found.jac, compute_uv=False)
     rank = max(1, int((shown > _HIDDEN * shown[0]).sum()))
     chi2 = 2.0 * float(found.cost)
-    return Fit(tuple(who), effects(found.x), chi2, found.status > 0, deviations, correlation, rank)
+    return EffectFit(tuple(who), effects(found.x), chi2, found.status > 0, deviations, correlation, rank)

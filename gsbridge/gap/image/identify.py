@@ -13,14 +13,14 @@ from itertools import combinations
 import numpy as np
 
 from gsbridge.gap.diagnosis.closure import closed
-from gsbridge.gap.diagnosis.results import Finding, Rules, Trial
+from gsbridge.gap.diagnosis.results import Finding, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import decide, transfer
 from gsbridge.gap.image.fit import fit
 from gsbridge.gap.image.model import ImageCandidate
-from gsbridge.gap.image.null import Null
-from gsbridge.gap.image.residuals import View
-from gsbridge.gap.image.screen import Match, lengths, screen, signatures
-from gsbridge.gap.joints.fit import Fit
+from gsbridge.gap.image.null import ImageNull
+from gsbridge.gap.image.residuals import ImageResiduals
+from gsbridge.gap.image.screen import ImageMatch, lengths, screen, signatures
+from gsbridge.gap.joints.fit import EffectFit
 from gsbridge.geometry import Array
 
 logger = logging.getLogger("gsbridge")
@@ -38,7 +38,7 @@ _BESIDE = 3
 """Further effects that are tried beside an explanation."""
 
 
-class Identification:
+class ImageIdentification:
     """One diagnosis.
 
     Args:
@@ -50,15 +50,20 @@ class Identification:
     """
 
     def __init__(
-        self, first: View, second: View, who: Sequence[ImageCandidate], rules: Rules | None = None, seed: int = 0
+        self,
+        first: ImageResiduals,
+        second: ImageResiduals,
+        who: Sequence[ImageCandidate],
+        rules: Rules | None = None,
+        seed: int = 0,
     ) -> None:
         self.first, self.second = first, second
-        self.rough = View(first.pairs, first.noise, grain=False, height=_COARSE)
+        self.rough = ImageResiduals(first.pairs, first.noise, grain=False, height=_COARSE)
         # Without time stamps a flicker is any other light.
         self.who = tuple(c for c in who if first.pairs.times is not None or not c.effect.timed)
         self.blind = tuple(sorted(str(c) for c in who if c not in self.who))
         self.rules, rng = rules or Rules(), np.random.default_rng(seed)
-        self.null_first, self.null = Null.of(first, rng), Null.of(second, rng)
+        self.null_first, self.null = ImageNull.of(first, rng), ImageNull.of(second, rng)
         self.groups = signatures(first, self.who)
         self.start, self.plain = first.residual(), second.residual()
         self.floor, self.plain_chi2 = float(second.numbers), _squares(self.plain)
@@ -93,7 +98,7 @@ class Identification:
         """Sets of pictures so far."""
         return sum(view.expectation.pictures for view in (self.first, self.second, self.rough))
 
-    def _fitted(self, who: Sequence[ImageCandidate], starts: Sequence[dict[str, float]]) -> Trial | None:
+    def _fitted(self, who: Sequence[ImageCandidate], starts: Sequence[dict[str, float]]) -> Hypothesis | None:
         """A trial of some effects; None where the fit did not converge."""
         if any(candidate.effect.hook in ("geometry", "time") for candidate in who):
             # Details that moved by more than their own size lead a fit astray.
@@ -104,16 +109,16 @@ class Identification:
             return None
         residual = self.second.residual(found.effects)
         closure = closed(self.plain, residual, self.floor / self.plain.size)
-        return Trial(found, residual, self.first.residual(found.effects), _squares(residual), closure)
+        return Hypothesis(found, residual, self.first.residual(found.effects), _squares(residual), closure)
 
-    def _p_remaining(self, trial: Trial) -> float:
+    def _p_remaining(self, trial: Hypothesis) -> float:
         """Probability that noise leaves as much on either role."""
         looks = self.null.p_value(self.second, trial.residual), self.null_first.p_value(self.first, trial.first)
         return min(1.0, len(looks) * min(looks))
 
-    def _singles(self, matches: Sequence[Match]) -> list[Trial]:
+    def _singles(self, matches: Sequence[ImageMatch]) -> list[Hypothesis]:
         """Fits of one effect each; those that cannot reach the best are not fitted."""
-        out: list[Trial] = []
+        out: list[Hypothesis] = []
         chi2, reached = _squares(self.start), 0.0
         # What moved far is not what its signature, of a small motion, seems to gain.
         matches = sorted(matches, key=lambda match: not match.candidate.effect.far)
@@ -128,7 +133,7 @@ class Identification:
                 reached = max(reached, chi2 - trial.fit.chi2)
         return out
 
-    def _start(self, match: Match) -> dict[str, float]:
+    def _start(self, match: ImageMatch) -> dict[str, float]:
         """Where a fit begins: where the signature says, or far away if that explains more on few rows."""
         none = {parameter.name: 0.0 for parameter in match.candidate.effect.parameters}
         starts = [match.start, *(none | dict(values) for values in match.candidate.effect.far)]
@@ -137,7 +142,7 @@ class Identification:
         who = match.candidate
         return min(starts, key=lambda start: _squares(self.rough.residual((who.from_vector(who.vector(start)),))))
 
-    def _several(self, singles: Sequence[Trial]) -> list[Trial]:
+    def _several(self, singles: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Sets of effects: forward from the best, each earlier effect swapped, then slimmed."""
         trials = list(singles)
         tried: set[frozenset[ImageCandidate]] = set()
@@ -165,14 +170,14 @@ class Identification:
             trials += [] if trial is None else [trial]
         return self._slim(trials)
 
-    def _again(self, who: Sequence[ImageCandidate], top: Trial) -> Trial | None:
+    def _again(self, who: Sequence[ImageCandidate], top: Hypothesis) -> Hypothesis | None:
         """Some effects of an explanation fitted without the others."""
         values = dict(zip(top.fit.who, top.fit.values, strict=True))
         return self._fitted(who, [values[candidate] for candidate in who])
 
-    def _beside(self, base: Trial, tried: set[frozenset[ImageCandidate]]) -> list[Trial]:
+    def _beside(self, base: Hypothesis, tried: set[frozenset[ImageCandidate]]) -> list[Hypothesis]:
         """Fits of an explanation with one effect more, those that screen best."""
-        out: list[Trial] = []
+        out: list[Hypothesis] = []
         others = [match for match in screen(self.groups, base.first) if match.candidate not in base.fit.who]
         for match in others[:_BESIDE]:
             who = (*base.fit.who, match.candidate)
@@ -183,9 +188,9 @@ class Identification:
             out += [] if trial is None else [trial]
         return out
 
-    def _slim(self, trials: list[Trial]) -> list[Trial]:
+    def _slim(self, trials: list[Hypothesis]) -> list[Hypothesis]:
         """Leave out sets that are hardly better than one of their subsets, and worse fits of the same set."""
-        fits: dict[frozenset[ImageCandidate], Trial] = {}
+        fits: dict[frozenset[ImageCandidate], Hypothesis] = {}
         for trial in sorted(trials, key=lambda trial: trial.score):
             fits.setdefault(frozenset(trial.fit.who), trial)
         trials = list(fits.values())
@@ -197,7 +202,7 @@ class Identification:
                 out.append(trial)
         return out
 
-    def _decide(self, trials: list[Trial], p_value: float, unseen: tuple[str, ...]) -> Finding:
+    def _decide(self, trials: list[Hypothesis], p_value: float, unseen: tuple[str, ...]) -> Finding:
         rules = self.rules
         found = decide(trials, rules, self.floor)
         best = found.trials[0]
@@ -220,7 +225,7 @@ class Identification:
             float(np.sqrt(self.plain_chi2 / self.floor)), float(np.sqrt(best.chi2 / self.floor)), self._used(), unseen,
         )  # fmt: skip
 
-    def _widened(self, found: Fit) -> Fit:
+    def _widened(self, found: EffectFit) -> EffectFit:
         """With deviations by which parameters may move until the fit is worse by what laws are known to."""
         law = np.sqrt(_LAW * max(_squares(self.start) - self.first.numbers, 0.0))
         return replace(found, deviations=found.deviations * np.hypot(1.0, law))

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from gsbridge.gap.diagnosis.tail_pvalue import tail_p
-from gsbridge.gap.image.residuals import View
+from gsbridge.gap.diagnosis.pvalues import tail_pvalue
+from gsbridge.gap.image.residuals import ImageResiduals
 from gsbridge.geometry import Array
 
 SCALES = (1, 2, 4, 8, 16)
@@ -23,14 +23,14 @@ _FILLED = 0.5
 """Share of a block that must be compared for its mean to count."""
 
 
-def sums(view: View, table: Array) -> Array:
+def sums(view: ImageResiduals, table: Array) -> Array:
     """Squares of a residual and of its means over blocks, of each photo and of what all have in common. [K].
 
     Every colour by itself and their sum, at every scale; then the grain: of classes, of their means over photos, of all.
 
     Args:
         view: Whose residual.
-        table: As from `View.residual`.
+        table: As from `ImageResiduals.residual`.
     """
     white, mask = view.pictures(table), view.mask[..., None]
     # Most effects stay where they are in the image, or change all of it.
@@ -60,7 +60,7 @@ def _blocks(values: Array, scale: int) -> Array:
 
 
 @dataclass(frozen=True)
-class Null:
+class ImageNull:
     """How photos with nothing changed look.
 
     Args:
@@ -70,7 +70,7 @@ class Null:
     sums: Array
 
     @classmethod
-    def of(cls, view: View, rng: np.random.Generator, replicates: int = REPLICATES) -> Null:
+    def of(cls, view: ImageResiduals, rng: np.random.Generator, replicates: int = REPLICATES) -> ImageNull:
         """Draw noise for the views of a role."""
         # What photos of one day differ by, with signs drawn anew: outliers of the noise stay, and what lies together does not.
         usual, grain, drawn = view.usual(), view.grains(view.residual()) != 0, []
@@ -82,10 +82,10 @@ class Null:
             drawn.append(sums(view, np.concatenate([white.reshape(-1, grain.shape[1]), rough])))
         return cls(np.stack(drawn))
 
-    def p_value(self, view: View, table: Array) -> float:
+    def p_value(self, view: ImageResiduals, table: Array) -> float:
         """Probability that noise alone differs as much somewhere."""
         replicas = self._surprise(self.sums).max(axis=1)
-        return tail_p(replicas, float(self._surprise(sums(view, table)).max()))
+        return tail_pvalue(replicas, float(self._surprise(sums(view, table)).max()))
 
     def _surprise(self, found: Array) -> Array:
         """Minus the logarithm of the chance of each sum: some are of one square, others of thousands, and those of few have

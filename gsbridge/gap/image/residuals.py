@@ -10,14 +10,14 @@ import cv2
 import numpy as np
 from scipy.optimize import nnls
 
+from gsbridge.effects.images.shooting import Shooting
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.image.expect import Expectation
 from gsbridge.gap.image.model import shooting
 from gsbridge.gap.image.noise_model import LEAST, Flats, slopes_of
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.gap.image.visibility import off_steps
-from gsbridge.gap.joints.mechanism_model import Applied
 from gsbridge.geometry import Array
-from gsbridge.scene.shooting import Shooting
 
 HEIGHT = 48
 """Rows, about, at which photos are compared, as means over blocks: light that is moved by parts of a pixel gets soft."""
@@ -42,7 +42,7 @@ _CLEAR = 5.0
 
 
 @dataclass(frozen=True)
-class Noise:
+class ImageNoise:
     """Variance of one photo at the size at which photos are compared.
 
     Args:
@@ -58,7 +58,7 @@ class Noise:
         return self.dark + self.light * np.clip(levels, 0.0, 1.0)
 
 
-def learn_noise(pairs: Sequence[Pairs]) -> Noise:
+def learn_noise(pairs: Sequence[Pairs]) -> ImageNoise:
     """Noise from photos of the same views with nothing changed."""
     levels, squares = [], []
     for views in pairs:
@@ -79,7 +79,7 @@ def learn_noise(pairs: Sequence[Pairs]) -> Noise:
     least = LEAST / size**2
     weight = 1.0 / np.maximum(means, least)
     dark, light = nnls(np.array(rows) * weight[:, None], np.array(means) * weight)[0]
-    return Noise(max(float(dark), least), float(light))
+    return ImageNoise(max(float(dark), least), float(light))
 
 
 def shrinking(pairs: Pairs, height: int = HEIGHT) -> int:
@@ -104,7 +104,7 @@ def compared(pairs: Pairs, height: int = HEIGHT) -> Array:
     return (shrunk(kept.astype(np.float32), size) >= 1.0).astype(np.float32)
 
 
-class View:
+class ImageResiduals:
     """The views of a role in units of the noise.
 
     Args:
@@ -118,7 +118,7 @@ class View:
         mask: Where they are. [N, h, w].
     """
 
-    def __init__(self, pairs: Pairs, noise: Noise, *, grain: bool = True, height: int = HEIGHT) -> None:
+    def __init__(self, pairs: Pairs, noise: ImageNoise, *, grain: bool = True, height: int = HEIGHT) -> None:
         self.pairs, self.noise, self._grainy = pairs, noise, grain
         self.expectation = Expectation(pairs)
         self.size = shrinking(pairs, height)
@@ -167,9 +167,9 @@ class View:
         apart = self._usual * self._weights
         return apart / np.sqrt(np.maximum((apart**2).sum(axis=(0, 1, 2)) / max(float(self.mask.sum()), 1.0), 1e-12))
 
-    def quiet(self) -> View:
+    def quiet(self) -> ImageResiduals:
         """The same views with nothing changed."""
-        return View(self.pairs.quiet(), self.noise, grain=self.pairs.repeats == 1)
+        return ImageResiduals(self.pairs.quiet(), self.noise, grain=self.pairs.repeats == 1)
 
     @cached_property
     def _flats(self) -> Flats:

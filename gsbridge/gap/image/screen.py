@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gsbridge.gap.image.model import ImageCandidate
-from gsbridge.gap.image.residuals import View
+from gsbridge.gap.image.residuals import ImageResiduals
 from gsbridge.geometry import Array
 
 _SLIGHT = 1e-3
@@ -33,7 +33,7 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Match:
+class ImageMatch:
     """What an effect could explain.
 
     Args:
@@ -47,7 +47,7 @@ class Match:
     start: dict[str, float]
 
 
-def signatures(view: View, who: Sequence[ImageCandidate]) -> list[Group]:
+def signatures(view: ImageResiduals, who: Sequence[ImageCandidate]) -> list[Group]:
     """Signatures of effects in the views of a role."""
     plain, out = view.residual(), []
     for candidate in who:
@@ -80,7 +80,7 @@ def gains_of(along: Array, gram: Array, lows: Array) -> tuple[float, Array]:
     return max(float(2.0 * factors @ along - factors @ gram @ factors), 0.0), factors
 
 
-def screen(groups: Sequence[Group], residual: Array) -> list[Match]:
+def screen(groups: Sequence[Group], residual: Array) -> list[ImageMatch]:
     """Effects, the largest gain first.
 
     Args:
@@ -96,7 +96,7 @@ def screen(groups: Sequence[Group], residual: Array) -> list[Match]:
             start = dict(group.values[0])
             for parameter, factor, values in zip(effect.amplitudes, factors, group.values, strict=True):
                 start[parameter.name] = float(factor) * values[parameter.name]
-            best[group.who] = Match(group.who, gain, effect.clipped(start))
+            best[group.who] = ImageMatch(group.who, gain, effect.clipped(start))
     return sorted(best.values(), key=lambda match: -match.gain)
 
 

@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 import yaml
 
-from gsbridge.environment.lens import EFFECTS, UNDRAWN
+from gsbridge.effects.images import IMAGE_EFFECTS
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import atomic_file, read_json, write_json
-from gsbridge.gap.diagnosis.workflow import fitted
 from gsbridge.gap.formats.yaml_file import read_yaml
 from gsbridge.gap.image.diagnose import diagnose_images, image_findings, unsteady
 from gsbridge.gap.image.files import read_pairs
 from gsbridge.gap.image.model import shooting
 from gsbridge.gap.image.pairs import Pairs
-from gsbridge.gap.image.residuals import View, learn_noise
+from gsbridge.gap.image.residuals import ImageResiduals, learn_noise
+from gsbridge.gap.workflow import fitted
 from gsbridge.sim.model import parse_model
 
 logger = logging.getLogger("gsbridge")
@@ -68,7 +68,7 @@ def write_image_findings(
 
 
 def _pictures(pairs: dict[str, Pairs], found: dict[str, Any]) -> dict[str, np.ndarray]:
-    view = View(pairs["verify"], learn_noise(list(pairs.values())))
+    view = ImageResiduals(pairs["verify"], learn_noise(list(pairs.values())))
     effects = fitted(found)
     table = {"gap": view.residual(), "left": view.residual(effects)}
     shown = slice(0, _SHOWN)
@@ -95,7 +95,7 @@ def amend_camera(nominal: str | Path, findings: str | Path, model: str | Path, r
         InputError: An episode's pictures cannot have a named effect, or a file is damaged.
     """
     found, content = _findings(findings), read_yaml(nominal, "model", "models/nominal.yaml")
-    parse_model(content, str(nominal), EFFECTS)
+    parse_model(content, str(nominal))
     if reference is not None and _findings(reference)["verdict"] != "no_discrepancy":
         raise StageError(
             "amend_camera",
@@ -106,15 +106,13 @@ def amend_camera(nominal: str | Path, findings: str | Path, model: str | Path, r
         raise StageError(
             "amend_camera", f"the diagnosis named nothing ({found['verdict']}): {found['sentence']}", f"See {findings}"
         )
-    for effect in found["amended"]:
-        if effect["name"] in UNDRAWN:
-            raise InputError(
-                findings,
-                f"a policy's pictures cannot be drawn with '{effect['name']}'",
-                f"They can have: {', '.join(sorted(EFFECTS))}; mend the camera, or add it to gsbridge.environment.lens",
-            )
+    for named in found["amended"]:
+        effect = IMAGE_EFFECTS.effect(named["name"], findings)
+        if not effect.amendable:
+            what = f"a policy's pictures cannot be drawn with '{effect.name}': {effect.reason}"
+            raise InputError(findings, what, effect.instead)
     content["effects"] = [*(content.get("effects") or []), *found["amended"]]
-    parse_model(content, str(nominal), EFFECTS)
+    parse_model(content, str(nominal))
     head = [
         f"Amended by the gap of pictures; made from {Path(nominal).name} and not to be edited.",
         found["sentence"],

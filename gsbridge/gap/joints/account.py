@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gsbridge.gap.diagnosis.results import Finding, Trial
+from gsbridge.effects.registry import Applied
+from gsbridge.gap.diagnosis.results import Finding, Hypothesis
 from gsbridge.gap.joints.candidates import Candidate
-from gsbridge.gap.joints.fit import Fit
-from gsbridge.gap.joints.identify import Identification
-from gsbridge.gap.joints.mechanism_model import Applied
-from gsbridge.gap.joints.residual_map import where
-from gsbridge.gap.joints.residuals import View
+from gsbridge.gap.joints.fit import EffectFit
+from gsbridge.gap.joints.identify import JointIdentification
+from gsbridge.gap.joints.residual_map import map_residuals
+from gsbridge.gap.joints.residuals import JointResiduals
 
 NAMED, ONE_OF, LIKELY = "named", "one of", "likely, not proven"
 
@@ -68,13 +68,13 @@ class Account:
         return tuple(entry.effect for entry in self.entries)
 
 
-def account_of(search: Identification, finding: Finding, third: View) -> Account | None:
+def account_of(search: JointIdentification, finding: Finding, third: JointResiduals) -> Account | None:
     """Take account of a gap; None where nothing was fitted, or nothing is missing.
 
     Args:
         search: The diagnosis, whose records `fit` and `select` it has.
         finding: What it found.
-        third: View of the record `verify`.
+        third: JointResiduals of the record `verify`.
     """
     if finding.best is None or finding.verdict in ("no_discrepancy", "not_enough_excitation"):
         return None
@@ -93,7 +93,7 @@ def account_of(search: Identification, finding: Finding, third: View) -> Account
         share = float((sizes[number] - sizes[number + 1]) / gap)
         entries.append(Entry(candidate, whole.fit.effects[k], deviations, share, verdict, instead))
     account = Account(tuple(entries), float((sizes[0] - sizes[-1]) / gap))
-    found = where(third, third.residual(account.effects), third.simulate(account.effects))
+    found = map_residuals(third, third.residual(account.effects), third.simulate(account.effects))
     values = np.where(found.marked, found.values, -np.inf)
     if not np.isfinite(values).any():
         return account
@@ -102,12 +102,12 @@ def account_of(search: Identification, finding: Finding, third: View) -> Account
     return replace(account, channel=found.channels[row], phase=columns[column], left=float(values[row, column]))
 
 
-def _size(view: View, effects: Sequence[Applied]) -> float:
+def _size(view: JointResiduals, effects: Sequence[Applied]) -> float:
     """Root mean square residual beyond the noise, in units of it."""
     return float(np.sqrt(max((view.residual(tuple(effects)) ** 2).sum() / view.freedom - 1.0, 0.0)))
 
 
-def _order(search: Identification, whole: Trial) -> list[int]:
+def _order(search: JointIdentification, whole: Hypothesis) -> list[int]:
     """Places of the effects in the order in which they explain `select`, each beside those before it."""
     effects, out = whole.fit.effects, list[int]()
     while len(out) < len(effects) - 1:
@@ -117,7 +117,7 @@ def _order(search: Identification, whole: Trial) -> list[int]:
     return [*out, *(k for k in range(len(effects)) if k not in out)]
 
 
-def _standing(search: Identification, finding: Finding, fitted: Fit, k: int) -> tuple[str, tuple[str, ...]]:
+def _standing(search: JointIdentification, finding: Finding, fitted: EffectFit, k: int) -> tuple[str, tuple[str, ...]]:
     """How sure an entry is, and what else could stand in its place."""
     candidate = fitted.who[k]
     proven = finding.best is not None and candidate in finding.best.fit.who

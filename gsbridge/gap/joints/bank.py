@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import zipfile
@@ -11,10 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from gsbridge.digests import code_digest
+from gsbridge.effects.registry import Applied
 from gsbridge.files import atomic_file
 from gsbridge.gap.joints.candidates import Candidate
-from gsbridge.gap.joints.mechanism_model import Applied
-from gsbridge.gap.joints.residuals import View
+from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
 _AIM = 100.0
@@ -28,10 +30,6 @@ _COARSE = 2.0
 
 _LARGEST = 2e4
 """Multiple of the typical size beyond which nothing is looked for."""
-
-
-_EDITION = 4
-"""Raised when an effect's simulation changes, so that no signature of the old one is read."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +48,7 @@ class Signature:
 
 
 @dataclass(frozen=True)
-class Bank:
+class SignatureBank:
     """Signatures of all candidates on one record.
 
     Args:
@@ -64,7 +62,7 @@ class Bank:
     diverged: tuple[Candidate, ...] = ()
 
 
-def make_bank(view: View, who: Sequence[Candidate], base: Sequence[Applied] = ()) -> Bank:
+def make_bank(view: JointResiduals, who: Sequence[Candidate], base: Sequence[Applied] = ()) -> SignatureBank:
     """Simulate all candidates on top of `base`.
 
     The noise of the view sets the smallest size: one whose signature just stands out.
@@ -82,11 +80,11 @@ def make_bank(view: View, who: Sequence[Candidate], base: Sequence[Applied] = ()
             thrown |= lost
         if thrown and all(signature.candidate != candidate for signature in found):
             diverged.append(candidate)
-    return Bank(tuple(found), view.mechanism.runs - before, tuple(diverged))
+    return SignatureBank(tuple(found), view.mechanism.runs - before, tuple(diverged))
 
 
 def _along(
-    view: View, candidate: Candidate, direction: dict[str, float], begin: float, plain: Array, base: Sequence[Applied]
+    view: JointResiduals, candidate: Candidate, direction: dict[str, float], begin: float, plain: Array, base: Sequence[Applied]
 ) -> tuple[list[Signature], float, bool]:
     """Signatures along one direction of a candidate's parameters, the multiple of it that just stands out, and whether a
     simulation diverged."""
@@ -131,11 +129,17 @@ def _along(
     return out, factor if out else begin, any(size == np.inf for _, _, size in seen.values())
 
 
-def bank_of(view: View, who: Sequence[Candidate], folder: str | Path) -> Bank:
+@functools.cache
+def _edition() -> str:
+    """Digest of the code that makes a bank, effects and simulation included: no signature that other code made is read."""
+    return code_digest(__name__)
+
+
+def signature_bank(view: JointResiduals, who: Sequence[Candidate], folder: str | Path) -> SignatureBank:
     """The bank of a view, from `folder` where an equal one was made before."""
     # Noise sets sizes only, where a factor of two does not matter: in coarse steps, cases of one sensor share a bank.
     steps = np.round(np.log2(view.sigma) / _COARSE)
-    key = hashlib.sha256(f"{_EDITION}{view.digest()}".encode())
+    key = hashlib.sha256(f"{_edition()}{view.digest()}".encode())
     for candidate in who:
         effect = candidate.effect
         key.update(f"{candidate}{effect.parameters}{effect.directions()}{effect.sizes}".encode())
@@ -159,7 +163,7 @@ def bank_of(view: View, who: Sequence[Candidate], folder: str | Path) -> Bank:
     return bank
 
 
-def _read(path: Path) -> Bank:
+def _read(path: Path) -> SignatureBank:
     with np.load(path) as data:
         labels, changes = json.loads(str(data["labels"])), data["changes"]
         found = tuple(
@@ -167,4 +171,4 @@ def _read(path: Path) -> Bank:
             for (name, joint, values), change in zip(labels, changes, strict=True)
         )
         diverged = tuple(Candidate(*names) for names in json.loads(str(data["diverged"])))
-        return Bank(found, int(data["runs"]), diverged)
+        return SignatureBank(found, int(data["runs"]), diverged)

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gsbridge.effects.base import Effect
-from gsbridge.gap.effects import catalogue, effect_of
-from gsbridge.gap.joints.mechanism_model import Applied, System
+from gsbridge.effects.joints import JOINT_EFFECTS
+from gsbridge.effects.joints.base import JointEffect
+from gsbridge.effects.registry import Applied
+from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.geometry import Array
 
 
@@ -21,9 +22,9 @@ class Candidate:
     joint: str = ""
 
     @property
-    def effect(self) -> Effect:
+    def effect(self) -> JointEffect:
         """Its entry in the catalogue."""
-        return effect_of(self.name)
+        return JOINT_EFFECTS.effect(self.name)
 
     def applied(self, values: Mapping[str, float]) -> Applied:
         """With parameters."""
@@ -41,11 +42,11 @@ class Candidate:
         return f"{self.name}:{self.joint}" if self.joint else self.name
 
 
-def candidates(system: System, names: Collection[str] | None = None) -> tuple[Candidate, ...]:
+def candidates(system: MechanismModel, names: Collection[str] | None = None) -> tuple[Candidate, ...]:
     """All candidates of a mechanism; of these effects only, if `names` is given."""
     out = []
-    for name, effect in catalogue().items():
-        if effect.scope == "body" or system.controller.mode not in effect.modes or (names is not None and name not in names):
+    for name, effect in JOINT_EFFECTS.items():
+        if system.controller.mode not in effect.modes or (names is not None and name not in names):
             continue
         out += [Candidate(name, joint) for joint in system.joints] if effect.scope == "joint" else [Candidate(name)]
     return tuple(out)

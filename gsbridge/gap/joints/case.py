@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from gsbridge.effects.joints import JOINT_EFFECTS
+from gsbridge.effects.registry import read_names
 from gsbridge.errors import InputError
-from gsbridge.gap.effects import effect_of
 from gsbridge.gap.formats.logs import read_log
+from gsbridge.gap.formats.records import SHORTEST, TOOL, Layout, Record, check_degrees, doubtful_degrees
 from gsbridge.gap.formats.yaml_file import read_yaml
 from gsbridge.gap.joints.diagnose import ROLES
-from gsbridge.gap.joints.mechanism_model import System, read_system
+from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel, read_mechanism_model
 from gsbridge.gap.joints.noise import white_noise
-from gsbridge.gap.joints.records import SHORTEST, TOOL, Layout, Record, check_degrees, doubtful_degrees
 from gsbridge.geometry import Array
 
 _KEYS = ("model", "records", "repeats", "columns", "units", "torque_per_ampere", "noise", "tolerance", "effects")
@@ -32,7 +33,7 @@ _SPARSE = 100.0
 
 
 @dataclass(frozen=True)
-class Case:
+class JointCase:
     """A case, checked.
 
     Args:
@@ -44,13 +45,13 @@ class Case:
     """
 
     model: Path
-    system: System
+    system: MechanismModel
     records: Mapping[str, Record]
     names: tuple[str, ...] | None
     reasons: tuple[str, ...]
 
 
-def read_case(path: str | Path) -> Case:
+def read_joint_case(path: str | Path) -> JointCase:
     """Read and check a case.
 
     Raises:
@@ -64,7 +65,7 @@ def read_case(path: str | Path) -> Case:
         if key not in _KEYS:
             raise InputError(path, f"the key '{key}' is unknown", f"Use only: {', '.join(_KEYS)}")
     model = path.parent / content["model"]
-    system = read_system(model)
+    system = read_mechanism_model(model)
     gain = content.get("torque_per_ampere")
     reasons = []
     if gain is not None:
@@ -80,8 +81,7 @@ def read_case(path: str | Path) -> Case:
         dict(content.get("units") or {}),
         gain,
     )
-    for name in content.get("effects") or ():
-        effect_of(name, str(path))
+    names = read_names(content.get("effects"), path, JOINT_EFFECTS)
     records = {}
     for role, file in content["records"].items():
         if role not in ROLES:
@@ -107,10 +107,10 @@ def read_case(path: str | Path) -> Case:
     if slowest < 0.99 * _SPARSE:
         reasons.append(f"only {slowest:.3g} samples per second are logged: what is faster than a few of them cannot be told")
     reasons += doubtful_degrees(records["fit"], system.limits)
-    return Case(model, system, records, tuple(content["effects"]) if content.get("effects") else None, (*reasons, *split))
+    return JointCase(model, system, records, names, (*reasons, *split))
 
 
-def _check(record: Record, system: System, source: Path, content: Mapping[str, Any]) -> Record:
+def _check(record: Record, system: MechanismModel, source: Path, content: Mapping[str, Any]) -> Record:
     """A record that fits its mechanism, with the noise and the tolerance that its case states.
 
     Raises:

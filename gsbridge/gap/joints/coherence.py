@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gsbridge.gap.diagnosis.tail_pvalue import tail_p
-from gsbridge.gap.joints.residuals import View
+from gsbridge.gap.diagnosis.pvalues import tail_pvalue
+from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
 _HIGHEST = 8.0
@@ -61,14 +61,14 @@ class _Pair:
         return turned @ self.ahead.T + turned.conj() @ self.back.T
 
 
-def has_related(view: View) -> bool:
+def has_related(view: JointResiduals) -> bool:
     """Whether a record has channels that measure the same motion: speeds beside positions, or a controller's efforts."""
     kinds = {kind for kind, _ in view.channels}
     efforts = "effort" in kinds and view.mechanism.system.controller.mode == "pd"
     return "position" in kinds and ("velocity" in kinds or efforts)
 
 
-def coherence_p(views: Sequence[View], residuals: Sequence[Array], rng: np.random.Generator) -> float:
+def coherence_p(views: Sequence[JointResiduals], residuals: Sequence[Array], rng: np.random.Generator) -> float:
     """Probability that channels without any relation would agree as well as these do, at all frequencies or in one line.
 
     Args:
@@ -99,7 +99,7 @@ def coherence_p(views: Sequence[View], residuals: Sequence[Array], rng: np.rando
     return float(min(1.0, len(chances) * min(chances)))
 
 
-def line_p(views: Sequence[View], residuals: Sequence[Array], rng: np.random.Generator) -> float:
+def line_p(views: Sequence[JointResiduals], residuals: Sequence[Array], rng: np.random.Generator) -> float:
     """Probability that channels without any relation would share a line of their spectra, as a vibration makes it.
 
     A line counts as far as it stands out from the noise around it in both of two related channels, and only where they agree:
@@ -127,7 +127,7 @@ def line_p(views: Sequence[View], residuals: Sequence[Array], rng: np.random.Gen
         line = np.where(agreeing > _AGREED * strong, agreeing, 0.0)
         # Powers of noise are distributed exponentially; the stronger of the two is anything.
         drawn = rng.standard_exponential((_DRAWS, counts[joint])) * np.cos(2 * np.pi * rng.random((_DRAWS, counts[joint])))
-        chances.append(tail_p(drawn.sum(axis=1), float(line.max())) * line.size * len(sums))
+        chances.append(tail_pvalue(drawn.sum(axis=1), float(line.max())) * line.size * len(sums))
     return float(min(chances))
 
 
@@ -154,7 +154,7 @@ def _added(total: Array | None, values: Array) -> Array:
     return sum(np.pad(part, ((0, 0), (0, width - part.shape[1]))) for part in (total, values))
 
 
-def _pairs(view: View, residual: Array) -> list[_Pair]:
+def _pairs(view: JointResiduals, residual: Array) -> list[_Pair]:
     """Pairs that motion makes equal: the speed and the position's derivative, the effort and what the controller asks."""
     places = {channel: column for column, channel in enumerate(view.channels)}
     controller, out = view.mechanism.system.controller, []

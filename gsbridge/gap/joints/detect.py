@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from gsbridge.gap.diagnosis.tail_pvalue import tail_p
+from gsbridge.gap.diagnosis.pvalues import tail_pvalue
 from gsbridge.gap.joints.noise import white_noise
-from gsbridge.gap.joints.residuals import View
+from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import Screen
 from gsbridge.geometry import Array
 
@@ -52,7 +52,7 @@ def excess(residual: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Null:
+class JointNull:
     """How effect-free residuals look.
 
     Args:
@@ -80,14 +80,14 @@ class Null:
     def p_value(self, residual: Array) -> float:
         """Share of replicates at least as large, beyond most of them by their tail."""
         replicas = ((self.excesses - self._middle) / self._spread).max(axis=1)
-        return tail_p(replicas, self.statistic(residual))
+        return tail_pvalue(replicas, self.statistic(residual))
 
     def p_gain(self, gain: float) -> float:
         """Share of replicates in which some signature gains as much by chance; 1 without a bank."""
-        return tail_p(self.gains, gain) if len(self.gains) else 1.0
+        return tail_pvalue(self.gains, gain) if len(self.gains) else 1.0
 
 
-def _estimated(view: View, noise: Array) -> Array:
+def _estimated(view: JointResiduals, noise: Array) -> Array:
     """Noise of each channel as it is found on a record. [T, C] -> [C]."""
     return np.median([white_noise(noise[a:b]) for a, b in view.spans if b - a > 20] or [white_noise(noise)], axis=0)
 
@@ -99,7 +99,9 @@ def _slow(shape: tuple[int, int], rng: np.random.Generator) -> Array:
     return lfilter([np.sqrt(1 - memory**2)], [1, -memory], rng.standard_normal(shape), axis=0, zi=memory * start)[0]
 
 
-def calibrate(view: View, rng: np.random.Generator, screen: Screen | None = None, replicates: int = REPLICATES) -> Null:
+def joint_null(
+    view: JointResiduals, rng: np.random.Generator, screen: Screen | None = None, replicates: int = REPLICATES
+) -> JointNull:
     """Draw effect-free replicates of a view's residual."""
     gap = view.stepping()
     shape = gap.shape
@@ -123,4 +125,4 @@ def calibrate(view: View, rng: np.random.Generator, screen: Screen | None = None
         gains = screen.gains((screen.shapes @ stack.reshape(-1, replicates).astype(np.float32)).astype(np.float64))[0].max(
             axis=0
         )
-    return Null(np.stack(excesses), gains, float((stack**2).mean()))
+    return JointNull(np.stack(excesses), gains, float((stack**2).mean()))

@@ -11,15 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from gsbridge.gap.diagnosis.results import Finding, Rules, Trial
+from gsbridge.effects.registry import Applied
+from gsbridge.gap.diagnosis.results import Finding, Hypothesis, Rules
+from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.account import Account, account_of
-from gsbridge.gap.joints.bank import bank_of
+from gsbridge.gap.joints.bank import signature_bank
 from gsbridge.gap.joints.candidates import Candidate, candidates
-from gsbridge.gap.joints.identify import Identification
-from gsbridge.gap.joints.mechanism_model import Applied, System
-from gsbridge.gap.joints.records import Record
-from gsbridge.gap.joints.replay import Mechanism
-from gsbridge.gap.joints.residuals import View, share_noise
+from gsbridge.gap.joints.identify import JointIdentification
+from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
+from gsbridge.gap.joints.mechanism.replay import Mechanism
+from gsbridge.gap.joints.residuals import JointResiduals, share_noise
 from gsbridge.gap.joints.verify import Verification, verify
 
 logger = logging.getLogger("gsbridge")
@@ -67,8 +68,8 @@ class Diagnosis:
         return self.account.effects if better and self.account is not None else ()
 
 
-def diagnose(
-    system: System,
+def diagnose_joints(
+    system: MechanismModel,
     records: Mapping[str, Record],
     bank_folder: str | Path,
     *,
@@ -88,15 +89,15 @@ def diagnose(
     """
     begin = time.perf_counter()
     mechanism = Mechanism(system)
-    first = View.of(mechanism, records["fit"], folder=bank_folder)
-    second = View.of(mechanism, records["select"], folder=bank_folder)
-    third = View.of(mechanism, records["verify"], folder=bank_folder)
+    first = JointResiduals.of(mechanism, records["fit"], folder=bank_folder)
+    second = JointResiduals.of(mechanism, records["select"], folder=bank_folder)
+    third = JointResiduals.of(mechanism, records["verify"], folder=bank_folder)
     share_noise((first, second, third))
     who, made = candidates(system, names), mechanism.runs
-    bank = bank_of(first, who, bank_folder)
+    bank = signature_bank(first, who, bank_folder)
     made = mechanism.runs - made
     logger.info("%d candidates, %d signatures", len(who), len(bank.signatures))
-    search = Identification(first, second, bank, who, rules, seed)
+    search = JointIdentification(first, second, bank, who, rules, seed)
     finding = search.run()
     verification = None
     if finding.best is not None:
@@ -128,7 +129,7 @@ def findings_of(
     Args:
         diagnosis: The diagnosis.
         records: Its records.
-        seed: As given to `diagnose`.
+        seed: As given to `diagnose_joints`.
         reasons: Why the result is degraded.
     """
     finding, checked = diagnosis.finding, diagnosis.verification
@@ -218,7 +219,7 @@ def account_record(account: Account, finding: Finding) -> dict[str, Any]:
     }
 
 
-def describe(trial: Trial, finding: Finding) -> list[dict[str, Any]]:
+def describe(trial: Hypothesis, finding: Finding) -> list[dict[str, Any]]:
     """Parameters of a trial's effects with units and 90 % intervals."""
     out, place = [], 0
     # Residuals above the noise widen the intervals as they would under noise of that size.

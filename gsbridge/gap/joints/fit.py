@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.joints.candidates import Candidate
-from gsbridge.gap.joints.mechanism_model import Applied
-from gsbridge.gap.joints.residuals import View
+from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import Screen
 from gsbridge.geometry import Array
 
@@ -49,7 +49,7 @@ _HIDDEN = 1e-2
 
 
 @dataclass(frozen=True)
-class Fit:
+class EffectFit:
     """Effects with fitted parameters.
 
     Args:
@@ -107,7 +107,7 @@ class Fit:
 class _Problem:
     """Parameters of several candidates as one vector, with bounds and scales."""
 
-    def __init__(self, view: View, who: Sequence[Candidate]) -> None:
+    def __init__(self, view: JointResiduals, who: Sequence[Candidate]) -> None:
         self.view, self.who = view, tuple(who)
         parameters = [p for candidate in who for p in candidate.effect.parameters]
         self.cuts = np.cumsum([len(candidate.effect.parameters) for candidate in who])[:-1]
@@ -164,13 +164,13 @@ class _Problem:
 
 
 def fit(
-    view: View,
+    view: JointResiduals,
     who: Sequence[Candidate],
     start: Sequence[dict[str, float]],
     bar: float = np.inf,
     screen: Screen | None = None,
     limit: float = np.inf,
-) -> Fit:
+) -> EffectFit:
     """Fit all parameters of some effects together.
 
     Args:
@@ -188,7 +188,7 @@ def fit(
     return _descend(problem, x, r, jacobian, bar, fresh=screen is None, limit=limit)
 
 
-def polish(view: View, rough: Fit, limit: float = np.inf) -> Fit:
+def polish(view: JointResiduals, rough: EffectFit, limit: float = np.inf) -> EffectFit:
     """The same fit with derivatives taken anew where it ended, and at most a few steps more; `limit` as for `fit`."""
     problem = _Problem(view, rough.who)
     x = np.concatenate([c.vector(values) for c, values in zip(rough.who, rough.values, strict=True)])
@@ -220,7 +220,7 @@ def _descend(
     share: float = _SHARE,
     last: bool = False,
     limit: float = np.inf,
-) -> Fit:
+) -> EffectFit:
     """Steps until none could win anything: less than `share` of the squared residual, or less than noise tells.
 
     The `last` fit also asks what the step of time does where it ends, which limits and dry friction magnify.
@@ -273,4 +273,4 @@ def _descend(
     correlation = np.abs(covariance / np.maximum(spread, 1e-300) - np.eye(len(x))).max() if len(x) > 1 else 0.0
     shown = np.linalg.svd(jacobian * problem.scale(x), compute_uv=False)
     rank = max(1, int((shown > _HIDDEN * shown[0]).sum()))
-    return Fit(problem.who, problem.effects(x), best, settled, deviations, float(correlation), rank)
+    return EffectFit(problem.who, problem.effects(x), best, settled, deviations, float(correlation), rank)

@@ -9,22 +9,28 @@ from dataclasses import replace
 import numpy as np
 
 from gsbridge.gap.diagnosis.closure import closed, closed_at_most_times
-from gsbridge.gap.diagnosis.results import VERDICTS, Finding, Rules, Trial
+from gsbridge.gap.diagnosis.results import VERDICTS, Finding, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import Decision, decide, transfer
-from gsbridge.gap.joints.bank import Bank
+from gsbridge.gap.joints.bank import SignatureBank
 from gsbridge.gap.joints.candidates import Candidate
 from gsbridge.gap.joints.coherence import coherence_p, has_related, line_p
-from gsbridge.gap.joints.detect import Null, calibrate
-from gsbridge.gap.joints.fit import Fit, fit, polish
-from gsbridge.gap.joints.residuals import View
-from gsbridge.gap.joints.screen import Match, Mixture, Screen
+from gsbridge.gap.joints.detect import JointNull, joint_null
+from gsbridge.gap.joints.fit import EffectFit, fit, polish
+from gsbridge.gap.joints.residuals import JointResiduals
+from gsbridge.gap.joints.screen import Mixture, Screen, SignatureMatch
 
-__all__ = ["VERDICTS", "Finding", "Identification", "Rules", "Trial"]
+__all__ = ["VERDICTS", "Finding", "Hypothesis", "JointIdentification", "Rules"]
 
 logger = logging.getLogger("gsbridge")
 
 _RESERVE = 12
 """Simulations kept for the derivatives of the best explanation."""
+
+_LOOKED, _OF_JOINT = 20, 4
+"""Candidates of which one simulation tells whether they help an account, and how many of them may act on one joint."""
+
+_NEARLY = 0.8
+"""Share of what an effect gains that a simpler one must gain to be told instead."""
 
 _AS_LITTLE, _LITTLE = 5.0, 0.01
 """Multiple of what the best explanation leaves, and share of the gap, up to which others leave as little: the model's error
@@ -48,7 +54,7 @@ _TOGETHER = 0.002
 motion where this decides."""
 
 
-class Identification:
+class JointIdentification:
     """One diagnosis.
 
     Args:
@@ -61,13 +67,19 @@ class Identification:
     """
 
     def __init__(
-        self, first: View, second: View, bank: Bank, who: Sequence[Candidate], rules: Rules | None = None, seed: int = 0
+        self,
+        first: JointResiduals,
+        second: JointResiduals,
+        bank: SignatureBank,
+        who: Sequence[Candidate],
+        rules: Rules | None = None,
+        seed: int = 0,
     ) -> None:
         self.first, self.second, self.who = first, second, tuple(who)
         self.rules, self.rng = rules or Rules(), np.random.default_rng(seed)
         self.screen = Screen(first, bank)
-        self.null_first: Null = calibrate(first, self.rng, self.screen)
-        self.null: Null = calibrate(second, self.rng)
+        self.null_first: JointNull = joint_null(first, self.rng, self.screen)
+        self.null: JointNull = joint_null(second, self.rng)
         self._begin = first.mechanism.runs
         self.start, self.plain = first.residual(), second.residual()
         self.floor, self.floor_first = self.null.share * self.plain.size, self.null_first.share * self.start.size
@@ -113,7 +125,7 @@ class Identification:
         """Simulations at which a fit is given up, so that judging it and the reserve stay within the budget."""
         return self._begin + self.rules.budget - reserve - _JUDGED
 
-    def _transfers(self, trial: Trial) -> bool:
+    def _transfers(self, trial: Hypothesis) -> bool:
         """Whether a trial explains a part of the other record, by more than chance and colour of the noise allow."""
         if self.plain_chi2 - trial.chi2 < self.rules.margin:
             return False
@@ -136,29 +148,29 @@ class Identification:
             verdict, None, (), (), remains, p_value, p_value, size, size, self._used(), unseen, lost=tuple(sorted(self.lost))
         )
 
-    def _trial(self, fitted: Fit) -> Trial:
+    def _trial(self, fitted: EffectFit) -> Hypothesis:
         """Judge a fit on `select`."""
         residual = self.second.residual(fitted.effects)
         chi2 = float((residual**2).sum())
         gap = max(self.plain_chi2 - self.floor, 1e-9)
         closure = 1.0 - float(np.sqrt(max(chi2 - self.floor, 0.0) / gap))
-        return Trial(fitted, residual, self.first.residual(fitted.effects), chi2, closure)
+        return Hypothesis(fitted, residual, self.first.residual(fitted.effects), chi2, closure)
 
-    def _remains(self, trial: Trial) -> bool:
+    def _remains(self, trial: Hypothesis) -> bool:
         """Whether a trial leaves more than noise."""
         return self._p_remaining(trial) < self.rules.alarm
 
-    def _p_remaining(self, trial: Trial) -> float:
+    def _p_remaining(self, trial: Hypothesis) -> float:
         """Probability that noise leaves as much on either record, or as much that looks like some effect."""
         left = self.screen.matches(trial.first)
         p_gain = self.null_first.p_gain(left[0].gain) if left else 1.0
         looks = (self.null.p_value(trial.residual), self.null_first.p_value(trial.first), p_gain)
         return min(1.0, len(looks) * min(looks))
 
-    def _singles(self, matches: Sequence[Match]) -> list[Trial]:
+    def _singles(self, matches: Sequence[SignatureMatch]) -> list[Hypothesis]:
         """Fits of one effect each; those that cannot reach the best are not fitted, those that did not converge are told."""
         ranked = sorted((match for match in matches if match.gain > 0), key=lambda match: -match.bound)
-        out: list[Trial] = []
+        out: list[Hypothesis] = []
         chi2, reached = float((self.start**2).sum()), -np.inf
         for number, match in enumerate(ranked):
             slack = 4 * self.rules.margin + 0.3 * max(reached, 0.0) if number < self.rules.rivals else self.rules.margin
@@ -182,7 +194,7 @@ class Identification:
                 self.lost.add(str(match.candidate))
         return out
 
-    def _several(self, singles: list[Trial], best: Trial) -> list[Trial]:
+    def _several(self, singles: list[Hypothesis], best: Hypothesis) -> list[Hypothesis]:
         """Sets of effects: what grows from the best smaller set, then the best sums of signatures; larger sets only if
         smaller ones leave something."""
         trials = list(singles)
@@ -209,7 +221,7 @@ class Identification:
                 break
         return self._slim(trials)
 
-    def _grown(self, base: Trial, count: int) -> list[Mixture]:
+    def _grown(self, base: Hypothesis, count: int) -> list[Mixture]:
         """What screens best beside an explanation with one effect less."""
         if len(base.fit.who) != count - 1:
             return []
@@ -217,7 +229,7 @@ class Identification:
         found = [match for match in self.screen.matches(left) if match.candidate not in base.fit.who][:3]
         return [Mixture((*base.fit.who, m.candidate), (*base.fit.values, m.starts[0]), m.gain) for m in found]
 
-    def _slim(self, trials: list[Trial]) -> list[Trial]:
+    def _slim(self, trials: list[Hypothesis]) -> list[Hypothesis]:
         """Leave out sets that are hardly better than one of their subsets."""
         out = []
         for trial in trials:
@@ -226,7 +238,9 @@ class Identification:
                 out.append(trial)
         return out
 
-    def _decide(self, trials: list[Trial], matches: Sequence[Match], p_value: float, unseen: tuple[str, ...]) -> Finding:
+    def _decide(
+        self, trials: list[Hypothesis], matches: Sequence[SignatureMatch], p_value: float, unseen: tuple[str, ...]
+    ) -> Finding:
         rules = self.rules
         first = decide(trials, rules, self.floor)
         # The best and what comes near it are fitted once more, with derivatives of their own.
@@ -264,7 +278,7 @@ class Identification:
             self._used(), unseen, lost=tuple(sorted(self.lost)),
         )  # fmt: skip
 
-    def _suffices(self, trial: Trial, trials: Sequence[Trial]) -> bool:
+    def _suffices(self, trial: Hypothesis, trials: Sequence[Hypothesis]) -> bool:
         """Whether a trial explains enough to be named although more than noise is left.
 
         Several effects together fit much that they do not explain: each must explain more than what remains, which is the
@@ -286,7 +300,7 @@ class Identification:
                 return False
         return True
 
-    def _sure_part(self, found: Decision, trials: Sequence[Trial]) -> Trial | None:
+    def _sure_part(self, found: Decision, trials: Sequence[Hypothesis]) -> Hypothesis | None:
         """What all of the best explanations hold, if that alone closes the gap but for a little and has no rival; else None."""
         best = found.trials[0]
         if len(best.fit.who) == 1:
@@ -307,7 +321,7 @@ class Identification:
         sure = alone.trials[0] is part and not alone.near and alone.chances[0] >= self.rules.sure
         return part if sure else None
 
-    def widen(self, finding: Finding) -> Trial | None:
+    def widen(self, finding: Finding) -> Hypothesis | None:
         """An explanation with all effects that help: grown from what was found, by what helps on `select` most.
 
         Args:
@@ -322,7 +336,7 @@ class Identification:
         singles = [trial for trial, _ in finding.rivals if len(trial.fit.who) == 1]
         if finding.verdict == "none_of_the_known" and singles and len(finding.best.fit.who) > 1:
             begins = [decide(singles, self.rules, self.floor).trials[0], finding.best]
-        end, grown = self.first.mechanism.runs + self.rules.account, list[Trial]()
+        end, grown = self.first.mechanism.runs + self.rules.account, list[Hypothesis]()
         for number, trial in enumerate(begins, 1):
             grown.append(self._widened(trial, end - self.rules.account * (len(begins) - number) // len(begins)))
         # What grew from one effect is told, unless what began as several leaves much less.
@@ -332,13 +346,12 @@ class Identification:
         """Length of a residual on `select` beyond the noise."""
         return float(np.sqrt(max(chi2 - self.floor, 0.0)))
 
-    def _widened(self, best: Trial, end: int) -> Trial:
+    def _widened(self, best: Hypothesis, end: int) -> Hypothesis:
         """One explanation, grown until nothing helps or the simulations are spent."""
         failed: set[Candidate] = set()
         while len(best.fit.who) < self.rules.entries and self._remains(best):
-            left, before = self.screen.matches(best.first), best
-            fresh = [match for match in left if match.candidate not in best.fit.who and match.candidate not in failed]
-            for match in sorted(fresh, key=lambda match: -match.bound)[:_SETS]:
+            before = best
+            for match in self._promising(best, failed):
                 if self.first.mechanism.runs >= end:
                     return best
                 who, start = (*best.fit.who, match.candidate), (*best.fit.values, match.starts[0])
@@ -351,22 +364,46 @@ class Identification:
                 break
         return best
 
-    def _earns(self, trial: Trial, best: Trial) -> bool:
+    def _promising(self, best: Hypothesis, failed: set[Candidate]) -> list[SignatureMatch]:
+        """Candidates that help on `select` as they start, the most helpful first: what fits one record alone is no cause."""
+        ranked = sorted(self.screen.matches(best.first), key=lambda match: -match.bound)
+        counts: dict[str, int] = {}
+        looked = []
+        for match in ranked:
+            joint = match.candidate.joint
+            if match.candidate in best.fit.who or match.candidate in failed or counts.get(joint, 0) >= _OF_JOINT:
+                continue
+            counts[joint] = counts.get(joint, 0) + 1
+            residual = self.second.residual((*best.fit.effects, match.candidate.applied(match.starts[0])))
+            looked.append((float((residual**2).sum()), match))
+            if len(looked) >= _LOOKED:
+                break
+        looked = sorted((item for item in looked if item[0] < best.chi2), key=lambda item: item[0])
+        out = [match for _, match in looked[:_SETS]]
+        for chi2, match in looked[1:]:
+            # What is the first one without some of its numbers, and does nearly as well, says as much with less.
+            first = looked[0][1].candidate
+            alike = match.candidate.joint == first.joint and match.candidate.name in first.effect.contains
+            if alike and best.chi2 - chi2 > _NEARLY * (best.chi2 - looked[0][0]):
+                out = [match, *(other for other in out if other is not match)]
+        return out
+
+    def _earns(self, trial: Hypothesis, best: Hypothesis) -> bool:
         """Whether one effect more explains a part of the gap on `select` worth a line, and by more than chance."""
         before, after, gap = (self._gap(chi2) for chi2 in (best.chi2, trial.chi2, self.plain_chi2))
         if before - after < self.rules.least * gap or trial.fit.stopped:
             return False
         return transfer(best.residual, trial.residual) > self.rules.deviations
 
-    def _closed(self, trial: Trial) -> float:
+    def _closed(self, trial: Hypothesis) -> float:
         """Share of the gap on `select` that a trial closes, as far as noise tells."""
         return closed(self.plain, trial.residual, self.null.share)
 
-    def _closed_first(self, trial: Trial) -> float:
+    def _closed_first(self, trial: Hypothesis) -> float:
         """The same on `fit`, where something else may have happened for a while; `select` tells whether it did."""
         return closed_at_most_times(self.start, trial.first, self.null_first.share)
 
-    def _unfitted(self, best: Trial, matches: Sequence[Match], trials: Sequence[Trial]) -> list[str]:
+    def _unfitted(self, best: Hypothesis, matches: Sequence[SignatureMatch], trials: Sequence[Hypothesis]) -> list[str]:
         """Candidates that were not fitted, but whose signatures explain as much: they are not ruled out either."""
         if len(best.fit.who) > 1:
             return []

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from gsbridge.gap.joints.records import TOOL
-from gsbridge.gap.joints.residuals import View
+from gsbridge.gap.formats.records import TOOL
+from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
 REST = 0.05
@@ -35,7 +35,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True)
-class Map:
+class ResidualMap:
     """Root mean square residuals, of a mechanism in units of the noise.
 
     Args:
@@ -60,7 +60,7 @@ class Map:
         }
 
 
-def where(view: View, residual: Array, outputs: Mapping[str, Array]) -> Map:
+def map_residuals(view: JointResiduals, residual: Array, outputs: Mapping[str, Array]) -> ResidualMap:
     """Lay residuals over the motion.
 
     Args:
@@ -84,7 +84,7 @@ def where(view: View, residual: Array, outputs: Mapping[str, Array]) -> Map:
                 total = float((residual[inside, row] ** 2).sum())
                 values[row, column] = np.sqrt(total / number)
                 chances[row, column] = stats.chi2.sf(total, number)
-    return Map(names, values, few_false(chances, np.isfinite(values)))
+    return ResidualMap(names, values, few_false(chances, np.isfinite(values)))
 
 
 def _cells(q: Array, v: Array, effort: Array, time: Array) -> list[Array]:

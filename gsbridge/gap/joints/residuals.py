@@ -9,12 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from gsbridge.gap.joints.apply_effects import build_setup
-from gsbridge.gap.joints.mechanism_model import Applied, System
+from gsbridge.effects.registry import Applied
+from gsbridge.gap.formats.records import Record
+from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
+from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
+from gsbridge.gap.joints.mechanism.replay import Mechanism, Span, State
 from gsbridge.gap.joints.noise import pooled, white_noise
-from gsbridge.gap.joints.records import Record
-from gsbridge.gap.joints.replay import Mechanism, Span, State
-from gsbridge.gap.joints.sensitivity import FINE, KINDS, Frame, frame_of, start_states
+from gsbridge.gap.joints.sensitivity import FINE, KINDS, Sensitivity, sensitivity_of, start_states
 from gsbridge.geometry import Array
 
 HORIZON = 1.0
@@ -34,7 +35,7 @@ _KEPT = 128
 """Replays kept in memory: fits, their checks and bootstraps ask for some of them again."""
 
 
-def spans_of(record: Record, system: System) -> list[Span]:
+def spans_of(record: Record, system: MechanismModel) -> list[Span]:
     """Stretches in which a record is replayed: whole under position feedback, else cut at `HORIZON`."""
     total = len(record.time)
     if system.controller.closed_loop:
@@ -72,7 +73,7 @@ def _spread(values: Array) -> Array:
 
 
 @dataclass
-class View:
+class JointResiduals:
     """A record, the mechanism that replays it, and the noise.
 
     Args:
@@ -92,7 +93,7 @@ class View:
     states: list[State]
     sigma: Array
     channels: tuple[tuple[str, int], ...]
-    frame: Frame
+    frame: Sensitivity
     records: int = 1
     _fine: Array | float = 0.0
     _replays: dict[str, Array] = field(default_factory=dict, repr=False)
@@ -100,7 +101,7 @@ class View:
     @classmethod
     def of(
         cls, mechanism: Mechanism, record: Record, effects: Sequence[Applied] = (), folder: str | Path | None = None
-    ) -> View:
+    ) -> JointResiduals:
         """Look at a record.
 
         Args:
@@ -119,7 +120,7 @@ class View:
         # What the controller asks is the command itself where nothing is fed back.
         kinds = [k for k in KINDS if k in record.measured and (k != "effort" or system.controller.closed_loop)]
         channels = tuple((kind, k) for kind in kinds for k in range(record.measured[kind].shape[1]))
-        frame = frame_of(mechanism, record, spans, states, folder)
+        frame = sensitivity_of(mechanism, record, spans, states, folder)
         view = cls(mechanism, record, spans, states, np.ones(len(channels)), channels, frame)
         if system.centred:
             view._fine = np.nan_to_num(_RICHARDSON * view._columns(frame.stepping))
@@ -129,7 +130,7 @@ class View:
 
     def simulate(self, effects: Sequence[Applied] = ()) -> dict[str, Array]:
         """Outputs of the mechanism with effects."""
-        return self.mechanism.run(self.record, build_setup(self.mechanism, effects), self.spans, self.states)
+        return self.mechanism.run(self.record, apply_effects(self.mechanism, effects), self.spans, self.states)
 
     def replay(self, effects: Sequence[Applied] = ()) -> Array:
         """The same as channels side by side, remembered, with the step's own error in the nominal motion taken off. [T, C]."""
@@ -206,7 +207,7 @@ class View:
         if not system.centred:
             return np.zeros((len(self.record.time), len(self.channels)))
         fine = Mechanism(replace(system, physics_rate=FINE * system.physics_rate))
-        moved = self.stack(fine.run(self.record, build_setup(fine, effects), self.spans, self.states))
+        moved = self.stack(fine.run(self.record, apply_effects(fine, effects), self.spans, self.states))
         self.mechanism.runs += fine.runs
         return self.whiten(_RICHARDSON * (moved + self._fine - self.replay(effects)) - self._fine)
 
@@ -235,7 +236,7 @@ class View:
         return total.hexdigest()
 
 
-def share_noise(views: Sequence[View]) -> None:
+def share_noise(views: Sequence[JointResiduals]) -> None:
     """Pool the noise of views of one mechanism, channel by channel: the same sensors logged them."""
     if len({view.channels for view in views}) == 1:
         for view, sigma in zip(views, pooled([view.sigma for view in views]), strict=True):

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gsbridge.gap.joints.bank import Bank, Signature
+from gsbridge.gap.joints.bank import Signature, SignatureBank
 from gsbridge.gap.joints.candidates import Candidate
-from gsbridge.gap.joints.residuals import View
+from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
 _STRETCH = (0.4, 60.0)
@@ -23,7 +23,7 @@ _SMALL, _LARGE = 1e-2, 4.0
 
 
 @dataclass(frozen=True)
-class Match:
+class SignatureMatch:
     """How well a candidate explains a residual before any fit.
 
     Args:
@@ -68,7 +68,7 @@ class Screen:
         sizes: Squared lengths. [S].
     """
 
-    def __init__(self, view: View, bank: Bank) -> None:
+    def __init__(self, view: JointResiduals, bank: SignatureBank) -> None:
         rows = [view.whiten(s.change.astype(np.float64)).ravel().astype(np.float32) for s in bank.signatures]
         self.shapes = np.stack(rows) if rows else np.empty((0, view.sigma.size * len(view.record.time)), np.float32)
         self.sizes = (self.shapes.astype(np.float64) ** 2).sum(axis=1)
@@ -104,7 +104,7 @@ class Screen:
         factor = np.clip(along / sizes, *_STRETCH)
         return 2 * factor * along - factor**2 * sizes, factor
 
-    def matches(self, residual: Array, starts: int = 3) -> list[Match]:
+    def matches(self, residual: Array, starts: int = 3) -> list[SignatureMatch]:
         """Candidates, the largest gain first."""
         along = self.along(residual)
         gains, factors = self.gains(along)
@@ -118,7 +118,7 @@ class Screen:
             projected = self._projected(who, along) if bound > _PROJECTED * max(gains[first], 0.0) else None
             # Where several signatures together explain much more than one, the fit starts where they lead.
             values = values if projected is None else [projected, *values]
-            out.append(Match(who, float(gains[first]), float(cosine), tuple(values), bound))
+            out.append(SignatureMatch(who, float(gains[first]), float(cosine), tuple(values), bound))
         return sorted(out, key=lambda match: -match.gain)
 
     def _scaled(self, number: int, factor: float) -> dict[str, float]:
@@ -233,7 +233,7 @@ class Screen:
         return sorted(best.values(), key=lambda item: -item[1])[:keep]
 
 
-def screen(view: View, bank: Bank, residual: Array, starts: int = 3) -> list[Match]:
+def screen(view: JointResiduals, bank: SignatureBank, residual: Array, starts: int = 3) -> list[SignatureMatch]:
     """Candidates, the best first.
 
     Args:
@@ -245,7 +245,7 @@ def screen(view: View, bank: Bank, residual: Array, starts: int = 3) -> list[Mat
     return Screen(view, bank).matches(residual, starts)
 
 
-def cosines(view: View, signatures: Sequence[Signature]) -> Array:
+def cosines(view: JointResiduals, signatures: Sequence[Signature]) -> Array:
     """How alike signatures look: 1 means that no fit can tell them apart. [S, S]."""
     shapes = np.stack([view.whiten(s.change.astype(np.float64)).ravel() for s in signatures])
     shapes /= np.maximum(np.linalg.norm(shapes, axis=1, keepdims=True), 1e-12)

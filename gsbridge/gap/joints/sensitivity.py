@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -10,10 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
+from gsbridge.digests import code_digest
 from gsbridge.files import atomic_file
-from gsbridge.gap.joints.apply_effects import build_setup
-from gsbridge.gap.joints.records import TOOL, Record
-from gsbridge.gap.joints.replay import Mechanism, Span, State
+from gsbridge.gap.formats.records import TOOL, Record
+from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
+from gsbridge.gap.joints.mechanism.replay import Mechanism, Span, State
 from gsbridge.geometry import Array
 
 KINDS = ("position", "velocity", "effort", TOOL)
@@ -26,7 +28,7 @@ _ANGLE, _SPEED = 1e-4, 1e-3
 
 
 @dataclass(frozen=True)
-class Frame:
+class Sensitivity:
     """Derivatives of a nominal replay.
 
     Args:
@@ -51,22 +53,28 @@ def start_states(mechanism: Mechanism, record: Record, spans: Sequence[Span], me
     return [(command[first].copy(), speed[first].copy()) for first, _ in spans]
 
 
-def frame_of(
+@functools.cache
+def _edition() -> str:
+    """Digest of the code that makes a sensitivity: none that other code made is read."""
+    return code_digest(__name__)
+
+
+def sensitivity_of(
     mechanism: Mechanism, record: Record, spans: Sequence[Span], measured: Sequence[State], folder: str | Path | None = None
-) -> Frame:
+) -> Sensitivity:
     """The frame of a record, from `folder` where an equal one was made before."""
     states = start_states(mechanism, record, spans, measured)
     if folder is None:
         return _make(mechanism, record, spans, states)
     which = TOOL if TOOL in record.measured else ""
-    key = hashlib.sha256(f"frame{mechanism.system.digest()}{record.content_digest()}{list(spans)}{which}".encode())
+    key = hashlib.sha256(f"frame{_edition()}{mechanism.system.digest()}{record.content_digest()}{list(spans)}{which}".encode())
     for q, v in states:
         key.update(q.tobytes() + v.tobytes())
     path = Path(folder) / f"{key.hexdigest()[:32]}.npz"
     if path.exists():
         try:
             with np.load(path) as data:
-                return Frame(data["nudges"], data["stepping"], 0)
+                return Sensitivity(data["nudges"], data["stepping"], 0)
         except (OSError, ValueError, KeyError, zipfile.BadZipFile):
             path.unlink()
     frame = _make(mechanism, record, spans, states)
@@ -88,11 +96,11 @@ def _laid(outputs: Mapping[str, Array]) -> Array:
     return table
 
 
-def _make(mechanism: Mechanism, record: Record, spans: Sequence[Span], states: list[State]) -> Frame:
-    begin, count, setup = mechanism.runs, len(record.joints), build_setup(mechanism, ())
+def _make(mechanism: Mechanism, record: Record, spans: Sequence[Span], states: list[State]) -> Sensitivity:
+    begin, count, setup = mechanism.runs, len(record.joints), apply_effects(mechanism, ())
 
     def run(who: Mechanism, begins: list[State]) -> Array:
-        out = who.run(record, build_setup(who, ()) if who is not mechanism else setup, spans, begins)
+        out = who.run(record, apply_effects(who, ()) if who is not mechanism else setup, spans, begins)
         return _laid(out)
 
     plain, nudges = run(mechanism, states), []
@@ -104,4 +112,4 @@ def _make(mechanism: Mechanism, record: Record, spans: Sequence[Span], states: l
     fine = Mechanism(replace(mechanism.system, physics_rate=FINE * mechanism.system.physics_rate))
     stepping = run(fine, states) - plain
     mechanism.runs += fine.runs
-    return Frame(np.stack(nudges), stepping, mechanism.runs - begin)
+    return Sensitivity(np.stack(nudges), stepping, mechanism.runs - begin)

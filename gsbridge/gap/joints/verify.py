@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.results import Rules
-from gsbridge.gap.joints.detect import calibrate
-from gsbridge.gap.joints.mechanism_model import Applied
-from gsbridge.gap.joints.residuals import View
+from gsbridge.gap.joints.detect import joint_null
+from gsbridge.gap.joints.residuals import JointResiduals
 
 _PART = 0.5
 """Share of the gap that a name must close on the record that it has not seen."""
@@ -53,7 +53,7 @@ class Verification:
         return self.p_remaining >= rules.alarm or self.closure >= (rules.whole if several else rules.closure)
 
 
-def verify(view: View, effects: Sequence[Applied], rng: np.random.Generator) -> Verification:
+def verify(view: JointResiduals, effects: Sequence[Applied], rng: np.random.Generator) -> Verification:
     """Replay a record with and without effects.
 
     Args:
@@ -69,5 +69,5 @@ def verify(view: View, effects: Sequence[Applied], rng: np.random.Generator) -> 
     gap, left = np.sqrt(max(before**2 - 1.0, 1e-12)), np.sqrt(max(after**2 - 1.0, 0.0))
     names = [view.record.label(kind, k) for kind, k in view.channels]
     channels = {name: (float(a), float(b)) for name, a, b in zip(names, rows_before, rows_after, strict=True)}
-    p_remaining = calibrate(view, rng).p_value(residual)
+    p_remaining = joint_null(view, rng).p_value(residual)
     return Verification(before, after, float(1.0 - left / gap), channels, after <= before, p_remaining)

@@ -9,45 +9,46 @@ from typing import Any
 
 import numpy as np
 
-from gsbridge.gap.diagnosis.signature_similarity import alike
+from gsbridge.effects.registry import Applied
+from gsbridge.gap.diagnosis.signature_similarity import similar_pairs
+from gsbridge.gap.formats.records import Record
 from gsbridge.gap.formats.store import load_records, save_records
-from gsbridge.gap.joints.bank import Bank, bank_of
+from gsbridge.gap.joints.bank import SignatureBank, signature_bank
 from gsbridge.gap.joints.candidates import Candidate, candidates
-from gsbridge.gap.joints.case import Case, read_case
-from gsbridge.gap.joints.diagnose import diagnose, findings_of
-from gsbridge.gap.joints.mechanism_model import Applied, read_system
-from gsbridge.gap.joints.records import Record
-from gsbridge.gap.joints.replay import Mechanism
-from gsbridge.gap.joints.residual_map import where
-from gsbridge.gap.joints.residuals import View, share_noise
+from gsbridge.gap.joints.case import JointCase, read_joint_case
+from gsbridge.gap.joints.diagnose import diagnose_joints, findings_of
+from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
+from gsbridge.gap.joints.mechanism.replay import Mechanism
+from gsbridge.gap.joints.residual_map import map_residuals
+from gsbridge.gap.joints.residuals import JointResiduals, share_noise
 from gsbridge.gap.joints.screen import cosines
 from gsbridge.geometry import Array
 
 
 @dataclass(frozen=True)
-class MechanismWork:
-    """A case whose model is a mechanism; see `gsbridge.gap.diagnosis.workflow.Work`.
+class JointBackend:
+    """A case whose model is a mechanism; see `gsbridge.gap.workflow.Backend`.
 
     Args:
         case: The case.
     """
 
-    case: Case
+    case: JointCase
 
     @classmethod
-    def read(cls, path: str | Path) -> MechanismWork:
+    def read(cls, path: str | Path) -> JointBackend:
         """From a case's file, checked.
 
         Raises:
             InputError: It cannot be used.
         """
-        case = read_case(path)
+        case = read_joint_case(path)
         # What only building it can tell is told here, too, before anything is written.
         Mechanism(case.system)
         return cls(case)
 
     @classmethod
-    def load(cls, model: str | Path, data: str | Path, about: Mapping[str, Any]) -> MechanismWork:
+    def load(cls, model: str | Path, data: str | Path, about: Mapping[str, Any]) -> JointBackend:
         """From what `save` and `about` have left.
 
         Raises:
@@ -55,8 +56,8 @@ class MechanismWork:
         """
         names = about["effects"]
         return cls(
-            Case(
-                Path(model), read_system(model), load_records(data), None if names is None else tuple(names),
+            JointCase(
+                Path(model), read_mechanism_model(model), load_records(data), None if names is None else tuple(names),
                 tuple(about["reasons"]),
             )
         )  # fmt: skip
@@ -85,7 +86,7 @@ class MechanismWork:
     def compare(self) -> dict[str, Any]:
         """Residuals of every channel under the model as it is, and a map of where they show: `comparison.json`."""
         mechanism = Mechanism(self.case.system)
-        views = {role: View.of(mechanism, item) for role, item in self.case.records.items()}
+        views = {role: JointResiduals.of(mechanism, item) for role, item in self.case.records.items()}
         share_noise(tuple(views.values()))
         return {
             "unit": "noise",
@@ -96,11 +97,11 @@ class MechanismWork:
     def screen(self, bank: str | Path) -> dict[str, Any]:
         """Make the bank of signatures, and say before any fit what the records can tell apart: `screen.json`."""
         mechanism = Mechanism(self.case.system)
-        views = {role: View.of(mechanism, item, folder=bank) for role, item in self.case.records.items()}
+        views = {role: JointResiduals.of(mechanism, item, folder=bank) for role, item in self.case.records.items()}
         # As the diagnosis does: the noise sets the sizes of the signatures, and so the bank.
         share_noise(tuple(views.values()))
         view, who = views["fit"], candidates(self.case.system, self.case.names)
-        found = bank_of(view, who, bank)
+        found = signature_bank(view, who, bank)
         shown = {signature.candidate for signature in found.signatures}
         return {
             "candidates": [str(candidate) for candidate in who],
@@ -113,7 +114,7 @@ class MechanismWork:
     def diagnose(self, bank: str | Path, seed: int) -> dict[str, Any]:
         """What is missing, proven on the third record: `findings.json`."""
         case = self.case
-        diagnosis = diagnose(case.system, case.records, bank, names=case.names, seed=seed)
+        diagnosis = diagnose_joints(case.system, case.records, bank, names=case.names, seed=seed)
         return findings_of(diagnosis, case.records, seed=seed, reasons=case.reasons)
 
     def replay(self, effects: Sequence[Applied]) -> tuple[dict[str, Array], dict[str, Any]]:
@@ -128,7 +129,7 @@ class MechanismWork:
         rows = {}
         for role, item in self.case.records.items():
             # The noise is judged by what the better replay leaves, as in the verification.
-            view = View.of(mechanism, item, effects)
+            view = JointResiduals.of(mechanism, item, effects)
             nominal, explained = view.simulate(), view.simulate(effects)
             before, after = view.residual(), view.residual(effects)
             arrays |= {f"{role}/time": item.time, f"{role}/sigma": view.sigma, f"{role}/measured": view.stack(item.measured)}
@@ -144,7 +145,7 @@ class MechanismWork:
                 "after": float(np.sqrt((after**2).sum() / view.freedom)),
                 "joints_measured": "position" in item.measured,
                 "channels": [item.label(kind, k) for kind, k in view.channels],
-                "remains": where(view, after, explained).record(),
+                "remains": map_residuals(view, after, explained).record(),
             }
         return arrays, {"unit": "noise", "records": rows, "simulations": mechanism.runs}
 
@@ -163,10 +164,10 @@ def _about(record: Record) -> dict[str, Any]:
     }
 
 
-def _residuals(view: View) -> dict[str, Any]:
+def _residuals(view: JointResiduals) -> dict[str, Any]:
     """Size of the residuals of one record, noise of its channels, and where they show."""
     residual = view.residual()
-    found = where(view, residual, view.simulate())
+    found = map_residuals(view, residual, view.simulate())
     return {
         "whole": float(np.sqrt((residual**2).sum() / view.freedom)),
         "channels": dict(zip(found.channels, np.sqrt((residual**2).mean(axis=0)).tolist(), strict=True)),
@@ -175,10 +176,10 @@ def _residuals(view: View) -> dict[str, Any]:
     }
 
 
-def _alike(view: View, bank: Bank, who: Sequence[Candidate]) -> list[dict[str, Any]]:
+def _alike(view: JointResiduals, bank: SignatureBank, who: Sequence[Candidate]) -> list[dict[str, Any]]:
     """Pairs of candidates that look alike in these records, the closest first."""
     first = {}
     for signature in bank.signatures:
         first.setdefault(signature.candidate, signature)
     chosen = [first[candidate] for candidate in who if candidate in first]
-    return alike([str(item.candidate) for item in chosen], np.abs(cosines(view, chosen))) if chosen else []
+    return similar_pairs([str(item.candidate) for item in chosen], np.abs(cosines(view, chosen))) if chosen else []

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
-from gsbridge.gap.joints.inertials import Skeleton
+from gsbridge.gap.joints.mechanism.inertials import Skeleton
 from gsbridge.geometry import Array
 from gsbridge.robot.assembly import RobotFiles
 from gsbridge.sim.model import Model

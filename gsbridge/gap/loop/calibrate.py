@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
+from gsbridge.effects.registry import Applied
+from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.detect import SCALES, block_means
-from gsbridge.gap.joints.mechanism_model import Applied, System
-from gsbridge.gap.joints.records import Record
-from gsbridge.gap.joints.replay import Mechanism
-from gsbridge.gap.joints.residuals import View, share_noise
+from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
+from gsbridge.gap.joints.mechanism.replay import Mechanism
+from gsbridge.gap.joints.residuals import JointResiduals, share_noise
 from gsbridge.geometry import Array
 
 logger = logging.getLogger("gsbridge")
@@ -77,7 +78,7 @@ class Calibration:
     seconds: float
 
 
-def calibrate(system: System, records: Mapping[str, Record], held_out: Sequence[str] = ("verify",)) -> Calibration:
+def calibrate(system: MechanismModel, records: Mapping[str, Record], held_out: Sequence[str] = ("verify",)) -> Calibration:
     """Fit all figures of all joints, and the delay of the commands.
 
     Args:
@@ -101,10 +102,10 @@ def calibrate(system: System, records: Mapping[str, Record], held_out: Sequence[
     scale = np.concatenate([np.maximum(given[name], 10 * _FLOORS[name]) for name in FIGURES] + [np.array([_DELAY])])
     start = np.concatenate([np.maximum(given[name], _FLOORS[name]) for name in FIGURES] + [np.array([delay + _DELAY])])
     plain = Mechanism(system)
-    views = {role: View.of(Mechanism(bare), record, _effects(bare, start)) for role, record in records.items()}
+    views = {role: JointResiduals.of(Mechanism(bare), record, _effects(bare, start)) for role, record in records.items()}
     share_noise(tuple(views.values()))
     noise = {role: view.sigma for role, view in views.items()}
-    before = {role: _size(View.of(plain, record), noise[role]) for role, record in records.items()}
+    before = {role: _size(JointResiduals.of(plain, record), noise[role]) for role, record in records.items()}
     fitted = [view for role, view in views.items() if role not in held_out]
     for view in fitted:
         # A model is no better than its structure: a hundredth of a channel's range counts as much as that of any other.
@@ -138,7 +139,7 @@ def calibrate(system: System, records: Mapping[str, Record], held_out: Sequence[
     )
 
 
-def _effects(system: System, vector: Array) -> tuple[Applied, ...]:
+def _effects(system: MechanismModel, vector: Array) -> tuple[Applied, ...]:
     """Figures as effects on the bare arm. [5 N + 1]."""
     count = len(system.joints)
     rows = {name: vector[k * count : (k + 1) * count] for k, name in enumerate(FIGURES)}
@@ -154,7 +155,7 @@ def _effects(system: System, vector: Array) -> tuple[Applied, ...]:
     return tuple(out)
 
 
-def _floor(views: Sequence[View], effects: Sequence[Applied]) -> dict[str, Array]:
+def _floor(views: Sequence[JointResiduals], effects: Sequence[Applied]) -> dict[str, Array]:
     """Spread of means over blocks, of the length at which it is largest, times the root of the length: white noise of this
     size shows as much at every length of time. By kind, [N] each."""
     first = views[0]
@@ -167,12 +168,12 @@ def _floor(views: Sequence[View], effects: Sequence[Applied]) -> dict[str, Array
     return {kind: np.array([out[c] for c, (found, _) in enumerate(first.channels) if found == kind]) for kind in kinds}
 
 
-def _misfit(views: Sequence[View], effects: Sequence[Applied]) -> float:
+def _misfit(views: Sequence[JointResiduals], effects: Sequence[Applied]) -> float:
     """Sum over views of a loss that large residuals do not dominate."""
     return float(sum(np.sqrt(1.0 + (view.residual(effects) / _TAIL) ** 2).sum() for view in views))
 
 
-def _size(view: View, sigma: Array, effects: Sequence[Applied] = ()) -> float:
+def _size(view: JointResiduals, sigma: Array, effects: Sequence[Applied] = ()) -> float:
     """Residual of a record, in units of the noise."""
     view.set_noise(sigma, view.records)
     return float(np.sqrt((view.residual(effects) ** 2).sum() / view.freedom))

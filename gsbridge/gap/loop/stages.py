@@ -10,7 +10,7 @@ import yaml
 
 from gsbridge.files import atomic_file, read_json, write_stage
 from gsbridge.gap.formats.yaml_file import read_yaml
-from gsbridge.gap.joints.case import read_case
+from gsbridge.gap.joints.case import read_joint_case
 from gsbridge.gap.loop.arm import write_arm
 from gsbridge.gap.loop.calibrate import FIGURES, calibrate, calibrated_model
 from gsbridge.registration.result import read_registration
@@ -65,7 +65,7 @@ def calibrate_arm(case: str | Path, model: str | Path, record: str | Path) -> No
     Raises:
         InputError: The case cannot be used.
     """
-    found = read_case(case)
+    found = read_joint_case(case)
     done = calibrate(found.system, found.records)
     content = calibrated_model(read_yaml(found.model, "model", "docs/gap.md"), done)
     with atomic_file(model) as temporary:

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from gsbridge.board import standard_board
 from gsbridge.cameras import Camera, split_of
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_directory, write_json, write_stage
@@ -23,6 +22,7 @@ from gsbridge.geometry import Array
 from gsbridge.images import psnr, read_image, srgb_from_linear, write_image
 from gsbridge.logs import Progress
 from gsbridge.meshes import Mesh, write_mesh
+from gsbridge.photogrammetry.board import standard_board
 from gsbridge.reality.mirror.backgrounds import TABLE_SIZE_M
 from gsbridge.reality.mirror.lens import Lens, phone
 from gsbridge.reality.mirror.path import background_path, object_path, pan_path

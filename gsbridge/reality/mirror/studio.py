@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from gsbridge.board import standard_board
 from gsbridge.cameras import Camera
 from gsbridge.capture.printing import sheet_reflectance
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.meshes import Mesh
+from gsbridge.photogrammetry.board import standard_board
 from gsbridge.reality.mirror.backgrounds import (
     BACKGROUNDS,
     PLATE_CENTRE_M,

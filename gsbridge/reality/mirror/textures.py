@@ -93,7 +93,7 @@ def blend(below: Array, above: Array | Sequence[float], weight: Array) -> Array:
     return below * (1 - w) + np.asarray(above) * w
 
 
-def step(value: Array, edge: float, width: float) -> Array:
+def step(value: Array, edge: Array | float, width: float) -> Array:
     """Smooth step from 0 to 1 around `edge`, over `width`."""
     t = np.clip((value - edge) / width + 0.5, 0, 1)
     return t * t * (3 - 2 * t)
@@ -146,8 +146,9 @@ def plane_noise(shape: tuple[int, int], sigma: float, rng: np.random.Generator) 
     if sigma > 8:  # broad noise is drawn coarse and enlarged: the same look at a fraction of the work
         factor = int(sigma // 4)
         small = plane_noise((shape[0] // factor + 8, shape[1] // factor + 8), sigma / factor, rng)
-        return cv2.resize(small, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)[: shape[0], : shape[1]]
-    noise = rng.standard_normal(shape, dtype=np.float32)
+        large: Array = cv2.resize(small, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
+        return large[: shape[0], : shape[1]]
+    noise: Array = rng.standard_normal(shape, dtype=np.float32)
     if sigma > 0:
         noise = cv2.GaussianBlur(noise, (0, 0), sigma, borderType=cv2.BORDER_REFLECT)
     return noise / noise.std()

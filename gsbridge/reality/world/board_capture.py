@@ -12,12 +12,12 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from gsbridge.board import Board
 from gsbridge.cameras import Camera
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_directory, write_json
 from gsbridge.images import write_image
 from gsbridge.logs import Progress
+from gsbridge.photogrammetry.board import Board
 from gsbridge.reality.world.camera import FIELD_OF_VIEW, MirrorCamera, Quality, Setting
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.layout import true_base_from_table, true_flange_from_camera, true_robot

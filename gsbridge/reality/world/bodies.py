@@ -60,6 +60,7 @@ def shown_mesh(name: str, seed: int, detail: float) -> tuple[Mesh, Array]:
     distances, nearest = cKDTree(filmed.vertices).query(mesh.vertices, _NEIGHBOURS)
     weights = np.exp(-((distances / _REACH) ** 2)) + 1e-12
     weights /= weights.sum(1, keepdims=True)
+    assert filmed.colours is not None  # `body_mesh` colours all that it makes
     colours = np.einsum("vk,vkc->vc", weights, filmed.colours[nearest])
     return Mesh(mesh.vertices, mesh.faces, colours.astype(np.float32)), normals
 

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from gsbridge.board import standard_board
 from gsbridge.cameras import Camera
 from gsbridge.capture.printing import sheet_reflectance
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.images import linear_from_srgb, srgb_from_linear
 from gsbridge.meshes import Mesh
+from gsbridge.photogrammetry.board import standard_board
 from gsbridge.reality.mirror import studio  # its private parts too: an edit there would make every film stale
 from gsbridge.reality.mirror.backgrounds import BACKGROUNDS, TABLE_CENTRE_M, TABLE_SIZE_M, make_plate, table_texture
 from gsbridge.reality.world.bodies import shown_mesh
@@ -133,7 +133,7 @@ class MirrorCamera:
             poses: `table_from_body` by name; names that are not drawn are passed over. Each [4, 4].
         """
         for name in self.bodies:
-            if name in poses and not np.array_equal(self._moved.get(name), poses[name]):
+            if name in poses and (name not in self._moved or not np.array_equal(self._moved[name], poses[name])):
                 self._moved[name] = np.array(poses[name])
                 self._parameters[f"body_{name}.to_world"] = self._mi.ScalarTransform4f(self._moved[name])
         self._parameters.update()
@@ -234,7 +234,7 @@ def expose(light: Array, hidden: Hidden, rng: np.random.Generator) -> Array:
     """
     signal = np.maximum(np.asarray(light, dtype=np.float64) * hidden.exposure, 0.0)
     if hidden.vignette > 0.0:
-        signal = signal * _falloff(*signal.shape[:2], hidden.vignette)[..., None]
+        signal = signal * _falloff(signal.shape[0], signal.shape[1], hidden.vignette)[..., None]
     spread = np.sqrt(signal / hidden.full_well + hidden.read_noise**2)
     signal = np.clip(signal + spread * rng.standard_normal(signal.shape), 0.0, 1.0)
     encoded = srgb_from_linear(signal) * hidden.tint + hidden.pedestal

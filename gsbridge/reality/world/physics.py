@@ -209,7 +209,7 @@ class MirrorPhysics:
         return State(
             tool_position=data.xpos[tool][None].copy(),
             tool_quat=data.xquat[tool][None].copy(),
-            aperture=np.mean(self.dimensions.aperture(data.qpos[self._knuckles]))[None],
+            aperture=np.mean(self.dimensions.aperture(data.qpos[self._knuckles]), keepdims=True),
             pad_forces=self._pull[None, :2].copy(),
             object_position=data.xpos[body][None].copy(),
             object_quat=quat[None].copy(),

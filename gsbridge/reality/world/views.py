@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
@@ -96,7 +97,7 @@ def take_photos(
     out: str | Path,
     record: str | Path,
     exposure: Exposure,
-    **numbers: int,
+    **numbers: Any,
 ) -> None:
     """Photograph states, each under its file name; each photo has noise of its own.
 

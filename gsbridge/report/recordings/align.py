@@ -8,13 +8,13 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from gsbridge.board import Board
 from gsbridge.cameras import Camera, View, read_views
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.geometry import Array
-from gsbridge.report.places import scene_of
+from gsbridge.photogrammetry.board import Board
 from gsbridge.report.recordings.recording import IMAGE_SIDE_PX, figures_text, log_scene_axes, log_views, recording
+from gsbridge.report.tables.result_paths import scene_of
 
 TAG_COLOUR = [250, 150, 30]
 SEEN_COLOUR = [40, 200, 230]

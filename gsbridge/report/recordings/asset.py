@@ -13,8 +13,8 @@ import trimesh
 from gsbridge.asset.bundle import read_asset
 from gsbridge.files import read_json
 from gsbridge.meshes import Mesh
-from gsbridge.report.places import scene_of
 from gsbridge.report.recordings.recording import log_mesh, log_scene_axes, recording
+from gsbridge.report.tables.result_paths import scene_of
 
 _SURFACE = (200, 205, 215)
 

@@ -9,8 +9,8 @@ import rerun.blueprint as rrb
 
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
-from gsbridge.report.places import scene_of
 from gsbridge.report.recordings.recording import log_photo, recording, small_image
+from gsbridge.report.tables.result_paths import scene_of
 
 
 def record_capture(keyframes_json: str | Path, frames: str | Path, out: str | Path) -> None:

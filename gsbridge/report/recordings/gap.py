@@ -12,13 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from gsbridge.files import read_json
 from gsbridge.gap.contact.body import is_body
-from gsbridge.gap.joints.chain import Chain
-from gsbridge.gap.joints.inertials import Skeleton
-from gsbridge.gap.joints.mechanism_model import read_system
+from gsbridge.gap.joints.mechanism.chain import Chain
+from gsbridge.gap.joints.mechanism.inertials import Skeleton
+from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
 from gsbridge.geometry import Array
-from gsbridge.report.gap_parts import JUDGED, read_series
-from gsbridge.report.recordings.gap_look import COLOURS, WAYS, summary
-from gsbridge.report.recordings.gap_throws import record_throws
+from gsbridge.report.gap.sections import JUDGED, read_series
+from gsbridge.report.recordings.gap_throws import COLOURS, WAYS, record_throws, summary
 from gsbridge.report.recordings.recording import recording
 
 FRAMES_PER_S = 25.0
@@ -52,7 +51,7 @@ def record_gap(
         record_throws(model, findings, series, case, out)
         return
     found, motion, rows = read_json(findings), read_series(series), read_json(replays)["records"][JUDGED]
-    system = read_system(model)
+    system = read_mechanism_model(model)
     skeleton = Skeleton.read(system.urdf, system.joints)
     chain = Chain.of(skeleton, system.joints, system.urdf)
     centres = chain.bodies(skeleton.inertials)[:, 1:4]

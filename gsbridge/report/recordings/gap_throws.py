@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -15,9 +16,22 @@ from scipy.spatial.transform import Rotation
 from gsbridge.files import read_json
 from gsbridge.gap.contact.body import FreeBody, read_body
 from gsbridge.geometry import Array
-from gsbridge.report.gap_parts import JUDGED, read_series
-from gsbridge.report.recordings.gap_look import COLOURS, WAYS, summary
+from gsbridge.report.gap.sections import JUDGED, read_series
 from gsbridge.report.recordings.recording import recording
+
+WAYS = {"measured": "Measured", "nominal": "Model as it was", "explained": "With the explanation"}
+COLOURS = {"measured": [90, 100, 112], "nominal": [194, 102, 12], "explained": [31, 111, 139]}
+
+
+def summary(found: Mapping[str, Any], note: str) -> str:
+    """The finding as Markdown.
+
+    Args:
+        found: `findings.json`.
+        note: What the viewer has to know about the pictures.
+    """
+    return f"**{str(found['verdict']).replace('_', ' ')}**\n\n{found['sentence']}\n\n{note}\n"
+
 
 SHOWN = 12
 """Throws in a recording, spread evenly over the order of their distances before."""
@@ -33,7 +47,7 @@ def record_throws(model: str | Path, findings: str | Path, series: str | Path, c
     """Record some throws of `verify`.
 
     Entities on the timeline `time` (s), on which throws follow one another: `{way}/body` for each way of
-    `gsbridge.report.recordings.gap_look.WAYS`, beside it, grey, `{way}/measured`; `{way}/path`, `{way}/surface`;
+    `gsbridge.report.recordings.gap_throws.WAYS`, beside it, grey, `{way}/measured`; `{way}/path`, `{way}/surface`;
     `plots/distance/before` and `/after`, mm; `summary`.
 
     Args:

@@ -11,8 +11,8 @@ import rerun.blueprint as rrb
 
 from gsbridge.cameras import read_views
 from gsbridge.images import read_mask
-from gsbridge.report.places import scene_of
 from gsbridge.report.recordings.recording import log_photo, recording, small_image
+from gsbridge.report.tables.result_paths import scene_of
 
 OBJECT_CLASS = 1
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import rerun.blueprint as rrb
 
 from gsbridge.meshes import read_mesh
-from gsbridge.report.places import scene_of
 from gsbridge.report.recordings.recording import log_mesh, log_scene_axes, recording
+from gsbridge.report.tables.result_paths import scene_of
 
 COLLISION_COLOUR = (235, 160, 60)
 VISUAL_COLOUR = (200, 205, 215)

@@ -9,10 +9,10 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from gsbridge.cameras import View
-from gsbridge.colmap import camera_from_colmap, pose_matrix, read_model
 from gsbridge.files import read_json
-from gsbridge.report.places import scene_of
+from gsbridge.photogrammetry.colmap import camera_from_colmap, pose_matrix, read_model
 from gsbridge.report.recordings.recording import figures_text, log_views, recording
+from gsbridge.report.tables.result_paths import scene_of
 
 SHOWN = ("registered", "total", "points", "track_length", "reprojection_px", "mapper", "retries", "layout_error")
 

@@ -10,8 +10,8 @@ import rerun.blueprint as rrb
 
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
-from gsbridge.report.places import scene_of
 from gsbridge.report.recordings.recording import IMAGE_SIDE_PX, log_photo, log_scene_axes, recording, small_image
+from gsbridge.report.tables.result_paths import scene_of
 from gsbridge.splats.ply import read_ply
 
 

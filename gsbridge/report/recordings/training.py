@@ -2,15 +2,36 @@
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 
 import rerun as rr
 import rerun.blueprint as rrb
 
+from gsbridge.errors import InputError
 from gsbridge.files import read_json
-from gsbridge.policy.curve import COLUMNS
-from gsbridge.report.curves import read_curve
+from gsbridge.policy.curve import COLUMNS, Row
 from gsbridge.report.recordings.recording import figures_text, recording
+
+
+def read_curve(path: str | Path) -> list[Row]:
+    """Rows of a learning curve; None where a figure is unknown.
+
+    Raises:
+        InputError: The file is missing, damaged or empty.
+    """
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            reader = csv.DictReader(file)
+            if tuple(reader.fieldnames or ()) != COLUMNS:
+                raise ValueError("its columns are not those of a learning curve")
+            rows = [{name: float(value) if value else None for name, value in row.items()} for row in reader]
+    except (OSError, TypeError, ValueError) as error:
+        raise InputError(path, f"the learning curve cannot be read ({error})", "Train the policy again") from error
+    if not rows:
+        raise InputError(path, "the learning curve has no rows", "Train the policy again")
+    return rows
+
 
 GROUPS = {
     "success": ("success", "success_q1", "success_q2", "success_q3", "success_q4", "training_success", "controller_success"),

@@ -11,9 +11,9 @@ import rerun.blueprint as rrb
 
 from gsbridge.asset.bundle import read_asset
 from gsbridge.geometry import Array
-from gsbridge.report.paired_trials import SIM, STEP_S, Start, TrialFiles, Tried, cell_name, failures_first, read_starts
-from gsbridge.report.places import Cell
+from gsbridge.report.figures.paired_trials import SIM, STEP_S, Start, TrialFiles, Tried, cell_name, failures_first, read_starts
 from gsbridge.report.recordings.recording import log_centres, log_scene_axes, recording
+from gsbridge.report.tables.result_paths import Cell
 from gsbridge.tasks.episode import FORCES
 
 ACTIONS = ("x", "y", "z", "turn", "opening")

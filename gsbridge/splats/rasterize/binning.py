@@ -6,6 +6,7 @@ from gsbridge.kernels import njit  # isort: skip  (first: it sets numba's cache 
 
 import numpy as np
 
+from gsbridge.geometry import Array
 from gsbridge.splats.rasterize import layout
 from gsbridge.splats.rasterize.lanes import WIDTH, larger, lowest_bit, smaller, square_root
 from gsbridge.splats.rasterize.memory import at, load, load_spread, put, store_whole
@@ -20,7 +21,7 @@ _CORNER = 0b11 | 0b11 << layout.SQUARE
 
 
 @njit(error_model="numpy")
-def sort_by_depth(depths, visible, counts, pairs, more_pairs, order):
+def sort_by_depth(depths: Array, visible: int, counts: Array, pairs: Array, more_pairs: Array, order: Array) -> None:
     """Order the records by camera z; equal depths keep the order of the splats.
 
     Two passes of a radix sort over the float's own bits, less those of the nearest splat. 24 bits of key hold the exact order
@@ -71,7 +72,7 @@ def sort_by_depth(depths, visible, counts, pairs, more_pairs, order):
 
 
 @njit(error_model="numpy")
-def reserve(capacity, rows, columns, starts, running):
+def reserve(capacity: Array, rows: int, columns: int, starts: Array, running: Array) -> int:
     """Turn the second difference of the blocks' capacities into the start of each block's list.
 
     Args:
@@ -103,7 +104,7 @@ def reserve(capacity, rows, columns, starts, running):
 
 
 @njit(error_model="numpy")
-def _append_large(records, number, columns, edges, ends, entries):
+def _append_large(records: Array, number: int, columns: int, edges: Array, ends: Array, entries: Array) -> None:
     """Append a record to the lists of the blocks that its ellipse meets, eight rows of blocks at a time."""
     base = np.int64(number) * RECORD
     top, bottom = int(at(records, base + layout.TOP)), int(at(records, base + layout.BOTTOM))
@@ -127,7 +128,9 @@ def _append_large(records, number, columns, edges, ends, entries):
 
 
 @njit(error_model="numpy")
-def fill(records, boxes, order, visible, columns, ends, entries, ordered):
+def fill(
+    records: Array, boxes: Array, order: Array, visible: int, columns: int, ends: Array, entries: Array, ordered: Array
+) -> None:
     """Append each record, nearest first, to the lists of the blocks that its ellipse meets.
 
     Args:

@@ -7,11 +7,14 @@ a kernel of their own, which differs by rounding only (and so, rarely, in whethe
 
 from __future__ import annotations
 
-from gsbridge.kernels import njit, prange  # isort: skip  (first: it sets numba's cache folder)
+from gsbridge.kernels import njit, options, prange  # isort: skip  (first: it sets numba's cache folder)
+
+from typing import Any
 
 import numba
 import numpy as np
 
+from gsbridge.geometry import Array
 from gsbridge.splats.rasterize import layout
 from gsbridge.splats.rasterize.falloff import TILE, exponents, pixels_of, power, read_table
 from gsbridge.splats.rasterize.lanes import HAS_WIDE, mask_bits, select, smaller, spread, spread_wide
@@ -35,11 +38,25 @@ AHEAD = 32
 
 def use_threads(count: int) -> None:
     """Let the parallel kernels use a number of threads, as far as numba was started with as many."""
-    numba.set_num_threads(min(count, numba.config.NUMBA_NUM_THREADS))
+    numba.set_num_threads(min(count, options.NUMBA_NUM_THREADS))
 
 
 @njit(error_model="numpy")
-def _blend_block(table, records, entries, first, last, row, column, width, height, background, states, state, weights):
+def _blend_block(
+    table: Array,
+    records: Array,
+    entries: Array,
+    first: int,
+    last: int,
+    row: int,
+    column: int,
+    width: int,
+    height: int,
+    background: Array,
+    states: Array,
+    state: int,
+    weights: Array,
+) -> int:
     """Blend a block into `states`, from `state` on; returns the end of its list, shortened to entries that changed a pixel."""
     x_lanes, y_lanes, light0, light1 = pixels_of(row, column, width, height)
     constants = read_table(table)
@@ -92,7 +109,21 @@ def _blend_block(table, records, entries, first, last, row, column, width, heigh
 
 
 @njit(error_model="numpy")
-def _blend_block_wide(table, records, entries, first, last, row, column, width, height, background, states, state, weights):
+def _blend_block_wide(
+    table: Array,
+    records: Array,
+    entries: Array,
+    first: int,
+    last: int,
+    row: int,
+    column: int,
+    width: int,
+    height: int,
+    background: Array,
+    states: Array,
+    state: int,
+    weights: Array,
+) -> int:
     """`_blend_block` with all sixteen pixels in one register, of which there are enough for one run; `weights` stays unused."""
     x, y = load_wide(layout.PIXEL_X, 0) + (column * BLOCK + 0.5), load_wide(layout.PIXEL_Y, 0) + (row * BLOCK + 0.5)
     light = select((x < width) & (y < height), 1.0, 0.0)
@@ -134,7 +165,7 @@ _blend_best = _blend_block_wide if HAS_WIDE else _blend_block
 
 
 @njit(error_model="numpy")
-def _write_block(states, state, row, column, width, height, images):
+def _write_block(states: Array, state: int, row: int, column: int, width: int, height: int, images: tuple[Array, ...]) -> None:
     """Copy a block into the images."""
     colours, alphas, depths = images
     if (row + 1) * BLOCK <= height and (column + 1) * BLOCK <= width:
@@ -155,7 +186,7 @@ def _write_block(states, state, row, column, width, height, images):
 
 
 @njit(error_model="numpy")
-def _blend_band(blocks, images, band):
+def _blend_band(blocks: tuple[Any, ...], images: tuple[Array, ...], band: int) -> None:
     """Blend one row of tiles."""
     table, records, entries, starts, ends, rows, columns, width, height, background, states = blocks
     last_row = min((band + 1) * TILE, rows)
@@ -175,7 +206,7 @@ def _blend_band(blocks, images, band):
 
 
 @njit(error_model="numpy")
-def blend(blocks, images):
+def blend(blocks: tuple[Any, ...], images: tuple[Array, ...]) -> None:
     """Blend all blocks.
 
     Args:
@@ -189,7 +220,7 @@ def blend(blocks, images):
 
 
 @njit(error_model="numpy", parallel=True)
-def blend_parallel(blocks, images):
+def blend_parallel(blocks: tuple[Any, ...], images: tuple[Array, ...]) -> None:
     """`blend` on several threads; the blocks do not touch each other, so the image is the same to the last bit."""
     for band in prange((blocks[5] + TILE - 1) // TILE):
         _blend_band(blocks, images, band)

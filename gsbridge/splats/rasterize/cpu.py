@@ -184,7 +184,7 @@ class Prepared:
     @classmethod
     def of(cls, means: Array, quats: Array, scales: Array, opacities: Array, colours: Array) -> Prepared:
         """From arrays as in `rasterize`."""
-        arrays = [_flat(array) for array in (means, quats, scales, opacities, colours)]
+        arrays = _flat(means), _flat(quats), _flat(scales), _flat(opacities), _flat(colours)
         lanes = _aligned(len(arrays[3]) * LANES)
         preparing.prepare(*arrays, lanes)
         return cls(len(means), lanes, *arrays[:4])
@@ -248,7 +248,7 @@ def _backward(
     background: Array,
     space: Workspace,
     visible: int,
-    gradients: tuple[Array, Array, Array],
+    gradients: tuple[Array, ...],
     threads: int,
 ) -> tuple[Array, ...]:
     """Gradients of means, quats, scales, opacities and colours."""
@@ -337,15 +337,16 @@ class _Rasterize(torch.autograd.Function):
     """Autograd around the kernels."""
 
     @staticmethod
-    def forward(ctx: Any, means, quats, scales, opacities, colours, view: _View, background: Array, threads: int):  # type: ignore[no-untyped-def]
-        splats = Prepared.of(*(tensor.detach().numpy() for tensor in (means, quats, scales, opacities, colours)))
+    def forward(ctx: Any, *inputs: Any) -> tuple[torch.Tensor, ...]:
+        *splat_tensors, view, background, threads = inputs
+        splats = Prepared.of(*(tensor.detach().numpy() for tensor in splat_tensors))
         lease = _Lease()
         visible, images = _forward(splats, view, background, lease.space, threads)
         ctx.state = (splats, view, background, lease, visible, threads)
         return tuple(torch.from_numpy(image) for image in _shape(images, view))
 
     @staticmethod
-    def backward(ctx: Any, *gradients):  # type: ignore[no-untyped-def]
+    def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor | None, ...]:
         splats, view, background, lease, visible, threads = ctx.state
         flat = tuple(gradient.contiguous().numpy().reshape(-1) for gradient in gradients)
         out = _backward(splats, view, background, lease.space, visible, flat, threads)
@@ -367,4 +368,4 @@ def rasterize(
     behind = np.zeros(3, np.float32) if background is None else background.detach().numpy().astype(np.float32)
     view = _View(camera, cam_from_table, np.float32(near))
     groups = (group.float() for group in (means, quats, scales, opacities, colours))
-    return _Rasterize.apply(*groups, view, behind, logs.threads())  # type: ignore[no-any-return]
+    return _Rasterize.apply(*groups, view, behind, logs.threads())

@@ -56,7 +56,7 @@ def rasterize(
     sound = torch.stack([torch.isfinite(group.detach().reshape(len(means), -1)).all(-1) for group in groups]).all(0)
     if not bool(sound.all()):
         means, quats, scales, opacities, colours = (group[sound] for group in groups)
-    kind = {"dtype": torch.float32, "device": means.device}
+    kind: dict[str, Any] = {"dtype": torch.float32, "device": means.device}
     images, alphas, _ = rasterization(
         means,
         quats,

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from gsbridge.kernels import njit  # isort: skip  (first: it sets numba's cache folder)
 
+import numpy as np
+
+from gsbridge.geometry import Array
 from gsbridge.splats.rasterize import layout
-from gsbridge.splats.rasterize.lanes import select
+from gsbridge.splats.rasterize.lanes import LaneValues, select
 from gsbridge.splats.rasterize.memory import load, load_spread
 
 BLOCK, PIXELS = layout.BLOCK, layout.PIXELS
@@ -15,7 +18,7 @@ TILE = 4
 
 
 @njit(error_model="numpy", forceinline=True)
-def read_table(table):
+def read_table(table: Array) -> tuple[LaneValues, ...]:
     """`layout.TABLE` as lanes. Read from memory, or the compiler would set each constant up again in every turn of a loop."""
     return (
         load_spread(table, 0),
@@ -31,7 +34,7 @@ def read_table(table):
 
 
 @njit(error_model="numpy", forceinline=True)
-def power(p, constants):
+def power(p: LaneValues, constants: tuple[LaneValues, ...]) -> LaneValues:
     """`2**(8 p)` for lanes in -1..0; anything finite, infinite or NaN elsewhere."""
     c0, c1, c2, c3, c4, c5, _, _, _ = constants
     e = c0 + p * (c1 + p * (c2 + p * (c3 + p * (c4 + p * c5))))
@@ -41,7 +44,9 @@ def power(p, constants):
 
 
 @njit(error_model="numpy", forceinline=True)
-def exponents(records, base, x_lanes, y_lanes):
+def exponents(
+    records: Array, base: int | np.int64, x_lanes: LaneValues, y_lanes: LaneValues
+) -> tuple[LaneValues, LaneValues, LaneValues, LaneValues]:
     """Offsets dx and dy (upper half of the block), and an eighth of the binary logarithm of alpha in both halves."""
     dx = x_lanes - load_spread(records, base + layout.X)
     dy0 = y_lanes - load_spread(records, base + layout.Y)
@@ -55,7 +60,9 @@ def exponents(records, base, x_lanes, y_lanes):
 
 
 @njit(error_model="numpy", forceinline=True)
-def falloff(records, base, x_lanes, y_lanes, constants):
+def falloff(
+    records: Array, base: int | np.int64, x_lanes: LaneValues, y_lanes: LaneValues, constants: tuple[LaneValues, ...]
+) -> tuple[LaneValues, LaneValues, LaneValues, LaneValues]:
     """Offsets dx and dy (upper half of the block), and alpha before its clip, zero below the cut, in both halves."""
     dx, dy0, p0, p1 = exponents(records, base, x_lanes, y_lanes)
     cut = constants[6]
@@ -63,7 +70,7 @@ def falloff(records, base, x_lanes, y_lanes, constants):
 
 
 @njit(error_model="numpy", forceinline=True)
-def pixels_of(row, column, width, height):
+def pixels_of(row: int, column: int, width: int, height: int) -> tuple[LaneValues, LaneValues, LaneValues, LaneValues]:
     """Pixel centres of a block (the lower half lies 2 px further down), and 1 where its halves are inside the image."""
     x = load(LANE_X, 0) + (column * BLOCK + 0.5)
     y = load(LANE_Y, 0) + (row * BLOCK + 0.5)

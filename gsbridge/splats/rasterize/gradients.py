@@ -8,11 +8,14 @@ from __future__ import annotations
 
 from gsbridge.kernels import njit, prange  # isort: skip  (first: it sets numba's cache folder)
 
+from typing import Any
+
 import numpy as np
 
+from gsbridge.geometry import Array
 from gsbridge.splats.rasterize import layout
 from gsbridge.splats.rasterize.falloff import TILE, falloff, pixels_of, read_table
-from gsbridge.splats.rasterize.lanes import select, smaller, sums_of_eight
+from gsbridge.splats.rasterize.lanes import LaneValues, select, smaller, sums_of_eight
 from gsbridge.splats.rasterize.memory import at, load, load_halves, load_pixels, load_spread, prefetch, store
 
 RECORD, BLOCK, PIXELS, STATE = layout.RECORD, layout.BLOCK, layout.PIXELS, layout.STATE
@@ -22,7 +25,7 @@ AHEAD = 8
 
 
 @njit(error_model="numpy")
-def _gather(gradients, row, column, width, height, scratch):
+def _gather(gradients: tuple[Array, ...], row: int, column: int, width: int, height: int, scratch: Array) -> None:
     """Copy the images' gradients of a block: red, green, blue, depth, alpha. Pixels outside the image keep what was there."""
     colours, alphas, depths = gradients
     if (row + 1) * BLOCK <= height and (column + 1) * BLOCK <= width:
@@ -45,7 +48,7 @@ def _gather(gradients, row, column, width, height, scratch):
 
 
 @njit(error_model="numpy", forceinline=True)
-def _worth(scratch, half, background, states, state):
+def _worth(scratch: Array, half: int, background: Array, states: Array, state: int) -> tuple[LaneValues, LaneValues]:
     """Worth of a unit of weight apart from colour and depth, and what all weights of a pixel are worth together."""
     red, green, blue = load(scratch, half), load(scratch, half + 16), load(scratch, half + 32)
     depth, alpha = load(scratch, half + 48), load(scratch, half + 64)
@@ -56,7 +59,22 @@ def _worth(scratch, half, background, states, state):
 
 
 @njit(error_model="numpy")
-def _backward_block(table, records, entries, first, last, row, column, width, height, background, states, state, scratch, sums):
+def _backward_block(
+    table: Array,
+    records: Array,
+    entries: Array,
+    first: int,
+    last: int,
+    row: int,
+    column: int,
+    width: int,
+    height: int,
+    background: Array,
+    states: Array,
+    state: int,
+    scratch: Array,
+    sums: Array,
+) -> None:
     """Add a block's gradient sums to those of its records; `scratch` holds the gradients of its pixels."""
     x_lanes, y_lanes, light0, light1 = pixels_of(row, column, width, height)
     constants = read_table(table)
@@ -114,7 +132,7 @@ def _backward_block(table, records, entries, first, last, row, column, width, he
 
 
 @njit(error_model="numpy")
-def _backward_rows(blocks, gradients, first_row, last_row, sums):
+def _backward_rows(blocks: tuple[Any, ...], gradients: tuple[Array, ...], first_row: int, last_row: int, sums: Array) -> None:
     """Add the gradient sums of rows of blocks to the sums of the records, tile by tile."""
     table, records, entries, starts, ends, _, columns, width, height, background, states = blocks
     scratch = np.zeros(STATE, np.float32)
@@ -145,7 +163,7 @@ def _backward_rows(blocks, gradients, first_row, last_row, sums):
 
 
 @njit(error_model="numpy")
-def sum_gradients(blocks, gradients, sums):
+def sum_gradients(blocks: tuple[Any, ...], gradients: tuple[Array, ...], sums: Array) -> None:
     """Gradient sums of all records, see `projection.project_backward`.
 
     Args:
@@ -157,7 +175,7 @@ def sum_gradients(blocks, gradients, sums):
 
 
 @njit(error_model="numpy", parallel=True)
-def sum_gradients_parallel(blocks, gradients, parts):
+def sum_gradients_parallel(blocks: tuple[Any, ...], gradients: tuple[Array, ...], parts: Array) -> None:
     """`sum_gradients` in bands of rows, each with its own sums, added in the order of the bands: no race, no atomics.
 
     Args:

@@ -12,17 +12,16 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeAlias
 
 from llvmlite import ir
 
-from gsbridge.kernels import njit  # noqa: F401  (also marks this module as kernel source, see gsbridge.kernels)
+from gsbridge.kernels import intrinsic, options
 
 import llvmlite.binding as llvm  # isort: skip
-import numba  # isort: skip
 from numba.core import types  # isort: skip  (numba must be imported after gsbridge.kernels has set its cache folder)
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature  # isort: skip
-from numba.extending import intrinsic, lower_builtin, models, register_model  # isort: skip
+from numba.extending import lower_builtin, models, register_model  # isort: skip
 
 WIDTH = 8
 WIDE = 16
@@ -34,11 +33,11 @@ INTS = ir.VectorType(ir.IntType(32), WIDTH)
 
 def _has_wide() -> bool:
     """Whether numba compiles for a processor with registers of sixteen float32."""
-    if not numba.config.ENABLE_AVX:
+    if not options.ENABLE_AVX:
         return False
-    if numba.config.CPU_FEATURES is None:
+    if options.CPU_FEATURES is None:
         return bool(llvm.get_host_cpu_features().get("avx512f", False))
-    return "+avx512f" in numba.config.CPU_FEATURES.split(",")
+    return "+avx512f" in options.CPU_FEATURES.split(",")
 
 
 HAS_WIDE = _has_wide()
@@ -59,6 +58,8 @@ class _MaskType(types.Type):
 Lanes, WideLanes = _LanesType("Lanes", WIDTH), _LanesType("WideLanes", WIDE)
 Mask, WideMask = _MaskType("Mask", WIDTH), _MaskType("WideMask", WIDE)
 _MASKS = {Lanes: Mask, WideLanes: WideMask}
+LaneValues: TypeAlias = Any
+"""What a kernel holds in `Lanes`, `WideLanes` or a mask: only numba knows these types, Python's checkers do not."""
 
 
 @register_model(_LanesType)

@@ -6,10 +6,9 @@ from typing import Any
 
 from llvmlite import ir
 
-from gsbridge.kernels import njit  # noqa: F401  (also marks this module as kernel source, see gsbridge.kernels)
+from gsbridge.kernels import intrinsic
 
 from numba.core import types  # isort: skip  (numba must be imported after gsbridge.kernels has set its cache folder)
-from numba.extending import intrinsic  # isort: skip
 
 from gsbridge.splats.rasterize.lanes import FLOATS, INTS, WIDE_FLOATS, WIDTH, Lanes, WideLanes, call_llvm, spread_scalar
 
@@ -146,7 +145,8 @@ def store_rows(
         def pick(x: ir.Value, y: ir.Value, lanes: list[int]) -> ir.Value:
             return builder.shuffle_vector(x, y, ir.Constant(INTS, lanes))
 
-        data, position, step, *values = (context.make_array(sig.args[0])(context, builder, args[0]).data, *args[1:])
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        position, step, *values = args[1:]
         low, high = [0, 8, 1, 9, 4, 12, 5, 13], [2, 10, 3, 11, 6, 14, 7, 15]
         twos = [pick(values[k], values[k + 1], lanes) for k in (0, 2, 4, 6) for lanes in (low, high)]
         low, high = [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]
@@ -189,11 +189,11 @@ def load_halves(typing: Any, array: Any, index: Any, stride: Any) -> Any:
         return None
 
     def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-        halves = []
+        halves: list[ir.Value] = []
         for position in (args[1], builder.add(args[1], args[2])):
             address = _address(context, builder, sig.args[0], args[0], position)
             halves.append(builder.load(builder.bitcast(address, _FOUR.as_pointer()), align=4))
-        return _pick(builder, *halves, list(range(WIDTH)))
+        return _pick(builder, halves[0], halves[1], list(range(WIDTH)))
 
     return Lanes(array, types.intp, types.intp), generate
 
@@ -221,11 +221,11 @@ def load_pixels(typing: Any, array: Any, index: Any, stride: Any) -> Any:
         return None
 
     def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
-        rows = []
+        rows: list[ir.Value] = []
         for position in (args[1], builder.add(args[1], args[2])):
             address = _address(context, builder, sig.args[0], args[0], position)
             rows.append(builder.load(builder.bitcast(address, _TWELVE.as_pointer()), align=4))
-        colours = [_pick(builder, *rows, [colour + 3 * pixel for pixel in range(WIDTH)]) for colour in range(3)]
+        colours = [_pick(builder, rows[0], rows[1], [colour + 3 * pixel for pixel in range(WIDTH)]) for colour in range(3)]
         return context.make_tuple(builder, sig.return_type, colours)
 
     return types.UniTuple(Lanes, 3)(array, types.intp, types.intp), generate

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from gsbridge.kernels import njit  # isort: skip  (first: it sets numba's cache folder)
 
+from gsbridge.geometry import Array
 from gsbridge.splats.rasterize import layout
-from gsbridge.splats.rasterize.lanes import WIDTH, larger, square_root
+from gsbridge.splats.rasterize.lanes import WIDTH, LaneValues, larger, square_root
 from gsbridge.splats.rasterize.memory import load, load_quads, load_triples, store
 
 
 @njit(error_model="numpy", forceinline=True)
-def axes_of(w, x, y, z):
+def axes_of(w: LaneValues, x: LaneValues, y: LaneValues, z: LaneValues) -> tuple[LaneValues, ...]:
     """Rotation matrix of a unit quaternion, row by row."""
     return (
         1.0 - 2.0 * (y * y + z * z),
@@ -26,7 +27,7 @@ def axes_of(w, x, y, z):
 
 
 @njit(error_model="numpy")
-def prepare(means, quats, scales, opacities, colours, lanes):  # type: ignore[no-untyped-def]
+def prepare(means: Array, quats: Array, scales: Array, opacities: Array, colours: Array, lanes: Array) -> None:
     """Covariances of splats, and all that `project` reads, side by side for eight splats at a time.
 
     Args:

@@ -7,13 +7,15 @@ Source: Zwicker et al., "EWA volume splatting", 2001; Kerbl et al., "3D Gaussian
 
 from __future__ import annotations
 
-from gsbridge.kernels import njit  # isort: skip  (first: it sets numba's cache folder)
+from gsbridge.kernels import Real, njit  # isort: skip  (first: it sets numba's cache folder)
 
 import numpy as np
 
+from gsbridge.geometry import Array
 from gsbridge.splats.rasterize import layout
 from gsbridge.splats.rasterize.lanes import (
     WIDTH,
+    LaneValues,
     bits_between,
     exponent_and_mantissa,
     larger,
@@ -37,7 +39,7 @@ _FARTHEST = 1e9  # px or px^2: beyond it a float32 has no sub-pixel digits left 
 
 
 @njit(error_model="numpy", forceinline=True)
-def _log2(value):
+def _log2(value: LaneValues) -> LaneValues:
     """Binary logarithm of positive lanes, absolute error about 1e-7: series of atanh."""
     exponent, mantissa = exponent_and_mantissa(value)
     s = (mantissa - 1.0) / (mantissa + 1.0)
@@ -46,7 +48,15 @@ def _log2(value):
 
 
 @njit(error_model="numpy", forceinline=True)
-def row_span(near, tilt, level, curve, xy, scale, origin):
+def row_span(
+    near: LaneValues,
+    tilt: LaneValues,
+    level: LaneValues,
+    curve: LaneValues,
+    xy: LaneValues,
+    scale: LaneValues,
+    origin: LaneValues,
+) -> tuple[LaneValues, LaneValues]:
     """First block, and one past the last, that an ellipse meets in a row of blocks, before rounding down.
 
     The edge is furthest out at the ellipse's tip, or at the first or last row of pixel centres if the tip lies elsewhere.
@@ -69,7 +79,16 @@ def row_span(near, tilt, level, curve, xy, scale, origin):
 
 
 @njit(error_model="numpy", forceinline=True)
-def _bits_of_row(near, tilt, level, curve, xy, scale, origin, wide):
+def _bits_of_row(
+    near: LaneValues,
+    tilt: LaneValues,
+    level: LaneValues,
+    curve: LaneValues,
+    xy: LaneValues,
+    scale: LaneValues,
+    origin: LaneValues,
+    wide: LaneValues,
+) -> LaneValues:
     """Blocks that an ellipse meets in one row of blocks, as bits."""
     begin, end = row_span(near, tilt, level, curve, xy, scale, origin)
     return bits_between(smaller(larger(begin, 0.0), wide), smaller(larger(end, 0.0), wide))
@@ -77,20 +96,20 @@ def _bits_of_row(near, tilt, level, curve, xy, scale, origin, wide):
 
 @njit(error_model="numpy")
 def project(
-    lanes,
-    count,
-    groups,
-    owners,
-    views,
-    near,
-    width,
-    height,
-    records,
-    sources,
-    depths,
-    boxes,
-    capacity,
-):
+    lanes: Array,
+    count: int,
+    groups: Array,
+    owners: Array,
+    views: Array,
+    near: Real,
+    width: int,
+    height: int,
+    records: Array,
+    sources: Array,
+    depths: Array,
+    boxes: Array,
+    capacity: Array,
+) -> int:
     """Project splats, drop those outside the view, pack the others.
 
     Args:
@@ -227,23 +246,23 @@ def project(
 
 @njit(error_model="numpy")
 def project_backward(
-    means,
-    quats,
-    scales,
-    opacities,
-    view,
-    width,
-    height,
-    records,
-    sources,
-    visible,
-    sums,
-    g_means,
-    g_quats,
-    g_scales,
-    g_opacities,
-    g_colours,
-):
+    means: Array,
+    quats: Array,
+    scales: Array,
+    opacities: Array,
+    view: Array,
+    width: int,
+    height: int,
+    records: Array,
+    sources: Array,
+    visible: int,
+    sums: Array,
+    g_means: Array,
+    g_quats: Array,
+    g_scales: Array,
+    g_opacities: Array,
+    g_colours: Array,
+) -> None:
     """Gradients of the splats from the sums over their pixels.
 
     Args:

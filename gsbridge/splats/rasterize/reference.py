@@ -6,6 +6,8 @@ The same definitions as the kernels, none of their algorithms: every splat meets
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 
 from gsbridge.cameras import Camera
@@ -41,7 +43,7 @@ def rasterize(
     Args:
         tile: Edge of the tiles, px; None blends all pixels with all splats at once.
     """
-    kind = {"dtype": means.dtype, "device": means.device}
+    kind: dict[str, Any] = {"dtype": means.dtype, "device": means.device}
     pose = torch.as_tensor(cam_from_table, **kind)
     sound = torch.stack(
         [torch.isfinite(v.reshape(len(means), -1)).all(-1) for v in (means, quats, scales, opacities, colours)]

@@ -1,0 +1,19 @@
+"""Friction of the pair of body and surface, one coefficient."""
+
+from typing import ClassVar
+
+from gsbridge.effects.bodies.base import BodyEffect, Parameter
+
+
+class ContactFriction(BodyEffect):
+    """Friction of the pair of body and surface, one coefficient."""
+
+    name = "contact_friction"
+    title = "contact friction"
+    hook = "contact"
+    parameters = (Parameter("friction", "1", -2.0, 2.0, 0.05, True, "by which the coefficient differs from the model's"),)
+    figures: ClassVar = {"friction": "friction"}
+    sizes = (1.0, 2.5, 6.0, 12.0)
+    signature = "errors grow while the body slides; the stopping distance is wrong"
+    confused_with = ("table_tilt", "restitution", "rolling_friction")
+    tell_apart = "slide it along a level surface both ways and measure where it stops; the mass has no effect"

@@ -1,0 +1,19 @@
+"""Loss of speed in the air, or a damping that the engine adds: v (1 + |v|) times the coefficient."""
+
+from typing import ClassVar
+
+from gsbridge.effects.bodies.base import BodyEffect, Parameter
+
+
+class LinearDamping(BodyEffect):
+    """Loss of speed in the air, or a damping that the engine adds: v (1 + |v|) times the coefficient."""
+
+    name = "linear_damping"
+    title = "damping of the motion"
+    hook = "body"
+    parameters = (Parameter("coefficient", "1/s", -10.0, 10.0, 0.04, True, "by which it differs from the model's"),)
+    figures: ClassVar = {"coefficient": "linear_damping"}
+    sizes = (1.0, 4.0, 16.0)
+    signature = "slows down in flight already"
+    confused_with = ("gravity_scale", "tracking_rate")
+    tell_apart = "throw it far and flat; set the engine's own damping to zero"

@@ -1,0 +1,23 @@
+"""The log follows another point of the body than the model's origin."""
+
+from typing import ClassVar
+
+from gsbridge.effects.bodies.base import BodyEffect, Parameter
+
+
+class TrackingOffset(BodyEffect):
+    """The log follows another point of the body than the model's origin."""
+
+    name = "tracking_offset"
+    title = "an offset of the tracked point"
+    hook = "sensor"
+    parameters = (
+        Parameter("x", "m", -0.5, 0.5, 0.002, True, "of the tracked point along the body's own axis"),
+        Parameter("y", "m", -0.5, 0.5, 0.002, True, "of the tracked point along the body's own axis"),
+        Parameter("z", "m", -0.5, 0.5, 0.002, True, "of the tracked point along the body's own axis"),
+    )
+    figures: ClassVar = {"x": "offset_x", "y": "offset_y", "z": "offset_z"}
+    sizes = (1.0, 4.0)
+    signature = "circles that turn with the body"
+    confused_with = ("object_com", "table_height")
+    tell_apart = "turn it by hand in one place"

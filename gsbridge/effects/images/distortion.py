@@ -1,0 +1,31 @@
+"""A lens that bends straight lines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gsbridge.effects.images.base import ImageEffect, Parameter
+from gsbridge.effects.images.shooting import Shooting
+
+
+class Distortion(ImageEffect):
+    """A lens that bends straight lines."""
+
+    name = "distortion"
+    title = "lens distortion"
+    hook = "geometry"
+    parameters = (
+        Parameter("k1", "1", -0.4, 0.4, 0.01, True, "displacement by the cube of the distance"),
+        Parameter("k2", "1", -0.4, 0.4, 0.02, True, "displacement by its fifth power"),
+    )
+    signature = "edges are displaced along the radius, by its third power"
+    confused_with = ("focal", "extrinsics")
+    tell_apart = "compare corners with half way to them: focal length displaces in proportion, distortion by the third power"
+    reason = "an episode's pictures are drawn through a pinhole"
+    instead = "Undistort the camera's photos with these coefficients before the policy sees them"
+
+    def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
+        """Add to the coefficients."""
+        shooting.distortion = shooting.distortion + np.array([values["k1"], values["k2"]])

@@ -1,0 +1,29 @@
+"""Noise of the sensor beyond that of the effect-free photos."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from gsbridge.effects.images.base import ImageEffect, Parameter
+from gsbridge.effects.images.shooting import Shooting
+
+
+class Noise(ImageEffect):
+    """Noise of the sensor beyond that of the effect-free photos."""
+
+    name = "noise"
+    title = "sensor noise"
+    hook = "sensor"
+    parameters = (
+        Parameter("read", "1", 0.0, 0.2, 0.01, True, "deviation of encoded values in the dark"),
+        Parameter("shot", "1", 0.0, 0.05, 0.0001, True, "variance that is added up to white"),
+    )
+    signature = "the grain is coarser: neighbouring pixels differ at random, and differently in every photo"
+    confused_with = ("defocus",)
+    tell_apart = "take two photos from one place and look at their difference"
+    grain = True
+
+    def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
+        """Add to the variances."""
+        shooting.read_noise += values["read"] ** 2
+        shooting.shot_noise += values["shot"]

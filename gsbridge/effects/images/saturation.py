@@ -1,0 +1,31 @@
+"""Another saturation: distances from grey times a factor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gsbridge.effects.images.base import ImageEffect, Parameter
+from gsbridge.effects.images.shooting import COLOUR, Shooting
+
+LUMINANCE = (0.2126, 0.7152, 0.0722)
+"""Of red, green and blue light (Rec. 709)."""
+
+
+class Saturation(ImageEffect):
+    """Another saturation: distances from grey times a factor."""
+
+    name = "saturation"
+    title = "saturation"
+    hook = "light"
+    parameters = (Parameter("change", "1", -0.9, 0.9, 0.05, True, "by which distances from grey of the same luminance grow"),)
+    signature = "the difference grows with how colourful a pixel is and vanishes on grey"
+    confused_with = ("white_balance", "response", "black_level")
+    tell_apart = "photograph a grey card: saturation does nothing to it"
+
+    def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
+        """Move colours from or to the grey of their luminance."""
+        mix = 1.0 + values["change"]
+        matrix = (mix * np.eye(3) + (1.0 - mix) * np.outer(np.ones(3), LUMINANCE)).astype(np.float32)
+        shooting.on_light(COLOUR, lambda light, frame: light @ matrix.T)

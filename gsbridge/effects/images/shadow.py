@@ -1,0 +1,49 @@
+"""A shadow on the table, grey and fixed to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from gsbridge.effects.images.base import ImageEffect, Parameter
+from gsbridge.effects.images.shooting import SURFACE, Frame, Shooting
+from gsbridge.geometry import Array
+
+
+class Shadow(ImageEffect):
+    """A shadow on the table, grey and fixed to it.
+
+    Places are those of the nominal pinhole: beside a wrong focal length or distortion it lies off by as much.
+    """
+
+    name = "shadow"
+    title = "shadow"
+    hook = "light"
+    parameters = (
+        Parameter("strength", "1", 0.0, 0.97, 0.05, True, "share of the light that is missing in its middle"),
+        Parameter("x", "m", -1.0, 1.0, 0.0, False, "its middle, in the world"),
+        Parameter("y", "m", -1.0, 1.0, 0.0, False, "the same"),
+        Parameter("radius", "m", 0.01, 0.5, 0.08, False, "of the disc"),
+        Parameter("softness", "1", 0.03, 0.6, 0.2, False, "width of its edge, in shares of the radius"),
+    )
+    signature = "one place of the table is darker, of no colour, and stays where it is when the camera moves"
+    confused_with = ("vignetting", "hue_cast")
+    tell_apart = "move the camera: the shadow stays on the table; move the lamp: it moves"
+    places: ClassVar = {"x": (-0.15, -0.05, 0.05, 0.15), "y": (-0.15, -0.05, 0.05, 0.15), "radius": (0.08,)}
+    reason = "a shadow that stays on the table needs the depth of every pixel, which an episode's pictures lack"
+    instead = "Remove what casts the shadow, or film the background again under this light"
+
+    def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
+        """Take light from a disc on the table, as a lamp overhead lets it fall."""
+        strength, x, y = values["strength"], values["x"], values["y"]
+        radius, edge = values["radius"], values["radius"] * values["softness"]
+
+        def darken(light: Array, frame: Frame) -> Array:
+            points = frame.points
+            inside = (radius - np.hypot(points[..., 0] - x, points[..., 1] - y)) / edge
+            shade = strength / (1.0 + np.exp(-np.clip(2.0 * inside, -40.0, 40.0)))
+            return light * (1.0 - shade).astype(np.float32)[..., None]
+
+        shooting.on_light(SURFACE, darken)

@@ -1,0 +1,88 @@
+"""Effects of driven joints: what they share, and what whatever simulates a mechanism offers them."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from typing import ClassVar, Protocol
+
+from gsbridge.effects.base import Effect, Parameter
+from gsbridge.geometry import Array
+
+__all__ = ["ALL", "DRIVEN", "HOOKS", "FigureEffect", "JointEffect", "MechanismSetup", "Parameter"]
+
+HOOKS = ("command", "actuator", "transmission", "body", "sensor", "clock")
+"""Places where an effect takes hold, on the way from the command to the log."""
+
+DRIVEN = ("torque", "pd", "position")
+ALL = ("torque", "pd", "position", "free")
+
+
+class MechanismSetup(Protocol):
+    """A mechanism before it is simulated, as effects change it.
+
+    Attributes:
+        joints: Names of its joints.
+        law: Figures of the joints, by their names in `gsbridge.gap.joints.mechanism.joint_kernel.LAW`. Each [N].
+        gravity: As it acts, base frame, m/s2; the controller believes in the nominal one. [3].
+    """
+
+    joints: tuple[str, ...]
+    law: dict[str, Array]
+    gravity: Array
+
+    def delay_commands(self, seconds: float) -> None:
+        """Let commands reach the controller some time later."""
+
+    def smooth_commands(self, seconds: float) -> None:
+        """Put a filter of first order before the controller; `seconds` is its time constant."""
+
+    def limit_commands(self, joint: int, slowness: float) -> None:
+        """Limit how fast the command of one joint may change; `slowness` is one over the largest speed, s/rad."""
+
+    def scale_link(self, joint: int, factor: float) -> None:
+        """Multiply mass and inertia of the link that a joint moves."""
+
+    def add_payload(self, mass: float, place: Array) -> None:
+        """Fix a point mass (kg) at a place (m) in the frame of the last link. [3]."""
+
+    def restamp_motion(self, taken: Callable[[Array], Array]) -> None:
+        """Log positions and speeds as they were at other times than their stamps say: stamps to times, s. [T] -> [T]."""
+
+
+class JointEffect(Effect):
+    """One thing that the simulation of a mechanism may lack.
+
+    Attributes:
+        modes: Ways of driving a mechanism under which it can show.
+        blends: Whether adding signatures of different shape parameters gives those in between.
+        threshold: Whether nothing shows below some size, so that signatures do not simply grow with it.
+        cost: `sim` if it needs a simulation of its own, `post` if it changes logs only.
+    """
+
+    scope: ClassVar[str] = "joint"
+    modes: ClassVar[tuple[str, ...]] = ALL
+    blends: ClassVar[bool] = True
+    threshold: ClassVar[bool] = False
+    sizes: ClassVar[tuple[float, ...]] = (1.0, 6.0, 40.0)
+    cost: ClassVar[str] = "sim"
+
+    @abstractmethod
+    def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:
+        """Put the effect into a setup. `joint` is a column of the records, -1 for a whole mechanism."""
+
+
+class FigureEffect(JointEffect):
+    """An effect that adds to figures of the joint's law, one parameter per figure.
+
+    Attributes:
+        figures: Name of each parameter's figure in `MechanismSetup.law`.
+    """
+
+    figures: ClassVar[Mapping[str, str]]
+
+    def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:
+        """Add every parameter to its figure; shapes replace it."""
+        for parameter in self.parameters:
+            row = setup.law[self.figures[parameter.name]]
+            row[joint] = values[parameter.name] + (row[joint] if parameter.amplitude else 0.0)

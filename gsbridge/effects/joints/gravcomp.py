@@ -1,0 +1,23 @@
+"""A controller that carries another share of the weight."""
+
+from collections.abc import Mapping
+
+from gsbridge.effects.joints.base import JointEffect, MechanismSetup, Parameter
+
+
+class Gravcomp(JointEffect):
+    """A controller that carries another share of the weight of every joint."""
+
+    name = "gravcomp"
+    title = "another share of the weight carried by the controller"
+    hook = "actuator"
+    scope = "mechanism"
+    parameters = (Parameter("change", "", -1.5, 1.5, 0.05, True, "added to the stated share"),)
+    modes = ("pd",)
+    signature = "errors that follow the weight of the pose, gone when the controller is off"
+    confused_with = ("payload", "link_mass")
+    tell_apart = "change the controller's gain"
+
+    def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:
+        """Change the share of all joints."""
+        setup.law["gravity_share"] += values["change"]

@@ -1,0 +1,16 @@
+"""Friction that grows with the load."""
+
+from gsbridge.effects.joints.base import FigureEffect, Parameter
+
+
+class LoadFriction(FigureEffect):
+    """Friction that grows with the load."""
+
+    name = "load_friction"
+    title = "friction that grows with the load"
+    hook = "transmission"
+    parameters = (Parameter("share", "", 0.0, 0.5, 0.02, True, "dry friction per torque on the joint"),)
+    figures = {"share": "load_friction"}  # noqa: RUF012
+    signature = "effort steps at reversals that grow with the torque"
+    confused_with = ("coulomb", "torque_gain")
+    tell_apart = "repeat with and without a payload"

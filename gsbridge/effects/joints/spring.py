@@ -1,0 +1,19 @@
+"""A cable or spring that pulls."""
+
+from gsbridge.effects.joints.base import FigureEffect, Parameter
+
+
+class Spring(FigureEffect):
+    """A cable or spring that pulls."""
+
+    name = "spring"
+    title = "a cable or spring that pulls"
+    hook = "transmission"
+    parameters = (
+        Parameter("stiffness", "N m/rad", 0.0, 50.0, 0.2, True, "torque per angle"),
+        Parameter("rest", "rad", -3.0, 3.0, 0.0, False, "angle at which it pulls nothing"),
+    )
+    figures = {"stiffness": "spring", "rest": "spring_rest"}  # noqa: RUF012
+    signature = "effort grows with the angle, equal in both directions"
+    confused_with = ("payload", "gravcomp", "encoder_scale")
+    tell_apart = "unplug or re-route the cable"

@@ -1,0 +1,16 @@
+"""Friction that changes while running."""
+
+from gsbridge.effects.joints.base import FigureEffect, Parameter
+
+
+class Warming(FigureEffect):
+    """Friction that changes while running."""
+
+    name = "warming"
+    title = "friction that changes while running"
+    hook = "transmission"
+    parameters = (Parameter("rate", "1/s", -0.1, 0.1, 0.01, True, "change of viscous and dry friction per second, share"),)
+    figures = {"rate": "warming"}  # noqa: RUF012
+    signature = "the residual changes over time"
+    confused_with = ("viscous", "coulomb")
+    tell_apart = "record again after a warm-up"

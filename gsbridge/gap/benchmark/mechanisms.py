@@ -1,0 +1,189 @@
+"""Mechanisms of the benchmark: a single axis, and an arm, each with its model and what may be hidden in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pybullet_data
+import yaml
+
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_file
+from gsbridge.gap.benchmark.axis_truth import AXIS, NAMES, run_axis
+from gsbridge.gap.benchmark.bullet_truth import BulletTruth
+from gsbridge.gap.benchmark.generate import BenchmarkMechanism, Truth
+from gsbridge.gap.benchmark.mujoco_truth import MujocoTruth
+from gsbridge.gap.joints.mechanism.inertials import Skeleton
+from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel, read_mechanism_model
+from gsbridge.geometry import Array
+
+_LEVER = 0.2
+"""Of the axis's centre of mass, m."""
+
+SIGNED = ("torque_gain", "effort_offset", "link_mass", "gain_p", "gain_d", "encoder_offset", "encoder_scale", "cubic_spring")
+"""Hidden per joint, with either sign."""
+
+POSITIVE = ("viscous", "coulomb", "armature", "spring", "quadratic_drag", "saturation", "patchy_friction", "shaking")
+"""Hidden per joint, positive."""
+
+UNKNOWN = ("cubic_spring", "shaking", "patchy_friction")
+"""In no catalogue of the diagnosis."""
+
+
+LARGEST = {
+    "torque_gain": 0.5, "link_mass": 0.5, "gain_p": 0.5, "gain_d": 0.5, "gravcomp": 0.3, "encoder_offset": 0.1,
+    "encoder_scale": 0.1, "base_tilt": 0.1, "effort_offset": 10.0, "coulomb": 10.0, "stribeck": 5.0, "viscous": 20.0,
+    "quadratic_drag": 20.0, "armature": 1.0, "spring": 20.0, "payload": 5.0, "command_delay": 0.15, "lag": 0.1,
+    "clock_offset": 0.05, "clock_drift": 0.02,
+}  # fmt: skip
+"""Sizes, SI, up to which a fault is likely at all: where an effect hardly shows, twenty units of it are a broken machine."""
+
+
+def axis_model(folder: str | Path) -> Path:
+    """Write the single axis: `axis.urdf` and `model.yaml`. Returns the model's path."""
+    folder = Path(folder)
+    mass = AXIS["moment"] / _LEVER
+    across = AXIS["inertia"] - mass * _LEVER**2
+    urdf = f"""<robot name="axis">
+  <link name="base"/>
+  <link name="arm">
+    <inertial>
+      <origin xyz="{_LEVER} 0 0"/>
+      <mass value="{mass}"/>
+      <inertia ixx="0.001" iyy="{across}" izz="{across}" ixy="0" ixz="0" iyz="0"/>
+    </inertial>
+  </link>
+  <joint name="axis" type="revolute">
+    <parent link="base"/>
+    <child link="arm"/>
+    <axis xyz="0 -1 0"/>
+    <limit lower="-6" upper="6" effort="50" velocity="20"/>
+  </joint>
+</robot>
+"""
+    with atomic_file(folder / "axis.urdf") as temporary:
+        temporary.write_text(urdf, encoding="utf-8")
+    model = {"urdf": "axis.urdf", "controller": controller(AXIS["stiffness"], AXIS["damping"]), "effects": []}
+    with atomic_file(folder / "model.yaml") as temporary:
+        temporary.write_text(yaml.safe_dump(model, sort_keys=False), encoding="utf-8")
+    return folder / "model.yaml"
+
+
+def controller(stiffness: Any, damping: Any) -> dict[str, Any]:
+    """The controller that all truths have: 1 kHz, commands joined by lines, the weight carried."""
+    return {
+        "mode": "pd",
+        "rate": 1000,
+        "stiffness": stiffness,
+        "damping": damping,
+        "gravity_compensation": 1.0,
+        "between": "line",
+    }
+
+
+def axis_plant(folder: str | Path, engine: str = "analytic") -> tuple[MechanismModel, BenchmarkMechanism]:
+    """The single axis with truths of the closed equation (`analytic`) or of MuJoCo (`mujoco`)."""
+    system = read_mechanism_model(axis_model(folder))
+    truth: Truth = run_axis if engine == "analytic" else MujocoTruth(system)
+    sizes = {name: (0.01, 0 if name in (*SIGNED, "gravcomp") else 1) for name in NAMES}
+    sizes |= {"saturation": (0.2, 1), "command_delay": (1e-3, 1), "lag": (1e-3, 1), "clock_offset": (1e-3, 0)}
+    sizes |= {"clock_drift": (5e-4, 0)}
+    noise = {"position": np.array([2e-4]), "velocity": np.array([5e-3]), "effort": np.array([0.02])}
+    return system, BenchmarkMechanism(system.joints, np.array([0.3]), np.array([0.9]), noise, truth, sizes, LARGEST)
+
+
+def arm_plant(system: MechanismModel, centre: Sequence[float], reach: Sequence[float]) -> BenchmarkMechanism:
+    """An arm with truths of MuJoCo. `centre` and `reach` as in `BenchmarkMechanism`."""
+    sizes = {"command_delay": (1e-3, 1), "lag": (1e-3, 1), "clock_offset": (1e-3, 0), "payload": (0.05, 1)}
+    sizes |= {"clock_drift": (5e-4, 0)}
+    sizes |= {"base_tilt": (5e-3, 0), "gravcomp": (0.01, 0)}
+    for joint in system.joints:
+        sizes |= {f"{name}:{joint}": (0.05, 1) for name in POSITIVE} | {f"{name}:{joint}": (0.02, 0) for name in SIGNED}
+    count = len(system.joints)
+    noise: dict[str, Array] = {
+        "position": np.full(count, 2e-4),
+        "velocity": np.full(count, 5e-3),
+        "effort": np.full(count, 0.05),
+        "tool": np.full(3, 2e-4),
+    }
+    return BenchmarkMechanism(
+        system.joints, np.asarray(centre, float), np.asarray(reach, float), noise, MujocoTruth(system), sizes, LARGEST
+    )
+
+
+_ARM = {
+    "joints": tuple(f"lbr_iiwa_joint_{k}" for k in range(1, 8)),
+    "controller": ([600, 600, 400, 400, 100, 60, 20], [40, 40, 25, 25, 4, 2, 0.3]),
+    "viscous": [2.0, 2.0, 1.0, 1.0, 0.2, 0.1, 0.02],
+    "centre": [0.0, 0.4, 0.0, -1.2, 0.0, 0.8, 0.0],
+    "reach": 0.5,
+    "tool": "lbr_iiwa_link_7",
+}
+"""The arm of the benchmark, an iiwa: gains of its controller, known losses, posture, and the link that a tracker sees."""
+
+
+def arm_model(folder: str | Path) -> Path:
+    """Write the arm: `arm.urdf`, without shapes, and `model.yaml`. Returns the model's path."""
+    folder = Path(folder)
+    source = Path(pybullet_data.getDataPath()) / "kuka_iiwa" / "model.urdf"
+    skeleton = Skeleton.read(source, _ARM["joints"])
+    with atomic_file(folder / "arm.urdf") as temporary:
+        skeleton.write(temporary, skeleton.inertials)
+    model = {"urdf": "arm.urdf", "joints": list(_ARM["joints"]), "controller": controller(*_ARM["controller"])}
+    model |= {"viscous": _ARM["viscous"], "tool": _ARM["tool"], "effects": []}
+    with atomic_file(folder / "model.yaml") as temporary:
+        temporary.write_text(yaml.safe_dump(model, sort_keys=False), encoding="utf-8")
+    return folder / "model.yaml"
+
+
+@dataclass(frozen=True)
+class MechanismSite:
+    """Where a tier's cases come from.
+
+    Args:
+        kind: `axis` or `arm`, also the name of its model's folder.
+        system: The model that is diagnosed.
+        plant: How it really moves.
+        names: What may be hidden and is in the catalogue.
+        strange: What may be hidden and is not.
+    """
+
+    kind: str
+    system: MechanismModel
+    plant: BenchmarkMechanism
+    names: tuple[str, ...]
+    strange: tuple[str, ...]
+
+
+def mechanism_site(tier: str, folder: str | Path) -> MechanismSite:
+    """Mechanism and truth of a tier; its model is written below `folder`.
+
+    Args:
+        tier: One of `gsbridge.gap.benchmark.case_plan.TIERS`.
+        folder: Gets `axis` or `arm` with the model.
+
+    Raises:
+        InputError: There is no such tier.
+    """
+    if tier == "t0":
+        system, plant = axis_plant(Path(folder) / "axis")
+        return MechanismSite("axis", system, plant, tuple(n for n in NAMES if n not in UNKNOWN), UNKNOWN)
+    if tier not in ("t1", "t2"):
+        raise InputError("benchmark", f"there is no tier '{tier}'", "Use t0, t1 or t2")
+    system = read_mechanism_model(arm_model(Path(folder) / "arm"))
+    truth: Truth = BulletTruth(system) if tier == "t1" else MujocoTruth(system)
+    plant = replace(arm_plant(system, _ARM["centre"], [_ARM["reach"]] * len(system.joints)), truth=truth)
+    # PyBullet has no inertia of rotors; the first axis is upright, so that an offset of its encoder changes nothing at all.
+    missing = {"armature"} if tier == "t1" else set()
+    names = [
+        name
+        for name in plant.sizes
+        if name.split(":")[0] not in {*UNKNOWN, *missing} and name != f"encoder_offset:{system.joints[0]}"
+    ]
+    return MechanismSite(
+        "arm", system, plant, tuple(names), tuple(name for name in plant.sizes if name.split(":")[0] in UNKNOWN)
+    )

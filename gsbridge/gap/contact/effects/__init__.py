@@ -1,1 +1,0 @@
-"""Effects of thrown and sliding bodies, one per file."""

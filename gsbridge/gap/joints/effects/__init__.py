@@ -1,1 +1,0 @@
-"""Effects of driven joints, one per file."""

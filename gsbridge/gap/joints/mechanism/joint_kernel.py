@@ -1,0 +1,252 @@
+"""The law of a driven joint: what acts between command and motion, one row of figures per joint, and the kernel that steps it.
+
+Every figure is zero (or infinite, for limits) where nothing of the kind acts, so that an effect is a change of figures.
+"""
+
+from __future__ import annotations
+
+import math
+from types import MappingProxyType
+
+import numpy as np
+
+from gsbridge.gap.joints.mechanism.dynamics import LOADS, bias, inertia, place, spread, weights
+from gsbridge.gap.joints.mechanism.joint_steps import advance, coupling, motor_side
+from gsbridge.geometry import Array
+from gsbridge.kernels import njit
+
+LAW = MappingProxyType(
+    {
+        "stiffness": "N m/rad, of the controller",
+        "damping": "N m s/rad, of the controller",
+        "gravity_share": "share of the nominal weight that the controller carries",
+        "torque_limit": "largest torque that the motor gives, N m",
+        "viscous": "N m s/rad",
+        "coulomb": "dry friction, N m",
+        "coulomb_skew": "dry friction more forwards, less backwards, N m",
+        "stribeck": "dry friction more at rest than in motion, N m",
+        "stribeck_speed": "speed at which it has fallen to 1/e, rad/s",
+        "load_friction": "dry friction per torque on the joint",
+        "quadratic": "drag, N m s2/rad2",
+        "armature": "inertia of rotor and gear seen from the joint, kg m2",
+        "torque_gain": "torque at the joint per torque asked, less one",
+        "torque_offset": "added to the torque at the joint, N m",
+        "torque_lag": "time constant of the drive, s",
+        "torque_delay": "dead time of the drive, s",
+        "ripple_sine": "torque ripple, sine part, N m",
+        "ripple_cosine": "torque ripple, cosine part, N m",
+        "ripple_waves": "waves of the ripple per turn",
+        "encoder_offset": "rad",
+        "encoder_scale": "measured per true angle, less one",
+        "eccentric_sine": "error of an eccentric encoder, sine part, rad",
+        "eccentric_cosine": "cosine part, rad",
+        "compliance": "twist between motor and joint per torque, rad/(N m)",
+        "backlash": "free play between motor and joint, rad",
+        "spring": "torque per angle of a cable or spring, N m/rad",
+        "spring_rest": "angle at which it pulls nothing, rad",
+        "warming": "change of viscous and dry friction per second, share",
+    }
+)
+"""Figures of a joint and their meaning; the kernel takes them as rows in this order."""
+
+ROW = MappingProxyType({name: k for k, name in enumerate(LAW)})
+
+MODE = MappingProxyType({"torque": 0, "free": 0, "pd": 1, "position": 2})
+
+(
+    _STIFF, _DAMP, _SHARE, _LIMIT, _VISCOUS, _DRY, _SKEW, _STRIBECK, _STRIBECK_SPEED, _LOAD, _QUADRATIC, _ARMATURE, _GAIN,
+    _OFFSET, _LAG, _DELAY, _SINE, _COSINE, _WAVES, _ENC_OFFSET, _ENC_SCALE, _ECC_SINE, _ECC_COSINE, _COMPLIANCE, _BACKLASH,
+    _SPRING, _SPRING_REST, _WARMING,
+) = range(len(LAW))  # fmt: skip
+
+_RIGID = 1e-7
+"""Compliance given to a transmission that has play but no stated compliance, rad/(N m)."""
+
+
+@njit(nogil=True)
+def simulate(
+    parents: Array,
+    fixed: Array,
+    axes: Array,
+    slides: Array,
+    bodies: Array,
+    gravity: Array,
+    brain_bodies: Array,
+    brain_gravity: Array,
+    law: Array,
+    mode: int,
+    bandwidth: float,
+    target: Array,
+    speed: Array,
+    extra: Array,
+    q0: Array,
+    v0: Array,
+    start: float,
+    step: float,
+    every: int,
+    centred: bool,
+    out: Array,
+) -> int:
+    """Step a mechanism under its controller.
+
+    Args:
+        parents, fixed, axes, slides, bodies: The tree as it is; joints in its order.
+        gravity: As it is. [3].
+        brain_bodies, brain_gravity: As the controller knows them.
+        law: Figures of the joints. [len(LAW), N].
+        mode: One of `MODE`.
+        bandwidth: rad/s (mode position).
+        target, speed, extra: Commands of each step. [K, N].
+        q0, v0: State at the start. [N].
+        start: Time of the start since the record's begin, s.
+        step: s.
+        every: Physics steps per control step.
+        centred: Whether positions move with the mean of a step's two speeds, as under a constant torque, or with the new speed,
+            as engines for games have it.
+        out: Result: measured position and speed, torque asked, and position of what the joint moves. [4, K, N].
+
+    Returns:
+        Steps before the motion diverged; K if it never did.
+    """  # fmt: skip
+    count, length = len(q0), out.shape[1]
+    q, v = q0.copy(), v0.copy()
+    turn, origin, axis = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3))
+    brain_turn, brain_origin, brain_axis = turn.copy(), origin.copy(), axis.copy()
+    matrix, brain_matrix, factor, inverse = np.empty((4, count, count))
+    hold, brain_hold = np.empty(count), np.empty(count)
+    screws, loads, work = np.empty((count, 6)), np.empty((count, LOADS)), np.empty((count, 18))
+    asked, torque, delayed, seen_q, seen_v = np.zeros(count), np.zeros(count), np.zeros(count), np.empty(count), np.empty(count)
+    grip, impulse, right, pull = np.zeros(count), np.zeros(count), np.empty(count), np.empty(count)
+    shift, pulls, damps, stiffs = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count)
+    motor, motor_speed, before, was = q.copy(), v.copy(), v.copy(), q.copy()
+    weighs = mode == 2
+    longest = 0.0
+    soft = np.zeros(count, dtype=np.bool_)
+    for i in range(count):
+        weighs = weighs or law[_SHARE, i] != 0.0
+        longest = max(longest, law[_DELAY, i])
+        soft[i] = law[_COMPLIANCE, i] > 0.0 or law[_BACKLASH, i] > 0.0
+    slots = int(math.ceil(longest / step)) + 2
+    ring = np.zeros((slots, count))
+    for number in range(length):
+        for i in range(count):
+            if not (abs(v[i]) < 1e3 and abs(q[i]) < 1e3):
+                return number
+        place(parents, fixed, axes, slides, q, turn, origin, axis)
+        spread(slides, bodies, turn, origin, axis, screws, loads)
+        bias(parents, screws, loads, gravity, v, work, hold)
+        inertia(parents, screws, loads, matrix)
+        if number == 0:
+            for i in range(count):
+                if soft[i]:
+                    # What was measured is the motor; the link hangs in its transmission.
+                    q[i] -= math.copysign(0.5 * law[_BACKLASH, i], hold[i]) + law[_COMPLIANCE, i] * hold[i]
+        true = True
+        for i in range(count):
+            angle, rate = (motor[i], motor_speed[i]) if soft[i] else (q[i], v[i])
+            scale = 1.0 + law[_ENC_SCALE, i]
+            seen_q[i] = scale * angle + law[_ENC_OFFSET, i]
+            seen_v[i] = scale * rate
+            if law[_ECC_SINE, i] != 0.0 or law[_ECC_COSINE, i] != 0.0:
+                seen_q[i] += law[_ECC_SINE, i] * math.sin(angle) + law[_ECC_COSINE, i] * math.cos(angle)
+                seen_v[i] += (law[_ECC_SINE, i] * math.cos(angle) - law[_ECC_COSINE, i] * math.sin(angle)) * rate
+            true = true and seen_q[i] == q[i]
+        if number % every == 0:
+            if weighs:
+                if not true:
+                    place(parents, fixed, axes, slides, seen_q, brain_turn, brain_origin, brain_axis)
+                a, b, c = (turn, origin, axis) if true else (brain_turn, brain_origin, brain_axis)
+                if mode == 2:
+                    spread(slides, brain_bodies, a, b, c, screws, loads)
+                    bias(parents, screws, loads, brain_gravity, seen_v, work, brain_hold)
+                    inertia(parents, screws, loads, brain_matrix)
+                else:
+                    weights(parents, slides, brain_bodies, brain_gravity, a, b, c, work, brain_hold)
+            if mode == 2:
+                for i in range(count):
+                    pull[i] = bandwidth * bandwidth * (target[number, i] - seen_q[i])
+                    pull[i] += 2.0 * bandwidth * (speed[number, i] - seen_v[i])
+            for i in range(count):
+                if mode == 1:
+                    wanted = law[_STIFF, i] * (target[number, i] - seen_q[i]) + law[_DAMP, i] * (speed[number, i] - seen_v[i])
+                    wanted += extra[number, i] + (law[_SHARE, i] * brain_hold[i] if weighs else 0.0)
+                elif mode == 2:
+                    wanted = brain_hold[i]
+                    for j in range(count):
+                        wanted += brain_matrix[i, j] * pull[j]
+                else:
+                    wanted = target[number, i]
+                asked[i] = min(max(wanted, -law[_LIMIT, i]), law[_LIMIT, i])
+        for i in range(count):
+            out[0, number, i], out[1, number, i], out[2, number, i] = seen_q[i], seen_v[i], asked[i]
+            out[3, number, i] = q[i]
+            ring[number % slots, i] = asked[i]
+            given = asked[i]
+            if law[_DELAY, i] > 0.0:
+                back = law[_DELAY, i] / step
+                whole = int(math.floor(back))
+                near = ring[(number - whole) % slots, i] if number >= whole else ring[0, i]
+                far = ring[(number - whole - 1) % slots, i] if number > whole else near
+                given = near + (back - whole) * (far - near)
+            if law[_LAG, i] > 0.0:
+                if number == 0:
+                    delayed[i] = given
+                delayed[i] += (given - delayed[i]) * (1.0 - math.exp(-step / law[_LAG, i]))
+                given = delayed[i]
+            given = (1.0 + law[_GAIN, i]) * given + law[_OFFSET, i]
+            if law[_SINE, i] != 0.0 or law[_COSINE, i] != 0.0:
+                phase = law[_WAVES, i] * q[i]
+                given += law[_SINE, i] * math.sin(phase) + law[_COSINE, i] * math.cos(phase)
+            shift[i] = law[_ARMATURE, i]
+            if soft[i]:
+                compliance = max(law[_COMPLIANCE, i], _RIGID)
+                stiff, damp, load = 0.0, 0.0, given
+                light = law[_DAMP, i] * step > 0.5 * law[_ARMATURE, i]
+                if light and mode == 1 and law[_LAG, i] == 0.0 and law[_DELAY, i] == 0.0 and abs(asked[i]) < law[_LIMIT, i]:
+                    # The controller is taken into the implicit step, since the motor alone is too light for an explicit one.
+                    # For others it would be an inertia that a rigid joint does not have.
+                    stiff, damp = law[_STIFF, i] * (1.0 + law[_GAIN, i]), law[_DAMP, i] * (1.0 + law[_GAIN, i])
+                    load = given + stiff * motor[i] + damp * motor_speed[i]
+                base, joined = coupling(law[_ARMATURE, i], damp, stiff, compliance, step)
+                half = 0.5 * law[_BACKLASH, i]
+                pulls[i], damps[i], stiffs[i] = load, damp, stiff
+                shift[i] = 0.0
+                if base > 0.0:
+                    # Where the motor would go alone, against where the link would: as far as they meet, they go together.
+                    rotor = law[_ARMATURE, i] / step
+                    free = (load + rotor * motor_speed[i] + (rotor / step + damp / step) * motor[i]) / base
+                    twist = free - q[i] - step * v[i]
+                    given = 0.0
+                    if abs(twist) > half:
+                        given = joined * (twist - math.copysign(half, twist))
+                        shift[i] = joined * step * step
+            torque[i] = given
+            worn = 1.0 + law[_WARMING, i] * (start + number * step)
+            grip[i] = law[_DRY, i]
+            if law[_STRIBECK, i] != 0.0:
+                share = v[i] / law[_STRIBECK_SPEED, i]
+                grip[i] += law[_STRIBECK, i] * math.exp(-share * share)
+            if law[_LOAD, i] != 0.0:
+                grip[i] += law[_LOAD, i] * abs(given)
+            grip[i] *= worn
+            losses = law[_VISCOUS, i] * worn
+            # With mean speeds, losses are those of the mean speed too; the drag's slope is twice its share of the speed.
+            shift[i] += step * ((0.5 if centred else 1.0) * losses + law[_QUADRATIC, i] * abs(v[i]))
+            right[i] = given - hold[i] - (losses + law[_QUADRATIC, i] * abs(v[i])) * v[i]
+            if law[_SPRING, i] != 0.0:
+                right[i] -= law[_SPRING, i] * (q[i] - law[_SPRING_REST, i])
+        for i in range(count):
+            matrix[i, i] += shift[i]
+            before[i], was[i] = v[i], q[i]
+        advance(matrix, right, grip, law[_SKEW], step, v, impulse, factor, inverse)
+        for i in range(count):
+            q[i] += step * (0.5 * (before[i] + v[i]) if centred else v[i])
+            if soft[i]:
+                angle = motor_side(
+                    q[i], motor[i], motor_speed[i], pulls[i], damps[i], stiffs[i], law[_ARMATURE, i],
+                    max(law[_COMPLIANCE, i], _RIGID), law[_BACKLASH, i], step,
+                )  # fmt: skip
+                # Of the turn against the link the mean speed is known; of the link's own it would be half a step late.
+                motor_speed[i] = v[i] + (angle - motor[i] - (q[i] - was[i])) / step
+                motor[i] = angle
+    return length

@@ -1,0 +1,271 @@
+"""A mechanism and its controller: any URDF with a block that says how it is driven, and the effects added to it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from gsbridge.effects.joints import JOINT_EFFECTS
+from gsbridge.effects.registry import Applied, read_effects
+from gsbridge.errors import InputError
+from gsbridge.gap.formats.yaml_file import read_yaml
+from gsbridge.geometry import Array
+
+MODES = ("torque", "pd", "position", "free")
+"""How a mechanism is driven: by logged torques; by position and speed errors; by a servo known only by its bandwidth; not at
+all."""
+
+
+@dataclass(frozen=True)
+class ControllerModel:
+    """How the joints are driven.
+
+    Args:
+        mode: One of `MODES`.
+        rate: Of the control loop, Hz; also of the physics, which take whole steps per loop.
+        stiffness: Torque per position error, N m/rad (mode `pd`). [N].
+        damping: Torque per speed error, N m s/rad (mode `pd`). [N].
+        bandwidth: Of the servo, Hz (mode `position`).
+        gravity_compensation: Share of the weight that the controller carries.
+        velocity_reference: `zero`: damping acts on the speed; `derivative`: on the speed error, the command's own derivative.
+        torque_limit: Largest torque of each joint, N m; infinite where there is none. [N].
+        between: What reaches the controller between two logged commands: `hold` (the last one) or `line` (a straight line).
+    """
+
+    mode: str
+    rate: float
+    stiffness: Array
+    damping: Array
+    bandwidth: float
+    gravity_compensation: float
+    velocity_reference: str
+    torque_limit: Array
+    between: str = "hold"
+
+    @property
+    def closed_loop(self) -> bool:
+        """Whether position errors are fed back, so that a replay stays near the record by itself."""
+        return self.mode in ("pd", "position")
+
+
+@dataclass(frozen=True)
+class MechanismModel:
+    """A mechanism as it is simulated.
+
+    Args:
+        urdf: Its description.
+        joints: Driven and logged joints, in the order of the records. All others are held.
+        gravity: Acceleration in the base frame, m/s2. [3].
+        controller: How it is driven.
+        viscous: Known viscous friction of each joint, N m s/rad. [N].
+        coulomb: Known Coulomb friction of each joint, N m. [N].
+        armature: Known inertia of rotor and gear seen from the joint, kg m2. [N].
+        limits: Lower and upper limits, rad; infinite where the description has none. [N, 2].
+        physics_rate: Steps of the engine per second.
+        effects: What was added.
+        centred: Whether positions move with the mean of a step's two speeds instead of the new one.
+        tool: Link whose place `tool` columns are; empty for none.
+    """
+
+    urdf: Path
+    joints: tuple[str, ...]
+    gravity: Array
+    controller: ControllerModel
+    viscous: Array
+    coulomb: Array
+    armature: Array
+    limits: Array
+    physics_rate: float
+    effects: tuple[Applied, ...] = ()
+    centred: bool = True
+    tool: str = ""
+
+    @property
+    def time_step(self) -> float:
+        """Of the physics, s."""
+        return 1.0 / self.physics_rate
+
+    def with_effects(self, effects: tuple[Applied, ...]) -> MechanismModel:
+        """The same mechanism with other effects."""
+        return replace(self, effects=effects)
+
+    def digest(self) -> str:
+        """SHA-256 over everything that a simulation depends on."""
+        c = self.controller
+        figures = [self.joints, self.gravity, c.mode, c.rate, c.stiffness, c.damping, c.bandwidth, c.gravity_compensation]
+        figures += [
+            c.velocity_reference,
+            c.torque_limit,
+            c.between,
+            self.viscous,
+            self.coulomb,
+            self.armature,
+            self.physics_rate,
+            self.centred,
+        ]
+        figures += [[effect.record() for effect in self.effects]]
+        figures += [self.tool] if self.tool else []
+        text = json.dumps([item.tolist() if isinstance(item, np.ndarray) else item for item in figures])
+        return hashlib.sha256(self.urdf.read_bytes() + text.encode()).hexdigest()
+
+
+def read_mechanism_model(path: str | Path) -> MechanismModel:
+    """Read a model of a mechanism: YAML with `urdf`, `joints`, `controller` and so on; see docs/gap.md.
+
+    Raises:
+        InputError: The file or the URDF cannot be read, a key is unknown or missing, or joints do not match.
+    """
+    path = Path(path)
+    content = read_yaml(path, "model", "docs/gap.md")
+    return parse_mechanism_model(content, path.parent, path)
+
+
+_KEYS = (
+    "urdf",
+    "joints",
+    "gravity",
+    "controller",
+    "viscous",
+    "coulomb",
+    "armature",
+    "physics_rate",
+    "scheme",
+    "tool",
+    "effects",
+    "evidence",
+)
+_CONTROL = (
+    "mode",
+    "rate",
+    "stiffness",
+    "damping",
+    "bandwidth",
+    "gravity_compensation",
+    "velocity_reference",
+    "torque_limit",
+    "between",
+)
+
+
+def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "model") -> MechanismModel:
+    """A mechanism from the content of its file; `folder` is where its URDF's path starts.
+
+    Raises:
+        InputError: As `read_mechanism_model`.
+    """
+    _check_keys(content, _KEYS, ("urdf", "controller"), source, "")
+    given = content["controller"]
+    _check_keys(given, _CONTROL, ("mode",), source, "controller.")
+    mode = given["mode"]
+    if mode not in MODES:
+        raise InputError(source, f"controller.mode is '{mode}'", f"Use one of {', '.join(MODES)}")
+    urdf = folder / content["urdf"]
+    moving = urdf_joints(urdf)
+    joints = tuple(content.get("joints") or moving)
+    unknown = [name for name in joints if name not in moving]
+    if unknown:
+        raise InputError(source, f"the URDF has no moving joint '{unknown[0]}'", f"It has: {', '.join(moving) or 'none'}")
+    if not joints:
+        raise InputError(urdf, "the URDF has no moving joint", "Give the URDF of a mechanism")
+    count = len(joints)
+
+    def row(values: Any, key: str, default: float) -> Array:
+        values = default if values is None else values
+        values = [values] * count if np.isscalar(values) else values
+        if len(values) != count:
+            raise InputError(
+                source, f"'{key}' has {len(values)} numbers for {count} joints", "Give one per joint, or one for all"
+            )
+        return np.array([default if value is None else value for value in values], dtype=np.float64)
+
+    rate, physics = float(given.get("rate", 1000.0)), float(content.get("physics_rate", 1000.0))
+    if abs(physics / rate - round(physics / rate)) > 1e-9 or physics < rate:
+        raise InputError(source, f"physics_rate {physics:g} is no multiple of controller.rate {rate:g}", "E.g. 1000 and 500")
+    for key in {"pd": ("stiffness", "damping"), "position": ("bandwidth",)}.get(mode, ()):
+        if key not in given:
+            raise InputError(source, f"controller.{key} is missing, which mode {mode} needs", "State it; see docs/gap.md")
+    scheme = content.get("scheme", "centred")
+    if scheme not in ("centred", "euler"):
+        raise InputError(source, f"scheme is '{scheme}'", "Use centred, or euler for the engines' own")
+    limits = np.array([moving[name]["limits"] for name in joints]).reshape(count, 2)
+    controller = ControllerModel(
+        mode,
+        rate,
+        row(given.get("stiffness"), "controller.stiffness", 0.0),
+        row(given.get("damping"), "controller.damping", 0.0),
+        float(given.get("bandwidth", 0.0)),
+        float(given.get("gravity_compensation", 0.0)),
+        given.get("velocity_reference", "zero"),
+        row(given.get("torque_limit"), "controller.torque_limit", np.inf),
+        given.get("between", "hold"),
+    )
+    if controller.between not in ("hold", "line"):
+        raise InputError(source, f"controller.between is '{controller.between}'", "Use hold or line")
+    if controller.velocity_reference not in ("zero", "derivative"):
+        raise InputError(source, f"velocity_reference is '{controller.velocity_reference}'", "Use zero or derivative")
+    tool = content.get("tool") or ""
+    if tool and tool not in urdf_links(urdf):
+        raise InputError(source, f"the URDF has no link '{tool}'", f"It has: {', '.join(urdf_links(urdf))}")
+    effects = read_effects(content.get("effects") or [], source, JOINT_EFFECTS, joints=joints)
+    gravity = np.asarray(content.get("gravity", [0.0, 0.0, -9.81]), dtype=np.float64)
+    own = [moving[name]["damping"] for name in joints], [moving[name]["friction"] for name in joints]
+    return MechanismModel(
+        urdf, joints, gravity, controller,
+        row(content.get("viscous", own[0]), "viscous", 0.0), row(content.get("coulomb", own[1]), "coulomb", 0.0),
+        row(content.get("armature"), "armature", 0.0), limits, physics, effects,
+        scheme == "centred", tool,
+    )  # fmt: skip
+
+
+def _check_keys(content: Any, known: tuple[str, ...], needed: tuple[str, ...], source: str | Path, prefix: str) -> None:
+    """Refuse a section that is none, lacks a key or has an unknown one."""
+    if not isinstance(content, Mapping):
+        raise InputError(source, f"'{prefix.rstrip('.') or 'the model'}' is no section", "Correct it after docs/gap.md")
+    for key in content:
+        if key not in known:
+            raise InputError(source, f"the key '{prefix}{key}' is unknown", f"Use only: {', '.join(known)}")
+    for key in needed:
+        if key not in content:
+            raise InputError(source, f"the key '{prefix}{key}' is missing", "See docs/gap.md")
+
+
+def urdf_links(urdf: str | Path) -> list[str]:
+    """Links of a description that `urdf_joints` could read."""
+    return [str(link.get("name")) for link in ElementTree.parse(urdf).getroot().findall("link")]
+
+
+def urdf_joints(urdf: str | Path) -> dict[str, dict[str, Any]]:
+    """Moving joints of a description, in its order: limits (rad, m), damping and friction it states.
+
+    Raises:
+        InputError: The file cannot be read as URDF.
+    """
+    try:
+        root = ElementTree.parse(urdf).getroot()
+    except OSError as error:
+        raise InputError(urdf, "the URDF cannot be read", "Check the path in the model") from error
+    except ElementTree.ParseError as error:
+        raise InputError(urdf, f"this is no XML ({error})", "Export the URDF again") from error
+    if root.tag != "robot":
+        raise InputError(urdf, "this is no URDF: its root is no <robot>", "Export the URDF again")
+    out = {}
+    for joint in root.findall("joint"):
+        if joint.get("type") not in ("revolute", "continuous", "prismatic"):
+            continue
+        limit, loss = joint.find("limit"), joint.find("dynamics")
+        low = float("-inf") if limit is None or joint.get("type") == "continuous" else float(limit.get("lower", "-inf"))
+        high = float("inf") if limit is None or joint.get("type") == "continuous" else float(limit.get("upper", "inf"))
+        out[str(joint.get("name"))] = {
+            "limits": (low, high),
+            "damping": 0.0 if loss is None else float(loss.get("damping", 0.0)),
+            "friction": 0.0 if loss is None else float(loss.get("friction", 0.0)),
+            "link": joint.find("child").get("link"),
+        }
+    return out

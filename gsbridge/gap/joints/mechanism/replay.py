@@ -1,0 +1,136 @@
+"""Replay of a record through the simulated mechanism.
+
+The mechanism's equations are stepped by a compiled kernel, some ten times faster than an engine with Python between its
+steps; a diagnosis needs thousands of runs. `tests/unit/bullet_replay.py` runs the same in PyBullet itself, and tests hold the
+two together. PyBullet's scheme (positions move with the new speed) shifts positions against speeds by half a step; at 1 kHz
+that looks like half a millisecond of latency, so a mechanism is stepped with the mean speed unless its file says
+`scheme: euler`. Runs of the same input are equal to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gsbridge.gap.formats.records import AXES, TOOL, Record
+from gsbridge.gap.joints.mechanism.chain import Chain
+from gsbridge.gap.joints.mechanism.inertials import Skeleton
+from gsbridge.gap.joints.mechanism.joint_kernel import MODE, simulate
+from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
+from gsbridge.gap.joints.mechanism.setup import JointSetup
+from gsbridge.geometry import Array
+
+Span = tuple[int, int]
+"""First sample of a stretch of a record, and the one behind its last."""
+
+State = tuple[Array, Array]
+"""Positions and speeds of the joints. [N], [N]."""
+
+
+class Mechanism:
+    """A simulated mechanism with joints.
+
+    Args:
+        system: The mechanism.
+
+    Raises:
+        InputError: The URDF cannot be used.
+
+    Attributes:
+        runs: Simulations so far.
+        shared: Those of them whose results are kept for all records of equal commands.
+    """
+
+    def __init__(self, system: MechanismModel) -> None:
+        self.system = system
+        self.runs = self.shared = 0
+        self.skeleton = Skeleton.read(system.urdf, system.joints)
+        self.chain = Chain.of(self.skeleton, system.joints, system.urdf)
+        self._brain = self.chain.bodies(self.skeleton.inertials)
+
+    def setup(self) -> JointSetup:
+        """A fresh nominal setup."""
+        return JointSetup.nominal(self.system, self.skeleton.inertials, self.skeleton.child_of)
+
+    def run(self, record: Record, setup: JointSetup, spans: Sequence[Span], states: Sequence[State]) -> dict[str, Array]:
+        """Simulate stretches of a record.
+
+        Args:
+            record: Commands and times.
+            setup: The mechanism with its effects.
+            spans: Stretches, each simulated from its own state.
+            states: State of the joints at the begin of each stretch, as measured.
+
+        Returns:
+            `position`, `velocity`, `effort` (what the controller asks of the motors) at the record's times, and `tool` where
+            the record has it; not-a-number outside the stretches and after a divergence. Each [T, N]; `tool` [T, 3].
+        """
+        self.runs += 1
+        system, chain, order = self.system, self.chain, self.chain.order
+        step, count = system.time_step, len(record.joints)
+        steps = int(np.ceil(record.duration / step)) + 2
+        wanted = [np.ascontiguousarray(values[:, order]) for values in command_grid(record, system, setup, steps)]
+        bodies = chain.bodies(setup.inertials)
+        law = np.ascontiguousarray(setup.rows()[:, order])
+        out = {kind: np.full((len(record.time), count), np.nan) for kind in ("position", "velocity", "effort")}
+        if TOOL in record.measured:
+            out[TOOL] = np.full((len(record.time), len(AXES)), np.nan)
+        every = round(system.physics_rate / system.controller.rate)
+        for (first, end), (q, v) in zip(spans, states, strict=True):
+            begin = int(round(record.time[first] / step))
+            length = min(int(np.ceil((record.time[end - 1] - record.time[first]) / step)) + 2, steps - begin)
+            raw = np.full((4, length, count), np.nan)
+            q, v = true_state(setup, q, v)
+            simulate(
+                chain.parents, chain.fixed, chain.axes, chain.slides, bodies, setup.gravity, self._brain, system.gravity, law,
+                MODE[system.controller.mode], 2 * np.pi * system.controller.bandwidth, *(item[begin:] for item in wanted),
+                q[order], v[order], float(record.time[first]), step, every, system.centred, raw,
+            )  # fmt: skip
+            channels: dict[str, Array] = {}
+            for kind, values in zip(("position", "velocity", "effort"), raw[:3], strict=True):
+                channels[kind] = np.empty_like(values)
+                channels[kind][:, order] = values
+            if TOOL in out:
+                # Encoders may err, and see the motor's side of a soft joint; the tool is where the links really are.
+                channels[TOOL] = chain.place(system.tool, raw[3])
+            grid = begin * step + step * np.arange(length)
+            for hook in setup.outputs:
+                channels = hook(grid, channels)
+            for kind, values in channels.items():
+                for k in range(values.shape[1]):
+                    out[kind][first:end, k] = np.interp(record.time[first:end], grid, values[:, k])
+        return out
+
+
+def true_state(setup: JointSetup, q: Array, v: Array) -> State:
+    """State of the joints behind a measured one: what the encoders add is taken off. Each [N]."""
+    law = setup.law
+    scale = 1.0 + law["encoder_scale"]
+    q = (q - law["encoder_offset"]) / scale
+    return q - law["eccentric_sine"] * np.sin(q) - law["eccentric_cosine"] * np.cos(q), v / scale
+
+
+def command_grid(record: Record, system: MechanismModel, setup: JointSetup, steps: int) -> tuple[Array, Array, Array]:
+    """Commands as they reach the controller in each physics step: target, its speed, feedforward. Each [steps, N]."""
+    count, step = len(record.joints), system.time_step
+    zero = np.zeros((steps, count))
+    if system.controller.mode == "free":
+        return zero, zero, zero
+    grid = step * np.arange(steps)
+    # Half a microsecond forgives rounding of stamps that lie on the grid.
+    rows = (np.searchsorted(record.time, grid + 5e-7, side="right") - 1).clip(0)
+    commands: dict[str, Array] = {}
+    for kind, values in record.commands.items():
+        if system.controller.between == "line":
+            commands[kind] = np.stack([np.interp(grid, record.time, column) for column in values.T], axis=1)
+        else:
+            commands[kind] = values[rows]
+    target, speed, extra = commands["command"], commands.get("command_velocity"), commands.get("feedforward", zero)
+    for hook in setup.commands:
+        target = hook(target, step)
+        speed = None if speed is None else hook(speed, step)
+        extra = hook(extra, step) if "feedforward" in commands else extra
+    if speed is None:
+        speed = np.gradient(target, step, axis=0) if system.controller.velocity_reference == "derivative" else zero
+    return target, speed, extra

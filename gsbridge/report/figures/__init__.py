@@ -1,0 +1,1 @@
+"""Figures, films of trials, and the rows measured for them. Builds on the tables."""

@@ -1,0 +1,280 @@
+"""Closing the loop: successes before, in the changed world, and after, with what the finding cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_file, read_json
+from gsbridge.report.tables.formats import Table, markdown
+from gsbridge.report.tables.rows import write_rows
+from gsbridge.report.tables.success_rows import STRICT_WORLD, read_trials
+from gsbridge.statistics import wilson_interval
+
+COLUMNS = (
+    *("task", "object", "background", "variant", "world", "trials", "successes", "success_rate", "ci95_low", "ci95_high"),
+    "training_steps",
+)
+"""`training_steps`: environment steps that the policy learned from."""
+
+
+def loop_rows(
+    cell: Mapping[str, Any],
+    plan: Sequence[Mapping[str, str]],
+    trials: Sequence[str | Path],
+    trainings: Sequence[str | Path],
+) -> list[dict[str, Any]]:
+    """Success of each policy in each world.
+
+    Args:
+        cell: Task, object, background, seed.
+        plan: `variant` and `world` of each row.
+        trials: Trials of each row.
+        trainings: `training.json` of the policies.
+
+    Raises:
+        InputError: A file is missing or damaged.
+    """
+    steps = {Path(path).parts[-3]: int(field_of(path, "steps")) for path in trainings}
+    return [_row(cell, entry, path, steps) for entry, path in zip(plan, trials, strict=True)]
+
+
+def field_of(path: str | Path, name: str) -> Any:
+    """A field of a record."""
+    content = read_json(path)
+    if name not in content:
+        raise InputError(path, f"it has no '{name}'", "Run the rule that makes it again")
+    return content[name]
+
+
+def _row(cell: Mapping[str, Any], plan: Mapping[str, str], path: str | Path, steps: Mapping[str, int]) -> dict[str, Any]:
+    """One policy in one world."""
+    trials = read_trials(path)
+    good = trials.judged(plan["world"])
+    low, high = wilson_interval(int(good.sum()), len(trials))
+    return {
+        **{name: cell[name] for name in ("task", "object", "background")},
+        "variant": plan["variant"],
+        "world": plan["world"],
+        "trials": len(trials),
+        "successes": int(good.sum()),
+        "success_rate": float(good.mean()),
+        "ci95_low": low,
+        "ci95_high": high,
+        "training_steps": steps[plan["variant"]],
+    }
+
+
+def rows_table(cell: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> Table:
+    """The rows as a table for people."""
+    return Table(
+        title=f"Closing the loop, {cell['task']}: {cell['object']} on {cell['background']}",
+        columns=("policy", "world", "successes", "rate (95 %)", "learned from"),
+        rows=tuple(
+            (
+                row["variant"],
+                row["world"],
+                f"{row['successes']}/{row['trials']}",
+                f"{row['success_rate']:.1%} ({row['ci95_low']:.1%} to {row['ci95_high']:.1%})",
+                f"{row['training_steps']} steps",
+            )
+            for row in rows
+        ),
+        notes=(f"One policy each, seed {cell['seed']}. Both sets of start poses. {STRICT_WORLD} is the simulation.",),
+    )
+
+
+def draw_rows(rows: Sequence[Mapping[str, Any]], out: str | Path) -> None:
+    """A bar and its interval for each row."""
+    figure, axis = plt.subplots(figsize=(7.0, 0.45 * len(rows) + 1.1), layout="constrained")
+    rates = [row["success_rate"] for row in rows]
+    errors = [
+        [rate - row["ci95_low"] for rate, row in zip(rates, rows, strict=True)],
+        [row["ci95_high"] - rate for rate, row in zip(rates, rows, strict=True)],
+    ]
+    axis.barh(range(len(rows)), rates, xerr=errors, color="#1f6f8b", ecolor="#555555", height=0.6, capsize=3)
+    labels = [f"{row['variant']} in {row['world']} ({row['successes']}/{row['trials']})" for row in rows]
+    axis.set_yticks(range(len(rows)), labels)
+    axis.invert_yaxis()
+    axis.set_xlim(0, 1.05)
+    axis.set_xlabel("success rate, 95 % interval")
+    with atomic_file(out) as temporary:
+        figure.savefig(temporary, dpi=130)
+    plt.close(figure)
+
+
+@dataclass(frozen=True)
+class LoopFiles:
+    """What the table is made of.
+
+    Args:
+        cell: Task, object, background, seed.
+        plan: `variant` and `world` of each row.
+        trials: Trials of each row.
+        trainings: `training.json` of the policies, before and after.
+        logged: `trials.json` of the logged worlds.
+        calibration: `calibration.json`.
+        findings: `findings.json` of the reference and of the changed world.
+        amendment: `amendment.json`.
+    """
+
+    cell: Mapping[str, Any]
+    plan: Sequence[Mapping[str, str]]
+    trials: Sequence[str | Path]
+    trainings: Sequence[str | Path]
+    logged: Sequence[str | Path]
+    calibration: str | Path
+    findings: Sequence[str | Path]
+    amendment: str | Path
+
+
+def write_loop(files: LoopFiles, rows_csv: str | Path, page: str | Path, figure: str | Path) -> None:
+    """Write the rows, a page in Markdown and a figure.
+
+    Args:
+        files: What they are made of.
+        rows_csv: The rows.
+        page: The page.
+        figure: The picture.
+
+    Raises:
+        InputError: A file is missing or damaged.
+    """
+    rows = loop_rows(files.cell, files.plan, files.trials, files.trainings)
+    write_rows(rows_csv, COLUMNS, rows)
+    draw_rows(rows, figure)
+    with atomic_file(page) as temporary:
+        temporary.write_text(_page(files, rows), encoding="utf-8")
+
+
+def _page(files: LoopFiles, rows: Sequence[Mapping[str, Any]]) -> str:
+    """The page."""
+    table = rows_table(files.cell, rows)
+    reference, changed = (read_json(path) for path in files.findings)
+    calibration, amendment = read_json(files.calibration), read_json(files.amendment)
+    lines = [
+        "# Closing the loop: the arm",
+        "",
+        markdown(table),
+        "",
+        "## What was found",
+        "",
+        f"- The world in which the policy works, against the simulation: **{reference['verdict']}**. {reference['sentence']}",
+        f"- Calibrated there, the residual on a record that was not fitted falls from {calibration['before']['verify']:.3g} to"
+        f" {calibration['after']['verify']:.3g} times the noise of the sensors; the commands take"
+        f" {1e3 * calibration['delay']:.1f} ms.",
+        f"- The changed world, against the calibrated arm: **{changed['verdict']}**. {changed['sentence']}",
+        *(f"- Left out: {reason}." for reason in amendment["reasons"]),
+        "",
+        "## The price",
+        "",
+        *_price(files, calibration, (reference, changed)),
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _price(files: LoopFiles, calibration: Mapping[str, Any], findings: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Records, simulations and minutes."""
+    logged = [trial for path in files.logged for trial in field_of(path, "trials")]
+    failed = sum(not trial["success"] for trial in logged)
+    seconds = sum(trial["seconds"] for trial in logged)
+    bank = sum(item["simulations"]["bank"] for item in findings)
+    case = sum(item["simulations"]["case"] for item in findings)
+    minutes = (calibration["seconds"] + sum(item["seconds"] for item in findings)) / 60
+    training = sum(field_of(files.trainings[-1], "cpu_seconds").values()) / 60
+    return [
+        f"- {len(logged)} records of {seconds:.0f} s together, {failed} of them of failed trials.",
+        f"- {calibration['simulations']} simulations of the arm to calibrate, {bank} for the banks of two cases, {case} for"
+        f" their diagnosis: {minutes:.0f} minutes.",
+        f"- A new training of {field_of(files.trainings[-1], 'steps')} steps: {training:.0f} minutes of processor time.",
+    ]
+
+
+@dataclass(frozen=True)
+class SightFiles:
+    """What the table is made of.
+
+    Args:
+        cell: Task, object, background, seed.
+        plan: `variant` and `world` of each row.
+        worlds: Photographed worlds; the first is the reference.
+        trials: Trials of each row.
+        trainings: `training.json` of the policies.
+        photos: Records of the photos of each world.
+        findings: `findings.json` of each world.
+    """
+
+    cell: Mapping[str, Any]
+    plan: Sequence[Mapping[str, str]]
+    worlds: Sequence[str]
+    trials: Sequence[str | Path]
+    trainings: Sequence[str | Path]
+    photos: Sequence[str | Path]
+    findings: Sequence[str | Path]
+
+
+def write_sight_loop(files: SightFiles, rows_csv: str | Path, page: str | Path, figure: str | Path) -> None:
+    """Write the rows, a page in Markdown and a figure.
+
+    Args:
+        files: What they are made of.
+        rows_csv: The rows.
+        page: The page.
+        figure: The picture.
+
+    Raises:
+        InputError: A file is missing or damaged.
+    """
+    rows = loop_rows(files.cell, files.plan, files.trials, files.trainings)
+    write_rows(rows_csv, COLUMNS, rows)
+    draw_rows(rows, figure)
+    found = {world: read_json(path) for world, path in zip(files.worlds, files.findings, strict=True)}
+    lines = [
+        "# Closing the loop: the camera",
+        "",
+        markdown(rows_table(files.cell, rows)),
+        "",
+        "## What was found",
+        "",
+        *(f"- {world}: **{item['verdict']}**. {item['sentence']}" for world, item in found.items()),
+        "",
+        "## The price",
+        "",
+        *_photo_price(files, found),
+        "",
+    ]
+    with atomic_file(page) as temporary:
+        temporary.write_text("\n".join(lines), encoding="utf-8")
+
+
+def _photo_price(files: SightFiles, found: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Photos, pictures and minutes."""
+    counts = [int(field_of(path, "views")) for path in files.photos]
+    out = [f"- {counts[0]} photos on the first day; later {', '.join(f'{n} in {w}' for w, n in _later(files, counts))}."]
+    out += [
+        f"- {world}: {item['simulations']['case']} sets of expected photos, {item['seconds']:.0f} s."
+        for world, item in found.items()
+    ]
+    new = {entry["variant"] for entry in files.plan} - {
+        entry["variant"] for entry in files.plan if entry["world"] == files.worlds[0]
+    }
+    for path in files.trainings:
+        variant = Path(path).parts[-3]
+        if variant in new:
+            minutes = sum(field_of(path, "cpu_seconds").values()) / 60
+            out.append(f"- {variant}: a training of {field_of(path, 'steps')} steps, {minutes:.0f} minutes of processor time.")
+    return out
+
+
+def _later(files: SightFiles, counts: Sequence[int]) -> list[tuple[str, int]]:
+    return list(zip(files.worlds[1:], counts[1:], strict=True))

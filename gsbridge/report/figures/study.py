@@ -1,0 +1,116 @@
+"""The study: ways of learning compared at equal environment steps, with a good controller and with one that is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_file, read_json
+from gsbridge.report.tables.formats import Table, markdown
+from gsbridge.report.tables.result_paths import Cell, cell_of, seed_of
+from gsbridge.report.tables.rows import write_rows
+from gsbridge.report.tables.success_rows import read_trials
+from gsbridge.statistics import wilson_interval
+
+COLUMNS = (
+    *("task", "object", "background", "variant", "algo", "controller_offset_mm", "seeds", "steps", "trials", "successes"),
+    *("success_rate", "ci95_low", "ci95_high", "seed_low", "seed_high", "controller_success_rate", "cpu_min"),
+)
+"""`seed_low`, `seed_high`: smallest and largest rate of a single seed. `controller_success_rate`: of the controller that the
+variant learned from, on the trainings' own start poses; empty for `sac`. `cpu_min`: mean CPU minutes of a training."""
+
+
+def write_study(trainings: Sequence[str | Path], trials: Sequence[str | Path], rows_csv: str | Path, page: str | Path) -> None:
+    """Write the rows of the study and a page in Markdown.
+
+    Args:
+        trainings: `training.json` of every variant and seed.
+        trials: Trials in simulation of the same policies, in the same order; both sets of start poses count.
+        rows_csv: The rows.
+        page: The page.
+
+    Raises:
+        InputError: A file is damaged, or policies of one study had unequal numbers of steps.
+    """
+    groups: dict[Cell, list[dict[str, Any]]] = {}
+    for training, table in zip(trainings, trials, strict=True):
+        cell, rest = cell_of(training, "policies")
+        groups.setdefault(cell, []).append(_policy(training, table, seed_of(rest[0], training)))
+    rows = [_row(cell, policies) for cell, policies in groups.items()]
+    steps = {row["steps"] for row in rows}
+    # A training ends with the episode in which its steps are full.
+    if max(steps) > 1.05 * min(steps):
+        raise InputError(
+            rows_csv, f"the policies had {min(steps)} to {max(steps)} steps", "Give all variants of the study stop_after: 0"
+        )
+    write_rows(rows_csv, COLUMNS, rows)
+    with atomic_file(page) as temporary:
+        temporary.write_text(f"# Study\n\n{markdown(_table(rows))}\n", encoding="utf-8")
+
+
+def _policy(training: str | Path, table: str | Path, seed: int) -> dict[str, Any]:
+    record, trials = read_json(training), read_trials(table)
+    try:
+        return {
+            "seed": seed,
+            "algo": record["algo"],
+            "offset": 1e3 * max(abs(float(value)) for value in record["controller_offset"]),
+            "steps": int(record["steps"]),
+            "controller": record["controller_success"],
+            "cpu_s": sum(record["cpu_seconds"].values()),
+            "trials": len(trials),
+            "successes": int(trials.judged("sim").sum()),
+        }
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(training, f"the record of the training is damaged ({error!r})", "Train the policy again") from error
+
+
+def _row(cell: Cell, policies: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Row of one variant: the seeds' trials counted together."""
+    count = sum(policy["trials"] for policy in policies)
+    good = sum(policy["successes"] for policy in policies)
+    rates = [policy["successes"] / policy["trials"] for policy in policies]
+    known = [float(policy["controller"]) for policy in policies if policy["controller"] is not None]
+    low, high = wilson_interval(good, count)
+    return {
+        **{name: getattr(cell, name) for name in ("task", "object", "background", "variant")},
+        "algo": policies[0]["algo"],
+        "controller_offset_mm": policies[0]["offset"],
+        "seeds": len(policies),
+        "steps": max(policy["steps"] for policy in policies),
+        "trials": count,
+        "successes": good,
+        "success_rate": good / count,
+        "ci95_low": low,
+        "ci95_high": high,
+        "seed_low": min(rates),
+        "seed_high": max(rates),
+        "controller_success_rate": sum(known) / len(known) if known else None,
+        "cpu_min": sum(policy["cpu_s"] for policy in policies) / len(policies) / 60,
+    }
+
+
+def _table(rows: Sequence[dict[str, Any]]) -> Table:
+    """The rows for print."""
+    first = rows[0]
+    body = tuple(
+        (
+            row["variant"],
+            row["algo"],
+            f"{row['controller_offset_mm']:.0f} mm",
+            "" if row["controller_success_rate"] is None else f"{row['controller_success_rate']:.0%}",
+            f"{row['successes']}/{row['trials']}",
+            f"{row['success_rate']:.1%} ({row['ci95_low']:.1%} to {row['ci95_high']:.1%})",
+            f"{row['seed_low']:.0%} to {row['seed_high']:.0%}",
+            f"{row['cpu_min']:.1f}",
+        )
+        for row in rows
+    )
+    return Table(
+        title=f"Ways of learning, {first['task']}: {first['object']} on {first['background']}, {first['steps']} steps",
+        columns=("variant", "algorithm", "controller off by", "controller", "successes", "rate (95 %)", "seeds", "CPU min"),
+        rows=body,
+        notes=("Trials in simulation, both sets of start poses. Controllers are tried on the trainings' own start poses.",),
+    )

@@ -1,0 +1,1 @@
+"""Pages, figures and rows of the gap between simulation and reality. Builds on pages and scores."""

@@ -1,0 +1,204 @@
+"""Figures of the blind benchmark: outcomes by size, ways of naming compared, confusion matrix, calibration of probabilities."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.colors import LinearSegmentedColormap
+
+from gsbridge.report.gap.figures import PLAIN, data_uri
+
+OUTCOMES = {
+    "right": ("named right", "#2c7a4b"),
+    "covered": ("ambiguous, truth inside", "#8fc1a1"),
+    "abstained": ("none of the known", "#b9c3cd"),
+    "missed": ("not noticed", "#dde3ea"),
+    "wrong": ("wrong name", "#b3261e"),
+}
+"""Shares of the detection curve, from the bottom: legend and colour."""
+
+METHODS = {
+    "gsbridge": "gsbridge",
+    "largest_change": "fit everything, name the largest change",
+    "training_bic": "best training BIC",
+    "cosine": "signature cosine alone",
+    "sparse": "sparse regression alone",
+    "cma_es": "CMA-ES over all",
+}
+"""Ways of naming, for people."""
+
+TIERS = {
+    "t0": "T0: analytic truth",
+    "t1": "T1: PyBullet truth",
+    "t2": "T2: MuJoCo truth",
+    "t3": "T3: real logs",
+    "t4": "T4: images",
+}
+
+_ACCENT, _SOFT = "#1f6f8b", "#5b6b7b"
+
+_MARKS = (("o", _ACCENT), ("s", "#b08a4f"), ("^", "#8a5fa8"), ("D", "#c0573d"), ("v", "#5d7f3b"), ("P", "#6b7280"))
+_COUNTS = LinearSegmentedColormap.from_list("counts", ["#eaf2f5", "#1f6f8b"])
+_WRONG = LinearSegmentedColormap.from_list("wrong", ["#f6dcda", "#b3261e"])
+
+
+def tier_title(tier: str) -> str:
+    """A tier for people."""
+    return TIERS.get(tier, tier.upper())
+
+
+def draw_sizes(tiers: Mapping[str, Mapping[str, Any]]) -> str:
+    """Outcomes by the size of what was hidden, one panel per tier.
+
+    Args:
+        tiers: Our scores by tier, with `by_units`.
+    """
+    with plt.rc_context(PLAIN):
+        figure, axes = plt.subplots(
+            1, len(tiers), figsize=(3.9 * max(len(tiers), 2), 3.7), squeeze=False, sharey=True, layout="constrained"
+        )
+        for axis, (tier, scores) in zip(axes[0], tiers.items(), strict=True):
+            rows = [row for row in scores["by_units"] if row["right"]["n"]]
+            base = np.zeros(len(rows))
+            for name, (label, colour) in OUTCOMES.items():
+                shares = np.array([100 * (row[name]["value"] or 0.0) for row in rows])
+                axis.bar(range(len(rows)), shares, 0.72, base, color=colour, label=label)
+                base += shares
+            rates = [row["right"] for row in rows]
+            middles = [100 * rate["value"] for rate in rates]
+            errors = [[m - 100 * r["ci95_low"] for m, r in zip(middles, rates, strict=True)],
+                      [100 * r["ci95_high"] - m for m, r in zip(middles, rates, strict=True)]]  # fmt: skip
+            axis.errorbar(
+                range(len(rows)), middles, np.maximum(errors, 0), fmt="none", ecolor="#1d2733", capsize=3, linewidth=1
+            )
+            axis.set_xticks(range(len(rows)), [f"{row['units']:g}\n(n = {row['right']['n']})" for row in rows])
+            axis.set_title(tier_title(tier), loc="left", fontsize=11, fontweight="bold")
+            axis.set_xlabel("size, units of the detection limit")
+        axes[0, 0].set_ylabel("cases, %")
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper center", ncols=5, frameon=False)
+        return data_uri(figure)
+
+
+def draw_methods(tier: str, methods: Mapping[str, Mapping[str, Any]]) -> str:
+    """Right against wrong names of every way of naming in one tier; the upper left corner is best.
+
+    Args:
+        tier: The tier.
+        methods: Scores by method.
+    """
+    with plt.rc_context(PLAIN):
+        figure, axis = plt.subplots(figsize=(6.6, 3.9), layout="constrained")
+        for number, (method, scores) in enumerate(methods.items()):
+            right, wrong = scores["named_right"], scores["named_wrong"]
+            if right["value"] is None or wrong["value"] is None:
+                continue
+            x, y = 100 * wrong["value"], 100 * right["value"]
+            reach = [[max(value, 0.0)] for value in (x - 100 * wrong["ci95_low"], 100 * wrong["ci95_high"] - x)]
+            rise = [[max(value, 0.0)] for value in (y - 100 * right["ci95_low"], 100 * right["ci95_high"] - y)]
+            ours, (mark, colour) = method == "gsbridge", _MARKS[number % len(_MARKS)]
+            axis.errorbar(
+                x, y, rise, reach, fmt=mark, color=colour, capsize=2, markersize=8 if ours else 6, linewidth=1,
+                label=METHODS.get(method, method),
+            )  # fmt: skip
+        # A legend: the best ways lie too close together for words beside them.
+        axis.legend(loc="lower left", frameon=False, fontsize=9.5)
+        axis.set_xlim(-2, 102)
+        axis.set_ylim(-2, 104)
+        axis.set_xlabel("wrong names, % of single effects")
+        axis.set_ylabel("right names, % at 5 units and more")
+        axis.set_title(tier_title(tier), loc="left", fontsize=11, fontweight="bold")
+        return data_uri(figure)
+
+
+def confusion_cells(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[str, str], int]:
+    """Cases by what was hidden and what was answered; sets are one column, and so is the right effect at another joint."""
+    out: dict[tuple[str, str], int] = {}
+    for row in rows:
+        answer = row["answer"]
+        if answer.startswith("one of "):
+            answer = "ambiguous"
+        elif answer.endswith(" elsewhere"):
+            answer = "other joint"
+        out[row["hidden"], answer] = out.get((row["hidden"], answer), 0) + row["cases"]
+    return out
+
+
+SILENT = ("ambiguous", "none_of_the_known", "not_enough_excitation", "no_discrepancy", "other joint")
+"""Answers that name nothing, and the wrong joint: the last columns of the matrix."""
+
+
+def _axes(cells: Mapping[tuple[str, str], int]) -> tuple[list[str], list[str]]:
+    """Rows and columns of the matrix: right answers on a diagonal, silence at the right."""
+    hidden = sorted({a for a, _ in cells})
+    named = sorted({b for _, b in cells} - set(SILENT))
+    columns = [name for name in hidden if name in named] + [name for name in named if name not in hidden]
+    return hidden, columns + [name for name in SILENT if any(b == name for _, b in cells)]
+
+
+def confusion_width(rows: Sequence[Mapping[str, Any]]) -> float:
+    """Width at which the matrix is shown, rem."""
+    return round(6 * (2.6 + 0.36 * len(_axes(confusion_cells(rows))[1])), 1)
+
+
+def draw_confusion(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The confusion matrix: hidden by answered. Blue is right or open, red is a wrong name.
+
+    Args:
+        rows: `hidden`, `answer`, `cases`.
+    """
+    cells = confusion_cells(rows)
+    hidden, columns = _axes(cells)
+    with plt.rc_context({**PLAIN, "axes.spines.left": False, "axes.spines.bottom": False}):
+        size = (2.6 + 0.36 * len(columns), 1.9 + 0.3 * len(hidden))
+        figure, axis = plt.subplots(figsize=size, layout="constrained")
+        largest = max(cells.values(), default=1)
+        for (a, b), count in cells.items():
+            row, column = hidden.index(a), columns.index(b)
+            wrong = b not in SILENT[:-1] and a != b
+            shade = (_WRONG if wrong else _COUNTS)(count / largest)
+            axis.add_patch(plt.Rectangle((column, row), 1, 1, facecolor=shade, edgecolor="white"))
+            ink = "white" if count / largest > 0.5 else "#1d2733"
+            axis.text(column + 0.5, row + 0.5, str(count), ha="center", va="center", fontsize=8.5, color=ink)
+        axis.set_xlim(0, max(len(columns), 1))
+        axis.set_ylim(max(len(hidden), 1), 0)
+        axis.set_xticks(np.arange(len(columns)) + 0.5, [name.replace("_", " ") for name in columns], rotation=90)
+        axis.set_yticks(np.arange(len(hidden)) + 0.5, [name.replace("_", " ") for name in hidden])
+        axis.tick_params(length=0, labelcolor="#1d2733", labelsize=9)
+        axis.set_xlabel("answered")
+        axis.set_ylabel("hidden")
+        axis.grid(visible=True, color="#eef1f4", linewidth=0.6)
+        axis.set_axisbelow(True)
+        return data_uri(figure)
+
+
+def draw_calibration(tiers: Mapping[str, Mapping[str, Any]]) -> str:
+    """How often an explanation said to be best with some probability is the hidden one.
+
+    Args:
+        tiers: Our scores by tier, with `calibration`.
+    """
+    colours = ("#1f6f8b", "#c2660c", "#2c7a4b", "#7a4f9a")
+    with plt.rc_context(PLAIN):
+        figure, axis = plt.subplots(figsize=(4.6, 3.9), layout="constrained")
+        axis.plot([0, 1], [0, 1], color="#b9c3cd", linestyle=(0, (4, 3)), linewidth=1.2)
+        for colour, (tier, scores) in zip(colours, tiers.items(), strict=False):
+            rows = [row for row in scores["calibration"] if row["right"]["n"]]
+            x, y = [row["said_mean"] for row in rows], [row["right"]["value"] for row in rows]
+            errors = [[b - row["right"]["ci95_low"] for b, row in zip(y, rows, strict=True)],
+                      [row["right"]["ci95_high"] - b for b, row in zip(y, rows, strict=True)]]  # fmt: skip
+            axis.errorbar(x, y, np.maximum(errors, 0), fmt="o", color=colour, capsize=2, linewidth=1, label=tier_title(tier))
+        axis.set_xlim(-0.03, 1.03)
+        axis.set_ylim(-0.03, 1.03)
+        axis.set_xlabel("probability that was stated")
+        axis.set_ylabel("share that was right")
+        if len(tiers) > 0:
+            axis.legend(frameon=False, loc="upper left", fontsize=9)
+        return data_uri(figure)

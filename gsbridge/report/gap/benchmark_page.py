@@ -1,0 +1,168 @@
+"""The page of the blind benchmark: what was named right, wrong or left open, against floors and simpler ways of naming."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from gsbridge.files import read_json
+from gsbridge.report.gap.benchmark_figures import (
+    METHODS,
+    confusion_width,
+    draw_calibration,
+    draw_confusion,
+    draw_methods,
+    draw_sizes,
+    tier_title,
+)
+from gsbridge.report.pages.html import write_page
+from gsbridge.report.scores.measured_gap import OURS, PHOTOS, gap_figures, pooled, read_tiers, real_figures
+from gsbridge.report.scores.results_page import shown, shown_floor, verdict
+from gsbridge.report.scores.score import read_floors, score_figure
+
+SHOWN = ("right", "covered", "abstained", "missed", "wrong", "quiet", "false_alarm")
+"""Outcomes in the columns of the tables by effect and by kind of case."""
+
+
+def write_gap_benchmark(
+    scores: Sequence[str | Path], floors: str | Path, preset: str, out: str | Path, *, real: str | Path | None = None
+) -> None:
+    """Write the page.
+
+    Args:
+        scores: `scores.json` of each tier.
+        floors: `benchmarks/floors.yaml`.
+        preset: Preset that they ran with.
+        out: The HTML file.
+        real: What was said about real logs; None where they are not on this machine.
+
+    Raises:
+        InputError: A file is missing or damaged.
+    """
+    tiers = read_tiers(scores)
+    ours = {tier: found["methods"][OURS] for tier, found in tiers.items()}
+    write_page(
+        out,
+        "benchmark.html.j2",
+        headline=headline(ours),
+        splits=sorted({found["split"] for found in tiers.values()}),
+        preset=preset,
+        floors=_floors(gap_figures(tiers) | ({} if real is None else real_figures(read_json(real))), floors, preset),
+        sizes=draw_sizes(ours),
+        tiers=[_tier(tier, found) for tier, found in tiers.items()],
+        calibration=draw_calibration(ours),
+        brier=", ".join(f"{tier_title(tier)} {shown(found['brier'])}" for tier, found in ours.items()),
+        wrong=_wrong(ours),
+    )
+
+
+def headline(ours: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """The result in a few sentences; names in photos, whose units are far smaller, have one of their own."""
+    moving = [scores for tier, scores in ours.items() if tier != PHOTOS]
+    right, wrong = (pooled([scores[key] for scores in moving]) for key in ("named_right", "named_wrong"))
+    alarms, strange = (pooled([scores[key] for scores in ours.values()]) for key in ("false_alarm", "unknown_abstained"))
+    out = []
+    if right["n"]:
+        out.append(
+            f"Of {right['n']} hidden effects of at least five times the detection limit, {_share(right)} were named right; "
+            f"of {wrong['n']} of any size, {_share(wrong)} got a wrong name."
+        )
+    if PHOTOS in ours and ours[PHOTOS]["named_right"]["n"]:
+        seen, mistaken = (ours[PHOTOS][key] for key in ("named_right", "named_wrong"))
+        out.append(
+            f"In photos, {_share(seen)} of {seen['n']} were named right, and {_share(mistaken)} of {mistaken['n']} wrong."
+        )
+    if alarms["n"]:
+        out.append(f"Where nothing was hidden, {_share(alarms)} of {alarms['n']} cases raised an alarm.")
+    if strange["n"]:
+        out.append(f"Of {strange['n']} effects that no catalogue holds, {_share(strange)} were recognised as such.")
+    return out
+
+
+def _share(rate: Mapping[str, Any]) -> str:
+    """A rate with its interval."""
+    if rate["value"] is None:
+        return "–"
+    return f"{100 * rate['value']:.1f} % ({100 * rate['ci95_low']:.1f} to {100 * rate['ci95_high']:.1f})"
+
+
+def _floors(measured: Mapping[str, Mapping[str, Any]], floors: str | Path, preset: str) -> list[dict[str, str]]:
+    """Every floor of the area, with what was measured."""
+    rows = []
+    for name, entry in read_floors(floors).items():
+        if entry["area"] != "gap":
+            continue
+        score = score_figure(entry, measured.get(name), preset)
+        interval = score["interval"]
+        rows.append(
+            {
+                "what": score["what"],
+                "floor": shown_floor(score),
+                "value": shown(score["value"], score["unit"]),
+                "interval": f"{shown(interval[0])} to {shown(interval[1])}" if interval else "–",
+                "n": str(score["n"]),
+                "met": "met" if score["met"] else "unmet",
+                "why": "" if score["met"] else verdict(score).removeprefix("**unmet**: "),
+            }
+        )
+    return rows
+
+
+def _tier(tier: str, found: Mapping[str, Any]) -> dict[str, Any]:
+    """One tier: methods, confusion, effects, kinds."""
+    methods, ours = found["methods"], found["methods"][OURS]
+    return {
+        "id": tier,
+        "title": tier_title(tier),
+        "cases": found["cases"],
+        "methods": [
+            {
+                "name": METHODS.get(name, name),
+                "right": _share(scores["named_right"]),
+                "wrong": _share(scores["named_wrong"]),
+                "alarm": _share(scores["false_alarm"]),
+                "unknown": _share(scores["unknown_abstained"]),
+                "f1": shown(scores["set_f1"]["value"]),
+                "closure": shown(scores["closure_median"]),
+                "simulations": shown(scores["simulations_median"]),
+                "seconds": shown(scores["seconds_median"]),
+            }
+            for name, scores in methods.items()
+        ],
+        "race": draw_methods(tier, methods) if len(methods) > 1 else None,
+        "confusion": draw_confusion(ours["confusion"]),
+        "confusion_rem": confusion_width(ours["confusion"]),
+        "effects": _counts(ours["by_effect"], "effect"),
+        "kinds": _counts(ours["by_kind"], "kind"),
+        "left_out": ", ".join(title for name, title in METHODS.items() if name not in methods),
+    }
+
+
+def _counts(rows: Sequence[Mapping[str, Any]], title: str) -> list[dict[str, str]]:
+    """Cases of each group by outcome, from rates."""
+    return [
+        {
+            "title": str(row[title]).replace("_", " "),
+            "n": str(row["n"]),
+            "outcomes": [str(round((row[name]["value"] or 0.0) * row[name]["n"])) for name in SHOWN],
+        }
+        for row in rows
+    ]
+
+
+def _wrong(ours: Mapping[str, Mapping[str, Any]]) -> list[dict[str, str]]:
+    """Every case of ours that got a wrong name, or an alarm without a reason."""
+    return [
+        {
+            "tier": tier_title(tier),
+            "key": case["key"],
+            "kind": case["kind"],
+            "hidden": case["hidden"] or "nothing",
+            "units": shown(case["units"]),
+            "answer": case["answer"],
+        }
+        for tier, scores in ours.items()
+        for case in scores["list"]
+        if case["outcome"] in ("wrong", "false_alarm")
+    ]

@@ -1,0 +1,333 @@
+"""Figures of a gap report: residuals before and after on the same axes, the gap of each channel, the map of where it shows."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap, LogNorm
+from matplotlib.figure import Figure
+
+from gsbridge.geometry import Array
+
+BEFORE, AFTER, NOISE = "#c2660c", "#1f6f8b", "#8a96a3"
+"""Colours of the model as it was, of the explanation, and of the noise, on all figures."""
+
+SHOWN = 3
+"""Channels whose residuals are drawn over time: those with the largest gap."""
+
+ROWS = 14
+"""Channels of the map and of the bars, at most; the largest are shown."""
+
+UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m", "tool": "m"}
+
+_INK, _SOFT = "#1d2733", "#5b6b7b"
+_HEAT = LinearSegmentedColormap.from_list("gap", ["#f3f6f9", "#f5d9ad", "#d9822b", "#8c2f08"])
+PLAIN = {
+    "font.size": 10.5,
+    "axes.edgecolor": "#c4ccd5",
+    "axes.labelcolor": _SOFT,
+    "xtick.color": _SOFT,
+    "ytick.color": _SOFT,
+    "text.color": _INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+}
+"""Look of the axes of all these figures."""
+
+
+def data_uri(figure: Figure) -> str:
+    """A figure as a PNG inside a page."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, dpi=140, format="png", metadata={"Software": None})
+    plt.close(figure)
+    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
+
+
+def channel_name(channel: str) -> str:
+    """`position.axis` for people."""
+    kind, _, joint = channel.partition(".")
+    return f"{kind} of {joint}" if joint else kind
+
+
+def largest(values: Mapping[str, float], count: int) -> list[str]:
+    """Channels with the largest values, in the order in which they stand."""
+    kept = sorted(values, key=lambda name: -values[name])[:count]
+    return [name for name in values if name in kept]
+
+
+def draw_residuals(
+    series: Mapping[str, Array], role: str, channels: Sequence[str], units: Mapping[str, str] | None = None
+) -> str:
+    """Residuals of one record over time, before and after on the same axes, in units of the noise.
+
+    Args:
+        series: `{role}/time`, `/before`, `/after` (where something was fitted), `/sigma`; see
+            `gsbridge.gap.workflow`.
+        role: Record.
+        channels: Names of the columns.
+        units: Unit of each kind of channel, for the right axis.
+
+    Returns:
+        A PNG as data URI.
+    """
+    units = units or UNITS
+    before, after = series[f"{role}/before"], series.get(f"{role}/after")
+    sizes = {name: float(np.sqrt((before[:, k] ** 2).mean())) for k, name in enumerate(channels)}
+    chosen = largest(sizes, SHOWN)
+    time = series[f"{role}/time"]
+    with plt.rc_context(PLAIN):
+        figure, axes = plt.subplots(
+            len(chosen), 1, figsize=(11, 1.2 + 1.75 * len(chosen)), sharex=True, squeeze=False, layout="constrained"
+        )
+        for axis, name in zip(axes[:, 0], chosen, strict=True):
+            column = channels.index(name)
+            axis.axhspan(-2, 2, color=NOISE, alpha=0.22, linewidth=0, label="noise (± 2 standard deviations)")
+            axis.plot(time, before[:, column], color=BEFORE, linewidth=1.1, label="before: measured less model")
+            if after is not None:
+                axis.plot(time, after[:, column], color=AFTER, linewidth=1.1, label="after: measured less explanation")
+            axis.set_title(channel_name(name), loc="left", fontsize=11, fontweight="bold")
+            axis.set_ylabel("× noise")
+            axis.margins(x=0.005)
+            sigma = float(series[f"{role}/sigma"][column])
+            beside = axis.secondary_yaxis("right", functions=(lambda y, s=sigma: y * s, lambda y, s=sigma: y / s))
+            beside.set_ylabel(units.get(name.split(".")[0], ""))
+            beside.spines["right"].set_visible(False)
+        axes[-1, 0].set_xlabel("time, s")
+        lines, labels = axes[0, 0].get_legend_handles_labels()
+        figure.legend(lines, labels, loc="outside upper center", ncols=3, frameon=False)
+        return data_uri(figure)
+
+
+def draw_channels(channels: Mapping[str, tuple[float, float]], explained: bool) -> str:
+    """Root mean square residual of each channel before and after, against the noise.
+
+    Args:
+        channels: Before and after, in units of the noise.
+        explained: Whether there is an after.
+    """
+    names = largest({name: max(pair) for name, pair in channels.items()}, ROWS)
+    with plt.rc_context(PLAIN):
+        figure, axis = plt.subplots(figsize=(11, 0.95 + 0.36 * len(names)), layout="constrained")
+        for row, name in enumerate(names):
+            a, b = (max(value, 0.5) for value in channels[name])
+            if explained:
+                axis.plot([a, b], [row, row], color="#c4ccd5", linewidth=2.5, zorder=1, solid_capstyle="round")
+                axis.scatter([b], [row], s=52, color=AFTER, zorder=3, label="after" if row == 0 else None)
+            axis.scatter([a], [row], s=52, color=BEFORE, zorder=2, label="before" if row == 0 else None)
+        axis.axvline(1.0, color=NOISE, linewidth=1.4, linestyle=(0, (4, 3)), label="noise alone")
+        axis.set_yticks(range(len(names)), [channel_name(name) for name in names])
+        axis.set_ylim(len(names) - 0.5, -0.5)
+        _log_ticks(axis, max(max(channels[name]) for name in names))
+        axis.set_xlabel("root mean square residual, × noise")
+        axis.spines["left"].set_visible(False)
+        axis.tick_params(axis="y", length=0, labelcolor=_INK)
+        figure.legend(loc="outside upper center", ncols=3, frameon=False)
+        return data_uri(figure)
+
+
+def _log_ticks(axis: Any, top: float) -> None:
+    """A logarithmic axis of multiples of the noise with readable numbers."""
+    axis.set_xscale("log")
+    top = max(top * 1.25, 2.2)
+    axis.set_xlim(0.45, top)
+    ticks = [tick for tick in (0.5, 1, 2, 3, 5, 10, 20, 50, 100, 200, 500, 1000, 1e4, 1e5) if tick <= top]
+    axis.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axis.minorticks_off()
+
+
+def draw_where(before: Mapping[str, Any], after: Mapping[str, Any] | None) -> str:
+    """Map of where the difference shows: channel by phase and state, and below it what remains.
+
+    Args:
+        before: As `gsbridge.gap.joints.residual_map.ResidualMap.record`.
+        after: The same with the best explanation; None where there is none.
+    """
+    maps = [(title, found) for title, found in (("before", before), ("after", after)) if found is not None]
+    values = np.array(before["values"], dtype=float)
+    peaks = {name: float(np.nanmax(row, initial=0.0)) for name, row in zip(before["channels"], values, strict=True)}
+    rows = [before["channels"].index(name) for name in largest(peaks, ROWS)]
+    groups = before["groups"]
+    columns = [column for names in groups.values() for column in names]
+    norm = LogNorm(1.0, max(np.nanmax(values, initial=1.0), 3.0))
+    with plt.rc_context({**PLAIN, "axes.spines.left": False, "axes.spines.bottom": False}):
+        figure, axes = plt.subplots(
+            len(maps),
+            1,
+            figsize=(11, 1.3 + len(maps) * (0.45 + 0.34 * len(rows))),
+            squeeze=False,
+            sharex=True,
+            layout="constrained",
+        )
+        for axis, (title, found) in zip(axes[:, 0], maps, strict=True):
+            shown, marked = np.array(found["values"], dtype=float)[rows], np.array(found["marked"], dtype=bool)[rows]
+            place = 0
+            for name, members in groups.items():
+                edges = np.arange(place, place + len(members) + 1) + 0.35 * list(groups).index(name)
+                part = slice(place, place + len(members))
+                axis.pcolormesh(
+                    edges, np.arange(len(rows) + 1), np.clip(shown[:, part], 1.0, None), norm=norm, cmap=_HEAT,
+                    edgecolors="white", linewidth=1.5,
+                )  # fmt: skip
+                for row in range(len(rows)):
+                    for column in range(part.start, part.stop):
+                        _cell(axis, edges[column - place] + 0.5, row + 0.5, shown[row, column], marked[row, column], norm)
+                place += len(members)
+            axis.set_yticks(np.arange(len(rows)) + 0.5, [channel_name(found["channels"][row]) for row in rows])
+            axis.set_ylim(len(rows), 0)
+            axis.tick_params(length=0, labelcolor=_INK)
+            axis.set_title(title, loc="left", fontsize=11, fontweight="bold")
+        shifts = [0.35 * k for k, members in enumerate(groups.values()) for _ in members]
+        axes[-1, 0].set_xticks(
+            np.arange(len(columns)) + 0.5 + np.array(shifts), columns, rotation=35, ha="right", rotation_mode="anchor"
+        )
+        place = 0
+        for k, (name, members) in enumerate(groups.items()):
+            axes[0, 0].text(
+                place + 0.35 * k + len(members) / 2,
+                -0.12,
+                name,
+                ha="center",
+                va="bottom",
+                fontsize=9.5,
+                color=_SOFT,
+                clip_on=False,
+            )
+            place += len(members)
+        return data_uri(figure)
+
+
+def _cell(axis: Any, x: float, y: float, value: float, marked: bool, norm: LogNorm) -> None:
+    """The number of a cell: bold where noise does not explain it."""
+    if not np.isfinite(value):
+        axis.text(x, y, "·", ha="center", va="center", color=_SOFT, fontsize=9)
+        return
+    text = f"{value:.1f}" if value < 10 else f"{value:.0f}"
+    dark = float(norm(max(value, 1.0))) > 0.6
+    axis.text(
+        x, y, text, ha="center", va="center", fontsize=9, color="white" if dark else _INK if marked else _SOFT,
+        fontweight="bold" if marked else "normal",
+    )  # fmt: skip
+
+
+PATHS = 6
+"""Throws whose paths are drawn."""
+
+MEASURED = "#1d2733"
+
+_BINS = 40
+"""Steps of time in which distances are summed up."""
+
+_BAND = (0.1, 0.9)
+"""Shares of the throws between which a band lies."""
+
+
+def draw_throws(series: Mapping[str, Array], role: str, floor: float | None) -> str:
+    """Distances over time, and some throws seen from above.
+
+    Args:
+        series: `{role}/throw`, `/time`, `/position`, `/nominal_position`, `/before`, and `/explained_position`, `/after` where
+            something was fitted; see `gsbridge.gap.contact.workflow`.
+        role: Whose throws.
+        floor: What noise and chaos explain, mean over throws, mm; None where it is not known.
+
+    Returns:
+        A PNG as data URI.
+    """
+    with plt.rc_context(PLAIN):
+        figure = plt.figure(figsize=(11, 7.6), layout="constrained")
+        above, below = figure.subfigures(2, 1, height_ratios=[1.0, 1.15])
+        axis = above.subplots()
+        if floor is not None:
+            axis.axhspan(0, floor, color=NOISE, alpha=0.22, linewidth=0, label="what noise and chaos explain, on average")
+        for when, colour, text in (
+            ("before", BEFORE, "before: model as it was"),
+            ("after", AFTER, "after: with the explanation"),
+        ):
+            if f"{role}/{when}" in series:
+                _spread(axis, series[f"{role}/time"], 1e3 * series[f"{role}/{when}"], colour, text)
+        axis.set_ylabel("distance to what was measured, mm")
+        axis.set_xlabel("time since the throw's first sample, s")
+        axis.margins(x=0.005)
+        axis.set_ylim(bottom=0)
+        above.legend(loc="outside upper center", ncols=3, frameon=False)
+        _draw_paths(below.subplots(2, PATHS // 2), series, role)
+        below.suptitle("Seen from above: throws from small to large distance, in metres", x=0.01, ha="left", fontsize=11)
+        return data_uri(figure)
+
+
+def _spread(axis: Axes, time: Array, distance: Array, colour: str, text: str) -> None:
+    """Mean distance over time, and the band in which most throws lie."""
+    edges = np.linspace(0.0, float(time.max()) + 1e-9, _BINS + 1)
+    place = np.digitize(time, edges) - 1
+    rows = [distance[place == k] for k in range(_BINS)]
+    there = np.array([len(row) > 0 for row in rows])
+    middle = 0.5 * (edges[:-1] + edges[1:])[there]
+    low, mean, high = (
+        np.array([function(row) for row in rows if len(row)])
+        for function in (lambda row: np.quantile(row, _BAND[0]), np.mean, lambda row: np.quantile(row, _BAND[1]))
+    )
+    axis.fill_between(middle, low, high, color=colour, alpha=0.16, linewidth=0)
+    axis.plot(middle, mean, color=colour, linewidth=2.0, label=text)
+
+
+def _draw_paths(axes: Array, series: Mapping[str, Array], role: str) -> None:
+    """Paths of some throws, spread evenly over the order of their distances before."""
+    number = series[f"{role}/throw"].astype(int)
+    sizes = np.bincount(number, weights=series[f"{role}/before"]) / np.bincount(number)
+    order = np.argsort(sizes)
+    chosen = order[np.linspace(0, len(order) - 1, min(PATHS, len(order))).round().astype(int)]
+    ways = (("nominal_position", BEFORE, "-"), ("explained_position", AFTER, "-"), ("position", MEASURED, (0, (4, 2))))
+    for axis, throw in zip(axes.ravel(), chosen, strict=False):
+        rows = number == throw
+        for name, colour, style in ways:
+            path = series.get(f"{role}/{name}")
+            if path is not None:
+                axis.plot(path[rows, 0], path[rows, 1], color=colour, linestyle=style, linewidth=1.8)
+                axis.scatter(*path[rows, :2][-1], color=colour, s=22, zorder=3)
+        axis.set_aspect("equal", adjustable="datalim")
+        axis.set_title(f"throw {throw + 1}: {1e3 * sizes[throw]:.3g} mm before", fontsize=9.5, loc="left")
+        axis.tick_params(labelsize=8)
+        axis.locator_params(nbins=4)
+        axis.margins(0.12)
+    for axis in axes.ravel()[len(chosen) :]:
+        axis.set_axis_off()
+    axes.ravel()[0].plot([], [], color=MEASURED, linestyle=(0, (4, 2)), label="measured")
+    axes.ravel()[0].legend(frameon=False, fontsize=9, loc="best")
+
+
+def draw_each(before: Array, after: Array | None, floor: float | None) -> str:
+    """Mean distance of every throw before and after, sorted by the distance before.
+
+    Args:
+        before: mm. [N].
+        after: mm; None where nothing was fitted. [N].
+        floor: What noise and chaos explain, mean over throws, mm.
+    """
+    order = np.argsort(before)
+    place = np.arange(1, len(order) + 1)
+    with plt.rc_context(PLAIN):
+        figure, axis = plt.subplots(figsize=(11, 3.3), layout="constrained")
+        axis.scatter(place, before[order], s=14, color=BEFORE, label="before")
+        if after is not None:
+            axis.scatter(place, after[order], s=14, color=AFTER, label="after")
+        if floor is not None:
+            axis.axhline(
+                floor, color=NOISE, linewidth=1.4, linestyle=(0, (4, 3)), label="what noise and chaos explain, on average"
+            )
+        axis.set_yscale("log")
+        axis.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        axis.set_ylabel("mean distance of a throw, mm")
+        axis.set_xlabel("throws, from small to large distance before")
+        axis.margins(x=0.01)
+        figure.legend(loc="outside upper center", ncols=3, frameon=False)
+        return data_uri(figure)

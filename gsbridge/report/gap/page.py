@@ -1,0 +1,201 @@
+"""The report of a case of the gap: one HTML file that a person understands in a minute."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gsbridge.files import read_json
+from gsbridge.report.gap.figures import UNITS, channel_name, draw_where
+from gsbridge.report.gap.sections import JUDGED, MECHANISM, THROWS, Parts, read_series
+from gsbridge.report.gap.text import effect_title, explanation_title, head, looks_like, most, next_steps, plain, remains
+from gsbridge.report.pages.html import write_page
+
+
+@dataclass(frozen=True)
+class CaseFiles:
+    """Files of a case, as the stages left them.
+
+    Args:
+        record: `records.json`.
+        comparison: `comparison.json`.
+        screening: `screen.json`.
+        findings: `findings.json`.
+        series: `replays.npz`.
+        replays: `replays.json`.
+    """
+
+    record: str | Path
+    comparison: str | Path
+    screening: str | Path
+    findings: str | Path
+    series: str | Path
+    replays: str | Path
+
+
+def write_gap_report(case: str, files: CaseFiles, out: str | Path) -> None:
+    """Write the page.
+
+    Args:
+        case: Name of the case.
+        files: What the stages left.
+        out: The HTML file.
+
+    Raises:
+        InputError: A file is missing or damaged.
+    """
+    about, comparison, screening, findings, replays = map(
+        read_json, (files.record, files.comparison, files.screening, files.findings, files.replays)
+    )
+    series = read_series(files.series)
+    select, explained = replays["records"]["select"], f"{JUDGED}/after" in series
+    before_map = comparison["records"]["select"]["where"]
+    parts = THROWS if about["mode"] == "body" else MECHANISM
+    write_page(
+        out,
+        "gap.html.j2",
+        case=case,
+        **head(findings),
+        numbers=parts.numbers(findings, replays["records"][JUDGED], explained),
+        steps=next_steps(findings, about, screening, case),
+        **parts.pictures(findings, series, replays["records"][JUDGED], explained),
+        found_title="What was found" if findings["amended"] else "The best explanation, which was not adopted",
+        effects=effect_rows(findings, parts.whole),
+        becomes=any("becomes" in row for item in findings["effects"] for row in item["parameters"].values()),
+        effect_notes=effect_notes(findings),
+        where=draw_where(before_map, select["remains"] if explained else None),
+        where_text=_where_text(before_map, findings["select"]["unit"]),
+        where_caption=parts.where_caption,
+        rivals=_rivals(findings, parts.short),
+        rivals_text=_rivals_text(findings, parts),
+        rivals_note=parts.rivals_note,
+        remains_text=remains(findings, select["remains"]),
+        alike=looks_like(findings, screening),
+        unseen=", ".join(effect_title(name) for name in screening["unseen"]),
+        logs=parts.logs,
+        roles=list(comparison["records"]),
+        noise=_noise(comparison),
+        noise_note=parts.noise_note,
+        records=_records(about),
+        provenance=_provenance(findings, about, screening),
+    )
+
+
+def effect_rows(findings: Mapping[str, Any], whole: str) -> list[dict[str, str]]:
+    """Parameters of what was found, one row each; `whole` is what an effect without a joint acts on."""
+    return [
+        {
+            "title": item["title"] if number == 0 else "",
+            "joint": (item["joint"] or whole) if number == 0 else "",
+            "parameter": name.replace("_", " "),
+            "value": f"{row['value']:.4g}",
+            "interval": f"{row['interval90'][0]:.4g} to {row['interval90'][1]:.4g}",
+            "unit": row["unit"] or "–",
+            "becomes": f"{row['was']:.3g} → {row['becomes']:.3g}" if "becomes" in row else "–",
+        }
+        for item in findings["effects"]
+        for number, (name, row) in enumerate(item["parameters"].items())
+    ]
+
+
+def effect_notes(findings: Mapping[str, Any]) -> list[str]:
+    """How each effect could be confirmed."""
+    return [
+        f"{item['title'].capitalize()} is easily taken for {', '.join(effect_title(n) for n in item['confused_with'])}. "
+        f"To tell them apart: {item['tell_apart']}."
+        for item in findings["effects"]
+        if item["confused_with"]
+    ]
+
+
+def _where_text(found: Mapping[str, Any], unit: str) -> str:
+    """The darkest cell in words."""
+    place = most(found, unit)
+    return f"Most of all: {place}." if place else "Nowhere more than noise would."
+
+
+def _rivals(findings: Mapping[str, Any], short: str, count: int = 8) -> list[dict[str, str]]:
+    """Explanations, the best first."""
+    return [
+        {
+            "title": explanation_title(row["effects"]),
+            "share": f"{100 * min(max(row['closure'], 0.0), 1.0):.1f}",
+            "closure": f"{100 * row['closure']:.0f} %" if row["closure"] > 0 else "none",
+            "behind": "–" if number == 0 else f"{plain(row['behind'])} {short}".rstrip(),
+            "probability": f"{100 * row['probability']:.3g} %",
+        }
+        for number, row in enumerate(findings["rivals"][:count])
+    ]
+
+
+def _rivals_text(findings: Mapping[str, Any], parts: Parts) -> str:
+    """How clear the race is."""
+    text = f"Explanations that were fitted to one set of {parts.logs} and judged on another."
+    if findings["verdict"] == "ambiguous":
+        names = " and ".join(explanation_title(item) for item in findings["ambiguous"])
+        return f"{text} The {parts.logs} cannot decide among {names}."
+    if findings["verdict"] == "none_of_the_known":
+        return f"{text} None of them explains the data well enough to be named."
+    if len(findings["rivals"]) > 1:
+        second = findings["rivals"][1]
+        behind = f"{plain(second['behind'])} {parts.short}".rstrip()
+        return f"{text} The next best, {explanation_title(second['effects'])}, is {behind} behind{parts.enough}."
+    return f"{text} There is no other that came near."
+
+
+def _noise(comparison: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Noise and gap of each channel."""
+    records = comparison["records"]
+    return [
+        {
+            "channel": channel_name(name),
+            "sigma": f"{sigma:.3g}",
+            "unit": UNITS.get(name.split(".")[0], "m"),
+            "gaps": [f"{item['channels'][name]:.3g}" if name in item["channels"] else "–" for item in records.values()],
+        }
+        for name, sigma in records["select"]["noise"].items()
+    ]
+
+
+def _records(about: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The records that were used."""
+    return [
+        {
+            "name": item["name"],
+            "role": f"{role}, {item['throws']} throws" if "throws" in item else role,
+            "seconds": f"{item['seconds']:.3g}",
+            "samples": item["samples"],
+            "rate": f"{item['rate_hz']:.4g}",
+            "channels": ", ".join((*item["commands"], *item["measured"])),
+            "digest": item["digest"],
+        }
+        for role, item in about["records"].items()
+    ]
+
+
+def _joints(names: list[str]) -> str:
+    """How many joints; nothing where there is none."""
+    return "" if not names else "1 joint, " if len(names) == 1 else f"{len(names)} joints, "
+
+
+def _provenance(findings: Mapping[str, Any], about: Mapping[str, Any], screening: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Where the figures come from."""
+    runs = findings["simulations"]
+    return [
+        ("model", f"{Path(about['model']).name}, SHA-256 {about['model_digest']}"),
+        (
+            "mechanism and controller" if about["joints"] else "body and contact",
+            f"{_joints(about['joints'])}mode {about['mode']}, SHA-256 {about['mechanism_digest']}",
+        ),
+        (
+            "candidates",
+            f"{len(screening['candidates'])} effects{' and joints' if about['joints'] else ''}, "
+            f"{screening['signatures']} signatures",
+        ),
+        ("simulations", f"{runs['case']} for this case after a bank of {runs['bank']}"),
+        ("seconds", f"{findings['seconds']:.1f}"),
+        ("seed", str(findings["seed"])),
+        ("version", f"gsbridge {about['versions']['gsbridge']}"),
+    ]

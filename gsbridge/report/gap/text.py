@@ -1,0 +1,187 @@
+"""What a gap report says in words: what remains, what to do next, and where the difference shows most."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from gsbridge.effects.bodies import BODY_EFFECTS
+from gsbridge.effects.joints import JOINT_EFFECTS
+from gsbridge.report.gap.figures import channel_name
+
+LABELS = {
+    "no_discrepancy": ("no discrepancy", "good"),
+    "named": ("named", "good"),
+    "ambiguous": ("ambiguous", "warn"),
+    "none_of_the_known": ("none of the known effects", "warn"),
+    "not_enough_excitation": ("not enough excitation", "warn"),
+}
+"""Verdicts for people, and whether they are an answer."""
+
+
+def head(found: Mapping[str, Any]) -> dict[str, Any]:
+    """What stands at the head of a page about findings, under the names of its template."""
+    label, tone = LABELS[found["verdict"]]
+    return {
+        "verdict": label,
+        "tone": tone,
+        "remaining": found["something_remains"] and found["verdict"] == "named",
+        "reasons": found["reasons"],
+        "sentence": found["sentence"],
+    }
+
+
+def explanation(names: Any) -> str:
+    """One explanation: a set of effects with their joints, from a list of names or a joined text."""
+    return names if isinstance(names, str) else " + ".join(names)
+
+
+def effect_title(name: str) -> str:
+    """`coulomb:axis` for people: the effect's title in the catalogue, where it has one."""
+    word, _, joint = name.partition(":")
+    effect = JOINT_EFFECTS.get(word) or BODY_EFFECTS.get(word)
+    title = effect.title if effect else word.replace("_", " ")
+    return f"{title} at {joint}" if joint else title
+
+
+def explanation_title(names: Any) -> str:
+    """The same for a set of effects."""
+    return " + ".join(effect_title(name) for name in explanation(names).split(" + "))
+
+
+def most(found: Mapping[str, Any], unit: str = "noise") -> str | None:
+    """Where a map is darkest among its marked cells, in words; None where nothing is marked.
+
+    Args:
+        found: The map.
+        unit: Of its values, as findings state it.
+    """
+    values, marked = np.array(found["values"], dtype=float), np.array(found["marked"], dtype=bool)
+    if not marked.any():
+        return None
+    columns = [(group, name) for group, names in found["groups"].items() for name in names]
+    row, column = np.unravel_index(int(np.where(marked, values, -np.inf).argmax()), values.shape)
+    group, name = columns[column]
+    how = {
+        "phase": f"while the joint {name}",
+        "speed": f"when it moves {name}",
+        "position": f"in the {name} third of its range",
+    }
+    how["load"] = f"under {name} load"
+    how["start speed"] = f"in {name} throws"
+    how["start spin"] = f"in throws with {name} spin"
+    place = {
+        "flight": "in flight",
+        "impact": "at the first impact",
+        "after": "behind the first impact",
+        "at rest": "while the joint is at rest",
+        "steady +": "at steady speed forwards",
+        "steady −": "at steady speed backwards",
+    }
+    words = (place.get(name) or how[group]).replace(" +", " forwards").replace(" −", " backwards")
+    return f"{channel_name(found['channels'][row])}, {words}: {amount(values[row, column], unit)}"
+
+
+def plain(value: float) -> str:
+    """A number for people: three digits, large ones whole and in groups."""
+    return f"{value:,.0f}".replace(",", "\u202f") if value >= 100 else f"{value:.3g}"
+
+
+def amount(value: float, unit: str) -> str:
+    """A size of residuals: multiples of the noise, or a length."""
+    return f"{plain(value)} times the noise" if unit == "noise" else f"{plain(value)} {unit}"
+
+
+def remains(findings: Mapping[str, Any], after: Mapping[str, Any]) -> str:
+    """What is left unexplained.
+
+    Args:
+        findings: `findings.json`.
+        after: Map of what remains, on `select`.
+    """
+    where = most(after, findings["select"]["unit"])
+    if findings["verdict"] == "no_discrepancy":
+        return "Nothing beyond the noise."
+    if not findings["effects"]:
+        return "All of it: no effect was fitted." + (f" Most of it: {where}." if where else "")
+    if not findings["something_remains"]:
+        return f"Nothing beyond the noise (p = {findings['p_remaining']:.2g})."
+    left = f"More than noise (p = {findings['p_remaining']:.2g})."
+    return f"{left} Most of it: {where}." if where else f"{left} It is spread thinly: no cell of the map stands out."
+
+
+def looks_like(findings: Mapping[str, Any], screening: Mapping[str, Any]) -> str:
+    """Which known effects look like the one that was found, in these records and before any fit; empty without a finding.
+
+    Args:
+        findings: `findings.json`.
+        screening: `screen.json`.
+    """
+    out = []
+    for item in findings["effects"]:
+        name = f"{item['name']}:{item['joint']}" if item["joint"] else item["name"]
+        near = [(set(row["pair"]) - {name}, row["cosine"]) for row in screening["alike"] if name in row["pair"]]
+        listed = ", ".join(f"{effect_title(other)} ({cosine:.3f})" for others, cosine in near[:6] for other in others)
+        title = effect_title(name)
+        title = title[0].upper() + title[1:]
+        out.append(f"{title} looks much like {listed}" if listed else f"{title} looks like no other known effect")
+    if not out:
+        return ""
+    return "Before any fit (cosine of signatures): " + "; ".join(out) + "."
+
+
+def next_steps(findings: Mapping[str, Any], about: Mapping[str, Any], screening: Mapping[str, Any], case: str) -> list[str]:
+    """What to do now, the most useful first.
+
+    Args:
+        findings: `findings.json`.
+        about: `records.json`.
+        screening: `screen.json`.
+        case: Name of the case.
+    """
+    verdict, out = findings["verdict"], []
+    if verdict == "named" and findings["amended"]:
+        out.append(f"Use results/gap/{case}/model.yaml instead of the model: it holds what was named, and the evidence.")
+        if findings["something_remains"]:
+            out.append(
+                "Diagnose the amended model again with further records: something smaller is hidden behind what was named."
+            )
+    elif verdict == "named":
+        out.append(
+            "The name holds where it was chosen, but made a record worse: log another record of such motion and fit that one."
+        )
+    elif verdict == "ambiguous":
+        out.append(_experiment(findings))
+        out.append("Log one more record that way, name it 'select' in the case, and run again.")
+    elif verdict == "none_of_the_known":
+        out.append(
+            "Look at the map for what the motion has in common where the difference is largest; if you know the cause, "
+            "write it as an effect (docs/gap.md, Adding an effect)."
+        )
+        if findings.get("suggestion"):
+            out.append(f"A sparse regression of what remains suggests: {findings['suggestion']}.")
+    elif verdict == "not_enough_excitation" and about["mode"] == "body":
+        out.append("Throw it so that it hits, slides, tumbles and comes to rest: fast and slow, with spin, in all attitudes.")
+    elif verdict == "not_enough_excitation":
+        out.append("Log records of larger, faster and slower motion with reversals, over the whole range.")
+    elif screening["unseen"]:
+        hidden = ", ".join(effect_title(name) for name in screening["unseen"][:6])
+        out.append(f"Nothing. These records could not show: {hidden}.")
+    else:
+        out.append("Nothing: every known effect of sensible size would have shown.")
+    measured = about["records"]["fit"]["measured"]
+    if "effort" not in measured and about["mode"] in ("pd", "position") and verdict != "no_discrepancy":
+        out.append("Log the efforts too: a position controller hides dynamics from the positions.")
+    return out
+
+
+def _experiment(findings: Mapping[str, Any]) -> str:
+    """The experiment that tells the rivals of an ambiguous finding apart."""
+    found = findings.get("experiment")
+    if isinstance(found, Mapping) and found.get("sentence"):
+        return str(found["sentence"])
+    if isinstance(found, str):
+        return found
+    return f"To tell them apart: {findings['effects'][0]['tell_apart']}."

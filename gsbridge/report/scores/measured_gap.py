@@ -1,0 +1,165 @@
+"""Figures of the area `gap`, gathered from the benchmark's scores under the names of `floors.yaml`.
+
+A figure that cannot be formed from what is there is left out, and the `score` rule then counts it as unmet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from gsbridge.files import read_json, write_json
+from gsbridge.statistics import wilson_interval
+
+OURS = "gsbridge"
+WHERE = "results/gap-benchmark/"
+
+POOLED = {
+    "false_alarm": "gap_false_alarm",
+    "unknown_abstained": "gap_unknown_abstained",
+    "interval_coverage": "gap_interval_coverage",
+}
+"""Rates over the cases of several tiers together, and the floors' names for them."""
+
+PHOTOS = "t4"
+"""Its cases draw pictures, where others simulate."""
+
+REAL = "results/benchmarks/gap_measured.json"
+
+_DYNAMIC = ("t1", "t2")
+"""Tiers whose cases count for names and closures: those of arms, whose truths are engines."""
+
+_STATISTICS = ("false_alarm", "interval_coverage")
+"""What depends on noise and its treatment, not on how hard a name is: over all tiers, as the floors count their cases."""
+
+
+def read_tiers(scores: Sequence[str | Path]) -> dict[str, dict[str, Any]]:
+    """Scores by tier.
+
+    Raises:
+        InputError: A file is missing or damaged.
+    """
+    found = [read_json(path) for path in scores]
+    return {content["tier"]: content for content in found}
+
+
+def gap_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Measured figures in the floors' units, from the scored split alone.
+
+    Args:
+        tiers: Scores by tier.
+    """
+    ours = {tier: found["methods"][OURS] for tier, found in tiers.items() if found["split"] == "scored"}
+    out: dict[str, dict[str, Any]] = {}
+    for tier, scores in ours.items():
+        out[f"gap_named_right_{tier}"] = _percent(scores["named_right"])
+        out[f"gap_wrong_{tier}"] = _percent(scores["named_wrong"])
+    dynamic = [scores for tier, scores in ours.items() if tier in _DYNAMIC]
+    for key, name in POOLED.items():
+        over = list(ours.values()) if key in _STATISTICS else dynamic
+        out[name] = _percent(pooled([scores[key] for scores in over]))
+    sets = [(scores["set_f1"]["value"], scores["set_f1"]["n"]) for scores in dynamic if scores["set_f1"]["value"] is not None]
+    total = sum(n for _, n in sets)
+    out["gap_set_f1"] = _plain(sum(value * n for value, n in sets) / total if total else None, total)
+    for key in ("closure_median", "closure_tenth"):
+        # The worst tier: medians do not add up.
+        values = [scores[key] for scores in dynamic if scores[key] is not None]
+        out[f"gap_{key}"] = _plain(min(values, default=None), sum(scores["named_right"]["n"] for scores in dynamic))
+    for key in ("simulations_most", "bank_most"):
+        simulated = [scores for tier, scores in ours.items() if tier != PHOTOS]
+        values = [scores[key] for scores in simulated if scores[key] is not None]
+        out[f"gap_{key}"] = _plain(max(values, default=None), sum(len(scores["list"]) for scores in simulated))
+    out["gap_interval_coverage_upper"] = out["gap_interval_coverage"]
+    out |= baseline_figures({tier: found for tier, found in tiers.items() if tier in _DYNAMIC and found["split"] == "scored"})
+    return {name: figure for name, figure in out.items() if figure["value"] is not None}
+
+
+def baseline_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """What the other methods name rightly and wrongly on the same cases of arms, and how many of them are beaten.
+
+    A baseline is beaten that names more wrongly and no more rightly. One that did not run in every tier is left out.
+
+    Args:
+        tiers: Scores by tier.
+    """
+    if not tiers:
+        return {}
+    methods = list(dict.fromkeys(name for found in tiers.values() for name in found["methods"]))
+    methods = [name for name in methods if all(name in found["methods"] for found in tiers.values())]
+    rates = {
+        key: {name: _percent(pooled([found["methods"][name][key] for found in tiers.values()])) for name in methods}
+        for key in ("named_right", "named_wrong")
+    }
+    right, wrong = ({name: rate["value"] for name, rate in rates[key].items()} for key in ("named_right", "named_wrong"))
+    # A split without effects of five units says nothing.
+    others = [name for name in methods if name != OURS and right[name] is not None and wrong[name] is not None]
+    if OURS not in methods or right[OURS] is None or wrong[OURS] is None or not others:
+        return {}
+    beaten = [name for name in others if wrong[name] > wrong[OURS] and right[name] <= right[OURS]]
+    cases = rates["named_wrong"][OURS]["n"]
+    return {
+        "gap_baselines_beaten": _plain(float(len(beaten)), cases),
+        "gap_baselines_wrong": {**_plain(min(wrong[name] for name in others), cases), "by_scene": wrong},
+        "gap_baselines_right": {
+            **_plain(max(right[name] for name in others), rates["named_right"][OURS]["n"]),
+            "by_scene": right,
+        },
+    }
+
+
+def real_figures(found: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """What was said about real logs, from `benchmarks/gap_measured.py`.
+
+    Args:
+        found: Its figures, by kind of logs; kinds that did not run are left out.
+    """
+    out: dict[str, dict[str, Any]] = {}
+    if "tosses" in found:
+        tosses, held_out = found["tosses"], found["tosses"]["tosses"]["verify"]
+        names = [effect["name"] for effect in tosses["effects"]]
+        named = tosses["verdict"] == "named" and "contact_friction" in names
+        out["gap_tosses_named"] = {**_plain(float(named), held_out), "where": REAL}
+        if tosses["verify"]:
+            out["gap_tosses_closed"] = {**_plain(100 * tosses["verify"]["removed"], held_out), "where": REAL}
+    if "pendulum" in found:
+        out["gap_pendulum_unnamed"] = {**_plain(float(found["pendulum"]["verdict"] != "named"), 1), "where": REAL}
+    return out
+
+
+def pooled(rates: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """A rate over the cases of several."""
+    total = sum(rate["n"] for rate in rates)
+    if not total:
+        return {"value": None, "n": 0}
+    good = sum(round(rate["value"] * rate["n"]) for rate in rates if rate["n"])
+    low, high = wilson_interval(good, total)
+    return {"value": good / total, "n": total, "ci95_low": low, "ci95_high": high}
+
+
+def _percent(rate: Mapping[str, Any]) -> dict[str, Any]:
+    """A rate as the floors want it."""
+    if rate["value"] is None:
+        return _plain(None, 0)
+    interval = [100 * rate["ci95_low"], 100 * rate["ci95_high"]]
+    return {**_plain(100 * rate["value"], rate["n"]), "interval": interval, "interval_of": "Wilson, 95 %"}
+
+
+def _plain(value: float | None, count: int) -> dict[str, Any]:
+    return {"value": value, "n": count, "cases": count, "where": WHERE}
+
+
+def write_gap_figures(out: str | Path, scores: Sequence[str | Path], *, preset: str, real: str | Path | None = None) -> None:
+    """Write the measured figures.
+
+    Args:
+        out: `scores/measured/gap.json`.
+        scores: `scores.json` of each tier.
+        preset: Preset that they ran with.
+        real: What was said about real logs; None where they are not on this machine.
+
+    Raises:
+        InputError: A file is missing or damaged.
+    """
+    figures = gap_figures(read_tiers(scores)) | ({} if real is None else real_figures(read_json(real)))
+    write_json(out, {"preset": preset, "figures": figures})

@@ -1,0 +1,380 @@
+"""The success tables for print: counts with intervals, simulation beside the other worlds, the paper's values beside ours."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from gsbridge.report.tables.formats import Table
+from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SCENARIOS, PAPER_SUCCESS, PAPER_SUCCESS_NOTE
+from gsbridge.report.tables.result_paths import Cell
+from gsbridge.report.tables.rows import Row
+from gsbridge.report.tables.statistics import (
+    fisher_p,
+    mean_maximum_rank_violation,
+    mean_relative_drop,
+    pearson,
+    relative_change,
+)
+from gsbridge.report.tables.success_rows import ROBOT, STRICT_WORLD, cell_in, cells_in
+from gsbridge.statistics import wilson_interval
+from gsbridge.tasks.poses import POSE_SETS
+
+
+@dataclass(frozen=True)
+class Count:
+    """Successes of a cell, world and set of poses; a rate is a share, 0..1."""
+
+    successes: int
+    trials: int
+    seeds: int = 1
+
+    @property
+    def rate(self) -> float:
+        """Success rate."""
+        return self.successes / self.trials
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Wilson's 95 % interval of the rate."""
+        return wilson_interval(self.successes, self.trials)
+
+
+Counts = dict[tuple[Cell, str, str], Count]
+"""By cell, world and set of poses."""
+
+
+def read_counts(rows: Sequence[Row]) -> Counts:
+    """Counts of the rows of success tables; a row that stands in two tables counts once."""
+    return {
+        (cell_in(row), row["world"], row["pose_set"]): Count(int(row["successes"]), int(row["trials"]), int(row["seeds"]))
+        for row in rows
+    }
+
+
+def worlds_in(counts: Counts) -> list[str]:
+    """Worlds of the counts: simulation, mirrors, robot."""
+    return sorted({world for _, world, _ in counts}, key=lambda world: (world != STRICT_WORLD, world == ROBOT, world))
+
+
+def pose_sets_in(counts: Counts) -> list[str]:
+    """Sets of start poses of the counts."""
+    found = {pose_set for _, _, pose_set in counts}
+    return [pose_set for pose_set in POSE_SETS if pose_set in found]
+
+
+def change(counts: Counts, cell: Cell, world: str, pose_set: str) -> float | None:
+    """Relative change of a cell from simulation to another world; None where it is not known."""
+    sim, real = counts.get((cell, STRICT_WORLD, pose_set)), counts.get((cell, world, pose_set))
+    return None if sim is None or real is None else relative_change(sim.rate, real.rate)
+
+
+def p_of_change(counts: Counts, cell: Cell, world: str, pose_set: str) -> float | None:
+    """Fisher's p of the same; None where it is not known."""
+    sim, real = counts.get((cell, STRICT_WORLD, pose_set)), counts.get((cell, world, pose_set))
+    if sim is None or real is None:
+        return None
+    return fisher_p(sim.successes, sim.trials, real.successes, real.trials)
+
+
+@dataclass(frozen=True)
+class Overview:
+    """Cells together in one world and set of poses.
+
+    Args:
+        world, pose_set: Which.
+        rates: Success rate of each cell, 0..1.
+        total: Trials of all cells together.
+        changes: Relative change from simulation of each cell that has one; empty for simulation itself.
+        correlation: Pearson's r of the cells' rates in simulation and in this world; None where it is not defined.
+        violation: MMRV likewise, as a share of success.
+    """
+
+    world: str
+    pose_set: str
+    rates: Mapping[Cell, float]
+    total: Count
+    changes: Mapping[Cell, float]
+    correlation: float | None
+    violation: float | None
+
+    @property
+    def mean(self) -> float:
+        """Mean success over the cells, each counting the same."""
+        return statistics.fmean(self.rates.values())
+
+    def drop(self, cells: Sequence[Cell] | None = None) -> tuple[float | None, int]:
+        """Mean relative drop over cells (None: all), and the number of those that it is taken over."""
+        found = [value for cell, value in self.changes.items() if cells is None or cell in cells]
+        return mean_relative_drop(found), len(found)
+
+
+def overviews(counts: Counts, cells: Sequence[Cell]) -> list[Overview]:
+    """One overview per set of poses and world, over those of the cells that were tried there."""
+    out = []
+    for pose_set in pose_sets_in(counts):
+        for world in worlds_in(counts):
+            found = {cell: counts[cell, world, pose_set] for cell in cells if (cell, world, pose_set) in counts}
+            if not found:
+                continue
+            sim = {cell: counts[cell, STRICT_WORLD, pose_set] for cell in found if (cell, STRICT_WORLD, pose_set) in counts}
+            compared = [] if world == STRICT_WORLD else list(sim)
+            pairs = [sim[cell].rate for cell in compared], [found[cell].rate for cell in compared]
+            changes = {cell: change(counts, cell, world, pose_set) for cell in compared}
+            total = Count(
+                sum(count.successes for count in found.values()),
+                sum(count.trials for count in found.values()),
+                min(count.seeds for count in found.values()),
+            )
+            out.append(
+                Overview(
+                    world=world,
+                    pose_set=pose_set,
+                    rates={cell: count.rate for cell, count in found.items()},
+                    total=total,
+                    changes={cell: value for cell, value in changes.items() if value is not None},
+                    correlation=pearson(*pairs),
+                    violation=mean_maximum_rank_violation(*pairs) if compared else None,
+                )
+            )
+    return out
+
+
+def standard_cells(rows: Sequence[Row], task: str, renderer: str = "gs") -> list[Cell]:
+    """Cells of a task that were trained the paper's way on one renderer's pictures, in the rows' order."""
+    cells = dict.fromkeys(map(cell_in, rows))
+    return [cell for cell in cells if (cell.task, cell.renderer, cell.variant) == (task, renderer, "default")]
+
+
+def paper_mean(cells: Sequence[Cell], world: str) -> float | None:
+    """Mean of the paper's success rates over cells, if it has them all; 0..1."""
+    known = [PAPER_SUCCESS[cell].rate(world) for cell in cells if cell in PAPER_SUCCESS]
+    return statistics.fmean(known) if known and len(known) == len(cells) else None
+
+
+def paper_change(cell: Cell) -> float | None:
+    """The paper's relative change of a cell, from its simulation to its robot."""
+    paper = PAPER_SUCCESS.get(cell)
+    return paper and relative_change(paper.rate(STRICT_WORLD), paper.rate(ROBOT))
+
+
+def paper_drop(cells: Sequence[Cell] = PAPER_SCENARIOS) -> float | None:
+    """The paper's mean relative drop over cells, if it has them all."""
+    return mean_relative_drop([paper_change(cell) for cell in cells])
+
+
+DASH = "–"
+MIRROR = "mirror"
+TASK_TITLES = {"grasp": "Grasping", "pick_and_place": "Pick and place"}
+RENDERER_TITLES = {"gs": "splats", "mesh": "mesh (RL-sim)", "mesh_vertex": "mesh, vertex colours"}
+POSE_TITLES = {"fixed": "fixed start poses", "unseen": "unseen start poses"}
+
+COUNT_NOTE = (
+    "Successes / trials, success rate, and Wilson's 95 % interval of it. With several seeds their trials count together."
+)
+CHANGE_NOTE = (
+    "Change: (mirror − sim) / sim, the paper's relative change. p: Fisher's exact test that both worlds have the same success "
+    "rate, two-sided."
+)
+MEAN_NOTE = (
+    "Interval: Wilson's, all trials together. Drop: mean of the cells' relative drops from simulation, a gain counting against "
+    "it. r: Pearson's correlation of the cells' rates with those in simulation; MMRV: mean maximum rank violation (SIMPLER), "
+    "0 is best. Both say little where all rates are high."
+)
+
+
+def percent(share: float | None, digits: int = 1, *, signed: bool = False) -> str:
+    """A share in percent with a true minus sign; a dash for none."""
+    if share is None:
+        return DASH
+    # Shares of 32 trials end in 5 often: halves go away from zero, as on paper, and not to the even digit.
+    size = math.floor(abs(100 * share) * 10**digits + 0.5 + 1e-9) / 10**digits
+    sign = "" if size == 0 else "−" if share < 0 else "+" if signed else ""
+    return f"{sign}{size:.{digits}f} %"
+
+
+def counted(count: Count | None) -> str:
+    """`31/32 96.9 % [84 … 99]`."""
+    if count is None:
+        return DASH
+    low, high = count.interval
+    rate = percent(count.rate).replace("100.0", "100")
+    return f"{count.successes}/{count.trials} {rate} [{100 * low:.0f} … {100 * high:.0f}]"
+
+
+def p_text(value: float | None) -> str:
+    """A p-value: two decimals, more where it is small."""
+    if value is None:
+        return DASH
+    return f"{value:.2f}" if value >= 0.095 else f"{value:.3f}" if value >= 0.001 else f"{value:.0e}"
+
+
+def cell_title(cell: Cell) -> str:
+    """`cake on foam pad`, with the variant where it is not the paper's."""
+    text = f"{cell.object} on {cell.background}".replace("_", " ")
+    return text if cell.variant == "default" else f"{text} ({cell.variant})"
+
+
+def success_table(
+    rows: Sequence[Row], pose_set: str, *, title: str, other: str = MIRROR, renderers: bool = False
+) -> Table | None:
+    """Cells in simulation and in another world, from one set of start poses; None without rows.
+
+    Args:
+        rows: Rows of a success table.
+        pose_set: `fixed` or `unseen`.
+        title: Caption.
+        other: The other world; on a robot only the cells that were tried there are shown.
+        renderers: Say of each cell what drew its training's pictures.
+    """
+    mine = [row for row in rows if row["pose_set"] == pose_set and row["world"] in (STRICT_WORLD, other)]
+    counts = read_counts(mine)
+    cells = [cell for cell in cells_in(mine) if other == MIRROR or (cell, other, pose_set) in counts]
+    if not cells:
+        return None
+    compared = any(world == other for _, world, _ in counts)
+    worlds = (STRICT_WORLD, other) if compared else (STRICT_WORLD,)
+    paper = any(cell in PAPER_SUCCESS for cell in cells)
+    several = any(count.seeds > 1 for count in counts.values())
+    status = _status(mine)
+    columns = ["cell", *(["trained on"] if renderers else []), *worlds, *(["change", "p"] if compared else [])]
+    columns += [*(["paper's sim → robot", "paper's change"] if paper else []), *(["seeds"] if several else []), "status"]
+    body = []
+    for cell in cells:
+        line = [cell_title(cell), *([RENDERER_TITLES.get(cell.renderer, cell.renderer)] if renderers else [])]
+        line += [counted(counts.get((cell, world, pose_set))) for world in worlds]
+        if compared:
+            line.append(percent(change(counts, cell, other, pose_set), signed=True))
+            line.append(p_text(p_of_change(counts, cell, other, pose_set)))
+        if paper:
+            known = PAPER_SUCCESS.get(cell)
+            rates = f"{percent(known.rate(STRICT_WORLD))} → {percent(known.rate(ROBOT))}" if known else DASH
+            line += [rates.replace(" % →", " →"), percent(paper_change(cell), signed=True)]
+        if several:
+            seeds = sorted({count.seeds for (owner, _, _), count in counts.items() if owner == cell})
+            line.append("–".join(map(str, dict.fromkeys((seeds[0], seeds[-1])))))
+        body.append((*line, status[cell]))
+    return Table(title, tuple(columns), tuple(body), status=tuple(status[cell] for cell in cells))
+
+
+def _status(rows: Sequence[Row]) -> dict[Cell, str]:
+    """Worst status of each cell's rows."""
+    out: dict[Cell, str] = {}
+    for row in rows:
+        cell = cell_in(row)
+        out[cell] = "degraded" if "degraded" in (row["status"], out.get(cell)) else row["status"]
+    return out
+
+
+def summary_table(rows: Sequence[Row], task: str, *, title: str) -> Table | None:
+    """Means over the cells of a task; None unless there are several.
+
+    Args:
+        rows: Rows of a success table; policies trained on splats the paper's way count.
+        task: Whose cells.
+        title: Caption.
+    """
+    cells, counts = standard_cells(rows, task), read_counts(rows)
+    if len(cells) < 2:
+        return None
+    columns = ("start poses", "world", "cells", "mean success", "of all trials", "paper's mean")
+    columns += ("drop, all cells", "drop, the paper's six", "r", "MMRV")
+    body = []
+    for view in overviews(counts, cells):
+        drop, _ = view.drop()
+        six, count = view.drop(PAPER_SCENARIOS)
+        complete = count == len(PAPER_SCENARIOS)
+        low, high = view.total.interval
+        body.append(
+            (
+                view.pose_set,
+                view.world,
+                str(len(view.rates)),
+                f"{percent(view.mean)} [{100 * low:.1f} … {100 * high:.1f}]",
+                f"{view.total.successes}/{view.total.trials}",
+                percent(paper_mean(list(view.rates), view.world)),
+                percent(drop),
+                percent(six) if complete or six is None else f"{percent(six)} ({count} of {len(PAPER_SCENARIOS)})",
+                DASH if view.correlation is None else f"{view.correlation:.2f}".replace("-", "−"),
+                DASH if view.violation is None else f"{view.violation:.3f}",
+            )
+        )
+    paper = f"The paper's mean drop: {percent(paper_drop())} over its six scenario cells"
+    paper += f", {percent(paper_drop(PAPER_GRASPS))} over all eight."
+    known = any(cell in PAPER_SUCCESS for cell in cells)
+    return Table(title, columns, tuple(body), (MEAN_NOTE, *([paper] if known else [])))
+
+
+def mirrors_table(rows: Sequence[Row], *, title: str) -> Table | None:
+    """The same policies in all mirrors, each with a shape, light and physics of its own; None for fewer than two mirrors."""
+    counts = read_counts(rows)
+    worlds = [world for world in worlds_in(counts) if world.split("_")[0] == MIRROR]
+    if len(worlds) < 2:
+        return None
+    body = []
+    for cell in cells_in(rows):
+        for pose_set in pose_sets_in(counts):
+            found = [counts.get((cell, world, pose_set)) for world in (STRICT_WORLD, *worlds)]
+            if any(found[1:]):
+                name = cell_title(cell) if cell.renderer == "gs" else f"{cell_title(cell)}, {cell.renderer}"
+                body.append((name, pose_set, *map(counted, found)))
+    return Table(title, ("cell", "start poses", STRICT_WORLD, *worlds), tuple(body))
+
+
+def success_tables(named: Mapping[str, Sequence[Row]]) -> dict[str, list[Table]]:
+    """All printed tables by the name of their rows.
+
+    Args:
+        named: Rows of `grasping`, `renderer_contrast` and `pick_and_place`, or some of them.
+    """
+    out: dict[str, list[Table]] = {}
+    for name, rows in named.items():
+        renderers = name == "renderer_contrast"
+        head = {
+            "grasping": "Grasping",
+            "renderer_contrast": "Trained on splats or on a mesh",
+            "pick_and_place": "Pick and place",
+        }[name]
+        task = "pick_and_place" if name == "pick_and_place" else "grasp"
+        found = [
+            summary_table(rows, task, title=f"{head}: means over the cells") if name == "grasping" else None,
+            *(
+                success_table(rows, pose_set, title=f"{head}, {POSE_TITLES[pose_set]}", renderers=renderers)
+                for pose_set in POSE_TITLES
+            ),
+            mirrors_table(rows, title=f"{head}: the same policies in further mirrors"),
+            *(
+                success_table(rows, pose_set, title=f"{head} on the robot, {words}", other=ROBOT, renderers=renderers)
+                for pose_set, words in POSE_TITLES.items()
+            ),
+        ]
+        tables = [table for table in found if table is not None]
+        out[name] = [_noted(table, index, tables, name, rows) for index, table in enumerate(tables)]
+    return out
+
+
+def _noted(table: Table, index: int, tables: Sequence[Table], name: str, rows: Sequence[Row]) -> Table:
+    """The table with its notes; those on all tables stand below the last one."""
+    if index < len(tables) - 1:
+        return table
+    notes = [COUNT_NOTE, CHANGE_NOTE]
+    if name == "pick_and_place":
+        notes.append(_contact_note(rows))
+    if any(row["paper_success_rate"] for row in rows):
+        notes.append(PAPER_SUCCESS_NOTE)
+    return Table(table.title, table.columns, table.rows, (*table.notes, *notes), table.best, table.status)
+
+
+def _contact_note(rows: Sequence[Row]) -> str:
+    """How many successes hang on the rule about excess contact."""
+    parts = [
+        f"{row['world']} {row['pose_set']} {row['successes_strict']} and {row['successes_tolerant']} of {row['trials']}"
+        for row in rows
+        if row["successes_strict"] != row["successes_tolerant"]
+    ]
+    text = "Excess contact while placing is a failure in simulation only, as in the paper."
+    if not parts:
+        return f"{text} No trial hangs on it."
+    return f"{text} Successes with the rule and without it: {'; '.join(parts)}."

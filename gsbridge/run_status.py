@@ -1,0 +1,108 @@
+"""Where a run stands: which stages are degraded and why, which jobs are left, and about how long they will take."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import statistics
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from gsbridge.errors import GsbridgeError
+from gsbridge.workflow_lock import working_folder
+
+_JOB_COUNT = re.compile(r"^(\w+) +(\d+)$", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Remaining:
+    """Jobs of one rule that are still to run.
+
+    Args:
+        rule: Its name.
+        jobs: Their number.
+        seconds: How long one takes, by the jobs of this rule that ran here before; None where none did.
+    """
+
+    rule: str
+    jobs: int
+    seconds: float | None
+
+
+def degraded_records(results: Path) -> Iterator[tuple[Path, list[str]]]:
+    """Stages' records below a folder that say `degraded`, with their reasons."""
+    for path in sorted(results.rglob("*.json")):
+        if ".state" in path.parts or "truth" in path.parts:
+            continue
+        try:
+            record = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            continue
+        if isinstance(record, dict) and record.get("status") == "degraded":
+            yield path, [str(reason) for reason in record.get("reasons", [])]
+
+
+def job_counts(text: str) -> dict[str, int]:
+    """Number of jobs by rule, as snakemake's dry run prints them under `Job stats`."""
+    _, _, table = text.partition("Job stats:")
+    counts = {rule: int(count) for rule, count in _JOB_COUNT.findall(table)}
+    counts.pop("total", None)
+    return counts
+
+
+def measured_seconds(benchmarks: Path) -> dict[str, float]:
+    """Median wall time of one job by rule, s, from the benchmark files of earlier jobs."""
+    found: dict[str, list[float]] = {}
+    for path in benchmarks.rglob("*.jsonl"):
+        rule = path.relative_to(benchmarks).parts[0].removesuffix(".jsonl")
+        for line in path.read_text(encoding="utf-8").splitlines():
+            try:
+                found.setdefault(rule, []).append(float(json.loads(line)["s"]))
+            except (ValueError, KeyError, TypeError):
+                continue
+    return {rule: statistics.median(seconds) for rule, seconds in found.items()}
+
+
+def remaining_jobs(counts: Mapping[str, int], seconds: Mapping[str, float]) -> list[Remaining]:
+    """Jobs left by rule, the longest first; rules that were never measured come first of all."""
+    left = [Remaining(rule, count, seconds.get(rule)) for rule, count in counts.items()]
+    return sorted(left, key=lambda item: -(float("inf") if item.seconds is None else item.jobs * item.seconds))
+
+
+def print_status(arguments: Sequence[str]) -> int:
+    """Print where the run stands that some arguments of snakemake name.
+
+    Args:
+        arguments: As on snakemake's command line, targets and `--config` included.
+
+    Raises:
+        GsbridgeError: Snakemake cannot plan the run; its message follows.
+    """
+    command = [sys.executable, "-m", "snakemake", "--dry-run", "--quiet", "rules", "--nolock", *arguments]
+    planned = subprocess.run(command, capture_output=True, text=True, check=False)
+    if planned.returncode:
+        raise GsbridgeError(f"the run cannot be planned:\n{(planned.stderr or planned.stdout).strip()}")
+    results = working_folder(arguments) / "results"
+    left = remaining_jobs(job_counts(planned.stdout + planned.stderr), measured_seconds(results / "benchmarks"))
+    degraded = list(degraded_records(results)) if results.is_dir() else []
+    if not left:
+        print("Nothing is left to do.")
+    for item in left:
+        time = "not measured here yet" if item.seconds is None else f"{item.seconds:.0f} s each"
+        print(f"  {item.jobs:4d} x {item.rule:32s} {time}")
+    if left:
+        cores = os.cpu_count() or 1
+        total = sum(item.jobs * item.seconds for item in left if item.seconds is not None)
+        unknown = sum(item.jobs for item in left if item.seconds is None)
+        aside = f", and {unknown} jobs of rules that were not measured here yet" if unknown else ""
+        print(
+            f"{sum(item.jobs for item in left)} jobs are left: about {total / cores / 60:.0f} minutes on {cores} cores{aside}."
+        )
+    print(f"{len(degraded)} records are degraded{':' if degraded else '.'}")
+    for path, reasons in degraded:
+        print(f"  {path.relative_to(results)}: {'; '.join(reasons)}")
+    return 0

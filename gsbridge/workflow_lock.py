@@ -1,0 +1,132 @@
+"""One run at a time in a working folder, and going on after a run that was killed.
+
+Snakemake locks its working folder with files, which stay when it is killed; the same command then ends with a request for
+`--unlock`. `start_workflow` holds a lock of the operating system besides, which goes with the process however it ends. Whoever
+gets that lock, and sees no other snakemake at work in the folder, may remove the files.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import psutil
+
+from gsbridge.errors import InputError
+
+_PASSIVE = frozenset(
+    {
+        "-n", "--dry-run", "--dryrun", "--dag", "--rulegraph", "--filegraph", "--d3dag", "--summary", "-S",
+        "--detailed-summary", "-D", "--lint", "--list-rules", "--list", "-l", "--list-target-rules", "--lt", "--report",
+        "--unlock", "--help", "-h", "--version", "-v", "--archive", "--generate-unit-tests",
+    }
+)  # fmt: skip
+"""Arguments with which snakemake runs no job and locks nothing."""
+
+_PATIENCE_S = 5.0
+"""How long a job may take to end when it is asked to, before it is killed."""
+
+
+def working_folder(arguments: Sequence[str]) -> Path:
+    """Folder in which snakemake works when it is given some arguments."""
+    for place, argument in enumerate(arguments):
+        if argument in ("--directory", "-d") and place + 1 < len(arguments):
+            return Path(arguments[place + 1]).resolve()
+        if argument.startswith("--directory="):
+            return Path(argument.partition("=")[2]).resolve()
+    return Path.cwd()
+
+
+def _at_work_in(folder: Path) -> Iterator[tuple[psutil.Process, bool]]:
+    """Snakemake's processes in a folder, this one aside, and whether each is only a job's script."""
+    for process in psutil.process_iter(["pid", "cmdline"]):
+        words = process.info["cmdline"] or []
+        job = any(f"{os.sep}.snakemake{os.sep}scripts{os.sep}" in word for word in words[:3])
+        if process.info["pid"] == os.getpid() or not (job or any("snakemake" in Path(word).name for word in words[:4])):
+            continue
+        try:
+            if Path(process.cwd()) == folder:
+                yield process, job
+        except (psutil.Error, OSError):
+            # It ended meanwhile, or it is somebody else's: then its working folder is not ours either.
+            continue
+
+
+def running_in(folder: Path) -> list[int]:
+    """Process ids of every snakemake at work in a folder, this process aside; jobs do not count."""
+    return [process.pid for process, job in _at_work_in(folder) if not job]
+
+
+def end_orphans(folder: Path) -> int:
+    """End the jobs of a snakemake that was killed, which work on without it, and whose files a new run would make again.
+
+    Returns:
+        Their number.
+    """
+    jobs = [process for process, job in _at_work_in(folder) if job]
+    family = [*jobs, *(child for job in jobs for child in _children(job))]
+    for signalled in ("terminate", "kill"):
+        for process in family:
+            try:
+                getattr(process, signalled)()
+            except psutil.NoSuchProcess:
+                continue
+        _, family = psutil.wait_procs(family, timeout=_PATIENCE_S)
+    return len(jobs)
+
+
+def _children(process: psutil.Process) -> list[psutil.Process]:
+    try:
+        return process.children(recursive=True)
+    except psutil.NoSuchProcess:
+        return []
+
+
+def start_workflow(arguments: Sequence[str]) -> int:
+    """Run snakemake with some arguments; a lock that a killed run left in the working folder is removed first.
+
+    Args:
+        arguments: As on snakemake's command line.
+
+    Returns:
+        Exit code, if another program could not take this process's place.
+
+    Raises:
+        InputError: Another run works in the folder.
+    """
+    # The module of this Python, not whichever snakemake the shell finds first.
+    command = [sys.executable, "-m", "snakemake", *arguments]
+    if not _PASSIVE.intersection(arguments):
+        folder = working_folder(arguments)
+        (folder / ".snakemake").mkdir(parents=True, exist_ok=True)
+        # Open until the process ends, and through `exec`, which closes what is not inheritable.
+        held = os.open(folder / ".snakemake" / "run.lock", os.O_RDWR | os.O_CREAT, 0o644)
+        os.set_inheritable(held, True)
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            others = running_in(folder)
+        except BlockingIOError:
+            others = running_in(folder) or [int(os.pread(held, 20, 0) or b"0")]
+        if others:
+            raise InputError(
+                str(folder),
+                f"another run works here (process {', '.join(map(str, others))})",
+                "Wait until it is done, or stop it; then give the same command again",
+            )
+        os.ftruncate(held, 0)
+        os.pwrite(held, str(os.getpid()).encode(), 0)
+        if end_orphans(folder):
+            print("gsbridge: jobs of a run that was killed were still at work; they were ended", file=sys.stderr)
+        locks = folder / ".snakemake" / "locks"
+        if locks.is_dir() and any(locks.iterdir()):
+            print("gsbridge: an earlier run was killed; going on where it was", file=sys.stderr)
+            unlock = [*command[:3], "--unlock", *arguments]
+            subprocess.run(unlock, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    os.execv(sys.executable, command)
+
+
+__all__ = ["end_orphans", "running_in", "start_workflow", "working_folder"]

@@ -1,0 +1,107 @@
+"""A run that was killed goes on when the same command is given again; two runs never share a folder."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import psutil
+import pytest
+
+from gsbridge.workflow_lock import working_folder
+
+SNAKEFILE = """
+rule slow:
+    output: "slow.txt"
+    script: "scripts/slow.py"
+"""
+SCRIPT = """
+import time
+from pathlib import Path
+Path("started").write_text("x")
+while not Path("go").exists():
+    time.sleep(0.05)
+Path(snakemake.output[0]).write_text("done")
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "Snakefile").write_text(SNAKEFILE)
+    (tmp_path / "scripts").mkdir()
+    (tmp_path / "scripts" / "slow.py").write_text(SCRIPT)
+    yield tmp_path
+    for process in psutil.process_iter(["pid"]):
+        try:
+            if process.pid != os.getpid() and process.cwd() == str(tmp_path):
+                process.kill()
+        except psutil.Error:
+            continue
+
+
+def start(folder):
+    command = [sys.executable, "-m", "gsbridge", "run", "--cores", "1", "--rerun-incomplete", "slow.txt"]
+    # A file, not a pipe: a job that outlives its run keeps a pipe open.
+    with (folder / "said").open("w") as said:
+        return subprocess.Popen(command, cwd=folder, stdout=said, stderr=subprocess.STDOUT)
+
+
+def ended(process, folder):
+    """Exit code and what was said."""
+    return process.wait(timeout=120), (folder / "said").read_text()
+
+
+def started(folder, seconds=120):
+    until = time.monotonic() + seconds
+    while not (folder / "started").exists():
+        assert time.monotonic() < until
+        time.sleep(0.05)
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_the_same_command_goes_on_after_a_kill(folder, how):
+    first = start(folder)
+    started(folder)
+    first.send_signal(how)
+    if how is not signal.SIGKILL:
+        (folder / "go").write_text("")  # snakemake waits for jobs that run
+    ended(first, folder)
+    (folder / "go").write_text("")
+    code, said = ended(start(folder), folder)
+    assert code == 0, said
+    assert (folder / "slow.txt").read_text() == "done"
+
+
+def test_a_job_that_outlived_its_run_is_ended(folder):
+    first = start(folder)
+    started(folder)
+    (job,) = psutil.Process(first.pid).children()
+    first.kill()
+    ended(first, folder)
+    assert job.is_running()
+    (folder / "started").unlink()
+    second = start(folder)
+    started(folder)
+    assert not job.is_running()
+    (folder / "go").write_text("")
+    code, said = ended(second, folder)
+    assert code == 0, said
+    assert "they were ended" in said
+
+
+def test_a_second_run_in_the_same_folder_is_refused_and_the_first_goes_on(folder):
+    first = start(folder)
+    started(folder)
+    code, said = ended(start(folder), folder)
+    assert code == 1
+    assert f"another run works here (process {first.pid})" in said
+    (folder / "go").write_text("")
+    assert first.wait(timeout=120) == 0
+
+
+def test_the_folder_is_the_one_that_snakemake_is_told(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert working_folder(["all"]) == tmp_path
+    assert working_folder(["--directory", "toy", "all"]) == tmp_path / "toy"
+    assert working_folder(["--directory=toy"]) == tmp_path / "toy"
