@@ -31,6 +31,9 @@ _OF_ARM = {"command_delay": ("time", "delay"), "gravcomp": ("change", "gravity_c
 _FIGURES = {"stiffness": "stiffness", "damping": "damping"}
 _LOSSES = {"armature": "armature", "viscous": "viscous_friction"}
 
+_NAMED = "named"
+"""Verdict of an effect that must have a place in the simulation; others of an account are left out, and that is told."""
+
 _DIGITS = 6
 
 
@@ -56,7 +59,8 @@ def amended_content(nominal: Mapping[str, Any], arm: Mapping[str, Any], source: 
         figures[theirs] = list(arm[ours])
     figures["gravity_compensation"] = float(arm["controller"]["gravity_compensation"])
     figures["delay"] = 0.0
-    joints = list(arm["joints"])
+    joints, left = list(arm["joints"]), list[str]()
+    verdicts = {label: verdict for item in arm.get("evidence") or [] for label, verdict in (item.get("verdicts") or {}).items()}
     for effect in arm.get("effects") or []:
         name, joint, values = effect["name"], effect.get("joint", ""), effect["parameters"]
         if name in _OF_ARM:
@@ -66,6 +70,8 @@ def amended_content(nominal: Mapping[str, Any], arm: Mapping[str, Any], source: 
             key, place, scales = _OF_JOINTS[name]
             k = joints.index(joint)
             figures[place][k] = figures[place][k] * (1.0 + values[key]) if scales else figures[place][k] + values[key]
+        elif verdicts.get(":".join(filter(None, (name, joint))), _NAMED) != _NAMED:
+            left.append(f"'{name}'{f' of joint {joint!r}' if joint else ''} is likely, not proven, and not simulated")
         else:
             known = ", ".join(sorted({*_OF_ARM, *_OF_JOINTS}))
             where = f" of joint '{joint}'" if joint else ""
@@ -76,7 +82,6 @@ def amended_content(nominal: Mapping[str, Any], arm: Mapping[str, Any], source: 
             )
     for name, value in figures.items():
         figures[name] = [round(float(v), _DIGITS) for v in value] if isinstance(value, list) else round(float(value), _DIGITS)
-    left = []
     dry = [float(value) for value in arm.get("coulomb") or []]
     if any(dry):
         listed = ", ".join(f"{value:.2g}" for value in dry)

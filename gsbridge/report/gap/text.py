@@ -156,9 +156,16 @@ def next_steps(findings: Mapping[str, Any], about: Mapping[str, Any], screening:
         out.append(_experiment(findings))
         out.append("Log one more record that way, name it 'select' in the case, and run again.")
     elif verdict == "none_of_the_known":
+        if findings["amended"]:
+            out.append(
+                f"results/gap/{case}/model.yaml holds the effects of the account: likely, not proven, and nearer to what was "
+                "measured on a record that they have not seen."
+            )
+        for item in (findings.get("account") or {"entries": []})["entries"][:2]:
+            out.append(f"To prove {item['title']}: {item['tell_apart']}; log that as a further record.")
         out.append(
-            "Look at the map for what the motion has in common where the difference is largest; if you know the cause, "
-            "write it as an effect (docs/gap.md, Adding an effect)."
+            "Look at the map for what the motion has in common where the difference is largest: it may be an effect that no "
+            "catalogue has (docs/gap.md, Adding an effect)."
         )
         if findings.get("suggestion"):
             out.append(f"A sparse regression of what remains suggests: {findings['suggestion']}.")
