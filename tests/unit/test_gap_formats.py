@@ -327,5 +327,5 @@ def test_names_of_the_workflows_own_cases_are_taken():
 @pytest.mark.parametrize("noise", [0.0, -1e-3, [1e-3], [1e-3, "small"], "small", True])
 def test_noise_that_makes_no_sense_is_refused(noise):
     with pytest.raises(InputError, match=r"noise.position"):
-        _per_column("position", noise, 2, "case.yaml")
-    assert _per_column("position", [1e-3, 2e-3], 2, "case.yaml").tolist() == [1e-3, 2e-3]
+        _per_column("noise.position", noise, 2, "case.yaml")
+    assert _per_column("noise.position", [1e-3, 2e-3], 2, "case.yaml").tolist() == [1e-3, 2e-3]

@@ -23,13 +23,11 @@ class Rules:
         earn: The same for a rival on the record that neither was fitted to, and for larger sets of effects.
         simple: The same for further parameters of an effect that holds a simpler one: Schwarz's logarithm of ten thousand
             samples instead of Akaike's two (Annals of Statistics 6, 1978).
-        closure: Share of the gap that the name of one effect must close where something remains.
+        closure: Share of the gap that what is named must close where something remains.
         deviations: Of the mean, by which a gain on `select` must exceed chance, for coloured noise too.
         most: Effects that are looked for at once.
         draws: Of the block bootstrap.
         budget: Simulations of one diagnosis, apart from the bank and the account.
-        whole: Share of the gap that several effects must close to be named although something remains, or one of which more
-            were tried.
         larger: By how much more each of several must explain than what remains: what is smaller than the model's own error
             is not named.
         least: Share of the gap that a further entry of an account must close.
@@ -49,7 +47,6 @@ class Rules:
     most: int = 3
     draws: int = 500
     budget: int = 140
-    whole: float = 0.95
     larger: float = 3.0
     least: float = 0.01
     entries: int = 12

@@ -21,7 +21,7 @@ from gsbridge.gap.joints.identify import JointIdentification
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals, share_noise
-from gsbridge.gap.joints.verify import Verification, verify
+from gsbridge.gap.joints.verify import PART, Verification, verify
 
 logger = logging.getLogger("gsbridge")
 
@@ -63,9 +63,15 @@ class Diagnosis:
 
     @property
     def effects(self) -> tuple[Applied, ...]:
-        """What may be added to the model: the whole account, if it makes the third record no worse."""
-        better = self.verification is not None and self.verification.accepted
-        return self.account.effects if better and self.account is not None else ()
+        """What may be added to the model: the whole account, if it makes the third record no worse.
+
+        An account without a name must close a good part of the gap there: little may be anything.
+        """
+        account, better = self.account, self.verification is not None and self.verification.accepted
+        if account is None or not better:
+            return ()
+        sure = self.finding.verdict in ("named", "ambiguous")
+        return account.effects if sure or account.explained >= PART else ()
 
 
 def diagnose_joints(
@@ -104,7 +110,7 @@ def diagnose_joints(
         effects = finding.best.fit.effects
         verification = verify(third, effects, np.random.default_rng(seed))
         said = finding.verdict in ("named", "ambiguous")
-        if said and not verification.transfers(rules or Rules(), len(effects) > 1):
+        if said and not verification.transfers(rules or Rules()):
             # It closed the gap where it was chosen, but not elsewhere: whatever is missing, it is something else.
             finding = replace(finding, verdict="none_of_the_known", ambiguous=(), something_remains=True)
     account = account_of(search, finding, third)

@@ -32,11 +32,14 @@ _LOOKED, _OF_JOINT = 20, 4
 _NEARLY = 0.8
 """Share of what an effect gains that a simpler one must gain to be told instead."""
 
+_ALONE = 0.95
+"""Share of the gap that a part of a set must close to be named without the rest of the set."""
+
 _AS_LITTLE, _LITTLE = 5.0, 0.01
 """Multiple of what the best explanation leaves, and share of the gap, up to which others leave as little: the model's error
 decides between them."""
 
-_MUCH = 0.8
+_MUCH = 0.95
 """Share of what one account leaves that another must leave to be told instead."""
 
 _SETS = 6
@@ -285,10 +288,10 @@ class JointIdentification:
         error of the model as far as anybody knows.
         """
         rules, closure = self.rules, min(self._closed(trial), self._closed_first(trial))
-        if len(trial.fit.who) == 1:
-            return closure >= rules.closure
-        if closure < rules.whole:
+        if closure < rules.closure:
             return False
+        if len(trial.fit.who) == 1:
+            return True
         left = max(trial.chi2 - self.floor, 0.0)
         for candidate in trial.fit.who:
             kept = [k for k, c in enumerate(trial.fit.who) if c != candidate]
@@ -313,7 +316,7 @@ class JointIdentification:
         part = next((trial for trial in trials if set(trial.fit.who) == core), None)
         if part is None or part.fit.stopped or part.fit.blurred:
             return None
-        if min(self._closed(part), self._closed_first(part)) < self.rules.whole:
+        if min(self._closed(part), self._closed_first(part)) < _ALONE:
             return None
         if len(core) > 1 and not self._suffices(part, trials):
             return None
@@ -330,7 +333,7 @@ class JointIdentification:
         Returns:
             The explanation, of as many effects as earn their place; None where nothing could be fitted.
         """
-        if finding.best is None:
+        if finding.best is None or finding.best.fit.stopped:
             return None
         begins = [finding.best]
         singles = [trial for trial, _ in finding.rivals if len(trial.fit.who) == 1]

@@ -12,7 +12,7 @@ from gsbridge.gap.diagnosis.results import Rules
 from gsbridge.gap.joints.detect import joint_null
 from gsbridge.gap.joints.residuals import JointResiduals
 
-_PART = 0.5
+PART = 0.5
 """Share of the gap that a name must close on the record that it has not seen."""
 
 _SLIGHT = 1.1
@@ -39,18 +39,17 @@ class Verification:
     accepted: bool
     p_remaining: float = 1.0
 
-    def transfers(self, rules: Rules, several: bool = False) -> bool:
+    def transfers(self, rules: Rules) -> bool:
         """Whether the record does not refute the effects.
 
         They close a good part of a gap that stands out, and leave noise alone or a little more.
 
         Args:
             rules: Thresholds.
-            several: Whether there are several of them.
         """
-        if self.before >= _SLIGHT and self.closure < _PART:
+        if self.before >= _SLIGHT and self.closure < PART:
             return False
-        return self.p_remaining >= rules.alarm or self.closure >= (rules.whole if several else rules.closure)
+        return self.p_remaining >= rules.alarm or self.closure >= rules.closure
 
 
 def verify(view: JointResiduals, effects: Sequence[Applied], rng: np.random.Generator) -> Verification:

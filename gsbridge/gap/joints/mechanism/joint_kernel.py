@@ -59,6 +59,10 @@ MODE = MappingProxyType({"torque": 0, "free": 0, "pd": 1, "position": 2})
     _SPRING, _SPRING_REST, _WARMING,
 ) = range(len(LAW))  # fmt: skip
 
+_YIELDING = 0.3
+"""Product of a transmission's compliance and the controller's stiffness against one step up to which it hardly yields: beyond,
+an explicit step of the controller would run away."""
+
 _RIGID = 1e-7
 """Compliance given to a transmission that has play but no stated compliance, rad/(N m)."""
 
@@ -121,7 +125,7 @@ def simulate(
     motor, motor_speed, before, was = q.copy(), v.copy(), v.copy(), q.copy()
     weighs = mode == 2
     longest = 0.0
-    soft = np.zeros(count, dtype=np.bool_)
+    soft, joins = np.zeros(count, dtype=np.bool_), np.zeros(count, dtype=np.bool_)
     for i in range(count):
         weighs = weighs or law[_SHARE, i] != 0.0
         longest = max(longest, law[_DELAY, i])
@@ -202,16 +206,27 @@ def simulate(
                 compliance = max(law[_COMPLIANCE, i], _RIGID)
                 stiff, damp, load = 0.0, 0.0, given
                 light = law[_DAMP, i] * step > 0.5 * law[_ARMATURE, i]
-                if light and mode == 1 and law[_LAG, i] == 0.0 and law[_DELAY, i] == 0.0 and abs(asked[i]) < law[_LIMIT, i]:
+                half = 0.5 * law[_BACKLASH, i]
+                side = 1.0 if given > 0.0 else -1.0
+                # A light motor that pushes a link and hardly yields hands its torque on, as if they were one.
+                yields = law[_COMPLIANCE, i] * (law[_STIFF, i] + law[_DAMP, i] / step)
+                joins[i] = light and yields < _YIELDING and (half == 0.0 or side * (motor[i] - q[i]) >= half - 1e-12)
+                if (
+                    light
+                    and not joins[i]
+                    and mode == 1
+                    and law[_LAG, i] == 0.0
+                    and law[_DELAY, i] == 0.0
+                    and abs(asked[i]) < law[_LIMIT, i]
+                ):
                     # The controller is taken into the implicit step, since the motor alone is too light for an explicit one.
                     # For others it would be an inertia that a rigid joint does not have.
                     stiff, damp = law[_STIFF, i] * (1.0 + law[_GAIN, i]), law[_DAMP, i] * (1.0 + law[_GAIN, i])
                     load = given + stiff * motor[i] + damp * motor_speed[i]
                 base, joined = coupling(law[_ARMATURE, i], damp, stiff, compliance, step)
-                half = 0.5 * law[_BACKLASH, i]
                 pulls[i], damps[i], stiffs[i] = load, damp, stiff
-                shift[i] = 0.0
-                if base > 0.0:
+                shift[i] = law[_ARMATURE, i] if joins[i] else 0.0
+                if base > 0.0 and not joins[i]:
                     # Where the motor would go alone, against where the link would: as far as they meet, they go together.
                     rotor = law[_ARMATURE, i] / step
                     free = (load + rotor * motor_speed[i] + (rotor / step + damp / step) * motor[i]) / base
@@ -241,7 +256,11 @@ def simulate(
         advance(matrix, right, grip, law[_SKEW], step, v, impulse, factor, inverse)
         for i in range(count):
             q[i] += step * (0.5 * (before[i] + v[i]) if centred else v[i])
-            if soft[i]:
+            if soft[i] and joins[i]:
+                angle = q[i] + math.copysign(0.5 * law[_BACKLASH, i], pulls[i]) + law[_COMPLIANCE, i] * pulls[i]
+                motor_speed[i] = v[i] + (angle - motor[i] - (q[i] - was[i])) / step
+                motor[i] = angle
+            elif soft[i]:
                 angle = motor_side(
                     q[i], motor[i], motor_speed[i], pulls[i], damps[i], stiffs[i], law[_ARMATURE, i],
                     max(law[_COMPLIANCE, i], _RIGID), law[_BACKLASH, i], step,
