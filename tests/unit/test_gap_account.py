@@ -124,7 +124,7 @@ def test_fits_start_where_the_projection_leads(axis):
     left = (view.residual([Candidate("payload").applied(start)]) ** 2).sum()
     assert left < 0.05 * (view.residual() ** 2).sum()
     found = fit(view, [Candidate("payload")], [start], screen=screen)
-    assert found.chi2 < 1.1 * view.freedom
+    assert found.chi2 < 1.5 * view.freedom
 
 
 def test_free_play_vanishes_with_its_size(axis):

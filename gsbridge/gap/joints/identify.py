@@ -381,8 +381,11 @@ class JointIdentification:
             looked.append((float((residual**2).sum()), match))
             if len(looked) >= _LOOKED:
                 break
+        by_bound = [match for _, match in looked]
         looked = sorted((item for item in looked if item[0] < best.chi2), key=lambda item: item[0])
-        out = [match for _, match in looked[:_SETS]]
+        # Those that do not help as they start may do so once all are fitted together.
+        out = [match for _, match in looked]
+        out = [*out, *(match for match in by_bound if not any(match is other for other in out))][:_SETS]
         for chi2, match in looked[1:]:
             # What is the first one without some of its numbers, and does nearly as well, says as much with less.
             first = looked[0][1].candidate
