@@ -1,8 +1,8 @@
 """gsbridge: photos or a video in, a metric scene of mesh-bound Gaussians out. A table of contents; see rules/."""
 
-from gsbridge.configuration import check_files
-from gsbridge.schema import check_schema
-from snakemake.utils import min_version, validate
+from gsbridge.configuration.files import check_files
+from gsbridge.configuration.whole import read_configuration
+from snakemake.utils import min_version
 
 min_version("9.19")
 
@@ -14,9 +14,8 @@ check_files([f"{workflow.basedir}/config.yaml", *workflow.configfiles])
 configfile: f"{workflow.basedir}/config.yaml"
 
 
-check_schema(config, f"{workflow.basedir}/rules/schemas/config.schema.yaml")
-# Fills in the defaults.
-validate(config, "rules/schemas/config.schema.yaml")
+# With all defaults, and numbers for what came as text.
+config.update(read_configuration(config))
 
 
 report: "rules/captions/workflow.rst"

@@ -257,7 +257,7 @@ def diagnose(
         if judged is None or name in judged
     ]
     shares = [row["explained"] for row in rows]
-    account = findings["account"] or {"entries": [], "explained": None}
+    account = findings.get("account") or {"entries": [], "explained": None}
     return {
         "motions": list(motions), "signs": start.signs, "zeros": start.zeros, "stiffness": start.stiffness,
         "bend_explained": start.explained, "verdict": findings["verdict"], "sentence": findings["sentence"],

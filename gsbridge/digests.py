@@ -20,7 +20,7 @@ NAME = PACKAGE.name
 FOLLOWED = (NAME, "scripts", "benchmarks")
 """Folders of the checkout whose modules are followed: the library, the rules' scripts, and the programs that rules run."""
 
-WITHOUT_EFFECT = frozenset({NAME, f"{NAME}.logs", f"{NAME}.errors", f"{NAME}.digests"})
+WITHOUT_EFFECT = frozenset({NAME, f"{NAME}.logs", f"{NAME}.errors", f"{NAME}.digests", f"{NAME}.configuration.faults"})
 """Modules that cannot change a stage's result."""
 
 _NAMED = re.compile(rf"""["']({NAME}(?:\.\w+)+)["':]""")
@@ -57,17 +57,19 @@ def _source(module: str) -> str:
 
 @functools.cache
 def _tree(module: str) -> ast.Module:
-    """Syntax tree of a module without docstrings."""
+    """Syntax tree of a module without docstrings, also those below constants and settings."""
     tree = ast.parse(_source(module))
     for node in _statements(tree):
         body = getattr(node, "body", None)
-        if not body:
-            continue
-        first = body[0]
-        if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant) and isinstance(first.value.value, str):
+        if body:
             # An empty body would not be valid syntax; the digest only needs it to be constant.
-            node.body = body[1:] or [ast.Pass()]  # type: ignore[attr-defined]
+            node.body = [item for item in body if not _is_text(item)] or [ast.Pass()]  # type: ignore[attr-defined]
     return tree
+
+
+def _is_text(node: ast.AST) -> bool:
+    """Whether a statement is nothing but a text."""
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 
 @functools.cache

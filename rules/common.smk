@@ -15,7 +15,7 @@ os.environ.update(
     PYTHONPATH=os.pathsep.join(filter(None, dict.fromkeys([str(ROOT), *searched])))
 )
 
-from gsbridge.configuration import (
+from gsbridge.configuration.checks import (
     check_asked,
     check_capture,
     check_configuration,

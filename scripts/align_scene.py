@@ -3,7 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gsbridge.align.stage import AlignSettings, align_scene
+from gsbridge.align.stage import align_scene
+from gsbridge.configuration.align import AlignSettings
 from gsbridge.logs import start
 from gsbridge.photogrammetry.board import optional_board
 

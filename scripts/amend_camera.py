@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from gsbridge.gap.image.stages import amend_camera
+from gsbridge.gap.image.workflow import amend_camera
 from gsbridge.logs import start
 
 if TYPE_CHECKING:

@@ -3,9 +3,9 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.asset.photos import Photos
-from gsbridge.asset.settings import AssetSettings
 from gsbridge.asset.stage import AssetInputs, AssetOutputs, build_asset
 from gsbridge.cameras import read_views
+from gsbridge.configuration.asset import AssetSettings
 from gsbridge.logs import start
 
 if TYPE_CHECKING:

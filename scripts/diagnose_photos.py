@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from gsbridge.gap.image.stages import write_image_findings
+from gsbridge.gap.image.workflow import write_image_findings
 from gsbridge.logs import start
 
 if TYPE_CHECKING:

@@ -3,9 +3,10 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gsbridge.configuration.films import BoardFilmSettings
 from gsbridge.logs import start
 from gsbridge.photogrammetry.board import standard_board
-from gsbridge.reality.world.board_capture import BoardFilmSettings, film_board
+from gsbridge.reality.world.board_capture import film_board
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

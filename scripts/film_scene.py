@@ -3,8 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gsbridge.configuration.films import FilmSettings
 from gsbridge.logs import start
-from gsbridge.reality.mirror.film import FilmSettings, film_scene
+from gsbridge.reality.mirror.film import film_scene
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsbridge.cameras import read_views
+from gsbridge.configuration.mesh import MeshSettings
 from gsbridge.logs import start
 from gsbridge.mesh.background import mesh_background
-from gsbridge.mesh.settings import MeshSettings
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

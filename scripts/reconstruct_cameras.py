@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gsbridge.configuration.sfm import SfmSettings
 from gsbridge.logs import start
 from gsbridge.photogrammetry.board import optional_board
 from gsbridge.sfm.calibrate import optional_camera
-from gsbridge.sfm.settings import SfmSettings
 from gsbridge.sfm.stage import reconstruct
 
 if TYPE_CHECKING:

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gsbridge.configuration.registration import RegistrationSettings
 from gsbridge.logs import start
 from gsbridge.photogrammetry.board import standard_board
-from gsbridge.registration.settings import RegistrationSettings
 from gsbridge.registration.stage import register
 
 if TYPE_CHECKING:

@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsbridge.cameras import read_views
+from gsbridge.configuration.masks import MaskSettings
 from gsbridge.logs import start
 from gsbridge.masks.segment import segment_object
-from gsbridge.masks.settings import MaskSettings
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

@@ -3,8 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gsbridge.capture.keyframes import KeyframeSettings, select_keyframes
+from gsbridge.capture.keyframes import select_keyframes
 from gsbridge.capture.sources import Source
+from gsbridge.configuration.capture import KeyframeSettings
 from gsbridge.logs import start
 
 if TYPE_CHECKING:

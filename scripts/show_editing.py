@@ -3,8 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gsbridge.configuration.measuring import EditingSettings
 from gsbridge.logs import start
-from gsbridge.report.figures.editing import EditingSettings, write_editing
+from gsbridge.report.figures.editing import write_editing
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

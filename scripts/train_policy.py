@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsbridge.cameras import read_views
+from gsbridge.configuration.policy import PolicySettings
 from gsbridge.environment.build import StageFiles, plate_of
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.logs import start
-from gsbridge.policy.settings import PolicySettings
 from gsbridge.policy.stage import train_policy
 from gsbridge.scene.photos import photo_colour
 

@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gsbridge.cameras import read_views
+from gsbridge.configuration.splats import SplatSettings
 from gsbridge.files import read_json
 from gsbridge.logs import start
 from gsbridge.splats.stage import train_splats
-from gsbridge.splats.train import SplatSettings
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from gsbridge.align.board_fit import BoardFit, fit_board
 from gsbridge.align.length import KnownLength, scale_from_length
 from gsbridge.align.plane import Attention, Plane, attention, find_table, object_points
 from gsbridge.cameras import Camera, View, camera_centre, write_views
+from gsbridge.configuration.align import AlignSettings
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import atomic_file, read_json, write_stage
 from gsbridge.geometry import Array, Similarity, rotation_between
@@ -33,23 +34,6 @@ MIN_OBJECT_POINTS = 20
 
 UNKNOWN_EXTENT = 0.1
 """Longest side of the object where nothing tells the scale, m: a guess of the right order, said so in the record."""
-
-
-@dataclass(frozen=True)
-class AlignSettings:
-    """Limits of the alignment.
-
-    Args:
-        plane_threshold: Distance within which a point lies on the table, as a share of the cameras' distance.
-        require_scale: Fail where neither the board nor a known length gives the scale.
-        max_tilt_deg: Angle between the board and the points' plane above which the result is degraded.
-        max_scale_se: Standard error of the scale, as a share of it, above which the result is degraded.
-    """
-
-    plane_threshold: float = 0.006
-    require_scale: bool = False
-    max_tilt_deg: float = 1.0
-    max_scale_se: float = 0.005
 
 
 @dataclass(frozen=True)
@@ -141,7 +125,7 @@ def align_scene(
         else table_from_sfm.scale,
         plane_inliers=0 if plane is None else int(plane.inliers.sum()),
         points=len(sparse.points),
-        settings=asdict(settings),
+        settings=settings.model_dump(),
         **numbers,
     )
     logger.info("scale from %s: %.6g m per unit", source, table_from_sfm.scale)

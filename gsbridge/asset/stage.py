@@ -13,12 +13,12 @@ import numpy as np
 
 from gsbridge.asset.body import body_from_table, mass_properties, narrowest_width
 from gsbridge.asset.bullet import rest_check
-from gsbridge.asset.density import density_of
+from gsbridge.asset.density import DENSITIES
 from gsbridge.asset.hulls import decompose, hull_mesh, inset, seat, simplify
 from gsbridge.asset.photos import Photos, compare_with_photos
 from gsbridge.asset.relief import RELIEF_URDF, find_relief, simplified
-from gsbridge.asset.settings import AssetSettings
 from gsbridge.asset.urdf import write_body_urdf, write_obj
+from gsbridge.configuration.asset import AssetSettings
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_directory, read_json, write_stage
 from gsbridge.geometry import Array, Similarity
@@ -106,7 +106,7 @@ def build_asset(
     settings = settings or AssetSettings()
     if kind not in KINDS:
         raise InputError("asset: kind", f"{kind!r} is unknown", f"Use one of {', '.join(KINDS)}")
-    density = density_of(settings.density)
+    density = DENSITIES[settings.density] if isinstance(settings.density, str) else settings.density
     _check_scale_known(inputs.align)
     visual, collision, cloud = read_mesh(inputs.visual), read_mesh(inputs.collision), read_ply(inputs.splats)
     _check_size(visual, inputs.visual, settings, kind)
@@ -144,7 +144,7 @@ def build_asset(
         height=float(visual.vertices[:, 2].max()),
         width=narrowest_width(visual.vertices),
         splats=len(cloud),
-        settings=asdict(settings),
+        settings=settings.model_dump(),
         photos=looks,
         **figures,
     )

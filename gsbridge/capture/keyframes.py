@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from gsbridge.capture.sources import (
     read_film,
     read_nerfstudio,
 )
+from gsbridge.configuration.capture import KeyframeSettings
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_directory, write_stage
 from gsbridge.geometry import Array
@@ -34,27 +35,6 @@ logger = logging.getLogger("gsbridge")
 MIN_KEYFRAMES = 3
 ADVISED_KEYFRAMES = 40
 """Steps of 5 to 9 degrees over an orbit and more: enough for a complete model, see `docs/capture.md`."""
-
-
-@dataclass(frozen=True)
-class KeyframeSettings:
-    """Limits of the choice.
-
-    Args:
-        count: Keyframes wanted from a video.
-        min_sharpness: Variance of the Laplacian below which a frame is dropped, grey levels squared, at 640 px width.
-        min_step: Least image motion between two keyframes of a video, as a share of the image's width.
-        min_motion: Least image motion over a whole video, as a share of the image's width.
-        min_brightness: Mean grey level below which a frame counts as black, 0..255.
-        max_side: Longer side of the stored frames, px; larger photos are scaled down.
-    """
-
-    count: int = 50
-    min_sharpness: float = 10.0
-    min_step: float = 0.008
-    min_motion: float = 0.15
-    min_brightness: float = 8.0
-    max_side: int = 1600
 
 
 @dataclass(frozen=True)
@@ -310,7 +290,7 @@ def _write_record(
         width=size[0],
         height=size[1],
         focal_prior_px=focal_prior_px,
-        settings=asdict(settings),
+        settings=settings.model_dump(),
         frames=frames,
         known_cameras=known,
     )

@@ -1,72 +1,49 @@
 """Stages of a case as the workflow runs them: each reads files, makes one thing, and leaves a record beside it.
 
-What a stage does depends on what the case is about, a mechanism or a thrown body; what it reads and leaves does not.
+What a stage does depends on what the case is about, a mechanism, a thrown body or pictures; what it reads and leaves does not.
 """
 
 from __future__ import annotations
 
 import hashlib
 import logging
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from gsbridge.effects.registry import Applied
 from gsbridge.files import atomic_file, read_json, write_json, write_stage
-from gsbridge.gap.amend import amend_model
-from gsbridge.gap.contact.body import is_body
+from gsbridge.gap.contact.body import MODE, is_body
 from gsbridge.gap.contact.workflow import ThrowBackend
-from gsbridge.gap.formats.files import case_model
+from gsbridge.gap.diagnosis.backend import Backend, best_effects
+from gsbridge.gap.formats.files import case_content, case_model
+from gsbridge.gap.image.case import PHOTOS
+from gsbridge.gap.image.workflow import ImageBackend
 from gsbridge.gap.joints.workflow import JointBackend
-from gsbridge.geometry import Array
 
 logger = logging.getLogger("gsbridge")
 
 
-class Backend(Protocol):
-    """A checked case, and what the stages do with it."""
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Why the result is degraded."""
-
-    def save(self, data: str | Path) -> None:
-        """Write the measurements (`.npz`)."""
-
-    def about(self) -> dict[str, Any]:
-        """What `records.json` says."""
-
-    def compare(self) -> dict[str, Any]:
-        """What `comparison.json` says: residuals of the model as it is, and where they show."""
-
-    def screen(self, bank: str | Path) -> dict[str, Any]:
-        """What `screen.json` says: which effects show, and which look alike, before any fit. Fills the bank."""
-
-    def diagnose(self, bank: str | Path, seed: int) -> dict[str, Any]:
-        """What `findings.json` says."""
-
-    def replay(self, effects: Sequence[Applied]) -> tuple[dict[str, Array], dict[str, Any]]:
-        """Motion before and after, and what `replays.json` says about it."""
-
-
-def read_work(case: str | Path) -> Backend:
-    """A user's case, checked.
+def read_backend(case: str | Path) -> Backend:
+    """A user's case, checked: about pictures where it names photos, else about what its model describes.
 
     Raises:
         InputError: Something in the case cannot be used.
     """
+    if PHOTOS in case_content(case):
+        return ImageBackend.read(case)
     return ThrowBackend.read(case) if is_body(case_model(case)) else JointBackend.read(case)
 
 
-def load_work(model: str | Path, data: str | Path, record: str | Path) -> Backend:
+def load_backend(model: str | Path, data: str | Path, record: str | Path) -> Backend:
     """What `write_case_records` has left.
 
     Raises:
         InputError: A file is missing or damaged.
     """
-    return (ThrowBackend if is_body(model) else JointBackend).load(model, data, read_json(record))
+    about = read_json(record)
+    kinds: dict[str, type[Backend]] = {MODE: ThrowBackend, PHOTOS: ImageBackend}
+    return kinds.get(about["mode"], JointBackend).load(model, data, about)
 
 
 def write_case_records(case: str | Path, data: str | Path, record: str | Path) -> None:
@@ -80,11 +57,11 @@ def write_case_records(case: str | Path, data: str | Path, record: str | Path) -
     Raises:
         InputError: Something in the case cannot be used; nothing is written then.
     """
-    work = read_work(case)
-    about = work.about()
-    work.save(data)
+    backend = read_backend(case)
+    about = backend.about()
+    backend.save(data)
     digest = hashlib.sha256(Path(about["model"]).read_bytes()).hexdigest()
-    write_stage(record, reasons=work.reasons, case=str(case), model_digest=digest, **about)
+    write_stage(record, reasons=backend.reasons, case=str(case), model_digest=digest, **about)
 
 
 def write_comparison(model: str | Path, data: str | Path, record: str | Path, out: str | Path) -> None:
@@ -96,8 +73,8 @@ def write_comparison(model: str | Path, data: str | Path, record: str | Path, ou
         record: Their description.
         out: `comparison.json`.
     """
-    work = load_work(model, data, record)
-    write_stage(out, reasons=work.reasons, **work.compare())
+    backend = load_backend(model, data, record)
+    write_stage(out, reasons=backend.reasons, **backend.compare())
 
 
 def write_screening(model: str | Path, data: str | Path, record: str | Path, bank: str | Path, out: str | Path) -> None:
@@ -110,8 +87,8 @@ def write_screening(model: str | Path, data: str | Path, record: str | Path, ban
         bank: Folder that keeps signatures; cases with the same model and commands share them.
         out: `screen.json`.
     """
-    work = load_work(model, data, record)
-    write_stage(out, reasons=work.reasons, **work.screen(bank))
+    backend = load_backend(model, data, record)
+    write_stage(out, reasons=backend.reasons, **backend.screen(bank))
 
 
 def write_findings(
@@ -134,17 +111,17 @@ def write_findings(
         amended: `model.yaml`.
         seed: Of replicates.
     """
-    _diagnose(load_work(model, data, record), model, bank, findings, amended, seed)
+    _diagnose(load_backend(model, data, record), model, bank, findings, amended, seed)
 
 
 def _diagnose(
-    work: Backend, model: str | Path, bank: str | Path, findings: str | Path, amended: str | Path, seed: int
+    backend: Backend, model: str | Path, bank: str | Path, findings: str | Path, amended: str | Path, seed: int
 ) -> dict[str, Any]:
-    found = work.diagnose(bank, seed)
-    for reason in work.reasons:
+    found = backend.diagnose(bank, seed)
+    for reason in backend.reasons:
         logger.warning("degraded: %s", reason)
     write_json(findings, found)
-    amend_model(model, found, amended)
+    backend.amend(model, found, amended)
     return found
 
 
@@ -161,24 +138,15 @@ def write_replays(
         series: Measured, nominal and explained motion, `{role}/{what}` (`.npz`); without `explained` where nothing was fitted.
         out: `replays.json`: residuals before and after, and a map of what remains.
     """
-    work = load_work(model, data, record)
-    arrays, rows = work.replay(fitted(read_json(findings)))
+    backend = load_backend(model, data, record)
+    arrays, rows = backend.replay(best_effects(read_json(findings)))
     with atomic_file(series) as temporary, open(temporary, "wb") as stream:
         np.savez_compressed(stream, **{name: values.astype(np.float32) for name, values in arrays.items()})  # type: ignore[arg-type]
-    write_stage(out, reasons=work.reasons, **rows)
-
-
-def fitted(findings: Mapping[str, Any]) -> tuple[Applied, ...]:
-    """All effects of the account, whether named or not; of the best explanation where there is no account."""
-    account = findings.get("account")
-    return tuple(
-        Applied(item["name"], item["joint"] or "", {name: row["value"] for name, row in item["parameters"].items()})
-        for item in (account["entries"] if account else findings["effects"])
-    )
+    write_stage(out, reasons=backend.reasons, **rows)
 
 
 def run_case(path: str | Path, out: str | Path, bank_folder: str | Path, seed: int = 0) -> dict[str, Any]:
-    """Diagnose a case of either kind into `out`: `findings.json` and the amended `model.yaml`. Returns the findings.
+    """Diagnose a case of any kind into `out`: `findings.json` and the amended `model.yaml`. Returns the findings.
 
     Args:
         path: The case.
@@ -189,5 +157,5 @@ def run_case(path: str | Path, out: str | Path, bank_folder: str | Path, seed: i
     Raises:
         InputError: Something in the case cannot be used; nothing is written then.
     """
-    work, out = read_work(path), Path(out)
-    return _diagnose(work, work.about()["model"], bank_folder, out / "findings.json", out / "model.yaml", seed)
+    backend, out = read_backend(path), Path(out)
+    return _diagnose(backend, backend.about()["model"], bank_folder, out / "findings.json", out / "model.yaml", seed)

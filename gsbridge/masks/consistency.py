@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 
 from gsbridge.cameras import Camera, View
+from gsbridge.configuration.masks import MaskSettings
 from gsbridge.errors import StageError
 from gsbridge.geometry import Array
 from gsbridge.masks.prompt import Prompt
-from gsbridge.masks.settings import MaskSettings
 from gsbridge.meshes import Mesh
 from gsbridge.photogrammetry.carving import (
     Grid,

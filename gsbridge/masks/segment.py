@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 
 from gsbridge.cameras import View, Views
-from gsbridge.errors import InputError, StageError
+from gsbridge.configuration.masks import MaskSettings
+from gsbridge.errors import StageError
 from gsbridge.files import atomic_directory, write_stage
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8, write_image
@@ -19,7 +20,6 @@ from gsbridge.masks import flatness, grabcut, sam2
 from gsbridge.masks.consistency import agreed_hull, outline, overlap, shrunk
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop
 from gsbridge.masks.prompt import Prompt, find_object
-from gsbridge.masks.settings import MaskSettings
 from gsbridge.masks.subtraction import subtract_table
 from gsbridge.meshes import Mesh
 from gsbridge.photogrammetry.matting import estimate_alpha
@@ -196,8 +196,6 @@ def segment_object(
         StageError: No object is found, or its masks come out empty.
     """
     settings = settings or MaskSettings()
-    if settings.backend not in ("grabcut", "sam2"):
-        raise InputError("masks.backend", f"'{settings.backend}' is unknown", "Use grabcut or sam2")
     if len(views) < 3:
         raise StageError("masks", f"{len(views)} photos are registered, 3 are needed", "Film again with more overlap")
     sparse = read_points(points_npz)

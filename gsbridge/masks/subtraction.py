@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from gsbridge.cameras import Camera, Views
+from gsbridge.configuration.masks import MaskSettings
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8
 from gsbridge.masks import grabcut
@@ -21,7 +22,6 @@ from gsbridge.masks.consistency import agreed_hull, outline
 from gsbridge.masks.flatness import table_homography
 from gsbridge.masks.grabcut import Crop
 from gsbridge.masks.prompt import Prompt
-from gsbridge.masks.settings import MaskSettings
 
 _OTHERS = 24
 """Photos that the table is taken from; a median needs no more."""

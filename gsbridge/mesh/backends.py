@@ -50,7 +50,7 @@ def choose_backend(wanted: str) -> str:
         `sweep`, `pycolmap` or `openmvs`. `auto` takes pycolmap where CUDA is there, then OpenMVS, then the sweep.
 
     Raises:
-        InputError: The backend is unknown or cannot run here.
+        InputError: The backend cannot run here.
     """
     if wanted == "sweep":
         return wanted
@@ -62,9 +62,7 @@ def choose_backend(wanted: str) -> str:
         if openmvs_binaries() is None:
             raise InputError("mesh.backend", f"OpenMVS ({', '.join(_OPENMVS)}) is not on the PATH", "Install it, or use sweep")
         return wanted
-    if wanted == "auto":
-        return "pycolmap" if has_pycolmap_stereo() else "openmvs" if openmvs_binaries() else "sweep"
-    raise InputError("mesh.backend", f"'{wanted}' is unknown", "Use auto, sweep, pycolmap or openmvs")
+    return "pycolmap" if has_pycolmap_stereo() else "openmvs" if openmvs_binaries() else "sweep"
 
 
 def write_colmap_workspace(views: Views, masks: Sequence[Array], folder: Path, points: Array) -> None:

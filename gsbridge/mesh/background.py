@@ -12,6 +12,7 @@ from scipy import ndimage
 from scipy.spatial import Delaunay
 
 from gsbridge.cameras import Views
+from gsbridge.configuration.mesh import MeshSettings
 from gsbridge.errors import StageError
 from gsbridge.files import write_stage
 from gsbridge.geometry import Array
@@ -20,7 +21,6 @@ from gsbridge.mesh.fuse import vertex_colours
 from gsbridge.mesh.region import TableMap, filmed_region, visible, working_distance
 from gsbridge.mesh.relief import agreement, smooth_heights
 from gsbridge.mesh.repair import largest_part
-from gsbridge.mesh.settings import MeshSettings
 from gsbridge.meshes import Mesh, write_mesh
 from gsbridge.photogrammetry.sparse import read_points
 

@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 
 from gsbridge.cameras import Camera, View, Views
+from gsbridge.configuration.mesh import MeshSettings
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8
 from gsbridge.logs import Progress
 from gsbridge.mesh.hull import Hull
-from gsbridge.mesh.settings import MeshSettings
 from gsbridge.mesh.stereo import confirm, patch_match
 from gsbridge.photogrammetry.carving import mesh_depth
 

@@ -10,12 +10,12 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from gsbridge.cameras import View
+from gsbridge.configuration.mesh import MeshSettings
 from gsbridge.geometry import Array
 from gsbridge.libraries import import_open3d
 from gsbridge.mesh.depth import Cloud
 from gsbridge.mesh.hull import Hull
 from gsbridge.mesh.repair import signed_field
-from gsbridge.mesh.settings import MeshSettings
 from gsbridge.meshes import Mesh
 from gsbridge.photogrammetry.carving import Grid, largest_component, mesh_depth, mesh_of_field
 

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from gsbridge.cameras import Views
+from gsbridge.configuration.mesh import MeshSettings
 from gsbridge.errors import StageError
 from gsbridge.files import write_stage
 from gsbridge.geometry import Array
@@ -21,7 +22,6 @@ from gsbridge.mesh.depth import Cloud, depth_cloud
 from gsbridge.mesh.fuse import fuse, vertex_colours
 from gsbridge.mesh.hull import Hull, build_hull, read_masks
 from gsbridge.mesh.repair import closed_surface
-from gsbridge.mesh.settings import MeshSettings
 from gsbridge.meshes import Mesh, write_mesh
 from gsbridge.photogrammetry.carving import Grid
 from gsbridge.photogrammetry.sparse import read_points

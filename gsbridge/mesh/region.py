@@ -9,9 +9,9 @@ from scipy import ndimage
 from scipy.spatial import Delaunay, cKDTree
 
 from gsbridge.cameras import View, Views
+from gsbridge.configuration.mesh import MeshSettings
 from gsbridge.errors import StageError
 from gsbridge.geometry import Array
-from gsbridge.mesh.settings import MeshSettings
 
 _CELLS_PER_DISTANCE = 110
 """Map cells per working distance: about 4 mm at 0.45 m."""

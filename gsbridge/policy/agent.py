@@ -16,6 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from gsbridge.configuration.policy import PolicySettings
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.policy import losses
@@ -23,8 +24,10 @@ from gsbridge.policy.augment import Augmenter
 from gsbridge.policy.networks import Actor, Critics, TanhGaussian
 from gsbridge.policy.observation import Sight, picture
 from gsbridge.policy.replay import Batch
-from gsbridge.policy.settings import RETURN_BOUND, PolicySettings
 from gsbridge.sim.actions import SIZE
+
+_RETURN_BOUND = 1.0
+"""Largest return of an episode: one reward of 1, at its end."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,7 @@ class Agent:
         # A stream of its own, apart from the one that the networks started from.
         self.generator = torch.Generator().manual_seed(seed + 2**32)
         self.augmenter = Augmenter(device=device) if settings.augment else None
-        self.alarm = losses.TargetAlarm(RETURN_BOUND)
+        self.alarm = losses.TargetAlarm(_RETURN_BOUND)
         self.updates = 0
 
     @property

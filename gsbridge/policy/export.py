@@ -21,6 +21,7 @@ from safetensors.torch import load as load_tensors
 from safetensors.torch import save as save_tensors
 from torch import Tensor
 
+from gsbridge.configuration.policy import PolicySettings
 from gsbridge.environment.env import PROPRIO, PROPRIO_BOUND, PickEnvironment
 from gsbridge.environment.rendering import FIELD_OF_VIEW
 from gsbridge.errors import InputError
@@ -28,7 +29,6 @@ from gsbridge.files import atomic_file, read_json, versions, write_json
 from gsbridge.geometry import Array
 from gsbridge.policy.networks import CHANNELS, HIDDEN, Actor
 from gsbridge.policy.observation import PICTURE_OFFSET, PICTURE_SCALE, actor_input
-from gsbridge.policy.settings import PolicySettings
 from gsbridge.sim.actions import SIZE, TETHER
 from gsbridge.tasks.world import World
 
@@ -121,7 +121,7 @@ def describe(environment: PickEnvironment, settings: PolicySettings) -> dict[str
             "outputs": {"action": {"type": "float32", "shape": [1, SIZE]}},
         },
         "network": {"channels": CHANNELS, "hidden": HIDDEN},
-        "training": asdict(settings),
+        "training": settings.model_dump(),
     }
 
 

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from gsbridge.configuration.base import checked
+from gsbridge.configuration.policy import PolicySettings
 from gsbridge.environment.settings import TASKS
 from gsbridge.errors import InputError
-from gsbridge.policy.settings import PolicySettings
 from gsbridge.reality.world.further import further_world
 
 AMENDED = "results/loop/model.yaml"
@@ -22,7 +23,7 @@ def check_policies(config: Mapping[str, Any], root: str | Path) -> None:
     """Refuse settings of policies and worlds that would fail hours later.
 
     Args:
-        config: The configuration, valid against its schema, with defaults filled in.
+        config: The configuration, as `read_configuration` gives it.
         root: Folder that models are named from.
 
     Raises:
@@ -34,11 +35,8 @@ def check_policies(config: Mapping[str, Any], root: str | Path) -> None:
         for place, preset in presets.items():
             for task in TASKS:
                 section = f"{task}_policy"
-                try:
-                    PolicySettings(**{**config[section], **preset.get(section, {}), **variant["policy"]})
-                except InputError as error:
-                    where = f"config: variants.{name} with {place}{section}"
-                    raise InputError(where, f"{error.source}: {error.problem}", error.remedy) from error
+                values = {**config[section], **preset.get(section, {}), **variant["policy"]}
+                checked(PolicySettings, values, f"config: variants.{name} with {place}{section}")
         made = str(variant["model"]).startswith("results/")
         if variant["model"] is not None and not made and not (Path(root) / variant["model"]).is_file():
             raise InputError(f"config: variants.{name}.model", f"{variant['model']} does not exist", "Name a YAML file")

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import shutil
-from dataclasses import asdict, fields
+from dataclasses import fields
 from pathlib import Path
 
+from gsbridge.configuration.policy import PolicySettings
 from gsbridge.environment.biased import BiasedController
 from gsbridge.environment.build import StageFiles, build_controller, build_environment, environment_makers
 from gsbridge.environment.settings import EnvironmentSettings
@@ -15,7 +16,6 @@ from gsbridge.files import read_json, write_stage
 from gsbridge.policy.curve import PARTS, Row
 from gsbridge.policy.observation import Controller
 from gsbridge.policy.onnx import export_onnx
-from gsbridge.policy.settings import PolicySettings
 from gsbridge.policy.trainer import Trainer, Training
 from gsbridge.sim.model import read_model
 
@@ -93,7 +93,7 @@ def train_policy(
         cpu_seconds_to_enough=cpu_seconds_to(training.rows, ENOUGH),
         onnx_error=onnx_error,
         controller_offset=list(controller_offset),
-        settings=asdict(settings),
+        settings=settings.model_dump(),
     )
     shutil.rmtree(state, ignore_errors=True)
     return training

@@ -17,6 +17,7 @@ import gymnasium
 import numpy as np
 import torch
 
+from gsbridge.configuration.policy import PolicySettings
 from gsbridge.environment.env import PickEnvironment
 from gsbridge.errors import InputError
 from gsbridge.logs import Progress
@@ -28,7 +29,6 @@ from gsbridge.policy.export import Policy, describe, save_policy
 from gsbridge.policy.observation import Controller, Frame, Observer, Sight
 from gsbridge.policy.replay import Replay
 from gsbridge.policy.rollouts import Rollouts
-from gsbridge.policy.settings import PolicySettings
 
 logger = logging.getLogger("gsbridge")
 
@@ -129,7 +129,7 @@ class Trainer:
         torch.backends.cudnn.deterministic, torch.backends.cudnn.benchmark, torch.backends.cudnn.allow_tf32 = True, False, False
         self.environment, self.controller, self.settings, self.seed = environment, controller, settings, seed
         self.state = None if state is None else Path(state)
-        self.key = {"settings": asdict(settings), "environment": asdict(inside.settings), "seed": seed, **(key or {})}
+        self.key = {"settings": settings.model_dump(), "environment": asdict(inside.settings), "seed": seed, **(key or {})}
         self.agent = Agent(settings, seed, settings.device)
         self.observer = Observer(Frame.of(inside), controller if settings.has_controller else None)
         self.replay = Replay(settings.replay_capacity, settings.image_size)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from gsbridge.cameras import Camera
+from gsbridge.configuration.registration import RegistrationSettings
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import write_stage
 from gsbridge.geometry import Array
@@ -20,7 +21,6 @@ from gsbridge.photogrammetry.board import Board, find_tags
 from gsbridge.registration.capture import ARM_CSV, CAMERA_JSON, BoardCapture, read_board_capture
 from gsbridge.registration.fit import LeftOut, Views, consistent, leave_one_out, pose_rms
 from gsbridge.registration.handeye import start_hand_eye, turn_spread_deg
-from gsbridge.registration.settings import RegistrationSettings
 from gsbridge.registration.sightings import MIN_TAGS, Sighting, sight_board
 from gsbridge.registration.typed import typed_pose
 from gsbridge.robot.assembly import build_robot
@@ -130,7 +130,7 @@ def register(
         scale={"value": fit.found.scale, "source": scale, "se": errors.get("scale")},
         camera={**seen.camera.to_json(), "source": "estimated" if seen.estimated else CAMERA_JSON},
         sheet=board.sheet,
-        settings=asdict(settings),
+        settings=settings.model_dump(),
     )
     logger.info("%d poses, residual %.2f px, left one out %.2f mm", len(names), fit.rms_px, residual_mm)
 

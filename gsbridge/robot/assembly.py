@@ -152,10 +152,11 @@ def build_robot(
             visuals[name] = _arm_link(_named(robot, "link", name), data / "meshes" / f"link_{index}.obj", index, temporary)
         for index, name in enumerate(ARM_JOINTS):
             joint = _named(robot, "joint", name)
-            joint.find("limit").set("velocity", numbers([np.deg2rad(ARM_VELOCITY_DEG[index])]))
-            joint.find("limit").set("effort", numbers([ARM_EFFORT[index]]))
-            joint.find("dynamics").set("damping", "0")
-            joint.find("dynamics").set("friction", "0")
+            limit, losses = _part(joint, "limit"), _part(joint, "dynamics")
+            limit.set("velocity", numbers([np.deg2rad(ARM_VELOCITY_DEG[index])]))
+            limit.set("effort", numbers([ARM_EFFORT[index]]))
+            losses.set("damping", "0")
+            losses.set("friction", "0")
         links, joints = _hand(d, camera)
         for link in links:
             robot.append(_link_element(link, temporary, visuals))
@@ -192,16 +193,21 @@ def write_obj(path: Path, mesh: Mesh) -> None:
 
 def _named(robot: ElementTree.Element, tag: str, name: str) -> ElementTree.Element:
     """Child element of this name."""
-    found = robot.find(f"{tag}[@name='{name}']")
+    return _part(robot, f"{tag}[@name='{name}']")
+
+
+def _part(element: ElementTree.Element, path: str) -> ElementTree.Element:
+    """What lies below an element of PyBullet's arm, or of ours."""
+    found = element.find(path)
     if found is None:
-        raise InputError("pybullet_data", f"its iiwa has no {tag} {name}", "Install the pinned version of pybullet")
+        raise InputError("pybullet_data", f"its iiwa has no {path}", "Install the pinned version of pybullet")
     return found
 
 
 def _arm_link(element: ElementTree.Element, source: Path, index: int, folder: Path) -> list[dict[str, Any]]:
     """Give one arm link our meshes (visual and hull) and colour; returns its visuals for the record."""
     if index == 0:
-        element.find("inertial/mass").set("value", numbers([BASE_MASS]))
+        _part(element, "inertial/mass").set("value", numbers([BASE_MASS]))
     loaded = read_mesh(source).trimesh()
     # The source repeats vertices for each smoothing group; positions are all that is needed here.
     loaded.merge_vertices(merge_tex=True, merge_norm=True)
@@ -276,11 +282,11 @@ def _record(
     """Names and figures that other modules look up instead of guessing them from the URDF."""
     moving = [joint for joint in robot.findall("joint") if joint.get("type") != "fixed"]
     coupled = {
-        joint.get("name"): float(joint.find("mimic").get("multiplier")) if joint.find("mimic") is not None else 1.0
+        joint.get("name"): 1.0 if joint.find("mimic") is None else float(_part(joint, "mimic").attrib["multiplier"])
         for joint in moving
         if joint.get("name") not in ARM_JOINTS
     }
-    masses = {link.get("name"): float(link.find("inertial/mass").get("value")) for link in robot.findall("link")}
+    masses = {link.get("name"): float(_part(link, "inertial/mass").attrib["value"]) for link in robot.findall("link")}
     return {
         "urdf": URDF,
         "arm_joints": ARM_JOINTS,
@@ -301,7 +307,7 @@ def _record(
         "flange_from_camera": flange_from_camera,
         "flange_from_gripper": flange_from_gripper(),
         "flange_from_tool": flange_from_gripper() @ d.gripper_from_tool,
-        "limits": {joint.get("name"): {k: float(v) for k, v in joint.find("limit").attrib.items()} for joint in moving},
+        "limits": {joint.get("name"): {k: float(v) for k, v in _part(joint, "limit").attrib.items()} for joint in moving},
         "masses": masses,
         "visuals": visuals,
     }

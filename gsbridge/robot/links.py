@@ -71,14 +71,17 @@ class Joint:
         parent: Parent link.
         child: Child link.
         parent_from_child: Child frame in the parent's, at joint value zero. [4, 4].
-        kind: `fixed` or `revolute`.
+        kind: `fixed`, `revolute`, or another type of URDF.
         axis: Axis in the child's frame. [3].
-        lower: Lower limit, rad.
+        lower: Lower limit, rad (prismatic joints: m, and so on).
         upper: Upper limit, rad.
         velocity: Speed limit, rad/s.
         effort: Torque limit, N m.
         follows: The joint that this one is coupled to, or None.
         multiplier: Value of this joint per value of the joint it follows.
+        offset: Value of this joint where the joint it follows is at zero, rad.
+        damping: Viscous friction, N m s/rad.
+        friction: Coulomb friction, N m.
     """
 
     name: str
@@ -93,6 +96,9 @@ class Joint:
     effort: float = 0.0
     follows: str | None = None
     multiplier: float = 1.0
+    offset: float = 0.0
+    damping: float = 0.0
+    friction: float = 0.0
 
 
 def translation(x: float, y: float, z: float) -> Array:

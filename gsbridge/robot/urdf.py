@@ -1,15 +1,23 @@
-"""Reading the tree of a URDF: what kinematics and limits need of it, nothing more."""
+"""The one reader of URDFs: what a description says of links and joints, checked whole and once."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import inf, isfinite
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 
 from gsbridge.errors import InputError
-from gsbridge.robot.links import Joint, rotation_from_rpy
+from gsbridge.geometry import Array
+from gsbridge.robot.links import Inertia, Joint, rotation_from_rpy
+
+KINDS = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
+_MEND = "Correct the URDF, or export it again"
+_INDEFINITE = 1e-9
+"""Share of its trace by which rounding may make an eigenvalue of an inertia negative."""
 
 
 @dataclass(frozen=True)
@@ -40,72 +48,236 @@ class Tree:
         return tuple(joint for joint in self.moving if joint.follows is None)
 
 
-def read_urdf(path: str | Path) -> Tree:
-    """Read the tree of a robot's description.
+@dataclass(frozen=True)
+class Origin:
+    """A frame as the file gives it: place in m, then roll, pitch and yaw about fixed axes in rad."""
+
+    xyz: tuple[float, ...] = (0.0, 0.0, 0.0)
+    rpy: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+    def transform(self) -> Array:
+        """The frame's pose in the frame that it is given in. [4, 4]."""
+        out = np.eye(4)
+        out[:3, 3] = self.xyz
+        out[:3, :3] = rotation_from_rpy(self.rpy)
+        return out
+
+
+@dataclass(frozen=True)
+class InertialElement:
+    """An `inertial` element.
+
+    Args:
+        mass: kg.
+        origin: Frame at the centre of mass, in the link's.
+        tensor: Inertia about the centre of mass along the axes of `origin`, kg m2. [3, 3].
+    """
+
+    mass: float
+    origin: Origin
+    tensor: Array
+
+    def seen_from(self, frame_from_link: Array) -> Inertia:
+        """The same mass properties in another frame than the link's. [4, 4]."""
+        placed = frame_from_link @ self.origin.transform()
+        return Inertia(self.mass, placed[:3, 3], placed[:3, :3] @ self.tensor @ placed[:3, :3].T)
+
+
+@dataclass(frozen=True)
+class Description:
+    """A URDF as it was read.
+
+    Args:
+        root: Its XML, for those who write a changed copy.
+        links: Names of the links in the file's order.
+        base: The link without a parent.
+        joints: Every joint, parents before children, otherwise in the file's order. Prismatic ones have limits in metres;
+            limits that are not stated are infinite, speeds and efforts that are not stated 0.
+        origins: Frame of each joint in its parent link's, by the joint's name, in the file's order.
+        inertials: By link; links without the element are left out.
+    """
+
+    root: ElementTree.Element
+    links: tuple[str, ...]
+    base: str
+    joints: tuple[Joint, ...]
+    origins: Mapping[str, Origin]
+    inertials: Mapping[str, InertialElement]
+
+
+def read_description(path: str | Path) -> Description:
+    """Read a URDF.
 
     Raises:
-        InputError: The file is missing, is no URDF, is no tree, or has a joint of another kind than fixed or revolute.
+        InputError: The file is missing or no URDF; a link or joint lacks something, has a number that is none, a type that
+            is unknown, an axis of no length, or mass properties that no body has; or the links form no tree.
     """
     source = Path(path)
     try:
-        robot = ElementTree.parse(source).getroot()
-    except FileNotFoundError as error:
-        raise InputError(source, "the robot's description does not exist", "Check the path, or build the robot") from error
-    except ElementTree.ParseError as error:
-        raise InputError(source, f"this is no valid XML ({error})", "Build the robot again") from error
+        root = ElementTree.parse(source).getroot()
+    except OSError as error:
+        raise InputError(source, "the URDF does not exist or cannot be read", "Check the path, or build the robot") from error
+    except (ElementTree.ParseError, LookupError, ValueError) as error:
+        raise InputError(source, f"this is no valid XML ({error})", "Export the URDF, or build the robot, again") from error
+    if root.tag != "robot":
+        raise InputError(source, "this is no URDF: its root is no <robot>", "Export the URDF again")
     try:
-        joints = [_read_joint(element) for element in robot.findall("joint")]
-        links = [element.attrib["name"] for element in robot.findall("link")]
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise InputError(source, f"a link or joint lacks what a URDF needs ({error})", "Build the robot again") from error
-    for joint in joints:
+        links = tuple(_named(element, "a link") for element in root.findall("link"))
+        joints = tuple(_joint(element) for element in root.findall("joint"))
+        inertials = {}
+        for name, element in zip(links, root.findall("link"), strict=True):
+            if element.find("inertial") is not None:
+                inertials[name] = _inertial(element, name)
+        origins = {
+            joint.name: read_origin(element, joint.name) for joint, element in zip(joints, root.findall("joint"), strict=True)
+        }
+        base, ordered = _ordered(links, joints)
+    except _DamageError as error:
+        raise InputError(source, str(error), _MEND) from error
+    return Description(root, links, base, ordered, origins, inertials)
+
+
+def read_urdf(path: str | Path) -> Tree:
+    """Read the tree of a robot whose joints all turn.
+
+    Raises:
+        InputError: As `read_description`, or a joint is of another kind than fixed or revolute or coupled with an offset.
+    """
+    description = read_description(path)
+    for joint in description.joints:
         if joint.kind not in ("fixed", "revolute"):
-            raise InputError(source, f"joint {joint.name} is {joint.kind}", "Only fixed and revolute joints are known here")
-    return Tree(*_ordered(source, links, joints))
+            raise InputError(path, f"joint {joint.name} is {joint.kind}", "Only fixed and revolute joints are known here")
+        if joint.offset != 0.0:
+            raise InputError(path, f"joint {joint.name} is coupled with an offset", "Only couplings without one are known here")
+        if joint.kind == "revolute" and not (isfinite(joint.lower) and isfinite(joint.upper)):
+            raise InputError(path, f"joint {joint.name} lacks <limit lower= upper=>", "State the joint's range")
+    return Tree(description.base, description.joints)
 
 
-def _read_joint(element: ElementTree.Element) -> Joint:
+def collision_meshes(path: str | Path) -> list[Path]:
+    """Shapes of contact that a URDF names; none where it cannot be read, which whoever reads it next tells."""
+    try:
+        root = ElementTree.parse(path).getroot()
+    except (OSError, ElementTree.ParseError):
+        return []
+    names = [mesh.attrib.get("filename", "") for mesh in root.iterfind("link/collision/geometry/mesh")]
+    return [Path(path).parent / name.removeprefix("package://") for name in names if name]
+
+
+class _DamageError(Exception):
+    """What is wrong with a description, in plain words."""
+
+
+def _named(element: ElementTree.Element, what: str) -> str:
+    name = element.get("name")
+    if not name:
+        raise _DamageError(f"{what} lacks its name")
+    return name
+
+
+def _numbers(element: ElementTree.Element | None, key: str, default: str, what: str, count: int = 1) -> tuple[float, ...]:
+    """Numbers of an attribute, or those of `default` where there is none."""
+    text = default if element is None else element.get(key, default)
+    try:
+        values = tuple(float(value) for value in text.split())
+    except ValueError:
+        values = ()
+    # Only a default may be infinite: it says that a limit is not stated.
+    if len(values) != count or not (text == default or all(map(isfinite, values))):
+        raise _DamageError(f'{what}: {key}="{text}" is no {"number" if count == 1 else f"row of {count} numbers"}')
+    return values
+
+
+def read_origin(element: ElementTree.Element, what: str) -> Origin:
+    """The `origin` of an element of `what`; that of the frame around it where it states none."""
+    origin = element.find("origin")
+    return Origin(_numbers(origin, "xyz", "0 0 0", what, 3), _numbers(origin, "rpy", "0 0 0", what, 3))
+
+
+def _inertial(link: ElementTree.Element, name: str) -> InertialElement:
+    """Mass properties of a link that states them."""
+    what = f"link '{name}' has damaged mass properties"
+    element = link.find("inertial")
+    mass_element, moments = link.find("inertial/mass"), link.find("inertial/inertia")
+    if element is None or mass_element is None or moments is None or mass_element.get("value") is None:
+        raise _DamageError(f"{what}: it lacks <mass value=> or <inertia>")
+    (mass,) = _numbers(mass_element, "value", "nan", what)
+    xx, yy, zz, xy, xz, yz = (_numbers(moments, key, "0", what)[0] for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
+    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    if not mass >= 0.0:
+        raise _DamageError(f"{what}: its mass is {mass:g} kg")
+    if not np.linalg.eigvalsh(tensor)[0] >= -_INDEFINITE * abs(xx + yy + zz):
+        raise _DamageError(f"{what}: no body has its inertia (a principal moment is negative)")
+    return InertialElement(mass, read_origin(element, what), tensor)
+
+
+def _joint(element: ElementTree.Element) -> Joint:
     """One joint element."""
-    origin, axis, limit, mimic = (element.find(tag) for tag in ("origin", "axis", "limit", "mimic"))
-    placed = np.eye(4)
-    if origin is not None:
-        placed[:3, 3] = _three(origin.get("xyz", "0 0 0"))
-        placed[:3, :3] = rotation_from_rpy(_three(origin.get("rpy", "0 0 0")))
-    direction = np.array(_three("1 0 0" if axis is None else axis.attrib["xyz"]))
-    if mimic is not None and float(mimic.get("offset", 0)) != 0:
-        raise ValueError(f"{element.get('name')}: a coupling with an offset")
-    bounds = {} if limit is None else {key: float(limit.get(key, 0)) for key in ("lower", "upper", "velocity", "effort")}
+    name = _named(element, "a joint")
+    what = f"joint {name}"
+    kind = element.get("type")
+    if kind not in KINDS:
+        raise _DamageError(f"{what} is of the unknown type {kind!r}; URDF knows {', '.join(KINDS)}")
+    ends = []
+    for tag in ("parent", "child"):
+        end = element.find(tag)
+        link = None if end is None else end.get("link")
+        if not link:
+            raise _DamageError(f"{what} lacks <{tag} link=>")
+        ends.append(link)
+    axis, limit, mimic, losses = (element.find(tag) for tag in ("axis", "limit", "mimic", "dynamics"))
+    direction = np.array(_numbers(axis, "xyz", "1 0 0", what, 3))
+    length = np.linalg.norm(direction)
+    if kind not in ("fixed", "floating") and not length > 0.0:
+        raise _DamageError(f"{what} has an axis of no length")
+    x, y, z = direction / length if length > 0.0 else direction
+    bounded = limit if kind in ("revolute", "prismatic") else None
+    follows = None if mimic is None else mimic.get("joint")
+    if mimic is not None and not follows:
+        raise _DamageError(f"{what} lacks <mimic joint=>")
     return Joint(
-        element.attrib["name"],
-        element.find("parent").attrib["link"],
-        element.find("child").attrib["link"],
-        placed,
-        element.attrib["type"],
-        tuple(direction / np.linalg.norm(direction)),
-        **bounds,
-        follows=None if mimic is None else mimic.attrib["joint"],
-        multiplier=1.0 if mimic is None else float(mimic.get("multiplier", 1)),
+        name,
+        ends[0],
+        ends[1],
+        read_origin(element, what).transform(),
+        kind,
+        (x, y, z),
+        lower=_numbers(bounded, "lower", str(-inf), what)[0],
+        upper=_numbers(bounded, "upper", str(inf), what)[0],
+        velocity=_numbers(limit, "velocity", "0", what)[0],
+        effort=_numbers(limit, "effort", "0", what)[0],
+        follows=follows,
+        multiplier=_numbers(mimic, "multiplier", "1", what)[0],
+        offset=_numbers(mimic, "offset", "0", what)[0],
+        damping=_numbers(losses, "damping", "0", what)[0],
+        friction=_numbers(losses, "friction", "0", what)[0],
     )
 
 
-def _three(text: str) -> tuple[float, float, float]:
-    """Three numbers."""
-    x, y, z = (float(value) for value in text.split())
-    return x, y, z
-
-
-def _ordered(source: Path, links: list[str], joints: list[Joint]) -> tuple[str, tuple[Joint, ...]]:
+def _ordered(links: Sequence[str], joints: Sequence[Joint]) -> tuple[str, tuple[Joint, ...]]:
     """The base and the joints with parents first, otherwise in the file's order."""
-    children = [joint.child for joint in joints]
+    for names, what in ((links, "link"), ([joint.name for joint in joints], "joint"), ([j.child for j in joints], "child")):
+        twice = next((name for name in names if list(names).count(name) > 1), None)
+        if twice is not None:
+            raise _DamageError(f"the links form no tree: '{twice}' is there twice as a {what}")
+    for joint in joints:
+        for end, name in (("parent", joint.parent), ("child", joint.child)):
+            if name not in links:
+                raise _DamageError(f"the {end} of joint {joint.name}, '{name}', is not there: no <link> has that name")
+        if joint.follows is not None and joint.follows not in [other.name for other in joints]:
+            raise _DamageError(f"joint {joint.name} follows '{joint.follows}', which is no joint")
+    children = {joint.child for joint in joints}
     bases = [link for link in links if link not in children]
-    if len(bases) != 1 or len(set(children)) != len(children):
-        raise InputError(source, "the links form no tree with one base", "Build the robot again")
-    known, ordered, waiting = {bases[0]}, [], list(joints)
+    if len(bases) != 1:
+        raise _DamageError(
+            f"the links form no tree: {len(bases)} links have no parent ({', '.join(bases) or 'they go in a circle'})"
+        )
+    known, ordered, waiting = {bases[0]}, list[Joint](), list(joints)
     while waiting:
         ready = [joint for joint in waiting if joint.parent in known]
         if not ready:
-            raise InputError(source, f"the parent of joint {waiting[0].name} is not there", "Build the robot again")
+            raise _DamageError(f"the links form no tree: joint {waiting[0].name} hangs on itself")
         ordered += ready
         known |= {joint.child for joint in ready}
-        waiting = [joint for joint in waiting if joint not in ready]
+        waiting = [joint for joint in waiting if joint.child not in known]
     return bases[0], tuple(ordered)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pycolmap
 
+from gsbridge.configuration.sfm import SfmSettings
 from gsbridge.errors import StageError
 from gsbridge.geometry import Array
 from gsbridge.photogrammetry.board import Board
 from gsbridge.photogrammetry.colmap import camera_from_colmap, pose_matrix
 from gsbridge.sfm.mapping import Outcome, Photos
-from gsbridge.sfm.settings import SfmSettings
 from gsbridge.sfm.tags import MAX_LAYOUT_ERROR, MIN_TAGS, Tags, corner_points, layout_error
 from gsbridge.sfm.undistort import undistort_pixels
 

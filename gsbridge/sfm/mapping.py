@@ -13,10 +13,10 @@ import numpy as np
 import pycolmap
 
 from gsbridge.cameras import Camera
+from gsbridge.configuration.sfm import SfmSettings
 from gsbridge.geometry import Array
 from gsbridge.logs import Progress
 from gsbridge.photogrammetry.colmap import colmap_params
-from gsbridge.sfm.settings import SfmSettings
 
 logger = logging.getLogger("gsbridge")
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import shutil
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 import pycolmap
 
 from gsbridge.cameras import Camera, split_of
+from gsbridge.configuration.sfm import SfmSettings
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import atomic_directory, read_json, write_json, write_stage
 from gsbridge.geometry import Array
@@ -20,7 +20,6 @@ from gsbridge.photogrammetry.colmap import camera_from_colmap, pose_matrix, quie
 from gsbridge.sfm import gates
 from gsbridge.sfm.mapping import Outcome, Photos, map_photos, rematch, triangulate_known
 from gsbridge.sfm.refine import refine_with_tags
-from gsbridge.sfm.settings import SfmSettings
 from gsbridge.sfm.tags import Tags, corner_points, find_all, layout_error
 from gsbridge.sfm.undistort import pinhole_of, undistort_photos, undistort_pixels, undistorted_model
 
@@ -202,7 +201,7 @@ def _write(
         images_with_tags=sum(bool(found) for found in tags.values()),
         layout_error=error,
         tag_refinement=refinement,
-        settings=asdict(settings),
+        settings=settings.model_dump(),
     )
     logger.info(
         "%d of %d images, %d points, %.2f px",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -11,7 +10,8 @@ from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.robot.assembly import RobotFiles
 from gsbridge.robot.kinematics import Kinematics
-from gsbridge.robot.links import Joint, rotation_from_rpy
+from gsbridge.robot.links import Joint
+from gsbridge.robot.urdf import read_description
 from gsbridge.sim.dynamics import joint_torques, link_poses, packed, plan_period, work_space
 from gsbridge.sim.model import Model
 
@@ -29,19 +29,13 @@ def read_bodies(urdf: str | Path, links: tuple[str, ...]) -> Array:
     Raises:
         InputError: A link has no mass properties.
     """
-    elements = {element.get("name"): element for element in ElementTree.parse(urdf).getroot().findall("link")}
+    inertials = read_description(urdf).inertials
     out = np.zeros((len(links), 13))
     for row, name in zip(out, links, strict=True):
-        try:
-            inertial = elements[name].find("inertial")
-            origin, tensor = inertial.find("origin"), inertial.find("inertia").attrib
-            row[0] = float(inertial.find("mass").get("value"))
-            row[1:4] = [float(value) for value in origin.get("xyz").split()]
-            turn = rotation_from_rpy([float(value) for value in origin.get("rpy").split()])
-            ixx, ixy, ixz, iyy, iyz, izz = (float(tensor[key]) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
-        except (KeyError, AttributeError, ValueError) as error:
-            raise InputError(urdf, f"link {name} has no mass properties", "Build the robot again") from error
-        row[4:] = (turn @ [[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]] @ turn.T).ravel()
+        if name not in inertials:
+            raise InputError(urdf, f"link {name} has no mass properties", "Build the robot again")
+        inertia = inertials[name].seen_from(np.eye(4))
+        row[0], row[1:4], row[4:] = inertia.mass, inertia.centre, inertia.tensor.ravel()
     return out
 
 

@@ -43,7 +43,9 @@ class Lpips:
             named = {name: value.float() for name, value in content.items()}
         except FileNotFoundError as error:
             raise InputError(
-                path, "the LPIPS weights do not exist", "Correct splats: lpips_weights, or set it to null"
+                path,
+                "the LPIPS weights do not exist",
+                "Correct lpips_weights of object_splats or background_splats, or set it to null",
             ) from error
         except Exception as error:  # torch raises many kinds for damaged files; the user needs one clear line
             raise InputError(

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 
 from gsbridge.cameras import Views
+from gsbridge.configuration.splats import SplatSettings
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import write_stage
 from gsbridge.meshes import Mesh, read_mesh
@@ -22,7 +23,7 @@ from gsbridge.splats.lpips import Lpips
 from gsbridge.splats.ply import write_ply
 from gsbridge.splats.remesh import remesh_isotropic
 from gsbridge.splats.targets import Target, background_targets, object_targets, seen_faces
-from gsbridge.splats.train import SplatSettings, train
+from gsbridge.splats.train import train
 
 logger = logging.getLogger("gsbridge")
 
@@ -116,7 +117,9 @@ def train_splats(
         faces=len(mesh.faces),
         steps=settings.steps,
         metrics=metrics,
-        lpips_reason=None if lpips else "no weights file is configured (splats: lpips_weights)",
+        lpips_reason=None
+        if lpips
+        else "no weights file is configured (object_splats.lpips_weights, background_splats.lpips_weights)",
         offset_mm=_offsets_mm(model),
         offset_band_mm=1e3 * model.band,
         pictures=pictures,

@@ -9,13 +9,14 @@ from __future__ import annotations
 import io
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from gsbridge.configuration.splats import SplatSettings
 from gsbridge.errors import StageError
 from gsbridge.files import atomic_file
 from gsbridge.logs import Progress
@@ -58,50 +59,6 @@ class Rates:
     means: float = 60e-6
 
 
-@dataclass(frozen=True)
-class SplatSettings:
-    """What a training may cost and how it learns.
-
-    Args:
-        max_splats: Upper limit of the number of splats.
-        splats_per_face: Splats on each face; the mesh is remeshed to meet the limit.
-        steps: Optimiser steps, one photo each.
-        max_pixels: Pixels of a photo, or of an object's part of it, in training; larger ones are reduced. Metrics are not.
-        half_size: Part of the steps that use photos of half the size, first.
-        offset_band: Largest offset along the normal, m; `scene` for one unit of the reconstruction, as the paper's code.
-        offset_penalty: Weight of the mean squared relative offset in the loss.
-        ssim_weight: Part of 1 - SSIM in the loss; the rest is L1.
-        margin_px: Pixels around an object's mask that training looks at.
-        decay: Step sizes at the end, relative to the start (exponential).
-        rates: Step sizes.
-        lpips_weights: File with the weights of LPIPS, or None.
-        focus: Factor on what photos show of the square in which the robot works, where a background's triangles are sized:
-            its own camera looks from nearer. 1 leaves it to the photos.
-        focus_centre: Its middle, table frame, m.
-        focus_side: Its edge, m.
-        pictures: Held-out views that are stored as pictures.
-        backend: Rasteriser of the training: `cpu`, or `cuda` where a GPU and gsplat are.
-    """
-
-    max_splats: int = 12_000
-    splats_per_face: int = 1
-    steps: int = 2000
-    max_pixels: int = 80_000
-    half_size: float = 0.0
-    offset_band: float | str = 0.010
-    offset_penalty: float = 0.0
-    ssim_weight: float = 0.2
-    margin_px: int = 12
-    decay: float = 0.1
-    rates: Rates = field(default_factory=Rates)
-    lpips_weights: str | None = None
-    focus: float = 16.0
-    focus_centre: tuple[float, float] = (0.0, 0.265)
-    focus_side: float = 0.45
-    pictures: int = 4
-    backend: str = "cpu"
-
-
 def train(
     binding: Binding,
     targets: Sequence[Target],
@@ -111,6 +68,7 @@ def train(
     seed: int,
     state: Path,
     inputs: str = "",
+    rates: Rates = Rates(),
 ) -> list[list[float]]:
     """Fit the binding's parameters to the training targets, in place.
 
@@ -119,11 +77,12 @@ def train(
     Args:
         binding: Splats at their start.
         targets: Photos; only those of the split `train` are used.
-        settings: Budget and step sizes.
+        settings: Budget, and how step sizes fall.
         kind: `object` or `background`.
         seed: Seed of the order of photos and of the colours behind the splats.
         state: Folder of the checkpoint, one per training.
         inputs: Digest of what is trained on; a checkpoint of other inputs is not used.
+        rates: Step sizes at the start.
 
     Returns:
         Training curve: step, mean loss, mean PSNR (dB, over the pixels that count) since the point before. [[3], ...].
@@ -133,7 +92,7 @@ def train(
     """
     photos = [_affordable(target, settings.max_pixels, kind) for target in targets if target.split == "train"]
     halves = [target.reduced(0.5, kind=kind) for target in photos] if settings.half_size > 0 else photos
-    optimizer, starts = _optimizer(binding, settings.rates)
+    optimizer, starts = _optimizer(binding, rates)
     checkpoint = Path(state) / "checkpoint.pt"
     begin, curve, recent = _resume(checkpoint, binding, optimizer, inputs)
     frames = binding.frames()
@@ -153,7 +112,7 @@ def train(
             binding.parameters["colour"].clamp_(0, 1)
         recent.append([loss.item(), error])
         if not np.isfinite(recent[-1][0]):
-            raise StageError("splats", f"the loss is no number at step {step}", "Lower the step sizes in splats: rates")
+            raise StageError("splats", f"the loss is no number at step {step}", "Lower `Rates` in gsbridge/splats/train.py")
         if (step + 1) % CURVE_EVERY == 0 or step + 1 == settings.steps:
             mean_loss, mean_error = np.mean(recent, axis=0)
             curve.append([step + 1, float(mean_loss), float(-10 * np.log10(max(mean_error, 1e-12)))])

@@ -41,16 +41,25 @@ def write_thrown_case(folder: Path, columns: str = "throw,time [s],position.x [m
     return folder / "case.yaml"
 
 
+def write_photo_case(folder: Path) -> Path:
+    """A case of pictures without any picture; returns its file."""
+    folder.mkdir(parents=True)
+    nominal = Path(__file__).resolve().parents[2] / "models/nominal.yaml"
+    (folder / "case.yaml").write_text(f"model: {nominal}\nphotos: {{views: views, before: before, after: after}}\n")
+    return folder / "case.yaml"
+
+
 def planned(plan: str) -> set[str]:
     """Rules of a dry run."""
     return set(re.findall(r"^(\w+) +\d+$", plan.split("Job stats:")[1].split("total")[0], re.MULTILINE))
 
 
-@pytest.mark.parametrize("thrown", [False, True])
-def test_a_case_is_named_by_its_file_alone(snakemake, tmp_path, thrown):
-    """Whether it is about a mechanism or a thrown body: the same targets."""
+@pytest.mark.parametrize("kind", ["mechanism", "thrown", "photos"])
+def test_a_case_is_named_by_its_file_alone(snakemake, tmp_path, kind):
+    """Whether it is about a mechanism, a thrown body or pictures: the same targets."""
     folder = tmp_path / "My axis"
-    case = write_thrown_case(folder) if thrown else write_case(folder, *table())
+    write = {"thrown": write_thrown_case, "photos": write_photo_case}.get(kind, lambda folder: write_case(folder, *table()))
+    case = write(folder)
     plan = snakemake("--dry-run", "--directory", str(tmp_path / "run"), "--config", f"gap_case={case}", "--", "gap").stdout
     assert planned(plan) == {*STEPS, "record_gap", "collect_gap", "gap"}
     assert "results/gap/my_axis/report.html" in plan
@@ -87,6 +96,7 @@ def test_bad_records_end_with_one_sentence_and_leave_nothing(snakemake, tmp_path
             "the URDF has no moving joint 'elbow'",
         ),
         "thrown": (write_thrown_case(tmp_path / "e"), "the column 'position.y' is missing"),
+        "photos": (write_photo_case(tmp_path / "f"), "views.json"),
     }
     cases = ", ".join(f"{name}: {path}" for name, (path, _) in bad.items())
     process = snakemake(

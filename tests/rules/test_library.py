@@ -8,7 +8,7 @@ import pytest
 from gsbridge import digests
 
 ROOT = Path(__file__).resolve().parents[2]
-GROUND = "errors logs files geometry cameras images meshes libraries kernels digests configuration schema statistics "
+GROUND = "errors logs files geometry cameras images meshes libraries kernels digests configuration statistics "
 GROUND += "run_status workflow_lock"
 FLOORS = [
     # The ground floor has no packages; its modules may build on one another.
@@ -25,6 +25,7 @@ FLOORS = [
     ["report", "cli"],
     ["__main__"],
 ]
+GAP_PARTS = ("benchmark", "contact", "diagnosis", "formats", "image", "joints", "joints.mechanism", "loop")
 FLOOR_OF = {name: floor for floor, names in enumerate(FLOORS) for name in names}
 ROOMS = ["tables", "figures", "pages", "scores", "gap", "recordings"]
 """Packages of the report; each imports only those before it."""
@@ -73,6 +74,59 @@ def test_rooms_of_the_report_build_on_one_another_in_one_direction(room):
         rooms = {other.split(".")[2] for other in imported if other.startswith("gsbridge.report.")}
         above = rooms & set(ROOMS[ROOMS.index(room) + 1 :])
         assert not above, f"{module_name(path)} imports {above}"
+
+
+def parts_of(package: str) -> dict[str, set[str]]:
+    """Modules and subpackages right below a package, and which of the others each imports, whatever is inside them."""
+    level, imports = package.count(".") + 2, {}
+    names = {module_name(path) for path in MODULES}
+
+    def part(name: str) -> str:
+        return ".".join(name.split(".")[:level])
+
+    for name in names:
+        if name.startswith(package + "."):
+            others = {
+                part(other) for other in digests.direct_imports(name) if other in names and other.startswith(package + ".")
+            }
+            imports.setdefault(part(name), set()).update(others - {part(name)})
+    return imports
+
+
+def longest_chain(imports: dict[str, set[str]]) -> list[str]:
+    """The longest way down from one part to another; fails where a way comes back."""
+    chains: dict[str, list[str]] = {}
+
+    def down(name: str, above: tuple[str, ...]) -> list[str]:
+        assert name not in above, f"packages import each other: {' > '.join((*above, name))}"
+        if name not in chains:
+            below = [down(other, (*above, name)) for other in sorted(imports[name])]
+            chains[name] = [name, *max(below, key=len, default=[])]
+        return chains[name]
+
+    return max((down(name, ()) for name in sorted(imports)), key=len, default=[])
+
+
+PACKAGES = sorted(module_name(path) for path in MODULES if path.stem == "__init__")
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_packages_import_each_other(package):
+    """Though no module is in a circle, their packages may be: then neither can be read, moved or tested without the other."""
+    longest_chain(parts_of(package))
+
+
+@pytest.mark.parametrize(("package", "most"), [("gsbridge.gap", 8), *((f"gsbridge.gap.{name}", 9) for name in GAP_PARTS)])
+def test_the_gap_has_few_floors(package, most):
+    """The longest chain of modules and subpackages; each subpackage counts as one, and has floors of its own."""
+    chain = longest_chain(parts_of(package))
+    assert 0 < len(chain) <= most, " > ".join(chain)
+
+
+def test_chains_and_circles_of_packages_are_found():
+    assert longest_chain({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == ["a", "b", "c"]
+    with pytest.raises(AssertionError, match="a > b > a"):
+        longest_chain({"a": {"b"}, "b": {"a"}})
 
 
 @pytest.mark.parametrize("path", MODULES)

@@ -4,6 +4,7 @@ import numpy as np
 import torch
 from environment_fixture import HandWorld
 
+from gsbridge.configuration.policy import PolicySettings
 from gsbridge.environment.env import PickEnvironment
 from gsbridge.environment.rendering import wrist_camera
 from gsbridge.environment.settings import EnvironmentSettings
@@ -14,7 +15,6 @@ from gsbridge.policy.guards import Limits
 from gsbridge.policy.interface import PolicyInterface
 from gsbridge.policy.networks import Actor
 from gsbridge.policy.runner import Setup
-from gsbridge.policy.settings import PolicySettings
 from gsbridge.policy.worlds import WorldClock
 from gsbridge.registration.result import Registration
 from gsbridge.robot import nominal

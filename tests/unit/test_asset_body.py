@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gsbridge.asset.body import body_from_table, mass_properties, narrowest_width
-from gsbridge.asset.density import DENSITIES, density_of
+from gsbridge.asset.density import DENSITIES
+from gsbridge.configuration.asset import AssetSettings
 from gsbridge.errors import InputError
 from gsbridge.meshes import Mesh
 
@@ -79,11 +80,8 @@ def test_narrowest_width_is_found_at_any_yaw(yaw):
 
 
 def test_densities():
-    assert density_of("wood") == DENSITIES["wood"]
-    assert density_of(432.1) == 432.1
-    assert density_of(100) == 100.0
-    for bad in (0.0, -5.0, 0.6, 1e6, float("nan"), True):
-        with pytest.raises(InputError, match="no density"):
-            density_of(bad)
-    with pytest.raises(InputError, match=r"'unobtainium' is unknown.*wood"):
-        density_of("unobtainium")
+    for said in ("wood", 432.1, 100, 5, 25_000, *DENSITIES):
+        assert AssetSettings(density=said).density == said
+    for bad in (0.0, -5.0, 0.6, 4.99, 25_001, 1e6, float("nan"), True, "unobtainium"):
+        with pytest.raises(InputError, match=r"density: .*(kg/m3|wood)"):
+            AssetSettings(density=bad)

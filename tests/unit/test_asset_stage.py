@@ -12,9 +12,9 @@ from gsbridge.asset.body import mass_properties
 from gsbridge.asset.bullet import body_from_inertial, load_body, rest_check, world_from_body
 from gsbridge.asset.bundle import read_asset
 from gsbridge.asset.hulls import hull_mesh
-from gsbridge.asset.settings import AssetSettings
 from gsbridge.asset.stage import AssetInputs, AssetOutputs, build_asset
 from gsbridge.asset.urdf import write_body_urdf, write_obj
+from gsbridge.configuration.asset import AssetSettings
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
 from gsbridge.geometry import rotation_from_quat
@@ -214,7 +214,7 @@ def test_bad_scenes_are_refused(tmp_path, change, message):
 
 def test_bad_settings_and_open_backgrounds_are_refused(tmp_path):
     inputs, outputs = make_inputs(tmp_path), make_outputs(tmp_path / "asset")
-    with pytest.raises(InputError, match="material 'air' is unknown"):
+    with pytest.raises(InputError, match=r"density: 'air' is not possible.*Give one of: foam, plush"):
         build_asset(inputs, outputs, AssetSettings(density="air"), name="box")
     with pytest.raises(InputError, match="'robot' is unknown"):
         build_asset(inputs, outputs, name="box", kind="robot")

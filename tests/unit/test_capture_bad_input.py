@@ -12,8 +12,9 @@ import pycolmap
 import pytest
 from film_maker import pan, write_video
 
-from gsbridge.capture.keyframes import KeyframeSettings, select_keyframes
+from gsbridge.capture.keyframes import select_keyframes
 from gsbridge.capture.sources import Source, Video
+from gsbridge.configuration.capture import KeyframeSettings
 from gsbridge.errors import InputError
 
 

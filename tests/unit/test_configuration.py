@@ -6,11 +6,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from gsbridge.configuration import check_asked, check_capture, check_configuration, check_files
+from gsbridge.configuration.checks import check_asked, check_capture, check_configuration
+from gsbridge.configuration.files import check_files
+from gsbridge.configuration.whole import read_configuration
 from gsbridge.errors import InputError
-from gsbridge.reality.mirror.film import DENSE
-from gsbridge.reality.mirror.studio import SCENES
-from gsbridge.schema import check_schema
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -85,13 +84,6 @@ def test_weights_that_are_there_pass(tmp_path):
     )
 
 
-def test_the_schema_lists_the_films_of_the_studio():
-    schema = yaml.safe_load((ROOT / "rules/schemas/config.schema.yaml").read_text())
-    source = schema["properties"]["scenes"]["additionalProperties"]["properties"]["source"]
-    assert source["properties"]["film"]["enum"] == list(SCENES)
-    assert DENSE in SCENES
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -112,29 +104,6 @@ def test_configurations_without_duplicates_pass(tmp_path):
     (tmp_path / "config.json").write_text('{\n\t"seed": 1\n}')
     (tmp_path / "empty.yaml").touch()
     check_files([ROOT / "config.yaml", tmp_path / "config.json", tmp_path / "empty.yaml"])
-
-
-def described(schema):
-    """Names of all keys of a schema, with those of the sections it refers to; a preset's overrides repeat them."""
-    for name, content in schema.get("properties", {}).items():
-        yield name, content
-        yield from described(content)
-    for part in [schema.get("additionalProperties"), *schema.get("anyOf", [])]:
-        if isinstance(part, dict):
-            yield from described(part)
-
-
-def test_the_reference_page_names_every_key_with_its_default():
-    schema = yaml.safe_load((ROOT / "rules/schemas/config.schema.yaml").read_text())
-    page = (ROOT / "docs/configuration.md").read_text()
-    keys = [("", *pair) for pair in described(schema)]
-    keys += [(n, *pair) for n, part in schema["$defs"].items() if not n.endswith("_override") for pair in described(part)]
-    for section, name, content in keys:
-        row = [line for line in page.splitlines() if line.startswith("|") and f"`{name}`" in line.split("|")[1]]
-        assert row, f"docs/configuration.md does not name {section} {name}"
-        default = content.get("default")
-        if section and isinstance(default, int | float) and not isinstance(default, bool):
-            assert any(f"| {default} |" in line for line in row), f"docs/configuration.md: default of {section}.{name}"
 
 
 def test_broken_yaml_is_told_with_its_line(tmp_path):
@@ -172,13 +141,13 @@ def test_faults_of_the_schema_take_one_line(path, value, said):
         block = block[key]
     block[path[-1]] = value
     with pytest.raises(InputError) as raised:
-        check_schema(config, ROOT / "rules/schemas/config.schema.yaml")
+        read_configuration(config)
     assert said in str(raised.value)
     assert "\n" not in str(raised.value)
 
 
 def test_the_projects_own_configuration_fits_its_schema():
-    check_schema(yaml.safe_load((ROOT / "config.yaml").read_text()), ROOT / "rules/schemas/config.schema.yaml")
+    read_configuration(yaml.safe_load((ROOT / "config.yaml").read_text()))
 
 
 def test_captures_are_looked_for_before_anything_runs(tmp_path):

@@ -56,6 +56,7 @@ def test_closure_follows_imports(package):
     ("file", "text", "changed"),
     [
         ("base.py", '"""Another doc."""\n# a comment\nX = 1\n', set()),
+        ("base.py", '"""Doc."""\nX = 1\n"""What X is."""\n', set()),
         ("base.py", '"""Doc."""\nX = 2\n', {"leaf"}),
         ("other.py", "Y = 3\n", {"other"}),
         ("logs.py", "def start(): return 1\n", set()),

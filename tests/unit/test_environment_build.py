@@ -10,8 +10,8 @@ from sim_fixture import NOMINAL
 from test_asset_relief import plate, table
 from test_asset_stage import cloud_on, make_inputs, make_outputs
 
-from gsbridge.asset.settings import AssetSettings
 from gsbridge.asset.stage import AssetInputs, build_asset
+from gsbridge.configuration.asset import AssetSettings
 from gsbridge.environment.build import (
     StageFiles,
     build_controller,

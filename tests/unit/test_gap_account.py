@@ -10,23 +10,23 @@ from scipy.signal import lfilter
 
 from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
-from gsbridge.gap.amend import amend_model
 from gsbridge.gap.benchmark.generate import draw_case
 from gsbridge.gap.benchmark.mechanisms import axis_plant
+from gsbridge.gap.diagnosis.amend import amend_model
+from gsbridge.gap.diagnosis.backend import best_effects
 from gsbridge.gap.diagnosis.results import Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import decide
 from gsbridge.gap.joints.bank import make_bank
-from gsbridge.gap.joints.candidates import Candidate
+from gsbridge.gap.joints.candidates import JointCandidate
 from gsbridge.gap.joints.case import read_joint_case
 from gsbridge.gap.joints.detect import joint_null
-from gsbridge.gap.joints.diagnose import diagnose_joints, findings_of
+from gsbridge.gap.joints.diagnose import JointAccount, diagnose_joints
 from gsbridge.gap.joints.fit import EffectFit, fit
 from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import Screen
 from gsbridge.gap.loop.amend import amended_content
-from gsbridge.gap.workflow import fitted
 
 SEED, COURSES = 40, 41
 
@@ -118,12 +118,12 @@ def test_fits_start_where_the_projection_leads(axis):
     view = JointResiduals.of(Mechanism(axis[0]), records["fit"])
     true = {"mass": 0.5, "x": 0.06, "y": 0.0, "z": 0.04}
     view = JointResiduals.of(Mechanism(axis[0]), simulated(axis, records, (Applied("payload", "", true),))["fit"])
-    screen = Screen(view, make_bank(view, [Candidate("payload")]))
+    screen = Screen(view, make_bank(view, [JointCandidate("payload")]))
     start = screen.matches(view.residual())[0].starts[0]
     # One axis cannot part a mass from its lever: the start is right if it already explains most.
-    left = (view.residual([Candidate("payload").applied(start)]) ** 2).sum()
+    left = (view.residual([JointCandidate("payload").applied(start)]) ** 2).sum()
     assert left < 0.05 * (view.residual() ** 2).sum()
-    found = fit(view, [Candidate("payload")], [start], screen=screen)
+    found = fit(view, [JointCandidate("payload")], [start], screen=screen)
     assert found.chi2 < 1.5 * view.freedom
 
 
@@ -147,7 +147,7 @@ def test_free_play_vanishes_with_its_size(axis):
 def _hypothesis(who, chi2, size=400):
     part = np.full((size, 1), np.sqrt(chi2 / size))
     count = len(who)
-    candidate = tuple(Candidate(name, "axis") for name in who)
+    candidate = tuple(JointCandidate(name, "axis") for name in who)
     effects = tuple(c.applied({p.name: 1.0 for p in c.effect.parameters}) for c in candidate)
     numbers = sum(len(c.effect.parameters) for c in candidate)
     made = EffectFit(candidate, effects, chi2, True, np.full(numbers, 0.01), 0.0, count)
@@ -174,7 +174,7 @@ def told(axis):
         measured = {**record.measured, "position": record.measured["position"] + 5 * SLOW * drift}
         records[role] = record.with_measured(measured)
     diagnosis = diagnose_joints(axis[0], records, axis[2] / "bank", seed=1)
-    return diagnosis, findings_of(diagnosis, records, seed=1)
+    return diagnosis, JointAccount().findings_of(diagnosis, records, seed=1)
 
 
 def test_right_effects_are_named_although_something_remains(told):
@@ -195,7 +195,7 @@ def test_an_account_tells_effects_in_order_with_their_shares(told):
     assert account["explained"] > 0.9
     assert {entry["verdict"] for entry in account["entries"]} <= {"named", "one of", "likely, not proven"}
     assert [e["name"] for e in found["amended"]] == [e["name"] for e in account["entries"]]
-    assert [e.name for e in fitted(found)] == [e["name"] for e in account["entries"]]
+    assert [e.name for e in best_effects(found)] == [e["name"] for e in account["entries"]]
     assert found["verify"]["after"] < found["verify"]["before"]
 
 

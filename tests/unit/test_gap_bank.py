@@ -8,7 +8,7 @@ from gsbridge.effects.registry import Applied
 from gsbridge.gap.benchmark.generate import draw_case
 from gsbridge.gap.benchmark.mechanisms import axis_plant
 from gsbridge.gap.joints.bank import signature_bank
-from gsbridge.gap.joints.candidates import Candidate, candidates
+from gsbridge.gap.joints.candidates import JointCandidate, candidates
 from gsbridge.gap.joints.fit import fit, polish
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals
@@ -49,7 +49,7 @@ def test_bank_and_frame_are_made_once(site):
 
 def test_other_sizes_make_another_bank(site, monkeypatch):
     _, _, view, _, _, folder = site
-    who = (Candidate("viscous", "axis"),)
+    who = (JointCandidate("viscous", "axis"),)
     before = view.mechanism.runs
     signature_bank(view, who, folder / "bank")
     made = view.mechanism.runs
@@ -89,7 +89,7 @@ def test_cosines_of_a_signature_with_itself_are_one(site):
 
 def test_columns_are_derivatives(site):
     _, _, view, _, screen, _ = site
-    who, size = Candidate("armature", "axis"), 0.003
+    who, size = JointCandidate("armature", "axis"), 0.003
     near = [view.residual([who.applied({"inertia": value})]).ravel() for value in (size * 0.98, size * 1.02)]
     slope = (near[1] - near[0]) / (0.04 * size)
     column = -screen.columns(who, {"inertia": size})[:, 0]
@@ -97,8 +97,8 @@ def test_columns_are_derivatives(site):
     assert cosine > 0.98
     assert np.linalg.norm(column) == pytest.approx(np.linalg.norm(slope), rel=0.2)
     # Nothing is said about shapes, nor about effects that begin at a threshold.
-    assert np.isnan(screen.columns(Candidate("stribeck", "axis"), {"torque": 0.1, "speed": 0.05})[:, 1]).all()
-    assert np.isnan(screen.columns(Candidate("saturation", "axis"), {"weakness": 0.3})).all()
+    assert np.isnan(screen.columns(JointCandidate("stribeck", "axis"), {"torque": 0.1, "speed": 0.05})[:, 1]).all()
+    assert np.isnan(screen.columns(JointCandidate("saturation", "axis"), {"weakness": 0.3})).all()
 
 
 @pytest.mark.parametrize(
@@ -110,7 +110,7 @@ def test_columns_are_derivatives(site):
 )
 def test_fit_agrees_with_scipy_and_takes_few_simulations(site, name, values, start):
     _, _, view, _, screen, _ = site
-    who = Candidate(name, "axis")
+    who = JointCandidate(name, "axis")
     seen = planted(view, [who.applied(values)])
     rng = np.random.default_rng(0)
     noisy = {kind: v + view.sigma[k] * rng.standard_normal(v.shape) for k, (kind, v) in enumerate(seen.record.measured.items())}

@@ -12,8 +12,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.gap.contact.body import parse_body, read_body
 from gsbridge.gap.contact.case import read_throw_case, split_throws
-from gsbridge.gap.contact.diagnose import diagnose_throws
-from gsbridge.gap.contact.findings import findings_of
+from gsbridge.gap.contact.diagnose import ThrowAccount, diagnose_throws
 from gsbridge.gap.contact.identify import closure
 from gsbridge.gap.contact.replay import ThrowReplay
 from gsbridge.gap.contact.search import lowest, refine
@@ -225,7 +224,7 @@ def test_nothing_hidden_is_no_discrepancy(tmp_path):
     diagnosis = diagnose_throws(body, throws, tmp_path, names=("contact_friction",), horizon=HORIZON)
     assert diagnosis.finding.verdict == "no_discrepancy"
     assert diagnosis.effects == ()
-    found = findings_of(diagnosis, throws, seed=0)
+    found = ThrowAccount().findings_of(diagnosis, throws, seed=0)
     assert found["amended"] == []
     assert found["verify"] is None
 

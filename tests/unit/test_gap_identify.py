@@ -15,16 +15,15 @@ from gsbridge.gap.benchmark.generate import UNIT, _joined, draw_case
 from gsbridge.gap.benchmark.mechanisms import axis_plant
 from gsbridge.gap.benchmark.noises import NOISES
 from gsbridge.gap.benchmark.trajectories import KINDS, course
-from gsbridge.gap.diagnosis.results import Hypothesis, Rules
+from gsbridge.gap.diagnosis.results import EffectFit, Hypothesis, Rules, Verification
 from gsbridge.gap.diagnosis.verdict import decide, transfer
-from gsbridge.gap.joints.candidates import Candidate
-from gsbridge.gap.joints.diagnose import diagnose_joints, findings_of
-from gsbridge.gap.joints.fit import EffectFit, fit, polish
+from gsbridge.gap.joints.candidates import JointCandidate
+from gsbridge.gap.joints.diagnose import JointAccount, diagnose_joints
+from gsbridge.gap.joints.fit import fit, polish
 from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
 from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals
-from gsbridge.gap.joints.verify import Verification
 from gsbridge.gap.workflow import run_case
 
 SEED, COURSES = 40, 41
@@ -110,7 +109,7 @@ def test_an_effect_that_would_have_to_be_larger_than_makes_sense_is_not_named(ax
     ("name", "value", "stopped"), [("link_mass", 3.0, True), ("link_mass", -0.8, True), ("coulomb", 0.0, False)]
 )
 def test_a_fit_on_its_bound_is_told(name, value, stopped):
-    candidate = Candidate(name, "axis")
+    candidate = JointCandidate(name, "axis")
     effects = (candidate.from_vector(np.array([value])),)
     assert EffectFit((candidate,), effects, 1.0, True, np.zeros(1), 0.0, 1).stopped == stopped
 
@@ -133,7 +132,7 @@ def test_what_holds_on_another_record_is_told_from_coloured_noise(first):
 
 @pytest.mark.parametrize(("spread", "blurred"), [(0.02, False), (0.05, True)])
 def test_effects_that_may_as_well_be_absent_mimic_something_else(spread, blurred):
-    who = (Candidate("viscous", "axis"), Candidate("coulomb", "axis"))
+    who = (JointCandidate("viscous", "axis"), JointCandidate("coulomb", "axis"))
     effects = tuple(candidate.from_vector(np.array([0.1])) for candidate in who)
     assert EffectFit(who, effects, 1.0, True, np.array([0.001, spread]), 0.9, 2).blurred == blurred
     assert not EffectFit(who[1:], effects[1:], 1.0, True, np.array([spread]), 0.0, 1).blurred
@@ -141,7 +140,7 @@ def test_effects_that_may_as_well_be_absent_mimic_something_else(spread, blurred
 
 def test_what_would_be_larger_than_makes_sense_is_no_rival_of_what_does_as_well():
     def trial(name, values, square):
-        candidate, rest = Candidate(name, "axis"), np.full((400, 1), np.sqrt(square / 400))
+        candidate, rest = JointCandidate(name, "axis"), np.full((400, 1), np.sqrt(square / 400))
         fitted = EffectFit(
             (candidate,), (candidate.from_vector(np.array(values)),), square, True, np.zeros(len(values)), 0.0, 1
         )
@@ -157,12 +156,13 @@ def test_what_would_be_larger_than_makes_sense_is_no_rival_of_what_does_as_well(
 
 
 @pytest.mark.parametrize(
-    ("closure", "p_remaining", "holds"),
-    [(0.99, 0.5, True), (0.95, 0.005, True), (0.7, 0.005, False), (0.3, 0.5, False)],
+    ("closure", "p_remaining", "one", "several"),
+    [(0.99, 0.5, True, True), (0.95, 0.005, True, False), (0.7, 0.005, False, False), (0.3, 0.5, False, False)],
 )
-def test_third_record_refutes_what_does_not_close_the_gap_there(closure, p_remaining, holds):
+def test_third_record_refutes_what_does_not_close_the_gap_there(closure, p_remaining, one, several):
     seen = Verification(2.0, 1.1, closure, {}, True, p_remaining)
-    assert seen.transfers(Rules()) == holds
+    assert seen.transfers(Rules()) == one
+    assert seen.transfers(Rules(), several=True) == several
 
 
 def test_lost_samples_and_a_clock_that_drifts_hide_no_friction(axis):
@@ -187,7 +187,9 @@ def test_same_seed_gives_the_same_findings(axis):
     case = case_of(axis, ("coulomb",), 5.0)
     found = []
     for _ in range(2):
-        result = findings_of(diagnose_joints(axis[0], case.records, axis[2] / "bank", seed=3), case.records, seed=3)
+        result = JointAccount().findings_of(
+            diagnose_joints(axis[0], case.records, axis[2] / "bank", seed=3), case.records, seed=3
+        )
         found.append({key: value for key, value in result.items() if key != "seconds"})
     assert found[0] == found[1]
 
@@ -202,7 +204,7 @@ def test_intervals_know_what_the_step_of_time_does_where_a_limit_magnifies_it(ax
     wanted = _joined(course(KINDS["fit"], plant.centre, plant.reach, 4.0, roads), 100.0)
     clean = plant.truth(wanted, 4.0, record.time, {"saturation": weak})
     view = JointResiduals.of(mechanism, replace(record.with_measured(clean), sigma=plant.noise))
-    candidate = Candidate("saturation", "axis")
+    candidate = JointCandidate("saturation", "axis")
     rough = fit(view, (candidate,), ({"weakness": weak},))
     final = polish(view, rough)
     error = abs(final.values[0]["weakness"] - weak)

@@ -11,13 +11,13 @@ from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.gap.benchmark.image_truth import READ, SHOT
 from gsbridge.gap.benchmark.images import SIZES, STRANGE, draw_image_case, film, hidden_pairs, image_site
-from gsbridge.gap.diagnosis.results import Rules
-from gsbridge.gap.image.diagnose import UNSTEADY, diagnose_images, image_findings, unsteady
+from gsbridge.gap.diagnosis.results import ROLES, Rules
+from gsbridge.gap.image.diagnose import UNSTEADY, ImageAccount, diagnose_images, unsteady
 from gsbridge.gap.image.expect import Expectation
 from gsbridge.gap.image.model import ImageCandidate, image_candidates, shooting
 from gsbridge.gap.image.noise_model import Flats
 from gsbridge.gap.image.null import ImageNull
-from gsbridge.gap.image.pairs import ROLES, Pairs
+from gsbridge.gap.image.pairs import Pairs
 from gsbridge.gap.image.residuals import ImageResiduals, compared, learn_noise
 from gsbridge.gap.image.screen import gains_of
 
@@ -172,7 +172,7 @@ def test_effect_free_photos_raise_no_alarm(site):
     pairs = hidden_case(site, {})
     diagnosis = diagnose_images(pairs)
     assert diagnosis.finding.verdict == "no_discrepancy"
-    findings = image_findings(diagnosis, pairs, seed=0)
+    findings = ImageAccount().findings_of(diagnosis, pairs, seed=0)
     assert "agree" in findings["sentence"]
     assert findings["amended"] == []
     assert unsteady(pairs) == ()

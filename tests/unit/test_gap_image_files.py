@@ -1,6 +1,7 @@
 """Photos of two days as files: read, refused where something is wrong, diagnosed, put into the model, reported."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -9,14 +10,31 @@ import pytest
 import yaml
 
 from gsbridge.cameras import Camera
+from gsbridge.effects.images import IMAGE_EFFECTS
+from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import read_json
 from gsbridge.gap.benchmark.images import film, hidden_pairs, image_site
+from gsbridge.gap.diagnosis.results import ROLES
+from gsbridge.gap.formats.files import case_files
 from gsbridge.gap.image.files import read_pairs
-from gsbridge.gap.image.pairs import ROLES
-from gsbridge.gap.image.stages import amend_camera, write_image_findings
+from gsbridge.gap.image.residuals import ImageResiduals, learn_noise
+from gsbridge.gap.image.workflow import amend_camera, write_image_findings
+from gsbridge.gap.workflow import (
+    load_backend,
+    read_backend,
+    write_case_records,
+    write_comparison,
+    write_findings,
+    write_replays,
+    write_screening,
+)
 from gsbridge.images import write_image
+from gsbridge.report.gap.page import CaseFiles, write_gap_report
 from gsbridge.report.gap.picture_page import write_sight_report
+from gsbridge.report.gap.rows import gap_row
+from gsbridge.report.recordings.gap import record_gap
+from gsbridge.report.recordings.recording import read_recording
 from gsbridge.sim.model import read_model
 
 SPIN = {"wr": 0.8, "wb": -0.6, "x": 0.6, "y": 0.8, "z": 0.0, "a": 0.0, "b": 0.0, "c": 1.0}
@@ -204,3 +222,142 @@ def test_the_model_of_an_amended_camera_stays_readable(folder, tmp_path):
     assert {key: value for key, value in content.items() if key != "effects"} == {
         key: value for key, value in nominal.items() if key != "effects"
     }
+
+
+def write_case(folder, **changes):
+    """A case of these photos, next to them."""
+    model = Path("models/nominal.yaml").resolve()
+    content = {"model": str(model), "photos": {"views": "views", "before": "before", "after": "after"}, "effects": [*NAMES]}
+    (folder / "photos.yaml").write_text(yaml.safe_dump({**content, **changes}))
+    return folder / "photos.yaml"
+
+
+@pytest.fixture(scope="module")
+def stages(folder, tmp_path_factory):
+    """All files of a case of pictures that went through the stages, its page and its recording too."""
+    case, out = write_case(folder), tmp_path_factory.mktemp("stages")
+    names = ("records", "comparison", "screen", "findings", "replays")
+    paths = {name: out / f"{name}.json" for name in names} | {"data": out / "records.npz", "series": out / "replays.npz"}
+    paths |= {"case": case, "model": Path("models/nominal.yaml").resolve(), "amended": out / "model.yaml"}
+    paths |= {"page": out / "report.html", "recording": out / "case.rrd", "bank": out / "bank"}
+    first = (paths["model"], paths["data"], paths["records"])
+    write_case_records(case, paths["data"], paths["records"])
+    write_comparison(*first, paths["comparison"])
+    write_screening(*first, paths["bank"], paths["screen"])
+    write_findings(*first, paths["bank"], paths["findings"], paths["amended"], 0)
+    write_replays(*first, paths["findings"], paths["series"], paths["replays"])
+    files = CaseFiles(*(paths[name] for name in ("records", "comparison", "screen", "findings", "series", "replays")))
+    write_gap_report("darker", files, paths["page"])
+    record_gap(paths["model"], paths["findings"], paths["series"], paths["replays"], "darker", paths["recording"])
+    return paths
+
+
+def test_a_case_of_pictures_goes_through_the_stages_as_logs_do(stages, folder, tmp_path):
+    about, found = read_json(stages["records"]), read_json(stages["findings"])
+    assert about["mode"] == "photos"
+    assert about["records"]["fit"]["views"] == 5
+    assert found["verdict"] == "named", found["sentence"]
+    assert found["records"] == {role: item["digest"] for role, item in about["records"].items()}
+    # The stages say what the function for photos without a case says, but for the time that it took.
+    write_image_findings(*parts(folder), tmp_path / "findings.json", tmp_path / "pictures.npz", seed=0, names=NAMES)
+    direct = read_json(tmp_path / "findings.json")
+    assert {**found, "seconds": 0} == {**direct, "seconds": 0}
+    with np.load(tmp_path / "pictures.npz") as wanted, np.load(stages["series"]) as series:
+        for name in wanted.files:
+            np.testing.assert_array_equal(series[name], wanted[name], err_msg=name)
+    effects = read_model(stages["amended"]).effects
+    assert [effect.name for effect in effects] == ["exposure"]
+    rows = read_json(stages["replays"])["records"]["verify"]
+    assert rows["before"] == pytest.approx(found["verify"]["before"])
+    assert rows["after"] == pytest.approx(found["verify"]["after"])
+    assert rows["after"] < 0.5 * rows["before"]
+    assert found["sentence"][:20] in stages["page"].read_text()
+    assert gap_row("darker", found)["amended"] == "exposure"
+    recorded = {path.strip("/") for path in read_recording(stages["recording"])}
+    assert {"photos/before", "photos/after", "photos/expected", "apart/gap", "apart/left", "summary"} <= recorded
+
+
+def test_the_map_of_pictures_agrees_with_residuals_taken_by_hand(stages, folder):
+    """A third of the image by slices, and cells of a brightness by its rank, of one role."""
+    pairs = read_pairs(*parts(folder))
+    view = ImageResiduals(pairs["select"], learn_noise(list(pairs.values())))
+    found = read_json(stages["comparison"])["records"]["select"]["where"]
+    columns = [name for names in found["groups"].values() for name in names]
+    values = np.array(found["values"], dtype=float)
+    pictures, mask = view.pictures(view.residual()).astype(float), view.mask > 0
+    width = mask.shape[2]
+    left = np.zeros_like(mask)
+    left[:, :, : -(-width // 3)] = True
+    wanted = np.sqrt((pictures[mask & left] ** 2).mean(axis=0))
+    np.testing.assert_allclose(values[:, columns.index("left")], wanted, rtol=1e-6)
+    dark, medium, bright = (values[:, columns.index(name)] for name in ("dark", "medium", "bright"))
+    whole = np.sqrt((pictures[mask] ** 2).mean(axis=0))
+    # Thirds of all pixels, so that their squares make those of the whole.
+    np.testing.assert_allclose((dark**2 + medium**2 + bright**2) / 3, whole**2, rtol=0.03)
+    assert np.array(found["marked"]).any()
+
+
+def test_what_photos_can_tell_is_said_before_any_fit(stages, folder):
+    """Cosines of two effects by hand, from pictures drawn with each of them at its typical size."""
+    said = read_json(stages["screen"])
+    assert sorted(said["candidates"]) == sorted(NAMES)
+    assert said["signatures"] >= len(NAMES)
+    pairs = read_pairs(*parts(folder))
+    view = ImageResiduals(pairs["fit"], learn_noise(list(pairs.values())))
+    changes = []
+    for name in ("exposure", "black_level"):
+        (parameter,) = IMAGE_EFFECTS[name].parameters
+        applied = Applied(name, "", {parameter.name: parameter.typical})
+        changes.append((view.residual() - view.residual([applied])).ravel().astype(float))
+    cosine = abs(changes[0] @ changes[1]) / np.linalg.norm(changes[0]) / np.linalg.norm(changes[1])
+    found = {tuple(sorted(item["pair"])): item["cosine"] for item in said["alike"]}
+    assert found["black_level", "exposure"] == pytest.approx(cosine, rel=1e-3)
+    assert all(value >= 0.95 for value in found.values())
+
+
+def test_stored_photos_come_back_as_they_were(stages, folder):
+    loaded = load_backend(stages["model"], stages["data"], stages["records"])
+    for role, part in read_pairs(*parts(folder)).items():
+        other = loaded.case.pairs[role]
+        assert (other.camera, other.repeats, other.name, other.digest) == (part.camera, part.repeats, part.name, part.digest)
+        for name in ("before", "again", "after", "depths", "poses"):
+            np.testing.assert_array_equal(getattr(other, name), getattr(part, name))
+    damaged = stages["data"].parent / "damaged.npz"
+    damaged.write_bytes(stages["data"].read_bytes()[:5000])
+    with pytest.raises(InputError, match="stored photos cannot be read"):
+        load_backend(stages["model"], damaged, stages["records"])
+
+
+def test_the_workflow_watches_all_photos_of_a_case(folder):
+    watched = {path.resolve() for path in case_files(write_case(folder))}
+    assert {path.resolve() for path in folder.rglob("*.png")} <= watched
+    assert (folder / "views/depths.npz").resolve() in watched
+    assert Path("models/nominal.yaml").resolve() in watched
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"photos": {"views": "views", "before": "before"}}, "'photos.after' names no folder"),
+        ({"photos": {"views": "views", "before": "before", "after": "after", "days": 2}}, "the key 'photos.days' is unknown"),
+        ({"photos": {"views": "views", "before": "before", "after": "after", "shot": -1}}, "'photos.shot' is -1"),
+        ({"records": {"fit": "log.csv"}}, "the key 'records' is unknown"),
+        ({"effects": ["coulomb"]}, "the effect 'coulomb' is unknown"),
+        ({"photos": "after"}, "a case needs 'model' and 'photos'"),
+        ({"model": "lost.yaml"}, "the model file cannot be read"),
+    ],
+)
+def test_a_case_of_pictures_that_cannot_be_used_says_why(folder, changes, said):
+    case = write_case(folder, **changes)
+    with pytest.raises(InputError, match=re.escape(said)):
+        read_backend(case)
+
+
+def test_what_a_simulation_cannot_play_stays_out_of_the_model_of_a_case(stages, tmp_path):
+    """The page says what to do instead; the diagnosis is no worse for it."""
+    found = read_json(stages["findings"])
+    found["amended"] = [*found["amended"], {"name": "latency", "parameters": {"delay": 0.1}}]
+    backend = load_backend(stages["model"], stages["data"], stages["records"])
+    backend.amend(stages["model"], found, tmp_path / "model.yaml")
+    assert [effect.name for effect in read_model(tmp_path / "model.yaml").effects] == ["exposure"]
+    assert "# not held: latency" in (tmp_path / "model.yaml").read_text()

@@ -49,7 +49,10 @@ def test_one_tier_of_one_way_makes_a_page(tmp_path):
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "not the one that counts" in text
     assert "No wrong name" in text
+    # Of a run that was never asked to reach floors, none is said to be missed.
+    assert "No floor is judged here" in text
     assert "not measured" in text
+    assert ">unmet<" not in text
 
 
 def test_every_floor_of_the_area_can_be_measured():

@@ -10,7 +10,7 @@ from gsbridge.files import read_json, write_json
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.formats.store import load_records
 from gsbridge.gap.joints.residual_map import GROUPS, map_residuals
-from gsbridge.gap.workflow import load_work, write_case_records, write_comparison, write_replays
+from gsbridge.gap.workflow import load_backend, write_case_records, write_comparison, write_replays
 
 URDF = """<robot name="axis"><link name="base"/><link name="arm"><inertial><origin xyz="0.2 0 0"/><mass value="1"/>
 <inertia ixx="0.001" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -57,7 +57,7 @@ def test_stages_leave_records_comparison_and_replays(folder):
     assert about["records"]["select"]["samples"] == 250
     assert about["records"]["fit"]["rate_hz"] == pytest.approx(100)
     assert list(load_records(data)) == ["fit", "select", "verify"]
-    assert load_work(folder / "model.yaml", data, record).case.records["fit"].digest == about["records"]["fit"]["digest"]
+    assert load_backend(folder / "model.yaml", data, record).case.records["fit"].digest == about["records"]["fit"]["digest"]
 
     write_comparison(folder / "model.yaml", data, record, folder / "out/comparison.json")
     compared = read_json(folder / "out/comparison.json")["records"]["select"]
@@ -144,7 +144,7 @@ def text(name, content):
         (text("b.csv", ""), "this is no table"),
         (text("model.yaml", MODEL + "joints: [elbow]\n"), "no moving joint 'elbow'"),
         (text("model.yaml", MODEL.replace("stiffness: 60, ", "")), "controller.stiffness is missing"),
-        (text("axis.urdf", "<robot>"), "this is no XML"),
+        (text("axis.urdf", "<robot>"), "this is no valid XML"),
         (text("axis.urdf", URDF.replace('<mass value="1"/>', "")), "damaged mass properties"),
         (text("case.yaml", "model: model.yaml\nrecords: {train: a.csv}\n"), "'train' has no role"),
         (text("case.yaml", CASE + "effects: [rust]\n"), "'rust' is unknown"),

@@ -19,8 +19,8 @@ from gsbridge.gap.contact.store import load_throws, save_throws
 from gsbridge.gap.contact.throws import Throw, Throws, write_throws
 from gsbridge.gap.formats.files import case_files
 from gsbridge.gap.workflow import (
-    load_work,
-    read_work,
+    load_backend,
+    read_backend,
     write_case_records,
     write_comparison,
     write_findings,
@@ -129,9 +129,9 @@ def test_the_recording_moves_every_way_beside_what_was_measured(stages, tmp_path
 
 
 def test_kinds_of_cases_are_told_apart_by_their_model(stages):
-    assert read_work(stages["case"]).about()["mode"] == "body"
-    loaded = load_work(stages["model"], stages["data"], stages["records"])
-    assert loaded.about() == {**read_work(stages["case"]).about(), "model": str(stages["model"])}
+    assert read_backend(stages["case"]).about()["mode"] == "body"
+    loaded = load_backend(stages["model"], stages["data"], stages["records"])
+    assert loaded.about() == {**read_backend(stages["case"]).about(), "model": str(stages["model"])}
 
 
 def test_throws_survive_the_store(tmp_path):

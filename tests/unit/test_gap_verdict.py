@@ -5,17 +5,16 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import norm
 
-from gsbridge.gap.diagnosis.results import Hypothesis, Rules
+from gsbridge.gap.diagnosis.results import EffectFit, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import decide
-from gsbridge.gap.joints.candidates import Candidate
+from gsbridge.gap.joints.candidates import JointCandidate
 from gsbridge.gap.joints.detect import REPLICATES, JointNull
-from gsbridge.gap.joints.fit import EffectFit
 
 SHAPE = (400, 3)
 
 
 def trial(name, values, select, fitted):
-    candidate = Candidate(name, "axis")
+    candidate = JointCandidate(name, "axis")
     square = float((fitted**2).sum())
     fit = EffectFit(
         (candidate,), (candidate.from_vector(np.array(values)),), square, True, np.zeros(len(values)), 0.0, len(values)
@@ -80,7 +79,7 @@ def test_one_effect_more_must_be_as_sure_as_a_name():
     shape /= np.sqrt((shape**2).sum())
 
     def rival(names, select, fitted):
-        who = tuple(Candidate(name, "axis") for name in names)
+        who = tuple(JointCandidate(name, "axis") for name in names)
         effects = tuple(candidate.from_vector(np.array([0.1])) for candidate in who)
         size = len(names)
         fit = EffectFit(who, effects, float((fitted**2).sum()), True, np.full(size, 0.01), 0.0, size)

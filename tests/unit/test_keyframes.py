@@ -12,9 +12,10 @@ import pytest
 from film_maker import pan, write_video
 
 from gsbridge.cameras import Camera, split_of
-from gsbridge.capture.keyframes import KeyframeSettings, choose, select_keyframes
+from gsbridge.capture.keyframes import choose, select_keyframes
 from gsbridge.capture.motion import FrameMotion, image_motion, measure, sharpness_of, small_grey
 from gsbridge.capture.sources import Source
+from gsbridge.configuration.capture import KeyframeSettings
 
 
 def select(tmp_path: Path, source: Source, **settings: float) -> dict:

@@ -131,7 +131,7 @@ def test_damaged_points_are_named(scene, tmp_path, content):
 def test_missing_points_and_unknown_backend(scene, tmp_path):
     with pytest.raises(InputError, match="do not exist"):
         segment_object(scene.views, tmp_path / "none.npz", tmp_path / "images", tmp_path / "masks.json", SMALL)
-    with pytest.raises(InputError, match="grabcut or sam2"):
+    with pytest.raises(InputError, match="grabcut, sam2"):
         segment_object(scene.views, scene.points_npz, tmp_path / "i", tmp_path / "m.json", MaskSettings(backend="magic"))
 
 

@@ -6,16 +6,23 @@ import numpy as np
 import pytest
 
 from gsbridge.cameras import Camera, split_of
+from gsbridge.configuration.films import FilmSettings
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.images import read_image_u8, read_mask
 from gsbridge.meshes import read_mesh
 from gsbridge.photogrammetry.board import find_tags, standard_board
 from gsbridge.reality.mirror import film as film_module
-from gsbridge.reality.mirror.film import DENSE, FilmSettings, film_scene, image_motion
+from gsbridge.reality.mirror.film import DENSE, film_scene, image_motion
 from gsbridge.reality.mirror.studio import Studio
 
-SETTINGS = FilmSettings(frames=6, spp=4, held_out_spp=9, width=320, height=240)
+
+def tiny(**values) -> FilmSettings:
+    """Settings of a film with fewer frames than a user may ask for."""
+    return FilmSettings().model_copy(update=values)
+
+
+SETTINGS = tiny(frames=6, spp=4, held_out_spp=9, width=320, height=240)
 
 
 def _film(scene, settings, root):
@@ -95,7 +102,7 @@ def test_goes_on_after_a_stop_with_the_same_film(tmp_path, monkeypatch):
         rendered.append(seed)
         return real(self, camera, pose, samples, seed)
 
-    settings = FilmSettings(frames=3, spp=1, held_out_spp=1, width=64, height=64)
+    settings = tiny(frames=3, spp=1, held_out_spp=1, width=64, height=64)
     monkeypatch.setattr(Studio, "render", render)
     with pytest.raises(KeyboardInterrupt):
         _film("foam_pad", settings, tmp_path)
@@ -111,7 +118,7 @@ def test_goes_on_after_a_stop_with_the_same_film(tmp_path, monkeypatch):
 
 
 def test_dense_film_states_motion_and_blur(tmp_path):
-    settings = FilmSettings(frames=14, spp=1, held_out_spp=1, width=96, height=72)
+    settings = tiny(frames=14, spp=1, held_out_spp=1, width=96, height=72)
     record, truth = _film(DENSE, settings, tmp_path)
     assert record["kind"] == "dense"
     motion = np.array([f["motion_px"] for f in truth["frames"]])
@@ -134,7 +141,7 @@ def test_image_motion_of_a_turn_about_the_line_of_sight():
 
 
 def test_bad_settings_and_scenes_are_refused(tmp_path):
-    with pytest.raises(InputError, match="no film"):
+    with pytest.raises(InputError, match="frames: 1 is less than the minimum of 8"):
         _film("small_cube", FilmSettings(frames=1), tmp_path)
     with pytest.raises(InputError, match="unknown"):
         _film("teapot", SETTINGS, tmp_path)

@@ -7,11 +7,11 @@ import pytest
 import torch
 from policy_fixture import blob_environment, blob_observer
 
+from gsbridge.configuration.policy import PolicySettings
 from gsbridge.errors import InputError
 from gsbridge.policy.agent import Agent
 from gsbridge.policy.observation import picture
 from gsbridge.policy.replay import Replay
-from gsbridge.policy.settings import PolicySettings
 
 torch.set_num_threads(1)
 

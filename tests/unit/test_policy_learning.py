@@ -3,7 +3,7 @@
 import pytest
 from policy_fixture import CONTROLLER, blob_environment
 
-from gsbridge.policy.settings import PolicySettings
+from gsbridge.configuration.policy import PolicySettings
 from gsbridge.policy.trainer import Trainer
 
 

@@ -1,6 +1,6 @@
 """What actor and critics see, augmentation, networks, settings."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,12 +8,12 @@ import torch
 from environment_fixture import PLATE, HandWorld
 from policy_fixture import CONTROLLER, blob_environment, blob_observer
 
+from gsbridge.configuration.policy import PolicySettings
 from gsbridge.environment.wrappers import Jitter
 from gsbridge.errors import InputError
 from gsbridge.policy.augment import Augmentation, Augmenter, colour_maps
 from gsbridge.policy.networks import LOG_STD, Actor, Critics, SoftArgmax
 from gsbridge.policy.observation import PRIVILEGED, Frame, actor_input, picture, position_label, privileged
-from gsbridge.policy.settings import PolicySettings
 
 
 def state(**values):
@@ -182,10 +182,10 @@ def test_networks_have_the_stated_shapes(size):
 
 
 def test_every_setting_is_checked():
-    for item in fields(PolicySettings):
+    for name in PolicySettings.model_fields:
         for wrong in (None, "x", -1e9, float("nan")):
-            with pytest.raises(InputError, match=item.name):
-                PolicySettings(**{item.name: wrong})
+            with pytest.raises(InputError, match=name):
+                PolicySettings(**{name: wrong})
 
 
 @pytest.mark.parametrize(
@@ -199,6 +199,6 @@ def test_settings_that_do_not_fit_together(values):
 def test_share_of_the_controller():
     settings = PolicySettings(steps=1000, lambda_share=0.5, lambda_floor=0.2)
     assert [settings.lambda_at(step) for step in (0, 250, 500, 900)] == pytest.approx([1.0, 0.6, 0.2, 0.2])
-    assert replace(settings, algo="bc").lambda_at(900) == 1.0
-    assert replace(settings, algo="sac").lambda_at(0) == 0.0
-    assert replace(settings, algo="sac", target="paper").maximum == "none"
+    assert settings.model_copy(update={"algo": "bc"}).lambda_at(900) == 1.0
+    assert settings.model_copy(update={"algo": "sac"}).lambda_at(0) == 0.0
+    assert settings.model_copy(update={"algo": "sac", "target": "paper"}).maximum == "none"

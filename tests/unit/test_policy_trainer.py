@@ -10,12 +10,12 @@ import pytest
 import torch
 from policy_fixture import CONTROLLER, blob_environment
 
+from gsbridge.configuration.policy import PolicySettings
 from gsbridge.environment.wrappers import ImageNoise
 from gsbridge.errors import InputError
 from gsbridge.policy.curve import COLUMNS
 from gsbridge.policy.evaluation import evaluate_controller, evaluation_poses
 from gsbridge.policy.export import SPEC, WEIGHTS, load_policy
-from gsbridge.policy.settings import PolicySettings
 from gsbridge.policy.trainer import CURVE, Trainer
 from gsbridge.tasks.poses import pose_set
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from robot_fixture import kinematics
 
+from gsbridge.configuration.films import BoardFilmSettings
 from gsbridge.errors import InputError, StageError
 from gsbridge.images import read_image_u8
 from gsbridge.photogrammetry.board import find_tags, standard_board
 from gsbridge.reality.world import camera as world_camera
-from gsbridge.reality.world.board_capture import BoardFilmSettings, film_board, full_camera
+from gsbridge.reality.world.board_capture import film_board, full_camera
 from gsbridge.reality.world.camera import wrist_camera
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.layout import true_base_from_table, true_flange_from_camera
@@ -73,7 +74,7 @@ def test_pictures_show_the_board_where_the_truth_says(tmp_path, monkeypatch):
     monkeypatch.setattr(world_camera, "table_texture", lambda background, seed: np.full((10, 12, 3), 0.25, np.float32))
     film_board(
         out_capture=tmp_path / "capture", out_truth=tmp_path / "truth.json", board=BOARD, threads=1, seed=3,
-        settings=BoardFilmSettings(poses=2, width=480, height=360, spp=4),
+        settings=BoardFilmSettings(width=480, height=360, spp=4).model_copy(update={"poses": 2}),
     )  # fmt: skip
     capture, truth = read_board_capture(tmp_path / "capture"), json.loads((tmp_path / "truth.json").read_text())
     assert len(capture.images) == 2

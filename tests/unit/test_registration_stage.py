@@ -10,12 +10,12 @@ import pytest
 from board_sight import BOARD, CAMERA, sight, table_from_cameras
 from scipy.spatial.transform import Rotation
 
+from gsbridge.configuration.registration import RegistrationSettings
 from gsbridge.errors import InputError, StageError
 from gsbridge.geometry import quat_from_rotation
 from gsbridge.registration import stage
 from gsbridge.registration.capture import read_board_capture, write_arm_table, write_camera
 from gsbridge.registration.result import pose_error, read_registration
-from gsbridge.registration.settings import RegistrationSettings
 from gsbridge.registration.typed import typed_pose
 from gsbridge.robot import nominal
 

@@ -10,11 +10,12 @@ import torch
 import trimesh
 
 from gsbridge.cameras import Camera, View, look_at, write_views
+from gsbridge.configuration.measuring import EditingSettings
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.images import read_image_u8, write_image
 from gsbridge.meshes import Mesh
-from gsbridge.report.figures.editing import BINDINGS, CONTROL, REST, EditingSettings, edits, write_editing
+from gsbridge.report.figures.editing import BINDINGS, CONTROL, REST, edits, write_editing
 from gsbridge.report.figures.editing_drawing import DETAIL, WHOLE, Column, detail_window, summary, write_editing_figure
 from gsbridge.scene.deform import deform, deformed_vertices
 from gsbridge.scene.edit_quality import EditQuality, divide, framed, measure_edit, window_of

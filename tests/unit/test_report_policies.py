@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from policy_files import trial_rows, write_policy, write_trials
@@ -11,6 +12,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
 from gsbridge.images import read_image, write_image
 from gsbridge.report.figures.learning_curves import write_learning_curves
+from gsbridge.report.figures.legend import legend_above
 from gsbridge.report.figures.success import write_success_figure
 from gsbridge.report.pages.policies import film
 from gsbridge.report.pages.tables import write_tables
@@ -171,6 +173,37 @@ def test_page_tells_of_policies_first(run, tmp_path):
     latex = (tmp_path / "tables" / "grasping.tex").read_text()
     assert latex.count(r"\begin{table}") == latex.count(r"\end{table}") == 4
     assert "24/32 75.0 % [58" in (tmp_path / "tables" / "grasping.md").read_text()
+
+
+def test_one_cell_that_succeeds_everywhere_is_told_without_averages(tmp_path):
+    cell = Cell("grasp", "small_cube", "foam_pad")
+    trials = [write_trials(tmp_path, cell, world, trial_rows({"unseen": 32})) for world in ("sim", "mirror")]
+    write_success_rows(tmp_path / "grasping.csv", trials)
+    write_tables([tmp_path / "grasping.csv"], [], tmp_path / "tables", preset="toy")
+    page = (tmp_path / "tables/index.html").read_text().replace("\u00a0", " ")
+    assert "Grasping, small cube on foam pad, unseen start poses: 100.0 % of the trials succeed in simulation" in page
+    assert "From simulation to the mirror the success rate stays the same." in page
+    assert "on average" not in page
+    assert "This is the toy run" in page
+
+
+def test_figures_without_words_are_refused(tmp_path):
+    write_image(tmp_path / "new_figure.png", np.full((8, 8, 3), 0.5, np.float32))
+    with pytest.raises(InputError, match="no caption"):
+        write_tables([], [tmp_path / "new_figure.png"], tmp_path / "tables")
+
+
+@pytest.mark.parametrize("width", [2.0, 4.0, 12.0])
+def test_legends_stay_inside_narrow_figures(width):
+    figure, axis = plt.subplots(figsize=(width, 3.0), layout="constrained")
+    lines = axis.plot(np.zeros((2, 5)))
+    legend_above(figure, lines, [f"what line {number} shows" for number in range(5)])
+    figure.draw_without_rendering()
+    box = figure.legends[0].get_window_extent()
+    assert len(figure.legends) == 1
+    assert box.x0 >= 0
+    assert box.x1 <= figure.bbox.width
+    plt.close(figure)
 
 
 def test_page_without_policies_is_about_splats(tmp_path):

@@ -9,7 +9,7 @@ from scipy import stats
 
 from gsbridge.errors import InputError
 from gsbridge.files import write_json
-from gsbridge.report.tables.failures import failure_rows, failures_table, write_failure_rows
+from gsbridge.report.tables.failures import QUADRANT_TITLES, failure_rows, failures_table, write_failure_rows
 from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SCENARIOS, PAPER_SUCCESS
 from gsbridge.report.tables.result_paths import Cell, cell_of, seed_of
 from gsbridge.report.tables.rows import read_rows
@@ -228,14 +228,17 @@ def test_outcomes_add_up_to_the_trials(tmp_path):
     for row in rows:
         assert sum(int(row[f"quadrant_{quadrant}"]) for quadrant in (1, 2, 3, 4)) == int(row["count"])
     table = failures_table(rows)
-    assert table.columns[3:] == ("trials", "failed", "by quadrant", "dropped", "missed plate")
-    assert [(*row[:2], row[3], row[4], *row[6:]) for row in table.rows] == [
+    assert table.columns[3:] == ("trials", "failed", *QUADRANT_TITLES, "dropped", "missed plate")
+    assert all(sum(map(int, row[5:9])) == int(row[4]) for row in table.rows)
+    assert [(*row[:2], row[3], row[4], *row[9:]) for row in table.rows] == [
         ("small cube on tablecloth", "gs", "64", "3", "3", ""),
         ("cake on plate", "gs", "32", "7", "", "7"),
         ("all", "", "96", "10", "3", "7"),
     ]
     without = failures_table([row for row in rows if row["outcome"] == "none"])
-    assert without.rows == (("all", "", "", "86", "0", "0 · 0 · 0 · 0"),)
+    assert without.columns == ("cell", "trials", "failed")
+    assert without.rows == (("all", "86", "0"),)
+    assert "No trial failed" in without.notes[0]
     (tmp_path / "own.csv").write_text("pose_set,index,success\nfixed,1,false\n")
     own = failure_rows(read_trial_files([], robot={"grasp/small_cube+tablecloth/gs/default": tmp_path / "own.csv"}))
     assert [row["outcome"] for row in own] == ["unknown"]

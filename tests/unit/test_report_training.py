@@ -38,7 +38,10 @@ def test_printed_training_shows_minutes_and_dashes(tmp_path):
     poor = write_policy(tmp_path, CELL, [0.5], seed=2)
     write_training_rows(*zip(good, poor, strict=True), tmp_path / "training.csv")
     table = training_table.training_table(read_rows(tmp_path / "training.csv"))
-    assert "environment · act · update · evaluate" in table.notes[0]
-    assert table.rows[0][7:11] == ("12.0", "3.0 · 3.0 · 3.0 · 3.0", "8.0", "150")
-    assert table.rows[1][7:10:2] == ("4.0", "–")
+    # Four parts in columns of their own: what they went into adds up to the minutes before them.
+    assert table.columns[7:12] == ("CPU min", "of it simulate", "act", "learn", "evaluate")
+    assert all(float(row[7]) == pytest.approx(sum(map(float, row[8:12])), abs=0.25) for row in table.rows)
+    assert "simulating" in table.notes[1]
+    assert table.rows[0][7:14] == ("12.0", "3.0", "3.0", "3.0", "3.0", "8.0", "150")
+    assert (table.rows[1][7], table.rows[1][12]) == ("4.0", "–")
     assert training_table.training_table([]) is None

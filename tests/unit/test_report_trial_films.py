@@ -86,3 +86,10 @@ def test_a_film_that_cannot_be_small_is_refused(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="the film has"):
         write_trial_film(CELL, both(tmp_path), tmp_path / "film.webp")
     assert not (tmp_path / "film.webp").exists()
+
+
+def test_failures_come_first_only_where_there_are_any(tmp_path):
+    for folder, failed, words in (("some", FAILED, "Failures first."), ("none", {}, "One start of each quadrant.")):
+        (tmp_path / folder).mkdir()
+        starts = read_starts(both(tmp_path / folder, failed=failed))
+        assert module._rates(starts, CELL).endswith(words)

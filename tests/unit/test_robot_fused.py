@@ -66,8 +66,8 @@ def test_a_damaged_description_is_named(tmp_path):
     with pytest.raises(InputError, match="does not exist"):
         fused_description(path)
     path.write_text("<robot><link name='a'/></robot>")
-    with pytest.raises(InputError, match="damaged"):
+    with pytest.raises(InputError, match="link 'a' has no mass properties"):
         fused_description(path)
     path.write_text("<robot")
-    with pytest.raises(InputError, match="damaged"):
+    with pytest.raises(InputError, match="no valid XML"):
         fused_description(path)

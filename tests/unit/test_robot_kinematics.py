@@ -16,7 +16,7 @@ from gsbridge.robot.limits import ClippedCommands, JointLimits, Workspace
 from gsbridge.robot.links import rotation_from_rpy, translation
 from gsbridge.robot.nominal import WORK_CENTRE, base_from_table
 from gsbridge.robot.reach import require_reach, residual_grid, tool_down
-from gsbridge.robot.urdf import read_urdf
+from gsbridge.robot.urdf import read_description, read_urdf
 from gsbridge.robot.warmup import compile_kernels
 
 
@@ -191,7 +191,10 @@ def test_joints_may_stand_in_any_order_in_the_file(tmp_path):
     [
         ("<robot>", "no valid XML"),
         (PLANAR % '<link name="lost"/>', "no tree"),
-        (PLANAR % '<joint name="c" type="prismatic"><parent link="tip"/><child link="d"/></joint>', "c is prismatic"),
+        (
+            PLANAR % '<joint name="c" type="prismatic"><parent link="tip"/><child link="d"/></joint><link name="d"/>',
+            "c is prismatic",
+        ),
         (PLANAR % '<joint name="c" type="fixed"><parent link="tip"/></joint>', "lacks"),
         (PLANAR % '<joint name="c" type="fixed"><parent link="x"/><child link="y"/></joint>', "parent of joint c"),
     ],
@@ -203,6 +206,75 @@ def test_bad_descriptions_are_named(tmp_path, content, problem):
         read_urdf(path)
     with pytest.raises(InputError, match="does not exist"):
         read_urdf(tmp_path / "none.urdf")
+
+
+BODY = """<link name="tip2"><inertial><origin xyz="0 0 0.1"/><mass value="%s"/>
+<inertia ixx="%s" iyy="2" izz="2" ixy="0" ixz="%s" iyz="0"/></inertial></link>
+<joint name="c" type="fixed"><parent link="tip"/><child link="tip2"/></joint>"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        ('value="1"', 'value="nan"', "damaged mass properties"),
+        ('value="1"', 'value="-1"', "its mass is -1 kg"),
+        ('<mass value="1"/>', "", "damaged mass properties: it lacks"),
+        ('ixx="2"', 'ixx="nan"', "damaged mass properties"),
+        ('ixz="0"', 'ixz="3"', "no body has its inertia"),
+        ('<axis xyz="0 0 2"/>', '<axis xyz="0 0 0"/>', "joint b has an axis of no length"),
+        ('<axis xyz="0 0 2"/>', '<axis xyz="0 2"/>', "row of 3 numbers"),
+        ('lower="-1"', 'lower="abc"', 'joint b: lower="abc" is no number'),
+        ('upper="1"', 'upper="nan"', 'joint b: upper="nan" is no number'),
+        ('<child link="tip2"/>', "", "joint c lacks <child link=>"),
+        ('<parent link="ground"/>', '<parent link="world"/>', "parent of joint a, 'world', is not there"),
+        ('<parent link="tip"/>', '<parent link="tip2"/>', "no tree: joint c hangs on itself"),
+        ("</robot>", '<link name="ground"/></robot>', "'ground' is there twice as a link"),
+        ('name="c" type="fixed"', 'name="b" type="fixed"', "'b' is there twice as a joint"),
+        ("</robot>", '<link name="lost"/></robot>', r"2 links have no parent \(ground, lost\)"),
+        ('name="c" type="fixed"', 'name="c" type="hinge"', "joint c is of the unknown type 'hinge'"),
+        ('<limit lower="-2"', '<mimic joint="z"/><limit lower="-2"', "joint a follows 'z', which is no joint"),
+        ("<robot", "<model", "its root is no <robot>"),
+    ],
+)
+def test_a_damaged_description_is_one_clear_error(tmp_path, old, new, problem):
+    content = PLANAR % (BODY % (1, 2, 0))
+    path = tmp_path / "bad.urdf"
+    path.write_text(content)
+    assert read_description(path).inertials["tip2"].mass == 1.0
+    assert old in content
+    path.write_text(content.replace(old, new).replace("</robot>", "</model>" if new == "<model" else "</robot>"))
+    with pytest.raises(InputError, match=problem) as told:
+        read_description(path)
+    assert "\n" not in str(told.value)
+    assert "bad.urdf" in str(told.value)
+
+
+def test_a_sliding_joint_keeps_its_metres(tmp_path):
+    path = tmp_path / "lift.urdf"
+    path.write_text(
+        """<robot name="lift"><link name="ground"/><link name="cart"/><joint name="up" type="prismatic"><parent link="ground"/>
+        <child link="cart"/><axis xyz="0 0 1"/><limit lower="-0.02" upper="0.3" velocity="0.1" effort="50"/>
+        <dynamics damping="2" friction="3"/></joint></robot>"""
+    )
+    (joint,) = read_description(path).joints
+    assert (joint.kind, joint.lower, joint.upper, joint.velocity, joint.effort) == ("prismatic", -0.02, 0.3, 0.1, 50.0)
+    assert (joint.damping, joint.friction) == (2.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("joint", "problem"),
+    [
+        ('<mimic joint="a" offset="0.1"/>', "coupled with an offset"),
+        ("", "lacks <limit"),
+    ],
+)
+def test_a_robot_needs_limits_and_plain_couplings(tmp_path, joint, problem):
+    path = tmp_path / "bad.urdf"
+    limit = '<limit lower="-2" upper="2" velocity="1" effort="1"/>'
+    path.write_text((PLANAR % "").replace(limit, joint + limit if joint else ""))
+    assert read_description(path).base == "ground"
+    with pytest.raises(InputError, match=problem):
+        read_urdf(path)
 
 
 def test_unknown_links_and_joints_are_named():

@@ -10,6 +10,7 @@ import pytest
 from posed_scene import BOARD, LENS, cloud, local, model_of, moved, names, orbit, sightings
 
 from gsbridge.cameras import Camera, camera_centre
+from gsbridge.configuration.sfm import SfmSettings
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import write_json
 from gsbridge.geometry import Array, Similarity, align_similarity
@@ -19,7 +20,6 @@ from gsbridge.sfm import gates
 from gsbridge.sfm.calibrate import MIN_VIEWS, calibrate_camera, solve
 from gsbridge.sfm.mapping import Outcome, Photos, drop_weak_images, ladder
 from gsbridge.sfm.refine import is_flat, refine_with_tags
-from gsbridge.sfm.settings import SfmSettings
 from gsbridge.sfm.undistort import pinhole_of, undistort_image, undistort_pixels, undistorted_model
 
 POSES = orbit(24)

@@ -12,8 +12,9 @@ from posed_scene import BOARD, names, photos
 
 from gsbridge.align import AlignSettings, align_scene
 from gsbridge.cameras import Camera, camera_centre, read_views
-from gsbridge.capture.keyframes import KeyframeSettings, select_keyframes
+from gsbridge.capture.keyframes import select_keyframes
 from gsbridge.capture.sources import Source
+from gsbridge.configuration.capture import KeyframeSettings
 from gsbridge.errors import InputError, StageError
 from gsbridge.geometry import Array
 from gsbridge.images import read_image, write_image

@@ -8,6 +8,7 @@ import torch
 import trimesh
 
 from gsbridge.cameras import Camera, View, Views, look_at, split_of
+from gsbridge.configuration.splats import SplatSettings
 from gsbridge.errors import InputError, StageError
 from gsbridge.images import write_image
 from gsbridge.meshes import Mesh, write_mesh
@@ -17,7 +18,7 @@ from gsbridge.splats.evaluate import evaluate_cloud, render_cloud
 from gsbridge.splats.ply import read_ply
 from gsbridge.splats.stage import train_splats
 from gsbridge.splats.targets import Target, background_targets, object_targets, seen_faces
-from gsbridge.splats.train import Rates, SplatSettings
+from gsbridge.splats.train import Rates
 
 SIZE = 48
 
@@ -59,8 +60,9 @@ def test_training_shows_the_ball_and_nothing_beside_it(scene):
     folder, views = scene
     targets = object_targets(views, folder / "masks", 4)
     binding = create_binding("soft", ball_mesh(), 1, band=0.01, seed=0)
-    settings = SplatSettings(steps=120, rates=Rates(opacity=0.15, colour=0.06))
-    curve = trainer.train(binding, targets, settings, kind="object", seed=0, state=folder / "state")
+    settings = SplatSettings(steps=120)
+    rates = Rates(opacity=0.15, colour=0.06)
+    curve = trainer.train(binding, targets, settings, kind="object", seed=0, state=folder / "state", rates=rates)
     metrics = evaluate_cloud(binding.evaluate(), targets, kind="object")
     assert curve[-1][1] < 0.5 * curve[0][1]
     assert metrics["held_out"]["masked"]["views"] == 1

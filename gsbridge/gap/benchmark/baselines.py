@@ -14,9 +14,10 @@ from scipy.stats import chi2 as chi2_law
 
 from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
+from gsbridge.gap.diagnosis.results import Candidate
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.bank import SignatureBank, signature_bank
-from gsbridge.gap.joints.candidates import Candidate, candidates
+from gsbridge.gap.joints.candidates import candidates
 from gsbridge.gap.joints.fit import fit
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.replay import Mechanism

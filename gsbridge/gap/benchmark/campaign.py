@@ -26,9 +26,9 @@ from gsbridge.gap.benchmark.photo_baselines import run_photo_baseline
 from gsbridge.gap.benchmark.photo_cases import CAMERA_FILE, read_photos, write_photos
 from gsbridge.gap.benchmark.twins import twins_of
 from gsbridge.gap.formats.records import Record
-from gsbridge.gap.image.diagnose import diagnose_images, image_findings, unsteady
+from gsbridge.gap.image.diagnose import ImageAccount, diagnose_images, unsteady
 from gsbridge.gap.joints.case import read_joint_case
-from gsbridge.gap.joints.diagnose import diagnose_joints, findings_of
+from gsbridge.gap.joints.diagnose import JointAccount, diagnose_joints
 from gsbridge.geometry import Array
 
 __all__ = ["METHODS", "SPLITS", "TIERS", "TIER_SIZE", "case_keys", "diagnose_cases", "generate_cases"]
@@ -281,9 +281,10 @@ def _found(folder: Path, bank: Path, method: str, seed: int) -> Mapping[str, Any
         pairs = read_photos(folder)
         if method != METHODS[0]:
             return run_photo_baseline(method, pairs)
-        return image_findings(diagnose_images(pairs, seed=seed), pairs, seed=seed, reasons=unsteady(pairs, seed=seed))
+        diagnosis, reasons = diagnose_images(pairs, seed=seed), unsteady(pairs, seed=seed)
+        return ImageAccount().findings_of(diagnosis, pairs, seed=seed, reasons=reasons)
     case = read_joint_case(folder / "case.yaml")
     if method != METHODS[0]:
         return run_baseline(method, case.system, case.records, bank, seed)
     diagnosis = diagnose_joints(case.system, case.records, bank, names=case.names, seed=seed)
-    return findings_of(diagnosis, case.records, seed=seed, reasons=case.reasons)
+    return JointAccount().findings_of(diagnosis, case.records, seed=seed, reasons=case.reasons)

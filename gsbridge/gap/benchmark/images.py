@@ -13,7 +13,8 @@ from gsbridge.cameras import Camera
 from gsbridge.gap.benchmark.generate import UNIT
 from gsbridge.gap.benchmark.image_truth import READ, SHOT, TruthCamera, grainy
 from gsbridge.gap.benchmark.image_world import ImageWorld, course
-from gsbridge.gap.image.pairs import ROLES, Pairs
+from gsbridge.gap.diagnosis.results import ROLES
+from gsbridge.gap.image.pairs import Pairs
 from gsbridge.geometry import Array
 from gsbridge.scene.track import Track
 

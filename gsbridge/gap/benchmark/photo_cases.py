@@ -15,7 +15,8 @@ from gsbridge.cameras import Camera
 from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
-from gsbridge.gap.image.pairs import ROLES, Pairs
+from gsbridge.gap.diagnosis.results import ROLES
+from gsbridge.gap.image.pairs import Pairs
 from gsbridge.gap.image.residuals import ImageResiduals, learn_noise
 from gsbridge.geometry import Array
 from gsbridge.images import read_image

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import hashlib
 import json
 from collections.abc import Mapping
@@ -20,6 +19,7 @@ from gsbridge.effects.registry import Applied, read_effects
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.yaml_file import read_yaml
 from gsbridge.geometry import Array
+from gsbridge.robot.urdf import read_description
 
 MODE = "body"
 """`controller.mode` of a model whose body nothing drives."""
@@ -241,35 +241,19 @@ def _link(path: Path) -> tuple[tuple[str, ...], float, Array, Array]:
     Raises:
         InputError: It cannot be read, has several links, no shape or no mass.
     """
-    try:
-        root = ElementTree.fromstring(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(path, "the URDF cannot be read", "Check 'urdf' in the model") from error
-    except (UnicodeDecodeError, ElementTree.ParseError) as error:
-        raise InputError(path, f"this is no URDF ({error})", "Export it again") from error
-    links = root.findall("link")
-    if len(links) != 1:
-        raise InputError(path, f"the URDF has {len(links)} links", "A thrown body is one rigid link; merge fixed parts into it")
-    mass, origin, moments = (links[0].find(f"inertial/{name}") for name in ("mass", "origin", "inertia"))
+    description = read_description(path)
+    if len(description.links) != 1:
+        raise InputError(
+            path, f"the URDF has {len(description.links)} links", "A thrown body is one rigid link; merge fixed parts into it"
+        )
     shapes = []
-    for element in links[0].findall("collision"):
-        element = copy.deepcopy(element)
+    for element in description.root.iterfind("link/collision"):
         for mesh in element.iter("mesh"):
             mesh.set("filename", str((path.parent / mesh.attrib["filename"].removeprefix("package://")).resolve()))
             mesh.attrib.setdefault("scale", "1 1 1")
         shapes.append(ElementTree.tostring(element, encoding="unicode"))
-    if mass is None or moments is None or not shapes:
+    inertial = description.inertials.get(description.base)
+    if inertial is None or not shapes:
         raise InputError(path, "the link lacks 'inertial' or 'collision'", "Add mass, inertia and a shape")
-    try:
-        return tuple(shapes), *_inertial(mass.attrib, {} if origin is None else origin.attrib, moments.attrib)
-    except (KeyError, ValueError) as error:
-        raise InputError(path, f"'inertial' lacks a number or holds something else ({error})", "Export it again") from error
-
-
-def _inertial(mass: Mapping[str, str], origin: Mapping[str, str], moments: Mapping[str, str]) -> tuple[float, Array, Array]:
-    """Mass, centre of mass, and inertia about it along the link's axes."""
-    com = np.array([float(value) for value in origin.get("xyz", "0 0 0").split()])
-    turn = Rotation.from_euler("xyz", [float(value) for value in origin.get("rpy", "0 0 0").split()]).as_matrix()
-    xx, yy, zz, xy, xz, yz = (float(moments.get(key, 0.0)) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
-    own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return float(mass["value"]), com, turn @ own @ turn.T
+    turn = Rotation.from_euler("xyz", inertial.origin.rpy).as_matrix()
+    return tuple(shapes), inertial.mass, np.array(inertial.origin.xyz), turn @ inertial.tensor @ turn.T

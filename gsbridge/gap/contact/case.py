@@ -16,8 +16,8 @@ from gsbridge.gap.contact.checks import check_throws
 from gsbridge.gap.contact.replay import HORIZON
 from gsbridge.gap.contact.setup import body_setup
 from gsbridge.gap.contact.throws import FEWEST, SHORTEST, Throws, read_throws
-from gsbridge.gap.formats.yaml_file import read_yaml
-from gsbridge.gap.joints.diagnose import ROLES
+from gsbridge.gap.diagnosis.results import ROLES
+from gsbridge.gap.formats.yaml_file import read_case_file
 
 _KEYS = ("model", "records", "columns", "units", "effects", "horizon")
 
@@ -50,12 +50,7 @@ def read_throw_case(path: str | Path) -> ThrowCase:
         InputError: The file, its model or its throws cannot be used.
     """
     path = Path(path)
-    content = read_yaml(path, "case", "docs/gap_objects.md")
-    if not isinstance(content, Mapping) or "model" not in content or not isinstance(content.get("records"), Mapping):
-        raise InputError(path, "a case needs 'model' and 'records'", "See docs/gap_objects.md")
-    for key in content:
-        if key not in _KEYS:
-            raise InputError(path, f"the key '{key}' is unknown", f"Use only: {', '.join(_KEYS)}")
+    content = read_case_file(path, "docs/gap_objects.md", "records", _KEYS)
     for key in ("columns", "units"):
         if not isinstance(content.get(key) or {}, Mapping):
             raise InputError(path, f"'{key}' is no section", "Write 'name: value' lines below it; see docs/gap_objects.md")

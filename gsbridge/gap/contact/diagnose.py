@@ -1,86 +1,26 @@
-"""From a body and three sets of throws to findings: compare, screen, identify, verify."""
+"""From a body and three sets of throws to a diagnosis: compare, screen, identify, verify."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from gsbridge.effects.base import Parameter
+from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.contact.bank import grid_bank
 from gsbridge.gap.contact.body import FreeBody
-from gsbridge.gap.contact.identify import ThrowFinding, ThrowIdentification, ThrowRules, closure, shift
+from gsbridge.gap.contact.identify import ThrowIdentification, ThrowRules, closure
 from gsbridge.gap.contact.interval import intervals
 from gsbridge.gap.contact.replay import HORIZON, PHASES, ThrowReplay
+from gsbridge.gap.contact.setup import body_setup
 from gsbridge.gap.contact.throws import Throws
-from gsbridge.gap.joints.diagnose import ROLES
-
-TRANSFERS = 0.5
-"""Share of the gap that a name must close on throws that neither fitting nor choosing has seen."""
-
-
-@dataclass(frozen=True)
-class Verification:
-    """Mean distances on `verify`, m.
-
-    Args:
-        before: Without the effects.
-        after: With them.
-        floor: What noise, chaos and the engine's choices explain.
-    """
-
-    before: float
-    after: float
-    floor: float
-
-    @property
-    def closure(self) -> float:
-        """Share of the gap above the floor that is closed."""
-        return closure(self.before, self.after, self.floor)
-
-    @property
-    def accepted(self) -> bool:
-        """Whether the amended model is no worse."""
-        return self.after <= self.before
-
-    @property
-    def transfers(self) -> bool:
-        """Whether the effects close a good part of the gap there too."""
-        return self.closure >= TRANSFERS
-
-
-@dataclass(frozen=True)
-class Diagnosis:
-    """All about one case of throws.
-
-    Args:
-        body: The model.
-        finding: Verdict and trials.
-        verification: On the third role, where something was fitted.
-        intervals: 90 % intervals of the best trial's parameters, by effect.
-        where: Mean distance on `select` in each phase before and after, m.
-        bank_runs: Passes over all throws of `fit` that the bank took, whether made now or read.
-        runs: Further passes over the throws of a role.
-        seconds: Of the whole.
-    """
-
-    body: FreeBody
-    finding: ThrowFinding
-    verification: Verification | None
-    intervals: tuple[Mapping[str, tuple[float, float]], ...]
-    where: Mapping[str, tuple[float, float]]
-    bank_runs: int
-    runs: int
-    seconds: float
-
-    @property
-    def effects(self) -> tuple[Applied, ...]:
-        """What may be added to the model: named, and no worse on the third role."""
-        named = self.finding.verdict == "named" and self.verification is not None and self.verification.accepted
-        return self.finding.best.fit.effects if named and self.finding.best is not None else ()
+from gsbridge.gap.diagnosis.findings import Account, Diagnosis, digits_of
+from gsbridge.gap.diagnosis.results import ROLES, TRANSFERS, Verification
 
 
 def diagnose_throws(
@@ -93,7 +33,7 @@ def diagnose_throws(
     horizon: float = HORIZON,
     seed: int = 0,
 ) -> Diagnosis:
-    """Find out what the simulation of a thrown body lacks.
+    """Find out what the simulation of a thrown body lacks. Gaps are mean distances, m.
 
     Args:
         body: The model.
@@ -108,18 +48,74 @@ def diagnose_throws(
     first, select, third = (ThrowReplay(body, throws[role], horizon) for role in ROLES)
     bank = grid_bank(first, names, bank_folder)
     finding = ThrowIdentification(first, select, bank, rules, seed).run()
-    verification, spans = None, []
+    verification, spans, figures = None, [], []
     phases = select.phases()
     where = {phase: (phases[phase], phases[phase]) for phase in PHASES if phase in phases}
     if finding.best is not None:
         effects = finding.best.fit.effects
-        verification = Verification(float(third.errors().mean()), float(third.errors(effects).mean()), finding.floor)
-        if finding.verdict == "named" and not verification.transfers:
-            # It closed the gap where it was chosen, but not elsewhere: whatever is missing, it is something else.
-            finding = shift(finding, "none_of_the_known")
+        before, after = float(third.errors().mean()), float(third.errors(effects).mean())
+        share = closure(before, after, finding.floor)
+        verification = Verification(before, after, share, {"position": (before, after)}, after <= before)
+        if finding.verdict == "named" and not verification.transfers():
+            finding = finding.refuted()
         spans = intervals(first, finding.best.fit, np.random.default_rng([seed, 1]))
-        after = select.phases(effects)
-        where = {phase: (before, after[phase]) for phase, (before, _) in where.items()}
+        figures = _changes(body, effects)
+        after_phases = select.phases(effects)
+        where = {phase: (before, after_phases[phase]) for phase, (before, _) in where.items()}
     runs = round(sum(replay.passes for replay in (first, select, third)))
-    seconds = time.perf_counter() - begin
-    return Diagnosis(body, finding, verification, tuple(spans), where, round(bank.runs), runs, seconds)
+    floor, seconds = {"position": finding.floor}, time.perf_counter() - begin
+    return Diagnosis(finding, verification, floor, round(bank.runs), runs, seconds, tuple(spans), tuple(figures), where)
+
+
+def _changes(body: FreeBody, effects: tuple[Applied, ...]) -> list[dict[str, tuple[float, float]]]:
+    """What the body's own figures were and become, by effect and parameter."""
+    was, became = (body_setup(body, added).figures for added in ((), effects))
+    named = [BODY_EFFECTS[applied.name].figures for applied in effects]
+    return [{key: (was[figure], became[figure]) for key, figure in figures.items()} for figures in named]
+
+
+class ThrowAccount(Account):
+    """How findings about a thrown body are told: lengths in millimetres."""
+
+    effects = BODY_EFFECTS
+    unit = "mm"
+    scale = 1e3
+    measured = "throws"
+    agree = "Simulated and measured throws agree within noise and chaos (p = {p:.2g})."
+    unexcited = "No difference shows, but most effects could not show in these throws: let the body hit, slide and turn."
+
+    def unit_of(self, parameter: Parameter) -> str:
+        """Unit of a parameter; shares have none."""
+        return "" if parameter.unit == "1" else parameter.unit
+
+    def leaves(self, diagnosis: Diagnosis) -> str:
+        """What an explanation leaves, or how little it closes on other throws."""
+        finding, checked = diagnosis.finding, diagnosis.verification
+        if checked is not None and not checked.transfers() and finding.closure(finding.after) >= TRANSFERS:  # type: ignore[attr-defined]
+            return f"closes {checked.closure:.0%} of the gap on throws that it has not seen"
+        before, after, floor = (f"{1e3 * x:.3g} mm" for x in (finding.before, finding.after, diagnosis.floor["position"]))
+        return f"leaves {after} of {before}, where noise and chaos explain {floor}"
+
+    def lacks(self, item: Mapping[str, Any]) -> str:
+        """What figures of the model become."""
+        share, alone = BODY_EFFECTS[item["name"]].relative, len(item["parameters"]) == 1
+        figures = ", ".join(
+            _figure("" if alone else name.replace("_", " "), row, share) for name, row in item["parameters"].items()
+        )
+        return f"{item['title'][0].upper()}{item['title'][1:]}: {figures}"
+
+    def change(self, checked: Verification) -> str:
+        """How the distance changes on `verify`."""
+        verb = "falls" if checked.after <= checked.before else "rises"
+        sizes = f"{1e3 * checked.before:.3g} to {1e3 * checked.after:.3g} mm"
+        return f"the mean distance {verb} from {sizes} on throws it has not seen"
+
+
+def _figure(name: str, row: Mapping[str, Any], share: bool) -> str:
+    """What a figure of the model becomes, with half the width of its interval, and what it was; shares in per cent."""
+    half, digits = digits_of(row["interval90"], 100.0 if share else 1.0)
+    if share:
+        text = f"{100 * row['value']:+.{digits}f} ± {100 * half:.{digits}f} %"
+    else:
+        text = f"{row['becomes']:.{digits}f} ± {half:.{digits}f} {row['unit']}".rstrip() + f" instead of {row['was']:.3g}"
+    return f"{name} {text}".lstrip()

@@ -64,14 +64,16 @@ class ThrowHypothesis:
     Args:
         fit: The fit.
         errors: Mean error of each throw of `select`, m. [N].
+        closure: Share of the gap above the floor that it closes, once all were judged.
     """
 
     fit: ThrowFit
     errors: Array
+    closure: float = 0.0
 
     @property
-    def error(self) -> float:
-        """Mean over throws, m."""
+    def score(self) -> float:
+        """Mean error over throws, m."""
         return float(self.errors.mean())
 
     @property
@@ -146,7 +148,7 @@ class ThrowIdentification:
         if self.few is not self.first:
             fits = [refine(self.first, fit.effects, _FINE) if fit.error <= bar else fit for fit in fits]
         trials = [ThrowHypothesis(fit, self.second.errors(fit.effects)) for fit in fits if fit.converged]
-        return sorted(trials, key=lambda trial: trial.error)
+        return sorted(trials, key=lambda trial: trial.score)
 
     def _runs(self) -> int:
         return round(self.first.passes + self.second.passes)
@@ -165,7 +167,7 @@ class ThrowIdentification:
         """Whether one trial is better than another on `select`, beyond chance and by a part of what is left."""
         gain = old.errors - new.errors
         chance = self.rules.sigmas * float(gain.std(ddof=1)) / np.sqrt(len(gain))
-        return float(gain.mean()) > max(chance, self.rules.gain * max(old.error - floor, 0.0))
+        return float(gain.mean()) > max(chance, self.rules.gain * max(old.score - floor, 0.0))
 
     def _several(self, singles: Sequence[ThrowHypothesis], floor: float) -> ThrowHypothesis:
         """Add effects while throws that were not fitted agree: the best addition, swaps of earlier ones, dropping."""
@@ -203,7 +205,7 @@ class ThrowIdentification:
                     effects[place] = single.fit.effects[0]
                     fits.append(refine(self.few, effects))
         bar = _NEAR * float(self.few.errors(trial.fit.effects).mean())
-        return min([trial, *self._trials([fit for fit in fits if fit.error <= bar])], key=lambda one: one.error)
+        return min([trial, *self._trials([fit for fit in fits if fit.error <= bar])], key=lambda one: one.score)
 
     def _slim(self, trial: ThrowHypothesis, floor: float) -> ThrowHypothesis:
         """Drop effects that cost nothing on throws that were not fitted."""
@@ -227,7 +229,7 @@ class ThrowIdentification:
         remains = p_remaining < rules.alarm
         near = [trial for trial in trials[1:] if self._near(trial, best, before - floor)]
         names: tuple[str, ...] = ()
-        if remains and closure(before, best.error, floor) < rules.closure:
+        if remains and closure(before, best.score, floor) < rules.closure:
             verdict = "none_of_the_known"
         elif near or chances[0] < rules.sure:
             verdict = "ambiguous"
@@ -235,10 +237,12 @@ class ThrowIdentification:
             names = tuple(" + ".join(trial.names) for trial in [best, *near])
         else:
             verdict = "named"
-        order = sorted(range(len(trials)), key=lambda k: trials[k].error)
+        trials = [replace(trial, closure=closure(before, trial.score, floor)) for trial in trials]
+        best = trials[0]
+        order = sorted(range(len(trials)), key=lambda k: trials[k].score)
         return ThrowFinding(
             verdict, best, tuple((trials[k], float(chances[k])) for k in order), names, remains, p_value, p_remaining,
-            before, best.error, self._runs(), unseen, floor=floor,
+            before, best.score, self._runs(), unseen, floor=floor,
         )  # fmt: skip
 
     def _near(self, trial: ThrowHypothesis, best: ThrowHypothesis, gap: float) -> bool:
@@ -252,8 +256,3 @@ class ThrowIdentification:
         errors = np.stack([trial.errors for trial in trials])
         draws = self.rng.integers(0, errors.shape[1], (self.rules.draws, errors.shape[1]))
         return np.bincount(errors[:, draws].mean(axis=2).argmin(axis=0), minlength=len(trials)) / self.rules.draws
-
-
-def shift(finding: ThrowFinding, verdict: str) -> ThrowFinding:
-    """The same finding with another verdict, where the third role contradicts it."""
-    return replace(finding, verdict=verdict, something_remains=True)

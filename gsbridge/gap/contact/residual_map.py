@@ -9,7 +9,7 @@ from scipy import stats
 
 from gsbridge.gap.contact.replay import PHASES, ThrowReplay, phase_numbers
 from gsbridge.gap.contact.world import Flight
-from gsbridge.gap.joints.residual_map import ResidualMap, few_false
+from gsbridge.gap.diagnosis.residual_map import ResidualMap, few_false
 from gsbridge.geometry import Array
 
 CHANNELS = ("along the throw", "across it", "height")

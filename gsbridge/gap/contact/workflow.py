@@ -15,22 +15,22 @@ from gsbridge.gap.contact import null
 from gsbridge.gap.contact.bank import FEW, GridBank, grid_bank
 from gsbridge.gap.contact.body import MODE, read_body
 from gsbridge.gap.contact.case import ThrowCase, read_throw_case
-from gsbridge.gap.contact.diagnose import diagnose_throws
-from gsbridge.gap.contact.findings import UNIT, findings_of
+from gsbridge.gap.contact.diagnose import ThrowAccount, diagnose_throws
 from gsbridge.gap.contact.replay import ThrowReplay
 from gsbridge.gap.contact.residual_map import CHANNELS, along, cells, map_distances
 from gsbridge.gap.contact.search import grid
 from gsbridge.gap.contact.store import load_throws, save_throws
 from gsbridge.gap.contact.throws import Throws
 from gsbridge.gap.contact.world import Flight
-from gsbridge.gap.diagnosis.signature_similarity import similar_pairs
-from gsbridge.gap.joints.residual_map import ResidualMap
+from gsbridge.gap.diagnosis.amend import amend_model
+from gsbridge.gap.diagnosis.findings import similar_pairs
+from gsbridge.gap.diagnosis.residual_map import ResidualMap
 from gsbridge.geometry import Array
 
 
 @dataclass(frozen=True)
 class ThrowBackend:
-    """A case whose model is a thrown body; see `gsbridge.gap.workflow.Backend`.
+    """A case whose model is a thrown body; see `gsbridge.gap.diagnosis.backend.Backend`.
 
     Args:
         case: The case.
@@ -91,7 +91,7 @@ class ThrowBackend:
         """Distances under the model as it is, and a map of where they show: `comparison.json`."""
         replays = {role: self._replay(role) for role in self.case.throws}
         return {
-            "unit": UNIT,
+            "unit": ThrowAccount.unit,
             "records": {role: _distances(replay) for role, replay in replays.items()},
             "simulations": round(sum(replay.passes for replay in replays.values())),
         }
@@ -112,7 +112,12 @@ class ThrowBackend:
         """What is missing, proven on the third role: `findings.json`."""
         case = self.case
         diagnosis = diagnose_throws(case.body, case.throws, bank, names=case.names, horizon=case.horizon, seed=seed)
-        return findings_of(diagnosis, case.throws, seed=seed, reasons=case.reasons)
+        counts = {role: len(items) for role, items in case.throws.items()}
+        return ThrowAccount().findings_of(diagnosis, case.throws, seed=seed, reasons=case.reasons, throws=counts)
+
+    def amend(self, model: str | Path, findings: Mapping[str, Any], out: str | Path) -> None:
+        """Write the model with what was named and the evidence for it."""
+        amend_model(model, findings, out)
 
     def replay(self, effects: Sequence[Applied]) -> tuple[dict[str, Array], dict[str, Any]]:
         """All throws with the model as it was and with effects.
@@ -147,7 +152,7 @@ class ThrowBackend:
                 "remains": _map(replay, effects).record(),
             }
             runs += replay.passes
-        return arrays, {"unit": UNIT, "records": rows, "simulations": round(runs)}
+        return arrays, {"unit": ThrowAccount.unit, "records": rows, "simulations": round(runs)}
 
 
 def _about(role: str, throws: Throws) -> dict[str, Any]:

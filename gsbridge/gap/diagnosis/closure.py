@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from gsbridge.gap.joints.detect import block_means
 from gsbridge.geometry import Array
 
 _LENGTHS = (1, 16)
@@ -14,10 +13,16 @@ _MOMENTS = 25
 """Parts of a record among which those are sought in which something else happened."""
 
 _LEFT_OUT = 5
-"""Of these, at most so many."""
+"""Largest number of those parts that are left out."""
 
 _ALLOWED = 0.02
 """Share of a gap's squares that may be left to noise where a closure is judged."""
+
+
+def block_means(residual: Array, scale: int) -> Array:
+    """Means over blocks, times the root of their length, so that white noise keeps its size. [T, C] -> [T // scale, C]."""
+    rows = len(residual) // scale
+    return residual[: rows * scale].reshape(rows, scale, -1).sum(axis=1) / np.sqrt(scale)
 
 
 def closed(before: Array, after: Array, share: float) -> float:
@@ -46,7 +51,7 @@ def closed(before: Array, after: Array, share: float) -> float:
 
 
 def closed_at_most_times(before: Array, after: Array, share: float) -> float:
-    """The same without the fifth of the record in which most is left: an arm that touched something, a push.
+    """`closed`, ignoring the fifth of the record in which most is left: an arm that touched something, a push.
 
     Args:
         before: Whitened residual without the explanation. [T, C].

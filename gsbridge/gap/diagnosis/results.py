@@ -1,13 +1,32 @@
-"""What a diagnosis works with: thresholds, fits that were tried, and what was found."""
+"""What a diagnosis works with: thresholds, candidates, fits that were tried, and what was found."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
 
-from gsbridge.gap.joints.fit import EffectFit
+import numpy as np
+
+from gsbridge.effects.registry import Applied, Registry
 from gsbridge.geometry import Array
 
+ROLES = ("fit", "select", "verify")
+"""Parts of a case: effects are fitted to the first, chosen on the second and proven on the third."""
+
 VERDICTS = ("no_discrepancy", "named", "ambiguous", "none_of_the_known", "not_enough_excitation")
+
+TRANSFERS = 0.5
+"""Share of the gap that a name must close on `verify`."""
+
+_SLIGHT = 1.1
+"""Gap on `verify`, in units of the noise, below which it hardly shows there and cannot refute a name."""
+
+_EDGE = 1e-3
+"""Share of a parameter's range within which it lies on its bound."""
+
+_CLEAR = 3.0
+"""Standard deviations by which an effect beside others must differ from none."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +70,91 @@ class Rules:
     least: float = 0.01
     entries: int = 12
     account: int = 400
+
+
+@dataclass(frozen=True, order=True)
+class Candidate:
+    """An effect that may be missing, and the joint it would act on, empty where it acts on everything."""
+
+    registry: ClassVar[Registry[Any]]
+    name: str
+    joint: str = ""
+
+    @property
+    def effect(self) -> Any:
+        """Its entry in the registry."""
+        return self.registry.effect(self.name)
+
+    def applied(self, values: Mapping[str, float]) -> Applied:
+        """The effect with these parameters."""
+        return Applied(self.name, self.joint, dict(values))
+
+    def from_vector(self, vector: Array) -> Applied:
+        """The effect with parameters in the order in which it lists them."""
+        return self.applied({p.name: float(x) for p, x in zip(self.effect.parameters, vector, strict=True)})
+
+    def vector(self, values: Mapping[str, float]) -> Array:
+        """Parameters in the order in which the effect lists them."""
+        return np.array([values[p.name] for p in self.effect.parameters])
+
+    def __str__(self) -> str:
+        return f"{self.name}:{self.joint}" if self.joint else self.name
+
+
+@dataclass(frozen=True)
+class EffectFit:
+    """Effects with fitted parameters.
+
+    Args:
+        who: The candidates.
+        effects: With parameters.
+        chi2: Squared residual on the fitted record, in units of the noise.
+        converged: Whether the last step could win nothing.
+        deviations: Standard deviation of each parameter from the curvature and from what another step of time would change,
+            without allowance for coloured residuals. [P].
+        correlation: Largest correlation of two parameters.
+        rank: Parameters that show in the record, each in a way of its own.
+    """
+
+    who: tuple[Candidate, ...]
+    effects: tuple[Applied, ...]
+    chi2: float
+    converged: bool
+    deviations: Array
+    correlation: float
+    rank: int
+
+    @property
+    def values(self) -> tuple[dict[str, float], ...]:
+        """Parameters of each candidate."""
+        return tuple(dict(effect.parameters) for effect in self.effects)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether an effect would have to be larger than makes sense: what it is fitted to is something else."""
+        return any(
+            parameter.amplitude
+            and bound != 0.0
+            and abs(values[parameter.name] - bound) <= _EDGE * (parameter.high - parameter.low)
+            for candidate, values in zip(self.who, self.values, strict=True)
+            for parameter in candidate.effect.parameters
+            for bound in (parameter.low, parameter.high)
+        )
+
+    @property
+    def blurred(self) -> bool:
+        """Whether one of several effects may as well be absent: they make up for each other to mimic something else."""
+        if len(self.who) < 2:
+            return False
+        place = 0
+        for candidate, values in zip(self.who, self.values, strict=True):
+            clear = False
+            for parameter in candidate.effect.parameters:
+                clear |= parameter.amplitude and abs(values[parameter.name]) >= _CLEAR * self.deviations[place]
+                place += 1
+            if not clear:
+                return True
+        return False
 
 
 @dataclass(frozen=True)
@@ -137,3 +241,93 @@ class Finding:
     coloured: bool = False
     untold: bool = False
     lost: tuple[str, ...] = ()
+
+    def refuted(self) -> Finding:
+        """The same where `verify` contradicts it: it closed the gap where it was chosen, but not elsewhere."""
+        return replace(self, verdict="none_of_the_known", ambiguous=(), something_remains=True)
+
+
+@dataclass(frozen=True)
+class Verification:
+    """The gap on `verify`, which neither fitting nor choosing has seen, without and with the best explanation.
+
+    Args:
+        before: Size of the gap without the effects, in the unit of the findings before scaling.
+        after: With them.
+        closure: Share of the gap above the noise that they close; negative if they make it worse.
+        channels: Before and after of each channel.
+        accepted: Whether the amended model is no worse.
+        p_remaining: Of the hypothesis that they leave nothing but noise there; None where nothing tells.
+    """
+
+    before: float
+    after: float
+    closure: float
+    channels: Mapping[str, tuple[float, float]]
+    accepted: bool
+    p_remaining: float | None = None
+
+    def transfers(self, rules: Rules | None = None, several: bool = False) -> bool:
+        """Whether `verify` does not refute the effects.
+
+        They close a good part of a gap that stands out, and leave noise alone where that can be told; one effect may leave a
+        little more.
+
+        Args:
+            rules: Thresholds.
+            several: Whether there are several of them.
+        """
+        rules = rules or Rules()
+        if self.p_remaining is None:
+            return self.closure >= TRANSFERS
+        if self.before >= _SLIGHT and self.closure < TRANSFERS:
+            return False
+        return self.p_remaining >= rules.alarm or (not several and self.closure >= rules.closure)
+
+
+NAMED, ONE_OF, LIKELY = "named", "one of", "likely, not proven"
+"""How sure a line of an account is."""
+
+
+@dataclass(frozen=True)
+class AccountEntry:
+    """One line of an account.
+
+    Args:
+        candidate: The effect and its joint.
+        effect: The same with its parameters.
+        deviations: Standard deviations of these, in the order in which the effect lists them. [P].
+        share: Of the gap on `verify` that it closes after those before it; negative if it makes it worse.
+        verdict: `NAMED`, `ONE_OF` or `LIKELY`.
+        instead: What else could stand in its place.
+    """
+
+    candidate: Candidate
+    effect: Applied
+    deviations: Array
+    share: float
+    verdict: str
+    instead: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class GapAccount:
+    """All that explains a gap, and what remains.
+
+    Args:
+        entries: In the order in which they explain the gap on `select`.
+        explained: Share of the gap on `verify` that they close together.
+        channel, phase: Where most remains; empty where nothing stands out.
+        left: Residual there, in units of the noise.
+    """
+
+    entries: tuple[AccountEntry, ...]
+    explained: float
+    channel: str = ""
+    phase: str = ""
+    left: float = 0.0
+
+    @property
+    def effects(self) -> tuple[Applied, ...]:
+        """Of all entries."""
+        return tuple(entry.effect for entry in self.entries)

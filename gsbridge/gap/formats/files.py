@@ -6,13 +6,14 @@ import difflib
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from xml.etree import ElementTree
 
 import yaml
 
 from gsbridge.errors import InputError
+from gsbridge.robot.urdf import collision_meshes
 
 _NUMBERS = (".csv", ".parquet", ".json", ".jsonl")
+_PHOTOS = (".json", ".npz", ".png")
 
 
 def case_path(name: str, value: str, places: Sequence[str | Path]) -> Path:
@@ -52,26 +53,27 @@ def case_name(value: str) -> str:
 
 
 def case_files(case: str | Path) -> list[Path]:
-    """Files that a case names and that are there: its model, the model's URDF and its meshes, its records.
+    """Files that a case names and that are there: its model, the model's URDF and its meshes, its records or its photos.
 
     A damaged case names none.
     """
     case = Path(case)
-    content = _content(case)
+    content = case_content(case)
     names = [content.get("model"), *_values(content.get("records"))]
     model = case_model(case)
     # What stands behind '#' is a part of a data set.
     found = [case.parent / name.partition("#")[0] for name in names if isinstance(name, str)]
-    urdf = _content(model).get("urdf")
+    urdf = case_content(model).get("urdf")
     if isinstance(urdf, str):
-        found += [model.parent / urdf, *_meshes(model.parent / urdf)]
-    return [file for path in found for file in _inside(path)]
+        found += [model.parent / urdf, *collision_meshes(model.parent / urdf)]
+    photos = [case.parent / name for name in _values(content.get("photos")) if isinstance(name, str)]
+    return [file for paths, kinds in ((found, _NUMBERS), (photos, _PHOTOS)) for path in paths for file in _inside(path, kinds)]
 
 
 def case_model(case: str | Path) -> Path:
     """The model that a case names; the case itself where it names none."""
     case = Path(case)
-    name = _content(case).get("model")
+    name = case_content(case).get("model")
     return case.parent / name if isinstance(name, str) else case
 
 
@@ -96,10 +98,10 @@ def check_asked_cases(arguments: Iterable[str], cases: Iterable[str]) -> None:
             )
 
 
-def _content(path: Path) -> dict[str, object]:
+def case_content(path: str | Path) -> dict[str, object]:
     """Top level of a YAML file; empty where it cannot be read, which the reading stage will say."""
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError):
         return {}
     return content if isinstance(content, dict) else {}
@@ -109,20 +111,10 @@ def _values(content: object) -> list[object]:
     return list(content.values()) if isinstance(content, dict) else []
 
 
-def _meshes(urdf: Path) -> list[Path]:
-    """Shapes of contact that a URDF names; none where it cannot be read."""
-    try:
-        root = ElementTree.parse(urdf).getroot()
-    except (OSError, ElementTree.ParseError):
-        return []
-    names = [mesh.attrib.get("filename", "") for mesh in root.iterfind("link/collision/geometry/mesh")]
-    return [urdf.parent / name.removeprefix("package://") for name in names if name]
-
-
-def _inside(path: Path) -> list[Path]:
-    """A file, or the files of a folder that hold numbers (a data set, one file per throw); nothing where there is none."""
+def _inside(path: Path, kinds: tuple[str, ...]) -> list[Path]:
+    """A file, or the files of some kinds in a folder (a data set, one file per throw, photos); nothing where there is none."""
     if path.is_dir():
-        return sorted(file for file in path.rglob("*") if file.suffix in _NUMBERS and file.is_file())
+        return sorted(file for file in path.rglob("*") if file.suffix in kinds and file.is_file())
     return [path] if path.is_file() else []
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from gsbridge.configuration import check_files
+from gsbridge.configuration.files import check_files
 from gsbridge.errors import InputError
 
 
@@ -29,3 +30,24 @@ def read_yaml(path: str | Path, what: str, page: str) -> Any:
         raise InputError(path, f"the {what} cannot be read", "Check the path") from error
     except UnicodeDecodeError as error:
         raise InputError(path, f"this is not valid YAML ({error})", f"Correct it after {page}") from error
+
+
+def read_case_file(path: str | Path, page: str, measured: str, known: Collection[str]) -> Mapping[str, Any]:
+    """Content of a case: a model and what was measured.
+
+    Args:
+        path: The file.
+        page: Documentation that shows how it should look.
+        measured: Key of the section that names what was measured.
+        known: All keys that a case may have.
+
+    Raises:
+        InputError: The file cannot be read, 'model' or the section is missing, or a key is unknown.
+    """
+    content = read_yaml(path, "case", page)
+    if not isinstance(content, Mapping) or "model" not in content or not isinstance(content.get(measured), Mapping):
+        raise InputError(path, f"a case needs 'model' and '{measured}'", f"See {page}")
+    for key in content:
+        if key not in known:
+            raise InputError(path, f"the key '{key}' is unknown", f"Use only: {', '.join(known)}")
+    return content

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
+from gsbridge.effects.images import IMAGE_EFFECTS
 from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.gap.diagnosis.closure import closed
-from gsbridge.gap.diagnosis.results import Rules
+from gsbridge.gap.diagnosis.findings import Account, Diagnosis
+from gsbridge.gap.diagnosis.results import ROLES, Rules, Verification
 from gsbridge.gap.image.identify import ImageIdentification
 from gsbridge.gap.image.model import image_candidates
 from gsbridge.gap.image.null import ImageNull
-from gsbridge.gap.image.pairs import ROLES, Pairs
+from gsbridge.gap.image.pairs import Pairs
 from gsbridge.gap.image.residuals import ImageResiduals, learn_noise
-from gsbridge.gap.joints.diagnose import Diagnosis, findings_of
-from gsbridge.gap.joints.verify import Verification
 from gsbridge.geometry import Array
 
 UNSTEADY = "second photos of the same views differ by more than noise: the camera, the light or the robot is not steady"
@@ -51,18 +49,16 @@ def diagnose_images(
         effects = finding.best.fit.effects
         verification = verify_images(views["verify"], effects, np.random.default_rng(seed))
         said = finding.verdict in ("named", "ambiguous")
-        if said and not verification.transfers(rules):
-            finding = replace(finding, verdict="none_of_the_known", ambiguous=(), something_remains=True)
-    floor = {"dark": float(np.sqrt(noise.dark)), "white": float(np.sqrt(noise.dark + noise.light))}
+        finding = finding.refuted() if said and not verification.transfers(rules) else finding
     runs = sum(view.expectation.pictures for view in views.values())
-    return Diagnosis(finding, verification, floor, 0, runs, time.perf_counter() - begin)
+    return Diagnosis(finding, verification, noise.levels(), 0, runs, time.perf_counter() - begin)
 
 
 def verify_images(view: ImageResiduals, effects: Sequence[Applied], rng: np.random.Generator) -> Verification:
     """Views that neither fitting nor choosing has seen, with and without effects."""
     before, after = view.residual(), view.residual(effects)
-    sizes = [float(np.sqrt((table.astype(np.float64) ** 2).sum() / view.numbers)) for table in (before, after)]
-    parts = [_channels(view, table) for table in (before, after)]
+    sizes = [view.size_of(table) for table in (before, after)]
+    parts = [channel_sizes(view, table) for table in (before, after)]
     channels = {name: (parts[0][name], parts[1][name]) for name in parts[0]}
     closure = closed(before, after, view.numbers / before.size)
     p_remaining = ImageNull.of(view, rng).p_value(view, after)
@@ -79,7 +75,7 @@ def unsteady(pairs: Mapping[str, Pairs], rules: Rules | None = None, seed: int =
     return (UNSTEADY,) if len(chances) * min(chances) < (rules or Rules()).alarm else ()
 
 
-def _channels(view: ImageResiduals, table: Array) -> dict[str, float]:
+def channel_sizes(view: ImageResiduals, table: Array) -> dict[str, float]:
     """Root mean square of pictures and of grain, in units of the noise."""
     pictures, grain = view.pictures(table), view.grains(table)
     measured = max(int((grain != 0).sum()), 1)
@@ -89,19 +85,10 @@ def _channels(view: ImageResiduals, table: Array) -> dict[str, float]:
     }
 
 
-def image_findings(
-    diagnosis: Diagnosis, pairs: Mapping[str, Pairs], *, seed: int, reasons: Collection[str] = ()
-) -> dict[str, Any]:
-    """What `findings.json` holds; the layout is that of `gsbridge.gap.joints.diagnose.findings_of`."""
-    out = findings_of(diagnosis, pairs, seed=seed, reasons=reasons)  # type: ignore[arg-type]
-    finding = diagnosis.finding
-    if finding.verdict == "no_discrepancy":
-        out["sentence"] = f"Earlier and later photos agree within the noise (p = {finding.p_value:.2g})."
-    elif finding.verdict == "not_enough_excitation":
-        alone = finding.p_value < Rules.alarm
-        out["sentence"] = (
-            "A difference shows on 'select' alone; take more such photos and fit those."
-            if alone
-            else "No difference shows, but most effects could not show in these photos: show edges and colours, near and far."
-        )
-    return out
+class ImageAccount(Account):
+    """How findings about pictures are told."""
+
+    effects = IMAGE_EFFECTS
+    agree = "Earlier and later photos agree within the noise (p = {p:.2g})."
+    alone = "A difference shows on 'select' alone; take more such photos and fit those."
+    unexcited = "No difference shows, but most effects could not show in these photos: show edges and colours, near and far."

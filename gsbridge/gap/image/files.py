@@ -22,7 +22,8 @@ import numpy as np
 from gsbridge.cameras import Camera
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
-from gsbridge.gap.image.pairs import ROLES, Pairs
+from gsbridge.gap.diagnosis.results import ROLES
+from gsbridge.gap.image.pairs import Pairs
 from gsbridge.geometry import Array
 from gsbridge.images import read_image
 from gsbridge.tasks.views import DEPTHS, VIEWS

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.optimize import least_squares
 
+from gsbridge.gap.diagnosis.results import EffectFit
 from gsbridge.gap.image.model import ImageCandidate
 from gsbridge.gap.image.residuals import ImageResiduals
-from gsbridge.gap.joints.fit import EffectFit
 from gsbridge.geometry import Array
 
 _ROUNDS = 30

@@ -13,20 +13,16 @@ from itertools import combinations
 import numpy as np
 
 from gsbridge.gap.diagnosis.closure import closed
-from gsbridge.gap.diagnosis.results import Finding, Hypothesis, Rules
+from gsbridge.gap.diagnosis.results import EffectFit, Finding, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import decide, transfer
 from gsbridge.gap.image.fit import fit
 from gsbridge.gap.image.model import ImageCandidate
 from gsbridge.gap.image.null import ImageNull
 from gsbridge.gap.image.residuals import ImageResiduals
-from gsbridge.gap.image.screen import ImageMatch, lengths, screen, signatures
-from gsbridge.gap.joints.fit import EffectFit
+from gsbridge.gap.image.screen import ImageMatch, screen, signatures, unseen_of
 from gsbridge.geometry import Array
 
 logger = logging.getLogger("gsbridge")
-
-_SHOWN = 1.0
-"""Squared length, in units of the noise, from which on the signature of an effect of typical size shows at all."""
 
 _LAW = 1e-3
 """Share of a gap's squares within which the laws of effects are known: one effect more must explain more than that."""
@@ -59,9 +55,7 @@ class ImageIdentification:
     ) -> None:
         self.first, self.second = first, second
         self.rough = ImageResiduals(first.pairs, first.noise, grain=False, height=_COARSE)
-        # Without time stamps a flicker is any other light.
-        self.who = tuple(c for c in who if first.pairs.times is not None or not c.effect.timed)
-        self.blind = tuple(sorted(str(c) for c in who if c not in self.who))
+        self.who, self._all = tuple(c for c in who if first.tells(c)), tuple(who)
         self.rules, rng = rules or Rules(), np.random.default_rng(seed)
         self.null_first, self.null = ImageNull.of(first, rng), ImageNull.of(second, rng)
         self.groups = signatures(first, self.who)
@@ -73,8 +67,7 @@ class ImageIdentification:
         rules = self.rules
         p_first, p_second = self.null_first.p_value(self.first, self.start), self.null.p_value(self.second, self.plain)
         p_value = min(1.0, 2.0 * min(p_first, p_second))
-        seen = lengths(self.groups)
-        unseen = tuple(sorted([*self.blind, *(str(c) for c in self.who if seen.get(str(c), 0.0) < _SHOWN)]))
+        unseen = unseen_of(self.first, self._all, self.groups)
         if p_value >= rules.alarm:
             few = len(unseen) > 0.5 * len(self.who)
             return self._quiet("not_enough_excitation" if few else "no_discrepancy", p_value, unseen)

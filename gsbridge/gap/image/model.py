@@ -6,20 +6,16 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from gsbridge.effects.images import IMAGE_EFFECTS
-from gsbridge.effects.images.base import ImageEffect
 from gsbridge.effects.images.shooting import Shooting
 from gsbridge.effects.registry import Applied, read_effects
-from gsbridge.gap.joints.candidates import Candidate
+from gsbridge.gap.diagnosis.results import Candidate
 
 
 @dataclass(frozen=True, order=True)
 class ImageCandidate(Candidate):
     """An image effect that may be missing."""
 
-    @property
-    def effect(self) -> ImageEffect:  # type: ignore[override]
-        """Its entry in the catalogue."""
-        return IMAGE_EFFECTS.effect(self.name)
+    registry = IMAGE_EFFECTS
 
 
 def image_candidates(names: Collection[str] | None = None) -> tuple[ImageCandidate, ...]:

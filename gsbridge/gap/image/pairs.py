@@ -16,9 +16,6 @@ from gsbridge.cameras import Camera
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.scene.track import Track
-from gsbridge.tasks.views import ROLES
-
-__all__ = ["FEWEST", "ROLES", "Pairs"]
 
 FEWEST = 4
 """Views of a role."""

@@ -13,7 +13,7 @@ from scipy.optimize import nnls
 from gsbridge.effects.images.shooting import Shooting
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.image.expect import Expectation
-from gsbridge.gap.image.model import shooting
+from gsbridge.gap.image.model import ImageCandidate, shooting
 from gsbridge.gap.image.noise_model import LEAST, Flats, slopes_of
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.gap.image.visibility import off_steps
@@ -56,6 +56,10 @@ class ImageNoise:
     def at(self, levels: Array) -> Array:
         """Variance at encoded levels, 0..1."""
         return self.dark + self.light * np.clip(levels, 0.0, 1.0)
+
+    def levels(self) -> dict[str, float]:
+        """Standard deviation where it is dark and where it is white, as findings have it."""
+        return {"dark": float(np.sqrt(self.dark)), "white": float(np.sqrt(self.dark + self.light))}
 
 
 def learn_noise(pairs: Sequence[Pairs]) -> ImageNoise:
@@ -156,6 +160,14 @@ class ImageResiduals:
     def grains(self, table: Array) -> Array:
         """The part that is grain. [N * h + N, 3 * w] -> [N, 3 * w]."""
         return table[self.shape[0] * self.shape[1] :]
+
+    def size_of(self, table: Array) -> float:
+        """Root mean square of a residual, in units of the noise."""
+        return float(np.sqrt((table.astype(np.float64) ** 2).sum() / self.numbers))
+
+    def tells(self, candidate: ImageCandidate) -> bool:
+        """Whether an effect can be told at all: without time stamps a flicker is any other light."""
+        return self.pairs.times is not None or not candidate.effect.timed
 
     @property
     def numbers(self) -> int:

@@ -11,6 +11,9 @@ from gsbridge.gap.image.model import ImageCandidate
 from gsbridge.gap.image.residuals import ImageResiduals
 from gsbridge.geometry import Array
 
+_SHOWN = 1.0
+"""Squared length, in units of the noise, from which on the signature of an effect of typical size shows at all."""
+
 _SLIGHT = 1e-3
 """Share of the longest axis of a group's signatures below which an axis says nothing."""
 
@@ -107,3 +110,20 @@ def lengths(groups: Sequence[Group]) -> dict[str, float]:
         longest = float((group.tables**2).sum(axis=1).max())
         out[str(group.who)] = max(out.get(str(group.who), 0.0), longest)
     return out
+
+
+def unseen_of(view: ImageResiduals, who: Sequence[ImageCandidate], groups: Sequence[Group]) -> tuple[str, ...]:
+    """Candidates that cannot show in these photos at their typical size, or not be told at all."""
+    seen = lengths(groups)
+    return tuple(sorted(str(one) for one in who if not view.tells(one) or seen.get(str(one), 0.0) < _SHOWN))
+
+
+def cosines(groups: Sequence[Group]) -> tuple[list[str], Array]:
+    """How alike effects look: their names, and the cosines of their longest signatures. [N, N]."""
+    longest: dict[str, Array] = {}
+    for group in groups:
+        row = max(group.tables, key=lambda table: float((table**2).sum()))
+        if float((row**2).sum()) > float((longest.get(str(group.who), np.zeros(1)) ** 2).sum()):
+            longest[str(group.who)] = row
+    rows = [row / np.linalg.norm(row) for row in longest.values()]
+    return list(longest), np.abs([[one @ other for other in rows] for one in rows])

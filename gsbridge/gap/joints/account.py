@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from gsbridge.effects.registry import Applied
-from gsbridge.gap.diagnosis.results import Finding, Hypothesis
-from gsbridge.gap.joints.candidates import Candidate
-from gsbridge.gap.joints.fit import EffectFit
+from gsbridge.gap.diagnosis.results import LIKELY, NAMED, ONE_OF, AccountEntry, EffectFit, Finding, GapAccount, Hypothesis
 from gsbridge.gap.joints.identify import JointIdentification
 from gsbridge.gap.joints.residual_map import map_residuals
 from gsbridge.gap.joints.residuals import JointResiduals
-
-NAMED, ONE_OF, LIKELY = "named", "one of", "likely, not proven"
 
 _AS_GOOD = 0.9
 """Share of what an entry explains that another effect must explain in its place to be one of those that could stand there."""
@@ -24,51 +20,7 @@ _ALTERNATIVES = 6
 """Of an entry, at most."""
 
 
-@dataclass(frozen=True)
-class Entry:
-    """One line of an account.
-
-    Args:
-        candidate: The effect and its joint.
-        effect: The same with its parameters.
-        deviations: Standard deviations of these, in the catalogue's order. [P].
-        share: Of the gap on `verify` that it closes after those before it; negative if it makes it worse.
-        verdict: `NAMED`, `ONE_OF` or `LIKELY`.
-        instead: What else could stand in its place.
-    """
-
-    candidate: Candidate
-    effect: Applied
-    deviations: tuple[float, ...]
-    share: float
-    verdict: str
-    instead: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Account:
-    """All that explains a gap.
-
-    Args:
-        entries: In the order in which they explain the gap on `select`.
-        explained: Share of the gap on `verify` that they close together.
-        channel, phase: Where most remains; empty where nothing stands out.
-        left: Residual there, in units of the noise.
-    """
-
-    entries: tuple[Entry, ...]
-    explained: float
-    channel: str = ""
-    phase: str = ""
-    left: float = 0.0
-
-    @property
-    def effects(self) -> tuple[Applied, ...]:
-        """Of all entries."""
-        return tuple(entry.effect for entry in self.entries)
-
-
-def account_of(search: JointIdentification, finding: Finding, third: JointResiduals) -> Account | None:
+def account_of(search: JointIdentification, finding: Finding, third: JointResiduals) -> GapAccount | None:
     """Take account of a gap; None where nothing was fitted, or nothing is missing.
 
     Args:
@@ -89,10 +41,10 @@ def account_of(search: JointIdentification, finding: Finding, third: JointResidu
     for number, k in enumerate(order):
         candidate = whole.fit.who[k]
         verdict, instead = _standing(search, finding, whole.fit, k)
-        deviations = tuple(float(value) for value in whole.fit.deviations[places[k] : places[k + 1]])
+        deviations = whole.fit.deviations[places[k] : places[k + 1]]
         share = float((sizes[number] - sizes[number + 1]) / gap)
-        entries.append(Entry(candidate, whole.fit.effects[k], deviations, share, verdict, instead))
-    account = Account(tuple(entries), float((sizes[0] - sizes[-1]) / gap))
+        entries.append(AccountEntry(candidate, whole.fit.effects[k], deviations, share, verdict, instead))
+    account = GapAccount(tuple(entries), float((sizes[0] - sizes[-1]) / gap))
     found = map_residuals(third, third.residual(account.effects), third.simulate(account.effects))
     values = np.where(found.marked, found.values, -np.inf)
     if not np.isfinite(values).any():

@@ -15,7 +15,8 @@ import numpy as np
 from gsbridge.digests import code_digest
 from gsbridge.effects.registry import Applied
 from gsbridge.files import atomic_file
-from gsbridge.gap.joints.candidates import Candidate
+from gsbridge.gap.diagnosis.results import Candidate
+from gsbridge.gap.joints.candidates import JointCandidate
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
@@ -167,8 +168,8 @@ def _read(path: Path) -> SignatureBank:
     with np.load(path) as data:
         labels, changes = json.loads(str(data["labels"])), data["changes"]
         found = tuple(
-            Signature(Candidate(name, joint), values, change)
+            Signature(JointCandidate(name, joint), values, change)
             for (name, joint, values), change in zip(labels, changes, strict=True)
         )
-        diverged = tuple(Candidate(*names) for names in json.loads(str(data["diverged"])))
+        diverged = tuple(JointCandidate(*names) for names in json.loads(str(data["diverged"])))
         return SignatureBank(found, int(data["runs"]), diverged)

@@ -12,10 +12,10 @@ import numpy as np
 from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import read_names
 from gsbridge.errors import InputError
+from gsbridge.gap.diagnosis.results import ROLES
 from gsbridge.gap.formats.logs import read_log
 from gsbridge.gap.formats.records import SHORTEST, TOOL, Layout, Record, check_degrees, doubtful_degrees
-from gsbridge.gap.formats.yaml_file import read_yaml
-from gsbridge.gap.joints.diagnose import ROLES
+from gsbridge.gap.formats.yaml_file import read_case_file
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel, read_mechanism_model
 from gsbridge.gap.joints.noise import white_noise
 from gsbridge.geometry import Array
@@ -58,12 +58,7 @@ def read_joint_case(path: str | Path) -> JointCase:
         InputError: The file, its model or a record cannot be used.
     """
     path = Path(path)
-    content = read_yaml(path, "case", "docs/gap.md")
-    if not isinstance(content, Mapping) or "model" not in content or not content.get("records"):
-        raise InputError(path, "a case needs 'model' and 'records'", "See docs/gap.md")
-    for key in content:
-        if key not in _KEYS:
-            raise InputError(path, f"the key '{key}' is unknown", f"Use only: {', '.join(_KEYS)}")
+    content = read_case_file(path, "docs/gap.md", "records", _KEYS)
     model = path.parent / content["model"]
     system = read_mechanism_model(model)
     gain = content.get("torque_per_ampere")

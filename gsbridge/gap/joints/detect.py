@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
+from gsbridge.gap.diagnosis.closure import block_means
 from gsbridge.gap.diagnosis.pvalues import tail_pvalue
 from gsbridge.gap.joints.noise import white_noise
 from gsbridge.gap.joints.residuals import JointResiduals
@@ -25,12 +26,6 @@ REPLICATES = 199
 
 _UNSURE = 0.5
 """Spread, in multiples of what a finer step changes, of what is left of the step's error after it was taken off."""
-
-
-def block_means(residual: Array, scale: int) -> Array:
-    """Means over blocks, times the root of their length, so that white noise keeps its size. [T, C] -> [T // scale, C]."""
-    rows = len(residual) // scale
-    return residual[: rows * scale].reshape(rows, scale, -1).sum(axis=1) / np.sqrt(scale)
 
 
 def excess(residual: Array) -> Array:

@@ -9,12 +9,11 @@ Source: Broyden, Mathematics of Computation 19, 1965; Levenberg, Quarterly of Ap
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from gsbridge.effects.registry import Applied
-from gsbridge.gap.joints.candidates import Candidate
+from gsbridge.gap.diagnosis.results import Candidate, EffectFit
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import Screen
 from gsbridge.geometry import Array
@@ -35,73 +34,11 @@ _UNSURE = 0.2
 _REACH = 3.0
 """Longest step, in scales."""
 
-_EDGE = 1e-3
-"""Share of a parameter's range within which it lies on its bound."""
-
-_CLEAR = 3.0
-"""Standard deviations by which an effect beside others must differ from none."""
-
 _NOISY = 1.5
 """Squared residual of a number, in units of the noise, up to which a fit leaves noise alone."""
 
 _HIDDEN = 1e-2
 """Share of the strongest parameter's influence below which one does not show."""
-
-
-@dataclass(frozen=True)
-class EffectFit:
-    """Effects with fitted parameters.
-
-    Args:
-        who: The candidates.
-        effects: With parameters.
-        chi2: Squared residual on the fitted record, in units of the noise.
-        converged: Whether the last step could win nothing.
-        deviations: Standard deviation of each parameter from the curvature and from what another step of time would change,
-            without allowance for coloured residuals. [P].
-        correlation: Largest correlation of two parameters.
-        rank: Parameters that show in the record, each in a way of its own.
-    """
-
-    who: tuple[Candidate, ...]
-    effects: tuple[Applied, ...]
-    chi2: float
-    converged: bool
-    deviations: Array
-    correlation: float
-    rank: int
-
-    @property
-    def values(self) -> tuple[dict[str, float], ...]:
-        """Parameters of each candidate."""
-        return tuple(dict(effect.parameters) for effect in self.effects)
-
-    @property
-    def stopped(self) -> bool:
-        """Whether an effect would have to be larger than makes sense: what it is fitted to is something else."""
-        return any(
-            parameter.amplitude
-            and bound != 0.0
-            and abs(values[parameter.name] - bound) <= _EDGE * (parameter.high - parameter.low)
-            for candidate, values in zip(self.who, self.values, strict=True)
-            for parameter in candidate.effect.parameters
-            for bound in (parameter.low, parameter.high)
-        )
-
-    @property
-    def blurred(self) -> bool:
-        """Whether one of several effects may as well be absent: they make up for each other to mimic something else."""
-        if len(self.who) < 2:
-            return False
-        place = 0
-        for candidate, values in zip(self.who, self.values, strict=True):
-            clear = False
-            for parameter in candidate.effect.parameters:
-                clear |= parameter.amplitude and abs(values[parameter.name]) >= _CLEAR * self.deviations[place]
-                place += 1
-            if not clear:
-                return True
-        return False
 
 
 class _Problem:

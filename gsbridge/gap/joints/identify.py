@@ -9,13 +9,12 @@ from dataclasses import replace
 import numpy as np
 
 from gsbridge.gap.diagnosis.closure import closed, closed_at_most_times
-from gsbridge.gap.diagnosis.results import VERDICTS, Finding, Hypothesis, Rules
+from gsbridge.gap.diagnosis.results import VERDICTS, Candidate, EffectFit, Finding, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import Decision, decide, transfer
 from gsbridge.gap.joints.bank import SignatureBank
-from gsbridge.gap.joints.candidates import Candidate
 from gsbridge.gap.joints.coherence import coherence_p, has_related, line_p
 from gsbridge.gap.joints.detect import JointNull, joint_null
-from gsbridge.gap.joints.fit import EffectFit, fit, polish
+from gsbridge.gap.joints.fit import fit, polish
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import Mixture, Screen, SignatureMatch
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from scipy import stats
 
+from gsbridge.gap.diagnosis.residual_map import ResidualMap, few_false
 from gsbridge.gap.formats.records import TOOL
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
@@ -22,9 +21,6 @@ STEADY = 0.15
 FEWEST = 8
 """Samples that a cell needs; others stay empty."""
 
-LEVEL = 0.01
-"""Share of false cells that is allowed among those that are marked."""
-
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "phase": ("at rest", "speeds up +", "speeds up −", "steady +", "steady −", "slows down +", "slows down −"),
     "speed": ("slow", "fast"),
@@ -32,32 +28,6 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "load": ("light", "heavy"),
 }
 """Columns of the map. + and − are directions of the joint."""
-
-
-@dataclass(frozen=True)
-class ResidualMap:
-    """Root mean square residuals, of a mechanism in units of the noise.
-
-    Args:
-        channels: Rows.
-        values: Not-a-number where too few samples fall into a cell. [channels, columns].
-        marked: Cells that noise alone does not explain, at most `LEVEL` of them by chance. [channels, columns].
-        groups: Names of the columns.
-    """
-
-    channels: tuple[str, ...]
-    values: Array
-    marked: Array
-    groups: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: GROUPS)
-
-    def record(self) -> dict[str, Any]:
-        """As in `comparison.json`."""
-        return {
-            "groups": {name: list(columns) for name, columns in self.groups.items()},
-            "channels": list(self.channels),
-            "values": self.values,
-            "marked": self.marked.astype(bool),
-        }
 
 
 def map_residuals(view: JointResiduals, residual: Array, outputs: Mapping[str, Array]) -> ResidualMap:
@@ -84,7 +54,7 @@ def map_residuals(view: JointResiduals, residual: Array, outputs: Mapping[str, A
                 total = float((residual[inside, row] ** 2).sum())
                 values[row, column] = np.sqrt(total / number)
                 chances[row, column] = stats.chi2.sf(total, number)
-    return ResidualMap(names, values, few_false(chances, np.isfinite(values)))
+    return ResidualMap(names, values, few_false(chances, np.isfinite(values)), GROUPS)
 
 
 def _cells(q: Array, v: Array, effort: Array, time: Array) -> list[Array]:
@@ -102,14 +72,3 @@ def _cells(q: Array, v: Array, effort: Array, time: Array) -> list[Array]:
     out += [q <= low, (q > low) & (q <= high), q > high]
     half = np.median(load)
     return [*out, load <= half, load > half]
-
-
-def few_false(chances: Array, counted: Array) -> Array:
-    """Cells whose chance is small enough that at most a share of `LEVEL` of the marked ones is expected to be false.
-
-    Source: Benjamini and Hochberg, Controlling the false discovery rate, 1995.
-    """
-    order = np.sort(chances[counted])
-    passed = np.flatnonzero(order <= LEVEL * np.arange(1, len(order) + 1) / max(len(order), 1))
-    bar = order[passed[-1]] if len(passed) else -1.0
-    return counted & (chances <= bar)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gsbridge.gap.diagnosis.results import Candidate
 from gsbridge.gap.joints.bank import Signature, SignatureBank
-from gsbridge.gap.joints.candidates import Candidate
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 

@@ -10,24 +10,26 @@ from typing import Any
 import numpy as np
 
 from gsbridge.effects.registry import Applied
-from gsbridge.gap.diagnosis.signature_similarity import similar_pairs
+from gsbridge.gap.diagnosis.amend import amend_model
+from gsbridge.gap.diagnosis.findings import similar_pairs
+from gsbridge.gap.diagnosis.results import Candidate
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.formats.store import load_records, save_records
 from gsbridge.gap.joints.bank import SignatureBank, signature_bank
-from gsbridge.gap.joints.candidates import Candidate, candidates
+from gsbridge.gap.joints.candidates import candidates
 from gsbridge.gap.joints.case import JointCase, read_joint_case
-from gsbridge.gap.joints.diagnose import diagnose_joints, findings_of
+from gsbridge.gap.joints.diagnose import JointAccount, diagnose_joints, views_of
 from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residual_map import map_residuals
-from gsbridge.gap.joints.residuals import JointResiduals, share_noise
+from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import cosines
 from gsbridge.geometry import Array
 
 
 @dataclass(frozen=True)
 class JointBackend:
-    """A case whose model is a mechanism; see `gsbridge.gap.workflow.Backend`.
+    """A case whose model is a mechanism; see `gsbridge.gap.diagnosis.backend.Backend`.
 
     Args:
         case: The case.
@@ -86,8 +88,7 @@ class JointBackend:
     def compare(self) -> dict[str, Any]:
         """Residuals of every channel under the model as it is, and a map of where they show: `comparison.json`."""
         mechanism = Mechanism(self.case.system)
-        views = {role: JointResiduals.of(mechanism, item) for role, item in self.case.records.items()}
-        share_noise(tuple(views.values()))
+        views = views_of(mechanism, self.case.records)
         return {
             "unit": "noise",
             "records": {role: _residuals(view) for role, view in views.items()},
@@ -97,10 +98,8 @@ class JointBackend:
     def screen(self, bank: str | Path) -> dict[str, Any]:
         """Make the bank of signatures, and say before any fit what the records can tell apart: `screen.json`."""
         mechanism = Mechanism(self.case.system)
-        views = {role: JointResiduals.of(mechanism, item, folder=bank) for role, item in self.case.records.items()}
         # As the diagnosis does: the noise sets the sizes of the signatures, and so the bank.
-        share_noise(tuple(views.values()))
-        view, who = views["fit"], candidates(self.case.system, self.case.names)
+        view, who = views_of(mechanism, self.case.records, bank)["fit"], candidates(self.case.system, self.case.names)
         found = signature_bank(view, who, bank)
         shown = {signature.candidate for signature in found.signatures}
         return {
@@ -115,7 +114,11 @@ class JointBackend:
         """What is missing, proven on the third record: `findings.json`."""
         case = self.case
         diagnosis = diagnose_joints(case.system, case.records, bank, names=case.names, seed=seed)
-        return findings_of(diagnosis, case.records, seed=seed, reasons=case.reasons)
+        return JointAccount().findings_of(diagnosis, case.records, seed=seed, reasons=case.reasons)
+
+    def amend(self, model: str | Path, findings: Mapping[str, Any], out: str | Path) -> None:
+        """Write the model with what was named and the evidence for it."""
+        amend_model(model, findings, out)
 
     def replay(self, effects: Sequence[Applied]) -> tuple[dict[str, Array], dict[str, Any]]:
         """Every record with the model as it was and with effects.

@@ -19,8 +19,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from gsbridge.effects.registry import Applied
+from gsbridge.gap.diagnosis.closure import block_means
 from gsbridge.gap.formats.records import Record
-from gsbridge.gap.joints.detect import SCALES, block_means
+from gsbridge.gap.joints.detect import SCALES
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals, share_noise

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from gsbridge.cameras import Camera, split_of
-from gsbridge.errors import InputError
+from gsbridge.configuration.films import FilmSettings
 from gsbridge.files import atomic_directory, write_json, write_stage
 from gsbridge.geometry import Array
 from gsbridge.images import psnr, read_image, srgb_from_linear, write_image
@@ -33,35 +33,6 @@ DENSE = "dense_pan"
 
 _FPS = 30.0
 _VIDEO_FRAMES_PER_KEYFRAME = 12
-
-
-@dataclass(frozen=True)
-class FilmSettings:
-    """Size and quality of a film.
-
-    Samples are multi-jittered, so that few go far: measured at 640 x 480 on `bear` and `small_cube`, sensor noise included,
-    the ceiling is 36.6 dB at 9 samples per pixel, 41 dB at 16 and 47.7 dB at 64 (object alone: 36, 37 to 39, 43.5), where
-    independent samples give 31.9 dB at 16 and 34.1 dB at 32. Each film's own ceiling is in its record.
-
-    Args:
-        frames: Number of frames; except in the dense film they are the keyframes.
-        spp: Samples per pixel of a training frame; a square number wastes none.
-        held_out_spp: Samples per pixel of the held-out frames.
-        width, height: Film size, px.
-        sheet: Paper size of the board, `a4` or `letter`.
-    """
-
-    frames: int = 56
-    spp: int = 16
-    held_out_spp: int = 64
-    width: int = 640
-    height: int = 480
-    sheet: str = "a4"
-
-    @classmethod
-    def dense(cls) -> FilmSettings:
-        """Settings of the dense film: five seconds of small video at few samples."""
-        return cls(frames=150, spp=4, held_out_spp=4, width=320, height=240)
 
 
 @dataclass(frozen=True)
@@ -98,10 +69,8 @@ def film_scene(
         seed: Seed of the world (textures: the same in all films of one seed) and of this film's path and noise.
 
     Raises:
-        InputError: Unknown scene, or settings that give no film.
+        InputError: Unknown scene.
     """
-    if settings.frames < 2 or settings.spp < 1 or settings.held_out_spp < 1 or min(settings.width, settings.height) < 64:
-        raise InputError("film", f"these settings give no film: {settings}", "Ask for at least 2 frames of 64 px and 1 sample")
     studio = build_studio(scene, settings.sheet, threads, seed)
     lens = Lens.of(phone(settings.width, settings.height))
     path_rng = np.random.default_rng([seed, zlib.crc32(scene.encode())])

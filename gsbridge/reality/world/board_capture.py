@@ -6,13 +6,13 @@ The poses are planned from the nominal layout, as a person would plan them; phot
 from __future__ import annotations
 
 import logging
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from gsbridge.cameras import Camera
+from gsbridge.configuration.films import BoardFilmSettings
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_directory, write_json
 from gsbridge.images import write_image
@@ -28,23 +28,6 @@ from gsbridge.registration.plan import plan_poses
 from gsbridge.robot.nominal import base_from_table, flange_from_camera
 
 logger = logging.getLogger("gsbridge")
-
-
-@dataclass(frozen=True)
-class BoardFilmSettings:
-    """Size of the mirror's board capture.
-
-    Args:
-        poses: Poses of the arm.
-        width: Photo size, px.
-        height: Photo size, px.
-        spp: Samples per pixel.
-    """
-
-    poses: int = 14
-    width: int = 640
-    height: int = 480
-    spp: int = 9
 
 
 def full_camera(width: int, height: int) -> Camera:
@@ -117,7 +100,7 @@ def film_board(
         {
             "base_from_table": true_base_from_table(hidden),
             "flange_from_camera": true_flange_from_camera(hidden),
-            "settings": asdict(settings),
+            "settings": settings.model_dump(),
             "seed": seed,
         },
     )

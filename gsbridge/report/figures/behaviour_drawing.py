@@ -21,6 +21,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from gsbridge.environment.trial_log import decode
 from gsbridge.files import atomic_file
 from gsbridge.geometry import Array
+from gsbridge.report.figures.legend import legend_above
 from gsbridge.report.figures.paired_trials import SIM, STEP_S, Start, cell_name
 from gsbridge.report.tables.result_paths import Cell
 
@@ -265,7 +266,7 @@ def _draw_distances(part: SubFigure, lines: Sequence[Line], world: str) -> None:
         Line2D([], [], color=FAILED, marker="x", linestyle="", markersize=5, label="failure"),
         Line2D([], [], color="black", marker="|", linestyle="", markersize=10, markeredgewidth=2, label="median"),
     ]
-    part.legend(handles=handles, loc="outside upper center", ncols=len(handles), frameon=False, fontsize=8)
+    legend_above(part, handles, [str(handle.get_label()) for handle in handles], 8)
 
 
 def _policy_name(cell: Cell) -> str:

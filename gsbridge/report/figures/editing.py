@@ -9,12 +9,12 @@ from __future__ import annotations
 import dataclasses
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from gsbridge.cameras import Camera, View, Views, read_views
+from gsbridge.configuration.measuring import EditingSettings
 from gsbridge.errors import InputError
 from gsbridge.files import write_stage
 from gsbridge.geometry import Array
@@ -48,22 +48,6 @@ MOST_SEEN_THROUGH = 0.01
 """Growth of the see-through share from rest to edit above which the record is degraded."""
 MOST_SPILL = 0.002
 """Spilt share above which the record is degraded: more is visible as spikes."""
-
-
-@dataclass(frozen=True)
-class EditingSettings:
-    """What the figure of non-rigid edits shows.
-
-    Args:
-        scene: Object that is edited; null for the first object of the preset.
-        azimuth_deg: Direction from which it is seen, about z from +x of the table frame, degrees; the nearest held-out photo
-            gives the camera.
-        size: Edge of each picture, px.
-    """
-
-    scene: str | None = None
-    azimuth_deg: float = 270.0
-    size: int = 400
 
 
 def edits(front: float) -> dict[str, Deformation]:

@@ -15,6 +15,7 @@ from matplotlib.lines import Line2D
 
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
+from gsbridge.report.figures.legend import legend_above
 from gsbridge.report.tables.result_paths import Cell, cell_of
 from gsbridge.report.tables.rows import Row, number, read_rows
 from gsbridge.report.tables.success import RENDERER_TITLES, cell_title
@@ -23,6 +24,8 @@ from gsbridge.report.tables.success_rows import cell_order
 COLOURS = {"gs": "#1f6f8b", "mesh": "#c2571a", "mesh_vertex": "#8a6fb0"}
 CONTROLLER_COLOUR = "#8592a0"
 PER_LINE = 4
+LEAST_WIDTH = 5.0
+"""Of the figure, inches: a single panel keeps room for the legend."""
 CURVE_COLUMNS = ("step", "success", "controller_success")
 
 
@@ -46,7 +49,12 @@ def write_learning_curves(curves: Sequence[str | Path], out: str | Path) -> None
     columns = min(PER_LINE, len(places))
     lines = -(-len(places) // columns)
     figure, axes = plt.subplots(
-        lines, columns, figsize=(3.1 * columns, 2.35 * lines + 0.5), squeeze=False, sharey=True, layout="constrained"
+        lines,
+        columns,
+        figsize=(max(3.1 * columns, LEAST_WIDTH), 2.35 * lines + 0.5),
+        squeeze=False,
+        sharey=True,
+        layout="constrained",
     )
     for axis in axes.flat[len(places) :]:
         axis.axis("off")
@@ -62,7 +70,7 @@ def write_learning_curves(curves: Sequence[str | Path], out: str | Path) -> None
         Line2D([], [], color=COLOURS[r], marker="o", markersize=3, label=f"trained on {RENDERER_TITLES[r]}") for r in renderers
     ]
     handles.append(Line2D([], [], color=CONTROLLER_COLOUR, linestyle="--", label="baseline controller"))
-    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), frameon=False, fontsize=9)
+    legend_above(figure, handles, [str(handle.get_label()) for handle in handles])
     with atomic_file(out) as temporary:
         figure.savefig(temporary, dpi=130, metadata={"Date": None} if Path(out).suffix == ".svg" else None)
     plt.close(figure)

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
+from gsbridge.report.figures.legend import legend_above
 from gsbridge.report.tables.paper import PAPER_SUCCESS
 from gsbridge.report.tables.result_paths import Cell
 from gsbridge.report.tables.rows import read_rows
@@ -53,7 +54,7 @@ def write_success_figure(rows_csv: Sequence[str | Path], out: str | Path) -> Non
     # Lines come before containers in matplotlib's own order; ours come first here.
     order = sorted(range(len(labels)), key=lambda index: labels[index].startswith("paper"))
     handles, labels = [handles[index] for index in order], [labels[index] for index in order]
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False, fontsize=9)
+    legend_above(figure, handles, labels)
     with atomic_file(out) as temporary:
         figure.savefig(temporary, dpi=130, metadata={"Date": None} if Path(out).suffix == ".svg" else None)
     plt.close(figure)

@@ -151,7 +151,9 @@ def _rates(starts: Sequence[Start], cell: Cell) -> str:
     trained = {"gs": "splats", "mesh": "a mesh", "mesh_vertex": "a mesh with vertex colours"}.get(cell.renderer, cell.renderer)
     rates = ", ".join(f"{count} of {len(starts)} in {world.replace('_', ' ')}" for world, count in counts.items())
     way = "" if cell.variant == "default" else f", variant {cell.variant}"
-    return f"trained on {trained}{way}; success: {rates}. Failures first."
+    # Only where there is a failure to come first.
+    order = "Failures first." if any(not start.succeeded() for start in starts) else "One start of each quadrant."
+    return f"trained on {trained}{way}; success: {rates}. {order}"
 
 
 def _font(size: int) -> ImageFont.FreeTypeFont:

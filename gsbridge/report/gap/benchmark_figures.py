@@ -13,6 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 
+from gsbridge.report.figures.legend import legend_above
 from gsbridge.report.gap.figures import PLAIN, data_uri
 
 OUTCOMES = {
@@ -83,7 +84,7 @@ def draw_sizes(tiers: Mapping[str, Mapping[str, Any]]) -> str:
             axis.set_xlabel("size, units of the detection limit")
         axes[0, 0].set_ylabel("cases, %")
         handles, labels = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper center", ncols=5, frameon=False)
+        legend_above(figure, handles, labels, 10.5)
         return data_uri(figure)
 
 

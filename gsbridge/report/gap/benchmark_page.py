@@ -19,7 +19,7 @@ from gsbridge.report.gap.benchmark_figures import (
 from gsbridge.report.pages.html import write_page
 from gsbridge.report.scores.measured_gap import OURS, PHOTOS, gap_figures, pooled, read_tiers, real_figures
 from gsbridge.report.scores.results_page import shown, shown_floor, verdict
-from gsbridge.report.scores.score import read_floors, score_figure
+from gsbridge.report.scores.score import ANY_PRESET, read_floors, score_figure
 
 SHOWN = ("right", "covered", "abstained", "missed", "wrong", "quiet", "false_alarm")
 """Outcomes in the columns of the tables by effect and by kind of case."""
@@ -42,11 +42,12 @@ def write_gap_benchmark(
     """
     tiers = read_tiers(scores)
     ours = {tier: found["methods"][OURS] for tier, found in tiers.items()}
+    splits = sorted({found["split"] for found in tiers.values()})
     write_page(
         out,
         "benchmark.html.j2",
         headline=headline(ours),
-        splits=sorted({found["split"] for found in tiers.values()}),
+        splits=splits,
         preset=preset,
         floors=_floors(gap_figures(tiers) | ({} if real is None else real_figures(read_json(real))), floors, preset),
         sizes=draw_sizes(ours),
@@ -87,14 +88,20 @@ def _share(rate: Mapping[str, Any]) -> str:
     return f"{100 * rate['value']:.1f} % ({100 * rate['ci95_low']:.1f} to {100 * rate['ci95_high']:.1f})"
 
 
-def _floors(measured: Mapping[str, Mapping[str, Any]], floors: str | Path, preset: str) -> list[dict[str, str]]:
-    """Every floor of the area, with what was measured."""
-    rows = []
+def _floors(measured: Mapping[str, Mapping[str, Any]], floors: str | Path, preset: str) -> dict[str, list[Any]]:
+    """Floors of the area: rows of what was measured, names of what was not."""
+    rows: list[dict[str, str]] = []
+    missing: list[str] = []
     for name, entry in read_floors(floors).items():
         if entry["area"] != "gap":
             continue
         score = score_figure(entry, measured.get(name), preset)
+        if score["value"] is None:
+            missing.append(score["what"])
+            continue
         interval = score["interval"]
+        # What ran small on purpose has not failed.
+        judged = entry["preset"] in (ANY_PRESET, preset)
         rows.append(
             {
                 "what": score["what"],
@@ -102,11 +109,11 @@ def _floors(measured: Mapping[str, Mapping[str, Any]], floors: str | Path, prese
                 "value": shown(score["value"], score["unit"]),
                 "interval": f"{shown(interval[0])} to {shown(interval[1])}" if interval else "–",
                 "n": str(score["n"]),
-                "met": "met" if score["met"] else "unmet",
+                "met": "met" if score["met"] else "unmet" if judged else "not judged",
                 "why": "" if score["met"] else verdict(score).removeprefix("**unmet**: "),
             }
         )
-    return rows
+    return {"rows": rows, "missing": missing}
 
 
 def _tier(tier: str, found: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,9 +8,22 @@ from pathlib import Path
 from typing import Any
 
 from gsbridge.files import read_json
+from gsbridge.gap.image.case import PHOTOS
 from gsbridge.report.gap.figures import UNITS, channel_name, draw_where
+from gsbridge.report.gap.picture_page import write_sight_report
 from gsbridge.report.gap.sections import JUDGED, MECHANISM, THROWS, Parts, read_series
-from gsbridge.report.gap.text import effect_title, explanation_title, head, looks_like, most, next_steps, plain, remains
+from gsbridge.report.gap.text import (
+    effect_notes,
+    effect_rows,
+    effect_title,
+    explanation_title,
+    head,
+    looks_like,
+    most,
+    next_steps,
+    plain,
+    remains,
+)
 from gsbridge.report.pages.html import write_page
 
 
@@ -36,7 +49,7 @@ class CaseFiles:
 
 
 def write_gap_report(case: str, files: CaseFiles, out: str | Path) -> None:
-    """Write the page.
+    """Write the page; of a case of pictures that of `gsbridge.report.gap.picture_page`.
 
     Args:
         case: Name of the case.
@@ -49,6 +62,9 @@ def write_gap_report(case: str, files: CaseFiles, out: str | Path) -> None:
     about, comparison, screening, findings, replays = map(
         read_json, (files.record, files.comparison, files.screening, files.findings, files.replays)
     )
+    if about["mode"] == PHOTOS:
+        write_sight_report(case, files.findings, files.series, out)
+        return
     series = read_series(files.series)
     select, explained = replays["records"]["select"], f"{JUDGED}/after" in series
     before_map = comparison["records"]["select"]["where"]
@@ -86,29 +102,6 @@ def write_gap_report(case: str, files: CaseFiles, out: str | Path) -> None:
     )
 
 
-def effect_rows(findings: Mapping[str, Any], whole: str) -> list[dict[str, str]]:
-    """Parameters of what was found, one row each; `whole` is what an effect without a joint acts on."""
-    return [
-        {
-            "title": item["title"] if number == 0 else "",
-            "joint": (item["joint"] or whole) if number == 0 else "",
-            "parameter": name.replace("_", " "),
-            "value": f"{row['value']:.4g}",
-            "interval": f"{row['interval90'][0]:.4g} to {row['interval90'][1]:.4g}",
-            "unit": row["unit"] or "–",
-            "becomes": f"{row['was']:.3g} → {row['becomes']:.3g}" if "becomes" in row else "–",
-        }
-        for item in told(findings)
-        for number, (name, row) in enumerate(item["parameters"].items())
-    ]
-
-
-def told(findings: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Effects with their parameters: those of the account, or of the best explanation where there is none."""
-    account = findings.get("account")
-    return account["entries"] if account else findings["effects"]
-
-
 def account_rows(findings: Mapping[str, Any], whole: str) -> list[dict[str, str]]:
     """Lines of the account, what explains most first; `whole` is what an effect without a joint acts on."""
     return [
@@ -137,16 +130,6 @@ def _account_text(findings: Mapping[str, Any]) -> str:
         f"Together they close {100 * account['explained']:.0f} % of the gap on a record that neither fitting nor choosing has "
         f"seen, each the share that those above it leave.{rest}"
     )
-
-
-def effect_notes(findings: Mapping[str, Any]) -> list[str]:
-    """How each effect could be confirmed."""
-    return [
-        f"{item['title'].capitalize()} is easily taken for {', '.join(effect_title(n) for n in item['confused_with'])}. "
-        f"To tell them apart: {item['tell_apart']}."
-        for item in findings["effects"]
-        if item["confused_with"]
-    ]
 
 
 def _where_text(found: Mapping[str, Any], unit: str) -> str:

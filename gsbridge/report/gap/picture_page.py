@@ -21,8 +21,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.geometry import Array
 from gsbridge.report.gap.figures import data_uri
-from gsbridge.report.gap.page import effect_notes, effect_rows
-from gsbridge.report.gap.text import head, plain
+from gsbridge.report.gap.text import effect_notes, effect_rows, head, plain
 from gsbridge.report.pages.html import write_page
 
 _FULL = 6.0
@@ -35,9 +34,9 @@ def write_sight_report(case: str, findings: str | Path, pictures: str | Path, ou
     """Write the page.
 
     Args:
-        case: Name of the changed world.
+        case: Name of the changed world, or of the case.
         findings: `findings.json`.
-        pictures: `pictures.npz` beside it.
+        pictures: `pictures.npz` beside it, or `replays.npz` of a case.
         out: The HTML file.
 
     Raises:

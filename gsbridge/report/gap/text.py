@@ -51,6 +51,39 @@ def explanation_title(names: Any) -> str:
     return " + ".join(effect_title(name) for name in explanation(names).split(" + "))
 
 
+def effect_rows(findings: Mapping[str, Any], whole: str) -> list[dict[str, str]]:
+    """Parameters of what was found, one row each; `whole` is what an effect without a joint acts on."""
+    return [
+        {
+            "title": item["title"] if number == 0 else "",
+            "joint": (item["joint"] or whole) if number == 0 else "",
+            "parameter": name.replace("_", " "),
+            "value": f"{row['value']:.4g}",
+            "interval": f"{row['interval90'][0]:.4g} to {row['interval90'][1]:.4g}",
+            "unit": row["unit"] or "–",
+            "becomes": f"{row['was']:.3g} → {row['becomes']:.3g}" if "becomes" in row else "–",
+        }
+        for item in _told(findings)
+        for number, (name, row) in enumerate(item["parameters"].items())
+    ]
+
+
+def _told(findings: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Effects with their parameters: those of the account, or of the best explanation where there is none."""
+    account = findings.get("account")
+    return account["entries"] if account else findings["effects"]
+
+
+def effect_notes(findings: Mapping[str, Any]) -> list[str]:
+    """How each effect could be confirmed."""
+    return [
+        f"{item['title'].capitalize()} is easily taken for {', '.join(effect_title(n) for n in item['confused_with'])}. "
+        f"To tell them apart: {item['tell_apart']}."
+        for item in findings["effects"]
+        if item["confused_with"]
+    ]
+
+
 def most(found: Mapping[str, Any], unit: str = "noise") -> str | None:
     """Where a map is darkest among its marked cells, in words; None where nothing is marked.
 

@@ -47,7 +47,7 @@ PolicyRows = dict[str, list[Row]]
 _PARTS = (
     (
         ("grasping", "Grasping", ("success_rates",)),
-        "Each cell is one policy: an object on a background, tried once from each start pose of a set, the same poses in both "
+        "A cell is one policy: an object on a background, tried once from each start pose of a set, the same poses in both "
         "worlds. The fixed ones are the paper's protocol, the unseen ones lie between them; a training uses neither.",
     ),
     (
@@ -67,9 +67,10 @@ _PARTS = (
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure inside the page."""
+    """A figure inside the page; `title` is what is read aloud instead of it."""
 
     name: str
+    title: str
     caption: str
     data: str
 
@@ -164,11 +165,13 @@ def policy_headline(rows: PolicyRows) -> list[str]:
     contrast = rows.get("renderer_contrast", [])
     meshes = standard_cells(contrast, "grasp", "mesh")
     if found := _views(contrast, meshes).get(MIRROR):
-        drop, count = found.drop()
+        drop, _ = found.drop()
         paper = paper_drop(meshes)
         beside = f" (the paper: {percent(paper)})" if paper is not None else ""
         if drop is not None:
-            head = f"Of policies that learned from a mesh of one colour instead of splats (RL-sim, {_cells(count)})"
+            head = (
+                f"Of policies that learned from a mesh of one colour instead of splats (RL-sim, {_cells(list(found.changes))})"
+            )
             out.append(f"{head} the success rate {_falls(drop)} on the way to the mirror{beside}.")
     placing = rows.get("pick_and_place", [])
     cells = standard_cells(placing, "pick_and_place")
@@ -192,7 +195,7 @@ def _means(task: str, cells: Sequence[Cell], views: Mapping[str, Overview]) -> s
     for world, where in WORLD_TITLES.items():
         if world in views:
             parts.append(f"{percent(views[world].mean)} {where}")
-    text = f"{task}, {_cells(len(sim.rates))}, {sim.pose_set} start poses: " + ", ".join(parts[:-1])
+    text = f"{task}, {_cells(list(sim.rates))}, {sim.pose_set} start poses: " + ", ".join(parts[:-1])
     text += (" and " if len(parts) > 1 else "") + parts[-1]
     ours, real = paper_mean(cells, STRICT_WORLD), paper_mean(cells, ROBOT)
     beside = "" if ours is None else f" (the paper: {percent(ours)} in simulation, {percent(real)} on its robot)"
@@ -204,7 +207,8 @@ def _drops(cells: Sequence[Cell], mirror: Overview) -> list[str]:
     drop, count = mirror.drop()
     if drop is None:
         return []
-    text = f"From simulation to the mirror the success rate {_falls(drop)} on average over {_cells(count)}"
+    average = f" on average over {count} cells" if count > 1 else ""
+    text = f"From simulation to the mirror the success rate {_falls(drop)}{average}"
     if set(PAPER_GRASPS) <= set(cells):
         six, _ = mirror.drop(PAPER_SCENARIOS)
         text += f"; over the paper's six scenario cells it {_falls(six or 0.0)} (the paper: drops of "
@@ -213,12 +217,15 @@ def _drops(cells: Sequence[Cell], mirror: Overview) -> list[str]:
 
 
 def _falls(drop: float) -> str:
-    """`drops by 3.1 %` or `rises by 1.0 %`."""
+    """`drops by 3.1 %`, `rises by 1.0 %` or `stays the same`."""
+    if abs(drop) < 5e-4:
+        return "stays the same"
     return f"{'drops' if drop >= 0 else 'rises'} by {percent(abs(drop))}"
 
 
-def _cells(count: int) -> str:
-    return f"{count} cell" + ("s" if count != 1 else "")
+def _cells(cells: Sequence[Cell]) -> str:
+    """`8 cells`, or the one there is by its name."""
+    return cell_title(cells[0]) if len(cells) == 1 else f"{len(cells)} cells"
 
 
 def film(title: str, path: str | Path) -> Film:

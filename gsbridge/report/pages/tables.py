@@ -32,27 +32,30 @@ from gsbridge.report.tables.stages import degraded_reasons, read_records, stages
 
 EMBEDDED_JPEG_QUALITY = 90
 
-_COMPARISON = (
-    "Held-out views of {what}: photo, renderings of the bindings, and five times the absolute difference to the photo. The "
-    "second line of each scene is the framed part, enlarged. Good looks like a sharp texture and a dark difference without a "
-    "bright rim."
-)
 CAPTIONS = {
-    "rendering_comparison": _COMPARISON.format(what="the scenes"),
-    "rendering_comparison_real": _COMPARISON.format(what="the real captures"),
+    "rendering_comparison": (
+        "Photos beside renderings of the splats and their differences",
+        "Photos that no training saw, what the splats of each binding show from the same place, and five times the absolute "
+        "difference to the photo. The second line of each scene is the framed part, enlarged. Good looks like a sharp texture "
+        "and a dark difference without a bright rim.",
+    ),
     "success_rates": (
+        "Success rate of each cell in simulation and in the other world",
         "Success of each cell with Wilson's 95 % interval, in simulation and in the other world. Hollow marks: the paper's, "
-        "simulation and its robot. Good looks like both worlds at the right edge, one below the other."
+        "simulation and its robot. Good looks like both worlds at the right edge, one below the other.",
     ),
     "learning_curves": (
+        "Success during training against environment steps",
         "Success in the evaluations of each training, from random start poses in simulation that are neither the fixed nor the "
-        "unseen ones, against environment steps. The dashed line is the baseline controller's success from the same poses."
+        "unseen ones, against environment steps. The dashed line is the baseline controller's success from the same poses.",
     ),
     "behaviour_consistency": (
+        "Paths of the hand and pictures of the wrist camera in both worlds",
         "The same policy from the same start pose in simulation and in the mirror: paths of the hand and what the wrist camera "
-        "sees on the way. Good looks like paths that lie on one another."
+        "sees on the way. Good looks like paths that lie on one another.",
     ),
 }
+"""Title and caption by the beginning of a figure's name."""
 
 
 @dataclass(frozen=True)
@@ -104,10 +107,12 @@ def picture(path: str | Path) -> Picture:
     """A figure as a data URI, photos as JPEG, so that the page is one file that can be mailed.
 
     Raises:
-        InputError: The figure is missing or no image.
+        InputError: The figure is missing, no image, or none that the page has words for.
     """
     source = Path(path)
-    caption = CAPTIONS.get(source.stem, source.stem.replace("_", " "))
+    words = next((words for name, words in CAPTIONS.items() if source.stem.startswith(name)), None)
+    if words is None:
+        raise InputError(source, "the page has no caption for this figure", f"Name one of {', '.join(CAPTIONS)}")
     if source.suffix.lower() == ".svg":
         if not source.is_file():
             raise InputError(source, "the figure does not exist", "Run the rule that draws it")
@@ -116,7 +121,7 @@ def picture(path: str | Path) -> Picture:
         image = read_image_u8(source)[..., ::-1]
         data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, EMBEDDED_JPEG_QUALITY])[1].tobytes()
         kind = "image/jpeg"
-    return Picture(source.stem, caption, f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}")
+    return Picture(source.stem, *words, f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}")
 
 
 def headline(lines: Sequence[SceneLine]) -> list[str]:

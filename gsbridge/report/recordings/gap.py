@@ -12,11 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from gsbridge.files import read_json
 from gsbridge.gap.contact.body import is_body
+from gsbridge.gap.image.case import PHOTOS
 from gsbridge.gap.joints.mechanism.chain import Chain
 from gsbridge.gap.joints.mechanism.inertials import Skeleton
 from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
 from gsbridge.geometry import Array
 from gsbridge.report.gap.sections import JUDGED, read_series
+from gsbridge.report.recordings.gap_photos import record_photos
 from gsbridge.report.recordings.gap_throws import COLOURS, WAYS, record_throws, summary
 from gsbridge.report.recordings.recording import recording
 
@@ -30,7 +32,7 @@ VISIBLE_RAD = 0.25
 def record_gap(
     model: str | Path, findings: str | Path, series: str | Path, replays: str | Path, case: str, out: str | Path
 ) -> None:
-    """Record the motion of the record `verify`; throws as `gsbridge.report.recordings.gap_throws` does.
+    """Record the motion of the record `verify`; throws and pictures as `gap_throws` and `gap_photos` beside this module do.
 
     Entities on the timeline `time` (s): `{way}/mechanism` and, grey, `{way}/measured` for each way of `WAYS`, with deviations
     from the measured motion enlarged; `plots/position/{joint}/{way}`, rad; `plots/residual/{channel}/before` and `/after`, in
@@ -51,9 +53,12 @@ def record_gap(
         record_throws(model, findings, series, case, out)
         return
     found, motion, rows = read_json(findings), read_series(series), read_json(replays)["records"][JUDGED]
+    if PHOTOS in found:
+        record_photos(found, motion, case, out)
+        return
     system = read_mechanism_model(model)
     skeleton = Skeleton.read(system.urdf, system.joints)
-    chain = Chain.of(skeleton, system.joints, system.urdf)
+    chain = Chain.of(skeleton, system.joints)
     centres = chain.bodies(skeleton.inertials)[:, 1:4]
     positions = {"measured": motion[f"{JUDGED}/position"], "nominal": motion[f"{JUDGED}/nominal_position"]}
     residuals = {"before": motion[f"{JUDGED}/before"]}

@@ -21,6 +21,7 @@ COLUMNS = (*CELL_COLUMNS, "world", "pose_set", "outcome", "count", *(f"quadrant_
 world and set of poses add up to its trials."""
 
 ORDER = (*Failure, UNKNOWN)
+QUADRANT_TITLES = ("far right", "far left", "near right", "near left")
 
 
 def failure_rows(files: Sequence[TrialFile]) -> list[dict[str, Any]]:
@@ -70,14 +71,15 @@ def failures_table(rows: Sequence[Row]) -> Table | None:
         if failed:
             body.append((cell_title(cell), cell.renderer, world, *_counts(found, failed, words)))
     body.append(("all", "", "", *_counts(rows, [row for row in rows if row["outcome"] != Failure.NONE], words)))
-    names = [word.replace("_", " ") for word in words]
-    columns = ("cell", "trained on", "world", "trials", "failed", "by quadrant", *names)
+    columns = ("cell", "trained on", "world", "trials", "failed", *QUADRANT_TITLES, *(word.replace("_", " ") for word in words))
     sets = sorted({row["pose_set"] for row in rows}, key=POSE_SETS.index)
-    notes = [
-        f"Start poses: {' and '.join(sets)}. By quadrant of the start pose: far right · far left · near right · near left."
-    ]
-    if clean:
-        notes.append(f"Cells and worlds without a failure are left out: {clean}.")
+    if not words:
+        body, columns = [("all", str(sum(int(row["count"]) for row in rows)), "0")], ("cell", "trials", "failed")
+    notes = [f"Start poses: {' and '.join(sets)}." + ("" if words else " No trial failed.")]
+    if words:
+        notes[0] += " Far right to near left: failures by the quadrant of the table that the object starts in."
+        if clean:
+            notes.append(f"{clean} pairs of a cell and a world have no failure and are left out.")
     return Table("Failures by reason", columns, tuple(body), tuple(notes))
 
 
@@ -88,6 +90,6 @@ def _counts(rows: Sequence[Row], failed: Sequence[Row], words: Sequence[str]) ->
     return [
         str(sum(int(row["count"]) for row in rows)),
         str(sum(by_word)),
-        " · ".join(map(str, by_quadrant)),
+        *map(str, by_quadrant),
         *(str(count) if count else "" for count in by_word),
     ]

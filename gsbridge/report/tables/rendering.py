@@ -180,7 +180,7 @@ def quality_table(
         "soft − GaMeS",
         *(["paper's gain"] if with_paper else []),
     ]
-    columns += [*(["noise ceiling"] if with_ceiling else []), "soft SSIM", "alpha IoU", "views × seeds", "status"]
+    columns += [*(["noise ceiling"] if with_ceiling else []), "soft SSIM", "alpha IoU", "views", "seeds", "status"]
     body, best = [], set()
     for index, line in enumerate(lines):
         psnrs = {b: line.metrics.get(b, {}).get("psnr") for b in bindings}
@@ -198,7 +198,8 @@ def quality_table(
                 *([decibel(line.ceiling)] if with_ceiling else []),
                 _three(soft.get("ssim")),
                 _three(soft.get("alpha_iou")),
-                f"{line.views} × {max(line.seeds.values())}",
+                str(line.views),
+                str(max(line.seeds.values())),
                 line.status,
             )
         )

@@ -101,7 +101,7 @@ def training_table(rows: Sequence[Row]) -> Table | None:
                 row["steps"] or DASH,
                 *(percent(number(row[f"{name}_success"]), 0) for name in ("best", "retest", "controller")),
                 _minutes(row["cpu_min"]),
-                " · ".join(_minutes(row[f"cpu_{part}_min"]) for part in PARTS),
+                *(_minutes(row[f"cpu_{part}_min"]) for part in PARTS),
                 _minutes(row["cpu_min_to_95"]),
                 f"{float(row['replay_mb']):.0f}" if row["replay_mb"] else DASH,
                 f"{float(row['frames_per_second']):.0f}" if row["frames_per_second"] else DASH,
@@ -109,12 +109,13 @@ def training_table(rows: Sequence[Row]) -> Table | None:
             )
         )
     columns = ("cell", "trained on", "seed", "steps", "best", "retest", "controller")
-    columns += ("CPU min", "by part", "min to 95 %", "replay MB", "frames/s", "status")
+    columns += ("CPU min", "of it simulate", "act", "learn", "evaluate", "CPU min to 95 %", "replay MB", "frames/s", "status")
     notes = (
-        "CPU minutes of one thread; processes of further environments are not in them. By part: "
-        f"{' · '.join(PARTS)}, of which environment is physics and drawing pictures. To 95 %: until the first evaluation with "
-        "so much success. Best chose the weights; retest is the same weights from other random poses. Frames per second: "
-        "environment steps with their pictures, while acting and learning.",
+        "Best: success in the evaluation that chose the weights; retest: the same weights from other random start poses; "
+        "controller: the simple controller that the policy began from.",
+        "CPU minutes are those of one thread, without further environments' own processes, split into simulating (physics and "
+        "drawing pictures), acting, learning and evaluating. To 95 %: until the first evaluation with so much success. Replay: "
+        "memory for past steps. Frames per second: steps with their pictures, while acting and learning.",
     )
     return Table("Training", columns, tuple(body), notes, status=tuple(row["status"] for row in rows))
 

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from gsbridge.errors import InputError
-from gsbridge.gap.joints.mechanism.inertials import Inertial, Skeleton
+from gsbridge.gap.joints.mechanism.inertials import Inertial, Skeleton, rotation_of
 from gsbridge.geometry import Array
+from gsbridge.robot.urdf import Origin
 
 
 @dataclass(frozen=True)
@@ -36,35 +33,20 @@ class Chain:
     links: Mapping[str, tuple[int, Array]]
 
     @classmethod
-    def of(cls, skeleton: Skeleton, joints: tuple[str, ...], urdf: str | Path) -> Chain:
-        """The tree of a description; joints other than `joints` are held at zero.
-
-        Raises:
-            InputError: The links form no tree.
-        """
-        elements = {joint.find("child").get("link"): joint for joint in skeleton.tree.findall("joint")}
-        names = [str(link.get("name")) for link in skeleton.tree.findall("link")]
-        roots = [name for name in names if name not in elements]
-        if len(roots) != 1:
-            raise InputError(urdf, f"its links form no single tree (roots: {', '.join(roots) or 'none'})", "Mend the URDF")
-        links: dict[str, tuple[int, Array]] = {roots[0]: (-1, np.eye(4))}
+    def of(cls, skeleton: Skeleton, joints: tuple[str, ...]) -> Chain:
+        """The tree of a description; joints other than `joints` are held at zero."""
+        description = skeleton.description
+        carriers = {joint.child: joint for joint in description.joints}
+        links: dict[str, tuple[int, Array]] = {description.base: (-1, np.eye(4))}
         rows: list[tuple[int, int, Array, Array, bool]] = []
-        waiting = [name for name in names if name in elements]
+        waiting = [name for name in description.links if name != description.base]
         while waiting:
-            ready = [name for name in waiting if elements[name].find("parent").get("link") in links]
-            if not ready:
-                raise InputError(urdf, f"the link '{waiting[0]}' hangs on nothing", "Mend the URDF")
-            for name in ready:
-                joint = elements[name]
-                carrier, place = links[joint.find("parent").get("link")]
-                pose = place @ _pose(joint.find("origin"))
-                if joint.get("name") in joints:
-                    axis = joint.find("axis")
-                    direction = np.array([1.0, 0.0, 0.0] if axis is None else [float(x) for x in axis.get("xyz").split()])
-                    rows.append(
-                        (joints.index(joint.get("name")), carrier, pose, direction / np.linalg.norm(direction),
-                         joint.get("type") == "prismatic")
-                    )  # fmt: skip
+            for name in [name for name in waiting if carriers[name].parent in links]:
+                joint = carriers[name]
+                carrier, place = links[joint.parent]
+                pose = place @ _pose(description.origins[joint.name])
+                if joint.name in joints:
+                    rows.append((joints.index(joint.name), carrier, pose, np.array(joint.axis), joint.kind == "prismatic"))
                     links[name] = (len(rows) - 1, np.eye(4))
                 else:
                     links[name] = (carrier, pose)
@@ -120,10 +102,8 @@ class Chain:
         return out
 
 
-def _pose(origin: ElementTree.Element | None) -> Array:
-    """Transform of a URDF `<origin>`. [4, 4]."""
+def _pose(origin: Origin) -> Array:
+    """Transform of a frame of a URDF. [4, 4]."""
     out = np.eye(4)
-    if origin is not None:
-        out[:3, 3] = [float(value) for value in origin.get("xyz", "0 0 0").split()]
-        out[:3, :3] = Rotation.from_euler("xyz", [float(value) for value in origin.get("rpy", "0 0 0").split()]).as_matrix()
+    out[:3, 3], out[:3, :3] = origin.xyz, rotation_of(origin)
     return out

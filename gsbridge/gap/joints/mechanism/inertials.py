@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
+from gsbridge.robot.urdf import Description, InertialElement, Origin, read_description
 
 
 @dataclass
@@ -52,53 +53,44 @@ def _steiner(arm: Array) -> Array:
     return float(arm @ arm) * np.eye(3) - np.outer(arm, arm)
 
 
-def _floats(text: str | None, count: int) -> Array:
-    """Numbers of an attribute; zeros where there is none."""
-    return np.zeros(count) if text is None else np.array([float(value) for value in text.split()])
-
-
 @dataclass
 class Skeleton:
     """A URDF's links and joints, without shapes.
 
     Args:
         tree: Root element; never changed after reading.
+        description: What the file says of links and joints.
         inertials: Mass properties by link; links without any are left out.
         child_of: Link that each moving joint moves.
     """
 
     tree: ElementTree.Element
+    description: Description
     inertials: dict[str, Inertial]
-    child_of: dict[str, str] = field(default_factory=dict)
+    child_of: dict[str, str]
 
     @classmethod
     def read(cls, urdf: str | Path, moving: tuple[str, ...]) -> Skeleton:
         """Read a description; joints other than `moving` become fixed.
 
         Raises:
-            InputError: Mass properties are no numbers, or a moved link has none.
+            InputError: The description cannot be used, or a moved link has no mass properties.
         """
-        root = ElementTree.parse(urdf).getroot()
-        out = cls(root, {})
+        description = read_description(urdf)
+        root = description.root
+        moved = {joint.name: joint.child for joint in description.joints}
+        inertials = {name: _in_link_frame(element) for name, element in description.inertials.items()}
+        out = cls(root, description, inertials, {name: moved[name] for name in description.origins})
         for link in root.findall("link"):
-            for kind in ("visual", "collision"):
-                for shape in link.findall(kind):
-                    link.remove(shape)
-            inertial = link.find("inertial")
-            if inertial is None:
-                continue
-            try:
-                out.inertials[str(link.get("name"))] = _read_inertial(inertial)
-            except (AttributeError, TypeError, ValueError, KeyError) as error:
-                raise InputError(urdf, f"link '{link.get('name')}' has damaged mass properties", "Mend the URDF") from error
-            link.remove(inertial)
+            for kind in ("visual", "collision", "inertial"):
+                for part in link.findall(kind):
+                    link.remove(part)
         for joint in root.findall("joint"):
             if joint.get("name") not in moving:
                 joint.set("type", "fixed")
             for kind in ("dynamics", "mimic", "safety_controller", "calibration"):
                 for element in joint.findall(kind):
                     joint.remove(element)
-            out.child_of[str(joint.get("name"))] = joint.find("child").get("link")
         for other in [item for item in root if item.tag not in ("link", "joint")]:
             root.remove(other)
         for name in moving:
@@ -111,11 +103,10 @@ class Skeleton:
     def write(self, path: str | Path, inertials: Mapping[str, Inertial]) -> None:
         """Write the skeleton with the given mass properties."""
         root = copy.deepcopy(self.tree)
-        children = {joint.find("child").get("link") for joint in root.findall("joint")}
         for link in root.findall("link"):
             name = str(link.get("name"))
             body = inertials.get(name)
-            if name not in children:
+            if name == self.description.base:
                 # It never moves, but PyBullet takes gravity along its principal axes; those of a ball are the frame's.
                 body = Inertial(1.0, np.zeros(3), np.eye(3))
             if body is None:
@@ -148,16 +139,11 @@ def _text(values: Array) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-def _read_inertial(element: ElementTree.Element) -> Inertial:
-    origin = element.find("origin")
-    mass = float(element.find("mass").get("value"))
-    tensor = {key: float(element.find("inertia").get(key, 0.0)) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")}
-    rotation = Rotation.from_euler("xyz", _floats(None if origin is None else origin.get("rpy"), 3)).as_matrix()
-    inertia = np.array(
-        [
-            [tensor["ixx"], tensor["ixy"], tensor["ixz"]],
-            [tensor["ixy"], tensor["iyy"], tensor["iyz"]],
-            [tensor["ixz"], tensor["iyz"], tensor["izz"]],
-        ]
-    )
-    return Inertial(mass, _floats(None if origin is None else origin.get("xyz"), 3), rotation @ inertia @ rotation.T)
+def _in_link_frame(element: InertialElement) -> Inertial:
+    turn = rotation_of(element.origin)
+    return Inertial(element.mass, np.array(element.origin.xyz), turn @ element.tensor @ turn.T)
+
+
+def rotation_of(origin: Origin) -> Array:
+    """Rotation of a frame of a URDF. [3, 3]."""
+    return Rotation.from_euler("xyz", origin.rpy).as_matrix()

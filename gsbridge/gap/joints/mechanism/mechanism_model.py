@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from gsbridge.effects.registry import Applied, read_effects
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.yaml_file import read_yaml
 from gsbridge.geometry import Array
+from gsbridge.robot.urdf import read_description
 
 MODES = ("torque", "pd", "position", "free")
 """How a mechanism is driven: by logged torques; by position and speed errors; by a servo known only by its bandwidth; not at
@@ -167,7 +167,10 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
     if mode not in MODES:
         raise InputError(source, f"controller.mode is '{mode}'", f"Use one of {', '.join(MODES)}")
     urdf = folder / content["urdf"]
-    moving = urdf_joints(urdf)
+    description = read_description(urdf)
+    # In the file's order, which is that of the records where the model names no joints.
+    by_name = {joint.name: joint for joint in description.joints if joint.kind in ("revolute", "continuous", "prismatic")}
+    moving = {name: by_name[name] for name in description.origins if name in by_name}
     joints = tuple(content.get("joints") or moving)
     unknown = [name for name in joints if name not in moving]
     if unknown:
@@ -194,7 +197,7 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
     scheme = content.get("scheme", "centred")
     if scheme not in ("centred", "euler"):
         raise InputError(source, f"scheme is '{scheme}'", "Use centred, or euler for the engines' own")
-    limits = np.array([moving[name]["limits"] for name in joints]).reshape(count, 2)
+    limits = np.array([(moving[name].lower, moving[name].upper) for name in joints]).reshape(count, 2)
     controller = ControllerModel(
         mode,
         rate,
@@ -211,11 +214,11 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
     if controller.velocity_reference not in ("zero", "derivative"):
         raise InputError(source, f"velocity_reference is '{controller.velocity_reference}'", "Use zero or derivative")
     tool = content.get("tool") or ""
-    if tool and tool not in urdf_links(urdf):
-        raise InputError(source, f"the URDF has no link '{tool}'", f"It has: {', '.join(urdf_links(urdf))}")
+    if tool and tool not in description.links:
+        raise InputError(source, f"the URDF has no link '{tool}'", f"It has: {', '.join(description.links)}")
     effects = read_effects(content.get("effects") or [], source, JOINT_EFFECTS, joints=joints)
     gravity = np.asarray(content.get("gravity", [0.0, 0.0, -9.81]), dtype=np.float64)
-    own = [moving[name]["damping"] for name in joints], [moving[name]["friction"] for name in joints]
+    own = [moving[name].damping for name in joints], [moving[name].friction for name in joints]
     return MechanismModel(
         urdf, joints, gravity, controller,
         row(content.get("viscous", own[0]), "viscous", 0.0), row(content.get("coulomb", own[1]), "coulomb", 0.0),
@@ -234,38 +237,3 @@ def _check_keys(content: Any, known: tuple[str, ...], needed: tuple[str, ...], s
     for key in needed:
         if key not in content:
             raise InputError(source, f"the key '{prefix}{key}' is missing", "See docs/gap.md")
-
-
-def urdf_links(urdf: str | Path) -> list[str]:
-    """Links of a description that `urdf_joints` could read."""
-    return [str(link.get("name")) for link in ElementTree.parse(urdf).getroot().findall("link")]
-
-
-def urdf_joints(urdf: str | Path) -> dict[str, dict[str, Any]]:
-    """Moving joints of a description, in its order: limits (rad, m), damping and friction it states.
-
-    Raises:
-        InputError: The file cannot be read as URDF.
-    """
-    try:
-        root = ElementTree.parse(urdf).getroot()
-    except OSError as error:
-        raise InputError(urdf, "the URDF cannot be read", "Check the path in the model") from error
-    except ElementTree.ParseError as error:
-        raise InputError(urdf, f"this is no XML ({error})", "Export the URDF again") from error
-    if root.tag != "robot":
-        raise InputError(urdf, "this is no URDF: its root is no <robot>", "Export the URDF again")
-    out = {}
-    for joint in root.findall("joint"):
-        if joint.get("type") not in ("revolute", "continuous", "prismatic"):
-            continue
-        limit, loss = joint.find("limit"), joint.find("dynamics")
-        low = float("-inf") if limit is None or joint.get("type") == "continuous" else float(limit.get("lower", "-inf"))
-        high = float("inf") if limit is None or joint.get("type") == "continuous" else float(limit.get("upper", "inf"))
-        out[str(joint.get("name"))] = {
-            "limits": (low, high),
-            "damping": 0.0 if loss is None else float(loss.get("damping", 0.0)),
-            "friction": 0.0 if loss is None else float(loss.get("friction", 0.0)),
-            "link": joint.find("child").get("link"),
-        }
-    return out

@@ -46,7 +46,7 @@ class Mechanism:
         self.system = system
         self.runs = self.shared = 0
         self.skeleton = Skeleton.read(system.urdf, system.joints)
-        self.chain = Chain.of(self.skeleton, system.joints, system.urdf)
+        self.chain = Chain.of(self.skeleton, system.joints)
         self._brain = self.chain.bodies(self.skeleton.inertials)
 
     def setup(self) -> JointSetup:

@@ -1,76 +1,21 @@
-"""Checks of the configuration that a JSON schema cannot express: names and paths point somewhere, no key stands twice."""
+"""Checks of the configuration that its models cannot express: names and paths point somewhere, settings fit together."""
 
 from __future__ import annotations
 
 import difflib
-import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from gsbridge.errors import InputError
-
-
-def check_files(paths: Iterable[str | Path]) -> None:
-    """Refuse configuration files that are no YAML, and those in which one key stands twice: YAML silently keeps the last.
-
-    Args:
-        paths: The configuration files in use.
-
-    Raises:
-        InputError: A file cannot be parsed, with the line, or a key stands twice in one block.
-    """
-    for path in paths:
-        with open(path, encoding="utf-8") as file:
-            try:
-                root = yaml.compose(file, Loader=yaml.SafeLoader)
-            except yaml.YAMLError as error:
-                if _is_json(path):
-                    continue
-                mark = getattr(error, "problem_mark", None)
-                place = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
-                problem = f"{place}{getattr(error, 'problem', None) or error}"
-                raise InputError(path, problem, "Indent with spaces, close brackets, quote special characters") from error
-        _refuse_duplicates(root, Path(path), "")
-
-
-def _is_json(path: str | Path) -> bool:
-    """Whether a file is JSON; indented with tabs it is no YAML."""
-    try:
-        json.loads(Path(path).read_text(encoding="utf-8"))
-    except ValueError:
-        return False
-    return True
-
-
-def _refuse_duplicates(node: yaml.Node | None, path: Path, above: str) -> None:
-    """Look for keys that stand twice in a block and in the blocks inside it."""
-    if isinstance(node, yaml.SequenceNode):
-        for item in node.value:
-            _refuse_duplicates(item, path, above)
-    if not isinstance(node, yaml.MappingNode):
-        return
-    lines: dict[str, int] = {}
-    for key, value in node.value:
-        name, line = str(key.value), key.start_mark.line + 1
-        if name in lines:
-            raise InputError(
-                path,
-                f"the key '{above}{name}' stands twice, in lines {lines[name]} and {line}; the first would be lost",
-                f"Put both under one '{name}:'",
-            )
-        lines[name] = line
-        _refuse_duplicates(value, path, f"{above}{name}.")
 
 
 def check_configuration(config: Mapping[str, Any]) -> None:
     """Check what would otherwise fail hours later: names that point nowhere, settings that lack or contradict another.
 
     Args:
-        config: The configuration, already valid against its schema, with defaults filled in.
+        config: The configuration, as `read_configuration` gives it.
 
     Raises:
         InputError: A preset, scene, camera or file is named that is not there, or a setting cannot work.

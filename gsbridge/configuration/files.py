@@ -1,0 +1,63 @@
+"""YAML files as users write them: what YAML itself would pass over is told with its line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+import yaml
+
+from gsbridge.errors import InputError
+
+
+def check_files(paths: Iterable[str | Path]) -> None:
+    """Refuse configuration files that are no YAML, and those in which one key stands twice: YAML silently keeps the last.
+
+    Args:
+        paths: The configuration files in use.
+
+    Raises:
+        InputError: A file cannot be parsed, with the line, or a key stands twice in one block.
+    """
+    for path in paths:
+        with open(path, encoding="utf-8") as file:
+            try:
+                root = yaml.compose(file, Loader=yaml.SafeLoader)
+            except yaml.YAMLError as error:
+                if _is_json(path):
+                    continue
+                mark = getattr(error, "problem_mark", None)
+                place = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+                problem = f"{place}{getattr(error, 'problem', None) or error}"
+                raise InputError(path, problem, "Indent with spaces, close brackets, quote special characters") from error
+        _refuse_duplicates(root, Path(path), "")
+
+
+def _is_json(path: str | Path) -> bool:
+    """Whether a file is JSON; indented with tabs it is no YAML."""
+    try:
+        json.loads(Path(path).read_text(encoding="utf-8"))
+    except ValueError:
+        return False
+    return True
+
+
+def _refuse_duplicates(node: yaml.Node | None, path: Path, above: str) -> None:
+    """Look for keys that stand twice in a block and in the blocks inside it."""
+    if isinstance(node, yaml.SequenceNode):
+        for item in node.value:
+            _refuse_duplicates(item, path, above)
+    if not isinstance(node, yaml.MappingNode):
+        return
+    lines: dict[str, int] = {}
+    for key, value in node.value:
+        name, line = str(key.value), key.start_mark.line + 1
+        if name in lines:
+            raise InputError(
+                path,
+                f"the key '{above}{name}' stands twice, in lines {lines[name]} and {line}; the first would be lost",
+                f"Put both under one '{name}:'",
+            )
+        lines[name] = line
+        _refuse_duplicates(value, path, f"{above}{name}.")

@@ -1,0 +1,63 @@
+"""Settings of what is looked at and counted: views, trials, episodes, and the figures and tables about splats."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from gsbridge.configuration.base import Distinct, Number, OrNull, PictureSize, Samples, Settings, Switch, Whole
+
+
+class ViewSettings(Settings):
+    """What the wrist camera sees."""
+
+    count: Whole = Field(default=32, ge=1, le=32)
+    """Start poses of which one moment each is looked at."""
+    size: PictureSize = 128
+    """Edge of the square pictures, px."""
+    samples: Samples = 128
+    """Samples per pixel of the mirror's pictures, at least."""
+
+
+class TrialSettings(Settings):
+    """The baseline controller, and policies, in both worlds."""
+
+    poses: Whole = Field(default=32, ge=1, le=32)
+    """Start poses of each set, evenly over the quadrants."""
+    seeds: Whole = Field(default=3, ge=1, le=100)
+    """Sets of start poses on which the controller is tried, each with its own seed."""
+    worlds: Distinct[str] = Field(default=["mirror"])
+    """Worlds in which policies are tried beside the simulated one, by name."""
+    policies: Whole = Field(default=1, ge=1, le=100)
+    """Policies of each cell, each trained with its own seed; their trials are counted together."""
+
+
+class EpisodeSettings(Settings):
+    """An episode to look at."""
+
+    size: PictureSize = 64
+    """Edge of the square pictures, px."""
+    samples: Samples = 32
+    """Samples per pixel of the mirror's pictures, at least."""
+    every: Whole = Field(default=2, ge=1, le=1000)
+    """Steps of the episode from one of the mirror's pictures to the next."""
+
+
+class ComparisonSettings(Settings):
+    """Extra trainings of splats for the table, on the mirror's scenes."""
+
+    seeds: Whole = Field(default=3, ge=1, le=20)
+    """Seeds of soft and GaMeS in the comparison, the main run's among them."""
+    hull: Switch = True
+    """Also bind both to the visual hull, a poor mesh."""
+
+
+class EditingSettings(Settings):
+    """What the figure of non-rigid edits shows."""
+
+    scene: OrNull[str] = None
+    """Object that is deformed; null is the first object of the preset."""
+    azimuth_deg: Number = Field(default=270.0, ge=-360, le=360)
+    """Direction from which it is seen, about z from +x of the table frame, degrees; the nearest held-out photo gives the
+    camera."""
+    size: Whole = Field(default=400, ge=64, le=2048)
+    """Edge of each picture, px."""

@@ -1,0 +1,122 @@
+"""What was filmed, with which camera, and where the table stands before the robot."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from gsbridge.configuration.asset import Density
+from gsbridge.configuration.base import ABSENT, Always, Given, Number, OneOf, OrNull, Settings, Sheet, Switch
+from gsbridge.configuration.films import Film
+
+
+class SharedCamera(Settings):
+    """A camera that several captures share."""
+
+    calibrate_from: list[str] = Field(min_length=1)
+    """Scenes whose photos of the board calibrate the camera; those of the preset are taken, or all where none is in it."""
+    board: Sheet = "a4"
+    """Sheet of the board in these scenes."""
+
+
+class Source(OneOf):
+    """Where the photos of a scene come from."""
+
+    video: str = ABSENT
+    """A video file; `~` is your home folder."""
+    images: str = ABSENT
+    """A folder of photos."""
+    colmap: str = ABSENT
+    """A folder with an existing COLMAP project or model and its images (docs/capture.md)."""
+    nerfstudio: str = ABSENT
+    """A nerfstudio `transforms.json`."""
+    film: Film = ABSENT
+    """A scene that the mirror's film studio films; the scene must carry the same name."""
+
+
+Point = tuple[str, Number, Number]
+"""Name of a keyframe, u, v, in pixels of the files in `capture/frames`."""
+
+
+class KnownLength(Given):
+    """A length that gives the scale where no board was filmed; it belongs to `object` or `between`."""
+
+    metres: Number = Field(gt=0.0001, lt=100)
+    """The length, m."""
+    object: Literal["longest"] = ABSENT
+    """The length is the object's longest side; good to some 5 %, so that the scene stays degraded."""
+    between: tuple[Point, Point] = ABSENT
+    """Two points on the table, each as `[keyframe, u, v]`, in pixels of the files in `capture/frames` (docs/capture.md)."""
+
+
+class Scene(Settings):
+    """A capture of an object, or of an empty table."""
+
+    kind: Literal["object", "background"]
+    """An object standing on a table, or the empty table."""
+    source: Source
+    """Where the photos come from; exactly one of the keys below."""
+    camera: OrNull[str] = None
+    """Name of a shared camera; null calibrates from this capture alone."""
+    board: OrNull[Sheet] = None
+    """Sheet of the printed board; null where none was laid out."""
+    require_scale: Switch = False
+    """Stop when the metric scale cannot be found, instead of going on degraded."""
+    known_length: OrNull[KnownLength] = None
+    """A length that gives the scale where no board was filmed."""
+    density: Density = "wood"
+    """Density for the mass, kg/m3, or a material's name (docs/assets.md)."""
+    example: Switch = False
+    """An example capture: left out where its files are not on this machine, instead of stopping the run."""
+
+
+Reach = Annotated[Number, Field(ge=-5, le=5)]
+
+
+class Pose(Given):
+    """A pose typed by hand; without `quaternion` and `rpy_deg` nothing is turned."""
+
+    position: tuple[Reach, Reach, Reach]
+    """x, y, z, m."""
+    quaternion: tuple[Number, Number, Number, Number] = ABSENT
+    """w, x, y, z; this or the next."""
+    rpy_deg: tuple[Number, Number, Number] = ABSENT
+    """Roll, pitch, yaw about fixed axes as in URDF, degrees."""
+
+
+class TypedPoses(Settings):
+    """Poses typed by hand instead of a registration."""
+
+    base_from_table: Pose
+    """Pose of the table before the robot's base."""
+    flange_from_camera: Pose
+    """Pose of the camera on the flange."""
+
+
+class WorkspaceSource(OneOf):
+    """Where the registration comes from."""
+
+    mirror: Always = ABSENT
+    """The mirror's wrist camera films the board."""
+    capture: str = ABSENT
+    """A folder of photos of the board with `arm.csv` (docs/registration.md)."""
+    typed: TypedPoses = ABSENT
+    """Poses typed by hand; the result is degraded."""
+
+
+class Workspace(Settings):
+    """Where the table stands before the robot, and where the wrist camera sits."""
+
+    source: WorkspaceSource = Field(default_factory=lambda: WorkspaceSource(mirror=True))
+    """Where this comes from; exactly one of the keys below."""
+    board: Sheet = "a4"
+    """Sheet of the board that the wrist camera sees."""
+    background: OrNull[str] = None
+    """Scene of the table on which the wrist camera sees the board, with `require_scale: true`; it tells how that camera sees
+    colours (docs/registration.md). Null leaves colours as the phone saw them."""
+    light: OrNull[str] = None
+    """Scene of an object that was filmed on that table in the light of the work place: its shadow tells where the light comes
+    from (docs/registration.md). Null draws no shadows, and so does a film of the mirror beside a table of yours."""
+    scale: Literal["board", "robot"] = "board"
+    """What is right about lengths, the board's printed size or the arm's motion."""

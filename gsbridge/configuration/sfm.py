@@ -1,0 +1,26 @@
+"""Settings of the reconstruction of the cameras."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from gsbridge.configuration.base import Positive, Settings, Share, Switch, Whole
+
+
+class SfmSettings(Settings):
+    """Limits and budgets of one reconstruction."""
+
+    max_features: Whole = Field(default=4096, ge=100, le=100_000)
+    """SIFT features per image."""
+    peak_threshold: Positive = Field(default=0.002, le=1)
+    """SIFT contrast floor; below COLMAP's default, which starves on plain surfaces."""
+    overlap: Whole = Field(default=10, ge=1, le=1000)
+    """Neighbours each frame of an ordered capture is matched with, beside those at powers of two."""
+    exhaustive_up_to: Whole = Field(default=150, ge=0)
+    """Unordered captures are matched exhaustively; ordered ones up to this many images in a retry."""
+    pass_share: Share = 0.95
+    """Share of registered images from which the result passes."""
+    degraded_share: Share = 0.6
+    """Share below which the stage fails."""
+    tag_refinement: Switch = True
+    """Refine the model with the tag corners as points of known layout."""

@@ -1,0 +1,47 @@
+"""Settings of the splats."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from gsbridge.configuration.base import Number, OrNull, Positive, Settings, Share, Whole
+
+
+class SplatSettings(Settings):
+    """What a training of splats may cost and how it learns."""
+
+    max_splats: Whole = Field(default=12_000, ge=100, le=100_000_000)
+    """Upper limit of the number of splats."""
+    splats_per_face: Whole = Field(default=1, ge=1, le=100)
+    """Splats on each face; the mesh is remeshed to meet the limit."""
+    steps: Whole = Field(default=2000, ge=1, le=10_000_000)
+    """Optimiser steps, one photo each."""
+    max_pixels: Whole = Field(default=80_000, ge=1, le=1_000_000_000)
+    """Pixels of a photo, or of an object's part of it, in training; larger ones are reduced. Metrics are not."""
+    half_size: Share = 0.0
+    """Part of the steps that use photos of half the size, first."""
+    offset_band: Annotated[Positive, Field(le=1)] | Literal["scene"] = 0.010
+    """Largest offset along the normal, m; `scene` for one unit of the reconstruction, as the paper's code."""
+    offset_penalty: Number = Field(default=0.0, ge=0)
+    """Weight of the mean squared relative offset in the loss."""
+    ssim_weight: Share = 0.2
+    """Part of 1 - SSIM in the loss; the rest is L1."""
+    margin_px: Whole = Field(default=12, ge=0, le=1000)
+    """Pixels around an object's mask that training looks at."""
+    decay: Positive = Field(default=0.1, le=1)
+    """Step sizes at the end, relative to the start (exponential)."""
+    lpips_weights: OrNull[str] = None
+    """File with the weights of LPIPS (docs/splats.md), or null; relative to the directory snakemake runs in."""
+    focus: Number = Field(default=16.0, ge=1, le=1000)
+    """Factor on what photos show of the square in which the robot works, where a background's triangles are sized: its own
+    camera looks from nearer. 1 leaves it to the photos (docs/splats.md)."""
+    focus_centre: tuple[Number, Number] = (0.0, 0.265)
+    """Middle of that square, table frame, m."""
+    focus_side: Positive = Field(default=0.45, le=5)
+    """Edge of that square, m."""
+    pictures: Whole = Field(default=4, ge=0, le=1000)
+    """Held-out views that are stored as pictures."""
+    backend: Literal["cpu", "cuda", "reference"] = "cpu"
+    """Rasteriser of the training: `cpu`, or `cuda` where a GPU and gsplat are; `reference` is slow, and for tests."""

@@ -1,0 +1,64 @@
+"""What a diagnosis asks of whatever was measured: joints, thrown bodies and pictures answer it, each by its own statistics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol, Self
+
+from gsbridge.effects.registry import Applied
+from gsbridge.geometry import Array
+
+
+class Backend(Protocol):
+    """A checked case of one kind, and what the stages do with it."""
+
+    @classmethod
+    def read(cls, path: str | Path) -> Self:
+        """A case from its file, checked.
+
+        Raises:
+            InputError: Something in it cannot be used.
+        """
+
+    @classmethod
+    def load(cls, model: str | Path, data: str | Path, about: Mapping[str, Any]) -> Self:
+        """A case from what `save` and `about` have left.
+
+        Raises:
+            InputError: A file is missing or damaged.
+        """
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the result is degraded."""
+
+    def save(self, data: str | Path) -> None:
+        """Write the measurements (`.npz`)."""
+
+    def about(self) -> dict[str, Any]:
+        """What `records.json` says; `mode` tells the kind of case."""
+
+    def compare(self) -> dict[str, Any]:
+        """What `comparison.json` says: residuals of the model as it is, and where they show."""
+
+    def screen(self, bank: str | Path) -> dict[str, Any]:
+        """What `screen.json` says: which effects show, and which look alike, before any fit. Fills the bank."""
+
+    def diagnose(self, bank: str | Path, seed: int) -> dict[str, Any]:
+        """What `findings.json` says: what is missing, proven on `verify`."""
+
+    def amend(self, model: str | Path, findings: Mapping[str, Any], out: str | Path) -> None:
+        """Write the model with what was found."""
+
+    def replay(self, effects: Sequence[Applied]) -> tuple[dict[str, Array], dict[str, Any]]:
+        """What was measured beside the model before and after, as arrays, and what `replays.json` says about it."""
+
+
+def best_effects(findings: Mapping[str, Any]) -> tuple[Applied, ...]:
+    """All effects of the account, whether named or not; of the best explanation where there is no account."""
+    account = findings.get("account")
+    return tuple(
+        Applied(item["name"], item["joint"] or "", {name: row["value"] for name, row in item["parameters"].items()})
+        for item in (account["entries"] if account else findings["effects"])
+    )

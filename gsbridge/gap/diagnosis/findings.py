@@ -1,0 +1,343 @@
+"""What a diagnosis says: its result in one layout and one sentence, whatever was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+
+from gsbridge.effects.base import Parameter
+from gsbridge.effects.registry import Applied, Registry
+from gsbridge.gap.diagnosis.results import TRANSFERS, AccountEntry, Candidate, Finding, GapAccount, Rules, Verification
+from gsbridge.geometry import Array
+
+_LISTED = 5
+"""Rivals that a sentence names."""
+
+_NINETY = 1.645
+"""Standard deviations either side of a 90 % interval."""
+
+_SIMILAR = 0.95
+"""Cosine of two signatures from which on a fit can hardly tell their effects apart."""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """All about one case.
+
+    Args:
+        finding: Verdict and hypotheses.
+        verification: On `verify`, where something was fitted.
+        floor: Noise of each channel of `select`, SI units.
+        bank_runs: Simulations of the bank, whether made now or read.
+        runs: Simulations of this case beside it.
+        seconds: Of the whole.
+        intervals: 90 % intervals of the best hypothesis' parameters, by effect, where its deviations do not tell them.
+        figures: What the model's own figures were and become with these effects, by effect and parameter, where it has such.
+        where: Size of the gap in each phase before and after, where a case has phases.
+        account: All effects that explain a part of the gap, where a case is told so; `verification` is of all of them then.
+        warnings: What a reader must know before the figures.
+    """
+
+    finding: Finding
+    verification: Verification | None
+    floor: Mapping[str, float]
+    bank_runs: int
+    runs: int
+    seconds: float
+    intervals: tuple[Mapping[str, tuple[float, float]], ...] = ()
+    figures: tuple[Mapping[str, tuple[float, float]], ...] = ()
+    where: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    account: GapAccount | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def effects(self) -> tuple[Applied, ...]:
+        """What may be added to the model: what was named, or the whole account, if it makes `verify` no worse.
+
+        An account without a name must close a good part of the gap there: little may be anything.
+        """
+        verdict, account = self.finding.verdict, self.account
+        if self.verification is None or not self.verification.accepted or self.finding.best is None:
+            return ()
+        if account is None:
+            return self.finding.best.fit.effects if verdict == "named" else ()
+        return account.effects if verdict in ("named", "ambiguous") or account.explained >= TRANSFERS else ()
+
+
+class Measured(Protocol):
+    """What was measured in one role of a case.
+
+    Attributes:
+        digest: SHA-256 of its files; empty where there are none.
+    """
+
+    @property
+    def digest(self) -> str: ...
+
+    def content_digest(self) -> str:
+        """SHA-256 of its numbers."""
+
+
+class Account:
+    """How the findings of one kind of case are told.
+
+    Attributes:
+        effects: What may be named.
+        unit: Of the gap.
+        scale: Factor from the diagnosis' own unit to that one.
+        measured: What was measured, in the plural.
+        agree: Sentence where nothing is missing; `{p}` is the p-value.
+        alone: Sentence where a difference shows on `select` alone.
+        unexcited: Sentence where most effects could not show.
+    """
+
+    effects: ClassVar[Registry[Any]]
+    unit: ClassVar[str] = "noise"
+    scale: ClassVar[float] = 1.0
+    measured: ClassVar[str] = "records"
+    agree: ClassVar[str] = "Simulation and measurement agree within the noise (p = {p:.2g})."
+    alone: ClassVar[str] = "A difference shows on 'select' alone; log another record of such motion and fit that one."
+    unexcited: ClassVar[str] = (
+        "No difference shows, but most effects could not show in these records: excite the mechanism more."
+    )
+
+    def findings_of(
+        self, diagnosis: Diagnosis, parts: Mapping[str, Measured], *, seed: int, reasons: Collection[str] = (), **counts: Any
+    ) -> dict[str, Any]:
+        """What `findings.json` holds.
+
+        Args:
+            diagnosis: The diagnosis.
+            parts: What was measured, by role.
+            seed: Of replicates.
+            reasons: Why the result is degraded.
+            counts: Further entries about what was measured.
+        """
+        finding, scale = diagnosis.finding, self.scale
+        where = {phase: [scale * before, scale * after] for phase, (before, after) in diagnosis.where.items()}
+        return {
+            "status": "degraded" if reasons else "pass",
+            "reasons": list(reasons),
+            **({"warnings": list(diagnosis.warnings)} if diagnosis.warnings else {}),
+            "sentence": self.sentence(diagnosis),
+            "verdict": finding.verdict,
+            "something_remains": finding.something_remains,
+            "effects": self.describe(diagnosis),
+            **({} if diagnosis.account is None else {"account": self._account(diagnosis, diagnosis.account)}),
+            "amended": [effect.record() for effect in diagnosis.effects],
+            "ambiguous": list(finding.ambiguous),
+            "p_value": finding.p_value,
+            "p_remaining": finding.p_remaining,
+            "rivals": [
+                {
+                    "effects": list(rival.names),
+                    "behind": scale * (rival.score - finding.rivals[0][0].score),
+                    "probability": chance,
+                    "closure": rival.closure,
+                }
+                for rival, chance in finding.rivals
+            ],
+            "select": {"before": scale * finding.before, "after": scale * finding.after, "unit": self.unit},
+            "verify": self._verified(diagnosis.verification),
+            **({"where": where} if where else {}),
+            "noise_floor": dict(diagnosis.floor),
+            "unseen": list(finding.unseen),
+            "simulations": {"bank": diagnosis.bank_runs, "case": diagnosis.runs},
+            "seconds": diagnosis.seconds,
+            **counts,
+            "records": {role: part.digest or part.content_digest() for role, part in parts.items()},
+            "seed": seed,
+        }
+
+    def _verified(self, checked: Verification | None) -> dict[str, Any] | None:
+        """What `verify` says about the best explanation."""
+        if checked is None:
+            return None
+        tested = checked.p_remaining is not None
+        return {
+            "before": self.scale * checked.before,
+            "after": self.scale * checked.after,
+            "closure": checked.closure,
+            **({} if tested else {"removed": 1.0 - checked.after / checked.before}),
+            "accepted": checked.accepted,
+            **({"p_remaining": checked.p_remaining} if tested else {}),
+            "channels": {name: (self.scale * a, self.scale * b) for name, (a, b) in checked.channels.items()},
+            "unit": self.unit,
+        }
+
+    def describe(self, diagnosis: Diagnosis) -> list[dict[str, Any]]:
+        """Parameters of the best hypothesis' effects with units and 90 % intervals."""
+        best = diagnosis.finding.best
+        if best is None:
+            return []
+        intervals = diagnosis.intervals or _by_deviations(diagnosis.finding)
+        figures = diagnosis.figures or (None,) * len(intervals)
+        return [self._described(*row) for row in zip(best.fit.effects, intervals, figures, strict=True)]
+
+    def _described(
+        self,
+        applied: Applied,
+        spans: Mapping[str, tuple[float, float]],
+        figures: Mapping[str, tuple[float, float]] | None = None,
+    ) -> dict[str, Any]:
+        """One effect with units, 90 % intervals, and what the model's own figures were and become."""
+        effect, rows = self.effects[applied.name], {}
+        for parameter in effect.parameters:
+            row = {"value": applied.parameters[parameter.name], "unit": self.unit_of(parameter)}
+            rows[parameter.name] = row | {"interval90": list(spans[parameter.name])}
+            if figures:
+                was, becomes = figures[parameter.name]
+                rows[parameter.name] |= {"was": was, "becomes": becomes}
+        about = {"name": applied.name, "joint": applied.joint, "title": effect.title, "hook": effect.hook}
+        return {**about, "parameters": rows, "confused_with": list(effect.confused_with), "tell_apart": effect.tell_apart}
+
+    def _account(self, diagnosis: Diagnosis, account: GapAccount) -> dict[str, Any]:
+        """An account, line by line, and what remains."""
+        wide = max(1.0, diagnosis.finding.after)
+        return {
+            "entries": [
+                {
+                    "label": str(entry.candidate),
+                    **self._described(entry.effect, _spans(entry.candidate, entry.effect, entry.deviations, wide)),
+                    "share": entry.share,
+                    "verdict": entry.verdict,
+                    "instead": list(entry.instead),
+                }
+                for entry in account.entries
+            ],
+            "explained": account.explained,
+            "remains": {
+                "channel": account.channel,
+                "phase": account.phase,
+                "size": self.scale * account.left,
+                "unit": self.unit,
+            },
+        }
+
+    def unit_of(self, parameter: Parameter) -> str:
+        """Unit of a parameter as findings have it."""
+        return parameter.unit
+
+    def sentence(self, diagnosis: Diagnosis) -> str:
+        """The finding in words."""
+        finding = diagnosis.finding
+        if finding.coloured and finding.untold:
+            return (
+                "No known effect: more than white noise is left, nothing learnt from one record holds on the other, and no two "
+                "channels here measure the same motion, which would tell noise of another colour from motion. Log speeds, too."
+            )
+        if finding.coloured:
+            return (
+                "Simulation and measurement agree: what exceeds white noise is no motion, and nothing learnt from one record "
+                "holds on the other."
+            )
+        if finding.verdict == "no_discrepancy":
+            return self.agree.format(p=finding.p_value)
+        if finding.verdict == "not_enough_excitation":
+            return self.alone if finding.p_value < Rules.alarm else self.unexcited
+        best = finding.best
+        if best is None:
+            return f"Something is missing (p = {finding.p_value:.2g}), and no known effect could be fitted to it."
+        if finding.verdict == "none_of_the_known":
+            if diagnosis.account is not None and diagnosis.account.entries:
+                return self._closest(diagnosis.account)
+            names = " + ".join(best.names)
+            return (
+                f"Something is missing that is in no catalogue: the best known explanation ({names}) {self.leaves(diagnosis)}."
+            )
+        if finding.verdict == "ambiguous":
+            names, more = finding.ambiguous[:_LISTED], len(finding.ambiguous) - _LISTED
+            listed = " and ".join([*names, f"{more} more"] if more > 0 else names)
+            how = self.effects[best.fit.effects[0].name].tell_apart
+            return f"These {self.measured} cannot decide between {listed}. To tell them apart: {how}."
+        parts = "; ".join(self.lacks(item) for item in self.describe(diagnosis))
+        tail = "" if diagnosis.verification is None else f"; {self.change(diagnosis.verification)}"
+        return parts + tail + (", but something remains" if finding.something_remains else "") + "."
+
+    def _closest(self, account: GapAccount) -> str:
+        """What comes nearest where nothing can be named, what it leaves, and what to do next."""
+        first = account.entries[0].candidate.effect
+        listed = ", ".join(_line(entry) for entry in account.entries[:_LISTED])
+        more = f" and {len(account.entries) - _LISTED} more" if len(account.entries) > _LISTED else ""
+        rest = f", mostly in {account.channel}, {account.phase}" if account.channel else ""
+        return (
+            f"No single known effect suffices. Closest are {listed}{more}; with them in the model, "
+            f"{100 * (1.0 - account.explained):.0f} % of the gap remains on a record that they have not seen{rest}. Do this "
+            f"next: {first.tell_apart}."
+        )
+
+    def leaves(self, diagnosis: Diagnosis) -> str:
+        """What an explanation leaves that is none."""
+        return f"leaves {diagnosis.finding.after:.3g} times the noise of {diagnosis.finding.before:.3g}"
+
+    def lacks(self, item: Mapping[str, Any]) -> str:
+        """One effect that the model lacks, with its figures; an entry of `describe`."""
+        figures = ", ".join(
+            f"{name} {_rounded(row['value'], row['interval90'])} {row['unit']}".rstrip()
+            for name, row in item["parameters"].items()
+        )
+        who = f"Joint '{item['joint']}'" if item["joint"] else "The model"
+        return f"{who} lacks {item['title']} ({figures})"
+
+    def change(self, checked: Verification) -> str:
+        """How the gap changes on `verify`."""
+        verb = "falls" if checked.after <= checked.before else "rises"
+        return f"the gap {verb} from {checked.before:.3g} to {checked.after:.3g} times the noise on a record it has not seen"
+
+
+def _by_deviations(finding: Finding) -> tuple[Mapping[str, tuple[float, float]], ...]:
+    """90 % intervals of the best hypothesis' parameters from their standard deviations, by effect."""
+    fit, place, out = finding.best.fit, 0, []  # type: ignore[union-attr]
+    # Residuals above the noise widen the intervals as they would under noise of that size.
+    wide = max(1.0, finding.after)
+    for candidate, effect in zip(fit.who, fit.effects, strict=True):
+        count = len(candidate.effect.parameters)
+        out.append(_spans(candidate, effect, fit.deviations[place : place + count], wide))
+        place += count
+    return tuple(out)
+
+
+def _spans(candidate: Candidate, effect: Applied, deviations: Array, wide: float) -> dict[str, tuple[float, float]]:
+    """90 % intervals of an effect's parameters from their standard deviations [P], made wider by a factor."""
+    rows = {}
+    for parameter, deviation in zip(candidate.effect.parameters, deviations, strict=True):
+        value, spread = effect.parameters[parameter.name], _NINETY * wide * float(deviation)
+        rows[parameter.name] = (max(value - spread, parameter.low), min(value + spread, parameter.high))
+    return rows
+
+
+def _line(entry: AccountEntry) -> str:
+    """An entry in a sentence."""
+    where = f"{entry.effect.joint}: " if entry.effect.joint else ""
+    return f"{where}{entry.candidate.effect.title} ({100 * entry.share:.0f} %)"
+
+
+def digits_of(interval: Sequence[float], scale: float = 1.0) -> tuple[float, int]:
+    """Half the width of an interval, and the decimals that show its second digit where it is multiplied by `scale`."""
+    half = max(0.5 * (interval[1] - interval[0]), 1e-12)
+    return half, max(0, int(1 - np.floor(np.log10(scale * half))))
+
+
+def _rounded(value: float, interval: Sequence[float]) -> str:
+    """A value with half the width of its interval, rounded to the width's second digit."""
+    half, digits = digits_of(interval)
+    return f"{value:.{digits}f} ± {half:.{digits}f}"
+
+
+def similar_pairs(names: Sequence[str], cosines: Array) -> list[dict[str, Any]]:
+    """Pairs of effects whose signatures look alike before any fit, the closest first, as in `screen.json`.
+
+    Args:
+        names: Of the effects. [N].
+        cosines: Of their signatures, or the largest where they have several. [N, N].
+    """
+    pairs = [
+        {"pair": [names[a], names[b]], "cosine": float(cosines[a, b])}
+        for a in range(len(names))
+        for b in range(a)
+        if cosines[a, b] >= _SIMILAR
+    ]
+    return sorted(pairs, key=lambda item: -item["cosine"])

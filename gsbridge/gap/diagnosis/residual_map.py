@@ -1,0 +1,51 @@
+"""Where a difference shows: residuals by channel and by what happens, as a map that a person reads at a glance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gsbridge.geometry import Array
+
+LEVEL = 0.01
+"""Share of false cells that is allowed among those that are marked."""
+
+
+@dataclass(frozen=True)
+class ResidualMap:
+    """Root mean square residuals by channel and by what happens, in the unit of the comparison.
+
+    Args:
+        channels: Rows.
+        values: Not-a-number where too few samples fall into a cell. [channels, columns].
+        marked: Cells that noise alone does not explain, at most `LEVEL` of them by chance. [channels, columns].
+        groups: Names of the columns.
+    """
+
+    channels: tuple[str, ...]
+    values: Array
+    marked: Array
+    groups: Mapping[str, tuple[str, ...]]
+
+    def record(self) -> dict[str, Any]:
+        """As in `comparison.json`."""
+        return {
+            "groups": {name: list(columns) for name, columns in self.groups.items()},
+            "channels": list(self.channels),
+            "values": self.values,
+            "marked": self.marked.astype(bool),
+        }
+
+
+def few_false(chances: Array, counted: Array) -> Array:
+    """Cells whose chance is small enough that at most a share of `LEVEL` of the marked ones is expected to be false.
+
+    Source: Benjamini and Hochberg, Controlling the false discovery rate, 1995.
+    """
+    order = np.sort(chances[counted])
+    passed = np.flatnonzero(order <= LEVEL * np.arange(1, len(order) + 1) / max(len(order), 1))
+    bar = order[passed[-1]] if len(passed) else -1.0
+    return counted & (chances <= bar)

@@ -1,0 +1,109 @@
+"""A user's case of pictures: a YAML file that names the simulation's model and photos of two days; its photos as one file."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from gsbridge.cameras import Camera
+from gsbridge.effects.images import IMAGE_EFFECTS
+from gsbridge.effects.registry import read_names
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_file
+from gsbridge.gap.formats.yaml_file import read_case_file
+from gsbridge.gap.image.diagnose import unsteady
+from gsbridge.gap.image.files import read_pairs
+from gsbridge.gap.image.pairs import Pairs
+from gsbridge.geometry import Array
+from gsbridge.sim.model import read_model
+
+PHOTOS = "photos"
+"""Section of a case that makes it one of pictures, and its mode in `records.json`."""
+
+_PAGE = "docs/gap_images.md"
+_KEYS = ("model", PHOTOS, "effects")
+_FOLDERS = ("views", "before", "after")
+_ARRAYS = ("before", "again", "after", "depths", "poses")
+
+
+@dataclass(frozen=True)
+class ImageCase:
+    """A case of pictures, checked.
+
+    Args:
+        model: The simulation's model, which gets what is named.
+        pairs: Photos by role.
+        names: Effects that may be the reason; None for all.
+        reasons: Why its result is degraded.
+    """
+
+    model: Path
+    pairs: Mapping[str, Pairs]
+    names: tuple[str, ...] | None
+    reasons: tuple[str, ...]
+
+
+def read_image_case(path: str | Path) -> ImageCase:
+    """Read and check a case of pictures.
+
+    Raises:
+        InputError: The file, the simulation's model or the photos cannot be used.
+    """
+    path = Path(path)
+    content = read_case_file(path, _PAGE, PHOTOS, _KEYS)
+    given = content[PHOTOS]
+    for key in given:
+        if key not in (*_FOLDERS, "shot"):
+            raise InputError(path, f"the key 'photos.{key}' is unknown", f"Use only: {', '.join(_FOLDERS)}, shot")
+    for key in _FOLDERS:
+        if not isinstance(given.get(key), str):
+            raise InputError(path, f"'photos.{key}' names no folder", f"See {_PAGE}")
+    shot = given.get("shot", 0)
+    if isinstance(shot, bool) or not isinstance(shot, int) or shot < 0:
+        raise InputError(path, f"'photos.shot' is {shot!r}", "Give the number of the later photo that counts: 0, 1, ...")
+    model = path.parent / str(content["model"])
+    read_model(model)
+    names = read_names(content.get("effects"), path, IMAGE_EFFECTS)
+    pairs = read_pairs(*(path.parent / given[key] for key in _FOLDERS), shot=shot)
+    return ImageCase(model, pairs, names, unsteady(pairs))
+
+
+def save_pairs(path: str | Path, pairs: Mapping[str, Pairs]) -> None:
+    """Write photos that were read from files, whole or not at all.
+
+    Args:
+        path: The file (`.npz`).
+        pairs: By role; of a camera that stood.
+    """
+    arrays: dict[str, Array] = {}
+    plain = {}
+    for role, part in pairs.items():
+        plain[role] = {"camera": part.camera.to_json(), "repeats": part.repeats, "name": part.name, "digest": part.digest}
+        arrays |= {f"{role}/{name}": getattr(part, name) for name in _ARRAYS}
+    with atomic_file(path) as temporary, open(temporary, "wb") as stream:
+        np.savez_compressed(stream, plain=json.dumps(plain), **arrays)  # type: ignore[arg-type]
+
+
+def load_pairs(path: str | Path) -> dict[str, Pairs]:
+    """Read photos back, as they were.
+
+    Raises:
+        InputError: The file is missing or damaged.
+    """
+    try:
+        with np.load(path) as data:
+            return {
+                role: Pairs(
+                    Camera.from_json(about.pop("camera")), *(data[f"{role}/{name}"] for name in _ARRAYS), **about
+                )
+                for role, about in json.loads(str(data["plain"])).items()
+            }  # fmt: skip
+    except (OSError, EOFError, KeyError, ValueError, TypeError, zipfile.BadZipFile) as error:
+        raise InputError(
+            path, f"the stored photos cannot be read ({error})", "Delete the file and run the rule again"
+        ) from error

@@ -1,0 +1,305 @@
+"""What the stages of the workflow do with pictures: from photos to findings, and from findings to the simulation's camera."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from gsbridge.effects.images import IMAGE_EFFECTS
+from gsbridge.effects.registry import Applied
+from gsbridge.errors import InputError, StageError
+from gsbridge.files import atomic_file, read_json, write_json
+from gsbridge.gap.diagnosis.backend import best_effects
+from gsbridge.gap.diagnosis.findings import similar_pairs
+from gsbridge.gap.formats.yaml_file import read_yaml
+from gsbridge.gap.image.case import PHOTOS, ImageCase, load_pairs, read_image_case, save_pairs
+from gsbridge.gap.image.diagnose import ImageAccount, channel_sizes, diagnose_images, unsteady
+from gsbridge.gap.image.files import read_pairs
+from gsbridge.gap.image.model import image_candidates, shooting
+from gsbridge.gap.image.pairs import Pairs
+from gsbridge.gap.image.residual_map import map_pictures
+from gsbridge.gap.image.residuals import ImageResiduals, learn_noise
+from gsbridge.gap.image.screen import cosines, signatures, unseen_of
+from gsbridge.geometry import Array
+from gsbridge.sim.model import parse_model
+
+logger = logging.getLogger("gsbridge")
+
+_SHOWN = 4
+"""Views in the pictures that a report shows."""
+
+
+@dataclass(frozen=True)
+class ImageBackend:
+    """A case about pictures; see `gsbridge.gap.diagnosis.backend.Backend`.
+
+    Args:
+        case: The case.
+    """
+
+    case: ImageCase
+
+    @classmethod
+    def read(cls, path: str | Path) -> ImageBackend:
+        """From a case's file, checked.
+
+        Raises:
+            InputError: It cannot be used.
+        """
+        return cls(read_image_case(path))
+
+    @classmethod
+    def load(cls, model: str | Path, data: str | Path, about: Mapping[str, Any]) -> ImageBackend:
+        """From what `save` and `about` have left.
+
+        Raises:
+            InputError: A file is missing or damaged.
+        """
+        names = about["effects"]
+        return cls(ImageCase(Path(model), load_pairs(data), None if names is None else tuple(names), tuple(about["reasons"])))
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the result is degraded."""
+        return self.case.reasons
+
+    def save(self, data: str | Path) -> None:
+        """Write the photos (`.npz`)."""
+        save_pairs(data, self.case.pairs)
+
+    def about(self) -> dict[str, Any]:
+        """What `records.json` says."""
+        names = self.case.names
+        return {
+            "model": str(self.case.model),
+            "mechanism_digest": hashlib.sha256(self.case.model.read_bytes()).hexdigest(),
+            "joints": [],
+            "mode": PHOTOS,
+            "effects": None if names is None else list(names),
+            "records": {role: _about(part) for role, part in self.case.pairs.items()},
+        }
+
+    def _views(self) -> dict[str, ImageResiduals]:
+        """Photos in units of the noise, by role."""
+        noise = learn_noise(list(self.case.pairs.values()))
+        return {role: ImageResiduals(part, noise) for role, part in self.case.pairs.items()}
+
+    def compare(self) -> dict[str, Any]:
+        """Differences of the photos, and a map of where they show: `comparison.json`."""
+        views = self._views()
+        return {
+            "unit": ImageAccount.unit,
+            "records": {role: _differences(view) for role, view in views.items()},
+            "simulations": sum(view.expectation.pictures for view in views.values()),
+        }
+
+    def screen(self, bank: str | Path) -> dict[str, Any]:
+        """Say before any fit what the photos can tell apart: `screen.json`. Nothing is kept: `bank` stays as it is."""
+        view, who = self._views()["fit"], image_candidates(self.case.names)
+        groups = signatures(view, [one for one in who if view.tells(one)])
+        return {
+            "candidates": [str(one) for one in who],
+            "unseen": list(unseen_of(view, who, groups)),
+            "alike": similar_pairs(*cosines(groups)),
+            "signatures": sum(len(group.tables) for group in groups),
+            "simulations": view.expectation.pictures,
+        }
+
+    def diagnose(self, bank: str | Path, seed: int) -> dict[str, Any]:
+        """What changed, proven on the third role: `findings.json`. Pictures need no bank."""
+        case = self.case
+        diagnosis = diagnose_images(case.pairs, names=case.names, seed=seed)
+        found = ImageAccount().findings_of(diagnosis, case.pairs, seed=seed, reasons=case.reasons)
+        return found | {PHOTOS: {role: {"views": len(part), "repeats": part.repeats} for role, part in case.pairs.items()}}
+
+    def amend(self, model: str | Path, findings: Mapping[str, Any], out: str | Path) -> None:
+        """Write the simulation's model with the named effects that it can play; the others stand in its head."""
+        played = [item for item in findings["amended"] if IMAGE_EFFECTS[item["name"]].amendable]
+        left = [IMAGE_EFFECTS[item["name"]] for item in findings["amended"] if item not in played]
+        for effect in left:
+            logger.warning("the model cannot hold '%s': %s. %s", effect.name, effect.reason, effect.instead)
+        _write_camera(model, findings, played, out, [f"not held: {effect.name} ({effect.reason})" for effect in left])
+
+    def replay(self, effects: Sequence[Applied]) -> tuple[dict[str, Array], dict[str, Any]]:
+        """Photos of `verify` and what is expected, and of every role what is apart before and after.
+
+        Returns:
+            As `write_image_findings` puts into `pictures`; and `replays.json`: differences before and after, and a map of what
+            remains.
+        """
+        views, rows = self._views(), {}
+        for role, view in views.items():
+            before, after = view.residual(), view.residual(effects)
+            rows[role] = {
+                "before": view.size_of(before),
+                "after": view.size_of(after),
+                "channels": list(channel_sizes(view, before)),
+                "remains": map_pictures(view, after).record(),
+            }
+        unit, pictures = ImageAccount.unit, sum(view.expectation.pictures for view in views.values())
+        return _pictures(views["verify"], effects), {"unit": unit, "records": rows, "simulations": pictures}
+
+
+def _about(part: Pairs) -> dict[str, Any]:
+    """What a person wants to know about the photos of a role."""
+    return {
+        "name": part.name,
+        "views": len(part),
+        "repeats": part.repeats,
+        "size": [part.camera.width, part.camera.height],
+        "commands": [],
+        "measured": [PHOTOS],
+        "quantum": {},
+        "digest": part.digest or part.content_digest(),
+    }
+
+
+def _differences(view: ImageResiduals) -> dict[str, Any]:
+    """Differences of the photos of one role, and where they show."""
+    table = view.residual()
+    return {
+        "whole": view.size_of(table),
+        "channels": channel_sizes(view, table),
+        "noise": view.noise.levels(),
+        "where": map_pictures(view, table).record(),
+    }
+
+
+def write_image_findings(
+    views: str | Path,
+    before: str | Path,
+    after: str | Path,
+    findings: str | Path,
+    pictures: str | Path,
+    *,
+    seed: int,
+    shot: int = 0,
+    names: Collection[str] | None = None,
+) -> None:
+    """Diagnose what changed between photos.
+
+    Args:
+        views: Folder that says what the views are (`gsbridge.gap.image.files`).
+        before: Folder of earlier photos.
+        after: Folder of later photos.
+        findings: `findings.json`.
+        pictures: What a report shows of some views of `verify` (`.npz`): photos `before`, `after` and as `expected`,
+            [N, H, W, 3]; where they are `compared`, and what is apart before (`gap`) and with the explanation (`left`), in
+            units of the noise, [N, h, w].
+        seed: Of replicates.
+        shot: Which of the later photos counts.
+        names: Effects that may be the reason; None for all.
+
+    Raises:
+        InputError: Photos, views or depths cannot be used; nothing is written then.
+    """
+    pairs = read_pairs(views, before, after, shot=shot)
+    case = ImageCase(Path(views), pairs, None if names is None else tuple(names), unsteady(pairs, seed=seed))
+    for reason in case.reasons:
+        logger.warning("degraded: %s", reason)
+    found = ImageBackend(case).diagnose("", seed)
+    view = ImageResiduals(pairs["verify"], learn_noise(list(pairs.values())))
+    with atomic_file(pictures) as temporary, open(temporary, "wb") as stream:
+        np.savez_compressed(stream, **_pictures(view, best_effects(found)))  # type: ignore[arg-type]
+    write_json(findings, found)
+
+
+def _pictures(view: ImageResiduals, effects: Sequence[Applied]) -> dict[str, Array]:
+    """What a report shows of the views of a role, as `write_image_findings` says."""
+    table = {"gap": view.residual(), "left": view.residual(effects)}
+    shown = slice(0, _SHOWN)
+    return {
+        "before": view.pairs.before[shown],
+        "after": view.pairs.after[shown],
+        "expected": np.clip(view.expectation.photos(shooting(effects))[shown], 0.0, 1.0).astype(np.float32),
+        "compared": view.mask[shown].astype(np.float32),
+        **{name: np.abs(view.pictures(rows)[shown]).mean(axis=-1).astype(np.float32) for name, rows in table.items()},
+    }
+
+
+def amend_camera(nominal: str | Path, findings: str | Path, model: str | Path, reference: str | Path | None = None) -> None:
+    """Write the simulation's model with the image effects that were named: a policy that learns with it sees them.
+
+    Args:
+        nominal: The simulation's model as it was.
+        findings: `findings.json`.
+        model: The amended model; the evidence stands in its head.
+        reference: `findings.json` of further photos of the first day, in which nothing may be found.
+
+    Raises:
+        StageError: Nothing was named, or something was found in photos of one day.
+        InputError: An episode's pictures cannot have a named effect, or a file is damaged.
+    """
+    found, content = _findings(findings), read_yaml(nominal, "model", "models/nominal.yaml")
+    parse_model(content, str(nominal))
+    if reference is not None and _findings(reference)["verdict"] != "no_discrepancy":
+        raise StageError(
+            "amend_camera",
+            f"photos of one day differ: {_findings(reference)['sentence']}",
+            f"Take them again, or more of them; see {reference}",
+        )
+    if not found["amended"]:
+        raise StageError(
+            "amend_camera", f"the diagnosis named nothing ({found['verdict']}): {found['sentence']}", f"See {findings}"
+        )
+    for named in found["amended"]:
+        effect = IMAGE_EFFECTS.effect(named["name"], findings)
+        if not effect.amendable:
+            what = f"a policy's pictures cannot be drawn with '{effect.name}': {effect.reason}"
+            raise InputError(findings, what, effect.instead)
+    _write_camera(nominal, found, found["amended"], model)
+
+
+def _write_camera(
+    nominal: str | Path,
+    found: Mapping[str, Any],
+    effects: Sequence[Mapping[str, Any]],
+    out: str | Path,
+    notes: Sequence[str] = (),
+) -> None:
+    """Write a simulation's model with further image effects, the evidence in its head.
+
+    Args:
+        nominal: The model as it was.
+        found: What `findings.json` holds.
+        effects: To be added, as in a model file.
+        out: The amended model.
+        notes: Further lines of the head.
+
+    Raises:
+        InputError: The model cannot hold an effect.
+    """
+    content = read_yaml(nominal, "model", "models/nominal.yaml")
+    content["effects"] = [*(content.get("effects") or []), *effects]
+    parse_model(content, str(nominal))
+    head = [
+        f"Amended by the gap of pictures; made from {Path(nominal).name} and not to be edited.",
+        found["sentence"],
+        *(f"photos {role}: {digest}" for role, digest in found["records"].items()),
+        f"seed {found['seed']}",
+        *notes,
+    ]
+    text = "".join(f"# {line}\n" for line in head)
+    text += yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=128)
+    with atomic_file(out) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _findings(path: str | Path) -> dict[str, Any]:
+    """What a diagnosis has left.
+
+    Raises:
+        InputError: It is damaged.
+    """
+    found = read_json(path)
+    missing = [key for key in ("verdict", "sentence", "amended", "records", "seed") if key not in found]
+    if missing:
+        raise InputError(path, f"it has no '{missing[0]}'", "Diagnose the photos again")
+    return found

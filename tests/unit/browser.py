@@ -1,0 +1,97 @@
+"""A page in a real browser, at the width of a desk and of a phone, in light and in dark: what a script finds in it."""
+
+import html
+import json
+import re
+import shutil
+import subprocess
+
+import pytest
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+needs_browser = pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")
+PHONE, DESK = 390, 1280
+
+LOOK = """
+<script>
+addEventListener("load", () => setTimeout(() => {
+  const all = (selector) => [...document.querySelectorAll(selector)], text = (e) => (e.textContent || "").trim();
+  const light = (colour) => {
+    const [r, g, b] = colour.match(/[\\d.]+/g).slice(0, 3).map(v => { v /= 255; return v <= .04045 ? v / 12.92 : ((v + .055) / 1.055) ** 2.4; });
+    return .2126 * r + .7152 * g + .0722 * b;
+  };
+  const ground = (e) => { for (; e; e = e.parentElement) { const c = getComputedStyle(e).backgroundColor; if (!/, 0\\)$/.test(c)) return c; } return "rgb(255, 255, 255)"; };
+  const contrast = (e) => { const a = light(getComputedStyle(e).color), b = light(ground(e)); return (Math.max(a, b) + .05) / (Math.min(a, b) + .05); };
+  const links = all("a[href^='#']"), pictures = [...document.images], ids = all("[id]").map(e => e.id), regions = all("[role=region]");
+  const sentence = document.querySelector(".sentence");
+  const found = {
+    links: all("nav a").length, pictures: pictures.length, rows: all("table").map(t => t.rows.length),
+    sentence: sentence && sentence.getBoundingClientRect().bottom,
+    wrong: {
+      lost: links.filter(a => !document.getElementById(a.getAttribute("href").slice(1))).map(a => a.outerHTML),
+      broken: pictures.filter(i => !i.naturalWidth).map(i => i.alt),
+      unnamed: pictures.filter(i => !i.alt || /_|\\.(png|jpe?g|svg|webp)/.test(i.alt)).map(i => i.alt),
+      foreign: performance.getEntriesByType("resource").filter(r => !r.name.startsWith("data:")).map(r => r.name),
+      outside: all("body *").filter(e => e.getBoundingClientRect().right > document.documentElement.clientWidth + 1 && !e.closest(".scroll, .frame")).map(e => e.outerHTML.slice(0, 80)),
+      heads: all("thead th").filter(e => e.scope != "col").concat(all("tbody th").filter(e => e.scope != "row")).map(text),
+      untitled: all("table").filter(t => !t.caption || !text(t.caption)).map(t => t.outerHTML.slice(0, 80)),
+      unreachable: all(".scroll, .frame").filter(e => e.tabIndex != 0 || e.getAttribute("role") != "region" || !e.getAttribute("aria-label")).map(e => e.className),
+      twice: ids.filter((id, k) => ids.indexOf(id) != k).concat(regions.map(r => r.getAttribute("aria-label")).filter((l, k, a) => a.indexOf(l) != k)),
+      frame: [all("main").length == 1 ? [] : "main", all("h1").length == 1 ? [] : "h1", document.documentElement.lang == "en" ? [] : "lang"].flat(),
+      faint: all("p, li, th, td, caption, figcaption, a, b, span, h1, h2, dt, dd").filter(e => text(e) && e.checkVisibility() && contrast(e) < (parseFloat(getComputedStyle(e).fontSize) >= 24 ? 3 : 4.5)).map(e => text(e).slice(0, 40)),
+    },
+    dark: light(getComputedStyle(document.body).backgroundColor) < .2,
+  };
+  const full = document.querySelector("a.full");
+  if (full) {
+    location.hash = full.getAttribute("href");
+    const picture = document.getElementById(full.getAttribute("href").slice(1)).querySelector("img");
+    found.full = [picture.clientWidth, picture.naturalWidth];
+    found.after = document.documentElement.scrollWidth - document.documentElement.clientWidth;
+  }
+  parent.postMessage(JSON.stringify(found), "*");
+}, 100));
+</script>
+"""  # noqa: E501
+
+
+def look(page, folder, width=DESK, *, dark=False):
+    """What is found in a page; `wrong` lists what no page may have.
+
+    Args:
+        page: The HTML text.
+        folder: For the browser's files.
+        width: Of the window, px.
+        dark: Whether the reader prefers dark pages.
+    """
+    (folder / "inner.html").write_text(page.replace("</body>", LOOK + "</body>"), encoding="utf-8")
+    # Windows are never as narrow as a phone, frames are.
+    frame = f'<iframe src="inner.html" style="border: 0; width: {width}px; height: 900px"></iframe><pre id="found"></pre>'
+    script = "<script>onmessage = (e) => { document.getElementById('found').textContent = e.data }</script>"
+    (folder / "outer.html").write_text(f"<!DOCTYPE html><body>{frame}{script}</body>", encoding="utf-8")
+    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={folder / 'profile'}"]
+    command += ["--window-size=1500,1000", "--virtual-time-budget=10000", "--hide-scrollbars"]
+    command += ["--blink-settings=preferredColorScheme=0"] if dark else []
+    shown = subprocess.run(
+        [*command, "--dump-dom", (folder / "outer.html").as_uri()], capture_output=True, text=True, timeout=300, check=True
+    ).stdout
+    found = json.loads(html.unescape(re.search(r'<pre id="found">(.*?)</pre>', shown, re.S)[1]))
+    assert found["dark"] == dark
+    return found
+
+
+def check(page, folder):
+    """A page at both widths, in light and in dark; what was found at the desk's width in light.
+
+    Args:
+        page: The HTML text.
+        folder: For the browser's files.
+    """
+    seen = {(width, dark): look(page, folder, width, dark=dark) for width, dark in ((DESK, False), (PHONE, True))}
+    for found in seen.values():
+        assert {name: wrong for name, wrong in found["wrong"].items() if wrong} == {}
+        if "full" in found:
+            shown, real = found["full"]
+            assert shown == real
+            assert found["after"] <= 0
+    return seen[DESK, False]
