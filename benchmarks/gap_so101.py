@@ -113,7 +113,7 @@ class Statics:
 
     def __init__(self, urdf: Path) -> None:
         skeleton = Skeleton.read(urdf, JOINTS)
-        self._chain = Chain.of(skeleton, JOINTS, urdf)
+        self._chain = Chain.of(skeleton, JOINTS)
         self._bodies = self._chain.bodies(skeleton.inertials)
 
     def __call__(self, postures: Array) -> Array:

@@ -84,7 +84,7 @@ def test_degraded_reasons_stand_at_the_top(tmp_path):
     [
         ("no_discrepancy", "no discrepancy", "could not show"),
         ("ambiguous", "ambiguous", "compare slow with fast constant speed"),
-        ("none_of_the_known", "none of the known effects", "write it as an effect"),
+        ("none_of_the_known", "none of the known effects", "no catalogue has"),
         ("not_enough_excitation", "not enough excitation", "faster and slower motion"),
     ],
 )
@@ -194,7 +194,7 @@ def mechanism(tmp_path):
     (tmp_path / "arm.urdf").write_text(URDF)
     (tmp_path / "model.yaml").write_text("urdf: arm.urdf\ncontroller: {mode: free}\n")
     skeleton = Skeleton.read(tmp_path / "arm.urdf", ("lift", "turn"))
-    chain = Chain.of(skeleton, ("lift", "turn"), tmp_path / "arm.urdf")
+    chain = Chain.of(skeleton, ("lift", "turn"))
     return chain, chain.bodies(skeleton.inertials)[:, 1:4], tmp_path
 
 
