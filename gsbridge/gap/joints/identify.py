@@ -284,7 +284,7 @@ class JointIdentification:
         """Whether a trial explains enough to be named although more than noise is left.
 
         Several effects together fit much that they do not explain: each must explain more than what remains, which is the
-        error of the model as far as anybody knows.
+        error of the model as far as anybody knows, and a hundredth of the gap: an effect that small mends another's law.
         """
         rules, closure = self.rules, min(self._closed(trial), self._closed_first(trial))
         if closure < rules.closure:
@@ -298,7 +298,8 @@ class JointIdentification:
             if without is None:
                 who, values = [trial.fit.who[k] for k in kept], [trial.fit.values[k] for k in kept]
                 without = self._trial(fit(self.first, who, values, np.inf, self.screen, self._limit(0)))
-            if without.chi2 - trial.chi2 < rules.larger * left:
+            small = self._gap(without.chi2) - self._gap(trial.chi2) < rules.least * self._gap(self.plain_chi2)
+            if small or without.chi2 - trial.chi2 < rules.larger * left:
                 return False
         return True
 
