@@ -11,7 +11,7 @@ TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 TOY_POLICY := results/policies/grasp/small_cube+foam_pad/gs/default/seed1/policy.json
 SUPPORTED := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 13))
 
-.PHONY: help status dag tables toy study results test test-unit test-gap test-rules test-toy test-captures lint format clean-toy setup
+.PHONY: help status dag tables toy study results test test-unit test-gap test-rules test-toy test-captures test-fuzz lint format schema clean-toy setup
 
 tables: $(INSTALLED)
 	$(SNAKEMAKE)
@@ -24,7 +24,7 @@ help:
 	@echo "make dag      the graph of rules as rules.svg (needs graphviz; rules.dot without it)"
 	@echo "make study    ways of learning compared, further worlds, the gap's blind cases: hours"
 	@echo "make results  measured figures against their floors: benchmarks/RESULTS.md"
-	@echo "make setup    the environment alone; make lint, make format, make clean-toy"
+	@echo "make setup    the environment alone; make lint, make format, make schema, make clean-toy"
 
 status: $(INSTALLED)
 	@$(BIN)/gsbridge status
@@ -49,7 +49,7 @@ test: lint
 	$(MAKE) --jobs=2 --output-sync=target test-toy test-captures
 
 test-unit: $(INSTALLED)
-	$(BIN)/python -m pytest --durations=10 tests/unit --ignore-glob='*/test_gap_*'
+	$(BIN)/python -m pytest --durations=10 tests/unit tests/fuzz --ignore-glob='*/test_gap_*'
 
 test-gap: $(INSTALLED)
 	$(BIN)/python -m pytest --durations=10 tests/unit/test_gap_*.py
@@ -63,11 +63,19 @@ test-toy: $(INSTALLED)
 test-captures: $(INSTALLED)
 	nice $(BIN)/python -m pytest --durations=10 tests/e2e/test_captures.py
 
+# Broken and hostile files for every reader, fifty times as many as in the tests.
+test-fuzz: $(INSTALLED)
+	GSBRIDGE_FUZZ=10000 $(BIN)/python -m pytest tests/fuzz
+
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/snakefmt --check Snakefile rules
 	$(SNAKEMAKE) --lint
+
+# After an edit of gsbridge/configuration: the schema for editors, and the tables of docs/configuration.md.
+schema: $(INSTALLED)
+	$(BIN)/python -m gsbridge.configuration.pages
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .

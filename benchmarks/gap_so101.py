@@ -262,7 +262,7 @@ def diagnose(
         "motions": list(motions), "signs": start.signs, "zeros": start.zeros, "stiffness": start.stiffness,
         "bend_explained": start.explained, "verdict": findings["verdict"], "sentence": findings["sentence"],
         "account": [
-            {"label": e["label"], "share": e["share"], "verdict": e["verdict"], "instead": e["instead"],
+            {"label": e["label"], "share": e["share"], "verdict": e["verdict"], "alternatives": e["alternatives"],
              "parameters": {name: row["value"] for name, row in e["parameters"].items()}}
             for e in account["entries"]
         ],

@@ -36,6 +36,9 @@ With a real arm
 Units: metres, radians, seconds. Angles told to a person are in degrees.
 """
 
+_RUN = "run the workflow: snakemake with the arguments that follow, which goes on by itself after a run that was killed"
+_STATUS = "where the workflow stands: jobs left, about how long they take, degraded stages; arguments as for run"
+
 _CODES = """\
 exit code: 0 done; 1 something given cannot be used; 2 wrong arguments; 3 an episode was stopped by a guard (see its .json in
 --out); 130 stopped by Ctrl-C
@@ -48,10 +51,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(dest="command", required=True)
     _add_board(commands)
-    _add_run(commands)
+    _add_workflow(commands)
     _add_run_policy(commands)
-    options = parser.parse_args(arguments)
+    given = sys.argv[1:] if arguments is None else arguments
     try:
+        if given and given[0] in _WORKFLOW:
+            return _WORKFLOW[given[0]](given[1:])
+        options = parser.parse_args(given)
         return options.run(options)
     except KeyboardInterrupt:
         print("gsbridge: stopped", file=sys.stderr)
@@ -78,34 +84,26 @@ def _board(options: argparse.Namespace) -> int:
     return 0
 
 
-def _add_run(commands: Any) -> None:
-    run = commands.add_parser(
-        "run",
-        help="run the workflow: snakemake, which goes on by itself after a run that was killed",
-        description="Run snakemake with the arguments that follow. A lock that a killed run left is removed first; "
-        "where another run works in the same folder, that is said and nothing is touched.",
-        prefix_chars="\0",
-        add_help=False,
-    )
-    run.add_argument("arguments", nargs="*", help="as on snakemake's command line")
-    run.set_defaults(run=_run)
-    status = commands.add_parser(
-        "status", help="where the workflow stands: jobs left, time, degraded stages", prefix_chars="\0", add_help=False
-    )
-    status.add_argument("arguments", nargs="*", help="as on snakemake's command line")
-    status.set_defaults(run=_status)
+def _add_workflow(commands: Any) -> None:
+    """The commands of `_WORKFLOW`, for the help; `main` takes their arguments as they are, which are snakemake's."""
+    for name, text in (("run", _RUN), ("status", _STATUS)):
+        commands.add_parser(name, help=text, add_help=False)
 
 
-def _run(options: argparse.Namespace) -> int:
+def _run(arguments: list[str]) -> int:
     from gsbridge.workflow_lock import start_workflow
 
-    return start_workflow(options.arguments)
+    start_workflow(arguments, lambda sentence: print(f"gsbridge: {sentence}", file=sys.stderr))
 
 
-def _status(options: argparse.Namespace) -> int:
-    from gsbridge.run_status import print_status
+def _status(arguments: list[str]) -> int:
+    from gsbridge.run_status import run_status
 
-    return print_status(options.arguments)
+    print("\n".join(run_status(arguments)))
+    return 0
+
+
+_WORKFLOW = {"run": _run, "status": _status}
 
 
 def _add_run_policy(commands: Any) -> None:

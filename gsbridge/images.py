@@ -6,14 +6,28 @@ clamped before any 8-bit store.
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import cv2
 import numpy as np
+import pi_heif
+import PIL.Image
+import PIL.ImageOps
 
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.geometry import Array
+from gsbridge.reading import refusing, regular_file
+
+pi_heif.register_heif_opener()
+
+HEIF_SUFFIXES = (".heic", ".heif")
+"""Photos as phones of Apple make them, which OpenCV does not read."""
+
+LARGEST_IMAGE_PIXELS = 150_000_000
+LARGEST_IMAGE_BYTES = 1_000_000_000
+_READABLE = "Replace or remove it; JPEG, PNG and HEIC work"
 
 SSIM_SIGMA = 1.5
 SSIM_RADIUS = 5
@@ -34,12 +48,53 @@ def read_image_u8(path: str | Path) -> Array:
     Raises:
         InputError: The file is missing or no image.
     """
-    if not Path(path).is_file():
-        raise InputError(path, "the image does not exist", "Check the path")
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    if image is None:
-        raise InputError(path, "this is not a readable image", "Replace or remove it; JPEG and PNG work")
-    return np.ascontiguousarray(image[..., ::-1])
+    source = regular_file(path, "image", "Check the path", LARGEST_IMAGE_BYTES)
+    with refusing(source, "this is not a readable image", _READABLE):
+        data = source.read_bytes()
+        _refuse_damage(source, data)
+        if source.suffix.lower() in HEIF_SUFFIXES:
+            return _read_heif(data)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        if image is None:
+            raise InputError(source, "this is not a readable image", _READABLE)
+        return np.ascontiguousarray(image[..., ::-1])
+
+
+def _refuse_damage(source: Path, data: bytes) -> None:
+    """Refuse pictures of absurd size before they are decoded, and those that were cut off, of which OpenCV makes the rest grey.
+
+    Raises:
+        InputError: The picture is either.
+    """
+    try:
+        with PIL.Image.open(io.BytesIO(data)) as header:
+            (width, height), kind = header.size, header.format
+    except PIL.UnidentifiedImageError as error:
+        raise InputError(source, "this is not a readable image", _READABLE) from error
+    if width * height > LARGEST_IMAGE_PIXELS:
+        raise InputError(
+            source, f"it has {width} x {height} pixels; at most {LARGEST_IMAGE_PIXELS // 10**6} million are read", "Shrink it"
+        )
+    # Within a JPEG's coded pixels the end marker cannot occur; before them it may end a thumbnail.
+    cut = (kind == "JPEG" and data.find(b"\xff\xd9", _start_of_pixels(data)) < 0) or (kind == "PNG" and b"IEND" not in data)
+    if cut:
+        raise InputError(source, "the image is cut off", "Copy it again, or remove it")
+
+
+def _start_of_pixels(jpeg: bytes) -> int:
+    """Place in a JPEG at which its first scan begins, behind all headers and thumbnails; the end of the data without one."""
+    place = 2
+    while place + 4 <= len(jpeg) and jpeg[place] == 0xFF:
+        if jpeg[place + 1] == 0xDA:
+            return place
+        place += 1 if jpeg[place + 1] == 0xFF else 2 + int.from_bytes(jpeg[place + 2 : place + 4], "big")
+    return len(jpeg)
+
+
+def _read_heif(data: bytes) -> Array:
+    """A phone's HEIF picture, turned as it was held. uint8 [H, W, 3]."""
+    with PIL.Image.open(io.BytesIO(data)) as picture:
+        return np.ascontiguousarray(np.asarray(PIL.ImageOps.exif_transpose(picture).convert("RGB")))
 
 
 def read_mask(path: str | Path) -> Array:

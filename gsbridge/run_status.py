@@ -73,8 +73,8 @@ def remaining_jobs(counts: Mapping[str, int], seconds: Mapping[str, float]) -> l
     return sorted(left, key=lambda item: -(float("inf") if item.seconds is None else item.jobs * item.seconds))
 
 
-def print_status(arguments: Sequence[str]) -> int:
-    """Print where the run stands that some arguments of snakemake name.
+def run_status(arguments: Sequence[str]) -> Iterator[str]:
+    """Lines that tell where the run stands that some arguments of snakemake name.
 
     Args:
         arguments: As on snakemake's command line, targets and `--config` included.
@@ -90,19 +90,17 @@ def print_status(arguments: Sequence[str]) -> int:
     left = remaining_jobs(job_counts(planned.stdout + planned.stderr), measured_seconds(results / "benchmarks"))
     degraded = list(degraded_records(results)) if results.is_dir() else []
     if not left:
-        print("Nothing is left to do.")
+        yield "Nothing is left to do."
     for item in left:
         time = "not measured here yet" if item.seconds is None else f"{item.seconds:.0f} s each"
-        print(f"  {item.jobs:4d} x {item.rule:32s} {time}")
+        yield f"  {item.jobs:4d} x {item.rule:32s} {time}"
     if left:
         cores = os.cpu_count() or 1
         total = sum(item.jobs * item.seconds for item in left if item.seconds is not None)
         unknown = sum(item.jobs for item in left if item.seconds is None)
         aside = f", and {unknown} jobs of rules that were not measured here yet" if unknown else ""
-        print(
-            f"{sum(item.jobs for item in left)} jobs are left: about {total / cores / 60:.0f} minutes on {cores} cores{aside}."
-        )
-    print(f"{len(degraded)} records are degraded{':' if degraded else '.'}")
+        jobs = sum(item.jobs for item in left)
+        yield f"{jobs} jobs are left: about {total / cores / 60:.0f} minutes on {cores} cores{aside}."
+    yield f"{len(degraded)} records are degraded{':' if degraded else '.'}"
     for path, reasons in degraded:
-        print(f"  {path.relative_to(results)}: {'; '.join(reasons)}")
-    return 0
+        yield f"  {path.relative_to(results)}: {'; '.join(reasons)}"

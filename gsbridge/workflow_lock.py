@@ -11,8 +11,9 @@ import fcntl
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import NoReturn
 
 import psutil
 
@@ -86,14 +87,12 @@ def _children(process: psutil.Process) -> list[psutil.Process]:
         return []
 
 
-def start_workflow(arguments: Sequence[str]) -> int:
+def start_workflow(arguments: Sequence[str], say: Callable[[str], None]) -> NoReturn:
     """Run snakemake with some arguments; a lock that a killed run left in the working folder is removed first.
 
     Args:
         arguments: As on snakemake's command line.
-
-    Returns:
-        Exit code, if another program could not take this process's place.
+        say: Takes a sentence for the person who started it.
 
     Raises:
         InputError: Another run works in the folder.
@@ -120,10 +119,10 @@ def start_workflow(arguments: Sequence[str]) -> int:
         os.ftruncate(held, 0)
         os.pwrite(held, str(os.getpid()).encode(), 0)
         if end_orphans(folder):
-            print("gsbridge: jobs of a run that was killed were still at work; they were ended", file=sys.stderr)
+            say("jobs of a run that was killed were still at work; they were ended")
         locks = folder / ".snakemake" / "locks"
         if locks.is_dir() and any(locks.iterdir()):
-            print("gsbridge: an earlier run was killed; going on where it was", file=sys.stderr)
+            say("an earlier run was killed; going on where it was")
             unlock = [*command[:3], "--unlock", *arguments]
             subprocess.run(unlock, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     os.execv(sys.executable, command)

@@ -15,15 +15,16 @@ from gsbridge.cameras import Camera
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.geometry import Array
-from gsbridge.images import read_image_u8
+from gsbridge.images import HEIF_SUFFIXES, read_image_u8
+from gsbridge.reading import refusing
 
 logger = logging.getLogger("gsbridge")
 
 KINDS = ("video", "images", "colmap", "nerfstudio", "film")
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", *HEIF_SUFFIXES)
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
 
-_UNREAD_SUFFIXES = (".heic", ".heif", ".avif", ".jxl", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2")
+_UNREAD_SUFFIXES = (".avif", ".jxl", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2")
 """Formats of phones and cameras that OpenCV does not read."""
 
 _COUNTED_SUFFIXES = (".mp4", ".m4v", ".mov", ".avi")
@@ -221,10 +222,11 @@ def read_colmap(model: Path, images: Path | None) -> list[Photo]:
             "Put the photos into a folder `images` beside the model, as COLMAP's projects have it",
         )
     photos = []
-    for image_id in reconstruction.reg_image_ids():
-        image = reconstruction.image(image_id)
-        known = KnownView(camera_from_colmap(image.camera, model), pose_matrix(image))
-        photos.append(Photo(images / image.name, known=known))
+    with refusing(model, "the COLMAP model is damaged", "Export it again, or reconstruct it again"):
+        for image_id in reconstruction.reg_image_ids():
+            image = reconstruction.image(image_id)
+            known = KnownView(camera_from_colmap(image.camera, model), pose_matrix(image))
+            photos.append(Photo(images / image.name, known=known))
     return _existing(sorted(photos, key=lambda photo: photo.path.name), model)
 
 

@@ -6,7 +6,7 @@ Values given with `--config` arrive as text, so that text stands for a number, a
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar, cast
 
 from pydantic import (
     AfterValidator,
@@ -18,6 +18,7 @@ from pydantic import (
     ValidationError,
     model_validator,
 )
+from pydantic._internal._model_construction import ModelMetaclass  # published under no other name
 from pydantic_core import CoreSchema, PydanticCustomError, PydanticKnownError
 
 from gsbridge.configuration.faults import explain
@@ -129,10 +130,10 @@ def _name_ranges(schema: Any) -> None:
             schema[_RANGES[name]] = schema.pop(name)
 
 
-class _Told(type(BaseModel)):  # type: ignore[misc]  # pydantic does not publish the name of this class
+class _Told(ModelMetaclass):
     """Makes settings that say what is wrong with them in one line."""
 
-    def __call__(cls, *args: Any, **values: Any) -> Any:
+    def __call__(cls, *args: Any, **values: Any) -> Any:  # noqa: N805  (what it makes are classes)
         """Settings from their values.
 
         Raises:
@@ -141,7 +142,8 @@ class _Told(type(BaseModel)):  # type: ignore[misc]  # pydantic does not publish
         try:
             return super().__call__(*args, **values)
         except ValidationError as error:
-            raise explain(cls, error, cls.__name__.removesuffix("Settings").lower()) from error
+            model = cast(type[BaseModel], cls)
+            raise explain(model, error, cls.__name__.removesuffix("Settings").lower()) from error
 
 
 class Settings(BaseModel, metaclass=_Told):

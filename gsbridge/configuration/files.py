@@ -9,6 +9,9 @@ from pathlib import Path
 import yaml
 
 from gsbridge.errors import InputError
+from gsbridge.reading import refuse_bombs, refuse_depth, refusing
+
+_REMEDY = "Indent with spaces, close brackets, quote special characters"
 
 
 def check_files(paths: Iterable[str | Path]) -> None:
@@ -21,16 +24,19 @@ def check_files(paths: Iterable[str | Path]) -> None:
         InputError: A file cannot be parsed, with the line, or a key stands twice in one block.
     """
     for path in paths:
-        with open(path, encoding="utf-8") as file:
+        with refusing(path, "the configuration cannot be read", _REMEDY):
+            text = Path(path).read_text(encoding="utf-8")
             try:
-                root = yaml.compose(file, Loader=yaml.SafeLoader)
+                refuse_depth(text, Path(path), _REMEDY)
+                root = yaml.compose(text, Loader=yaml.SafeLoader)
+                refuse_bombs(root, Path(path), _REMEDY)
             except yaml.YAMLError as error:
                 if _is_json(path):
                     continue
                 mark = getattr(error, "problem_mark", None)
                 place = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
                 problem = f"{place}{getattr(error, 'problem', None) or error}"
-                raise InputError(path, problem, "Indent with spaces, close brackets, quote special characters") from error
+                raise InputError(path, problem, _REMEDY) from error
         _refuse_duplicates(root, Path(path), "")
 
 

@@ -67,6 +67,13 @@ class Effect(ABC):
         """Whether the simulation can play it, so that its model may hold it."""
         return not self.reason
 
+    @property
+    def advice(self) -> str | None:
+        """What a user can do where the simulation cannot play it; None where it can."""
+        return (
+            None if self.amendable else f"A policy cannot learn with this in simulation, since {self.reason}. {self.instead}."
+        )
+
     def directions(self) -> tuple[dict[str, float], ...]:
         """Parameter sets of typical size whose multiples are looked at first; both signs where both make sense."""
         out = []

@@ -124,20 +124,28 @@ def read_effects(
     return tuple(effects)
 
 
-def read_names(items: Any, source: str | Path, registry: Registry[Any]) -> tuple[str, ...] | None:
+_ACTS_ON = {"joint": "mechanisms", "mechanism": "mechanisms", "body": "thrown bodies", "camera": "pictures"}
+
+
+def read_names(items: Any, source: str | Path, registry: Registry[Any], *others: Registry[Any]) -> tuple[str, ...] | None:
     """Check a case's list of the effects that may be the reason; None, for all, where it is empty or missing.
 
     Args:
         items: Its content: a list of names.
         source: The file, for messages.
-        registry: Effects that there are.
+        registry: Effects that may be named.
+        others: Effects that act on something else.
 
     Raises:
-        InputError: It is no list of names, or a name is unknown.
+        InputError: It is no list of names, or a name is unknown or that of an effect on something else.
     """
     if isinstance(items, str) or not all(isinstance(name, str) for name in items or ()):
         raise InputError(source, "'effects' is no list of names", f"E.g. [{', '.join(list(registry)[:2])}]")
     for name in items or ():
+        for other in others:
+            if name in other and name not in registry:
+                what = f"the effect '{name}' acts on {_ACTS_ON[other[name].scope]}"
+                raise InputError(source, what, f"Use one of: {', '.join(registry)}")
         registry.effect(name, source)
     return tuple(items) if items else None
 

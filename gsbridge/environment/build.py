@@ -16,7 +16,7 @@ from gsbridge.environment.gaussian_renderer import OBJECT, GaussianRenderer
 from gsbridge.environment.lens import Lens
 from gsbridge.environment.light import LightFile
 from gsbridge.environment.mesh_renderer import MeshRenderer
-from gsbridge.environment.photometry import Photometry, Response, read_photometry
+from gsbridge.environment.photometry import Photometry, read_photometry
 from gsbridge.environment.rendering import Renderer, wrist_camera
 from gsbridge.environment.robot_splats import link_meshes, read_robot_splats
 from gsbridge.environment.settings import EnvironmentSettings, Plate
@@ -24,6 +24,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.geometry import Array
 from gsbridge.robot.assembly import RobotFiles
+from gsbridge.sim.camera import CameraResponse
 from gsbridge.sim.engine import Item
 from gsbridge.sim.model import Camera, read_model
 from gsbridge.sim.world import SimWorld
@@ -107,7 +108,7 @@ def build_environment(files: StageFiles, settings: EnvironmentSettings) -> PickE
 
 def lens_of(files: StageFiles, settings: EnvironmentSettings) -> Lens:
     """What the model's effects change in the pictures."""
-    return Lens(read_model(files.model).effects, wrist_camera(settings.image_size))
+    return Lens(read_model(files.model).effects_on("camera"), wrist_camera(settings.image_size))
 
 
 def camera_response(files: StageFiles) -> Camera:
@@ -182,7 +183,7 @@ def _asset(path: str | Path, kind: str) -> Asset:
 
 
 def _photometry(files: StageFiles) -> Photometry:
-    return Photometry(Response(), {}) if files.photometry is None else read_photometry(files.photometry)
+    return Photometry(CameraResponse(), {}) if files.photometry is None else read_photometry(files.photometry)
 
 
 def _base_from_table(registration: str | Path | None) -> Array | None:

@@ -35,7 +35,7 @@ class Lens:
             IMAGE_EFFECTS[effect.name].apply(self.how, effect.parameters)
         self.camera = replace(camera, fx=camera.fx * self.how.focal, fy=camera.fy * self.how.focal)
         how = self.how
-        self._noisy = how.read_noise > 0.0 or how.shot_noise > 0.0
+        self._noisy = how.read_variance > 0.0 or how.shot_variance > 0.0
         self._develops = bool(how.light or how.sensor or how.blur)
 
     def pose(self, cam_from_table: Array) -> Array:

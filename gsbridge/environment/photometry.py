@@ -33,7 +33,7 @@ from gsbridge.scene.editing import Composition
 from gsbridge.scene.meshes import MeshComposition, uniform
 from gsbridge.scene.underlay import with_underlay
 from gsbridge.scene.view import shoot
-from gsbridge.sim.model import Camera as ModelCamera
+from gsbridge.sim.camera import CameraResponse
 
 WIDTH = 160
 """Photos are shrunk to this many pixels: finer detail than the splats hold would only scatter."""
@@ -50,47 +50,7 @@ SOFT = 0.03
 """Residual, encoded, beyond which a pixel counts less: shadows of arm and hand, glints, detail that the splats lack."""
 
 
-@dataclass(frozen=True)
-class Response:
-    """What turns a picture of the splats into one of the wrist camera; the terms are those of the model's `camera`.
-
-    Args:
-        gain, red_gain, blue_gain: Factors on linear light: all channels, red, blue.
-        gamma: Exponent on the encoded value.
-        black_level: Added to the encoded value.
-    """
-
-    gain: float = 1.0
-    red_gain: float = 1.0
-    blue_gain: float = 1.0
-    gamma: float = 1.0
-    black_level: float = 0.0
-
-    def after(self, model: ModelCamera) -> ModelCamera:
-        """The model's camera with this response in it; what the model changes comes on top."""
-        return replace(
-            model,
-            gain=model.gain * self.gain,
-            red_gain=model.red_gain * self.red_gain,
-            blue_gain=model.blue_gain * self.blue_gain,
-            gamma=model.gamma * self.gamma,
-            black_level=model.black_level + self.black_level,
-        )
-
-    def apply(self, encoded: Array) -> Array:
-        """Encoded value that the wrist camera delivers for an encoded value of the splats. [..., 3]."""
-        gains = self.gain * np.array([self.red_gain, 1.0, self.blue_gain])
-        light = np.clip(linear_from_srgb(np.asarray(encoded, np.float64)) * gains, 1e-6, 1.0)
-        return srgb_from_linear(light) ** self.gamma + self.black_level
-
-    def undo(self, encoded: Array) -> Array:
-        """Encoded value of the splats for one of the wrist camera, 0..1. [..., 3]."""
-        gains = self.gain * np.array([self.red_gain, 1.0, self.blue_gain])
-        value = np.clip(np.asarray(encoded, np.float64) - self.black_level, 0.0, 1.0) ** (1.0 / self.gamma)
-        return srgb_from_linear(np.clip(linear_from_srgb(value) / gains, 0.0, 1.0))
-
-
-def fit_response(drawn: Array, seen: Array) -> Response:
+def fit_response(drawn: Array, seen: Array) -> CameraResponse:
     """The response that turns drawn colours into seen ones.
 
     Args:
@@ -102,9 +62,9 @@ def fit_response(drawn: Array, seen: Array) -> Response:
     if len(drawn) < FEWEST_PIXELS:
         raise InputError("wrist camera", f"only {len(drawn)} pixels show the table", "Take photos that show more of it")
 
-    def of(values: Array) -> Response:
+    def of(values: Array) -> CameraResponse:
         gain, red, blue = np.exp(values[:3])
-        return Response(float(gain), float(red), float(blue), float(np.exp(values[3])), float(values[4]))
+        return CameraResponse(float(gain), float(red), float(blue), float(np.exp(values[3])), float(values[4]))
 
     def residuals(values: Array) -> Array:
         return (of(values).apply(drawn) - seen).ravel()
@@ -123,7 +83,7 @@ class Photometry:
         robot_colours: sRGB of links as splats carry it, before the response; links that no photo shows are missing.
     """
 
-    response: Response
+    response: CameraResponse
     robot_colours: Mapping[str, Colour]
 
 
@@ -136,7 +96,7 @@ def read_photometry(path: str | Path) -> Photometry:
     content = read_json(path)
     try:
         colours = {name: (float(r), float(g), float(b)) for name, (r, g, b) in content["robot_colours"].items()}
-        return Photometry(Response(**{key: float(value) for key, value in content["response"].items()}), colours)
+        return Photometry(CameraResponse(**{key: float(value) for key, value in content["response"].items()}), colours)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(path, f"the photometry is damaged ({error!r})", "Delete it and calibrate again") from error
 
@@ -164,7 +124,7 @@ def calibrate_wrist_camera(
     """
     if capture is None or background is None:
         what = "no photos of the board" if capture is None else "no scene of the table that the board lay on"
-        _write(record, Photometry(Response(), {}), [f"there are {what}: the wrist camera's colours are not calibrated"])
+        _write(record, Photometry(CameraResponse(), {}), [f"there are {what}: the wrist camera's colours are not calibrated"])
         return
     photos = read_board_capture(capture)
     samples = _Samples.of(photos, read_registration(registration), RobotFiles.read(robot), read_asset(background))

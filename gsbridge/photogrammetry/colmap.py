@@ -119,7 +119,7 @@ def _check_binary(path: Path) -> None:
             # The shortest record of all three files has more than 20 bytes: a huge count is damage, not a big model.
             if count * 20 > len(data) or walk(data, count) != len(data):
                 raise ValueError("its length does not match its content")
-        except (struct.error, ValueError, IndexError, KeyError) as error:
+        except (struct.error, ValueError, IndexError, KeyError, OverflowError) as error:
             raise InputError(file, f"the COLMAP model file is damaged or cut off ({error})", _REMEDY) from error
 
 

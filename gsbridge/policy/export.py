@@ -177,8 +177,11 @@ def load_policy(folder: str | Path) -> Policy:
         size = int(spec["observation"]["image"]["size_px"])
         names, entries = spec["action"]["names"], spec["observation"]["proprio"]["names"]
         actor.load_state_dict(load_tensors(content))
+        broken = [name for name, value in actor.state_dict().items() if not bool(torch.isfinite(value).all())]
     except (KeyError, TypeError, ValueError, RuntimeError, SafetensorError) as error:
         raise InputError(folder, f"the policy is damaged ({error})", "Train the policy again") from error
+    if broken:
+        raise InputError(folder / WEIGHTS, f"the weights of {broken[0]} are not finite", "Train the policy again")
     if len(names) != SIZE or len(entries) != PROPRIO:
         raise InputError(folder / SPEC, "it has other observations or actions", "Train the policy again")
     actor.requires_grad_(False)

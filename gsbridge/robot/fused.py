@@ -6,6 +6,7 @@ cannot: the flange, the palm, the camera and the tool's frame.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -13,15 +14,19 @@ import numpy as np
 
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
-from gsbridge.robot.links import inertial_element, joined_inertia, origin_element
+from gsbridge.robot.links import Inertia, inertial_element, joined_inertia, origin_element
 from gsbridge.robot.urdf import read_description, read_origin
 
+Load = Callable[[Inertia], Inertia]
+"""Changes the mass properties of a link."""
 
-def fused_description(urdf: str | Path) -> str:
+
+def fused_description(urdf: str | Path, loads: Mapping[str, Sequence[Load]] | None = None) -> str:
     """A description with moving joints only: the same masses and shapes of contact in fewer links, and nothing to be drawn.
 
     Args:
         urdf: The robot's description. Every link has mass properties.
+        loads: By joint: changes of the mass properties of the link that it moves, links fixed to it aside.
 
     Returns:
         The new description. Its meshes are named by absolute paths, so that it may lie anywhere.
@@ -39,6 +44,9 @@ def fused_description(urdf: str | Path) -> str:
     # Of every link: the one that it becomes part of, and its pose there.
     homes: dict[str, tuple[str, Array]] = {name: (name, np.eye(4)) for name in description.links}
     bodies = {name: [inertial.seen_from(np.eye(4))] for name, inertial in description.inertials.items()}
+    for joint in description.joints:
+        for change in (loads or {}).get(joint.name, ()):
+            bodies[joint.child] = [change(bodies[joint.child][0])]
     for joint in description.joints:
         home, home_from_parent = homes[joint.parent]
         home_from_child = home_from_parent @ joint.parent_from_child

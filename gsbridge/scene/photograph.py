@@ -162,7 +162,7 @@ def develop(light: Array, frame: Frame, shooting: Shooting) -> Array:
 
 def with_noise(photos: Array, shooting: Shooting, rng: np.random.Generator) -> Array:
     """Photos with the noise that a shooting says, clamped and rounded to 8 bits. Any shape."""
-    spread = np.sqrt(shooting.read_noise + shooting.shot_noise * photos)
+    spread = np.sqrt(shooting.read_variance + shooting.shot_variance * photos)
     return np.rint(np.clip(photos + spread * rng.standard_normal(photos.shape), 0.0, 1.0) * 255.0).astype(np.float32) / 255.0
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -9,6 +10,53 @@ import numpy as np
 from gsbridge.geometry import Array
 from gsbridge.images import linear_from_srgb, srgb_from_linear
 from gsbridge.sim.model import Camera
+
+
+@dataclass(frozen=True)
+class CameraResponse:
+    """What turns a picture of the splats into one of the wrist camera; the terms are those of the model's `camera`.
+
+    Args:
+        gain, red_gain, blue_gain: Factors on linear light: all channels, red, blue.
+        gamma: Exponent on the encoded value.
+        black_level: Added to the encoded value.
+    """
+
+    gain: float = 1.0
+    red_gain: float = 1.0
+    blue_gain: float = 1.0
+    gamma: float = 1.0
+    black_level: float = 0.0
+
+    def after(self, model: Camera) -> Camera:
+        """The model's camera with this response in it; what the model changes comes on top."""
+        return replace(
+            model,
+            gain=model.gain * self.gain,
+            red_gain=model.red_gain * self.red_gain,
+            blue_gain=model.blue_gain * self.blue_gain,
+            gamma=model.gamma * self.gamma,
+            black_level=model.black_level + self.black_level,
+        )
+
+    @property
+    def gains(self) -> Array:
+        """Factors on linear red, green and blue. [3]."""
+        return self.gain * np.array([self.red_gain, 1.0, self.blue_gain])
+
+    def encode(self, light: Array) -> Array:
+        """Encoded value, not yet clamped, of light behind the gains. [..., 3] -> [..., 3]."""
+        return np.asarray(srgb_from_linear(np.clip(light, 0.0, 1.0)) ** self.gamma + self.black_level)
+
+    def apply(self, encoded: Array) -> Array:
+        """Encoded value that the wrist camera delivers for an encoded value of the splats. [..., 3]."""
+        # A fit needs a slope in the dark, too.
+        return self.encode(np.maximum(linear_from_srgb(np.asarray(encoded, np.float64)) * self.gains, 1e-6))
+
+    def undo(self, encoded: Array) -> Array:
+        """Encoded value of the splats for one of the wrist camera, 0..1. [..., 3]."""
+        value = np.clip(np.asarray(encoded, np.float64) - self.black_level, 0.0, 1.0) ** (1.0 / self.gamma)
+        return srgb_from_linear(np.clip(linear_from_srgb(value) / self.gains, 0.0, 1.0))
 
 
 def respond(image: Array, camera: Camera, rng: np.random.Generator) -> Array:
@@ -33,13 +81,16 @@ def respond(image: Array, camera: Camera, rng: np.random.Generator) -> Array:
 @lru_cache(maxsize=16)
 def _tables(camera: Camera) -> tuple[Array, Array, bool]:
     """Light, and without noise the delivered byte, for every byte of a picture, [256, 3] each; whether it is the same byte."""
-    gains = camera.gain * np.array([camera.red_gain, 1.0, camera.blue_gain])
-    linear = linear_from_srgb(np.arange(256) / 255.0)[:, None] * gains
+    linear = linear_from_srgb(np.arange(256) / 255.0)[:, None] * _of(camera).gains
     table = _encode(linear, camera)
     return linear, table, bool((table == np.arange(256)[:, None]).all())
 
 
 def _encode(linear: Array, camera: Camera) -> Array:
     """Linear light to 8 bits; clamped before it is stored, so that bright pixels never wrap around."""
-    encoded = srgb_from_linear(np.clip(linear, 0.0, 1.0)) ** camera.gamma + camera.black_level
-    return np.rint(255.0 * np.clip(encoded, 0.0, 1.0)).astype(np.uint8)
+    return np.rint(255.0 * np.clip(_of(camera).encode(linear), 0.0, 1.0)).astype(np.uint8)
+
+
+def _of(camera: Camera) -> CameraResponse:
+    """The response in a model's camera, its noise aside."""
+    return CameraResponse(camera.gain, camera.red_gain, camera.blue_gain, camera.gamma, camera.black_level)

@@ -12,6 +12,7 @@ from gsbridge.robot.assembly import RobotFiles
 from gsbridge.robot.kinematics import Kinematics
 from gsbridge.robot.links import Joint
 from gsbridge.robot.urdf import read_description
+from gsbridge.sim.arm_setup import ArmSetup, sense
 from gsbridge.sim.dynamics import joint_torques, link_poses, packed, plan_period, work_space
 from gsbridge.sim.model import Model
 
@@ -65,7 +66,8 @@ class Controller:
         for source, parent in zip(moving, parents, strict=True):
             owner.append(source if 0 <= source < len(arm) else -1 if parent < 0 else owner[parent])
         turns = [joint.kind == "revolute" for joint in tree.joints]
-        d, a, g = self.dimensions, model.arm, model.gripper
+        d, g = self.dimensions, model.gripper
+        self.setup = setup = ArmSetup(model, arm, self.limits.effort, gravity)
         width = len(arm) + 1
         self._arm = packed(
             parents=np.array(parents, dtype=np.int64),
@@ -79,27 +81,19 @@ class Controller:
             owner=np.array(owner, dtype=np.int64),
             nodes=np.array([moving.index(k) for k in range(len(arm))], dtype=np.int64),
             gravity=np.asarray(gravity, dtype=np.float64),
-            law=np.array(
-                [
-                    a.stiffness,
-                    a.damping,
-                    a.armature,
-                    a.viscous_friction,
-                    self.limits.effort,
-                    [a.gravity_compensation] * len(arm),
-                ]
-            ),
+            law=setup.rows(),
             grip=np.array([d.knuckle_y - d.pad_inset, d.bar, g.stiffness, g.damping, g.force, model.time_step, model.period]),
             plan=np.zeros((3, width)),
             slot=np.zeros(1, dtype=np.int64),
             memory=np.zeros((2, width)),
             known_inertia=np.zeros((len(arm), len(arm))),
             **work_space(len(tree.links), len(arm)),
+            **setup.record(),
         )
         # Enough for the full force, and for what a set point is ahead of moving fingers.
-        self._pressing = g.force / g.stiffness + g.speed * (model.period + a.delay)
+        self._pressing = g.force / g.stiffness + g.speed * (model.period + setup.delay)
         # By itself, since its length is the delay's: every other one would have to be compiled anew.
-        self._ring = np.zeros((round(a.delay / model.time_step) + 1, 2, width))
+        self._ring = np.zeros((round(setup.delay / model.time_step) + 1, 2, width))
         self._plan, self._substeps = self._arm["plan"][0], model.substeps
         self.torques = np.zeros((2, width))
         self.reset(kinematics.rest, self.dimensions.stroke)
@@ -117,7 +111,7 @@ class Controller:
         self.goal = self.point.copy()
         self._ring[:] = 0.0
         self._ring[:, 0] = self.point
-        self._arm["slot"], self._arm["memory"] = 0, 0.0
+        self._arm["slot"], self._arm["memory"], self._arm["started"] = 0, 0.0, 0
         self._plan[:] = self.point, 0.0 * self.point, 0.0 * self.point
 
     def aim(self, q: Array, aperture: float) -> None:
@@ -148,6 +142,14 @@ class Controller:
         """
         joint_torques(self._arm, self._ring, (number + 1) / self._substeps, measured, self.torques)
         return self.torques
+
+    def sense(self, measured: Array) -> Array:
+        """Angles and speeds as the encoders tell them, for true ones. [2, N + 1] -> [2, N + 1]."""
+        if not self._arm["plays"][0, 0]:
+            return measured
+        self._arm["seen"][0] = measured
+        sense(self._arm[0], measured)
+        return self._arm["seen"][0]
 
     def place_links(self, measured: Array, table_from_base: Array) -> Array:
         """`table_from_link` of all links in the tree's order. measured [2, N + 1], table_from_base [4, 4] -> [L, 4, 4]."""

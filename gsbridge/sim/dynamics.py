@@ -14,6 +14,7 @@ import numpy as np
 from gsbridge.geometry import Array
 from gsbridge.kernels import njit
 from gsbridge.robot.chain import cholesky_solve, place_links
+from gsbridge.sim.arm_setup import play_drives, rub_joints, sense, shape_commands
 
 
 @njit(nogil=True)
@@ -195,6 +196,7 @@ def joint_torques(arm: Array, ring: Array, share: float, measured: Array, out: A
         slot: Place of the next one in the ring. Updated. [1] int.
         memory: Rows: speeds and engine torques of the step before; [0, N] is 0 at the start, then 1. Updated. [2, N + 1].
         known_inertia: Joint-space inertia of the step before. Updated. [N, N].
+        plays and so on: Effects of the model, see `gsbridge.sim.arm_setup.ArmSetup.record`.
         All others: `work_space`.
     """
     a = arm[0]
@@ -207,21 +209,29 @@ def joint_torques(arm: Array, ring: Array, share: float, measured: Array, out: A
         ring[slot[0], 1, i] = plan[1, i] + share * plan[2, i]
     # The place after the newest holds the oldest.
     slot[0] = (slot[0] + 1) % len(ring)
-    wanted = ring[slot[0]]
+    step, plays, rough = grip[5], a.plays[0] > 0, False
+    wanted, seen = a.shaped, a.seen
+    wanted[:] = ring[slot[0]]
+    seen[:] = measured
+    if plays:
+        sense(a, measured)
+        shape_commands(a, step)
     values, inertia, weight = a.values, a.inertia, a.weight
     for k in range(len(sources)):
         if sources[k] >= 0:
-            values[k] = factors[k] * measured[0, sources[k]]
+            values[k] = factors[k] * seen[0, sources[k]]
     place_links(a.parents, a.fixed, a.axes, values, a.poses)
     arm_inertia(a)
-    step, heavy = grip[5], False
+    heavy = False
     for i in range(count):
-        motor = law[0, i] * (wanted[0, i] - measured[0, i]) + law[1, i] * (wanted[1, i] - measured[1, i])
+        motor = law[0, i] * (wanted[0, i] - seen[0, i]) + law[1, i] * (wanted[1, i] - seen[1, i])
         motor = min(max(motor + law[5, i] * weight[i], -law[4, i]), law[4, i])
         out[1, i] = motor
         out[0, i] = motor - law[3, i] * measured[1, i]
         heavy = heavy or law[2, i] > 0.0
-    if heavy:
+    if plays:
+        rough = play_drives(a, measured, step, out)
+    if heavy or rough:
         # The engine knows no armature. What all other torques were in the step before follows from how the arm moved; from
         # that, how it would accelerate with armature now, and the torque that makes the engine do so. This feels contacts, too.
         matrix, load = a.matrix, a.load
@@ -235,9 +245,17 @@ def joint_torques(arm: Array, ring: Array, share: float, measured: Array, out: A
             for j in range(count):
                 matrix[i, j] = inertia[i, j]
             matrix[i, i] += law[2, i]
-        cholesky_solve(matrix, load)
-        for i in range(count):
-            out[0, i] -= law[2, i] * load[i, 0]
+        if rough:
+            columns = a.columns
+            columns[:] = 0.0
+            for i in range(count):
+                columns[i, 0], columns[i, 1 + i] = load[i, 0], 1.0
+            cholesky_solve(matrix, columns)
+            rub_joints(a, measured, step, out)
+        else:
+            cholesky_solve(matrix, load)
+            for i in range(count):
+                out[0, i] -= law[2, i] * load[i, 0]
     for i in range(count):
         memory[0, i], memory[1, i] = measured[1, i], out[0, i]
     memory[0, count] = 1.0

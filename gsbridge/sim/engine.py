@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -18,7 +19,8 @@ from gsbridge.errors import InputError
 from gsbridge.geometry import Array, quat_from_rotation
 from gsbridge.meshes import read_mesh
 from gsbridge.robot.assembly import RobotFiles
-from gsbridge.robot.fused import fused_description
+from gsbridge.robot.fused import Load, fused_description
+from gsbridge.sim.item_setup import ItemSetup
 from gsbridge.sim.model import Model, Surface
 
 TABLE_SIZE = (0.90, 1.20, 0.05)
@@ -32,6 +34,9 @@ of them."""
 
 _FIXED, _MOVING = (2, ~2), (1, -1)
 """Bullet's own collision groups, and those that each meets: what does not move meets only what does."""
+
+_RIGID = 1e18
+"""Stiffness of what gives way nowhere, N/m, as Bullet has it for bodies of which nothing is said."""
 
 _GEAR_FORCE = 1e4
 """Torque the fingers' coupling may carry, N m: practically rigid."""
@@ -75,6 +80,8 @@ class Engine:
         plate: URDF of a static background, or None.
         table_from_plate: Its pose. [4, 4].
         q: Arm and gripper driver at the start. [8].
+        setup: The object with the model's effects.
+        loads: By arm joint: changes of the mass properties of the link that it moves.
 
     Raises:
         InputError: A file cannot be loaded.
@@ -93,9 +100,11 @@ class Engine:
         plate: Path | None,
         table_from_plate: Array,
         q: Array,
+        setup: ItemSetup,
+        loads: Mapping[str, Sequence[Load]],
     ) -> None:
         self.client = client = BulletClient(pybullet.DIRECT)
-        client.setGravity(0.0, 0.0, -model.gravity)
+        client.setGravity(0.0, 0.0, -setup.figures["gravity"])
         client.setPhysicsEngineParameter(
             fixedTimeStep=model.time_step,
             numSubSteps=0,
@@ -107,11 +116,18 @@ class Engine:
         )
         length, width, thickness = TABLE_SIZE
         shape = client.createCollisionShape(client.GEOM_BOX, halfExtents=[length / 2, width / 2, thickness / 2])
-        self.table = client.createMultiBody(0.0, shape, basePosition=[*centre, -thickness / 2], useMaximalCoordinates=True)
+        top = setup.table_pose()
+        self.table = client.createMultiBody(
+            0.0,
+            shape,
+            basePosition=(top @ [*centre, -thickness / 2, 1.0])[:3].tolist(),
+            baseOrientation=np.roll(quat_from_rotation(top[:3, :3]), -1).tolist(),
+            useMaximalCoordinates=True,
+        )
         self.plate = None if plate is None else load_body(client, plate, table_from_plate, static=True)
-        self._load_robot(robot, table_from_base, q)
+        self._load_robot(robot, table_from_base, q, loads)
         # A single body needs none of the joints' algebra, and its contacts with the table cost a fraction of those with it.
-        self.item = load_body(client, item.urdf, single=True)
+        self.item = self._load_item(item, setup)
         # It was loaded at the origin, so that its pose is the frame of inertia, in which Bullet tells all later ones.
         self.body_from_inertial = matrix_from_bullet(*client.getBasePositionAndOrientation(self.item))
         self.inertial_from_body = np.linalg.inv(self.body_from_inertial)
@@ -119,20 +135,40 @@ class Engine:
         self._touching += [] if self.plate is None else [(self.plate, -1, True)]
         self._touching += [(self.robot, -1, True), *((self.robot, link, False) for link in self.links.values())]
         self._touching += [(self.item, -1, False)]
-        self._set_contacts(model)
+        self._set_contacts(model, setup)
         self._bind()
+        if setup.pushes:
+            plain: Callable[[], None] = self.advance
+            self.advance = partial(self._push_and_advance, setup, model.time_step, plain)
 
     def close(self) -> None:
         """Release the engine; the world cannot be used afterwards."""
         self.client.disconnect()
 
-    def _load_robot(self, robot: RobotFiles, table_from_base: Array, q: Array) -> None:
+    def _load_item(self, item: Item, setup: ItemSetup) -> int:
+        """The object, as a body for itself."""
+        description = setup.description(item.urdf)
+        if description is None:
+            return load_body(self.client, item.urdf, single=True)
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "body.urdf"
+            path.write_text(description, encoding="utf-8")
+            return load_body(self.client, path, single=True)
+
+    def _push_and_advance(self, setup: ItemSetup, step: float, advance: Callable[[], None]) -> None:
+        """One physics step with a steady force and losses in the air, which Bullet has no figures for."""
+        velocity, spin = (np.array(row) for row in self._item_velocity(self.item))
+        pushed = setup.pushed(velocity, spin, self.item_mass, step)
+        self.client.resetBaseVelocity(self.item, *(row.tolist() for row in pushed))
+        advance()
+
+    def _load_robot(self, robot: RobotFiles, table_from_base: Array, q: Array, loads: Mapping[str, Sequence[Load]]) -> None:
         """Robot with all motors and losses of the engine switched off and the fingers coupled."""
         client, record = self.client, robot.record
         try:
             with TemporaryDirectory() as folder:
                 description = Path(folder) / "fused.urdf"
-                description.write_text(fused_description(robot.urdf), encoding="utf-8")
+                description.write_text(fused_description(robot.urdf, loads), encoding="utf-8")
                 self.robot = client.loadURDF(
                     str(description),
                     basePosition=table_from_base[:3, 3].tolist(),
@@ -165,10 +201,10 @@ class Engine:
         self.knuckles = len(knuckles)
         self.pads = tuple(self.links[name] for name in record["gripper"]["pads"])
 
-    def _set_contacts(self, model: Model) -> None:
+    def _set_contacts(self, model: Model, setup: ItemSetup) -> None:
         """Coefficients of every pair. Bullet multiplies friction and restitution of two bodies, so the object carries ones."""
         client = self.client
-        table = model.contact.table
+        table, f = setup.table(model), setup.figures
         # Between two single bodies Bullet brakes a spin only where something brakes rolling, too.
         self._set_surface(self.table, -1, replace(table, rolling_friction=max(table.rolling_friction, 1e-9)))
         if self.plate is not None:
@@ -179,23 +215,39 @@ class Engine:
             # A contact that sticks is held where it began, as far as Coulomb's cone allows; without, the solver's remainder
             # adds up to slip. Only here: what slides on the table is not to be held.
             client.changeDynamics(self.robot, pad, frictionAnchor=True)
+        if setup.soft:
+            self._soften_table(model, setup)
         self._set_surface(self.item, -1, Surface(1.0, 0.0, 0.0, 1.0))
         mass, _, inertia, *_ = client.getDynamicsInfo(self.item, -1)
+        self.item_mass = mass * f["mass"]
         client.changeDynamics(
             self.item,
             -1,
-            mass=mass * model.object.mass,
-            localInertiaDiagonal=[model.object.mass * value for value in inertia],
+            mass=self.item_mass,
+            localInertiaDiagonal=[f["mass"] * f["inertia"] * value for value in inertia],
             # Bullet takes the share of the speed that a second takes away.
             linearDamping=-np.expm1(-model.object.linear_damping),
             angularDamping=-np.expm1(-model.object.angular_damping),
             contactStiffness=model.contact.stiffness,
-            contactDamping=model.contact.damping,
+            contactDamping=0.0 if setup.soft else model.contact.damping,
             # By default Bullet brakes a body before it touches, by an amount that depends on where the last step ended:
             # restitution would act by chance.
             contactProcessingThreshold=0.0,
             activationState=client.ACTIVATION_STATE_DISABLE_SLEEPING,
         )
+
+    def _soften_table(self, model: Model, setup: ItemSetup) -> None:
+        """Give the table a compliance and a damping of its own.
+
+        Bullet adds up compliances and dampings of two bodies. A damper that is stiff against the table's would hold up its
+        giving way, so the object hands its own over to all others that it touches, and the table has what both make in a row.
+        """
+        own, soft = 1.0 / model.contact.stiffness, setup.figures["compliance"]
+        damping = (model.contact.damping * own**2 + setup.figures["contact_damping"] * soft**2) / (own + soft) ** 2
+        others = [] if self.plate is None else [(self.plate, -1)]
+        for body, link in [*others, *((self.robot, link) for link in (-1, *self.links.values()))]:
+            self.client.changeDynamics(body, link, contactStiffness=_RIGID, contactDamping=model.contact.damping)
+        self.client.changeDynamics(self.table, -1, contactStiffness=1.0 / soft, contactDamping=damping)
 
     def _set_surface(self, body: int, link: int, surface: Surface) -> None:
         """Coefficients of one link. A pair rolls and spins in Bullet with each one's value times the other's friction."""

@@ -12,11 +12,15 @@ from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
-import yaml
-
+from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.effects.images import IMAGE_EFFECTS
+from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import Applied, checked_number, effect_of, read_effects
 from gsbridge.errors import InputError
+from gsbridge.reading import load_yaml, refusing
+
+EFFECTS = (JOINT_EFFECTS, BODY_EFFECTS, IMAGE_EFFECTS)
+"""Effects that a model may hold, those that say a reason why not aside."""
 
 ARM = 7
 """Joints of the arm."""
@@ -184,6 +188,10 @@ class Model:
     camera: Camera
     effects: tuple[Applied, ...] = ()
 
+    def effects_on(self, *scopes: str) -> tuple[Applied, ...]:
+        """Effects that act on `joint`, `mechanism`, `body` or `camera`, in their order."""
+        return tuple(applied for applied in self.effects if effect_of(applied, *EFFECTS).scope in scopes)
+
     @property
     def substeps(self) -> int:
         """Physics steps per control period."""
@@ -209,15 +217,8 @@ def read_model(path: str | Path) -> Model:
     Raises:
         InputError: The file is missing or damaged, a key is unknown or missing, a value is no number or out of range.
     """
-    try:
-        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(
-            path, "the model file cannot be read", "Check the path; models/nominal.yaml is the nominal one"
-        ) from error
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise InputError(path, f"this is not valid YAML ({error})", "Correct it after models/nominal.yaml") from error
-    return parse_model(content, str(path))
+    with refusing(path, "the model cannot be used", "Correct it after models/nominal.yaml"):
+        return parse_model(load_yaml(path, "model file", "Check the path; models/nominal.yaml is the nominal one"), str(path))
 
 
 def parse_model(content: Any, source: str = "model") -> Model:
@@ -232,11 +233,12 @@ def parse_model(content: Any, source: str = "model") -> Model:
     """
     if not isinstance(content, Mapping) or "effects" not in content:
         raise InputError(source, "the model has no list 'effects'", "Write effects: [] for the nominal model")
-    effects = read_effects(content["effects"], source, IMAGE_EFFECTS)
+    effects = read_effects(content["effects"], source, *EFFECTS)
     for applied in effects:
-        effect = effect_of(applied, IMAGE_EFFECTS)
+        effect = effect_of(applied, *EFFECTS)
         if not effect.amendable:
-            raise InputError(source, f"the simulation cannot play '{effect.name}': {effect.reason}", effect.instead)
+            where = f" of joint '{applied.joint}'" if applied.joint else ""
+            raise InputError(source, f"the simulation cannot play '{effect.name}'{where}: {effect.reason}", effect.instead)
     model = _section(Model, {key: value for key, value in content.items() if key != "effects"}, "", source, effects=effects)
     ratio = model.timing.physics_hz / model.timing.control_hz
     if abs(ratio - round(ratio)) > 1e-9:

@@ -18,6 +18,7 @@ from gsbridge.robot.nominal import base_from_table as nominal_table
 from gsbridge.robot.reach import require_reach
 from gsbridge.sim.controller import Controller
 from gsbridge.sim.engine import Engine, Item
+from gsbridge.sim.item_setup import ItemSetup
 from gsbridge.sim.model import Model
 from gsbridge.sim.observe import object_state, rigid_inverse, state_row
 from gsbridge.tasks.state import ROW, State
@@ -66,7 +67,9 @@ class SimWorld:
         self.dimensions.check_object(item.width, str(item.urdf))
         self.kinematics = Kinematics.read(robot.urdf, robot.record["rest_posture"])
         require_reach(self.kinematics, self.base_from_table, self.workspace, "base_from_table")
-        self.controller = Controller(robot, self.kinematics, model, self.base_from_table[:3, :3] @ [0.0, 0.0, -model.gravity])
+        setup = ItemSetup(model)
+        down = self.base_from_table[:3, :3] @ [0.0, 0.0, -setup.figures["gravity"]]
+        self.controller = Controller(robot, self.kinematics, model, down)
         self._links = self.kinematics.tree.links
         self._node = {name: k for k, name in enumerate(self._links)}
         self._home = np.append(self.kinematics.rest, self.dimensions.open_angle)
@@ -74,6 +77,7 @@ class SimWorld:
         self.engine = Engine(
             robot, item, model, self.table_from_base, (float(centre[0]), float(centre[1])), plate,
             check_rigid(np.eye(4) if table_from_plate is None else table_from_plate, "table_from_plate"), self._home,
+            setup, self.controller.setup.loads,
         )  # fmt: skip
         self._measured = self.engine.measured
         self.reset(np.array([*centre[:2], 0.0]), 0)
@@ -175,7 +179,8 @@ class SimWorld:
 
     def joints(self) -> tuple[Array, Array, Array]:
         """Angles, speeds and motor torques; see the protocol."""
-        return self._measured[0].copy(), self._measured[1].copy(), self.controller.torques[1].copy()
+        angles, speeds = self.controller.sense(self._measured)
+        return angles.copy(), speeds.copy(), self.controller.torques[1].copy()
 
     def body_poses(self) -> dict[str, Array]:
         """Poses of the object and of the robot's links; see the protocol."""

@@ -186,6 +186,16 @@ def test_names_that_point_nowhere_are_refused(snakemake, config, write_config, t
     assert named in process.stdout + process.stderr
 
 
+def test_numbers_of_a_section_may_be_given_in_the_call(snakemake, tmp_path):
+    """Snakemake reads them as text."""
+    figure = ["--", "results/figures/gs_editing.png"]
+    call = ["--dry-run", "--directory", str(tmp_path), "--config"]
+    plan = snakemake(*call, "editing={scene: cake, azimuth_deg: 90}", *figure).stdout
+    assert "Train the soft splats of cake" in plan
+    process = snakemake(*call, "editing={scene: cake, azimuth_deg: left}", *figure, check=False)
+    assert "config: editing.azimuth_deg: 'left' is no number. Direction from which" in process.stdout + process.stderr
+
+
 def test_a_second_block_of_scenes_is_refused(snakemake, config, write_config, tmp_path):
     arguments = write_config(config)
     with (tmp_path / "config.yaml").open("a") as file:

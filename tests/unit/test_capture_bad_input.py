@@ -207,12 +207,12 @@ def test_damaged_film(tmp_path: Path) -> None:
 def test_photos_in_a_format_that_is_not_read(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     folder = tmp_path / "phone"
     folder.mkdir()
-    (folder / "IMG_1.HEIC").write_bytes(b"ftypheic")
-    refuse(tmp_path, Source("images", folder), "phone", "IMG_1.HEIC", "Convert them to JPEG")
+    (folder / "IMG_1.DNG").write_bytes(b"ftypheic")
+    refuse(tmp_path, Source("images", folder), "phone", "IMG_1.DNG", "Convert them to JPEG")
     for i, frame in enumerate(moving(4)):
         cv2.imwrite(str(folder / f"{i}.png"), frame)
     select_keyframes(Source("images", folder), tmp_path / "f", tmp_path / "k.json", KeyframeSettings())
-    assert "IMG_1.HEIC" in caplog.text
+    assert "IMG_1.DNG" in caplog.text
 
 
 def lossy(tmp_path: Path, name: str, codec: str, declared: int) -> Video:

@@ -54,6 +54,7 @@ def test_every_effect_says_what_it_is(place, name):
     # What cannot be amended says why, and what to do.
     assert effect.amendable == (not effect.reason) == (not effect.instead)
     assert not f"{effect.reason} {effect.instead}".endswith(".")
+    assert (effect.advice or "").endswith(f"{effect.instead}." if effect.reason else "")
 
 
 class Haze(ImageEffect):

@@ -91,6 +91,16 @@ def test_noise_is_drawn_from_the_episodes_seed():
     assert (photos[0] / 255.0 - IMAGE / 255.0).std() == pytest.approx(0.03, rel=0.15)
 
 
+@pytest.mark.parametrize("name", [name for name, effect in IMAGE_EFFECTS.items() if effect.amendable])
+def test_every_effect_that_may_be_amended_shows(name):
+    """In the picture, or in where and how wide the camera looks."""
+    effect = IMAGE_EFFECTS[name]
+    how = lens(name, **{p.name: 4 * p.typical for p in effect.parameters if p.amplitude})
+    seen = how.photo(IMAGE, np.eye(4), np.random.default_rng(1))
+    elsewhere = np.abs(how.pose(np.eye(4)) - np.eye(4)).max() > 1e-3 or abs(how.camera.fx - CAMERA.fx) > 0.1
+    assert elsewhere or np.abs(seen.astype(int) - IMAGE.astype(int)).max() >= 3
+
+
 def test_models_hold_the_effects_that_can_be_drawn():
     content = yaml.safe_load(NOMINAL.read_text(encoding="utf-8"))
     good = content | {"effects": [{"name": "exposure", "parameters": {"stops": -0.5}}]}

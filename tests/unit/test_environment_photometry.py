@@ -7,7 +7,7 @@ import pytest
 from robot_fixture import robot
 
 from gsbridge.cameras import Camera
-from gsbridge.environment.photometry import Response, calibrate_wrist_camera, fit_response, read_photometry
+from gsbridge.environment.photometry import calibrate_wrist_camera, fit_response, read_photometry
 from gsbridge.environment.robot_splats import link_meshes
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
@@ -18,12 +18,12 @@ from gsbridge.robot.kinematics import Kinematics
 from gsbridge.robot.nominal import base_from_table, flange_from_camera
 from gsbridge.robot.reach import tool_down
 from gsbridge.scene.meshes import MeshComposition
-from gsbridge.sim.camera import respond
+from gsbridge.sim.camera import CameraResponse, respond
 from gsbridge.sim.model import Camera as ModelCamera
 from gsbridge.splats.cloud import Cloud
 from gsbridge.splats.ply import write_ply
 
-TRUE = Response(gain=0.8, red_gain=1.15, blue_gain=0.9, gamma=1.1, black_level=0.02)
+TRUE = CameraResponse(gain=0.8, red_gain=1.15, blue_gain=0.9, gamma=1.1, black_level=0.02)
 NEUTRAL = ModelCamera(1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 
 
@@ -124,7 +124,7 @@ def test_without_photos_or_table_it_is_neutral_and_says_so(tmp_path):
         record = read_json(tmp_path / "out.json")
         assert record["status"] == "degraded"
         assert "not calibrated" in record["reasons"][0]
-        assert asdict(read_photometry(tmp_path / "out.json").response) == asdict(Response())
+        assert asdict(read_photometry(tmp_path / "out.json").response) == asdict(CameraResponse())
 
 
 def test_damage_and_empty_tables_are_refused(tmp_path):

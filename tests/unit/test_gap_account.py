@@ -26,7 +26,6 @@ from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import Screen
-from gsbridge.gap.loop.amend import amended_content
 
 SEED, COURSES = 40, 41
 
@@ -212,21 +211,3 @@ def test_what_is_likely_is_told_as_closest(axis, told):
     assert content["evidence"][-1]["verdicts"] == {e["label"]: e["verdict"] for e in found["account"]["entries"]}
     assert [e["name"] for e in content["effects"]] == [e["name"] for e in found["account"]["entries"]]
     assert read_mechanism_model(axis[2] / "amended.yaml").effects
-
-
-def test_what_is_likely_and_has_no_place_in_the_simulation_is_left_out():
-    arm = {
-        "controller": {"stiffness": [1.0], "damping": [1.0], "gravity_compensation": 1.0},
-        "armature": [0.0],
-        "viscous": [0.0],
-        "joints": ["axis"],
-        "effects": [{"name": "ripple", "joint": "axis", "parameters": {}}],
-    }
-    nominal = {"arm": {}}
-    with pytest.raises(InputError, match="no place for 'ripple'"):
-        amended_content(nominal, arm, "model.yaml")
-    likely = {**arm, "evidence": [{"verdicts": {"ripple:axis": "likely, not proven"}}]}
-    with pytest.raises(InputError) as refused:
-        amended_content(nominal, likely, "model.yaml")
-    # It gets as far as the simulation's own check of the rest.
-    assert "ripple" not in str(refused.value)

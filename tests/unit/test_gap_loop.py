@@ -1,22 +1,29 @@
 """Closing the loop: the simulated arm as a mechanism of the gap, its calibration, the driver's log, the amended simulation."""
 
 import csv
+from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 import pytest
 import yaml
 from robot_fixture import robot
-from sim_fixture import NOMINAL, model, world
+from sim_fixture import NOMINAL, cube, model
 
+from gsbridge.cameras import Camera
+from gsbridge.effects.joints import JOINT_EFFECTS
+from gsbridge.effects.registry import read_effects
+from gsbridge.environment.lens import Lens
 from gsbridge.environment.trial_log import TrialPath, write_trial_log
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import read_json, write_json
 from gsbridge.gap.formats.records import Record
+from gsbridge.gap.image.workflow import amend_camera
 from gsbridge.gap.joints.case import read_joint_case
 from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
 from gsbridge.gap.joints.mechanism.mechanism_model import parse_mechanism_model
 from gsbridge.gap.joints.mechanism.replay import Mechanism
-from gsbridge.gap.loop.amend import amend_simulation, amended_content
+from gsbridge.gap.loop.amend import amend_object, amend_simulation, amended_content, object_content
 from gsbridge.gap.loop.arm import write_arm
 from gsbridge.gap.loop.calibrate import calibrate, calibrated_model
 from gsbridge.policy.joint_log import choose_trials, write_driver_log
@@ -25,19 +32,25 @@ from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.layout import true_base_from_table
 from gsbridge.reality.world.model import Stand
 from gsbridge.reality.world.physics import MirrorPhysics
-from gsbridge.sim.model import parse_model
+from gsbridge.sim.model import EFFECTS, parse_model, read_model
+from gsbridge.sim.world import SimWorld
 
 COLUMNS = ("pose_set", "index", "quadrant", "x", "y", "yaw", "success", "success_tolerant", "failure", "steps")
 
 
-def logged_simulation(steps: int = 50, **changes) -> tuple[DriverLog, np.ndarray]:
+def with_effects(effects: tuple, **changes):
+    """The nominal model with some values changed and with effects."""
+    return replace(model(**changes), effects=read_effects([dict(effect) for effect in effects], "test", *EFFECTS))
+
+
+def logged_simulation(steps: int = 50, effects: tuple = (), **changes) -> tuple[DriverLog, np.ndarray]:
     """What a driver of the simulated arm would log in a motion that uses every joint; and `base_from_table`."""
-    with world(**changes) as sim:
+    with SimWorld(robot(), cube(), with_effects(effects, **changes)) as sim:
         controller, rows = sim.controller, []
         substep = controller.substep
 
         def keep(number, measured):
-            state = measured[:, :7].copy()
+            state = controller.sense(measured)[:, :7].copy()
             slot = int(controller._arm["slot"][0, 0])
             out = substep(number, measured)
             rows.append(np.stack([controller._ring[slot, 0, :7], controller._ring[slot, 1, :7], *state, out[1, :7]]))
@@ -54,9 +67,9 @@ def logged_simulation(steps: int = 50, **changes) -> tuple[DriverLog, np.ndarray
         return DriverLog(1e-3 * np.arange(len(rows)), command, speed, position, velocity, effort), sim.base_from_table
 
 
-def replayed(folder, log: DriverLog, base_from_table, **changes) -> tuple[Record, dict]:
+def replayed(folder, log: DriverLog, base_from_table, effects: tuple = (), **changes) -> tuple[Record, dict]:
     """The log as the gap reads it, and the gap's own replay of it."""
-    write_arm(robot(), model(**changes), base_from_table, folder / "arm.urdf", folder / "model.yaml")
+    write_arm(robot(), with_effects(effects, **changes), base_from_table, folder / "arm.urdf", folder / "model.yaml")
     write_driver_log(folder / "log.csv", robot().record["arm_joints"], log)
     (folder / "case.yaml").write_text("model: model.yaml\nrecords: {fit: log.csv, select: log.csv, verify: log.csv}\n")
     case = read_joint_case(folder / "case.yaml")
@@ -75,6 +88,31 @@ def test_the_gap_replays_the_simulated_arm(tmp_path, delay):
     for kind, most in (("position", 3e-5), ("velocity", 1e-3), ("effort", 0.1)):
         rms = np.sqrt(((record.measured[kind] - out[kind]) ** 2).mean(axis=0))
         assert (rms < most).all(), (kind, rms)
+
+
+SIZES = {
+    "armature": 100.0, "encoder_scale": 20.0, "quadratic_drag": 400.0, "rate_limit": 2.0,
+    "saturation": 3.0, "spring": 100.0, "torque_delay": 3.0, "viscous": 100.0,
+}  # fmt: skip
+"""Multiples of the typical amplitude with which effects show in this motion; eight for the others."""
+
+
+@pytest.mark.parametrize("name", [name for name, effect in JOINT_EFFECTS.items() if effect.amendable])
+def test_an_effect_on_a_joint_is_the_same_in_the_simulation_and_in_the_gap(tmp_path, name):
+    """Amended, it changes what the arm does, by far more than the two engines differ; and both play the same effect."""
+    effect = JOINT_EFFECTS[name]
+    values = effect.scaled({p.name: p.typical for p in effect.parameters}, SIZES.get(name, 8.0))
+    entry = {"name": name, "parameters": values} | ({"joint": "lbr_iiwa_joint_3"} if effect.scope == "joint" else {})
+    log, base_from_table = logged_simulation(32, (entry,))
+    record, with_it = replayed(tmp_path, log, base_from_table, (entry,))
+    _, without = replayed(tmp_path, log, base_from_table)
+    # The gap takes an eccentric encoder off the first state by its first order only; what that leaves has died out by then.
+    later = slice(300, None)
+    share = {
+        kind: float(np.linalg.norm((seen - with_it[kind])[later]) / np.linalg.norm((seen - without[kind])[later]))
+        for kind, seen in record.measured.items()
+    }
+    assert min(share.values()) < 0.1, share
 
 
 AXIS = """<robot name="axis"><link name="base"/><link name="arm"><inertial><origin xyz="0.2 0 0"/><mass value="1"/>
@@ -203,15 +241,20 @@ def test_findings_reach_the_simulation():
     assert found.arm.delay == pytest.approx(0.24)
     assert found.arm.stiffness[1] == pytest.approx(0.9 * nominal["arm"]["stiffness"][1])
     assert left == []
+    # What has no figure of its own joins the effects, beside those of object and camera.
+    dry = {"name": "coulomb", "joint": "lbr_iiwa_joint_3", "parameters": {"torque": 2.0}}
+    dark = {"name": "exposure", "parameters": {"stops": -0.5}}
+    content, _ = amended_content({**nominal, "effects": [dark]}, arm_with(gain, dry), "arm.yaml")
+    assert parse_model(content).effects == read_effects([dry, dark], "test", *EFFECTS)
     # Without effects the file is the nominal one: nothing else moves.
     assert parse_model(amended_content(nominal, arm_with(), "arm.yaml")[0]) == parse_model(nominal)
 
 
 def test_what_the_simulation_cannot_express_is_refused_by_name():
     nominal = yaml.safe_load(NOMINAL.read_text())
-    dry = {"name": "coulomb", "joint": "lbr_iiwa_joint_3", "parameters": {"torque": 2.0}}
-    with pytest.raises(InputError, match="no place for 'coulomb' of joint 'lbr_iiwa_joint_3'"):
-        amended_content(nominal, arm_with(dry), "arm.yaml")
+    play = {"name": "backlash", "joint": "lbr_iiwa_joint_3", "parameters": {"gap": 0.01}}
+    with pytest.raises(InputError, match=r"cannot play 'backlash' of joint 'lbr_iiwa_joint_3'.*Have the gear tightened"):
+        amended_content(nominal, arm_with(play), "arm.yaml")
     late = {"name": "command_delay", "parameters": {"time": 0.7}}
     with pytest.raises(InputError, match=r"arm\.delay"):
         amended_content(nominal, arm_with(late), "arm.yaml")
@@ -247,3 +290,93 @@ def test_the_amended_model_carries_its_evidence(tmp_path):
     write_json(tmp_path / "findings.json", {**findings, "verdict": "ambiguous"})
     with pytest.raises(StageError, match=r"named nothing \(ambiguous\)"):
         amend_simulation(NOMINAL, *paths)
+
+
+def found_in(folder, name: str, effects: list, rows: list | None = None):
+    """Findings as a diagnosis leaves them."""
+    content = {"amended": effects, "effects": rows or [], "verdict": "named", "sentence": f"Found: {name}.", "seed": 1}
+    write_json(folder / f"{name}.json", content | {"records": {"fit": "abc"}})
+    return folder / f"{name}.json"
+
+
+def test_arm_object_and_camera_may_be_amended_in_any_order(tmp_path):
+    """The same model whatever was found first, and a simulation that plays all of it."""
+    late = {"name": "command_delay", "parameters": {"time": 0.1}}
+    dry = {"name": "coulomb", "joint": "lbr_iiwa_joint_3", "parameters": {"torque": 8.0}}
+    dark = {"name": "exposure", "parameters": {"stops": -1.0}}
+    slippery = {"name": "contact_friction", "parameters": {"friction": -0.2}}
+    windy = {"name": "steady_force", "parameters": {"x": 0.1, "y": 0.0}}
+    rows = [
+        {"name": "contact_friction", "parameters": {"friction": {"becomes": 0.3}}},
+        {"name": "steady_force", "parameters": {"x": {"becomes": 0.1}, "y": {"becomes": 0.0}}},
+    ]
+    arm_row = {"name": "coulomb", "joint": dry["joint"], "parameters": {"torque": {"interval90": [7.0, 9.0]}}}
+    camera, thrown = found_in(tmp_path, "camera", [dark]), found_in(tmp_path, "object", [slippery, windy], rows)
+    arm = found_in(tmp_path, "arm", [dry], [arm_row])
+    (tmp_path / "arm.yaml").write_text(yaml.safe_dump(arm_with(late, dry)))
+    write_json(tmp_path / "calibration.json", {"records": {"fit": "def"}})
+    stages = {
+        "arm": lambda before, after: amend_simulation(
+            before, tmp_path / "arm.yaml", arm, tmp_path / "calibration.json", after, tmp_path / "record.json"
+        ),
+        "object": lambda before, after: amend_object(before, thrown, after),
+        "camera": lambda before, after: amend_camera(before, camera, after),
+    }
+    models = []
+    for order in permutations(stages):
+        path = NOMINAL
+        for name in order:
+            after = tmp_path / f"{'-'.join(order)}-{name}.yaml"
+            stages[name](path, after)
+            path = after
+        models.append(read_model(path))
+    assert all(one == models[0] for one in models)
+    amended = models[0]
+    assert [effect.name for effect in amended.effects] == ["coulomb", "steady_force", "exposure"]
+    assert (amended.arm.delay, amended.contact.table.friction) == (0.1, 0.3)
+    # Amended once more, the arm's effects are replaced by those of its model, and the others stay.
+    again = amended_content(yaml.safe_load(path.read_text(encoding="utf-8")), arm_with(late, dry), "arm.yaml")[0]
+    assert parse_model(again) == amended
+    image = np.full((8, 8, 3), 128, np.uint8)
+    camera = Camera(8, 8, 10.0, 10.0, 4.0, 4.0)
+    seen = Lens(amended.effects_on("camera"), camera).photo(image, np.eye(4), np.random.default_rng(0))
+    assert (seen < image).all()
+    ways = []
+    for played in (parse_model(yaml.safe_load(NOMINAL.read_text())), amended):
+        with SimWorld(robot(), cube(), played) as sim:
+            sim.place(np.array([[1.0, 0, 0, 0.25], [0, 1, 0, 0.1], [0, 0, 1, 0.6], [0, 0, 0, 1]]))
+            rows = []
+            for _ in range(5):
+                sim.command(np.array([0.0, 0.4, 0.3]), 0.0, 0.14)
+                sim.step()
+                rows.append(np.append(sim.state().object_position[0], sim.joints()[2][2]))
+            ways.append(np.array(rows))
+    # The wind moves the falling cube; dry friction asks another torque of the third joint.
+    assert ways[1][-1, 0] - ways[0][-1, 0] == pytest.approx(0.5 * 0.1 / 0.117 * 0.25**2, rel=0.1)
+    assert np.abs(ways[1][:, -1] - ways[0][:, -1]).max() > 1.0
+
+
+def test_what_was_found_about_an_object_becomes_the_simulations(tmp_path):
+    """Coefficients become what they are; shares hold of the asset; what no simulation plays is refused with a way out."""
+    nominal = yaml.safe_load(NOMINAL.read_text())
+    named = [
+        {"name": "object_mass", "parameters": {"share": 0.5}},
+        {"name": "gravity_scale", "parameters": {"share": 0.1}},
+        {"name": "inertia_scale", "parameters": {"share": 0.2}},
+        {"name": "linear_damping", "parameters": {"coefficient": 0.04}},
+    ]
+    rows = [
+        {"name": "object_mass", "parameters": {"share": {"becomes": 0.2}}},
+        {"name": "gravity_scale", "parameters": {"share": {"becomes": 10.791}}},
+        {"name": "inertia_scale", "parameters": {"share": {"becomes": 1.2}}},
+        {"name": "linear_damping", "parameters": {"coefficient": {"becomes": 0.1}}},
+    ]
+    found = {"amended": named, "effects": rows}
+    model = parse_model(object_content(nominal, found, "findings.json"))
+    assert (model.object.mass, model.gravity) == (1.5, 10.791)
+    assert [(e.name, dict(e.parameters)) for e in model.effects] == [
+        ("inertia_scale", {"share": 0.2}), ("linear_damping", {"coefficient": 0.1}),
+    ]  # fmt: skip
+    large = {"amended": [{"name": "object_size", "parameters": {"share": 0.1}}], "effects": []}
+    with pytest.raises(InputError, match=r"findings\.json: the simulation cannot play 'object_size'.*Film the object again"):
+        object_content(nominal, large, "findings.json")

@@ -8,6 +8,7 @@ from browser import check, needs_browser
 from gap_files import findings, write_case
 from scipy import stats
 
+from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.errors import InputError
 from gsbridge.gap.diagnosis.residual_map import LEVEL, few_false
 from gsbridge.gap.joints.residual_map import GROUPS
@@ -56,7 +57,8 @@ def without_figures(monkeypatch):
 @pytest.mark.usefixtures("without_figures")
 def test_an_account_is_told_line_by_line(tmp_path):
     found = findings("none_of_the_known", warnings=["The gap is 70 times the noise."])
-    entry = {**found["effects"][0], "label": "coulomb:axis", "share": 0.62, "verdict": "one of", "instead": ["viscous:axis"]}
+    entry = {**found["effects"][0], "label": "coulomb:axis", "share": 0.62, "verdict": "one of"}
+    entry["alternatives"] = ["viscous:axis"]
     remains = {"channel": "position.axis", "phase": "fast", "size": 4.2, "unit": "noise"}
     text = page(tmp_path, {**found, "account": {"entries": [entry], "explained": 0.62, "remains": remains}})
     for said in (
@@ -154,6 +156,15 @@ def test_without_efforts_the_page_asks_for_them():
     steps = next_steps(findings("ambiguous"), about, {"unseen": []}, "x")
     assert any("efforts" in step for step in steps)
     assert not any("efforts" in step for step in next_steps(findings(), {**about, "mode": "free"}, {"unseen": []}, "x"))
+
+
+def test_what_no_simulation_plays_comes_with_something_else_to_do():
+    found = findings()
+    found["effects"][0]["instead"] = JOINT_EFFECTS["backlash"].advice
+    about = {"records": {"fit": {"measured": ["position", "effort"]}}, "mode": "pd"}
+    steps = next_steps(found, about, {"unseen": []}, "x")
+    assert any("cannot learn with this" in step and "Have the gear tightened" in step for step in steps)
+    assert not any("cannot learn with this" in step for step in next_steps(findings(), about, {"unseen": []}, "x"))
 
 
 def test_the_darkest_cell_is_told_only_where_it_is_marked():

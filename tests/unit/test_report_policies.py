@@ -223,7 +223,7 @@ def test_page_lists_what_is_degraded_once(tmp_path):
     write_tables([tmp_path / "rows/grasping.csv"], [], tmp_path / "tables", records=[record])
     page = (tmp_path / "tables" / "index.html").read_text()
     assert page.count("no &lt;board&gt;") == 1
-    assert "small cube on foam pad, grasp, gs</b>: training: never reached 95 %" in page
+    assert "small cube on foam pad, grasp, splats</b>: training: never reached 95 %" in page
     assert page.count("never reached 95 %") == 1
     assert '<span class="label degraded">degraded</span>' in page
 

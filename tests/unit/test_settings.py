@@ -1,6 +1,7 @@
 """What settings take, and what they say about what they do not take."""
 
 import copy
+import json
 import string
 from pathlib import Path
 from typing import get_args
@@ -17,6 +18,7 @@ from gsbridge.configuration.experiment import Task
 from gsbridge.configuration.films import Film
 from gsbridge.configuration.masks import MaskSettings
 from gsbridge.configuration.mesh import MeshSettings
+from gsbridge.configuration.pages import PAGE, SCHEMA, filled, json_schema, table
 from gsbridge.configuration.policy import PolicySettings
 from gsbridge.configuration.splats import SplatSettings
 from gsbridge.configuration.whole import Configuration, Sections, read_configuration
@@ -218,6 +220,25 @@ def test_a_copy_does_not_share_what_can_change():
     first["variants"]["default"]["policy"]["steps"] = 3
     first["worlds"]["mirror"]["hidden"]["tint"] = 1
     assert second == read_configuration(copy.deepcopy(OWN))
+
+
+def test_the_schema_and_the_tables_of_the_docs_are_those_of_the_models():
+    page = (ROOT / PAGE).read_text(encoding="utf-8")
+    assert (ROOT / SCHEMA).read_text(encoding="utf-8") == json_schema(), "run make schema"
+    assert page == filled(page), "run make schema"
+    for name in Sections.model_fields:
+        assert f"`{name}`" in page
+    for model in (Configuration, *SECTIONS.values()):
+        assert table(model) in page, model.__name__
+
+
+def test_the_schema_for_editors_takes_the_projects_own_configuration():
+    jsonschema = pytest.importorskip("jsonschema")
+    schema = json.loads((ROOT / SCHEMA).read_text(encoding="utf-8"))
+    jsonschema.Draft202012Validator.check_schema(schema)
+    jsonschema.validate(OWN, schema)
+    with pytest.raises(jsonschema.ValidationError, match="spalts"):
+        jsonschema.validate({**OWN, "spalts": {}}, schema)
 
 
 @pytest.mark.parametrize("made", [MeshSettings(table_size=(0.2, 0.3)), SplatSettings(offset_band="scene"), PolicySettings()])

@@ -18,3 +18,5 @@ class ObjectSize(BodyEffect):
     signature = "rests too high or low, touches too early or late, in every attitude alike"
     confused_with = ("table_height", "tracking_scale")
     tell_apart = "measure it with a calliper"
+    reason = "the simulated object has the shape of its mesh and splats, which were measured together"
+    instead = "Film the object again with the board in view, or correct the scale of its scene"

@@ -18,3 +18,5 @@ class TrackingLag(BodyEffect):
     signature = "an error that grows in flight from the start, in the direction of the acceleration"
     confused_with = ("gravity_scale", "tracking_scale")
     tell_apart = "leave the speeds out: they are then taken from the poses"
+    reason = "it lies in the tracking, not in the body"
+    instead = "Leave the speeds out of the log; no policy needs to learn it"

@@ -21,3 +21,5 @@ class TrackingOffset(BodyEffect):
     signature = "circles that turn with the body"
     confused_with = ("object_com", "table_height")
     tell_apart = "turn it by hand in one place"
+    reason = "it lies in the tracking, not in the body"
+    instead = "Correct the tracked point in the log; no policy needs to learn it"

@@ -18,3 +18,5 @@ class TrackingRate(BodyEffect):
     signature = "all motion is too slow or fast; places are right"
     confused_with = ("gravity_scale",)
     tell_apart = "film a stop watch"
+    reason = "it lies in the tracking, not in the body"
+    instead = "Correct the times in the log; no policy needs to learn it"

@@ -18,3 +18,5 @@ class TrackingScale(BodyEffect):
     signature = "distances, heights at rest and gravity are off by the same share"
     confused_with = ("gravity_scale", "object_size", "tracking_lag")
     tell_apart = "log two markers at a known distance"
+    reason = "it lies in the tracking, not in the body"
+    instead = "Correct the lengths in the log; no policy needs to learn it"

@@ -25,5 +25,5 @@ class Noise(ImageEffect):
 
     def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
         """Add to the variances."""
-        shooting.read_noise += values["read"] ** 2
-        shooting.shot_noise += values["shot"]
+        shooting.read_variance += values["read"] ** 2
+        shooting.shot_variance += values["shot"]

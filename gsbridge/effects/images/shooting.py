@@ -70,8 +70,8 @@ class Shooting:
         softness: By how much the light is sharpened against its blurred copies, for each of `gsbridge.scene.photograph.BLURS`.
         light: Steps on linear light, with their place in the order.
         sensor: Steps on encoded values, likewise.
-        read_noise: Variance of encoded values where it is dark.
-        shot_noise: By how much this variance grows up to white.
+        read_variance: Variance of encoded values where it is dark.
+        shot_variance: By how much this variance grows up to white.
     """
 
     delay: float = 0.0
@@ -84,8 +84,8 @@ class Shooting:
     softness: tuple[float, ...] = ()
     light: list[tuple[int, Step]] = field(default_factory=list)
     sensor: list[tuple[int, Callable[[Array], Array]]] = field(default_factory=list)
-    read_noise: float = 0.0
-    shot_noise: float = 0.0
+    read_variance: float = 0.0
+    shot_variance: float = 0.0
 
     def on_light(self, place: int, step: Step) -> None:
         """Add a step on linear light."""

@@ -19,3 +19,5 @@ class Backlash(FigureEffect):
     signature = "flat after each reversal, then a jump; effort dips"
     confused_with = ("compliance", "stribeck")
     tell_apart = "small reversals under two loads"
+    reason = "the simulated motors are rigidly coupled to their joints"
+    instead = "Have the gear tightened, or preload the joint so that its load never changes sign"

@@ -17,6 +17,8 @@ class ClockDrift(JointEffect):
     signature = "position error follows the speed and grows with time; effort is right"
     confused_with = ("clock_offset", "command_delay", "warming")
     tell_apart = "log for longer: an offset stays, a drift grows"
+    reason = "it lies in the log, not in the arm"
+    instead = "Correct the time stamps in the log, or synchronise the clocks; no policy needs to learn it"
 
     def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:
         """Stretch the logged motion."""

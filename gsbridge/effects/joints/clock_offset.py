@@ -17,6 +17,8 @@ class ClockOffset(JointEffect):
     signature = "position error follows the speed; effort is right"
     confused_with = ("command_delay", "lag")
     tell_apart = "compare with the command's echo; efforts tell"
+    reason = "it lies in the log, not in the arm"
+    instead = "Correct the time stamps in the log, or synchronise the clocks; no policy needs to learn it"
 
     def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:
         """Shift the logged motion."""

@@ -25,3 +25,5 @@ class Compliance(FigureEffect):
     signature = "position error follows the effort; a resonance"
     confused_with = ("backlash", "payload")
     tell_apart = "static poses with a load; a dead zone is none"
+    reason = "the simulated motors are rigidly coupled to their joints"
+    instead = "Lower the load or the acceleration, or measure the tool from outside and correct the commanded poses"

@@ -14,3 +14,5 @@ class Warming(FigureEffect):
     signature = "the residual changes over time"
     confused_with = ("viscous", "coulomb")
     tell_apart = "record again after a warm-up"
+    reason = "every simulated episode begins anew, while this friction goes on changing from one to the next"
+    instead = "Warm the arm up before work, log it again, and amend the friction that is then found"

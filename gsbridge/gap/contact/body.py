@@ -11,7 +11,6 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-import yaml
 from scipy.spatial.transform import Rotation
 
 from gsbridge.effects.bodies import BODY_EFFECTS
@@ -19,6 +18,7 @@ from gsbridge.effects.registry import Applied, read_effects
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.yaml_file import read_yaml
 from gsbridge.geometry import Array
+from gsbridge.reading import load_yaml, refusing
 from gsbridge.robot.urdf import read_description
 
 MODE = "body"
@@ -117,8 +117,8 @@ def _scaled(shape: str, size: float) -> str:
 def is_body(path: str | Path) -> bool:
     """Whether a model file describes a free body, so that its case belongs here."""
     try:
-        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        content = load_yaml(path, "model", "See docs/gap_objects.md")
+    except InputError:
         return False
     controller = content.get("controller") if isinstance(content, Mapping) else None
     return isinstance(controller, Mapping) and controller.get("mode") == MODE
@@ -131,8 +131,8 @@ def read_body(path: str | Path) -> FreeBody:
         InputError: The file or the URDF cannot be read, or a key is unknown, missing or out of bounds.
     """
     path = Path(path)
-    content = read_yaml(path, "model", "docs/gap_objects.md")
-    return parse_body(content, path.parent, path)
+    with refusing(path, "the model cannot be used", "Correct it after docs/gap_objects.md"):
+        return parse_body(read_yaml(path, "model", "docs/gap_objects.md"), path.parent, path)
 
 
 def parse_body(content: Any, folder: Path, source: str | Path = "model") -> FreeBody:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from gsbridge.effects.bodies import BODY_EFFECTS
+from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import read_names
 from gsbridge.errors import InputError
 from gsbridge.gap.contact.body import FreeBody, number, read_body
@@ -18,6 +19,7 @@ from gsbridge.gap.contact.setup import body_setup
 from gsbridge.gap.contact.throws import FEWEST, SHORTEST, Throws, read_throws
 from gsbridge.gap.diagnosis.results import ROLES
 from gsbridge.gap.formats.yaml_file import read_case_file
+from gsbridge.reading import refusing
 
 _KEYS = ("model", "records", "columns", "units", "effects", "horizon")
 
@@ -50,6 +52,11 @@ def read_throw_case(path: str | Path) -> ThrowCase:
         InputError: The file, its model or its throws cannot be used.
     """
     path = Path(path)
+    with refusing(path, "the case cannot be used", "Correct it after docs/gap_objects.md"):
+        return _throw_case(path)
+
+
+def _throw_case(path: Path) -> ThrowCase:
     content = read_case_file(path, "docs/gap_objects.md", "records", _KEYS)
     for key in ("columns", "units"):
         if not isinstance(content.get(key) or {}, Mapping):
@@ -57,7 +64,7 @@ def read_throw_case(path: str | Path) -> ThrowCase:
     horizon = number(content.get("horizon", HORIZON), path, "horizon", low=SHORTEST)
     body = read_body(path.parent / str(content["model"]))
     body_setup(body)
-    names = read_names(content.get("effects"), path, BODY_EFFECTS)
+    names = read_names(content.get("effects"), path, BODY_EFFECTS, JOINT_EFFECTS)
     throws = {}
     for role, file in content["records"].items():
         if role not in ROLES:

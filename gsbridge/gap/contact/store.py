@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.gap.contact.throws import Throw, Throws
 from gsbridge.geometry import Array
+from gsbridge.reading import refusing
 
 _SAMPLES = ("time", "position", "quat")
 """Fields with a row per sample."""
@@ -48,13 +47,8 @@ def load_throws(path: str | Path) -> dict[str, Throws]:
     Raises:
         InputError: The file is missing or damaged.
     """
-    try:
-        with np.load(path) as data:
-            return {role: _throws(role, about, data) for role, about in json.loads(str(data["plain"])).items()}
-    except (OSError, KeyError, ValueError, TypeError, zipfile.BadZipFile) as error:
-        raise InputError(
-            path, f"the stored throws cannot be read ({error})", "Delete the file and run the rule again"
-        ) from error
+    with refusing(path, "the stored throws cannot be read", "Delete the file and run the rule again"), np.load(path) as data:
+        return {role: _throws(role, about, data) for role, about in json.loads(str(data["plain"])).items()}
 
 
 def _throws(role: str, about: Mapping[str, object], data: Mapping[str, Array]) -> Throws:

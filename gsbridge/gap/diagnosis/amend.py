@@ -1,9 +1,9 @@
-"""The amended model: the user's model file with the named effects and the evidence for them."""
+"""Amended models: the user's model file with the named effects and the evidence for them, and the simulation's."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import yaml
 
 from gsbridge.files import atomic_file
 from gsbridge.gap.formats.yaml_file import read_yaml
+from gsbridge.sim.model import parse_model
 
 
 def amend_model(model: str | Path, findings: Mapping[str, Any], out: str | Path) -> None:
@@ -51,3 +52,32 @@ def amend_model(model: str | Path, findings: Mapping[str, Any], out: str | Path)
     content["evidence"] = [*(content.get("evidence") or []), evidence]
     with atomic_file(out) as temporary:
         temporary.write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True), encoding="utf-8")
+
+
+def ordered(content: dict[str, Any], source: str | Path) -> dict[str, Any]:
+    """Content of the simulation's model with its effects in the order arm, object, camera.
+
+    Args:
+        content: Of the model.
+        source: Where it comes from, for messages.
+
+    Raises:
+        InputError: The simulation cannot play an effect, or a figure is out of its range.
+    """
+    model = parse_model(content, str(source))
+    effects = [*model.effects_on("joint", "mechanism"), *model.effects_on("body"), *model.effects_on("camera")]
+    return {**content, "effects": [effect.record() for effect in effects]}
+
+
+def write_amended(out: str | Path, content: Mapping[str, Any], head: Sequence[str]) -> None:
+    """Write an amended model below what it rests on.
+
+    Args:
+        out: The model.
+        content: What it holds.
+        head: Lines of its head.
+    """
+    text = "".join(f"# {line}\n" for line in head)
+    text += yaml.safe_dump(dict(content), sort_keys=False, default_flow_style=None, width=128)
+    with atomic_file(out) as temporary:
+        temporary.write_text(text, encoding="utf-8")

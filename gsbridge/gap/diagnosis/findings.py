@@ -192,7 +192,8 @@ class Account:
                 was, becomes = figures[parameter.name]
                 rows[parameter.name] |= {"was": was, "becomes": becomes}
         about = {"name": applied.name, "joint": applied.joint, "title": effect.title, "hook": effect.hook}
-        return {**about, "parameters": rows, "confused_with": list(effect.confused_with), "tell_apart": effect.tell_apart}
+        advice = {"confused_with": list(effect.confused_with), "tell_apart": effect.tell_apart, "instead": effect.advice}
+        return {**about, "parameters": rows, **advice}
 
     def _account(self, diagnosis: Diagnosis, account: GapAccount) -> dict[str, Any]:
         """An account, line by line, and what remains."""
@@ -204,7 +205,7 @@ class Account:
                     **self._described(entry.effect, _spans(entry.candidate, entry.effect, entry.deviations, wide)),
                     "share": entry.share,
                     "verdict": entry.verdict,
-                    "instead": list(entry.instead),
+                    "alternatives": list(entry.instead),
                 }
                 for entry in account.entries
             ],

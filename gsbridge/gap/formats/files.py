@@ -7,9 +7,8 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-import yaml
-
 from gsbridge.errors import InputError
+from gsbridge.reading import files_below, load_yaml
 from gsbridge.robot.urdf import collision_meshes
 
 _NUMBERS = (".csv", ".parquet", ".json", ".jsonl")
@@ -101,8 +100,8 @@ def check_asked_cases(arguments: Iterable[str], cases: Iterable[str]) -> None:
 def case_content(path: str | Path) -> dict[str, object]:
     """Top level of a YAML file; empty where it cannot be read, which the reading stage will say."""
     try:
-        content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        content = load_yaml(path, "case", "See docs/gap.md")
+    except InputError:
         return {}
     return content if isinstance(content, dict) else {}
 
@@ -114,7 +113,7 @@ def _values(content: object) -> list[object]:
 def _inside(path: Path, kinds: tuple[str, ...]) -> list[Path]:
     """A file, or the files of some kinds in a folder (a data set, one file per throw, photos); nothing where there is none."""
     if path.is_dir():
-        return sorted(file for file in path.rglob("*") if file.suffix in kinds and file.is_file())
+        return files_below(path, kinds, "data set", "Name the folder of the data set itself")
     return [path] if path.is_file() else []
 
 

@@ -21,6 +21,7 @@ import pandas as pd
 
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
+from gsbridge.reading import refusing, regular_file
 
 UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m"}
 """Of joint states of ROS."""
@@ -69,6 +70,12 @@ def read_mcap(path: Path, part: str, joints: tuple[str, ...]) -> tuple[pd.DataFr
         InputError: The package `mcap` is missing, the file is damaged, or a topic is missing or holds nothing known.
     """
     streams = _streams(path)
+    with refusing(path, "its messages do not fit together", "Log the same joints in every message"):
+        return _table(streams, path, part, joints), hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _table(streams: Mapping[str, Stream], path: Path, part: str, joints: tuple[str, ...]) -> pd.DataFrame:
+    """The joints' log from the topics that are meant; see `read_mcap`."""
     wanted = [name for name in part.split(",") if name]
     for name in wanted:
         if name not in streams:
@@ -93,7 +100,7 @@ def read_mcap(path: Path, part: str, joints: tuple[str, ...]) -> tuple[pd.DataFr
         columns |= {
             name: values[rows[known]] for name, values in _columns(sent, joints, "command", path).items() if "." in name
         }
-    return pd.DataFrame(columns), hashlib.sha256(path.read_bytes()).hexdigest()
+    return pd.DataFrame(columns)
 
 
 def _listed(streams: Mapping[str, Stream]) -> str:
@@ -117,33 +124,27 @@ def _optional(name: str, path: Path) -> Any:
 def _streams(path: Path) -> dict[str, Stream]:
     """All topics that can be read, by name."""
     reader = _optional("mcap.reader", path)
-    errors = importlib.import_module("mcap.exceptions")
     out: dict[str, Stream] = {}
     closed: set[str] = set()
     try:
         factories = [importlib.import_module("mcap_ros2.decoder").DecoderFactory()]
     except ImportError:
         factories = []
-    try:
-        with open(path, "rb") as stream:
-            for schema, channel, message in reader.make_reader(stream).iter_messages():
-                content = _decoded(schema, channel, message, factories)
-                if content is None:
-                    if channel.message_encoding == "cdr" and not factories:
-                        closed.add(channel.topic)
-                    continue
-                found = out.setdefault(channel.topic, Stream(channel.topic, channel.message_encoding == "cdr"))
-                found.messages.append(content)
-                found.logged.append(message.log_time * 1e-9)
-                stamp = _stamp(content)
-                if stamp is not None:
-                    found.times.append(stamp)
-    except OSError as error:
-        raise InputError(path, "the record cannot be read", "Check the path in the case") from error
-    except (errors.McapError, ValueError) as error:
-        raise InputError(
-            path, f"this is no whole MCAP file ({error})", "Copy it again, or mend it with `mcap recover`"
-        ) from error
+    regular_file(path, "record", "Check the path in the case")
+    mend = "Copy it again, or mend it with `mcap recover`"
+    with refusing(path, "this is no whole MCAP file", mend), open(path, "rb") as stream:
+        for schema, channel, message in reader.make_reader(stream).iter_messages():
+            content = _decoded(schema, channel, message, factories)
+            if content is None:
+                if channel.message_encoding == "cdr" and not factories:
+                    closed.add(channel.topic)
+                continue
+            found = out.setdefault(channel.topic, Stream(channel.topic, channel.message_encoding == "cdr"))
+            found.messages.append(content)
+            found.logged.append(message.log_time * 1e-9)
+            stamp = _stamp(content)
+            if stamp is not None:
+                found.times.append(stamp)
     if not out and closed:
         raise InputError(
             path, "its ROS 2 messages need the package 'mcap-ros2-support'", 'Install it: pip install "gsbridge[mcap]"'

@@ -13,6 +13,10 @@ import pandas as pd
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.units import factor_to_si, split_header
 from gsbridge.geometry import Array
+from gsbridge.reading import refusing, regular_file
+
+LARGEST_RECORD = 2 * 2**30
+"""Of a file, bytes: a day of seven joints at 100 Hz as text."""
 
 SHORTEST = 2.0
 """Shortest record of a driven mechanism, s: less holds too little excitation to tell effects apart."""
@@ -116,13 +120,10 @@ def read_record(path: str | Path, layout: Layout) -> Record:
             record is too short, or angles are degrees where radians are stated.
     """
     path = Path(path)
-    try:
+    regular_file(path, "record", "Check the path in the case", LARGEST_RECORD)
+    with refusing(path, "this is no table", "Give CSV with a header line, or Parquet"):
         data = path.read_bytes()
         table = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path)
-    except OSError as error:
-        raise InputError(path, "the record cannot be read", "Check the path in the case") from error
-    except (ValueError, UnicodeDecodeError) as error:
-        raise InputError(path, f"this is no table ({error})", "Give CSV with a header line, or Parquet") from error
     return record_of(table, path, layout, digest=hashlib.sha256(data).hexdigest())
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -11,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.gap.formats.records import Record
 from gsbridge.geometry import Array
+from gsbridge.reading import refusing
 
 
 def save_records(path: str | Path, records: Mapping[str, Record]) -> None:
@@ -48,14 +47,9 @@ def load_records(path: str | Path) -> dict[str, Record]:
     Raises:
         InputError: The file is missing or damaged.
     """
-    try:
-        with np.load(path) as data:
-            plain = json.loads(str(data["plain"]))
-            return {role: _record(role, values, data) for role, values in plain.items()}
-    except (OSError, KeyError, ValueError, TypeError, zipfile.BadZipFile) as error:
-        raise InputError(
-            path, f"the stored records cannot be read ({error})", "Delete the file and run the rule again"
-        ) from error
+    with refusing(path, "the stored records cannot be read", "Delete the file and run the rule again"), np.load(path) as data:
+        plain = json.loads(str(data["plain"]))
+        return {role: _record(role, values, data) for role, values in plain.items()}
 
 
 def _record(role: str, plain: Mapping[str, Any], data: Mapping[str, Array]) -> Record:

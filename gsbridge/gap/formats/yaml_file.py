@@ -6,10 +6,9 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from gsbridge.configuration.files import check_files
 from gsbridge.errors import InputError
+from gsbridge.reading import load_yaml
 
 
 def read_yaml(path: str | Path, what: str, page: str) -> Any:
@@ -23,13 +22,9 @@ def read_yaml(path: str | Path, what: str, page: str) -> Any:
     Raises:
         InputError: The file cannot be read, is no YAML (with the line), or a key stands twice in one block.
     """
-    try:
-        check_files([path])
-        return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(path, f"the {what} cannot be read", "Check the path") from error
-    except UnicodeDecodeError as error:
-        raise InputError(path, f"this is not valid YAML ({error})", f"Correct it after {page}") from error
+    content = load_yaml(path, what, f"Check the path; {page} shows how it looks")
+    check_files([path])
+    return content
 
 
 def read_case_file(path: str | Path, page: str, measured: str, known: Collection[str]) -> Mapping[str, Any]:

@@ -229,6 +229,6 @@ class ImageResiduals:
     def _rough(self, how: Shooting) -> Array:
         """Logarithm of the later photos' grain over the expected one, in deviations; 0 where it is not measured. [N, L, 3]."""
         expected = self._flats.variances(self.expectation.flat(how))
-        expected = expected + how.read_noise + how.shot_noise * np.clip(self._flats.levels, 0.0, 1.0)
+        expected = expected + how.read_variance + how.shot_variance * np.clip(self._flats.levels, 0.0, 1.0)
         ratio = np.nan_to_num(np.log(self._grain) - np.log(expected))
         return ratio / self._spread[..., None]

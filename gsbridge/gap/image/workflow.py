@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from gsbridge.effects.images import IMAGE_EFFECTS
 from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import atomic_file, read_json, write_json
+from gsbridge.gap.diagnosis.amend import ordered, write_amended
 from gsbridge.gap.diagnosis.backend import best_effects
 from gsbridge.gap.diagnosis.findings import similar_pairs
 from gsbridge.gap.formats.yaml_file import read_yaml
@@ -277,8 +277,7 @@ def _write_camera(
         InputError: The model cannot hold an effect.
     """
     content = read_yaml(nominal, "model", "models/nominal.yaml")
-    content["effects"] = [*(content.get("effects") or []), *effects]
-    parse_model(content, str(nominal))
+    content = ordered({**content, "effects": [*(content.get("effects") or []), *effects]}, nominal)
     head = [
         f"Amended by the gap of pictures; made from {Path(nominal).name} and not to be edited.",
         found["sentence"],
@@ -286,10 +285,7 @@ def _write_camera(
         f"seed {found['seed']}",
         *notes,
     ]
-    text = "".join(f"# {line}\n" for line in head)
-    text += yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=128)
-    with atomic_file(out) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_amended(out, content, head)
 
 
 def _findings(path: str | Path) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import read_names
 from gsbridge.errors import InputError
@@ -19,6 +20,7 @@ from gsbridge.gap.formats.yaml_file import read_case_file
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel, read_mechanism_model
 from gsbridge.gap.joints.noise import white_noise
 from gsbridge.geometry import Array
+from gsbridge.reading import refusing
 
 _KEYS = ("model", "records", "repeats", "columns", "units", "torque_per_ampere", "noise", "tolerance", "effects")
 
@@ -58,7 +60,14 @@ def read_joint_case(path: str | Path) -> JointCase:
         InputError: The file, its model or a record cannot be used.
     """
     path = Path(path)
+    with refusing(path, "the case cannot be used", "Correct it after docs/gap.md"):
+        return _joint_case(path)
+
+
+def _joint_case(path: Path) -> JointCase:
     content = read_case_file(path, "docs/gap.md", "records", _KEYS)
+    if not isinstance(content["model"], str):
+        raise InputError(path, "'model' is no file name", "Write 'model: arm.yaml'; see docs/gap.md")
     model = path.parent / content["model"]
     system = read_mechanism_model(model)
     gain = content.get("torque_per_ampere")
@@ -76,7 +85,7 @@ def read_joint_case(path: str | Path) -> JointCase:
         dict(content.get("units") or {}),
         gain,
     )
-    names = read_names(content.get("effects"), path, JOINT_EFFECTS)
+    names = read_names(content.get("effects"), path, JOINT_EFFECTS, BODY_EFFECTS)
     records = {}
     for role, file in content["records"].items():
         if role not in ROLES:

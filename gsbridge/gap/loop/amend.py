@@ -1,19 +1,20 @@
-"""From findings about the simulated arm to the simulation's model file: `arm.delay`, `arm.stiffness` and so on.
+"""From findings about arm, object and camera to the simulation's model file.
 
-The file has one place for each figure. What a finding says and the file cannot express is refused by name, since a policy would
-otherwise learn in a world of which nobody knows what it holds.
+What has a figure of its own there (`arm.delay`, `contact.table.friction`) changes it; all else joins the list `effects`, always
+in the order arm, object, camera, so that it does not matter what was found first. What the simulation cannot play is refused by
+name, with what to do instead, since a policy would otherwise learn in a world of which nobody knows what it holds.
 """
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from gsbridge.errors import InputError, StageError
-from gsbridge.files import atomic_file, read_json, write_stage
+from gsbridge.errors import StageError
+from gsbridge.files import read_json, write_stage
+from gsbridge.gap.diagnosis.amend import ordered, write_amended
 from gsbridge.gap.formats.yaml_file import read_yaml
 from gsbridge.sim.model import parse_model
 
@@ -31,8 +32,17 @@ _OF_ARM = {"command_delay": ("time", "delay"), "gravcomp": ("change", "gravity_c
 _FIGURES = {"stiffness": "stiffness", "damping": "damping"}
 _LOSSES = {"armature": "armature", "viscous": "viscous_friction"}
 
-_NAMED = "named"
-"""Verdict of an effect that must have a place in the simulation; others of an account are left out, and that is told."""
+_OF_BODY = {
+    "contact_friction": ("contact", "table", "friction"),
+    "restitution": ("contact", "table", "restitution"),
+    "rolling_friction": ("contact", "table", "rolling_friction"),
+    "spinning_friction": ("contact", "table", "spinning_friction"),
+    "gravity_scale": ("gravity",),
+}
+"""Effect of a thrown body: the figure that takes what the body's own figure becomes."""
+
+_FROM_ZERO = ("linear_damping", "angular_damping", "steady_force", "table_height", "table_tilt")
+"""Effects on figures that are zero in the simulation, whatever they were in the body's model."""
 
 _DIGITS = 6
 
@@ -49,7 +59,7 @@ def amended_content(nominal: Mapping[str, Any], arm: Mapping[str, Any], source: 
         The content, and sentences about figures of the calibration that it has no place for.
 
     Raises:
-        InputError: An effect has no place in the simulation's model, or a figure is out of its range.
+        InputError: The simulation cannot play an effect, or a figure is out of its range.
     """
     out = {key: dict(value) if isinstance(value, Mapping) else value for key, value in nominal.items()}
     figures = out["arm"]
@@ -59,8 +69,10 @@ def amended_content(nominal: Mapping[str, Any], arm: Mapping[str, Any], source: 
         figures[theirs] = list(arm[ours])
     figures["gravity_compensation"] = float(arm["controller"]["gravity_compensation"])
     figures["delay"] = 0.0
-    joints, left = list(arm["joints"]), list[str]()
-    verdicts = {label: verdict for item in arm.get("evidence") or [] for label, verdict in (item.get("verdicts") or {}).items()}
+    joints = list(arm["joints"])
+    # The arm's model holds the effects on joints that the simulation had before, too.
+    kept = [one.record() for one in parse_model(nominal, str(source)).effects_on("body", "camera")]
+    added: list[Any] = []
     for effect in arm.get("effects") or []:
         name, joint, values = effect["name"], effect.get("joint", ""), effect["parameters"]
         if name in _OF_ARM:
@@ -70,24 +82,17 @@ def amended_content(nominal: Mapping[str, Any], arm: Mapping[str, Any], source: 
             key, place, scales = _OF_JOINTS[name]
             k = joints.index(joint)
             figures[place][k] = figures[place][k] * (1.0 + values[key]) if scales else figures[place][k] + values[key]
-        elif verdicts.get(":".join(filter(None, (name, joint))), _NAMED) != _NAMED:
-            left.append(f"'{name}'{f' of joint {joint!r}' if joint else ''} is likely, not proven, and not simulated")
         else:
-            known = ", ".join(sorted({*_OF_ARM, *_OF_JOINTS}))
-            where = f" of joint '{joint}'" if joint else ""
-            raise InputError(
-                source,
-                f"the simulation's model has no place for '{name}'{where}",
-                f"It can take: {known}; add others to gsbridge.sim",
-            )
+            added.append(effect)
     for name, value in figures.items():
         figures[name] = [round(float(v), _DIGITS) for v in value] if isinstance(value, list) else round(float(value), _DIGITS)
+    left = []
     dry = [float(value) for value in arm.get("coulomb") or []]
     if any(dry):
         listed = ", ".join(f"{value:.2g}" for value in dry)
         left.append(f"Coulomb friction of the joints ({listed} N m) was calibrated and is not simulated")
-    parse_model(out, str(source))
-    return out, left
+    out["effects"] = [*added, *kept]
+    return ordered(out, source), left
 
 
 def amend_simulation(
@@ -108,10 +113,7 @@ def amend_simulation(
         InputError: A finding has no place in the simulation's model.
     """
     found = read_json(findings)
-    if not found["amended"]:
-        raise StageError(
-            "amend_simulation", f"the diagnosis named nothing ({found['verdict']}): {found['sentence']}", f"See {findings}"
-        )
+    _require_named("amend_simulation", found, findings)
     before, after = read_yaml(nominal, "model", "models/nominal.yaml"), read_yaml(arm, "model", "docs/gap.md")
     content, left = amended_content(before, after, arm)
     changed = {name: {"before": before["arm"][name], "after": value} for name, value in content["arm"].items()}
@@ -123,11 +125,7 @@ def amend_simulation(
         *(f"record {role}: {digest}" for role, digest in found["records"].items()),
         f"seed {found['seed']}; details: {Path(record).name}",
     ]
-    text = "".join(f"# {line}\n" for line in head) + yaml.safe_dump(
-        content, sort_keys=False, default_flow_style=None, width=128
-    )
-    with atomic_file(model) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_amended(model, content, head)
     write_stage(
         record,
         reasons=left,
@@ -144,3 +142,73 @@ def amend_simulation(
         calibrated_on=read_json(calibration)["records"],
         seed=found["seed"],
     )
+
+
+def object_content(nominal: Mapping[str, Any], found: Mapping[str, Any], source: str | Path) -> dict[str, Any]:
+    """Content of the simulation's model with everything that was found about a thrown object.
+
+    Coefficients, gravity, losses, and height and tilt of the table become those that were found, whatever the model of the
+    throws said before. Shares of mass and inertia, and how far the centre of mass is moved, are taken to hold of the asset.
+
+    Args:
+        nominal: Content of the simulation's model.
+        found: Findings about the throws.
+        source: The findings, for messages.
+
+    Raises:
+        InputError: The simulation cannot play an effect, or a figure is out of its range.
+    """
+    out = copy.deepcopy(dict(nominal))
+    out["effects"] = list(out.get("effects") or [])
+    rows = {item["name"]: item["parameters"] for item in found["effects"]}
+    for named in found["amended"]:
+        name = named["name"]
+        if name in _OF_BODY:
+            *sections, key = _OF_BODY[name]
+            place = out
+            for section in sections:
+                place = place[section]
+            (row,) = rows[name].values()
+            place[key] = round(float(row["becomes"]), _DIGITS)
+        elif name == "object_mass":
+            out["object"]["mass"] = round(out["object"]["mass"] * (1.0 + named["parameters"]["share"]), _DIGITS)
+        elif name in _FROM_ZERO:
+            values = {key: float(row["becomes"]) for key, row in rows[name].items()}
+            out["effects"] = [one for one in out["effects"] if one["name"] != name] + [{"name": name, "parameters": values}]
+        else:
+            out["effects"].append(dict(named))
+    return ordered(out, source)
+
+
+def amend_object(nominal: str | Path, findings: str | Path, model: str | Path) -> None:
+    """Write the simulation's model with what was found about a thrown object.
+
+    Args:
+        nominal: The simulation's model as it was.
+        findings: What was found.
+        model: The amended model; the evidence stands in its head.
+
+    Raises:
+        StageError: Nothing was named, so that there is nothing to amend.
+        InputError: The simulation cannot play a finding, or a file is damaged.
+    """
+    found = read_json(findings)
+    _require_named("amend_object", found, findings)
+    content = object_content(read_yaml(nominal, "model", "models/nominal.yaml"), found, findings)
+    head = [
+        f"Amended by the gap of throws; made from {Path(nominal).name} and not to be edited.",
+        found["sentence"],
+        *(f"throws {role}: {digest}" for role, digest in found["records"].items()),
+        f"seed {found['seed']}",
+    ]
+    write_amended(model, content, head)
+
+
+def _require_named(stage: str, found: Mapping[str, Any], findings: str | Path) -> None:
+    """Refuse findings that name nothing.
+
+    Raises:
+        StageError: They name nothing.
+    """
+    if not found["amended"]:
+        raise StageError(stage, f"the diagnosis named nothing ({found['verdict']}): {found['sentence']}", f"See {findings}")

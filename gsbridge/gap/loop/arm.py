@@ -1,7 +1,7 @@
 """The simulated arm as a mechanism of the gap: the same description, controller and losses.
 
 What the simulation calls `arm.stiffness`, `arm.armature` and so on becomes the controller block of a model as users write it;
-the delay of a simulation that has been amended before becomes an effect.
+the delay of a simulation that has been amended before becomes an effect, and its effects on joints are those of the arm.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from gsbridge.files import atomic_file
 from gsbridge.gap.joints.mechanism.inertials import Skeleton
 from gsbridge.geometry import Array
 from gsbridge.robot.assembly import RobotFiles
+from gsbridge.sim.item_setup import ItemSetup
 from gsbridge.sim.model import Model
 
 
@@ -50,10 +51,11 @@ def arm_content(robot: RobotFiles, model: Model, base_from_table: Array, urdf: s
     """Content of that model; `urdf` is the description's name beside it."""
     arm, joints = model.arm, list(robot.record["arm_joints"])
     limits = [float(robot.record["limits"][name]["effort"]) for name in joints]
-    down = np.asarray(base_from_table)[:3, :3] @ [0.0, 0.0, -model.gravity]
+    down = np.asarray(base_from_table)[:3, :3] @ [0.0, 0.0, -ItemSetup(model).figures["gravity"]]
     effects: list[dict[str, Any]] = []
     if arm.delay:
         effects.append({"name": "command_delay", "parameters": {"time": arm.delay}})
+    effects += [applied.record() for applied in model.effects_on("joint", "mechanism")]
     return {
         "urdf": urdf,
         "joints": joints,

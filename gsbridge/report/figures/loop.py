@@ -149,38 +149,30 @@ def write_loop(files: LoopFiles, rows_csv: str | Path, page: str | Path, figure:
     Raises:
         InputError: A file is missing or damaged.
     """
-    rows = loop_rows(files.cell, files.plan, files.trials, files.trainings)
-    write_rows(rows_csv, COLUMNS, rows)
-    draw_rows(rows, figure)
-    with atomic_file(page) as temporary:
-        temporary.write_text(_page(files, rows), encoding="utf-8")
-
-
-def _page(files: LoopFiles, rows: Sequence[Mapping[str, Any]]) -> str:
-    """The page."""
-    table = rows_table(files.cell, rows)
     reference, changed = (read_json(path) for path in files.findings)
     calibration, amendment = read_json(files.calibration), read_json(files.amendment)
-    lines = [
-        "# Closing the loop: the arm",
-        "",
-        markdown(table),
-        "",
-        "## What was found",
-        "",
+    found = [
         f"- The world in which the policy works, against the simulation: **{reference['verdict']}**. {reference['sentence']}",
         f"- Calibrated there, the residual on a record that was not fitted falls from {calibration['before']['verify']:.3g} to"
         f" {calibration['after']['verify']:.3g} times the noise of the sensors; the commands take"
         f" {1e3 * calibration['delay']:.1f} ms.",
         f"- The changed world, against the calibrated arm: **{changed['verdict']}**. {changed['sentence']}",
         *(f"- Left out: {reason}." for reason in amendment["reasons"]),
-        "",
-        "## The price",
-        "",
-        *_price(files, calibration, (reference, changed)),
-        "",
     ]
-    return "\n".join(lines)
+    _write(files, (rows_csv, page, figure), "the arm", found, _price(files, calibration, (reference, changed)))
+
+
+def _write(
+    files: LoopFiles | SightFiles, out: tuple[str | Path, ...], what: str, found: Sequence[str], price: Sequence[str]
+) -> None:
+    """Rows, page and figure of one loop."""
+    rows_csv, page, figure = out
+    rows = loop_rows(files.cell, files.plan, files.trials, files.trainings)
+    write_rows(rows_csv, COLUMNS, rows)
+    draw_rows(rows, figure)
+    lines = [f"# Closing the loop: {what}", "", markdown(rows_table(files.cell, rows)), "", "## What was found", "", *found]
+    with atomic_file(page) as temporary:
+        temporary.write_text("\n".join([*lines, "", "## The price", "", *price, ""]), encoding="utf-8")
 
 
 def _price(files: LoopFiles, calibration: Mapping[str, Any], findings: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -235,26 +227,9 @@ def write_sight_loop(files: SightFiles, rows_csv: str | Path, page: str | Path, 
     Raises:
         InputError: A file is missing or damaged.
     """
-    rows = loop_rows(files.cell, files.plan, files.trials, files.trainings)
-    write_rows(rows_csv, COLUMNS, rows)
-    draw_rows(rows, figure)
     found = {world: read_json(path) for world, path in zip(files.worlds, files.findings, strict=True)}
-    lines = [
-        "# Closing the loop: the camera",
-        "",
-        markdown(rows_table(files.cell, rows)),
-        "",
-        "## What was found",
-        "",
-        *(f"- {world}: **{item['verdict']}**. {item['sentence']}" for world, item in found.items()),
-        "",
-        "## The price",
-        "",
-        *_photo_price(files, found),
-        "",
-    ]
-    with atomic_file(page) as temporary:
-        temporary.write_text("\n".join(lines), encoding="utf-8")
+    said = [f"- {world}: **{item['verdict']}**. {item['sentence']}" for world, item in found.items()]
+    _write(files, (rows_csv, page, figure), "the camera", said, _photo_price(files, found))
 
 
 def _photo_price(files: SightFiles, found: Mapping[str, Mapping[str, Any]]) -> list[str]:

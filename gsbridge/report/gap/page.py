@@ -111,7 +111,7 @@ def account_rows(findings: Mapping[str, Any], whole: str) -> list[dict[str, str]
             "share": f"{100 * entry['share']:.1f} %",
             "width": f"{100 * min(max(entry['share'], 0.0), 1.0):.1f}",
             "verdict": entry["verdict"],
-            "instead": ", ".join(explanation_title(name.split(" + ")) for name in entry["instead"]) or "–",
+            "instead": ", ".join(explanation_title(name.split(" + ")) for name in entry["alternatives"]) or "–",
         }
         for entry in (findings.get("account") or {"entries": []})["entries"]
     ]

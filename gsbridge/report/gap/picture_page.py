@@ -16,12 +16,11 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from gsbridge.effects.images import IMAGE_EFFECTS
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.geometry import Array
 from gsbridge.report.gap.figures import data_uri
-from gsbridge.report.gap.text import effect_notes, effect_rows, head, plain
+from gsbridge.report.gap.text import advice, effect_notes, effect_rows, head, plain
 from gsbridge.report.pages.html import write_page
 
 _FULL = 6.0
@@ -90,12 +89,11 @@ def _steps(found: Mapping[str, Any]) -> list[str]:
     verdict = found["verdict"]
     if verdict == "named":
         names = {item["name"] for item in found["effects"]}
-        unplayed = [IMAGE_EFFECTS[name] for name in sorted(names) if not IMAGE_EFFECTS[name].amendable]
-        learnt = "." if unplayed else ", or let the policy learn with the amended model."
+        learnt = "." if advice(found) else ", or let the policy learn with the amended model."
         moved = (
             ["The camera sits or looks otherwise than it was registered: register it again."] if "extrinsics" in names else []
         )
-        return [f"Mend the camera{learnt}", *(f"{effect.instead}." for effect in unplayed), *moved]
+        return [f"Mend the camera{learnt}", *advice(found), *moved]
     if verdict == "ambiguous":
         return [f"To tell them apart: {found['effects'][0]['tell_apart']}."]
     if verdict == "none_of_the_known":

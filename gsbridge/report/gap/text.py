@@ -177,6 +177,7 @@ def next_steps(findings: Mapping[str, Any], about: Mapping[str, Any], screening:
     verdict, out = findings["verdict"], []
     if verdict == "named" and findings["amended"]:
         out.append(f"Use results/gap/{case}/model.yaml instead of the model: it holds what was named, and the evidence.")
+        out += advice(findings)
         if findings["something_remains"]:
             out.append(
                 "Diagnose the amended model again with further records: something smaller is hidden behind what was named."
@@ -215,6 +216,11 @@ def next_steps(findings: Mapping[str, Any], about: Mapping[str, Any], screening:
     if "effort" not in measured and about["mode"] in ("pd", "position") and verdict != "no_discrepancy":
         out.append("Log the efforts too: a position controller hides dynamics from the positions.")
     return out
+
+
+def advice(findings: Mapping[str, Any]) -> list[str]:
+    """What to do about effects that the simulation of gsbridge cannot play, one sentence for each."""
+    return [item["instead"] for item in findings["effects"] if item.get("instead")]
 
 
 def _experiment(findings: Mapping[str, Any]) -> str:

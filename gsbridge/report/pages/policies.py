@@ -17,6 +17,7 @@ from gsbridge.report.tables.result_paths import Cell
 from gsbridge.report.tables.rows import Row, read_rows
 from gsbridge.report.tables.success import (
     MIRROR,
+    RENDERER_TITLES,
     Overview,
     cell_title,
     overviews,
@@ -144,7 +145,9 @@ def degraded_policies(rows: PolicyRows, scenes: Mapping[str, Sequence[str]]) -> 
             if not found:
                 continue
             cell = cell_in(row)
-            reasons = out.setdefault(f"{cell_title(cell)}, {cell.task.replace('_', ' ')}, {cell.renderer}", [])
+            reasons = out.setdefault(
+                f"{cell_title(cell)}, {cell.task.replace('_', ' ')}, {RENDERER_TITLES.get(cell.renderer, cell.renderer)}", []
+            )
             for reason in found:
                 # A training's reservations hold in every world.
                 text = reason if reason.startswith("training: ") else f"{row['world']}: {reason}"

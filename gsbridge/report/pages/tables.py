@@ -155,7 +155,7 @@ def write_tables(
     """Write the folder of tables.
 
     Args:
-        rows: CSV files of rows; `rendering.csv`, `timing.csv` and those about policies (`policies_section.NAMES`) get their
+        rows: CSV files of rows; `rendering.csv`, `timing.csv` and those about policies (`NAMES` in `policies`) get their
             own layout, others are shown as they are.
         figures: Pictures for the page; names that end in `_real` stand with the real captures.
         out_dir: Folder, replaced whole: each rows file, `{name}.md` and `{name}.tex` for each, and `index.html`.

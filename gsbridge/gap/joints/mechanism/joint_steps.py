@@ -7,9 +7,7 @@ import math
 from gsbridge.gap.joints.mechanism.dynamics import factorise, solve
 from gsbridge.geometry import Array
 from gsbridge.kernels import njit
-
-_SWEEPS = 30
-"""Of the solver of dry friction; couplings between joints die out within a few."""
+from gsbridge.robot.friction import rub
 
 
 @njit(nogil=True)
@@ -88,21 +86,7 @@ def advance(
             impulse[i] = 0.0
     if not dry:
         return
-    for _ in range(_SWEEPS if count > 1 else 1):
-        most = 0.0
-        for i in range(count):
-            if not (grip[i] > 0.0 or skew[i] != 0.0):
-                continue
-            forwards, backwards = max(grip[i] + skew[i], 0.0) * step, max(grip[i] - skew[i], 0.0) * step
-            new = min(max(impulse[i] - v[i] / inverse[i, i], -forwards), backwards)
-            change = new - impulse[i]
-            if change != 0.0:
-                impulse[i] = new
-                for j in range(count):
-                    v[j] += inverse[i, j] * change
-                most = max(most, abs(change) * inverse[i, i])
-        if most < 1e-12:
-            break
+    rub(v, inverse, grip, skew, step, impulse)
 
 
 @njit(nogil=True)

@@ -16,6 +16,7 @@ from gsbridge.effects.registry import Applied, read_effects
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.yaml_file import read_yaml
 from gsbridge.geometry import Array
+from gsbridge.reading import refusing
 from gsbridge.robot.urdf import read_description
 
 MODES = ("torque", "pd", "position", "free")
@@ -123,8 +124,8 @@ def read_mechanism_model(path: str | Path) -> MechanismModel:
         InputError: The file or the URDF cannot be read, a key is unknown or missing, or joints do not match.
     """
     path = Path(path)
-    content = read_yaml(path, "model", "docs/gap.md")
-    return parse_mechanism_model(content, path.parent, path)
+    with refusing(path, "the model cannot be used", "Correct it after docs/gap.md"):
+        return parse_mechanism_model(read_yaml(path, "model", "docs/gap.md"), path.parent, path)
 
 
 _KEYS = (

@@ -1,0 +1,165 @@
+"""Reading files that others made: within stated limits, and with one clear line for whatever is wrong with them.
+
+A reader asks `regular_file` first, so that devices, pipes and giants are refused before they are opened, and does its work
+inside `refusing`, which turns what any library raises about a broken file into an `InputError`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from gsbridge.errors import GsbridgeError, InputError
+
+LARGEST_TEXT = 16 * 2**20
+"""Of a YAML file, bytes. The longest that gsbridge writes has some kilobytes."""
+
+MOST_YAML_NODES = 200_000
+"""Of a YAML file once all its aliases are written out: some hundred bytes of aliases can stand for billions of values."""
+
+DEEPEST_YAML = 60
+MOST_FILES = 20_000
+"""Files and folders that are looked at below a folder that somebody names as data."""
+
+
+def regular_file(path: str | Path, what: str, remedy: str, largest: int | None = None) -> Path:
+    """A file that may be read.
+
+    Args:
+        path: The file.
+        what: What it is, for the message: `record`, `model`.
+        remedy: What the user can do.
+        largest: Size limit, bytes; None for no limit.
+
+    Raises:
+        InputError: There is no such file, it is a folder, device or pipe, or it is too large.
+    """
+    source = Path(path)
+    try:
+        if not source.is_file():
+            why = "it is a folder, a device or a pipe" if source.exists() else "it does not exist"
+            raise InputError(source, f"the {what} cannot be read: {why}", remedy)
+        size = source.stat().st_size
+    except (OSError, ValueError) as error:
+        # A name that is too long, or holds a zero byte.
+        raise InputError(str(path)[:200], f"the {what} cannot be read", remedy) from error
+    if largest is not None and size > largest:
+        raise InputError(source, f"the {what} has {size} bytes; at most {largest} are read", remedy)
+    return source
+
+
+@contextlib.contextmanager
+def refusing(source: str | Path, problem: str, remedy: str) -> Iterator[None]:
+    """Turn whatever goes wrong inside into one line about a file; errors that are ours pass, and so do those of a full disk.
+
+    Args:
+        source: The file.
+        problem: What is wrong; the first line of the error's text follows in brackets.
+        remedy: What the user can do.
+
+    Raises:
+        InputError: Anything was raised inside.
+    """
+    try:
+        yield
+    except GsbridgeError:
+        raise
+    except RecursionError:
+        # Its own traceback has a thousand lines.
+        raise InputError(source, f"{problem} (it is nested too deeply)", remedy) from None
+    except MemoryError as error:
+        raise InputError(source, f"{problem} (it asks for more memory than there is)", remedy) from error
+    except Exception as error:
+        raise InputError(source, f"{problem} ({_first_line(error)})", remedy) from error
+
+
+def _first_line(error: Exception) -> str:
+    lines = str(error).strip().splitlines()
+    return lines[0][:200] if lines else type(error).__name__
+
+
+def load_yaml(path: str | Path, what: str, remedy: str) -> Any:
+    """Content of a YAML file: plain values only, no tags of Python, and no more of them than a person writes.
+
+    Args:
+        path: The file.
+        what: What it is, for the message: `case`, `model`.
+        remedy: What the user can do.
+
+    Raises:
+        InputError: The file cannot be read, is no YAML (with the line), or is too large, too deep or refers to itself.
+    """
+    source = regular_file(path, what, remedy, LARGEST_TEXT)
+    with refusing(source, "this is not valid YAML", remedy):
+        text = source.read_text(encoding="utf-8")
+        try:
+            refuse_depth(text, source, remedy)
+            loader = yaml.SafeLoader(text)
+            root = loader.get_single_node()
+            refuse_bombs(root, source, remedy)
+            return None if root is None else loader.construct_document(root)
+        except yaml.MarkedYAMLError as error:
+            mark = error.problem_mark
+            place = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
+            raise InputError(source, f"this is not valid YAML ({place}{error.problem})", remedy) from error
+
+
+def refuse_depth(text: str, source: Path, remedy: str) -> None:
+    """Refuse what is nested too deeply, at the first block that is: the parser's time grows with the square of the depth."""
+    depth = 0
+    for event in yaml.parse(text, Loader=yaml.SafeLoader):
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+        if depth > DEEPEST_YAML:
+            raise InputError(source, f"it is nested deeper than {DEEPEST_YAML} levels", remedy)
+
+
+def refuse_bombs(root: yaml.Node | None, source: Path, remedy: str) -> None:
+    """Refuse documents whose aliases multiply beyond measure or refer to themselves; counted without writing them out."""
+    sizes: dict[int, int] = {}
+    open_nodes: set[int] = set()
+
+    def size(node: yaml.Node) -> int:
+        if id(node) in open_nodes:
+            raise InputError(source, "an alias stands inside what it refers to", remedy)
+        if id(node) not in sizes:
+            open_nodes.add(id(node))
+            children: Iterable[yaml.Node] = ()
+            if isinstance(node, yaml.SequenceNode):
+                children = node.value
+            elif isinstance(node, yaml.MappingNode):
+                children = [item for pair in node.value for item in pair]
+            sizes[id(node)] = 1 + sum(size(child) for child in children)
+            open_nodes.discard(id(node))
+        return sizes[id(node)]
+
+    if root is not None and size(root) > MOST_YAML_NODES:
+        raise InputError(source, f"its aliases stand for more than {MOST_YAML_NODES} values", remedy)
+
+
+def files_below(folder: Path, suffixes: tuple[str, ...], what: str, remedy: str) -> list[Path]:
+    """Files below a folder that end in one of some suffixes, sorted; links to folders are not followed.
+
+    Args:
+        folder: The folder.
+        suffixes: With their dots, small letters.
+        what: What the folder should be, for the message.
+        remedy: What the user can do.
+
+    Raises:
+        InputError: So much lies there that this is not the folder that was meant.
+    """
+    found, seen = [], 0
+    for where, folders, names in os.walk(folder):
+        seen += len(folders) + len(names)
+        if seen > MOST_FILES:
+            raise InputError(folder, f"more than {MOST_FILES} files lie there: this is no {what}", remedy)
+        found += [Path(where) / name for name in names if name.lower().endswith(suffixes)]
+    return sorted(path for path in found if path.is_file())

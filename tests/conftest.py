@@ -1,0 +1,48 @@
+"""In CI a test may be skipped only for a reason that stands here: others mean that an installation is missing."""
+
+import os
+
+import pytest
+
+ALLOWED_SKIPS = {
+    "needs a CUDA GPU": "the machines of CI have none",
+    "there is one": "the opposite case: what happens where there is no GPU",
+    "GSBRIDGE_CAPTURES names no folder": "real captures are not part of the repository",
+    "GSBRIDGE_MEASURED names no folder": "real logs are not part of the repository",
+}
+"""Beginning of each reason, and why nothing can be installed against it."""
+
+_unexpected: list[str] = []
+
+
+def _reason(report):
+    text = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+    return text.removeprefix("Skipped: ")
+
+
+def _note(report):
+    if report.skipped and not hasattr(report, "wasxfail"):
+        reason = _reason(report)
+        if not reason.startswith(tuple(ALLOWED_SKIPS)):
+            _unexpected.append(f"{report.nodeid}: {reason}")
+
+
+def pytest_runtest_logreport(report):
+    _note(report)
+
+
+def pytest_collectreport(report):
+    _note(report)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session, exitstatus):
+    if os.environ.get("GSBRIDGE_CI") and _unexpected and exitstatus == pytest.ExitCode.OK:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+def pytest_terminal_summary(terminalreporter):
+    if os.environ.get("GSBRIDGE_CI") and _unexpected:
+        terminalreporter.section("skipped for a reason that tests/conftest.py does not allow")
+        for line in _unexpected:
+            terminalreporter.write_line(line)
