@@ -14,7 +14,7 @@ from gsbridge.gap.formats.files import case_files, case_model, case_name, case_p
 from gsbridge.gap.formats.logs import read_log
 from gsbridge.gap.formats.records import Layout, Record, read_record
 from gsbridge.gap.formats.store import load_records, save_records
-from gsbridge.gap.joints.case import _noise_of
+from gsbridge.gap.joints.case import _per_column
 
 JOINTS = ("shoulder", "elbow")
 DEGREES = Layout(JOINTS, units={"position": "deg", "command": "deg"})
@@ -327,5 +327,5 @@ def test_names_of_the_workflows_own_cases_are_taken():
 @pytest.mark.parametrize("noise", [0.0, -1e-3, [1e-3], [1e-3, "small"], "small", True])
 def test_noise_that_makes_no_sense_is_refused(noise):
     with pytest.raises(InputError, match=r"noise.position"):
-        _noise_of("position", noise, 2, "case.yaml")
-    assert _noise_of("position", [1e-3, 2e-3], 2, "case.yaml").tolist() == [1e-3, 2e-3]
+        _per_column("noise.position", noise, 2, "case.yaml")
+    assert _per_column("noise.position", [1e-3, 2e-3], 2, "case.yaml").tolist() == [1e-3, 2e-3]

@@ -28,8 +28,8 @@ from gsbridge.gap.workflow import run_case
 
 SEED, COURSES = 40, 41
 
-BUDGET = 100
-"""Simulations that a diagnosis may take beside the bank."""
+BUDGET = 200
+"""Simulations that a diagnosis may take beside the bank, the account of what it leaves included."""
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,11 @@ def test_structural_twins_are_ambiguous(axis):
     _, result = diagnosed(axis, ("torque_gain",), 10.0)
     assert result.finding.verdict == "ambiguous"
     assert {"torque_gain:axis", "link_mass:axis"} <= set(result.finding.ambiguous)
-    assert result.effects == ()
+    # The model takes one of them, and the account says that it may as well be another.
+    (entry,) = result.account.entries
+    assert entry.verdict == "one of"
+    assert {str(entry.candidate), *entry.instead} == set(result.finding.ambiguous)
+    assert result.effects == (entry.effect,)
 
 
 def test_effect_outside_the_catalogue_is_not_given_a_name(axis):

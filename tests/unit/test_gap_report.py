@@ -55,6 +55,26 @@ def without_figures(monkeypatch):
 
 
 @pytest.mark.usefixtures("without_figures")
+def test_an_account_is_told_line_by_line(tmp_path):
+    found = findings("none_of_the_known", warnings=["The gap is 70 times the noise."])
+    entry = {**found["effects"][0], "label": "coulomb:axis", "share": 0.62, "verdict": "one of"}
+    entry["alternatives"] = ["viscous:axis"]
+    remains = {"channel": "position.axis", "phase": "fast", "size": 4.2, "unit": "noise"}
+    text = page(tmp_path, {**found, "account": {"entries": [entry], "explained": 0.62, "remains": remains}})
+    for said in (
+        "The account",
+        "62.0 %",
+        "one of",
+        "viscous friction",
+        "close 62 % of the gap",
+        "4.2 times",
+        "70 times the noise",
+    ):
+        assert said in text, said
+    assert "To prove Coulomb friction: compare slow with fast constant speed" in text
+
+
+@pytest.mark.usefixtures("without_figures")
 def test_degraded_reasons_stand_at_the_top(tmp_path):
     text = page(tmp_path, findings(status="degraded", reasons=["the record 'fit' was cut"]))
     assert text.index("the record &#39;fit&#39; was cut") < text.index('id="residuals"')
@@ -66,7 +86,7 @@ def test_degraded_reasons_stand_at_the_top(tmp_path):
     [
         ("no_discrepancy", "no discrepancy", "could not show"),
         ("ambiguous", "ambiguous", "compare slow with fast constant speed"),
-        ("none_of_the_known", "none of the known effects", "write it as an effect"),
+        ("none_of_the_known", "none of the known effects", "no catalogue has"),
         ("not_enough_excitation", "not enough excitation", "faster and slower motion"),
     ],
 )

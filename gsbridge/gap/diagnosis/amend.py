@@ -40,10 +40,11 @@ def amend_model(model: str | Path, findings: Mapping[str, Any], out: str | Path)
             " ".join(filter(None, (item["name"], item["joint"]))): {
                 k: row["interval90"] for k, row in item["parameters"].items()
             }
-            for item in findings["effects"]
+            for item in ((findings.get("account") or {}).get("entries") or findings["effects"])
         }
         if findings["amended"]
         else {},
+        "verdicts": {item["label"]: item["verdict"] for item in (findings.get("account") or {"entries": []})["entries"]},
         "rivals": [{"effects": row["effects"], "behind": row["behind"]} for row in findings["rivals"][1:4]],
         "records": dict(findings["records"]),
         "seed": findings["seed"],

@@ -99,8 +99,9 @@ def stored_names(about: Mapping[str, Any]) -> tuple[str, ...] | None:
 
 
 def best_effects(findings: Mapping[str, Any]) -> tuple[Applied, ...]:
-    """Effects of the best explanation that findings hold, whether named or not."""
+    """All effects of the account, whether named or not; of the best explanation where there is no account."""
+    account = findings.get("account")
     return tuple(
         Applied(item["name"], item["joint"] or "", {name: row["value"] for name, row in item["parameters"].items()})
-        for item in findings["effects"]
+        for item in (account["entries"] if account else findings["effects"])
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from gsbridge.effects.base import Parameter
 from gsbridge.effects.registry import Applied, Registry
-from gsbridge.gap.diagnosis.results import Finding, Rules, Verification
+from gsbridge.gap.diagnosis.results import TRANSFERS, AccountEntry, Candidate, Finding, GapAccount, Rules, Verification
 from gsbridge.geometry import Array
 
 _LISTED = 5
@@ -37,6 +37,8 @@ class Diagnosis:
         intervals: 90 % intervals of the best hypothesis' parameters, by effect, where its deviations do not tell them.
         figures: What the model's own figures were and become with these effects, by effect and parameter, where it has such.
         where: Size of the gap in each phase before and after, where a case has phases.
+        account: All effects that explain a part of the gap, where a case is told so; `verification` is of all of them then.
+        warnings: What a reader must know before the figures.
     """
 
     finding: Finding
@@ -48,12 +50,21 @@ class Diagnosis:
     intervals: tuple[Mapping[str, tuple[float, float]], ...] = ()
     figures: tuple[Mapping[str, tuple[float, float]], ...] = ()
     where: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    account: GapAccount | None = None
+    warnings: tuple[str, ...] = ()
 
     @property
     def effects(self) -> tuple[Applied, ...]:
-        """What may be added to the model: named, and no worse on `verify`."""
-        named = self.finding.verdict == "named" and self.verification is not None and self.verification.accepted
-        return self.finding.best.fit.effects if named and self.finding.best is not None else ()
+        """What may be added to the model: what was named, or the whole account, if it makes `verify` no worse.
+
+        An account without a name must close a good part of the gap there: little may be anything.
+        """
+        verdict, account = self.finding.verdict, self.account
+        if self.verification is None or not self.verification.accepted or self.finding.best is None:
+            return ()
+        if account is None:
+            return self.finding.best.fit.effects if verdict == "named" else ()
+        return account.effects if verdict in ("named", "ambiguous") or account.explained >= TRANSFERS else ()
 
 
 class Measured(Protocol):
@@ -110,10 +121,12 @@ class Account:
         return {
             "status": "degraded" if reasons else "pass",
             "reasons": list(reasons),
+            **({"warnings": list(diagnosis.warnings)} if diagnosis.warnings else {}),
             "sentence": self.sentence(diagnosis),
             "verdict": finding.verdict,
             "something_remains": finding.something_remains,
             "effects": self.describe(diagnosis),
+            **({} if diagnosis.account is None else {"account": self._account(diagnosis, diagnosis.account)}),
             "amended": [effect.record() for effect in diagnosis.effects],
             "ambiguous": list(finding.ambiguous),
             "p_value": finding.p_value,
@@ -161,19 +174,49 @@ class Account:
         if best is None:
             return []
         intervals = diagnosis.intervals or _by_deviations(diagnosis.finding)
-        out = []
-        for number, (applied, spans) in enumerate(zip(best.fit.effects, intervals, strict=True)):
-            effect, rows = self.effects[applied.name], {}
-            for parameter in effect.parameters:
-                row = {"value": applied.parameters[parameter.name], "unit": self.unit_of(parameter)}
-                rows[parameter.name] = row | {"interval90": list(spans[parameter.name])}
-                if diagnosis.figures:
-                    was, becomes = diagnosis.figures[number][parameter.name]
-                    rows[parameter.name] |= {"was": was, "becomes": becomes}
-            about = {"name": applied.name, "joint": applied.joint, "title": effect.title, "hook": effect.hook}
-            advice = {"confused_with": list(effect.confused_with), "tell_apart": effect.tell_apart, "instead": effect.advice}
-            out.append({**about, "parameters": rows, **advice})
-        return out
+        figures = diagnosis.figures or (None,) * len(intervals)
+        return [self._described(*row) for row in zip(best.fit.effects, intervals, figures, strict=True)]
+
+    def _described(
+        self,
+        applied: Applied,
+        spans: Mapping[str, tuple[float, float]],
+        figures: Mapping[str, tuple[float, float]] | None = None,
+    ) -> dict[str, Any]:
+        """One effect with units, 90 % intervals, and what the model's own figures were and become."""
+        effect, rows = self.effects[applied.name], {}
+        for parameter in effect.parameters:
+            row = {"value": applied.parameters[parameter.name], "unit": self.unit_of(parameter)}
+            rows[parameter.name] = row | {"interval90": list(spans[parameter.name])}
+            if figures:
+                was, becomes = figures[parameter.name]
+                rows[parameter.name] |= {"was": was, "becomes": becomes}
+        about = {"name": applied.name, "joint": applied.joint, "title": effect.title, "hook": effect.hook}
+        advice = {"confused_with": list(effect.confused_with), "tell_apart": effect.tell_apart, "instead": effect.advice}
+        return {**about, "parameters": rows, **advice}
+
+    def _account(self, diagnosis: Diagnosis, account: GapAccount) -> dict[str, Any]:
+        """An account, line by line, and what remains."""
+        wide = max(1.0, diagnosis.finding.after)
+        return {
+            "entries": [
+                {
+                    "label": str(entry.candidate),
+                    **self._described(entry.effect, _spans(entry.candidate, entry.effect, entry.deviations, wide)),
+                    "share": entry.share,
+                    "verdict": entry.verdict,
+                    "alternatives": list(entry.instead),
+                }
+                for entry in account.entries
+            ],
+            "explained": account.explained,
+            "remains": {
+                "channel": account.channel,
+                "phase": account.phase,
+                "size": self.scale * account.left,
+                "unit": self.unit,
+            },
+        }
 
     def unit_of(self, parameter: Parameter) -> str:
         """Unit of a parameter as findings have it."""
@@ -200,6 +243,8 @@ class Account:
         if best is None:
             return f"Something is missing (p = {finding.p_value:.2g}), and no known effect could be fitted to it."
         if finding.verdict == "none_of_the_known":
+            if diagnosis.account is not None and diagnosis.account.entries:
+                return self._closest(diagnosis.account)
             names = " + ".join(best.names)
             return (
                 f"Something is missing that is in no catalogue: the best known explanation ({names}) {self.leaves(diagnosis)}."
@@ -212,6 +257,18 @@ class Account:
         parts = "; ".join(self.lacks(item) for item in self.describe(diagnosis))
         tail = "" if diagnosis.verification is None else f"; {self.change(diagnosis.verification)}"
         return parts + tail + (", but something remains" if finding.something_remains else "") + "."
+
+    def _closest(self, account: GapAccount) -> str:
+        """What comes nearest where nothing can be named, what it leaves, and what to do next."""
+        first = account.entries[0].candidate.effect
+        listed = ", ".join(_line(entry) for entry in account.entries[:_LISTED])
+        more = f" and {len(account.entries) - _LISTED} more" if len(account.entries) > _LISTED else ""
+        rest = f", mostly in {account.channel}, {account.phase}" if account.channel else ""
+        return (
+            f"No single known effect suffices. Closest are {listed}{more}; with them in the model, "
+            f"{100 * (1.0 - account.explained):.0f} % of the gap remains on a record that they have not seen{rest}. Do this "
+            f"next: {first.tell_apart}."
+        )
 
     def leaves(self, diagnosis: Diagnosis) -> str:
         """What an explanation leaves that is none."""
@@ -238,13 +295,25 @@ def _by_deviations(finding: Finding) -> tuple[Mapping[str, tuple[float, float]],
     # Residuals above the noise widen the intervals as they would under noise of that size.
     wide = max(1.0, finding.after)
     for candidate, effect in zip(fit.who, fit.effects, strict=True):
-        rows = {}
-        for parameter in candidate.effect.parameters:
-            value, spread = effect.parameters[parameter.name], _NINETY * wide * float(fit.deviations[place])
-            rows[parameter.name] = (max(value - spread, parameter.low), min(value + spread, parameter.high))
-            place += 1
-        out.append(rows)
+        count = len(candidate.effect.parameters)
+        out.append(_spans(candidate, effect, fit.deviations[place : place + count], wide))
+        place += count
     return tuple(out)
+
+
+def _spans(candidate: Candidate, effect: Applied, deviations: Array, wide: float) -> dict[str, tuple[float, float]]:
+    """90 % intervals of an effect's parameters from their standard deviations [P], made wider by a factor."""
+    rows = {}
+    for parameter, deviation in zip(candidate.effect.parameters, deviations, strict=True):
+        value, spread = effect.parameters[parameter.name], _NINETY * wide * float(deviation)
+        rows[parameter.name] = (max(value - spread, parameter.low), min(value + spread, parameter.high))
+    return rows
+
+
+def _line(entry: AccountEntry) -> str:
+    """An entry in a sentence."""
+    where = f"{entry.effect.joint}: " if entry.effect.joint else ""
+    return f"{where}{entry.candidate.effect.title} ({100 * entry.share:.0f} %)"
 
 
 def digits_of(interval: Sequence[float], scale: float = 1.0) -> tuple[float, int]:

@@ -42,11 +42,16 @@ class Rules:
         earn: The same for a rival on the record that neither was fitted to, and for larger sets of effects.
         simple: The same for further parameters of an effect that holds a simpler one: Schwarz's logarithm of ten thousand
             samples instead of Akaike's two (Annals of Statistics 6, 1978).
-        closure: Share of the gap that the name of one effect must close where something remains; several must leave nothing.
+        closure: Share of the gap that what is named must close where something remains.
         deviations: Of the mean, by which a gain on `select` must exceed chance, for coloured noise too.
         most: Effects that are looked for at once.
         draws: Of the block bootstrap.
-        budget: Simulations of one diagnosis, apart from the bank.
+        budget: Simulations of one diagnosis, apart from the bank and the account.
+        larger: By how much more each of several must explain than what remains: what is smaller than the model's own error
+            is not named.
+        least: Share of the gap that a further entry of an account must close.
+        entries: Of an account, at most.
+        account: Simulations of an account.
     """
 
     alarm: float = 0.01
@@ -60,7 +65,11 @@ class Rules:
     deviations: float = 3.0
     most: int = 3
     draws: int = 500
-    budget: int = 90
+    budget: int = 140
+    larger: float = 3.0
+    least: float = 0.01
+    entries: int = 12
+    account: int = 400
 
 
 @dataclass(frozen=True, order=True)
@@ -215,6 +224,7 @@ class Finding:
         unseen: Candidates that do not show in these records at any sensible size.
         coloured: Whether residuals exceed white noise without being motion.
         untold: Whether no channels are related by motion, so that nothing could tell motion from coloured noise.
+        lost: Candidates whose fit did not converge.
     """
 
     verdict: str
@@ -230,6 +240,7 @@ class Finding:
     unseen: tuple[str, ...] = field(default=())
     coloured: bool = False
     untold: bool = False
+    lost: tuple[str, ...] = ()
 
     def refuted(self) -> Finding:
         """The same where `verify` contradicts it: it closed the gap where it was chosen, but not elsewhere."""
@@ -272,3 +283,51 @@ class Verification:
         if self.before >= _SLIGHT and self.closure < TRANSFERS:
             return False
         return self.p_remaining >= rules.alarm or (not several and self.closure >= rules.closure)
+
+
+NAMED, ONE_OF, LIKELY = "named", "one of", "likely, not proven"
+"""How sure a line of an account is."""
+
+
+@dataclass(frozen=True)
+class AccountEntry:
+    """One line of an account.
+
+    Args:
+        candidate: The effect and its joint.
+        effect: The same with its parameters.
+        deviations: Standard deviations of these, in the order in which the effect lists them. [P].
+        share: Of the gap on `verify` that it closes after those before it; negative if it makes it worse.
+        verdict: `NAMED`, `ONE_OF` or `LIKELY`.
+        instead: What else could stand in its place.
+    """
+
+    candidate: Candidate
+    effect: Applied
+    deviations: Array
+    share: float
+    verdict: str
+    instead: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class GapAccount:
+    """All that explains a gap, and what remains.
+
+    Args:
+        entries: In the order in which they explain the gap on `select`.
+        explained: Share of the gap on `verify` that they close together.
+        channel, phase: Where most remains; empty where nothing stands out.
+        left: Residual there, in units of the noise.
+    """
+
+    entries: tuple[AccountEntry, ...]
+    explained: float
+    channel: str = ""
+    phase: str = ""
+    left: float = 0.0
+
+    @property
+    def effects(self) -> tuple[Applied, ...]:
+        """Of all entries."""
+        return tuple(entry.effect for entry in self.entries)

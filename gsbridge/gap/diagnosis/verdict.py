@@ -12,6 +12,9 @@ from scipy.stats import t as student
 from gsbridge.gap.diagnosis.results import Hypothesis, Rules
 from gsbridge.geometry import Array
 
+_ERRING = 1.5
+"""Squared residual of a number, in units of the noise, from which on the best explanation errs visibly."""
+
 _BLOCKS = 40
 """Blocks of time that tell how a sum spreads."""
 
@@ -46,7 +49,9 @@ def decide(trials: Sequence[Hypothesis], rules: Rules, floor: float) -> Decision
         ranked = sensible
     best = ranked[0]
     wide = max(1.0, best.chi2 / floor)
-    earn, simple = rules.earn * wide, rules.simple * wide
+    # Where a model errs, one number more always explains a part of the error: it must explain more than it leaves.
+    left = max(best.squares - 2.0 * floor, 0.0) if wide > _ERRING else 0.0
+    earn, simple = rules.earn * wide, max(rules.simple * wide, left)
     # What holds a simpler explanation as a special case must earn its further parameters, and otherwise says nothing else.
     for trial in sorted(ranked[1:], key=lambda trial: trial.parameters):
         if best.contains(trial) and trial.score - best.score < simple:

@@ -43,6 +43,8 @@ class Record:
         measured: By kind. Each [T, N]; `tool` [T, 3].
         sigma: Noise of one sample, by kind, where it is known. Each [N].
         quantum: Step of the digits, by kind, 0 where there is none. Each [N].
+        tolerance: Deviation that nobody asks to be explained, by kind: what the user states, and by how much repeats of one
+            motion differ beyond the noise. Each [N].
         digest: SHA-256 of the file, or of the arrays.
         torque_commands: Whether `command` is a torque.
     """
@@ -56,6 +58,7 @@ class Record:
     quantum: Mapping[str, Array] = field(default_factory=dict)
     digest: str = ""
     torque_commands: bool = False
+    tolerance: Mapping[str, Array] = field(default_factory=dict)
 
     def label(self, kind: str, number: int) -> str:
         """Name of a channel: `position.joint`, or `tool.x`."""

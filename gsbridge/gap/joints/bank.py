@@ -55,10 +55,12 @@ class SignatureBank:
     Args:
         signatures: All, by candidate and size.
         runs: Simulations that making it took.
+        diverged: Candidates with which no simulation ran through.
     """
 
     signatures: tuple[Signature, ...]
     runs: int
+    diverged: tuple[Candidate, ...] = ()
 
 
 def make_bank(view: JointResiduals, who: Sequence[Candidate], base: Sequence[Applied] = ()) -> SignatureBank:
@@ -69,19 +71,24 @@ def make_bank(view: JointResiduals, who: Sequence[Candidate], base: Sequence[App
     before = view.mechanism.runs
     plain = view.stack(view.simulate(base))
     found: list[Signature] = []
+    diverged = []
     for candidate in who:
-        factor = 1.0
+        factor, thrown = 1.0, False
         for direction in candidate.effect.directions():
             # The size that just stands out along one direction is a good guess for the next.
-            made, factor = _along(view, candidate, direction, factor, plain, base)
+            made, factor, lost = _along(view, candidate, direction, factor, plain, base)
             found += made
-    return SignatureBank(tuple(found), view.mechanism.runs - before)
+            thrown |= lost
+        if thrown and all(signature.candidate != candidate for signature in found):
+            diverged.append(candidate)
+    return SignatureBank(tuple(found), view.mechanism.runs - before, tuple(diverged))
 
 
 def _along(
     view: JointResiduals, candidate: Candidate, direction: dict[str, float], begin: float, plain: Array, base: Sequence[Applied]
-) -> tuple[list[Signature], float]:
-    """Signatures along one direction of a candidate's parameters, and the multiple of it that just stands out."""
+) -> tuple[list[Signature], float, bool]:
+    """Signatures along one direction of a candidate's parameters, the multiple of it that just stands out, and whether a
+    simulation diverged."""
     effect = candidate.effect
 
     def change(factor: float) -> tuple[dict[str, float], Array, float]:
@@ -120,7 +127,7 @@ def _along(
         last = values
         if size > 1.0:
             out.append(Signature(candidate, values, difference.astype(np.float32)))
-    return out, factor if out else begin
+    return out, factor if out else begin, any(size == np.inf for _, _, size in seen.values())
 
 
 @functools.cache
@@ -152,7 +159,8 @@ def signature_bank(view: JointResiduals, who: Sequence[Candidate], folder: str |
     changes = np.stack([s.change for s in bank.signatures]) if bank.signatures else np.empty((0, *shape))
     labels = json.dumps([[s.candidate.name, s.candidate.joint, s.values] for s in bank.signatures])
     with atomic_file(path) as temporary, open(temporary, "wb") as stream:
-        np.savez_compressed(stream, changes=changes, labels=labels, runs=bank.runs)
+        lost = json.dumps([[who.name, who.joint] for who in bank.diverged])
+        np.savez_compressed(stream, changes=changes, labels=labels, runs=bank.runs, diverged=lost)
     return bank
 
 
@@ -163,4 +171,5 @@ def _read(path: Path) -> SignatureBank:
             Signature(JointCandidate(name, joint), values, change)
             for (name, joint, values), change in zip(labels, changes, strict=True)
         )
-        return SignatureBank(found, int(data["runs"]))
+        diverged = tuple(JointCandidate(*names) for names in json.loads(str(data["diverged"])))
+        return SignatureBank(found, int(data["runs"]), diverged)

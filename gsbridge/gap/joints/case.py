@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,10 +18,20 @@ from gsbridge.gap.formats.logs import read_log
 from gsbridge.gap.formats.records import SHORTEST, TOOL, Layout, Record, check_degrees, doubtful_degrees
 from gsbridge.gap.formats.yaml_file import read_case_file
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel, read_mechanism_model
+from gsbridge.gap.joints.noise import white_noise
 from gsbridge.geometry import Array
 from gsbridge.reading import refusing
 
-_KEYS = ("model", "records", "columns", "units", "torque_per_ampere", "noise", "effects")
+_KEYS = ("model", "records", "repeats", "columns", "units", "torque_per_ampere", "noise", "tolerance", "effects")
+
+_BLOCK = 16
+"""Samples over which repeats of a motion are averaged: what is left of their difference then is slower than the noise."""
+
+_COMMANDED_ALIKE = 1e-6
+"""Distance of commands, rad, up to which two records are repeats of one motion."""
+
+_SPARSE = 100.0
+"""Samples per second below which a record is marked: fast effects hide between them."""
 
 
 @dataclass(frozen=True)
@@ -79,18 +90,32 @@ def _joint_case(path: Path) -> JointCase:
     for role, file in content["records"].items():
         if role not in ROLES:
             raise InputError(path, f"the record '{role}' has no role", f"Name records {', '.join(ROLES)}")
-        records[role] = _check(read_log(path.parent / file, layout), system, path.parent / file, content.get("noise") or {})
+        records[role] = _check(read_log(path.parent / file, layout), system, path.parent / file, content)
+    scatter: dict[str, Array] = {}
+    for role, files in (content.get("repeats") or {}).items():
+        if role not in records:
+            raise InputError(path, f"there are repeats of '{role}', but no such record", f"Name it: {', '.join(records)}")
+        for file in files if isinstance(files, list) else [files]:
+            again = _check(read_log(path.parent / file, layout), system, path.parent / file, content)
+            for kind, values in _scatter(records[role], again, path.parent / file).items():
+                scatter[kind] = np.maximum(scatter.get(kind, 0.0), values)
+    for role, record in records.items():
+        wider = {kind: np.maximum(record.tolerance.get(kind, 0.0), values) for kind, values in scatter.items()}
+        records[role] = replace(record, tolerance={**record.tolerance, **wider})
     records, split = split_records(records, path)
     if "effort" not in records["fit"].measured and system.controller.closed_loop:
         reasons.append("no efforts are logged: latency and filters, viscous friction and damping are hard to tell apart")
     if "position" not in records["fit"].measured:
         reasons.append("no joint positions are logged: what moves the tool alike cannot be told apart")
+    slowest = 1.0 / max(record.period for record in records.values())
+    if slowest < 0.99 * _SPARSE:
+        reasons.append(f"only {slowest:.3g} samples per second are logged: what is faster than a few of them cannot be told")
     reasons += doubtful_degrees(records["fit"], system.limits)
     return JointCase(model, system, records, names, (*reasons, *split))
 
 
-def _check(record: Record, system: MechanismModel, source: Path, noise: Mapping[str, float | list[float]]) -> Record:
-    """A record that fits its mechanism.
+def _check(record: Record, system: MechanismModel, source: Path, content: Mapping[str, Any]) -> Record:
+    """A record that fits its mechanism, with the noise and the tolerance that its case states.
 
     Raises:
         InputError: Commands are missing, or angles are degrees.
@@ -112,16 +137,39 @@ def _check(record: Record, system: MechanismModel, source: Path, noise: Mapping[
             source, f"without joint positions nobody knows where mode {system.controller.mode} begins", "Log positions, too"
         )
     check_degrees(record, source, system.limits)
-    sigma = {
-        kind: _noise_of(kind, value, record.measured[kind].shape[1], source)
-        for kind, value in noise.items()
-        if kind in record.measured
+    stated = {
+        key: {
+            kind: _per_column(f"{key}.{kind}", value, record.measured[kind].shape[1], source)
+            for kind, value in (content.get(key) or {}).items()
+            if kind in record.measured
+        }
+        for key in ("noise", "tolerance")
     }
-    return replace(record, sigma=sigma)
+    return replace(record, sigma=stated["noise"], tolerance=stated["tolerance"])
 
 
-def _noise_of(kind: str, value: float | list[float], count: int, source: Path) -> Array:
-    """Noise of a kind for every joint. [N].
+def _scatter(record: Record, again: Record, source: Path) -> dict[str, Array]:
+    """By how much two records of one motion differ beyond the noise, for one of them, by kind. Each [N].
+
+    Raises:
+        InputError: They are not of one motion.
+    """
+    rows = min(len(record.time), len(again.time))
+    sent = [item.commands.get("command", np.zeros((rows, 1)))[:rows] for item in (record, again)]
+    if rows < 4 * _BLOCK or np.abs(sent[0] - sent[1]).max() > _COMMANDED_ALIKE:
+        raise InputError(
+            source, "this is no repeat: its commands are others", "Send the same commands again, as often per second"
+        )
+    out = {}
+    for kind in set(record.measured) & set(again.measured):
+        apart = (record.measured[kind][:rows] - again.measured[kind][:rows]) / np.sqrt(2.0)
+        means = apart[: rows // _BLOCK * _BLOCK].reshape(-1, _BLOCK, apart.shape[1]).mean(axis=1)
+        out[kind] = np.sqrt(np.maximum((means**2).mean(axis=0) - white_noise(apart) ** 2 / _BLOCK, 0.0))
+    return out
+
+
+def _per_column(key: str, value: float | list[float], count: int, source: Path) -> Array:
+    """A stated size for every joint. [N].
 
     Raises:
         InputError: It is no positive number, nor one per joint.
@@ -129,7 +177,7 @@ def _noise_of(kind: str, value: float | list[float], count: int, source: Path) -
     values = value if isinstance(value, list) else [value] * count
     numbers = all(isinstance(one, (int, float)) and not isinstance(one, bool) and one > 0 for one in values)
     if len(values) != count or not numbers:
-        raise InputError(source, f"noise.{kind} is {value!r}", f"Give one positive number, or one for each of {count} columns")
+        raise InputError(source, f"{key} is {value!r}", f"Give one positive number, or one for each of {count} columns")
     return np.array(values, dtype=np.float64)
 
 

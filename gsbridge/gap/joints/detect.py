@@ -1,6 +1,7 @@
 """Is there a discrepancy at all: statistics of residuals, calibrated by effect-free replicates instead of by theory.
 
-Replicates hold white noise that passed the same estimate of its size, and by how much another step of time changes the replay.
+Replicates hold white noise that passed the same estimate of its size, by how much another step of time changes the replay, and
+what the user tolerates: slow deviations of all colours.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter
 
 from gsbridge.gap.diagnosis.closure import block_means
 from gsbridge.gap.diagnosis.pvalues import tail_pvalue
@@ -85,6 +87,13 @@ def _estimated(view: JointResiduals, noise: Array) -> Array:
     return np.median([white_noise(noise[a:b]) for a, b in view.spans if b - a > 20] or [white_noise(noise)], axis=0)
 
 
+def _slow(shape: tuple[int, int], rng: np.random.Generator) -> Array:
+    """A slow deviation of unit size, of a memory drawn between a few samples and the whole record. [T, C]."""
+    memory = np.exp(-1.0 / np.exp(rng.uniform(np.log(4.0), np.log(4.0 * shape[0]))))
+    start = rng.standard_normal((1, shape[1]))
+    return lfilter([np.sqrt(1 - memory**2)], [1, -memory], rng.standard_normal(shape), axis=0, zi=memory * start)[0]
+
+
 def joint_null(
     view: JointResiduals, rng: np.random.Generator, screen: Screen | None = None, replicates: int = REPLICATES
 ) -> JointNull:
@@ -92,6 +101,7 @@ def joint_null(
     gap = view.stepping()
     shape = gap.shape
     declared = np.array([kind in view.record.sigma for kind, _ in view.channels])
+    allowed = view.tolerance()
     noises = [rng.standard_normal(shape) for _ in range(replicates)]
     found = np.stack([_estimated(view, noise) for noise in noises])
     excesses, residuals = [], []
@@ -100,6 +110,8 @@ def joint_null(
         others = rng.choice(found.ravel(), (view.records - 1, shape[1]))
         size = np.sqrt((np.vstack([own[None], others]) ** 2).mean(axis=0))
         residual = view.project(noise / np.where(declared, np.maximum(size, 1.0), size)) + rng.normal(0.0, _UNSURE) * gap
+        if allowed.any():
+            residual = residual + view.project(allowed * _slow(shape, rng))
         excesses.append(excess(residual))
         residuals.append(residual)
     stack = np.stack(residuals, axis=-1)

@@ -12,9 +12,10 @@ import numpy as np
 from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.findings import Account, Diagnosis
-from gsbridge.gap.diagnosis.results import ROLES, Rules, Verification
+from gsbridge.gap.diagnosis.results import ROLES, Finding, Rules, Verification
 from gsbridge.gap.formats.records import Record
-from gsbridge.gap.joints.bank import signature_bank
+from gsbridge.gap.joints.account import account_of
+from gsbridge.gap.joints.bank import SignatureBank, signature_bank
 from gsbridge.gap.joints.candidates import candidates
 from gsbridge.gap.joints.detect import joint_null
 from gsbridge.gap.joints.identify import JointIdentification
@@ -23,6 +24,10 @@ from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals, share_noise
 
 logger = logging.getLogger("gsbridge")
+
+
+_FAR = 50.0
+"""Gap, in units of the noise, from which on the noise itself is doubted."""
 
 
 class JointAccount(Account):
@@ -58,16 +63,37 @@ def diagnose_joints(
     bank = signature_bank(first, who, bank_folder)
     made = mechanism.runs - made
     logger.info("%d candidates, %d signatures", len(who), len(bank.signatures))
-    finding = JointIdentification(first, second, bank, who, rules, seed).run()
-    verification = None
+    search = JointIdentification(first, second, bank, who, rules, seed)
+    finding, verification = search.run(), None
     if finding.best is not None:
         effects = finding.best.fit.effects
         verification = verify(third, effects, np.random.default_rng(seed))
         said = finding.verdict in ("named", "ambiguous")
-        finding = finding.refuted() if said and not verification.transfers(rules, len(effects) > 1) else finding
+        finding = finding.refuted() if said and not verification.transfers(rules) else finding
+    account = account_of(search, finding, third)
+    if account is not None and finding.best is not None and len(account.entries) > len(finding.best.fit.who):
+        verification = verify(third, account.effects, np.random.default_rng(seed))
     floor = {second.record.label(kind, k): float(s) for (kind, k), s in zip(second.channels, second.sigma, strict=True)}
     runs = mechanism.runs - made - mechanism.shared
-    return Diagnosis(finding, verification, floor, bank.runs, runs, time.perf_counter() - begin)
+    warnings = _warnings(finding, bank, any(record.sigma or record.tolerance for record in records.values()))
+    seconds = time.perf_counter() - begin
+    return Diagnosis(finding, verification, floor, bank.runs, runs, seconds, account=account, warnings=warnings)
+
+
+def _warnings(finding: Finding, bank: SignatureBank, stated: bool) -> tuple[str, ...]:
+    """What a reader must know before the figures; `stated` is whether the case states noise or tolerance."""
+    out = []
+    if finding.before > _FAR and not stated:
+        out.append(
+            f"The gap is {finding.before:.3g} times the noise that neighbouring samples show. Filters in an encoder hide noise "
+            "from them: log one motion twice and name it under 'repeats', or state a 'tolerance'."
+        )
+    if finding.lost:
+        out.append(f"These fits did not converge, so that nothing is said of them: {', '.join(finding.lost)}.")
+    if bank.diverged:
+        names = ", ".join(map(str, bank.diverged))
+        out.append(f"The simulation diverged with these, so that nothing is said of them: {names}.")
+    return tuple(out)
 
 
 def views_of(

@@ -34,6 +34,9 @@ _UNSURE = 0.2
 _REACH = 3.0
 """Longest step, in scales."""
 
+_NOISY = 1.5
+"""Squared residual of a number, in units of the noise, up to which a fit leaves noise alone."""
+
 _HIDDEN = 1e-2
 """Share of the strongest parameter's influence below which one does not show."""
 
@@ -163,8 +166,14 @@ def _descend(
     for _ in range(_ROUNDS):
         new, promise = problem.step(x, r, jacobian, damping)
         if promise < max(_SMALL, share * best):
-            settled = True
-            break
+            # Derivatives that were carried along may see no way down where there is one: they are taken once more, unless
+            # noise alone is left, or a rival is ahead for good.
+            if fresh or best < _NOISY * len(r) or best > 2.0 * bar or problem.runs + len(x) >= limit:
+                settled = True
+                break
+            jacobian = np.stack([problem.difference(x, r, k) for k in range(len(x))], axis=1)
+            fresh = True
+            continue
         if best - 1.5 * promise > bar or problem.runs >= limit:
             break
         r_new = problem.residual(new)

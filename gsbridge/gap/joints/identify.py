@@ -10,7 +10,7 @@ import numpy as np
 
 from gsbridge.gap.diagnosis.closure import closed, closed_at_most_times
 from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Finding, Hypothesis, Rules
-from gsbridge.gap.diagnosis.verdict import decide, transfer
+from gsbridge.gap.diagnosis.verdict import Decision, decide, transfer
 from gsbridge.gap.joints.bank import SignatureBank
 from gsbridge.gap.joints.coherence import coherence_p, has_related, line_p
 from gsbridge.gap.joints.detect import JointNull, joint_null
@@ -22,6 +22,25 @@ logger = logging.getLogger("gsbridge")
 
 _RESERVE = 12
 """Simulations kept for the derivatives of the best explanation."""
+
+_LOOKED, _OF_JOINT = 20, 4
+"""Candidates of which one simulation tells whether they help an account, and how many of them may act on one joint."""
+
+_NEARLY = 0.8
+"""Share of what an effect gains that a simpler one must gain to be told instead."""
+
+_ALONE = 0.95
+"""Share of the gap that a part of a set must close to be named without the rest of the set."""
+
+_AS_LITTLE, _LITTLE = 5.0, 0.01
+"""Multiple of what the best explanation leaves, and share of the gap, up to which others leave as little: the model's error
+decides between them."""
+
+_MUCH = 0.95
+"""Share of what one account leaves that another must leave to be told instead."""
+
+_SETS = 6
+"""Of effects that are tried for each number of them."""
 
 _JUDGED = 2
 """Simulations after a fit: with another step of time, and on the record that it has not seen."""
@@ -65,6 +84,7 @@ class JointIdentification:
         self.start, self.plain = first.residual(), second.residual()
         self.floor, self.floor_first = self.null.share * self.plain.size, self.null_first.share * self.start.size
         self.plain_chi2 = float((self.plain**2).sum())
+        self.lost: set[str] = set()
 
     def run(self) -> Finding:
         """Detect, screen, fit, rank, decide."""
@@ -78,7 +98,7 @@ class JointIdentification:
             few = len(unseen) > 0.5 * len(self.who)
             return self._quiet("not_enough_excitation" if few else "no_discrepancy", p_value, unseen)
         trials = self._singles(matches)
-        best = min(trials, key=lambda trial: trial.score, default=None)
+        best = decide(trials, rules, self.floor).trials[0] if trials else None
         if best is not None and self._remains(best):
             trials = self._several(trials, best)
             best = min(trials, key=lambda trial: trial.score)
@@ -124,7 +144,9 @@ class JointIdentification:
     def _quiet(self, verdict: str, p_value: float, unseen: tuple[str, ...]) -> Finding:
         size = float(np.sqrt(self.plain_chi2 / self.second.freedom))
         remains = verdict == "none_of_the_known"
-        return Finding(verdict, None, (), (), remains, p_value, p_value, size, size, self._used(), unseen)
+        return Finding(
+            verdict, None, (), (), remains, p_value, p_value, size, size, self._used(), unseen, lost=tuple(sorted(self.lost))
+        )
 
     def _trial(self, fitted: EffectFit) -> Hypothesis:
         """Judge a fit on `select`."""
@@ -146,7 +168,7 @@ class JointIdentification:
         return min(1.0, len(looks) * min(looks))
 
     def _singles(self, matches: Sequence[SignatureMatch]) -> list[Hypothesis]:
-        """Fits of one effect each; those that cannot reach the best are not fitted, those that did not converge left out."""
+        """Fits of one effect each; those that cannot reach the best are not fitted, those that did not converge are told."""
         ranked = sorted((match for match in matches if match.gain > 0), key=lambda match: -match.bound)
         out: list[Hypothesis] = []
         chi2, reached = float((self.start**2).sum()), -np.inf
@@ -157,21 +179,32 @@ class JointIdentification:
                 break
             bar = chi2 - reached + 0.3 * max(reached, 0.0) + 100.0 if np.isfinite(reached) else np.inf
             fitted = fit(self.first, (match.candidate,), (match.starts[0],), bar, self.screen, self._limit())
+            for start in match.starts[1:2]:
+                # A start in the wrong valley leaves more than a projection onto the signatures promised.
+                poor = chi2 - fitted.chi2 < 0.5 * match.bound
+                if (fitted.converged and not poor) or not self._affords(2 + len(match.candidate.effect.parameters)):
+                    break
+                other = fit(self.first, (match.candidate,), (start,), bar, self.screen, self._limit())
+                if other.chi2 < fitted.chi2:
+                    fitted = other
             if fitted.converged:
                 out.append(self._trial(fitted))
                 reached = max(reached, chi2 - fitted.chi2)
+            else:
+                self.lost.add(str(match.candidate))
         return out
 
     def _several(self, singles: list[Hypothesis], best: Hypothesis) -> list[Hypothesis]:
-        """Sets of effects: the best sums of signatures are fitted, larger sets only if smaller ones leave something."""
+        """Sets of effects: what grows from the best smaller set, then the best sums of signatures; larger sets only if
+        smaller ones leave something."""
         trials = list(singles)
         for count in range(2, self.rules.most + 1):
             tried: set[frozenset[Candidate]] = set()
-            mixtures = self.screen.mixtures(self.start, count, 6) + self._grown(best, count)
+            mixtures = self._grown(best, count) + self.screen.mixtures(self.start, count, 6)
             reached = np.inf
             for mixture in mixtures:
                 who = frozenset(mixture.who)
-                if who in tried or len(tried) >= 4:
+                if who in tried or len(tried) >= _SETS:
                     continue
                 if not self._affords(3 + sum(len(c.effect.parameters) for c in mixture.who)):
                     break
@@ -223,23 +256,148 @@ class JointIdentification:
         p_remaining = self._p_remaining(best)
         remains = p_remaining < rules.alarm
         names: tuple[str, ...] = ()
-        # Several effects together fit much that they do not explain; what they explain, they explain to the noise.
-        poor = min(self._closed(best), self._closed_first(best)) < rules.closure or len(best.fit.who) > 1
-        if best.fit.stopped or best.fit.blurred or (remains and poor):
+        part = None
+        if best.fit.stopped or best.fit.blurred or (remains and not self._suffices(best, trials)):
             verdict = "none_of_the_known"
+            part = self._sure_part(found, trials)
         elif found.near or found.chances[0] < rules.sure:
             verdict = "ambiguous"
             names = tuple(dict.fromkeys(" + ".join(trial.names) for trial in (best, *found.near)))
             names += tuple(name for name in self._unfitted(best, matches, trials) if name not in names)
         else:
             verdict = "named"
+        if part is not None:
+            # More effects than that mimic what is left; this one is in all that do.
+            verdict, best, remains, p_remaining = "named", part, True, self._p_remaining(part)
+            found = replace(found, trials=(part, *(t for t in found.trials if t is not part)))
         if verdict == "ambiguous" and len(names) == 1:
             names += tuple(" + ".join(trial.names) for trial in found.trials[1:2])
         return Finding(
             verdict, best, tuple(zip(found.trials, found.chances.tolist(), strict=True)), names, remains, p_value, p_remaining,
             float(np.sqrt(self.plain_chi2 / self.second.freedom)), float(np.sqrt(best.chi2 / self.second.freedom)),
-            self._used(), unseen,
+            self._used(), unseen, lost=tuple(sorted(self.lost)),
         )  # fmt: skip
+
+    def _suffices(self, trial: Hypothesis, trials: Sequence[Hypothesis]) -> bool:
+        """Whether a trial explains enough to be named although more than noise is left.
+
+        Several effects together fit much that they do not explain: each must explain more than what remains, which is the
+        error of the model as far as anybody knows, and a hundredth of the gap: an effect that small mends another's law.
+        """
+        rules, closure = self.rules, min(self._closed(trial), self._closed_first(trial))
+        if closure < rules.closure:
+            return False
+        if len(trial.fit.who) == 1:
+            return True
+        left = max(trial.chi2 - self.floor, 0.0)
+        for candidate in trial.fit.who:
+            kept = [k for k, c in enumerate(trial.fit.who) if c != candidate]
+            without = next((t for t in trials if set(t.fit.who) == set(trial.fit.who) - {candidate}), None)
+            if without is None:
+                who, values = [trial.fit.who[k] for k in kept], [trial.fit.values[k] for k in kept]
+                without = self._trial(fit(self.first, who, values, np.inf, self.screen, self._limit(0)))
+            small = self._gap(without.chi2) - self._gap(trial.chi2) < rules.least * self._gap(self.plain_chi2)
+            if small or without.chi2 - trial.chi2 < rules.larger * left:
+                return False
+        return True
+
+    def _sure_part(self, found: Decision, trials: Sequence[Hypothesis]) -> Hypothesis | None:
+        """What all of the best explanations hold, if that alone closes the gap but for a little and has no rival; else None."""
+        best = found.trials[0]
+        if len(best.fit.who) == 1:
+            return None
+        leaves = max(_AS_LITTLE * (1.0 - self._closed(best)), _LITTLE)
+        good = [trial for trial in (*found.near, *trials) if 1.0 - self._closed(trial) <= leaves]
+        core = set(best.fit.who).intersection(*(trial.fit.who for trial in good))
+        if not core or core == set(best.fit.who):
+            return None
+        part = next((trial for trial in trials if set(trial.fit.who) == core), None)
+        if part is None or part.fit.stopped or part.fit.blurred:
+            return None
+        if min(self._closed(part), self._closed_first(part)) < _ALONE:
+            return None
+        if len(core) > 1 and not self._suffices(part, trials):
+            return None
+        alone = decide([trial for trial in trials if len(trial.fit.who) <= len(core)], self.rules, self.floor)
+        sure = alone.trials[0] is part and not alone.near and alone.chances[0] >= self.rules.sure
+        return part if sure else None
+
+    def widen(self, finding: Finding) -> Hypothesis | None:
+        """An explanation with all effects that help: grown from what was found, by what helps on `select` most.
+
+        Args:
+            finding: Of `run`.
+
+        Returns:
+            The explanation, of as many effects as earn their place; None where nothing could be fitted.
+        """
+        if finding.best is None or finding.best.fit.stopped:
+            return None
+        begins = [finding.best]
+        singles = [trial for trial, _ in finding.rivals if len(trial.fit.who) == 1]
+        if finding.verdict == "none_of_the_known" and singles and len(finding.best.fit.who) > 1:
+            begins = [decide(singles, self.rules, self.floor).trials[0], finding.best]
+        end, grown = self.first.mechanism.runs + self.rules.account, list[Hypothesis]()
+        for number, trial in enumerate(begins, 1):
+            grown.append(self._widened(trial, end - self.rules.account * (len(begins) - number) // len(begins)))
+        # What grew from one effect is told, unless what began as several leaves much less.
+        return grown[0] if len(grown) == 1 or self._gap(grown[1].chi2) > _MUCH * self._gap(grown[0].chi2) else grown[1]
+
+    def _gap(self, chi2: float) -> float:
+        """Length of a residual on `select` beyond the noise."""
+        return float(np.sqrt(max(chi2 - self.floor, 0.0)))
+
+    def _widened(self, best: Hypothesis, end: int) -> Hypothesis:
+        """One explanation, grown until nothing helps or the simulations are spent."""
+        failed: set[Candidate] = set()
+        while len(best.fit.who) < self.rules.entries and self._remains(best):
+            before = best
+            for match in self._promising(best, failed):
+                if self.first.mechanism.runs >= end:
+                    return best
+                who, start = (*best.fit.who, match.candidate), (*best.fit.values, match.starts[0])
+                trial = self._trial(fit(self.first, who, start, np.inf, self.screen, end))
+                if self._earns(trial, best):
+                    best = trial
+                    break
+                failed.add(match.candidate)
+            if best is before:
+                break
+        return best
+
+    def _promising(self, best: Hypothesis, failed: set[Candidate]) -> list[SignatureMatch]:
+        """Candidates that help on `select` as they start, the most helpful first: what fits one record alone is no cause."""
+        ranked = sorted(self.screen.matches(best.first), key=lambda match: -match.bound)
+        counts: dict[str, int] = {}
+        looked = []
+        for match in ranked:
+            joint = match.candidate.joint
+            if match.candidate in best.fit.who or match.candidate in failed or counts.get(joint, 0) >= _OF_JOINT:
+                continue
+            counts[joint] = counts.get(joint, 0) + 1
+            residual = self.second.residual((*best.fit.effects, match.candidate.applied(match.starts[0])))
+            looked.append((float((residual**2).sum()), match))
+            if len(looked) >= _LOOKED:
+                break
+        by_bound = [match for _, match in looked]
+        looked = sorted((item for item in looked if item[0] < best.chi2), key=lambda item: item[0])
+        # Those that do not help as they start may do so once all are fitted together.
+        out = [match for _, match in looked]
+        out = [*out, *(match for match in by_bound if not any(match is other for other in out))][:_SETS]
+        for chi2, match in looked[1:]:
+            # What is the first one without some of its numbers, and does nearly as well, says as much with less.
+            first = looked[0][1].candidate
+            alike = match.candidate.joint == first.joint and match.candidate.name in first.effect.contains
+            if alike and best.chi2 - chi2 > _NEARLY * (best.chi2 - looked[0][0]):
+                out = [match, *(other for other in out if other is not match)]
+        return out
+
+    def _earns(self, trial: Hypothesis, best: Hypothesis) -> bool:
+        """Whether one effect more explains a part of the gap on `select` worth a line, and by more than chance."""
+        before, after, gap = (self._gap(chi2) for chi2 in (best.chi2, trial.chi2, self.plain_chi2))
+        if before - after < self.rules.least * gap or trial.fit.stopped:
+            return False
+        return transfer(best.residual, trial.residual) > self.rules.deviations
 
     def _closed(self, trial: Hypothesis) -> float:
         """Share of the gap on `select` that a trial closes, as far as noise tells."""

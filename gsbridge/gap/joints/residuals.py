@@ -186,6 +186,14 @@ class JointResiduals:
         """Measured less simulated, in units of the noise. [T, C]."""
         return self.whiten(self._raw(self.replay(effects)))
 
+    def tolerance(self) -> Array:
+        """Slow deviations that nobody asks to be explained, in units of the noise: as stated, or the encoder's step. [C]."""
+        out = np.zeros(len(self.channels))
+        for column, (kind, k) in enumerate(self.channels):
+            if kind in self.record.tolerance:
+                out[column] = self.record.tolerance[kind][k] / self.sigma[column]
+        return out
+
     def stepping(self) -> Array:
         """What another step of time changes in the nominal replay, in units of the noise. [T, C]."""
         return self.whiten(self._columns(self.frame.stepping))

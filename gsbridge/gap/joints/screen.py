@@ -12,8 +12,11 @@ from gsbridge.gap.joints.bank import Signature, SignatureBank
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
-_STRETCH = (0.4, 2.5)
-"""Factors by which a signature of one size may stand for neighbouring sizes."""
+_STRETCH = (0.4, 60.0)
+"""Factors by which a signature of one size may stand for others: it just stands out from the noise, a gap may be large."""
+
+_PROJECTED = 1.2
+"""Squared residual that a projection onto all signatures must remove beyond the best one alone, for a fit to start there."""
 
 _SMALL, _LARGE = 1e-2, 4.0
 """Squared lengths of signatures, as shares of the residual's, that may take part in a sum of several."""
@@ -109,15 +112,42 @@ class Screen:
         for who, rows in self.groups.items():
             order = sorted(rows, key=lambda k: -gains[k])
             first = order[0]
-            values = tuple(self._scaled(k, float(factors[k])) for k in order[:starts])
+            values = [self._scaled(k, float(factors[k])) for k in order[:starts]]
             cosine = along[first] / max(np.sqrt(self.sizes[first]) * length, 1e-12)
-            out.append(SignatureMatch(who, float(gains[first]), float(cosine), values, self._bound(who, along)))
+            bound = self._bound(who, along)
+            projected = self._projected(who, along) if bound > _PROJECTED * max(gains[first], 0.0) else None
+            # Where several signatures together explain much more than one, the fit starts where they lead.
+            values = values if projected is None else [projected, *values]
+            out.append(SignatureMatch(who, float(gains[first]), float(cosine), tuple(values), bound))
         return sorted(out, key=lambda match: -match.gain)
 
     def _scaled(self, number: int, factor: float) -> dict[str, float]:
         """Parameters of a signature times a factor."""
         effect = self.signatures[number].candidate.effect
         return effect.scaled(self.signatures[number].values, 1.0 if effect.threshold else factor)
+
+    def _projected(self, who: Candidate, along: Array) -> dict[str, float] | None:
+        """Parameters to which a residual's projection onto a candidate's signatures points; None where they do not add up.
+
+        Amplitudes add up; a shape (the place of a mass) is the mean of the signatures' shapes, weighed by their amplitudes.
+        """
+        effect = who.effect
+        if effect.threshold or len(effect.parameters) < 2:
+            return None
+        part, axes, values = max(
+            self._blocks[who], key=lambda block: float(((along[block[0]] @ block[1]) ** 2 / block[2]).sum())
+        )
+        weights = axes @ ((along[part] @ axes) / values)
+        table = {p.name: np.array([self.signatures[k].values[p.name] for k in part]) for p in effect.parameters}
+        strength = sum(np.abs(table[p.name]) for p in effect.parameters if p.amplitude)
+        share = weights * strength
+        if abs(float(share.sum())) < 0.05 * float(np.abs(share).sum()):
+            return None
+        out = {}
+        for p in effect.parameters:
+            value = weights @ table[p.name] if p.amplitude else share @ table[p.name] / share.sum()
+            out[p.name] = float(min(max(value, p.low), p.high))
+        return out if any(out[p.name] != 0.0 for p in effect.parameters if p.amplitude) else None
 
     def _bound(self, who: Candidate, along: Array) -> float:
         """Squared length of a residual's projection onto a candidate's signatures."""

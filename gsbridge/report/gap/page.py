@@ -79,6 +79,9 @@ def write_gap_report(case: str, files: CaseFiles, out: str | Path) -> None:
         **parts.pictures(findings, series, replays["records"][JUDGED], explained),
         found_title="What was found" if findings["amended"] else "The best explanation, which was not adopted",
         effects=effect_rows(findings, parts.whole),
+        account=account_rows(findings, parts.whole),
+        account_text=_account_text(findings),
+        warnings=findings.get("warnings", []),
         becomes=any("becomes" in row for item in findings["effects"] for row in item["parameters"].values()),
         effect_notes=effect_notes(findings),
         where=draw_where(before_map, select["remains"] if explained else None),
@@ -96,6 +99,36 @@ def write_gap_report(case: str, files: CaseFiles, out: str | Path) -> None:
         noise_note=parts.noise_note,
         records=_records(about),
         provenance=_provenance(findings, about, screening),
+    )
+
+
+def account_rows(findings: Mapping[str, Any], whole: str) -> list[dict[str, str]]:
+    """Lines of the account, what explains most first; `whole` is what an effect without a joint acts on."""
+    return [
+        {
+            "title": entry["title"],
+            "joint": entry["joint"] or whole,
+            "share": f"{100 * entry['share']:.1f} %",
+            "width": f"{100 * min(max(entry['share'], 0.0), 1.0):.1f}",
+            "verdict": entry["verdict"],
+            "instead": ", ".join(explanation_title(name.split(" + ")) for name in entry["alternatives"]) or "–",
+        }
+        for entry in (findings.get("account") or {"entries": []})["entries"]
+    ]
+
+
+def _account_text(findings: Mapping[str, Any]) -> str:
+    """What the account explains as a whole, and where the rest is."""
+    account = findings.get("account")
+    if not account:
+        return ""
+    left = account["remains"]
+    rest = (
+        f" Most of the rest: {left['channel']}, {left['phase']}, {left['size']:.3g} times the noise." if left["channel"] else ""
+    )
+    return (
+        f"Together they close {100 * account['explained']:.0f} % of the gap on a record that neither fitting nor choosing has "
+        f"seen, each the share that those above it leave.{rest}"
     )
 
 

@@ -63,9 +63,15 @@ def effect_rows(findings: Mapping[str, Any], whole: str) -> list[dict[str, str]]
             "unit": row["unit"] or "–",
             "becomes": f"{row['was']:.3g} → {row['becomes']:.3g}" if "becomes" in row else "–",
         }
-        for item in findings["effects"]
+        for item in _told(findings)
         for number, (name, row) in enumerate(item["parameters"].items())
     ]
+
+
+def _told(findings: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Effects with their parameters: those of the account, or of the best explanation where there is none."""
+    account = findings.get("account")
+    return account["entries"] if account else findings["effects"]
 
 
 def effect_notes(findings: Mapping[str, Any]) -> list[str]:
@@ -184,9 +190,16 @@ def next_steps(findings: Mapping[str, Any], about: Mapping[str, Any], screening:
         out.append(_experiment(findings))
         out.append("Log one more record that way, name it 'select' in the case, and run again.")
     elif verdict == "none_of_the_known":
+        if findings["amended"]:
+            out.append(
+                f"results/gap/{case}/model.yaml holds the effects of the account: likely, not proven, and nearer to what was "
+                "measured on a record that they have not seen."
+            )
+        for item in (findings.get("account") or {"entries": []})["entries"][:2]:
+            out.append(f"To prove {item['title']}: {item['tell_apart']}; log that as a further record.")
         out.append(
-            "Look at the map for what the motion has in common where the difference is largest; if you know the cause, "
-            "write it as an effect (docs/gap.md, Adding an effect)."
+            "Look at the map for what the motion has in common where the difference is largest: it may be an effect that no "
+            "catalogue has (docs/gap.md, Adding an effect)."
         )
         if findings.get("suggestion"):
             out.append(f"A sparse regression of what remains suggests: {findings['suggestion']}.")

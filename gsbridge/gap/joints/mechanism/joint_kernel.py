@@ -11,7 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from gsbridge.gap.joints.mechanism.dynamics import LOADS, bias, inertia, place, spread, weights
-from gsbridge.gap.joints.mechanism.joint_steps import advance, motor_side
+from gsbridge.gap.joints.mechanism.joint_steps import advance, coupling, motor_side
 from gsbridge.geometry import Array
 from gsbridge.kernels import njit
 
@@ -58,6 +58,10 @@ MODE = MappingProxyType({"torque": 0, "free": 0, "pd": 1, "position": 2})
     _OFFSET, _LAG, _DELAY, _SINE, _COSINE, _WAVES, _ENC_OFFSET, _ENC_SCALE, _ECC_SINE, _ECC_COSINE, _COMPLIANCE, _BACKLASH,
     _SPRING, _SPRING_REST, _WARMING,
 ) = range(len(LAW))  # fmt: skip
+
+_YIELDING = 0.3
+"""Product of a transmission's compliance and the controller's stiffness against one step up to which it hardly yields: beyond,
+an explicit step of the controller would run away."""
 
 _RIGID = 1e-7
 """Compliance given to a transmission that has play but no stated compliance, rad/(N m)."""
@@ -117,11 +121,11 @@ def simulate(
     screws, loads, work = np.empty((count, 6)), np.empty((count, LOADS)), np.empty((count, 18))
     asked, torque, delayed, seen_q, seen_v = np.zeros(count), np.zeros(count), np.zeros(count), np.empty(count), np.empty(count)
     grip, impulse, right, pull = np.zeros(count), np.zeros(count), np.empty(count), np.empty(count)
-    shift = np.zeros(count)
-    motor, motor_speed, before = q.copy(), v.copy(), v.copy()
+    shift, pulls, damps, stiffs = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count)
+    motor, motor_speed, before, was = q.copy(), v.copy(), v.copy(), q.copy()
     weighs = mode == 2
     longest = 0.0
-    soft = np.zeros(count, dtype=np.bool_)
+    soft, joins = np.zeros(count, dtype=np.bool_), np.zeros(count, dtype=np.bool_)
     for i in range(count):
         weighs = weighs or law[_SHARE, i] != 0.0
         longest = max(longest, law[_DELAY, i])
@@ -136,6 +140,11 @@ def simulate(
         spread(slides, bodies, turn, origin, axis, screws, loads)
         bias(parents, screws, loads, gravity, v, work, hold)
         inertia(parents, screws, loads, matrix)
+        if number == 0:
+            for i in range(count):
+                if soft[i]:
+                    # What was measured is the motor; the link hangs in its transmission.
+                    q[i] -= math.copysign(0.5 * law[_BACKLASH, i], hold[i]) + law[_COMPLIANCE, i] * hold[i]
         true = True
         for i in range(count):
             angle, rate = (motor[i], motor_speed[i]) if soft[i] else (q[i], v[i])
@@ -196,19 +205,36 @@ def simulate(
             if soft[i]:
                 compliance = max(law[_COMPLIANCE, i], _RIGID)
                 stiff, damp, load = 0.0, 0.0, given
-                if mode == 1 and law[_LAG, i] == 0.0 and law[_DELAY, i] == 0.0 and abs(asked[i]) < law[_LIMIT, i]:
+                light = law[_DAMP, i] * step > 0.5 * law[_ARMATURE, i]
+                half = 0.5 * law[_BACKLASH, i]
+                side = 1.0 if given > 0.0 else -1.0
+                # A light motor that pushes a link and hardly yields hands its torque on, as if they were one.
+                yields = law[_COMPLIANCE, i] * (law[_STIFF, i] + law[_DAMP, i] / step)
+                joins[i] = light and yields < _YIELDING and (half == 0.0 or side * (motor[i] - q[i]) >= half - 1e-12)
+                if (
+                    light
+                    and not joins[i]
+                    and mode == 1
+                    and law[_LAG, i] == 0.0
+                    and law[_DELAY, i] == 0.0
+                    and abs(asked[i]) < law[_LIMIT, i]
+                ):
                     # The controller is taken into the implicit step, since the motor alone is too light for an explicit one.
+                    # For others it would be an inertia that a rigid joint does not have.
                     stiff, damp = law[_STIFF, i] * (1.0 + law[_GAIN, i]), law[_DAMP, i] * (1.0 + law[_GAIN, i])
                     load = given + stiff * motor[i] + damp * motor_speed[i]
-                motor[i], motor_speed[i] = motor_side(
-                    q[i] + step * v[i], motor[i], motor_speed[i], load, damp, stiff, law[_ARMATURE, i], compliance,
-                    law[_BACKLASH, i], step,
-                )  # fmt: skip
-                twist = motor[i] - q[i] - step * v[i]
-                given = 0.0
-                if abs(twist) > 0.5 * law[_BACKLASH, i]:
-                    given = (twist - math.copysign(0.5 * law[_BACKLASH, i], twist)) / compliance
-                shift[i] = 0.0
+                base, joined = coupling(law[_ARMATURE, i], damp, stiff, compliance, step)
+                pulls[i], damps[i], stiffs[i] = load, damp, stiff
+                shift[i] = law[_ARMATURE, i] if joins[i] else 0.0
+                if base > 0.0 and not joins[i]:
+                    # Where the motor would go alone, against where the link would: as far as they meet, they go together.
+                    rotor = law[_ARMATURE, i] / step
+                    free = (load + rotor * motor_speed[i] + (rotor / step + damp / step) * motor[i]) / base
+                    twist = free - q[i] - step * v[i]
+                    given = 0.0
+                    if abs(twist) > half:
+                        given = joined * (twist - math.copysign(half, twist))
+                        shift[i] = joined * step * step
             torque[i] = given
             worn = 1.0 + law[_WARMING, i] * (start + number * step)
             grip[i] = law[_DRY, i]
@@ -226,8 +252,20 @@ def simulate(
                 right[i] -= law[_SPRING, i] * (q[i] - law[_SPRING_REST, i])
         for i in range(count):
             matrix[i, i] += shift[i]
-            before[i] = v[i]
+            before[i], was[i] = v[i], q[i]
         advance(matrix, right, grip, law[_SKEW], step, v, impulse, factor, inverse)
         for i in range(count):
             q[i] += step * (0.5 * (before[i] + v[i]) if centred else v[i])
+            if soft[i] and joins[i]:
+                angle = q[i] + math.copysign(0.5 * law[_BACKLASH, i], pulls[i]) + law[_COMPLIANCE, i] * pulls[i]
+                motor_speed[i] = v[i] + (angle - motor[i] - (q[i] - was[i])) / step
+                motor[i] = angle
+            elif soft[i]:
+                angle = motor_side(
+                    q[i], motor[i], motor_speed[i], pulls[i], damps[i], stiffs[i], law[_ARMATURE, i],
+                    max(law[_COMPLIANCE, i], _RIGID), law[_BACKLASH, i], step,
+                )  # fmt: skip
+                # Of the turn against the link the mean speed is known; of the link's own it would be half a step late.
+                motor_speed[i] = v[i] + (angle - motor[i] - (q[i] - was[i])) / step
+                motor[i] = angle
     return length

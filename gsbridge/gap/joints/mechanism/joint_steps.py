@@ -2,10 +2,24 @@
 
 from __future__ import annotations
 
+import math
+
 from gsbridge.gap.joints.mechanism.dynamics import factorise, solve
 from gsbridge.geometry import Array
 from gsbridge.kernels import njit
 from gsbridge.robot.friction import rub
+
+
+@njit(nogil=True)
+def coupling(rotor: float, damping: float, stiffness: float, compliance: float, step: float) -> tuple[float, float]:
+    """Stiffness of a motor against its own step, and that of motor and transmission in a row as the link feels them.
+
+    Both moves are taken at the end of the step. A transmission that is all but rigid then joins the rotor's inertia to the
+    link's, where an explicit link would be thrown off by the spring's full force. Both are zero for a motor that nothing
+    holds back: it hands its torque on.
+    """
+    base = rotor / (step * step) + damping / step + stiffness
+    return base, 1.0 / (compliance + 1.0 / base) if base > 0.0 else 0.0
 
 
 @njit(nogil=True)
@@ -20,26 +34,20 @@ def motor_side(
     compliance: float,
     gap: float,
     step: float,
-) -> tuple[float, float]:
-    """One implicit step of a motor behind a transmission with play and twist.
+) -> float:
+    """Where a motor is at the end of a step behind a transmission with play and twist, whose link is then at `q`.
 
     The motor feels `pull - stiffness * angle - damping * speed` and the transmission.
-
-    Returns:
-        Angle and speed of the motor.
     """  # fmt: skip
     half = 0.5 * gap
-    inertia_rate = rotor / step
     base = rotor / (step * step) + damping / step + stiffness
-    right = pull + (inertia_rate * motor_speed) + (rotor / (step * step) + damping / step) * motor
-    free = right / base if base > 0.0 else motor
-    angle = free
-    if abs(free - q) > half or base <= 0.0:
-        side = 1.0 if free > q else -1.0
-        if base <= 0.0:
-            side = 1.0 if pull > 0.0 else -1.0
-        angle = (right + (q + side * half) / compliance) / (base + 1.0 / compliance)
-    return angle, (angle - motor) / step
+    if base <= 0.0:
+        return q + math.copysign(half, pull) + compliance * pull
+    right = pull + (rotor / step) * motor_speed + (rotor / (step * step) + damping / step) * motor
+    free = right / base
+    if abs(free - q) <= half:
+        return free
+    return (right + (q + math.copysign(half, free - q)) / compliance) / (base + 1.0 / compliance)
 
 
 @njit(nogil=True)

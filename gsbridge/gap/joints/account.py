@@ -1,0 +1,85 @@
+"""The account of a gap: all effects that explain a part of it, in order, and how much each explains where nobody fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gsbridge.effects.registry import Applied
+from gsbridge.gap.diagnosis.results import LIKELY, NAMED, ONE_OF, AccountEntry, EffectFit, Finding, GapAccount, Hypothesis
+from gsbridge.gap.joints.identify import JointIdentification
+from gsbridge.gap.joints.residual_map import map_residuals
+from gsbridge.gap.joints.residuals import JointResiduals
+
+_AS_GOOD = 0.9
+"""Share of what an entry explains that another effect must explain in its place to be one of those that could stand there."""
+
+_ALTERNATIVES = 6
+"""Of an entry, at most."""
+
+
+def account_of(search: JointIdentification, finding: Finding, third: JointResiduals) -> GapAccount | None:
+    """Take account of a gap; None where nothing was fitted, or nothing is missing.
+
+    Args:
+        search: The diagnosis, whose records `fit` and `select` it has.
+        finding: What it found.
+        third: JointResiduals of the record `verify`.
+    """
+    if finding.best is None or finding.verdict in ("no_discrepancy", "not_enough_excitation"):
+        return None
+    whole = search.widen(finding)
+    if whole is None:
+        return None
+    order = _order(search, whole)
+    sizes = [_size(third, [whole.fit.effects[k] for k in order[:number]]) for number in range(len(order) + 1)]
+    gap = max(sizes[0], 1e-9)
+    places = np.cumsum([0, *(len(candidate.effect.parameters) for candidate in whole.fit.who)])
+    entries = []
+    for number, k in enumerate(order):
+        candidate = whole.fit.who[k]
+        verdict, instead = _standing(search, finding, whole.fit, k)
+        deviations = whole.fit.deviations[places[k] : places[k + 1]]
+        share = float((sizes[number] - sizes[number + 1]) / gap)
+        entries.append(AccountEntry(candidate, whole.fit.effects[k], deviations, share, verdict, instead))
+    account = GapAccount(tuple(entries), float((sizes[0] - sizes[-1]) / gap))
+    found = map_residuals(third, third.residual(account.effects), third.simulate(account.effects))
+    values = np.where(found.marked, found.values, -np.inf)
+    if not np.isfinite(values).any():
+        return account
+    row, column = np.unravel_index(int(np.argmax(values)), values.shape)
+    columns = [name for names in found.groups.values() for name in names]
+    return replace(account, channel=found.channels[row], phase=columns[column], left=float(values[row, column]))
+
+
+def _size(view: JointResiduals, effects: Sequence[Applied]) -> float:
+    """Root mean square residual beyond the noise, in units of it."""
+    return float(np.sqrt(max((view.residual(tuple(effects)) ** 2).sum() / view.freedom - 1.0, 0.0)))
+
+
+def _order(search: JointIdentification, whole: Hypothesis) -> list[int]:
+    """Places of the effects in the order in which they explain `select`, each beside those before it."""
+    effects, out = whole.fit.effects, list[int]()
+    while len(out) < len(effects) - 1:
+        left = [k for k in range(len(effects)) if k not in out]
+        sizes = [_size(search.second, [effects[j] for j in (*out, k)]) for k in left]
+        out.append(left[int(np.argmin(sizes))])
+    return [*out, *(k for k in range(len(effects)) if k not in out)]
+
+
+def _standing(search: JointIdentification, finding: Finding, fitted: EffectFit, k: int) -> tuple[str, tuple[str, ...]]:
+    """How sure an entry is, and what else could stand in its place."""
+    candidate = fitted.who[k]
+    proven = finding.best is not None and candidate in finding.best.fit.who
+    if proven and finding.verdict == "named":
+        return NAMED, ()
+    if proven and finding.verdict == "ambiguous" and finding.best is not None:
+        others = [name for name in finding.ambiguous if name != " + ".join(finding.best.names)]
+        return ONE_OF, tuple(others[:_ALTERNATIVES])
+    without = search.first.residual(tuple(e for j, e in enumerate(fitted.effects) if j != k))
+    explained = float((without**2).sum()) - fitted.chi2
+    alike = [m for m in search.screen.matches(without) if m.candidate not in fitted.who and m.bound >= _AS_GOOD * explained]
+    alike.sort(key=lambda match: -match.bound)
+    return (ONE_OF, tuple(str(m.candidate) for m in alike[:_ALTERNATIVES])) if alike else (LIKELY, ())

@@ -1,0 +1,213 @@
+"""What is said where a model errs by more than noise: a tolerance, a name beside what remains, and the account of a gap."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from scipy.signal import lfilter
+
+from gsbridge.effects.registry import Applied
+from gsbridge.errors import InputError
+from gsbridge.gap.benchmark.generate import draw_case
+from gsbridge.gap.benchmark.mechanisms import axis_plant
+from gsbridge.gap.diagnosis.amend import amend_model
+from gsbridge.gap.diagnosis.backend import best_effects
+from gsbridge.gap.diagnosis.results import Hypothesis, Rules
+from gsbridge.gap.diagnosis.verdict import decide
+from gsbridge.gap.joints.bank import make_bank
+from gsbridge.gap.joints.candidates import JointCandidate
+from gsbridge.gap.joints.case import read_joint_case
+from gsbridge.gap.joints.detect import joint_null
+from gsbridge.gap.joints.diagnose import JointAccount, diagnose_joints
+from gsbridge.gap.joints.fit import EffectFit, fit
+from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
+from gsbridge.gap.joints.mechanism.replay import Mechanism
+from gsbridge.gap.joints.residuals import JointResiduals
+from gsbridge.gap.joints.screen import Screen
+
+SEED, COURSES = 40, 41
+
+SLOW = 2e-4
+"""A model error of this size, rad, slower than any noise: the noise of a sample is as large, its mean over a second is not."""
+
+
+@pytest.fixture(scope="module")
+def axis(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("axis")
+    return (*axis_plant(folder), folder)
+
+
+def records_of(axis, names=(), units=0.0, error=0.0, seed=SEED, **options):
+    """Records of an axis; with a slow error of the model on the positions, another in each."""
+    records = dict(draw_case(axis[1], names, units, seed, COURSES, **options).records)
+    rng = np.random.default_rng(seed)
+    for role, record in records.items():
+        drift = lfilter([np.sqrt(1 - 0.99**2)], [1, -0.99], rng.standard_normal((len(record.time) + 500, 1)), axis=0)[500:]
+        measured = dict(record.measured)
+        measured["position"] = measured["position"] + error * drift
+        records[role] = record.with_measured(measured)
+    return records
+
+
+def simulated(axis, records, effects, seed=SEED):
+    """The same records as if the model with some effects had moved, with white noise."""
+    out, rng = {}, np.random.default_rng(seed)
+    for role, record in records.items():
+        outputs = JointResiduals.of(Mechanism(axis[0]), record).simulate(effects)
+        noise = axis[1].noise
+        out[role] = record.with_measured(
+            {kind: outputs[kind] + noise[kind] * rng.standard_normal(outputs[kind].shape) for kind in record.measured}
+        )
+    return out
+
+
+def test_a_slow_error_within_the_tolerance_is_no_discrepancy(axis):
+    records = records_of(axis, error=SLOW)
+    view = JointResiduals.of(Mechanism(axis[0]), records["fit"])
+    assert joint_null(view, np.random.default_rng(0)).p_value(view.residual()) < Rules.alarm
+
+    tolerant = replace(records["fit"], tolerance={"position": np.array([1.5 * SLOW])})
+    view = JointResiduals.of(Mechanism(axis[0]), tolerant)
+    assert joint_null(view, np.random.default_rng(0)).p_value(view.residual()) >= Rules.alarm
+
+
+def test_an_effect_beyond_the_tolerance_still_is_one(axis):
+    records = records_of(axis, ("coulomb",), 40.0)
+    tolerant = {role: replace(r, tolerance={"position": np.array([1e-4])}) for role, r in records.items()}
+    found = diagnose_joints(axis[0], tolerant, axis[2] / "bank", seed=1).finding
+    assert found.verdict == "named"
+    assert found.best.names == ("coulomb:axis",)
+
+
+def test_a_tolerance_and_repeats_are_read_from_a_case(axis, tmp_path):
+    record = records_of(axis)["fit"]
+    shift = 1e-3 * np.sin(2 * np.pi * 0.4 * record.time)[:, None]
+    for name, apart in (("fit", 0.0), ("again", shift)):
+        table = {
+            "time [s]": record.time,
+            "command.axis [rad]": record.commands["command"][:, 0],
+            "position.axis [rad]": (record.measured["position"] + apart)[:, 0],
+        }
+        pd.DataFrame(table).to_csv(tmp_path / f"{name}.csv", index=False)
+    (tmp_path / "other.csv").write_text((tmp_path / "fit.csv").read_text().replace("0.3,", "0.2,", 1))
+    for path in axis[2].iterdir():
+        if path.is_file():
+            (tmp_path / path.name).write_bytes(path.read_bytes())
+    content = {"model": "model.yaml", "records": {"fit": "fit.csv", "select": "fit.csv", "verify": "fit.csv"}}
+
+    def read(**more):
+        (tmp_path / "case.yaml").write_text(yaml.safe_dump({**content, **more}), encoding="utf-8")
+        return read_joint_case(tmp_path / "case.yaml").records
+
+    assert read(tolerance={"position": 2e-4})["select"].tolerance["position"].tolist() == [2e-4]
+    # Two records that differ by d differ from their mean by d over the root of two each.
+    found = read(repeats={"fit": ["again.csv"]})["verify"].tolerance["position"]
+    assert found == pytest.approx(np.sqrt((shift**2).mean() / 2), rel=0.1)
+    with pytest.raises(InputError, match="no such record"):
+        read(repeats={"chirp": "again.csv"})
+    with pytest.raises(InputError, match=r"tolerance.position"):
+        read(tolerance={"position": -1.0})
+
+
+def test_fits_start_where_the_projection_leads(axis):
+    """A mass of half a kilogram beside the frame's origin, ten times what just shows, and in none of the bank's places."""
+    records = records_of(axis)
+    view = JointResiduals.of(Mechanism(axis[0]), records["fit"])
+    true = {"mass": 0.5, "x": 0.06, "y": 0.0, "z": 0.04}
+    view = JointResiduals.of(Mechanism(axis[0]), simulated(axis, records, (Applied("payload", "", true),))["fit"])
+    screen = Screen(view, make_bank(view, [JointCandidate("payload")]))
+    start = screen.matches(view.residual())[0].starts[0]
+    # One axis cannot part a mass from its lever: the start is right if it already explains most.
+    left = (view.residual([JointCandidate("payload").applied(start)]) ** 2).sum()
+    assert left < 0.05 * (view.residual() ** 2).sum()
+    found = fit(view, [JointCandidate("payload")], [start], screen=screen)
+    assert found.chi2 < 1.5 * view.freedom
+
+
+def test_free_play_vanishes_with_its_size(axis):
+    """At a millisecond's step as at any: the smaller the gap, the less it changes."""
+    view = JointResiduals.of(Mechanism(axis[0]), records_of(axis)["fit"])
+    rigid, sizes = view.stack(view.simulate()), []
+    for gap in (1e-3, 1e-5, 1e-7):
+        sizes.append(float(np.abs(view.stack(view.simulate([Applied("backlash", "axis", {"gap": gap})])) - rigid).max()))
+    for twist in (1e-4, 1e-6, 1e-8):
+        sizes.append(
+            float(np.abs(view.stack(view.simulate([Applied("compliance", "axis", {"compliance": twist})])) - rigid).max())
+        )
+    assert np.isfinite(sizes).all()
+    # Not-a-number where it diverged; of the size of the gap where it did not.
+    assert sizes[1] < 0.1 * sizes[0] + 1e-3
+    assert sizes[4] < 0.1 * sizes[3] + 1e-3
+    assert sizes[5] < 1e-2
+
+
+def _hypothesis(who, chi2, size=400):
+    part = np.full((size, 1), np.sqrt(chi2 / size))
+    count = len(who)
+    candidate = tuple(JointCandidate(name, "axis") for name in who)
+    effects = tuple(c.applied({p.name: 1.0 for p in c.effect.parameters}) for c in candidate)
+    numbers = sum(len(c.effect.parameters) for c in candidate)
+    made = EffectFit(candidate, effects, chi2, True, np.full(numbers, 0.01), 0.0, count)
+    return Hypothesis(made, part, part, chi2, 0.9)
+
+
+def test_one_number_more_must_explain_more_than_what_remains():
+    """Where a model errs, friction with two numbers always does a little better than friction with one."""
+    simple, rich = _hypothesis(["coulomb"], 4000.0), _hypothesis(["coulomb_asym"], 3500.0)
+    assert decide([simple, rich], Rules(), 400.0).trials[0] is simple
+    much = _hypothesis(["coulomb_asym"], 900.0)
+    assert decide([simple, much], Rules(), 400.0).trials[0] is much
+
+
+@pytest.fixture(scope="module")
+def told(axis):
+    """Latency and friction, and beside them a slow error of the model that no effect makes."""
+    records = records_of(axis)
+    effects = (Applied("command_delay", "", {"time": 0.02}), Applied("coulomb", "axis", {"torque": 0.6}))
+    records = simulated(axis, records, effects)
+    rng = np.random.default_rng(3)
+    for role, record in records.items():
+        drift = lfilter([np.sqrt(1 - 0.99**2)], [1, -0.99], rng.standard_normal((len(record.time) + 500, 1)), axis=0)[500:]
+        measured = {**record.measured, "position": record.measured["position"] + 5 * SLOW * drift}
+        records[role] = record.with_measured(measured)
+    diagnosis = diagnose_joints(axis[0], records, axis[2] / "bank", seed=1)
+    return diagnosis, JointAccount().findings_of(diagnosis, records, seed=1)
+
+
+def test_right_effects_are_named_although_something_remains(told):
+    diagnosis, found = told
+    assert diagnosis.finding.something_remains
+    assert found["verdict"] == "named"
+    assert {row["name"] for row in found["effects"]} <= {"command_delay", "coulomb"}
+
+
+def test_an_account_tells_effects_in_order_with_their_shares(told):
+    _, found = told
+    account = found["account"]
+    labels = [entry["label"] for entry in account["entries"]]
+    assert labels[:2] == ["command_delay", "coulomb:axis"]
+    shares = [entry["share"] for entry in account["entries"]]
+    assert sum(shares) == pytest.approx(account["explained"], abs=1e-9)
+    assert shares[0] > shares[1] > 0.0
+    assert account["explained"] > 0.9
+    assert {entry["verdict"] for entry in account["entries"]} <= {"named", "one of", "likely, not proven"}
+    assert [e["name"] for e in found["amended"]] == [e["name"] for e in account["entries"]]
+    assert [e.name for e in best_effects(found)] == [e["name"] for e in account["entries"]]
+    assert found["verify"]["after"] < found["verify"]["before"]
+
+
+def test_a_doubtful_noise_is_told(told):
+    _, found = told
+    assert any("repeats" in text for text in found["warnings"])
+
+
+def test_what_is_likely_is_told_as_closest(axis, told):
+    _, found = told
+    model = axis[2] / "model.yaml"
+    amend_model(model, {**found, "verdict": "none_of_the_known"}, axis[2] / "amended.yaml")
+    content = yaml.safe_load((axis[2] / "amended.yaml").read_text(encoding="utf-8"))
+    assert content["evidence"][-1]["verdicts"] == {e["label"]: e["verdict"] for e in found["account"]["entries"]}
+    assert [e["name"] for e in content["effects"]] == [e["name"] for e in found["account"]["entries"]]
+    assert read_mechanism_model(axis[2] / "amended.yaml").effects
