@@ -28,8 +28,8 @@ from gsbridge.gap.workflow import run_case
 
 SEED, COURSES = 40, 41
 
-BUDGET = 200
-"""Simulations that a diagnosis may take beside the bank, the account of what it leaves included."""
+BUDGET = Rules().budget + Rules().account
+"""Simulations that a diagnosis may take beside the bank: to name what is missing, and for the account of what that leaves."""
 
 
 @pytest.fixture(scope="module")
