@@ -71,6 +71,7 @@ lint: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/snakefmt --check Snakefile rules
+	$(BIN)/mypy
 	$(SNAKEMAKE) --lint
 
 # After an edit of gsbridge/configuration: the schema for editors, and the tables of docs/configuration.md.

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -63,9 +64,9 @@ class StageFiles:
     @classmethod
     def of(cls, inputs: Mapping[str, str], item_colour: tuple[float, float, float] | None = None) -> StageFiles:
         """From a rule's inputs, which have the names of the files here; those it does without are None."""
-        named = {name: inputs.get(name) for name in ("robot_splats", "registration", "photometry", "light")}
-        needed = {name: inputs[name] for name in ("robot", "item", "background", "model")}
-        return cls(**needed, **named, item_colour=item_colour)
+        named: dict[str, Any] = {name: inputs.get(name) for name in ("robot_splats", "registration", "photometry", "light")}
+        named |= {name: inputs[name] for name in ("robot", "item", "background", "model")}
+        return cls(**named, item_colour=item_colour)
 
 
 def build_renderer(files: StageFiles, settings: EnvironmentSettings) -> Renderer:

@@ -87,7 +87,7 @@ class Grip:
             raise InputError("grip", f"{self} makes no sense", "Give a centre, an axis, a width and a height in metres")
 
 
-def grip_of(points: Array, centre: Sequence[float] | None = None, *, tolerance: float = 1.06) -> Grip:
+def grip_of(points: Array, centre: Array | Sequence[float] | None = None, *, tolerance: float = 1.06) -> Grip:
     """Take an object across its narrowest side.
 
     Args:

@@ -73,7 +73,9 @@ def play(
     )
 
 
-def _row(environment: PickEnvironment, observation: Mapping[str, Array], info: Mapping[str, Any], eyes: Mapping[str, Eye]):
+def _row(
+    environment: PickEnvironment, observation: Mapping[str, Array], info: Mapping[str, Any], eyes: Mapping[str, Eye]
+) -> dict[str, Any]:
     """One state: fields of `Episode` without their first axis."""
     world, state = environment.world, state_of(info)
     return {

@@ -125,12 +125,16 @@ def _places(item: Asset, views: Views, masks: Path, background: Asset) -> tuple[
     table_from_body = np.linalg.inv(item.body_from_table)
     spheres = moved(spheres_in(item.mesh(), OBJECT_SPHERES), table_from_body)
     floor = Composition({}, with_underlay(background.cloud(), background.mesh()))
-    drawn, seen, points = [], [], []
+    drawn: list[Array] = []
+    seen: list[Array] = []
+    points: list[Array] = []
     chosen = list(views)[::_EVERY_VIEW]
     progress = Progress(len(chosen), "photos")
     for view in chosen:
         before, after, where = _compared(view, views.path(view), masks, floor, table_from_body[:2, 3])
-        drawn.append(before), seen.append(after), points.append(where)
+        drawn.append(before)
+        seen.append(after)
+        points.append(where)
         progress.update()
     before, after = np.concatenate(drawn), np.concatenate(seen)
     transmitted = transmittances(np.concatenate(points), spheres, directions(), WIDTH)

@@ -221,6 +221,6 @@ def _shrunk(path: Path, camera: Camera, small: Camera) -> Array:
     if not camera.is_pinhole:
         # OpenCV counts pixel centres from 0, we from 0.5.
         matrix = replace(camera, cx=camera.cx - 0.5, cy=camera.cy - 0.5).intrinsics
-        light = cv2.undistort(light, matrix, np.array(camera.distortion))
+        light = cv2.undistort(light, matrix, np.array(camera.distortion)).astype(np.float32)
     shrunk = cv2.resize(light, (small.width, small.height), interpolation=cv2.INTER_AREA)
     return np.asarray(srgb_from_linear(shrunk.astype(np.float64)))

@@ -139,7 +139,7 @@ def follow(environment: PickEnvironment, policy: Policy, pose_set: str, index: i
         int(info["refused"]),
         int(info["clipped"]),
     )
-    return trial, TrialPath(pose_set, index, *columns, jpegs=tuple(jpegs))
+    return trial, TrialPath(pose_set, index, *columns, jpegs=tuple(jpegs))  # type: ignore[misc,arg-type]  # one column for each field between
 
 
 def write_table(path: str | Path, trials: Sequence[tuple[str, Trial]]) -> None:

@@ -119,18 +119,18 @@ class EnvironmentSettings:
         """Where objects start; the plate stays free."""
         discs = () if self.plate is None else (KeepOut(self.plate.x, self.plate.y, self.plate.keep_out),)
         side = START_SIDES[self.task] if self.start_side is None else self.start_side
-        return StartRegion(tuple(self.start_centre), side, tuple(self.start_yaw), discs)
+        return StartRegion((self.start_centre[0], self.start_centre[1]), side, (self.start_yaw[0], self.start_yaw[1]), discs)
 
     def rules(self) -> Grasp | Place:
         """Rules of the task."""
         if self.task == "grasp":
-            return Grasp(hold_steps=self.hold_steps, area_centre=tuple(self.start_centre))
+            return Grasp(hold_steps=self.hold_steps, area_centre=(self.start_centre[0], self.start_centre[1]))
         assert self.plate is not None
         return Place(
             plate_centre=(self.plate.x, self.plate.y),
             plate_height=self.plate.height,
             max_contact_force=self.max_contact_force,
-            area_centre=tuple(self.start_centre),
+            area_centre=(self.start_centre[0], self.start_centre[1]),
         )
 
 

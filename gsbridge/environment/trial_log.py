@@ -21,6 +21,7 @@ import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -102,7 +103,7 @@ def decode(jpeg: bytes) -> Array:
 def write_trial_log(path: str | Path, trials: Sequence[TrialPath]) -> None:
     """Write trials, whole or not at all."""
     jpegs = [jpeg for trial in trials for jpeg in trial.jpegs]
-    arrays = {name: np.concatenate([getattr(trial, name) for trial in trials]) for name in _PATHS}
+    arrays: dict[str, Any] = {name: np.concatenate([getattr(trial, name) for trial in trials]) for name in _PATHS}
     with atomic_file(path) as temporary, temporary.open("wb") as file:
         np.savez(
             file,

@@ -11,6 +11,7 @@ import numpy as np
 
 from gsbridge.environment.build import StageFiles, build_controller, build_environment, build_renderer, camera_response
 from gsbridge.environment.env import PickEnvironment, state_of
+from gsbridge.environment.gaussian_renderer import GaussianRenderer
 from gsbridge.environment.settings import RENDERERS, EnvironmentSettings
 from gsbridge.errors import StageError
 from gsbridge.files import atomic_directory, write_stage
@@ -65,6 +66,8 @@ def draw_views(
     progress = Progress(count, "views")
     states: list[ViewState] = []
     coverage, held = [], 0
+    splats = renderers["gs"]
+    assert isinstance(splats, GaussianRenderer)
     with atomic_directory(out) as folder:
         for start in range(count):
             _, info = environment.reset(seed=start, options={"pose_set": pose_set, "index": start})
@@ -81,7 +84,7 @@ def draw_views(
             for name, renderer in renderers.items():
                 picture = respond(renderer.render(poses, camera), response, rng)
                 write_image(folder / picture_name(start, name), picture)
-            coverage.append(renderers["gs"].coverage(poses, camera))
+            coverage.append(splats.coverage(poses, camera))
             states.append(state)
             progress.update()
         environment.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
@@ -110,7 +111,7 @@ def trimmed(hull: Hull, cloud: Cloud, views: Sequence[View]) -> Hull:
 
 def fuse(
     hull: Hull, cloud: Cloud, views: Sequence[View], settings: MeshSettings, *, narrow: bool, seed: int, threads: int
-) -> tuple[Grid, Array, dict[str, float]]:
+) -> tuple[Grid, Array, dict[str, Any]]:
     """Solid of an object as a signed distance.
 
     Args:

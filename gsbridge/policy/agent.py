@@ -61,10 +61,9 @@ class Agent:
         self.target_critics = copy.deepcopy(self.critics).requires_grad_(False)
         self.averaged = copy.deepcopy(self.actor).requires_grad_(False)
         self.log_alpha = torch.tensor(math.log(settings.alpha_start), device=device, requires_grad=True)
-        fused = {"fused": True}
         self.optimisers = {
-            "actor": torch.optim.Adam(self.actor.parameters(), lr=settings.learning_rate, **fused),
-            "critics": torch.optim.Adam(self.critics.parameters(), lr=settings.learning_rate, **fused),
+            "actor": torch.optim.Adam(self.actor.parameters(), lr=settings.learning_rate, fused=True),
+            "critics": torch.optim.Adam(self.critics.parameters(), lr=settings.learning_rate, fused=True),
             "alpha": torch.optim.Adam([self.log_alpha], lr=settings.alpha_rate),
         }
         # A stream of its own, apart from the one that the networks started from.
@@ -169,7 +168,8 @@ class Agent:
 
     def _update_critics(self, batch: Batch) -> dict[str, float]:
         target, out = self.targets(batch)
-        loss = losses.critic_loss(*self.critics(batch.privileged, batch.action), target)
+        first, second = self.critics(batch.privileged, batch.action)
+        loss = losses.critic_loss(first, second, target)
         _step(self.optimisers["critics"], loss)
         return {**out, "critic_loss": float(loss.detach())}
 

@@ -1,8 +1,8 @@
 """Image noise and random image attributes for a batch: per picture one 3x3 matrix on its colours, an offset, and noise. The
 gripper's opening is varied, too.
 
-The ranges are those of the environment's `Jitter`, so that a training and a disturbed trial speak of the same figures.
 Brightness, contrast, saturation, tint and hue are linear in the colours; together they cost one small product per picture.
+Pictures are not shifted: that would break the geometry that a soft-argmax reads off.
 
 Source: RL-GSBridge, "we add random noise to the rendered images of the GS model and randomly alter certain image attribute
 parameters during training"; brightness, saturation and contrast of its code vary by 0.4, hue by 25 degrees.
@@ -16,7 +16,6 @@ import torch
 from torch import Tensor
 
 from gsbridge.environment.proprioception import OPENING, OPENING_ERROR
-from gsbridge.environment.wrappers import Jitter
 from gsbridge.errors import InputError
 
 _BANK = 1 << 18
@@ -26,11 +25,33 @@ _GREY = (0.299, 0.587, 0.114)
 
 
 @dataclass(frozen=True)
+class Jitter:
+    """Ranges of random image attributes; 0 leaves an attribute alone.
+
+    Args:
+        brightness, contrast, saturation: Factors are drawn from 1 - value to 1 + value.
+        tint: Each channel's factor is drawn from 1 - value to 1 + value.
+        hue_deg: Turn of the colours about grey, from -value to value.
+    """
+
+    brightness: float = 0.3
+    contrast: float = 0.3
+    saturation: float = 0.3
+    tint: float = 0.1
+    hue_deg: float = 10.0
+
+    def __post_init__(self) -> None:
+        for name in ("brightness", "contrast", "saturation", "tint"):
+            _within(f"jitter: {name}", getattr(self, name), 0.0, 0.95)
+        _within("jitter: hue_deg", self.hue_deg, 0.0, 180.0)
+
+
+@dataclass(frozen=True)
 class Augmentation:
     """Ranges of what a picture is varied by.
 
     Args:
-        jitter: Ranges of the attributes; shifts are not used, they break the geometry that a soft-argmax reads off.
+        jitter: Ranges of the attributes.
         offset: Each channel is shifted by -value to value, of the range of a picture.
         noise: Standard deviation of the noise: each picture draws its own from 0 to this, of the range of a picture.
         opening: Standard deviations of noise on both entries of `proprio` that tell the opening, in their units: about 3 mm, by
@@ -48,8 +69,6 @@ class Augmentation:
     def __post_init__(self) -> None:
         if not (0.0 <= self.offset <= 0.5 and 0.0 <= self.noise <= 0.5):
             raise InputError("augmentation", f"offset {self.offset} or noise {self.noise} is out of range", "Give 0 to 0.5")
-        if self.jitter.shift_px:
-            raise InputError("augmentation: jitter", "pictures are not shifted in training", "Give shift_px 0")
         if not (len(self.opening) == 2 and all(0.0 <= value <= 1.0 for value in self.opening)):
             raise InputError("augmentation: opening", f"{self.opening} is out of range", "Give two numbers from 0 to 1")
 
@@ -136,3 +155,14 @@ def colour_maps(settings: Augmentation, count: int, generator: torch.Generator) 
     shift = settings.offset * (2.0 * torch.rand(count, 3, generator=generator) - 1.0)
     offset = (matrix @ black) + 0.5 * (1.0 - contrast)[:, None] - 0.5 + shift
     return matrix, offset
+
+
+def _within(name: str, value: float, low: float, high: float) -> float:
+    """A number within bounds.
+
+    Raises:
+        InputError: It is not.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+        raise InputError(name, f"{value!r} is out of range", f"Give {low:g} to {high:g}")
+    return value

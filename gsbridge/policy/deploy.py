@@ -99,33 +99,31 @@ def deploy(wanted: Deployment, ask: Callable[[str], str]) -> list[tuple[EpisodeL
         InputError: Files, driver and policy do not belong together; see `run_policy`.
     """
     # All that can be wrong with files is found before an arm is touched.
-    policy: Policy | OnnxPolicy = load_policy(wanted.policy)
-    interface = PolicyInterface.of(policy.spec)
+    trained = load_policy(wanted.policy)
+    interface = PolicyInterface.of(trained.spec)
     facts = {
         "policy": str(wanted.policy),
-        "policy_sha256": policy.spec["sha256"],
-        "task": policy.spec["task"],
+        "policy_sha256": trained.spec["sha256"],
+        "task": trained.spec["task"],
         "driver": wanted.driver,
         "runtime": wanted.runtime,
         "registration": str(wanted.registration),
     }
-    if wanted.runtime == "onnx":
-        policy = load_onnx(wanted.policy)
+    policy: Policy | OnnxPolicy = load_onnx(wanted.policy) if wanted.runtime == "onnx" else trained
     registration = read_registration(wanted.registration)
     for reason in registration.reasons:
         logger.warning("the registration is degraded: %s", reason)
     plan = _plan(wanted, interface)
     driver = _driver(wanted, interface, registration)
     try:
-        simulated = isinstance(driver, WorldDriver)
-        # A world is only as fast as its processor, and its pictures have no noise.
-        clock, limits = (driver.clock, Limits(frozen=None)) if simulated else (WallClock(), Limits())
-        setup = Setup(interface, driver, registration, clock, limits)
-        operator: Operator = (
-            WorldOperator(driver, interface.settings)
-            if simulated
-            else Person(interface.settings.task, ask, None if wanted.dry_run else driver.rest)
-        )
+        operator: Operator
+        if isinstance(driver, WorldDriver):
+            # A world is only as fast as its processor, and its pictures have no noise.
+            setup = Setup(interface, driver, registration, driver.clock, Limits(frozen=None))
+            operator = WorldOperator(driver, interface.settings)
+        else:
+            setup = Setup(interface, driver, registration, WallClock(), Limits())
+            operator = Person(interface.settings.task, ask, None if wanted.dry_run else driver.rest)
         return run_session(policy, setup, operator, plan, facts)
     finally:
         close = getattr(driver, "close", None)

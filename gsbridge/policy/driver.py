@@ -45,7 +45,8 @@ class RobotDriver(Protocol):
         camera: Intrinsics of the pictures, distortion included; None for the camera of `registration.json`.
     """
 
-    camera: Camera | None
+    @property
+    def camera(self) -> Camera | None: ...
 
     def rest(self) -> None:
         """Open the gripper, drive slowly to the rest posture, and return when the arm stands still."""

@@ -123,6 +123,6 @@ class PolicyInterface:
 
 def _settings(content: Mapping[str, Any]) -> EnvironmentSettings:
     """Settings of the environment from JSON, which knows no tuples."""
-    values = {name: tuple(value) if isinstance(value, list) else value for name, value in content.items()}
+    values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in content.items()}
     plate = values.pop("plate")
     return EnvironmentSettings(**values, plate=None if plate is None else Plate(**plate))

@@ -62,7 +62,7 @@ class Encoder(nn.Module):
             nn.Conv2d(second, third, 3, 1),
             nn.ReLU(),
             SoftArgmax(),
-        ).to(memory_format=torch.channels_last)
+        ).to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's stubs lack it
         self.size = 3 * third
 
     def forward(self, pictures: Tensor) -> Tensor:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
@@ -136,8 +137,8 @@ def build_graph(weights: Mapping[str, Array], image_size: int) -> onnx.ModelProt
     """
     graph = _Graph(weights)
     x = graph.add("Cast", "image", to=TensorProto.FLOAT)
-    x = graph.add("Mul", x, graph.constant("scale", np.float32(PICTURE_SCALE)))
-    x = graph.add("Add", x, graph.constant("offset", np.float32(PICTURE_OFFSET)))
+    x = graph.add("Mul", x, graph.constant("scale", np.array(PICTURE_SCALE, np.float32)))
+    x = graph.add("Add", x, graph.constant("offset", np.array(PICTURE_OFFSET, np.float32)))
     x = graph.add("Transpose", x, perm=[0, 3, 1, 2])
     size = image_size
     for number, stride in enumerate(_STRIDES):
@@ -179,9 +180,11 @@ class _Graph:
     """Nodes and tensors in the order in which they are added, with names that only depend on that order."""
 
     def __init__(self, weights: Mapping[str, Array]) -> None:
-        self.weights, self.nodes, self.tensors = weights, [], []
+        self.weights = weights
+        self.nodes: list[onnx.NodeProto] = []
+        self.tensors: list[onnx.TensorProto] = []
 
-    def add(self, kind: str, *inputs: str, **attributes: object) -> str:
+    def add(self, kind: str, *inputs: str, **attributes: Any) -> str:
         """Append a node; returns the name of its result."""
         name = f"{kind.lower()}_{len(self.nodes)}"
         self.nodes.append(helper.make_node(kind, list(inputs), [name], name=name, **attributes))
@@ -192,7 +195,7 @@ class _Graph:
         self.tensors.append(numpy_helper.from_array(np.ascontiguousarray(value), name))
         return name
 
-    def layer(self, kind: str, x: str, name: str, **attributes: object) -> str:
+    def layer(self, kind: str, x: str, name: str, **attributes: Any) -> str:
         """Append a layer with weight and bias; returns the name of its result."""
         tensors = (self.constant(f"{name}.{part}", self.weights[f"{name}.{part}"]) for part in ("weight", "bias"))
         return self.add(kind, x, *tensors, **attributes)
@@ -211,7 +214,7 @@ def _difference(policy: Policy, other: OnnxPolicy) -> float:
         # Noise alone would never move the soft-argmax far; patches do.
         coarse = rng.integers(0, 256, (8, 8, 3)).repeat(size // 8, 0).repeat(size // 8, 1)
         image = (coarse if number % 2 else rng.integers(0, 256, (size, size, 3))).astype(np.uint8)
-        observation = {"image": image, "proprio": rng.uniform(-2, 2, PROPRIO).astype(np.float32)}
+        observation: dict[str, Array] = {"image": image, "proprio": rng.uniform(-2, 2, PROPRIO).astype(np.float32)}
         # max() would pass over a NaN.
         worst = float(np.maximum(worst, np.abs(policy(observation) - other(observation)).max()))
     return worst

@@ -74,7 +74,9 @@ class Rectifier:
             )
         if self._map is None:
             return image
-        light = cv2.remap(_LIGHT[image[self._part]], *self._map, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        light = cv2.remap(
+            _LIGHT[image[self._part]], self._map[0], self._map[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
         height, width = self.target.height, self.target.width
         mean = light.reshape(height, self._fine, width, self._fine, 3).mean((1, 3))
         return to_u8(srgb_from_linear(mean))

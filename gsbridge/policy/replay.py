@@ -11,6 +11,7 @@ import zipfile
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -138,7 +139,7 @@ class Replay:
 
     def save(self, path: str | Path) -> None:
         """Write all that is stored, exactly, as `.npz`."""
-        arrays = {name: array[: self._filled] for name, array in self._arrays.items()}
+        arrays: dict[str, Any] = {name: array[: self._filled] for name, array in self._arrays.items()}
         place = np.array([self.capacity, self.image_size, self._next, self._filled, int(self._open)], np.int64)
         with atomic_file(path) as temporary:
             np.savez(temporary, place=place, **arrays)

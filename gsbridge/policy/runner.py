@@ -132,7 +132,10 @@ class _Loop:
     def warm_up(self) -> None:
         """Let the policy act once on nothing."""
         camera = self.setup.interface.camera
-        blank = {"image": np.zeros((camera.height, camera.width, 3), np.uint8), "proprio": np.zeros(PROPRIO, np.float32)}
+        blank: dict[str, Array] = {
+            "image": np.zeros((camera.height, camera.width, 3), np.uint8),
+            "proprio": np.zeros(PROPRIO, np.float32),
+        }
         self.policy(blank, {})
 
     def start(self) -> None:

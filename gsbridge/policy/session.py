@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.policy.episode_log import EpisodeLog, write_episode
 from gsbridge.policy.robot_trials import StartPose, TrialFile, Verdict
@@ -43,7 +45,7 @@ class WorldOperator:
 
     def place(self, pose: StartPose) -> None:
         """See `Operator`."""
-        self.driver.prepare([pose.x, pose.y, pose.yaw], episode_seed(self.settings, pose.index))
+        self.driver.prepare(np.array([pose.x, pose.y, pose.yaw]), episode_seed(self.settings, pose.index))
 
     def over(self) -> bool:
         """See `Operator`."""

@@ -146,6 +146,6 @@ def _reasons(files: StageFiles, training: Training, alarms: int) -> list[str]:
             out.append(f"the {name} is degraded")
     if training.retest < POOR:
         out.append(f"it succeeds in {training.retest:.0%} of new starts in simulation")
-    if alarms > RINGING * training.rows[-1]["update"]:
+    if alarms > RINGING * (training.rows[-1]["update"] or 0.0):
         out.append(f"critic targets exceeded the largest return in {alarms} updates")
     return out

@@ -59,7 +59,7 @@ class Kinematics:
     tip: str = "tool"
 
     @classmethod
-    def read(cls, urdf: str | Path, rest: Sequence[float] = REST_POSTURE, tip: str = "tool") -> Kinematics:
+    def read(cls, urdf: str | Path, rest: Array | Sequence[float] = REST_POSTURE, tip: str = "tool") -> Kinematics:
         """Read a description.
 
         Raises:

@@ -119,7 +119,8 @@ def _read_input(
             name: (Camera.from_json(item["camera"]), np.array(item["cam_from_world"], dtype=np.float64))
             for name, item in record["known_cameras"].items()
         }
-        others = {frame["name"]: tuple(int(side) for side in frame["size"]) for frame in record["frames"] if "size" in frame}
+        sized = [frame for frame in record["frames"] if "size" in frame]
+        others = {frame["name"]: (int(frame["size"][0]), int(frame["size"][1])) for frame in sized}
         ordered = record["source"]["kind"] in ("video", "film")
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(source, f"the record of the keyframes is damaged ({error})", "Delete it and run again") from error

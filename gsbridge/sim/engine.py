@@ -90,6 +90,9 @@ class Engine:
         measured: Angles and speeds of the arm and the gripper's driver, as of the last `measure`. [2, 8].
     """
 
+    advance: Callable[[], None]
+    """Play one step of physics."""
+
     def __init__(
         self,
         robot: RobotFiles,

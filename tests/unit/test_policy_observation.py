@@ -9,9 +9,8 @@ from environment_fixture import PLATE, HandWorld
 from policy_fixture import CONTROLLER, blob_environment, blob_observer
 
 from gsbridge.configuration.policy import PolicySettings
-from gsbridge.environment.wrappers import Jitter
 from gsbridge.errors import InputError
-from gsbridge.policy.augment import Augmentation, Augmenter, colour_maps
+from gsbridge.policy.augment import Augmentation, Augmenter, Jitter, colour_maps
 from gsbridge.policy.networks import LOG_STD, Actor, Critics, SoftArgmax
 from gsbridge.policy.observation import PRIVILEGED, Frame, actor_input, picture, position_label, privileged
 
@@ -154,7 +153,7 @@ def test_only_the_opening_is_noisy_in_proprio():
     torch.testing.assert_close(felt.std(0), expected, rtol=0.05, atol=0)
 
 
-@pytest.mark.parametrize("values", [{"noise": -0.1}, {"offset": 0.9}, {"jitter": Jitter(shift_px=2)}, {"opening": (0.1, -0.1)}])
+@pytest.mark.parametrize("values", [{"noise": -0.1}, {"offset": 0.9}, {"opening": (0.1, -0.1)}])
 def test_augmentation_refuses(values):
     with pytest.raises(InputError):
         Augmentation(**values)
@@ -202,3 +201,9 @@ def test_share_of_the_controller():
     assert settings.model_copy(update={"algo": "bc"}).lambda_at(900) == 1.0
     assert settings.model_copy(update={"algo": "sac"}).lambda_at(0) == 0.0
     assert settings.model_copy(update={"algo": "sac", "target": "paper"}).maximum == "none"
+
+
+@pytest.mark.parametrize("values", [{"brightness": 1.0}, {"hue_deg": float("nan")}, {"tint": -0.1}])
+def test_ranges_of_attributes_that_make_no_sense_are_refused(values):
+    with pytest.raises(InputError, match="out of range"):
+        Jitter(**values)

@@ -11,7 +11,6 @@ import torch
 from policy_fixture import CONTROLLER, blob_environment
 
 from gsbridge.configuration.policy import PolicySettings
-from gsbridge.environment.wrappers import ImageNoise
 from gsbridge.errors import InputError
 from gsbridge.policy.curve import COLUMNS
 from gsbridge.policy.evaluation import evaluate_controller, evaluation_poses
@@ -39,8 +38,20 @@ class Killed(gymnasium.Wrapper):
         return self.env.step(action)
 
 
+class Noisy(gymnasium.ObservationWrapper):
+    """Pictures with noise that an episode's seed decides, as all that is random in an environment."""
+
+    def reset(self, *, seed=None, options=None):
+        self.rng = np.random.default_rng(seed)
+        return super().reset(seed=seed, options=options)
+
+    def observation(self, observation):
+        noise = self.rng.normal(0.0, 3.0, observation["image"].shape)
+        return {**observation, "image": np.clip(observation["image"] + noise, 0, 255).astype(np.uint8)}
+
+
 def environment():
-    return ImageNoise(blob_environment(max_steps=12), 3.0)
+    return Noisy(blob_environment(max_steps=12))
 
 
 def curve(folder):

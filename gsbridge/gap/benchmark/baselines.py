@@ -166,7 +166,7 @@ def _sparse(screen: Screen, residual: Array) -> list[Applied]:
         new = residual.ravel() - solved @ shapes[tried]
         if float(left @ left - new @ new) < np.log(residual.size) or (solved <= 0).any():
             break
-        chosen, factors, left = tried, solved, new
+        chosen, factors, left = tried, np.asarray(solved), np.asarray(new)
         owners.append(screen.signatures[number].candidate)
     return [_sized(screen, k, float(f)) for k, f in zip(chosen, factors, strict=True)]
 

@@ -227,7 +227,8 @@ def _common(order: PlannedCase, split: str, seed: int) -> dict[str, Any]:
 def _sealed_truth(folder: Path, truth: Mapping[str, Any], clean: Mapping[str, Array]) -> str:
     """Write a truth and what would have been seen without noise. Returns the truth's SHA-256."""
     arrays, path = folder / f"{truth['key']}.npz", folder / f"{truth['key']}.json"
-    np.savez_compressed(arrays, **clean)
+    content: dict[str, Any] = dict(clean)
+    np.savez_compressed(arrays, **content)
     write_json(path, {**truth, "clean_sha256": hashlib.sha256(arrays.read_bytes()).hexdigest()})
     return hashlib.sha256(path.read_bytes()).hexdigest()
 

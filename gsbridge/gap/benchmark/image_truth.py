@@ -63,8 +63,7 @@ class TruthCamera:
             flat = cv2.undistortPoints(points, matrix, np.array([bend, 0.0, 0.0, 0.0]), criteria=stop)[:, 0]
         else:
             flat = (points[:, 0] - matrix[:2, 2]) / np.diag(matrix)[:2]
-        flat = flat / (1.0 + fringe)
-        return np.column_stack([flat, np.ones(len(flat))])
+        return np.column_stack([flat / (1.0 + fringe), np.ones(len(flat))])
 
     def _photo(self, track: Track, time: float) -> Array:
         focal, bend, fringe = 1.0 + self._size("focal"), self._size("distortion"), self._size("fringe")

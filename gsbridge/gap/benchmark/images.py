@@ -188,9 +188,9 @@ def hidden_pairs(
         plain, changed = site.lens().photos(track, moments), site.lens(hidden, spin).photos(track, moments)
         poses = track.at(moments)
         again = np.mean([grainy(plain, {}, rng) for _ in range(REPEATS)], axis=0).astype(np.float32)
-        taken = (grainy(plain, {}, rng), again, grainy(changed, hidden, rng))
+        first, shown = grainy(plain, {}, rng), grainy(changed, hidden, rng)
         depths, moved = site.depths(poses, rng), (track, moments) if moving else (None, None)
-        out[role] = Pairs(site.camera, *taken, depths, poses, *moved, REPEATS, role)
+        out[role] = Pairs(site.camera, first, again, shown, depths, poses, moved[0], moved[1], REPEATS, role)
     return out
 
 

@@ -115,7 +115,7 @@ def arm_plant(system: MechanismModel, centre: Sequence[float], reach: Sequence[f
     )
 
 
-_ARM = {
+_ARM: dict[str, Any] = {
     "joints": tuple(f"lbr_iiwa_joint_{k}" for k in range(1, 8)),
     "controller": ([600, 600, 400, 400, 100, 60, 20], [40, 40, 25, 25, 4, 2, 0.3]),
     "viscous": [2.0, 2.0, 1.0, 1.0, 0.2, 0.1, 0.02],

@@ -12,8 +12,9 @@ from scipy.stats import chi2 as chi2_law
 
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.benchmark.baselines import ALARM, FITTED, answer
+from gsbridge.gap.diagnosis.results import Candidate
 from gsbridge.gap.image.fit import fit
-from gsbridge.gap.image.model import ImageCandidate, image_candidates
+from gsbridge.gap.image.model import image_candidates
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.gap.image.residuals import ImageResiduals, learn_noise
 from gsbridge.gap.image.screen import Group, screen, signatures
@@ -87,7 +88,7 @@ class _SignatureTable:
         """Of every amplitude the signature that explains most, all together by linear least squares; the one that moved most in
         typical sizes."""
         gains = (self.columns.T @ self.residual / self.lengths) ** 2
-        kept: dict[tuple[ImageCandidate, str], int] = {}
+        kept: dict[tuple[Candidate, str], int] = {}
         for k, (who, _, name, _, _) in enumerate(self.rows):
             if (who, name) not in kept or gains[k] > gains[kept[who, name]]:
                 kept[who, name] = k
@@ -101,7 +102,7 @@ class _SignatureTable:
     def few(self) -> list[Applied]:
         """Signatures taken one by one by what they explain beside the others, until BIC is against it."""
         left, chosen, factors = self.residual, list[int](), np.zeros(0)
-        owners: list[ImageCandidate] = []
+        owners: list[Candidate] = []
         while True:
             scores = np.abs(self.columns.T @ left) / self.lengths
             scores[[k for k, row in enumerate(self.rows) if row[0] in owners]] = -np.inf

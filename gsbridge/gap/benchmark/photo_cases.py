@@ -8,6 +8,7 @@ import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -48,7 +49,9 @@ def write_photos(folder: Path, pairs: Mapping[str, Pairs]) -> dict[str, str]:
     digests = {}
     for role, views in pairs.items():
         path = folder / f"{role}.npz"
-        moving = {} if views.track is None else {"track_times": views.track.times, "track_poses": views.track.poses}
+        moving: dict[str, Any] = {}
+        if views.track is not None:
+            moving |= {"track_times": views.track.times, "track_poses": views.track.poses}
         moving |= {} if views.times is None else {"times": views.times}
         np.savez_compressed(
             path,
@@ -88,8 +91,9 @@ def _pairs(path: Path, camera: Camera, role: str) -> Pairs:
             content = {name: file[name] for name in file.files}
         repeats = int(content["repeats"])
         track = Track(content["track_times"], content["track_poses"]) if "track_times" in content else None
+        pictures = [content[name].astype(np.float32) / scale for name, scale in _scales(repeats).items()]
         return Pairs(
-            camera, *(content[name].astype(np.float32) / scale for name, scale in _scales(repeats).items()),
+            camera, pictures[0], pictures[1], pictures[2],
             content["depths"], content["poses"], track, content.get("times"), repeats, role,
             hashlib.sha256(path.read_bytes()).hexdigest(),
         )  # fmt: skip

@@ -46,7 +46,7 @@ def twins_of(plant: str, hidden: Mapping[str, float], channels: Iterable[str]) -
         hidden: Sizes by name, `name:joint` for one joint.
         channels: Logged ones.
     """
-    groups = list(_AXIS if plant == "axis" else ())
+    groups: list[tuple[str, ...]] = list(_AXIS if plant == "axis" else ())
     if "effort" not in channels:
         groups += _BLIND
     if max(hidden.get("command_delay", 0.0), hidden.get("lag", 0.0)) < SHORT:

@@ -81,7 +81,8 @@ def split_throws(throws: Mapping[str, Throws], source: str | Path) -> tuple[dict
     Raises:
         InputError: A role would have too few throws.
     """
-    out, reasons = dict(throws), ()
+    out = dict(throws)
+    reasons: tuple[str, ...] = ()
     missing = [role for role in ROLES if role not in throws]
     if "fit" in missing:
         raise InputError(source, "there are no throws 'fit'", "Name the first of them fit")

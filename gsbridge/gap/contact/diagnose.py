@@ -51,14 +51,15 @@ def diagnose_throws(
     verification, spans, figures = None, [], []
     phases = select.phases()
     where = {phase: (phases[phase], phases[phase]) for phase in PHASES if phase in phases}
-    if finding.best is not None:
-        effects = finding.best.fit.effects
+    best = finding.best
+    if best is not None:
+        effects = best.fit.effects
         before, after = float(third.errors().mean()), float(third.errors(effects).mean())
         share = closure(before, after, finding.floor)
         verification = Verification(before, after, share, {"position": (before, after)}, after <= before)
         if finding.verdict == "named" and not verification.transfers():
             finding = finding.refuted()
-        spans = intervals(first, finding.best.fit, np.random.default_rng([seed, 1]))
+        spans = intervals(first, best.fit, np.random.default_rng([seed, 1]))
         figures = _changes(body, effects)
         after_phases = select.phases(effects)
         where = {phase: (before, after_phases[phase]) for phase, (before, _) in where.items()}

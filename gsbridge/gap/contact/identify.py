@@ -83,7 +83,7 @@ class ThrowHypothesis:
 
 
 @dataclass(frozen=True)
-class ThrowFinding(Finding):
+class ThrowFinding(Finding[ThrowHypothesis]):
     """What was found. Gaps are mean distances on `select`, m; simulations are passes over the throws of a role.
 
     Args:

@@ -250,8 +250,8 @@ class Account:
                 f"Something is missing that is in no catalogue: the best known explanation ({names}) {self.leaves(diagnosis)}."
             )
         if finding.verdict == "ambiguous":
-            names, more = finding.ambiguous[:_LISTED], len(finding.ambiguous) - _LISTED
-            listed = " and ".join([*names, f"{more} more"] if more > 0 else names)
+            alike, more = finding.ambiguous[:_LISTED], len(finding.ambiguous) - _LISTED
+            listed = " and ".join([*alike, f"{more} more"] if more > 0 else alike)
             how = self.effects[best.fit.effects[0].name].tell_apart
             return f"These {self.measured} cannot decide between {listed}. To tell them apart: {how}."
         parts = "; ".join(self.lacks(item) for item in self.describe(diagnosis))

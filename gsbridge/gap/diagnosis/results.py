@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
 
@@ -206,8 +206,12 @@ class Hypothesis:
         )
 
 
+H = TypeVar("H")
+"""What a backend calls a fit that was judged: `Hypothesis`, or its own."""
+
+
 @dataclass(frozen=True)
-class Finding:
+class Finding(Generic[H]):
     """What was found.
 
     Args:
@@ -228,8 +232,8 @@ class Finding:
     """
 
     verdict: str
-    best: Hypothesis | None
-    rivals: tuple[tuple[Hypothesis, float], ...]
+    best: H | None
+    rivals: tuple[tuple[H, float], ...]
     ambiguous: tuple[str, ...]
     something_remains: bool
     p_value: float
@@ -242,7 +246,7 @@ class Finding:
     untold: bool = False
     lost: tuple[str, ...] = ()
 
-    def refuted(self) -> Finding:
+    def refuted(self) -> Self:
         """The same where `verify` contradicts it: it closed the gap where it was chosen, but not elsewhere."""
         return replace(self, verdict="none_of_the_known", ambiguous=(), something_remains=True)
 

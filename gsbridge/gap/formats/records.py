@@ -156,17 +156,19 @@ def record_of(table: pd.DataFrame, path: Path, layout: Layout, *, digest: str) -
 
 def _per_joint(kind: str, dimension: str, joints: Sequence[str], columns: Columns) -> Array | None:
     """Columns `kind.joint` of all joints, or None if there is none of the kind."""
-    found = [columns.get(f"{kind}.{joint}", dimension) for joint in joints]
-    if all(values is None for values in found):
+    found = {joint: columns.get(f"{kind}.{joint}", dimension) for joint in joints}
+    if all(values is None for values in found.values()):
         return None
-    for joint, values in zip(joints, found, strict=True):
+    stated = []
+    for joint, values in found.items():
         if values is None:
             raise InputError(
                 columns.source,
                 f"there are '{kind}' columns, but no '{kind}.{joint}'",
                 f"Add '{kind}.{joint} [unit]', or leave the kind out",
             )
-    return np.stack(found, axis=1)
+        stated.append(values)
+    return np.stack(stated, axis=1)
 
 
 def check_clock(record: Record, source: str | Path) -> None:

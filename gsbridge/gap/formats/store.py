@@ -23,7 +23,7 @@ def save_records(path: str | Path, records: Mapping[str, Record]) -> None:
         path: The file (`.npz`).
         records: By role.
     """
-    arrays: dict[str, Array] = {}
+    arrays: dict[str, Any] = {}
     plain: dict[str, dict[str, Any]] = {}
     for role, record in records.items():
         plain[role] = {}

@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.optimize import least_squares
 
-from gsbridge.gap.diagnosis.results import EffectFit
-from gsbridge.gap.image.model import ImageCandidate
+from gsbridge.gap.diagnosis.results import Candidate, EffectFit
 from gsbridge.gap.image.residuals import ImageResiduals
 from gsbridge.geometry import Array
 
@@ -25,7 +24,7 @@ class _LostError(Exception):
 
 
 def fit(
-    view: ImageResiduals, who: Sequence[ImageCandidate], starts: Sequence[Mapping[str, float]], rounds: int = _ROUNDS
+    view: ImageResiduals, who: Sequence[Candidate], starts: Sequence[Mapping[str, float]], rounds: int = _ROUNDS
 ) -> EffectFit:
     """Fit all parameters of some effects together.
 
@@ -72,14 +71,15 @@ def fit(
         return EffectFit(
             tuple(who), effects(begin / scale), float((residual(begin / scale) ** 2).sum()), False, unknown, 0.0, 1
         )
-    curvature = found.jac.T @ found.jac
+    slope = np.asarray(found.jac)
+    curvature = slope.T @ slope
     size = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
     covariance = np.linalg.pinv(curvature * np.outer(size, size), rcond=1e-8) * np.outer(size, size)
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * scale
     root = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     spread = np.outer(root, root)
     correlation = float(np.abs(covariance / np.maximum(spread, 1e-300) - np.eye(len(scale))).max()) if len(scale) > 1 else 0.0
-    shown = np.linalg.svd(found.jac, compute_uv=False)
+    shown = np.linalg.svd(slope, compute_uv=False)
     rank = max(1, int((shown > _HIDDEN * shown[0]).sum()))
     chi2 = 2.0 * float(found.cost)
     return EffectFit(tuple(who), effects(found.x), chi2, found.status > 0, deviations, correlation, rank)

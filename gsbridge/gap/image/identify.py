@@ -16,7 +16,7 @@ from gsbridge.gap.diagnosis.closure import closed
 from gsbridge.gap.diagnosis.results import EffectFit, Finding, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import decide, transfer
 from gsbridge.gap.image.fit import fit
-from gsbridge.gap.image.model import ImageCandidate
+from gsbridge.gap.image.model import Candidate
 from gsbridge.gap.image.null import ImageNull
 from gsbridge.gap.image.residuals import ImageResiduals
 from gsbridge.gap.image.screen import ImageMatch, screen, signatures, unseen_of
@@ -49,7 +49,7 @@ class ImageIdentification:
         self,
         first: ImageResiduals,
         second: ImageResiduals,
-        who: Sequence[ImageCandidate],
+        who: Sequence[Candidate],
         rules: Rules | None = None,
         seed: int = 0,
     ) -> None:
@@ -91,7 +91,7 @@ class ImageIdentification:
         """Sets of pictures so far."""
         return sum(view.expectation.pictures for view in (self.first, self.second, self.rough))
 
-    def _fitted(self, who: Sequence[ImageCandidate], starts: Sequence[dict[str, float]]) -> Hypothesis | None:
+    def _fitted(self, who: Sequence[Candidate], starts: Sequence[dict[str, float]]) -> Hypothesis | None:
         """A trial of some effects; None where the fit did not converge."""
         if any(candidate.effect.hook in ("geometry", "time") for candidate in who):
             # Details that moved by more than their own size lead a fit astray.
@@ -138,7 +138,7 @@ class ImageIdentification:
     def _several(self, singles: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Sets of effects: forward from the best, each earlier effect swapped, then slimmed."""
         trials = list(singles)
-        tried: set[frozenset[ImageCandidate]] = set()
+        tried: set[frozenset[Candidate]] = set()
         best = min(trials, key=lambda trial: trial.score)
         for count in range(2, self.rules.most + 1):
             bases = sorted((t for t in trials if len(t.fit.who) == count - 1), key=lambda t: t.score)[: 2 if count == 2 else 1]
@@ -158,17 +158,17 @@ class ImageIdentification:
             if self._p_remaining(best) >= self.rules.alarm:
                 break
         # A part of the best set may do as well, and only have been fitted from a worse start.
-        for rest in combinations(best.fit.who, len(best.fit.who) - 1):
-            trial = self._again(rest, best) if rest else None
+        for part in combinations(best.fit.who, len(best.fit.who) - 1):
+            trial = self._again(part, best) if part else None
             trials += [] if trial is None else [trial]
         return self._slim(trials)
 
-    def _again(self, who: Sequence[ImageCandidate], top: Hypothesis) -> Hypothesis | None:
+    def _again(self, who: Sequence[Candidate], top: Hypothesis) -> Hypothesis | None:
         """Some effects of an explanation fitted without the others."""
         values = dict(zip(top.fit.who, top.fit.values, strict=True))
         return self._fitted(who, [values[candidate] for candidate in who])
 
-    def _beside(self, base: Hypothesis, tried: set[frozenset[ImageCandidate]]) -> list[Hypothesis]:
+    def _beside(self, base: Hypothesis, tried: set[frozenset[Candidate]]) -> list[Hypothesis]:
         """Fits of an explanation with one effect more, those that screen best."""
         out: list[Hypothesis] = []
         others = [match for match in screen(self.groups, base.first) if match.candidate not in base.fit.who]
@@ -183,7 +183,7 @@ class ImageIdentification:
 
     def _slim(self, trials: list[Hypothesis]) -> list[Hypothesis]:
         """Leave out sets that are hardly better than one of their subsets, and worse fits of the same set."""
-        fits: dict[frozenset[ImageCandidate], Hypothesis] = {}
+        fits: dict[frozenset[Candidate], Hypothesis] = {}
         for trial in sorted(trials, key=lambda trial: trial.score):
             fits.setdefault(frozenset(trial.fit.who), trial)
         trials = list(fits.values())

@@ -12,8 +12,9 @@ from scipy.optimize import nnls
 
 from gsbridge.effects.images.shooting import Shooting
 from gsbridge.effects.registry import Applied
+from gsbridge.gap.diagnosis.results import Candidate
 from gsbridge.gap.image.expect import Expectation
-from gsbridge.gap.image.model import ImageCandidate, shooting
+from gsbridge.gap.image.model import shooting
 from gsbridge.gap.image.noise_model import LEAST, Flats, slopes_of
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.gap.image.visibility import off_steps
@@ -165,7 +166,7 @@ class ImageResiduals:
         """Root mean square of a residual, in units of the noise."""
         return float(np.sqrt((table.astype(np.float64) ** 2).sum() / self.numbers))
 
-    def tells(self, candidate: ImageCandidate) -> bool:
+    def tells(self, candidate: Candidate) -> bool:
         """Whether an effect can be told at all: without time stamps a flicker is any other light."""
         return self.pairs.times is not None or not candidate.effect.timed
 
@@ -190,10 +191,10 @@ class ImageResiduals:
             (self.shape[2] * self.size, self.shape[1] * self.size),
             interpolation=cv2.INTER_NEAREST,
         )
-        covered = covered.reshape(*covered.shape[:2], -1).transpose(2, 0, 1) > 0
+        seen = covered.reshape(*covered.shape[:2], -1).transpose(2, 0, 1) > 0
         height, width = self.pairs.camera.height, self.pairs.camera.width
         whole = np.zeros((len(self.pairs), height, width), bool)
-        whole[:, : covered.shape[1], : covered.shape[2]] = covered
+        whole[:, : seen.shape[1], : seen.shape[2]] = seen
         before = self.pairs.before.astype(np.float32)
         return Flats.of(before, slopes_of(before), whole)
 

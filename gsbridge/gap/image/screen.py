@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from gsbridge.gap.image.model import ImageCandidate
+from gsbridge.gap.diagnosis.results import Candidate
 from gsbridge.gap.image.residuals import ImageResiduals
 from gsbridge.geometry import Array
 
@@ -29,7 +30,7 @@ class Group:
         tables: Changes of the residual, in units of the noise. [S, D] float32.
     """
 
-    who: ImageCandidate
+    who: Candidate
     values: tuple[Mapping[str, float], ...]
     lows: Array
     tables: Array
@@ -45,12 +46,12 @@ class ImageMatch:
         start: Parameters to begin a fit with.
     """
 
-    candidate: ImageCandidate
+    candidate: Candidate
     gain: float
     start: dict[str, float]
 
 
-def signatures(view: ImageResiduals, who: Sequence[ImageCandidate]) -> list[Group]:
+def signatures(view: ImageResiduals, who: Sequence[Candidate]) -> list[Group]:
     """Signatures of effects in the views of a role."""
     plain, out = view.residual(), []
     for candidate in who:
@@ -90,7 +91,8 @@ def screen(groups: Sequence[Group], residual: Array) -> list[ImageMatch]:
         groups: Signatures.
         residual: In units of the noise. [T, C].
     """
-    flat, best = residual.ravel(), {}
+    flat = residual.ravel()
+    best: dict[Any, Any] = {}
     for group in groups:
         along = (group.tables @ flat).astype(np.float64)
         gain, factors = gains_of(along, (group.tables @ group.tables.T).astype(np.float64), group.lows)
@@ -112,7 +114,7 @@ def lengths(groups: Sequence[Group]) -> dict[str, float]:
     return out
 
 
-def unseen_of(view: ImageResiduals, who: Sequence[ImageCandidate], groups: Sequence[Group]) -> tuple[str, ...]:
+def unseen_of(view: ImageResiduals, who: Sequence[Candidate], groups: Sequence[Group]) -> tuple[str, ...]:
     """Candidates that cannot show in these photos at their typical size, or not be told at all."""
     seen = lengths(groups)
     return tuple(sorted(str(one) for one in who if not view.tells(one) or seen.get(str(one), 0.0) < _SHOWN))

@@ -151,7 +151,7 @@ def _added(total: Array | None, values: Array) -> Array:
     if total is None:
         return values
     width = max(total.shape[1], values.shape[1])
-    return sum(np.pad(part, ((0, 0), (0, width - part.shape[1]))) for part in (total, values))
+    return sum((np.pad(part, ((0, 0), (0, width - part.shape[1]))) for part in (total, values)), np.zeros((1, 1)))
 
 
 def _pairs(view: JointResiduals, residual: Array) -> list[_Pair]:

@@ -40,7 +40,7 @@ def map_residuals(view: JointResiduals, residual: Array, outputs: Mapping[str, A
     """
     names, time = tuple(view.record.label(kind, k) for kind, k in view.channels), view.record.time
     motion = [np.nan_to_num(outputs[kind]) for kind in ("position", "velocity", "effort")]
-    cells = {False: [_cells(*(values[:, k] for values in motion), time) for k in range(len(view.record.joints))]}
+    cells = {False: [_cells(motion[0][:, k], motion[1][:, k], motion[2][:, k], time) for k in range(len(view.record.joints))]}
     if TOOL in outputs:
         # Of the tool itself, along each axis; its load is that of all motors.
         load = np.abs(motion[2]).sum(axis=1)

@@ -191,7 +191,7 @@ class Screen:
         owner = np.array([names[self.signatures[k].candidate] for k in rows])
         gram = (self.shapes[rows] @ self.shapes[rows].T).astype(np.float64)
         right = along[rows]
-        sets = [((k,), 0.0) for k in range(len(rows))]
+        sets: list[tuple[tuple[int, ...], float]] = [((k,), 0.0) for k in range(len(rows))]
         for _ in range(count - 1):
             sets = self._extend(sets, gram, right, owner, keep * 4)
         out, low, high = [], *_STRETCH

@@ -160,7 +160,7 @@ def _residuals(view: JointResiduals) -> dict[str, Any]:
 
 def _alike(view: JointResiduals, bank: SignatureBank, who: Sequence[Candidate]) -> list[dict[str, Any]]:
     """Pairs of candidates that look alike in these records, the closest first."""
-    first = {}
+    first: dict[Candidate, Any] = {}
     for signature in bank.signatures:
         first.setdefault(signature.candidate, signature)
     chosen = [first[candidate] for candidate in who if candidate in first]

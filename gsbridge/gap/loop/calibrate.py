@@ -121,14 +121,15 @@ def calibrate(system: MechanismModel, records: Mapping[str, Record], held_out: S
     upper = np.full(len(scale), np.inf)
     upper[-1] = _LONGEST / _DELAY
     found = least_squares(
-        residuals, start / scale, bounds=(np.zeros(len(scale)), upper), x_scale="jac", diff_step=_STEP, max_nfev=25,
+        residuals, start / scale, bounds=(np.zeros(len(scale)), upper), x_scale="jac", diff_step=[_STEP], max_nfev=25,
         ftol=1e-5, xtol=1e-6, loss="soft_l1", f_scale=_TAIL,
     )  # fmt: skip
     vector = found.x * scale
     after = {role: _size(view, noise[role], _effects(bare, vector)) for role, view in views.items()}
     floor = _floor([views[role] for role in held_out], _effects(bare, vector))
     wide = max(1.0, float(np.sqrt(2 * found.cost / len(found.fun))))
-    covariance = np.linalg.pinv(found.jac.T @ found.jac, rcond=1e-12)
+    slope = np.asarray(found.jac)
+    covariance = np.linalg.pinv(slope.T @ slope, rcond=1e-12)
     spread = wide * np.sqrt(np.maximum(np.diag(covariance), 0.0)) * scale
     count = len(system.joints)
     figures = {name: vector[k * count : (k + 1) * count] for k, name in enumerate(FIGURES)}

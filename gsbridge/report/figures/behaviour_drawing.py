@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 
@@ -32,9 +33,9 @@ FAILED = "#b3202a"
 RENDERERS = {"gs": "RL-GSBridge (splats)", "mesh": "RL-sim (mesh)", "mesh_vertex": "RL-sim (mesh, vertex colours)"}
 LOWER, UPPER = np.array([-0.15, 0.115, 0.0]), np.array([0.15, 0.415, 0.28])
 """Corners of the box that is always shown, m: the start region, up to where the hand starts."""
-OBJECT = {"color": "#6b6b6b", "marker": "s", "s": 12, "linewidths": 0, "zorder": 1}
+OBJECT: dict[str, Any] = {"color": "#6b6b6b", "marker": "s", "s": 12, "linewidths": 0, "zorder": 1}
 CENTIMETRES = FuncFormatter(lambda value, _: f"{100 * value:.0f}")
-_FONT = {"font.size": 9, "font.family": "DejaVu Sans", "axes.linewidth": 0.6}
+_FONT: dict[Any, Any] = {"font.size": 9, "font.family": "DejaVu Sans", "axes.linewidth": 0.6}
 
 
 @dataclass(frozen=True)
@@ -72,8 +73,8 @@ def write_behaviour_figure(blocks: Sequence[Block], lines: Sequence[Line], world
     heights = [2.4 * len(block.lines) + 0.3 for block in blocks] + [0.26 * len(lines) + 1.0]
     with plt.rc_context(_FONT):
         page = plt.figure(figsize=(14.0, sum(heights)), layout="constrained")
-        page.get_layout_engine().set(w_pad=0.02, h_pad=0.02, wspace=0.0, hspace=0.0)
-        parts = np.atleast_1d(page.subfigures(len(heights), 1, height_ratios=heights))
+        page.set_layout_engine("constrained", w_pad=0.02, h_pad=0.02, wspace=0.0, hspace=0.0)
+        parts = page.subfigures(len(heights), 1, squeeze=False, height_ratios=heights).ravel()
         for part, block in zip(parts, blocks, strict=False):
             _draw_block(part, block, world)
         _draw_distances(parts[-1], lines, world)
@@ -104,9 +105,9 @@ def spread_starts(starts: Sequence[Start], count: int = SHOWN) -> list[Start]:
 def _draw_block(part: SubFigure, block: Block, world: str) -> None:
     """One cell: per renderer the paths at the left, two strips at the right."""
     part.suptitle(cell_name(block.lines[0].cell), fontsize=12, fontweight="bold")
-    rows = part.subfigures(len(block.lines), 1)
+    rows = part.subfigures(len(block.lines), 1, squeeze=False).ravel()
     limits = _limits([start for line in block.lines for start in spread_starts(line.starts)], world)
-    for row, line, chosen in zip(np.atleast_1d(rows), block.lines, block.chosen, strict=True):
+    for row, line, chosen in zip(rows, block.lines, block.chosen, strict=True):
         space, top, strips = row.subfigures(1, 3, width_ratios=(2.8, 2.4, 8.8))
         _draw_space(space, line, world, limits)
         _draw_top(top, line, world, limits)
@@ -136,7 +137,7 @@ def _draw_top(part: SubFigure, line: Line, world: str, limits: tuple[Array, Arra
     axes = part.subplots()
     starts = spread_starts(line.starts)
     for start in starts:
-        axes.scatter(*start.pose[:2], **OBJECT)
+        axes.scatter(start.pose[0], start.pose[1], **OBJECT)
     _draw_paths(axes, starts, world, 2)
     lower, upper = limits
     axes.set(xlim=(lower[0], upper[0]), ylim=(lower[1], upper[1]), aspect="equal")
@@ -158,7 +159,8 @@ def _draw_paths(axes: Axes, starts: Sequence[Start], world: str, dimensions: int
             hand = trial.hand[:, :dimensions]
             axes.plot(*hand.T, color=_colour(name), linewidth=width, alpha=0.55 if name == SIM else 1.0, zorder=order)
             if not trial.success:
-                axes.scatter(*hand[-1], color=FAILED, marker="x", s=22, linewidths=1.4, zorder=6)
+                mark: dict[str, Any] = {"color": FAILED, "marker": "x", "s": 22, "linewidths": 1.4, "zorder": 6}
+                axes.scatter(*hand[-1], **mark)
 
 
 def _dress(axes: Axes3D, lower: Array, upper: Array) -> None:
@@ -243,7 +245,11 @@ def _draw_distances(part: SubFigure, lines: Sequence[Line], world: str) -> None:
     for place, line in enumerate(lines):
         wins = np.array([start.trials[world].success for start in line.starts])
         height = place + rng.uniform(-0.22, 0.22, len(wins))
-        for chosen, style in ((wins, {"color": COLOURS["other"]}), (~wins, {"color": FAILED, "marker": "x"})):
+        marks: tuple[tuple[Any, dict[str, Any]], ...] = (
+            (wins, {"color": COLOURS["other"]}),
+            (~wins, {"color": FAILED, "marker": "x"}),
+        )
+        for chosen, style in marks:
             axes.scatter(line.distances_mm[chosen], height[chosen], s=11, linewidths=0.8, alpha=0.75, **style)
         median = float(np.median(line.distances_mm))
         axes.plot([median, median], [place - 0.36, place + 0.36], color="black", linewidth=2.0)

@@ -79,7 +79,7 @@ def write_editing_figure(columns: Sequence[Column], photos: Mapping[str, Picture
         squeeze=False,
         layout="constrained",
     )
-    figure.get_layout_engine().set(w_pad=0.015, h_pad=0.04, wspace=0.0, hspace=0.0)
+    figure.set_layout_engine("constrained", w_pad=0.015, h_pad=0.04, wspace=0.0, hspace=0.0)
     for axis in axes.flat:
         axis.set_xticks([])
         axis.set_yticks([])

@@ -87,7 +87,7 @@ def write_eye_in_hand(pairs: Sequence[Looked], figure: str | Path, rows: str | P
     names = ("photo", *RENDERERS)
     height = 0.95 * len(names) + 0.35
     page = plt.figure(figsize=(SHOWN * 0.95 + 1.5, height * len(blocks)), layout="constrained")
-    for part, (pair, chosen, means) in zip(np.atleast_1d(page.subfigures(len(blocks), 1)), blocks, strict=True):
+    for part, (pair, chosen, means) in zip(page.subfigures(len(blocks), 1, squeeze=False).flat, blocks, strict=True):
         axes = part.subplots(len(names), SHOWN, squeeze=False, gridspec_kw={"wspace": 0.02, "hspace": 0.02})
         part.suptitle(f"{pair.item} on {pair.background}".replace("_", " "), fontsize=10)
         for line, name in zip(axes, names, strict=True):

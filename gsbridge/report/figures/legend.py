@@ -22,6 +22,6 @@ def legend_above(figure: FigureBase, handles: Sequence[Artist], labels: Sequence
     """
     for columns in range(len(labels), 0, -1):
         legend = figure.legend(handles, labels, loc="outside upper center", ncols=columns, frameon=False, fontsize=fontsize)
-        if columns == 1 or legend.get_window_extent().width <= FILLED * figure.bbox.width:
+        if columns == 1 or legend.get_window_extent().width <= FILLED * figure.get_window_extent().width:
             return
         legend.remove()

@@ -116,8 +116,8 @@ def trials_by_cell(
 ) -> list[tuple[Cell, list[TrialFiles]]]:
     """Group files of trials by their policy; one entry per file in each list, cells by the names of their fields."""
     out: dict[Cell, list[TrialFiles]] = {}
-    for cell, *file in zip(cells, worlds, seeds, tables, logs, strict=True):
-        out.setdefault(Cell(**cell), []).append(TrialFiles(*file))
+    for cell, world, seed, table, log in zip(cells, worlds, seeds, tables, logs, strict=True):
+        out.setdefault(Cell(**cell), []).append(TrialFiles(world, seed, table, log))
     return list(out.items())
 
 

@@ -97,13 +97,13 @@ def write_rendering_comparison(scenes: Sequence[ComparedScene], out: str | Path,
         raise InputError(out, "there is no scene to compare", "Train the splats of a scene first")
     panels = [_panel(scene, view) for scene in scenes]
     bindings = [binding for binding in SHOWN if any(binding in panel.shown for panel in panels)]
-    differences = [binding for binding in ("soft", "games") if binding in bindings] or bindings[:1]
+    differences: list[str] = [binding for binding in ("soft", "games") if binding in bindings] or bindings[:1]
     titles = ["photo (held out)", *(TITLES[b] for b in bindings), *(f"{AMPLIFIED:.0f} × |{b} − photo|" for b in differences)]
     titles = [title.replace("|games", "|GaMeS") for title in titles]
     width = 2.6
     size = (width * len(titles) + 0.5, (width / ASPECT) * 2 * len(panels) + 0.35)
     figure, axes = plt.subplots(2 * len(panels), len(titles), figsize=size, squeeze=False, layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.02, h_pad=0.02, wspace=0.01, hspace=0.01)
+    figure.set_layout_engine("constrained", w_pad=0.02, h_pad=0.02, wspace=0.01, hspace=0.01)
     for index, panel in enumerate(panels):
         _draw_scene(axes[2 * index], axes[2 * index + 1], panel, bindings, differences)
     for axis, title in zip(axes[0], titles, strict=True):

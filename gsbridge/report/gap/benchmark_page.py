@@ -146,7 +146,7 @@ def _tier(tier: str, found: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _counts(rows: Sequence[Mapping[str, Any]], title: str) -> list[dict[str, str]]:
+def _counts(rows: Sequence[Mapping[str, Any]], title: str) -> list[dict[str, Any]]:
     """Cases of each group by outcome, from rates."""
     return [
         {

@@ -32,7 +32,7 @@ UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m", "tool": "m"}
 
 _INK, _SOFT = "#1d2733", "#5b6b7b"
 _HEAT = LinearSegmentedColormap.from_list("gap", ["#f3f6f9", "#f5d9ad", "#d9822b", "#8c2f08"])
-PLAIN = {
+PLAIN: dict[Any, Any] = {
     "font.size": 10.5,
     "axes.edgecolor": "#c4ccd5",
     "axes.labelcolor": _SOFT,
@@ -245,7 +245,7 @@ def draw_throws(series: Mapping[str, Array], role: str, floor: float | None) -> 
     """
     with plt.rc_context(PLAIN):
         figure = plt.figure(figsize=(11, 7.6), layout="constrained")
-        above, below = figure.subfigures(2, 1, height_ratios=[1.0, 1.15])
+        above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=[1.0, 1.15]).ravel()
         axis = above.subplots()
         if floor is not None:
             axis.axhspan(0, floor, color=NOISE, alpha=0.22, linewidth=0, label="what noise and chaos explain, on average")

@@ -111,7 +111,7 @@ def solid(body: FreeBody) -> tuple[Array, Array]:
         pose[:3, :3] = Rotation.from_euler("xyz", [float(value) for value in place.get("rpy", "0 0 0").split()]).as_matrix()
         part.apply_transform(pose)
         parts.append(part)
-    whole = trimesh.util.concatenate(parts)
+    whole: Any = trimesh.util.concatenate(parts)
     return np.asarray(whole.vertices, dtype=np.float64), np.asarray(whole.faces)
 
 

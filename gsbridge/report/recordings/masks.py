@@ -50,6 +50,6 @@ def record_masks(views_json: str | Path, images: str | Path, masks: str | Path, 
             rings = cv2.findContours(small, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]
             outlines = [np.vstack([ring[:, 0], ring[:1, 0]]) + 0.5 for ring in rings]
             log_photo(stream, "photo/image", photo)
-            stream.log("photo/mask", rr.SegmentationImage(small * OBJECT_CLASS, opacity=0.4))
+            stream.log("photo/mask", rr.SegmentationImage((small * OBJECT_CLASS).astype(np.uint8), opacity=0.4))
             stream.log("photo/outline", rr.LineStrips2D(outlines, colors=[255, 230, 60], radii=0.8))
             stream.log("plots/area_percent", rr.Scalars(100 * float(mask.mean())))

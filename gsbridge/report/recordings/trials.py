@@ -108,7 +108,7 @@ def _layout(worlds: Sequence[str]) -> rrb.Container:
         ]
 
     texts = [rrb.TextDocumentView(origin=origin, name=origin.capitalize()) for origin in ("outcome", "trials")]
-    plots = [
+    plots: list[rrb.Horizontal | rrb.TimeSeriesView] = [
         rrb.Horizontal(*curves("actions", "Actions (-1 to 1)")),
         rrb.Horizontal(*curves("forces", "Contact forces (N)")),
     ]

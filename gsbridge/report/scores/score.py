@@ -175,7 +175,9 @@ def score_figure(floor: Mapping[str, Any], measured: Mapping[str, Any] | None, p
         "met": not reason,
         "reason": reason,
         "stretch": stretch,
-        "stretch_met": None if stretch is None else bool(not reason and reaches(value, stretch, floor["direction"])),
+        "stretch_met": None
+        if stretch is None
+        else bool(not reason and value is not None and reaches(value, stretch, floor["direction"])),
         "where": measured.get("where") or floor["where"],
         "preset": floor["preset"],
     }

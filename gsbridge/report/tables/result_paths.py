@@ -78,7 +78,8 @@ def cell_of(path: str | Path, folder: str) -> tuple[Cell, tuple[str, ...]]:
     if pair.count("+") != 1:
         rule = f"{folder}/<task>/<object>+<background>/<renderer>/<variant>/"
         raise InputError(path, "the cell cannot be told from this path", f"Keep the file below {rule}")
-    return Cell(task, *pair.split("+"), renderer, variant), parts[found[-1] + 5 :]
+    item, _, background = pair.partition("+")
+    return Cell(task, item, background, renderer, variant), parts[found[-1] + 5 :]
 
 
 def seed_of(name: str, path: str | Path) -> int:

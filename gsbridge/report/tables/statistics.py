@@ -23,7 +23,7 @@ def fisher_p(sim_successes: int, sim_trials: int, real_successes: int, real_tria
     """
     check_counts(sim_successes, sim_trials)
     check_counts(real_successes, real_trials)
-    table = [[sim_successes, sim_trials - sim_successes], [real_successes, real_trials - real_successes]]
+    table = np.array([[sim_successes, sim_trials - sim_successes], [real_successes, real_trials - real_successes]])
     return float(stats.fisher_exact(table).pvalue)
 
 

@@ -157,7 +157,7 @@ def paper_mean(cells: Sequence[Cell], world: str) -> float | None:
 def paper_change(cell: Cell) -> float | None:
     """The paper's relative change of a cell, from its simulation to its robot."""
     paper = PAPER_SUCCESS.get(cell)
-    return paper and relative_change(paper.rate(STRICT_WORLD), paper.rate(ROBOT))
+    return None if paper is None else relative_change(paper.rate(STRICT_WORLD), paper.rate(ROBOT))
 
 
 def paper_drop(cells: Sequence[Cell] = PAPER_SCENARIOS) -> float | None:
@@ -279,7 +279,7 @@ def summary_table(rows: Sequence[Row], task: str, *, title: str) -> Table | None
     cells, counts = standard_cells(rows, task), read_counts(rows)
     if len(cells) < 2:
         return None
-    columns = ("start poses", "world", "cells", "mean success", "of all trials", "paper's mean")
+    columns: tuple[str, ...] = ("start poses", "world", "cells", "mean success", "of all trials", "paper's mean")
     columns += ("drop, all cells", "drop, the paper's six", "r", "MMRV")
     body = []
     for view in overviews(counts, cells):

@@ -208,9 +208,9 @@ def read_trial_files(
         out.append(TrialFile(cell, rest[0], seed, read_trials(path), (*_scene_reasons(cell, before), *reasons)))
     for name, path in (robot or {}).items():
         cell, _ = cell_of(Path("trials", name, ROBOT, "seed0.csv"), "trials")
-        own = [reasons for (other, _), reasons in trained.items() if other == cell]
+        every = [doubts for (other, _), doubts in trained.items() if other == cell]
         # Which seed drove the robot is not written down: a reservation about one is a reservation about the trials.
-        reasons = tuple(dict.fromkeys(reason for reasons in own for reason in reasons))
+        reasons = tuple(dict.fromkeys(reason for doubts in every for reason in doubts))
         out.append(TrialFile(cell, ROBOT, 0, read_trials(path), (*_scene_reasons(cell, before), *reasons)))
     return out
 

@@ -108,7 +108,7 @@ def training_table(rows: Sequence[Row]) -> Table | None:
                 row["status"],
             )
         )
-    columns = ("cell", "trained on", "seed", "steps", "best", "retest", "controller")
+    columns: tuple[str, ...] = ("cell", "trained on", "seed", "steps", "best", "retest", "controller")
     columns += ("CPU min", "of it simulate", "act", "learn", "evaluate", "CPU min to 95 %", "replay MB", "frames/s", "status")
     notes = (
         "Best: success in the evaluation that chose the weights; retest: the same weights from other random start poses; "

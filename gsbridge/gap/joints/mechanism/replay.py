@@ -84,7 +84,8 @@ class Mechanism:
             q, v = true_state(setup, q, v)
             simulate(
                 chain.parents, chain.fixed, chain.axes, chain.slides, bodies, setup.gravity, self._brain, system.gravity, law,
-                MODE[system.controller.mode], 2 * np.pi * system.controller.bandwidth, *(item[begin:] for item in wanted),
+                MODE[system.controller.mode], 2 * np.pi * system.controller.bandwidth,
+                wanted[0][begin:], wanted[1][begin:], wanted[2][begin:],
                 q[order], v[order], float(record.time[first]), step, every, system.centred, raw,
             )  # fmt: skip
             channels: dict[str, Array] = {}
