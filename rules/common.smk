@@ -11,10 +11,8 @@ from pathlib import Path
 ROOT = Path(workflow.basedir)
 sys.path.insert(0, str(ROOT))
 # Jobs run the code that the digests tell about, whichever copy of the package is installed.
-searched = os.environ.get("PYTHONPATH", "").split(os.pathsep)
-os.environ.update(
-    PYTHONPATH=os.pathsep.join(filter(None, dict.fromkeys([str(ROOT), *searched])))
-)
+searched = [str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
+os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, dict.fromkeys(searched)))
 
 from gsbridge.configuration.checks import check_asked, check_configuration
 from gsbridge.digests import code_digest, kernel_digest, script_digest
@@ -61,10 +59,7 @@ PROJECT_FILES = {
 }
 # A case of one's own needs no entry: `--config gap_case=FILE`.
 OWN_CASE = config["gap_case"]
-GAP_CASES = {
-    **GAP["cases"],
-    **({case_name(OWN_CASE): OWN_CASE} if OWN_CASE else {}),
-}
+GAP_CASES = {**GAP["cases"], **({case_name(OWN_CASE): OWN_CASE} if OWN_CASE else {})}
 GAP_BANK = "results/.state/gap_bank"
 # The one way of naming that needs a package of its own; the page says what was left out.
 GAP_METHODS = [
@@ -86,8 +81,9 @@ if workflow.is_main_process:
         PLAN.scene_source(scene)
     restore_folder_dates(Path.cwd())
     if PLAN.left_out:
+        absent = ", ".join(PLAN.left_out)
         logger.warning(
-            f"Example captures that are not on this machine are left out: {', '.join(PLAN.left_out)}"
+            f"Example captures that are not on this machine are left out: {absent}"
         )
 
 
