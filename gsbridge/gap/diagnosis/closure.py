@@ -66,3 +66,8 @@ def closed_at_most_times(before: Array, after: Array, share: float) -> float:
     for moment in np.argsort(left)[-_LEFT_OUT:]:
         kept[moment * length : (moment + 1) * length] = False
     return max(closed(before, after, share), closed(before[kept], after[kept], share))
+
+
+def beyond_noise(chi2: float, floor: float) -> float:
+    """Length of a residual beyond the noise, from its chi squared and that of a perfect model."""
+    return float(np.sqrt(max(chi2 - floor, 0.0)))

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.results import LIKELY, NAMED, ONE_OF, AccountEntry, EffectFit, Finding, GapAccount, Hypothesis
-from gsbridge.gap.joints.identify import JointIdentification
 from gsbridge.gap.joints.residual_map import map_residuals
 from gsbridge.gap.joints.residuals import JointResiduals
+from gsbridge.gap.joints.screen import Screen
 
 _AS_GOOD = 0.9
 """Share of what an entry explains that another effect must explain in its place to be one of those that could stand there."""
@@ -20,19 +21,23 @@ _ALTERNATIVES = 6
 """Of an entry, at most."""
 
 
-def account_of(search: JointIdentification, finding: Finding, third: JointResiduals) -> GapAccount | None:
-    """Take account of a gap; None where nothing was fitted, or nothing is missing.
+class Search(Protocol):
+    """What an account asks of a diagnosis: residuals and signatures."""
+
+    first: JointResiduals
+    second: JointResiduals
+    screen: Screen
+
+
+def account_of(search: Search, finding: Finding, whole: Hypothesis, third: JointResiduals) -> GapAccount:
+    """Take account of a gap.
 
     Args:
         search: The diagnosis, whose records `fit` and `select` it has.
         finding: What it found.
+        whole: The explanation with all effects that help.
         third: JointResiduals of the record `verify`.
     """
-    if finding.best is None or finding.verdict in ("no_discrepancy", "not_enough_excitation"):
-        return None
-    whole = search.widen(finding)
-    if whole is None:
-        return None
     order = _order(search, whole)
     sizes = [_size(third, [whole.fit.effects[k] for k in order[:number]]) for number in range(len(order) + 1)]
     gap = max(sizes[0], 1e-9)
@@ -59,7 +64,7 @@ def _size(view: JointResiduals, effects: Sequence[Applied]) -> float:
     return float(np.sqrt(max((view.residual(tuple(effects)) ** 2).sum() / view.freedom - 1.0, 0.0)))
 
 
-def _order(search: JointIdentification, whole: Hypothesis) -> list[int]:
+def _order(search: Search, whole: Hypothesis) -> list[int]:
     """Places of the effects in the order in which they explain `select`, each beside those before it."""
     effects, out = whole.fit.effects, list[int]()
     while len(out) < len(effects) - 1:
@@ -69,7 +74,7 @@ def _order(search: JointIdentification, whole: Hypothesis) -> list[int]:
     return [*out, *(k for k in range(len(effects)) if k not in out)]
 
 
-def _standing(search: JointIdentification, finding: Finding, fitted: EffectFit, k: int) -> tuple[str, tuple[str, ...]]:
+def _standing(search: Search, finding: Finding, fitted: EffectFit, k: int) -> tuple[str, tuple[str, ...]]:
     """How sure an entry is, and what else could stand in its place."""
     candidate = fitted.who[k]
     proven = finding.best is not None and candidate in finding.best.fit.who

@@ -22,6 +22,7 @@ from gsbridge.gap.joints.identify import JointIdentification
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals, share_noise
+from gsbridge.gap.joints.widening import Widening
 
 logger = logging.getLogger("gsbridge")
 
@@ -70,7 +71,11 @@ def diagnose_joints(
         verification = verify(third, effects, np.random.default_rng(seed))
         said = finding.verdict in ("named", "ambiguous")
         finding = finding.refuted() if said and not verification.transfers(rules) else finding
-    account = account_of(search, finding, third)
+    whole = None
+    if finding.best is not None and finding.verdict not in ("no_discrepancy", "not_enough_excitation"):
+        parts = (first, second, search.screen, search.rules, search.floor, search.plain_chi2)
+        whole = Widening(*parts, search.trial_of, search.remains).widen(finding)
+    account = None if whole is None else account_of(search, finding, whole, third)
     if account is not None and finding.best is not None and len(account.entries) > len(finding.best.fit.who):
         verification = verify(third, account.effects, np.random.default_rng(seed))
     floor = {second.record.label(kind, k): float(s) for (kind, k), s in zip(second.channels, second.sigma, strict=True)}

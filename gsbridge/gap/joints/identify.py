@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gsbridge.gap.diagnosis.closure import closed, closed_at_most_times
+from gsbridge.gap.diagnosis.closure import beyond_noise, closed, closed_at_most_times
 from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Finding, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import Decision, decide, transfer
 from gsbridge.gap.joints.bank import SignatureBank
@@ -16,18 +16,12 @@ from gsbridge.gap.joints.coherence import coherence_p, has_related, line_p
 from gsbridge.gap.joints.detect import JointNull, joint_null
 from gsbridge.gap.joints.fit import fit, polish
 from gsbridge.gap.joints.residuals import JointResiduals
-from gsbridge.gap.joints.screen import Mixture, Screen, SignatureMatch
+from gsbridge.gap.joints.screen import SETS, Mixture, Screen, SignatureMatch
 
 logger = logging.getLogger("gsbridge")
 
 _RESERVE = 12
 """Simulations kept for the derivatives of the best explanation."""
-
-_LOOKED, _OF_JOINT = 20, 4
-"""Candidates of which one simulation tells whether they help an account, and how many of them may act on one joint."""
-
-_NEARLY = 0.8
-"""Share of what an effect gains that a simpler one must gain to be told instead."""
 
 _ALONE = 0.95
 """Share of the gap that a part of a set must close to be named without the rest of the set."""
@@ -35,12 +29,6 @@ _ALONE = 0.95
 _AS_LITTLE, _LITTLE = 5.0, 0.01
 """Multiple of what the best explanation leaves, and share of the gap, up to which others leave as little: the model's error
 decides between them."""
-
-_MUCH = 0.95
-"""Share of what one account leaves that another must leave to be told instead."""
-
-_SETS = 6
-"""Of effects that are tried for each number of them."""
 
 _JUDGED = 2
 """Simulations after a fit: with another step of time, and on the record that it has not seen."""
@@ -99,7 +87,7 @@ class JointIdentification:
             return self._quiet("not_enough_excitation" if few else "no_discrepancy", p_value, unseen)
         trials = self._singles(matches)
         best = decide(trials, rules, self.floor).trials[0] if trials else None
-        if best is not None and self._remains(best):
+        if best is not None and self.remains(best):
             trials = self._several(trials, best)
             best = min(trials, key=lambda trial: trial.score)
         moves = best is not None and self._transfers(best)
@@ -148,7 +136,7 @@ class JointIdentification:
             verdict, None, (), (), remains, p_value, p_value, size, size, self._used(), unseen, lost=tuple(sorted(self.lost))
         )
 
-    def _trial(self, fitted: EffectFit) -> Hypothesis:
+    def trial_of(self, fitted: EffectFit) -> Hypothesis:
         """Judge a fit on `select`."""
         residual = self.second.residual(fitted.effects)
         chi2 = float((residual**2).sum())
@@ -156,7 +144,7 @@ class JointIdentification:
         closure = 1.0 - float(np.sqrt(max(chi2 - self.floor, 0.0) / gap))
         return Hypothesis(fitted, residual, self.first.residual(fitted.effects), chi2, closure)
 
-    def _remains(self, trial: Hypothesis) -> bool:
+    def remains(self, trial: Hypothesis) -> bool:
         """Whether a trial leaves more than noise."""
         return self._p_remaining(trial) < self.rules.alarm
 
@@ -188,7 +176,7 @@ class JointIdentification:
                 if other.chi2 < fitted.chi2:
                     fitted = other
             if fitted.converged:
-                out.append(self._trial(fitted))
+                out.append(self.trial_of(fitted))
                 reached = max(reached, chi2 - fitted.chi2)
             else:
                 self.lost.add(str(match.candidate))
@@ -204,20 +192,20 @@ class JointIdentification:
             reached = np.inf
             for mixture in mixtures:
                 who = frozenset(mixture.who)
-                if who in tried or len(tried) >= _SETS:
+                if who in tried or len(tried) >= SETS:
                     continue
                 if not self._affords(3 + sum(len(c.effect.parameters) for c in mixture.who)):
                     break
                 tried.add(who)
                 fitted = fit(self.first, mixture.who, mixture.starts, 1.3 * reached + 100.0, self.screen, self._limit())
                 if fitted.converged:
-                    trials.append(self._trial(fitted))
+                    trials.append(self.trial_of(fitted))
                     reached = min(reached, fitted.chi2)
             new = min(trials, key=lambda trial: trial.score)
             if new is best and count > 2:
                 break
             best = new
-            if not self._remains(best):
+            if not self.remains(best):
                 break
         return self._slim(trials)
 
@@ -249,7 +237,7 @@ class JointIdentification:
             derivatives = sum(len(c.effect.parameters) for c in trial.fit.who)
             if id(trial) in again and self.first.mechanism.runs + derivatives < self._limit(0):
                 better = polish(self.first, trial.fit, self._limit(0))
-                trial = self._trial(better) if better.converged or better.chi2 < trial.fit.chi2 else trial
+                trial = self.trial_of(better) if better.converged or better.chi2 < trial.fit.chi2 else trial
             kept.append(trial)
         found = decide(kept, rules, self.floor)
         best = found.trials[0]
@@ -295,9 +283,11 @@ class JointIdentification:
             without = next((t for t in trials if set(t.fit.who) == set(trial.fit.who) - {candidate}), None)
             if without is None:
                 who, values = [trial.fit.who[k] for k in kept], [trial.fit.values[k] for k in kept]
-                without = self._trial(fit(self.first, who, values, np.inf, self.screen, self._limit(0)))
-            small = self._gap(without.chi2) - self._gap(trial.chi2) < rules.least * self._gap(self.plain_chi2)
-            if small or without.chi2 - trial.chi2 < rules.larger * left:
+                without = self.trial_of(fit(self.first, who, values, np.inf, self.screen, self._limit(0)))
+            left_without, left_with, gap = (
+                beyond_noise(chi2, self.floor) for chi2 in (without.chi2, trial.chi2, self.plain_chi2)
+            )
+            if left_without - left_with < rules.least * gap or without.chi2 - trial.chi2 < rules.larger * left:
                 return False
         return True
 
@@ -321,83 +311,6 @@ class JointIdentification:
         alone = decide([trial for trial in trials if len(trial.fit.who) <= len(core)], self.rules, self.floor)
         sure = alone.trials[0] is part and not alone.near and alone.chances[0] >= self.rules.sure
         return part if sure else None
-
-    def widen(self, finding: Finding) -> Hypothesis | None:
-        """An explanation with all effects that help: grown from what was found, by what helps on `select` most.
-
-        Args:
-            finding: Of `run`.
-
-        Returns:
-            The explanation, of as many effects as earn their place; None where nothing could be fitted.
-        """
-        if finding.best is None or finding.best.fit.stopped:
-            return None
-        begins = [finding.best]
-        singles = [trial for trial, _ in finding.rivals if len(trial.fit.who) == 1]
-        if finding.verdict == "none_of_the_known" and singles and len(finding.best.fit.who) > 1:
-            begins = [decide(singles, self.rules, self.floor).trials[0], finding.best]
-        end, grown = self.first.mechanism.runs + self.rules.account, list[Hypothesis]()
-        for number, trial in enumerate(begins, 1):
-            grown.append(self._widened(trial, end - self.rules.account * (len(begins) - number) // len(begins)))
-        # What grew from one effect is told, unless what began as several leaves much less.
-        return grown[0] if len(grown) == 1 or self._gap(grown[1].chi2) > _MUCH * self._gap(grown[0].chi2) else grown[1]
-
-    def _gap(self, chi2: float) -> float:
-        """Length of a residual on `select` beyond the noise."""
-        return float(np.sqrt(max(chi2 - self.floor, 0.0)))
-
-    def _widened(self, best: Hypothesis, end: int) -> Hypothesis:
-        """One explanation, grown until nothing helps or the simulations are spent."""
-        failed: set[Candidate] = set()
-        while len(best.fit.who) < self.rules.entries and self._remains(best):
-            before = best
-            for match in self._promising(best, failed):
-                if self.first.mechanism.runs >= end:
-                    return best
-                who, start = (*best.fit.who, match.candidate), (*best.fit.values, match.starts[0])
-                trial = self._trial(fit(self.first, who, start, np.inf, self.screen, end))
-                if self._earns(trial, best):
-                    best = trial
-                    break
-                failed.add(match.candidate)
-            if best is before:
-                break
-        return best
-
-    def _promising(self, best: Hypothesis, failed: set[Candidate]) -> list[SignatureMatch]:
-        """Candidates that help on `select` as they start, the most helpful first: what fits one record alone is no cause."""
-        ranked = sorted(self.screen.matches(best.first), key=lambda match: -match.bound)
-        counts: dict[str, int] = {}
-        looked = []
-        for match in ranked:
-            joint = match.candidate.joint
-            if match.candidate in best.fit.who or match.candidate in failed or counts.get(joint, 0) >= _OF_JOINT:
-                continue
-            counts[joint] = counts.get(joint, 0) + 1
-            residual = self.second.residual((*best.fit.effects, match.candidate.applied(match.starts[0])))
-            looked.append((float((residual**2).sum()), match))
-            if len(looked) >= _LOOKED:
-                break
-        by_bound = [match for _, match in looked]
-        looked = sorted((item for item in looked if item[0] < best.chi2), key=lambda item: item[0])
-        # Those that do not help as they start may do so once all are fitted together.
-        out = [match for _, match in looked]
-        out = [*out, *(match for match in by_bound if not any(match is other for other in out))][:_SETS]
-        for chi2, match in looked[1:]:
-            # What is the first one without some of its numbers, and does nearly as well, says as much with less.
-            first = looked[0][1].candidate
-            alike = match.candidate.joint == first.joint and match.candidate.name in first.effect.contains
-            if alike and best.chi2 - chi2 > _NEARLY * (best.chi2 - looked[0][0]):
-                out = [match, *(other for other in out if other is not match)]
-        return out
-
-    def _earns(self, trial: Hypothesis, best: Hypothesis) -> bool:
-        """Whether one effect more explains a part of the gap on `select` worth a line, and by more than chance."""
-        before, after, gap = (self._gap(chi2) for chi2 in (best.chi2, trial.chi2, self.plain_chi2))
-        if before - after < self.rules.least * gap or trial.fit.stopped:
-            return False
-        return transfer(best.residual, trial.residual) > self.rules.deviations
 
     def _closed(self, trial: Hypothesis) -> float:
         """Share of the gap on `select` that a trial closes, as far as noise tells."""

@@ -21,6 +21,9 @@ _PROJECTED = 1.2
 _SMALL, _LARGE = 1e-2, 4.0
 """Squared lengths of signatures, as shares of the residual's, that may take part in a sum of several."""
 
+SETS = 6
+"""Of effects that are tried for each number of them."""
+
 
 @dataclass(frozen=True)
 class SignatureMatch:
