@@ -37,7 +37,7 @@ def rendered(tmp_path, variant, threads=1):
 @pytest.fixture
 def fresh(monkeypatch, tmp_path):
     """Nothing remembered, nothing named."""
-    monkeypatch.delenv(path_tracer.CHOICE, raising=False)
+    monkeypatch.setenv(path_tracer.CHOICE, path_tracer.FASTEST)
     monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     path_tracer.variant.cache_clear()
@@ -78,6 +78,11 @@ def test_a_library_that_is_asked_for_and_missing_is_an_error(fresh, monkeypatch,
         path_tracer.variant()
 
 
+def test_films_are_traced_without_a_compiler_unless_it_is_asked_for(fresh, monkeypatch):
+    monkeypatch.delenv(path_tracer.CHOICE)
+    assert path_tracer.variant() == path_tracer.SCALAR
+
+
 def test_new_libraries_come_first_and_old_ones_never(fresh, monkeypatch, tmp_path):
     for name in (
         "libLLVM-14.so.1",
@@ -94,7 +99,7 @@ def test_new_libraries_come_first_and_old_ones_never(fresh, monkeypatch, tmp_pat
     assert names == ["libLLVM.so.19.1", "libLLVM-17.so", "libLLVM-16.so.1"]
 
 
-def test_both_variants_agree_within_their_noise_whatever_the_threads(tmp_path):
+def test_both_variants_agree_within_their_noise_whatever_the_threads(fresh, tmp_path):
     if path_tracer.variant() != path_tracer.COMPILED:
         pytest.skip("no working libLLVM on this machine")
     scalar, scalar_cover = rendered(tmp_path, path_tracer.SCALAR)

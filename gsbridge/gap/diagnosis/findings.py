@@ -23,6 +23,11 @@ _SIMILAR = 0.95
 """Cosine of two signatures from which on a fit can hardly tell their effects apart."""
 
 
+def _account_runs(diagnosis: Diagnosis) -> dict[str, int]:
+    """Simulations of an account, where there is one."""
+    return {} if diagnosis.account is None else {"account": diagnosis.account_runs}
+
+
 @dataclass(frozen=True)
 class Diagnosis:
     """All about one case.
@@ -32,13 +37,14 @@ class Diagnosis:
         verification: On `verify`, where something was fitted.
         floor: Noise of each channel of `select`, SI units.
         bank_runs: Simulations of the bank, whether made now or read.
-        runs: Simulations of this case beside it.
+        runs: Simulations of this case beside it, to name what is missing and to judge that.
         seconds: Of the whole.
         intervals: 90 % intervals of the best hypothesis' parameters, by effect, where its deviations do not tell them.
         figures: What the model's own figures were and become with these effects, by effect and parameter, where it has such.
         where: Size of the gap in each phase before and after, where a case has phases.
         account: All effects that explain a part of the gap, where a case is told so; `verification` is of all of them then.
         warnings: What a reader must know before the figures.
+        account_runs: Simulations for the account, beside those.
     """
 
     finding: Finding
@@ -52,6 +58,7 @@ class Diagnosis:
     where: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     account: GapAccount | None = None
     warnings: tuple[str, ...] = ()
+    account_runs: int = 0
 
     @property
     def effects(self) -> tuple[Applied, ...]:
@@ -145,7 +152,7 @@ class Account:
             **({"where": where} if where else {}),
             "noise_floor": dict(diagnosis.floor),
             "unseen": list(finding.unseen),
-            "simulations": {"bank": diagnosis.bank_runs, "case": diagnosis.runs},
+            "simulations": {"bank": diagnosis.bank_runs, "case": diagnosis.runs, **_account_runs(diagnosis)},
             "seconds": diagnosis.seconds,
             **counts,
             "records": {role: part.digest or part.content_digest() for role, part in parts.items()},

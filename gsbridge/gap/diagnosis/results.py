@@ -65,7 +65,7 @@ class Rules:
     deviations: float = 3.0
     most: int = 3
     draws: int = 500
-    budget: int = 140
+    budget: int = 90
     larger: float = 3.0
     least: float = 0.01
     entries: int = 12

@@ -71,7 +71,7 @@ def diagnose_joints(
         verification = verify(third, effects, np.random.default_rng(seed))
         said = finding.verdict in ("named", "ambiguous")
         finding = finding.refuted() if said and not verification.transfers(rules) else finding
-    whole = None
+    whole, named = None, mechanism.runs - made - mechanism.shared
     if finding.best is not None and finding.verdict not in ("no_discrepancy", "not_enough_excitation"):
         parts = (first, second, search.screen, search.rules, search.floor, search.plain_chi2)
         whole = Widening(*parts, search.trial_of, search.remains).widen(finding)
@@ -79,10 +79,12 @@ def diagnose_joints(
     if account is not None and finding.best is not None and len(account.entries) > len(finding.best.fit.who):
         verification = verify(third, account.effects, np.random.default_rng(seed))
     floor = {second.record.label(kind, k): float(s) for (kind, k), s in zip(second.channels, second.sigma, strict=True)}
-    runs = mechanism.runs - made - mechanism.shared
+    further = mechanism.runs - made - mechanism.shared - named
     warnings = _warnings(finding, bank, any(record.sigma or record.tolerance for record in records.values()))
     seconds = time.perf_counter() - begin
-    return Diagnosis(finding, verification, floor, bank.runs, runs, seconds, account=account, warnings=warnings)
+    return Diagnosis(
+        finding, verification, floor, bank.runs, named, seconds, account=account, warnings=warnings, account_runs=further
+    )
 
 
 def _warnings(finding: Finding, bank: SignatureBank, stated: bool) -> tuple[str, ...]:

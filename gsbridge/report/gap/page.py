@@ -216,7 +216,7 @@ def _provenance(findings: Mapping[str, Any], about: Mapping[str, Any], screening
             f"{len(screening['candidates'])} effects{' and joints' if about['joints'] else ''}, "
             f"{screening['signatures']} signatures",
         ),
-        ("simulations", f"{runs['case']} for this case after a bank of {runs['bank']}"),
+        ("simulations", f"{runs['case']} to name it after a bank of {runs['bank']}; {runs.get('account', 0)} for the account"),
         ("seconds", f"{findings['seconds']:.1f}"),
         ("seed", str(findings["seed"])),
         ("version", f"gsbridge {about['versions']['gsbridge']}"),
