@@ -12,7 +12,7 @@ ROOT = Path(workflow.basedir)
 sys.path.insert(0, str(ROOT))
 # Jobs run the code that the digests tell about, whichever copy of the package is installed.
 searched = [str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
-os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, dict.fromkeys(searched)))
+os.environ.update(PYTHONPATH=os.pathsep.join(filter(None, dict.fromkeys(searched))))
 
 from gsbridge.configuration.checks import check_asked, check_configuration
 from gsbridge.digests import code_digest, kernel_digest, script_digest
