@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from gsbridge.digests import import_closure
+
 ROOT = Path(__file__).resolve().parents[2]
 RULE_FILES = sorted((ROOT / "rules").glob("*.smk"))
 
@@ -87,8 +89,14 @@ def test_policies_know_the_mirror_by_its_films_and_the_registration_alone(snakem
     stats = plan.split("Job stats:")[1].split("total")[0]
     planned = {line.split()[0] for line in stats.splitlines() if re.match(r"\w+ +\d+$", line)}
     assert "train_policy" in planned
-    of_the_mirror = {name for name in planned if re.search(r"reality|mirror", script_of(name))}
-    assert of_the_mirror == {"film_scene", "film_board"}
+    mentioning = {name for name in planned if re.search(r"reality|mirror", script_of(name))}
+    scripts = {name: re.search(r'"\.\./scripts/(\w+)\.py"', rules()[name]) for name in planned}
+    reaching = {
+        name
+        for name, script in scripts.items()
+        if script and any(module.startswith("gsbridge.reality") for module in import_closure([f"scripts.{script[1]}"]))
+    }
+    assert mentioning == reaching == {"film_scene", "film_board"}
 
 
 def script_of(rule):

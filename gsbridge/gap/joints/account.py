@@ -36,7 +36,7 @@ def account_of(search: Search, finding: Finding, whole: Hypothesis, third: Joint
         search: The diagnosis, whose records `fit` and `select` it has.
         finding: What it found.
         whole: The explanation with all effects that help.
-        third: JointResiduals of the record `verify`.
+        third: Residuals on the record `verify`.
     """
     order = _order(search, whole)
     sizes = [_size(third, [whole.fit.effects[k] for k in order[:number]]) for number in range(len(order) + 1)]

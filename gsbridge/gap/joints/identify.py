@@ -46,8 +46,8 @@ class JointIdentification:
     """One diagnosis.
 
     Args:
-        first: View of the record `fit`.
-        second: View of the record `select`.
+        first: Residuals on the record `fit`.
+        second: Residuals on the record `select`.
         bank: Signatures on `fit`.
         who: Candidates.
         rules: Thresholds.
