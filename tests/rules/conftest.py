@@ -9,16 +9,24 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 
+REAL_DATA = ("GSBRIDGE_CAPTURES", "GSBRIDGE_MEASURED", "GSBRIDGE_ROBOTS")
+"""Variables that name folders of real data; they add jobs to plans."""
+
 
 @pytest.fixture(scope="session")
 def snakemake():
-    """Call snakemake in the project's root; returns the finished process."""
+    """Call snakemake in the project's root; returns the finished process.
+
+    Folders of real data that the surroundings name are left out, so that a plan is the same on every machine: a test that wants
+    one names it.
+    """
+    plain = {name: value for name, value in os.environ.items() if name not in REAL_DATA}
 
     def call(*arguments: str, cwd: Path = ROOT, check: bool = True, **environment: str) -> subprocess.CompletedProcess[str]:
         process = subprocess.run(
             [sys.executable, "-m", "snakemake", *arguments],
             cwd=cwd,
-            env={**os.environ, **environment},
+            env={**plain, **environment},
             capture_output=True,
             text=True,
             timeout=600,
