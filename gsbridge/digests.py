@@ -12,21 +12,28 @@ import functools
 import hashlib
 import os
 import re
+import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import NamedTuple
+
+from gsbridge.notebook import Notebook, cache_root
 
 PACKAGE = Path(__file__).resolve().parent
 NAME = PACKAGE.name
 FOLLOWED = (NAME, "scripts", "benchmarks")
 """Folders of the checkout whose modules are followed: the library, the rules' scripts, and the programs that rules run."""
 
-WITHOUT_EFFECT = frozenset({NAME, f"{NAME}.logs", f"{NAME}.errors", f"{NAME}.digests", f"{NAME}.configuration.faults"})
+WITHOUT_EFFECT = frozenset(
+    {NAME, f"{NAME}.logs", f"{NAME}.errors", f"{NAME}.digests", f"{NAME}.notebook", f"{NAME}.configuration.faults"}
+)
 """Modules that cannot change a stage's result."""
 
 _NAMED = re.compile(rf"""["']({NAME}(?:\.\w+)+)["':]""")
 """A module that is named by a text, as `importlib.import_module` and `importlib.resources.files` take it."""
 
 
+@functools.cache
 def module_file(module: str) -> Path | None:
     """File of a module of the checkout, or None if there is no such module."""
     base = PACKAGE.parent.joinpath(*module.split("."))
@@ -47,18 +54,51 @@ def _statements(tree: ast.Module) -> Iterator[ast.AST]:
 
 
 @functools.cache
-def _source(module: str) -> str:
-    """Text of a module."""
-    path = module_file(module)
-    if path is None:
-        raise ValueError(f"there is no module {module}")
-    return path.read_text(encoding="utf-8")
+def _notebook() -> Notebook:
+    """What earlier processes read. Another Python has other syntax trees, and another edition of this module other facts."""
+    edition = hashlib.sha256(Path(__file__).read_bytes() + repr(sys.version_info[:2]).encode()).hexdigest()[:12]
+    return Notebook(cache_root() / f"digests-{edition}.json")
+
+
+class _Facts(NamedTuple):
+    """What a module's text says: all that digests need of it."""
+
+    code: str
+    """Digest of what counts of it, in hexadecimal digits."""
+    imports: list[str]
+    """Names that it may import. Which of them are modules is the checkout's matter, not the text's."""
+    relative: bool
+    """Whether it uses a relative import, which this reader does not follow."""
 
 
 @functools.cache
-def _tree(module: str) -> ast.Module:
+def _facts(module: str) -> _Facts:
+    """Facts of a module, from the last process that read the same text where there was one."""
+    path = module_file(module)
+    if path is None:
+        raise ValueError(f"there is no module {module}")
+    text = path.read_bytes()
+    facts = _notebook().look_up(hashlib.sha256(text).hexdigest(), lambda: list(_read(text.decode("utf-8"))))
+    return _Facts(*facts)
+
+
+def _read(text: str) -> _Facts:
+    """Facts of a module's text, by its syntax tree."""
+    tree = _tree(text)
+    found, relative = set(_NAMED.findall(text)), False
+    for node in _statements(tree):
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names if alias.name.split(".")[0] in FOLLOWED)
+        elif isinstance(node, ast.ImportFrom):
+            relative = relative or bool(node.level)
+            if node.module and node.module.split(".")[0] in FOLLOWED:
+                found.update([node.module, *(f"{node.module}.{alias.name}" for alias in node.names)])
+    return _Facts(hashlib.sha256(ast.dump(tree).encode()).hexdigest(), sorted(found), relative)
+
+
+def _tree(text: str) -> ast.Module:
     """Syntax tree of a module without docstrings, also those below constants and settings."""
-    tree = ast.parse(_source(module))
+    tree = ast.parse(text)
     for node in _statements(tree):
         body = getattr(node, "body", None)
         if body:
@@ -72,10 +112,9 @@ def _is_text(node: ast.AST) -> bool:
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 
-@functools.cache
 def _code(module: str) -> bytes:
-    """Digest of what counts of a module; kept, as most rules share most of their modules."""
-    return hashlib.sha256(ast.dump(_tree(module)).encode()).digest()
+    """Digest of what counts of a module."""
+    return bytes.fromhex(_facts(module).code)
 
 
 def _data_files(folder: Path) -> Iterator[Path]:
@@ -115,19 +154,11 @@ def direct_imports(module: str) -> frozenset[str]:
     Raises:
         ValueError: A relative import: the package uses absolute ones, which this reader relies on.
     """
-    found = {name for name in _NAMED.findall(_source(module)) if module_file(name) is not None}
-    for node in _statements(_tree(module)):
-        if isinstance(node, ast.Import):
-            found.update(alias.name for alias in node.names if alias.name.split(".")[0] in FOLLOWED)
-        elif isinstance(node, ast.ImportFrom):
-            if node.level:
-                raise ValueError(f"{module} uses a relative import")
-            if node.module and node.module.split(".")[0] in FOLLOWED:
-                names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-                found.update(name for name in names if name == node.module or module_file(name) is not None)
-    for name in list(found):
-        found.update(_parents(name))
-    return frozenset(found)
+    facts = _facts(module)
+    if facts.relative:
+        raise ValueError(f"{module} uses a relative import")
+    found = {name for name in facts.imports if module_file(name) is not None}
+    return frozenset(found.union(*(_parents(name) for name in found)))
 
 
 def import_closure(modules: Iterable[str]) -> frozenset[str]:

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeAlias, TypeVar, overload
 
 from gsbridge.digests import kernel_digest
+from gsbridge.notebook import cache_root
 
 
 def cache_folder() -> Path:
     """Folder of the compiled kernels of this source tree."""
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base) / "gsbridge" / f"numba-{kernel_digest()}"
+    return cache_root() / f"numba-{kernel_digest()}"
 
 
 os.environ.setdefault("NUMBA_CACHE_DIR", str(cache_folder()))

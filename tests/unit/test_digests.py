@@ -18,7 +18,7 @@ PROGRAMS = sorted(path.stem for path in (ROOT / "benchmarks").glob("*.py"))
 MODULES = sorted(
     ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__") for path in ROOT.glob("gsbridge/**/*.py")
 )
-CACHES = (digests._source, digests._tree, digests._code, digests._data, digests.direct_imports, digests._closure)
+CACHES = (digests.module_file, digests._facts, digests._data, digests.direct_imports, digests._closure)
 
 
 def forget():
