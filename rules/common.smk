@@ -20,6 +20,7 @@ from gsbridge.experiment.folder_dates import restore_folder_dates
 from gsbridge.experiment.loops import JointLoop, PictureLoop, closed_loops
 from gsbridge.experiment.plan import BINDINGS, Experiment
 from gsbridge.experiment.policies import ANY, policy_files
+from gsbridge.experiment.provenance import provenance, provenances
 from gsbridge.experiment.tables import Tables
 from gsbridge.gap.formats.files import (
     case_files,

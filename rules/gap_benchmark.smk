@@ -159,6 +159,7 @@ rule score_gap:
         runtime="10m",
     params:
         code=script_digest("score_gap"),
+        behind=provenance("gap", config),
         preset=config["preset"],
     message:
         "Compare the benchmark of the gap with the floors"

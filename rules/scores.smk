@@ -102,6 +102,7 @@ rule score_real2sim:
         runtime="10m",
     params:
         code=script_digest("score_real2sim"),
+        behind=provenance("real2sim", config),
         preset=config["preset"],
         films={
             scene: f"results/films/{scene}/film.json"
@@ -147,6 +148,7 @@ rule score_policies:
         runtime="10m",
     params:
         code=script_digest("score_policies"),
+        behind=provenance("policies", config),
         preset=config["preset"],
     message:
         "Compare the policies with the floors"
@@ -172,6 +174,7 @@ rule score_worlds:
         runtime="10m",
     params:
         code=script_digest("score_worlds"),
+        behind=provenance("worlds", config),
         preset=config["preset"],
     message:
         "Compare the policies in further worlds with the floors"
@@ -197,6 +200,7 @@ rule score_study:
         runtime="10m",
     params:
         code=script_digest("score_study"),
+        behind=provenance("study", config),
         preset=config["preset"],
     message:
         "Compare the study with the floors"
@@ -225,6 +229,7 @@ rule score_loops:
         runtime="10m",
     params:
         code=script_digest("score_loops"),
+        behind=provenance("loops", config),
         loops=closed_loops(LOOP, SIGHT),
         preset=config["preset"],
     message:
@@ -267,6 +272,7 @@ rule write_results_page:
         "../envs/report.yaml"
     params:
         code=script_digest("write_results_page"),
+        behind=provenances(config),
     message:
         "Write the page of results"
     script:

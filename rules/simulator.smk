@@ -180,6 +180,7 @@ rule score_simulator:
         runtime="10m",
     params:
         code=script_digest("score_simulator"),
+        behind=provenance("simulator", config),
         preset=config["preset"],
     message:
         "Compare the simulator with the floors"

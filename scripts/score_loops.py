@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
 from gsbridge.report.scores.measured_policies import write_loop_figures
-from gsbridge.report.scores.score import current_commit, write_scores
+from gsbridge.report.scores.score import write_scores
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake
@@ -22,5 +22,5 @@ write_scores(
     snakemake.output.scores,
     area="loops",
     preset=snakemake.params.preset,
-    commit=current_commit(),
+    provenance=snakemake.params.behind,
 )

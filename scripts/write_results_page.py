@@ -10,4 +10,4 @@ if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake
 
 start(snakemake.threads, snakemake.log[0])
-write_results_page(Path(snakemake.input.scores[0]).parent, snakemake.output.page)
+write_results_page(Path(snakemake.input.scores[0]).parent, snakemake.output.page, snakemake.params.behind)

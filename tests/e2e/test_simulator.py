@@ -77,7 +77,7 @@ def test_figures_records_and_scores_are_there(simulator):
     assert read(simulator / "figures/gs_editing.json")["status"] == "pass"
     assert read(simulator / f"episodes/{PAIR}/episode.json")["success"] is True
     assert (simulator / f"rerun/episode/{PAIR}.rrd").stat().st_size > 100_000
-    scores = read(simulator / "scores/simulator.json")
+    scores = read(simulator / "scores/simulator.json")["figures"]
     for figure in ("twin_tool_max", "registration_table_mm", "environment_steps_128", "mirror_image_64"):
         assert scores[figure]["value"] is not None
 

@@ -17,7 +17,7 @@ from gsbridge.report.figures.success import write_success_figure
 from gsbridge.report.pages.policies import film
 from gsbridge.report.pages.tables import write_tables
 from gsbridge.report.scores.measured_policies import wall_time_figures, write_policy_figures, write_world_figures
-from gsbridge.report.scores.results_page import write_results_page
+from gsbridge.report.scores.results_page import AREAS, write_results_page
 from gsbridge.report.scores.score import read_floors, write_scores
 from gsbridge.report.tables.failures import write_failure_rows
 from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SCENARIOS, PAPER_SUCCESS
@@ -28,6 +28,7 @@ from gsbridge.report.tables.success_rows import write_success_rows
 from gsbridge.report.tables.training import write_training_rows
 from gsbridge.report.tables.world_variants import write_further
 
+BEHIND = {"code": {"score_policies": "1"}, "settings": {}}
 FLOORS = Path(__file__).parents[2] / "benchmarks" / "floors.yaml"
 MESHES = [cell for cell in PAPER_SUCCESS if cell.renderer == "mesh"]
 PLACE = Cell("pick_and_place", "cake", "plate")
@@ -240,16 +241,18 @@ def area(tmp_path: Path, run: dict[str, Path], **more) -> dict:
     rows = {name: path for name, path in run.items() if name not in ("failures", "worlds")}
     write_policy_figures(tmp_path / "measured.json", **rows, **more, preset="desktop")
     write_scores(
-        FLOORS, [tmp_path / "measured.json"], tmp_path / "policies.json", area="policies", preset="desktop", commit="abc"
+        FLOORS, [tmp_path / "measured.json"], tmp_path / "policies.json", area="policies", preset="desktop", provenance=BEHIND
     )
-    return read_json(tmp_path / "policies.json")
+    return read_json(tmp_path / "policies.json")["figures"]
 
 
 def further(tmp_path: Path, rows: Path) -> dict:
     """Scores of the area of further worlds."""
     write_world_figures(tmp_path / "measured.json", rows, "desktop")
-    write_scores(FLOORS, [tmp_path / "measured.json"], tmp_path / "worlds.json", area="worlds", preset="desktop", commit="abc")
-    return read_json(tmp_path / "worlds.json")
+    write_scores(
+        FLOORS, [tmp_path / "measured.json"], tmp_path / "worlds.json", area="worlds", preset="desktop", provenance=BEHIND
+    )
+    return read_json(tmp_path / "worlds.json")["figures"]
 
 
 def test_further_worlds_have_floors_and_a_page_of_their_own(run, tmp_path):
@@ -296,7 +299,7 @@ def test_the_paper_itself_against_the_floors(run, tmp_path):
     assert (scores["make_tables_wall"]["value"], scores["make_tables_wall"]["met"]) == (2.5, True)
     assert scores["make_toy_wall"]["reason"] == "not measured"
     assert scores["toy_sim_success"]["value"] == pytest.approx(87.5)
-    write_results_page(tmp_path, tmp_path / "RESULTS.md")
+    write_results_page(tmp_path, tmp_path / "RESULTS.md", dict.fromkeys(AREAS, BEHIND))
     text = (tmp_path / "RESULTS.md").read_text()
     floors = {name: entry for name, entry in read_floors(FLOORS).items() if entry["area"] == "policies"}
     assert all(f"`{name}`" in text for name in floors)

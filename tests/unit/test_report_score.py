@@ -14,7 +14,7 @@ from gsbridge.geometry import Similarity
 from gsbridge.images import write_image
 from gsbridge.meshes import Mesh
 from gsbridge.report.scores.measured_scenes import rasterizer_figures, rendering_figures, write_real2sim_figures
-from gsbridge.report.scores.results_page import write_results_page
+from gsbridge.report.scores.results_page import AREAS, changes, freshness, write_results_page
 from gsbridge.report.scores.scene import (
     camera_scores,
     chamfer,
@@ -29,6 +29,7 @@ from gsbridge.report.scores.score import read_floors, score_figure, write_scores
 from gsbridge.report.tables.rendering_rows import COLUMNS
 from gsbridge.report.tables.rows import write_rows
 
+BEHIND = {"code": {"score_scene": "1"}, "settings": {"seed": "a"}}
 FLOORS = Path(__file__).parents[2] / "benchmarks" / "floors.yaml"
 LENS = Camera(160, 120, 140.0, 141.0, 79.0, 61.0, (0.08, -0.03, 0.002, -0.001))
 
@@ -312,16 +313,16 @@ def test_scores_and_page_from_files(tmp_path: Path, scored: dict) -> None:
     )
     for preset, reason in (("desktop", "measured with preset desktop, asked for preset toy"), ("toy", "outside the floor")):
         out = tmp_path / f"{preset}.json"
-        write_scores(FLOORS, [tmp_path / "measured.json"], out, area="real2sim", preset=preset, commit="abc")
-        assert read_json(out)["soft_below_ceiling_max"]["reason"] == reason
-    scores = read_json(tmp_path / "desktop.json")
+        write_scores(FLOORS, [tmp_path / "measured.json"], out, area="real2sim", preset=preset, provenance=BEHIND)
+        assert read_json(out)["figures"]["soft_below_ceiling_max"]["reason"] == reason
+    scores = read_json(tmp_path / "desktop.json")["figures"]
     assert scores["soft_below_ceiling_max"]["value"] == pytest.approx(36.0 - 29.0)
     assert scores["banana_photos_registered"]["met"]
     assert scores["apple_video_registered_percent"]["reason"] == "not measured"
-    assert {"value", "floor", "unit", "n", "interval", "met", "where", "preset", "commit"} <= set(scores["camera_error_median"])
+    assert {"value", "floor", "unit", "n", "interval", "met", "where", "preset"} <= set(scores["camera_error_median"])
     (tmp_path / "scores").mkdir()
     (tmp_path / "desktop.json").rename(tmp_path / "scores" / "real2sim.json")
-    write_results_page(tmp_path / "scores", tmp_path / "RESULTS.md")
+    write_results_page(tmp_path / "scores", tmp_path / "RESULTS.md", dict.fromkeys(AREAS, BEHIND))
     text = (tmp_path / "RESULTS.md").read_text()
     assert "## real2sim" in text
     assert "## simulator\n\nNot recorded yet." in text
@@ -336,13 +337,13 @@ def test_each_floor_takes_the_figure_of_its_own_preset(tmp_path: Path) -> None:
     write_json(tmp_path / "toy.json", {"preset": "toy", "figures": figures})
     for files in (["desktop.json", "toy.json"], ["toy.json", "desktop.json"]):
         paths = [tmp_path / name for name in files]
-        write_scores(FLOORS, paths, tmp_path / "s.json", area="real2sim", preset="desktop", commit="abc")
-        scores = read_json(tmp_path / "s.json")
+        write_scores(FLOORS, paths, tmp_path / "s.json", area="real2sim", preset="desktop", provenance=BEHIND)
+        scores = read_json(tmp_path / "s.json")["figures"]
         assert (scores["soft_below_ceiling_max"]["value"], scores["soft_below_ceiling_max"]["met"]) == (3.0, True)
         assert (scores["soft_psnr_objects_min"]["value"], scores["soft_psnr_objects_min"]["met"]) == (31.0, True)
     write_json(tmp_path / "bad.json", {"value": 1})
     with pytest.raises(InputError, match="no measured figures"):
-        write_scores(FLOORS, [tmp_path / "bad.json"], tmp_path / "s.json", area="real2sim", preset="toy", commit="abc")
+        write_scores(FLOORS, [tmp_path / "bad.json"], tmp_path / "s.json", area="real2sim", preset="toy", provenance=BEHIND)
 
 
 def test_floors_hold_every_figure_of_the_issue() -> None:
@@ -392,5 +393,20 @@ def test_malformed_floors_are_refused(tmp_path: Path, entry: str) -> None:
 
 def test_the_page_in_the_repository_is_that_of_its_records(tmp_path: Path) -> None:
     folder = FLOORS.parent
-    write_results_page(folder / "scores", tmp_path / "RESULTS.md")
-    assert (tmp_path / "RESULTS.md").read_text() == (folder / "RESULTS.md").read_text()
+    write_results_page(folder / "scores", tmp_path / "RESULTS.md", dict.fromkeys(AREAS, BEHIND))
+    # Whether an area is fresh is the tree's matter: see tests/rules/test_provenance.py.
+    written, kept = ((place / "RESULTS.md").read_text().splitlines() for place in (tmp_path, folder))
+    assert [line.rsplit("|", 2)[0] for line in written] == [line.rsplit("|", 2)[0] for line in kept]
+
+
+def test_an_area_is_fresh_until_its_code_or_its_settings_change() -> None:
+    recorded = {"commit": "abc", "code": {"a": "1", "b": "2"}, "settings": {"seed": "3", "scenes.mug": "4"}}
+    now = {"code": {"a": "1", "b": "2"}, "settings": {"seed": "3", "scenes.mug": "4", "scenes.bowl": "5"}}
+    assert freshness(recorded, now) == "fresh"
+    assert changes(recorded, {**now, "code": {"a": "1", "b": "0", "c": "2"}}) == ["b", "c"]
+    assert changes(recorded, {**now, "code": {"a": "1"}}) == ["b"]
+    assert changes(recorded, {**now, "settings": {"seed": "4"}}) == ["seed", "scenes.mug"]
+    assert freshness(recorded, {**now, "code": {"a": "0", "b": "2"}}) == "**stale** since `a` changed"
+    many = {"code": dict.fromkeys("abcdefgh", "1"), "settings": {}}
+    assert freshness(many, {"code": {}, "settings": {}}).endswith("`f` and 2 more changed")
+    assert "before digests" in freshness({"commit": "abc", "code": {}, "settings": {}}, now)

@@ -6,10 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from gsbridge.errors import InputError
 from gsbridge.files import atomic_file, read_json
 
 AREAS = ("real2sim", "simulator", "policies", "worlds", "study", "gap", "loops")
 """In the page's order."""
+
+NAMED = 6
+"""Largest number of changes that the page names."""
 
 SIGNS = {"at_least": "≥", "at_most": "≤"}
 
@@ -42,26 +46,67 @@ def verdict(score: Mapping[str, Any]) -> str:
     return "met" if score["floor"] is not None else "stretch not met"
 
 
-def results_markdown(scores: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
+def changes(recorded: Mapping[str, Mapping[str, str]], now: Mapping[str, Mapping[str, str]]) -> list[str]:
+    """What has changed since an area was recorded: names of rules and settings whose digest is another one now.
+
+    Args:
+        recorded: {`code`: {rule: digest}, `settings`: {setting: digest}} beside the recorded figures.
+        now: The same of the tree as it is.
+
+    Returns:
+        Rules first, then settings. A rule that has come or gone counts; a setting counts where it was there already.
+    """
+    code, new = recorded["code"], now["code"]
+    rules = [name for name in {**code, **new} if code.get(name) != new.get(name)]
+    settings = [name for name, digest in recorded["settings"].items() if now["settings"].get(name) != digest]
+    return rules + settings
+
+
+def freshness(recorded: Mapping[str, Any], now: Mapping[str, Mapping[str, str]]) -> str:
+    """Whether the tree would still make an area's figures: `fresh`, or `stale` with what has changed since."""
+    if not recorded.get("code"):
+        return "**stale**: recorded before digests stood beside figures"
+    found = changes(recorded, now)
+    if not found:
+        return "fresh"
+    named = ", ".join(f"`{name}`" for name in found[:NAMED])
+    more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
+    return f"**stale** since {named}{more} changed"
+
+
+def results_markdown(
+    records: Mapping[str, Mapping[str, Mapping[str, Any]]], now: Mapping[str, Mapping[str, Mapping[str, str]]]
+) -> str:
     """The page.
 
     Args:
-        scores: {area: {figure: score}}.
+        records: {area: {`provenance`: {commit, code, settings}, `figures`: {figure: score}}}; empty for an area that was
+            never recorded.
+        now: {area: {code, settings}} of the tree as it is.
     """
     lines = [
         "# Results",
         "",
         "Generated from `benchmarks/scores/*.json` by the rule `write_results_page`; do not edit by hand. Floors are listed in",
         "`benchmarks/floors.yaml`. A figure that was not measured, or was measured on less than the floor asks for, is unmet.",
+        "An area is *fresh* where the code of the rules behind it and the settings are those of the measurement; figures of a",
+        "*stale* area tell about an earlier state of the project.",
+        "",
+        "| area | floors met | measured at | state |",
+        "|---|---|---|---|",
     ]
-    for area, figures in scores.items():
-        if not figures:
+    for area, record in records.items():
+        floors = _floors(record)
+        met = f"{sum(score['met'] for score in floors)} of {len(floors)}"
+        told = record.get("provenance", {})
+        state = freshness(told, now[area]) if record else "not recorded yet"
+        lines.append(f"| [{area}](#{area}) | {met if record else '–'} | {told.get('commit', '–')} | {state} |")
+    for area, record in records.items():
+        if not record:
             lines += ["", f"## {area}", "", "Not recorded yet."]
             continue
-        floors = [score for score in figures.values() if score["floor"] is not None]
-        met = sum(score["met"] for score in floors)
-        commits = sorted({score["commit"] for score in figures.values()})
-        lines += ["", f"## {area}", "", f"{met} of {len(floors)} floors met; measured at {', '.join(commits)}.", ""]
+        figures = record["figures"]
+        lines += ["", f"## {area}", ""]
         lines += ["| figure | floor | measured | interval | n | | from |", "|---|---|---|---|---|---|---|"]
         for name, score in figures.items():
             interval = score.get("interval")
@@ -73,6 +118,11 @@ def results_markdown(scores: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> s
             )
         lines += _by_scene(figures)
     return "\n".join(lines) + "\n"
+
+
+def _floors(record: Mapping[str, Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Figures of an area that a floor is asked of."""
+    return [score for score in record.get("figures", {}).values() if score["floor"] is not None]
 
 
 def _by_scene(figures: Mapping[str, Mapping[str, Any]]) -> list[str]:
@@ -95,17 +145,31 @@ def _by_scene(figures: Mapping[str, Mapping[str, Any]]) -> list[str]:
     return lines
 
 
-def write_results_page(folder: str | Path, out: str | Path) -> None:
+def read_record(path: str | Path) -> dict[str, dict[str, Any]]:
+    """Recorded figures of an area, {`provenance`, `figures`}; empty where there is no file.
+
+    Raises:
+        InputError: The file is damaged.
+    """
+    if not Path(path).exists():
+        return {}
+    record = read_json(path)
+    if not {"provenance", "figures"} <= set(record):
+        raise InputError(path, "the file holds no recorded figures", "Delete it and run `make results`")
+    return record
+
+
+def write_results_page(folder: str | Path, out: str | Path, now: Mapping[str, Mapping[str, Mapping[str, str]]]) -> None:
     """Write `benchmarks/RESULTS.md`.
 
     Args:
         folder: Recorded scores, `{area}.json`; areas without one are said to be missing.
         out: The page.
+        now: {area: {code, settings}} of the tree as it is, as `gsbridge.experiment.provenance` gives them.
 
     Raises:
         InputError: A file is damaged.
     """
-    files = [Path(folder) / f"{area}.json" for area in AREAS]
-    text = results_markdown({path.stem: read_json(path) if path.exists() else {} for path in files})
+    text = results_markdown({area: read_record(Path(folder) / f"{area}.json") for area in AREAS}, now)
     with atomic_file(out) as temporary:
         temporary.write_text(text, encoding="utf-8")

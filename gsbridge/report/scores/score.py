@@ -133,7 +133,7 @@ def reaches(value: float, floor: float, direction: str) -> bool:
 
 
 def score_figure(floor: Mapping[str, Any], measured: Mapping[str, Any] | None, preset: str) -> dict[str, Any]:
-    """One entry of `scores/{area}.json`, without the commit.
+    """One figure of `scores/{area}.json`.
 
     Args:
         floor: Entry of `floors.yaml`.
@@ -216,7 +216,13 @@ def read_measured(paths: Sequence[str | Path], preset: str) -> dict[str, dict[st
 
 
 def write_scores(
-    floors: str | Path, measured_json: Sequence[str | Path], out: str | Path, *, area: str, preset: str, commit: str
+    floors: str | Path,
+    measured_json: Sequence[str | Path],
+    out: str | Path,
+    *,
+    area: str,
+    preset: str,
+    provenance: Mapping[str, Any],
 ) -> None:
     """Compare all figures of one area with their floors and write `scores/{area}.json`.
 
@@ -226,7 +232,9 @@ def write_scores(
         out: The scores.
         area: Area of the figures to compare.
         preset: Preset that the measurement ran with.
-        commit: Commit of the code that was measured.
+        provenance: Digests of the code and the settings behind the figures, as `gsbridge.experiment.provenance` gives them.
+
+    The file is {`provenance`: {commit, code, settings}, `figures`: {figure: score}}.
 
     Raises:
         InputError: A file is damaged, or no floor belongs to the area.
@@ -239,5 +247,5 @@ def write_scores(
     for name, entry in wanted.items():
         found = measured.get(name, {})
         used = entry["preset"] if entry["preset"] in found else next(iter(found), preset)
-        scores[name] = {**score_figure(entry, found.get(used), used), "commit": commit}
-    write_json(out, scores)
+        scores[name] = score_figure(entry, found.get(used), used)
+    write_json(out, {"provenance": {"commit": current_commit(), **provenance}, "figures": scores})

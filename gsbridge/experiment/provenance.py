@@ -1,0 +1,156 @@
+"""What stands behind the recorded figures of an area: the rules that made them, and the settings.
+
+`benchmarks/scores` outlives `results/`. Digests beside the figures tell whether the tree would still make the same ones.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from gsbridge.digests import code_digest
+
+_SCENES = (
+    "film_scene",
+    "select_keyframes",
+    "calibrate_camera",
+    "reconstruct_cameras",
+    "align_scene",
+    "mesh_background",
+    "train_splats",
+)
+_OBJECTS = ("segment_object", "mesh_object")
+_WORKSPACE = (
+    "film_board",
+    "register_workspace",
+    "calibrate_wrist_camera",
+    "calibrate_light",
+    "build_asset",
+    "describe_robot",
+    "fit_robot_splats",
+)
+_POLICIES = ("train_policy", "try_policy_in_sim")
+
+RULES: Mapping[str, tuple[str, ...]] = {
+    "real2sim": (
+        *_SCENES,
+        *_OBJECTS,
+        "train_comparison",
+        "collect_rendering",
+        "score_scene",
+        "benchmark_rasterizer",
+        "score_real2sim",
+    ),
+    "simulator": (
+        *_SCENES,
+        *_OBJECTS,
+        *_WORKSPACE,
+        "score_registration",
+        "try_controller_in_sim",
+        "try_controller_in_mirror",
+        "check_simulator",
+        "photograph_views",
+        "draw_views",
+        "compare_eye_in_hand",
+        "benchmark_environment",
+        "score_simulator",
+    ),
+    "policies": (
+        *_SCENES,
+        *_OBJECTS,
+        *_WORKSPACE,
+        *_POLICIES,
+        "try_policy_in_mirror",
+        "collect_success",
+        "collect_training",
+        "score_policies",
+    ),
+    "worlds": (
+        *_SCENES,
+        *_OBJECTS,
+        *_WORKSPACE,
+        *_POLICIES,
+        "try_policy_in_mirror",
+        "collect_success",
+        "score_worlds",
+    ),
+    "study": (*_SCENES, *_OBJECTS, *_WORKSPACE, *_POLICIES, "collect_study", "score_study"),
+    "gap": (*_SCENES, "generate_gap_cases", "diagnose_gap_cases", "score_gap_cases", "score_gap"),
+    "loops": (
+        *_SCENES,
+        *_OBJECTS,
+        *_WORKSPACE,
+        *_POLICIES,
+        "try_policy_in_mirror",
+        "describe_arm",
+        "log_trials",
+        "write_loop_case",
+        "read_gap_records",
+        "replay_gap",
+        "compare_gap",
+        "screen_gap",
+        "identify_gap",
+        "report_gap",
+        "calibrate_arm",
+        "amend_simulation",
+        "draw_postures",
+        "photograph_postures",
+        "diagnose_photos",
+        "report_photos",
+        "amend_camera",
+        "collect_loop",
+        "collect_sight_loop",
+        "score_loops",
+    ),
+}
+"""Rules behind each area of `benchmarks/scores`, in the order of the work. A test holds them against the planned jobs."""
+
+_MODULES = {
+    "benchmark_rasterizer": "benchmarks.rasterizer",
+    "benchmark_environment": "benchmarks.environment",
+    "train_comparison": "scripts.train_splats",
+}
+"""Modules of the rules that do not run the script of their own name."""
+
+_BESIDE = ("areas", "captures", "gap_case", "presets")
+"""Sections of the settings that change no recorded figure by themselves; of the presets, the one that ran counts."""
+
+
+def _digest(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True, default=str).encode()).hexdigest()[:12]
+
+
+def code_behind(area: str) -> dict[str, str]:
+    """Digest of each rule behind an area of figures, {rule: digest}."""
+    return {rule: code_digest(_MODULES.get(rule, f"scripts.{rule}")) for rule in RULES[area]}
+
+
+def settings_behind(config: Mapping[str, Any]) -> dict[str, str]:
+    """Digest of each setting, {`section` or `section.entry`: digest}.
+
+    Entries of sections stand alone, so that a scene or a cell that is added later leaves the others as they were.
+    """
+    preset = config["preset"]
+    sections = {name: value for name, value in config.items() if name not in _BESIDE}
+    sections[f"presets.{preset}"] = config["presets"][preset]
+    found = {}
+    for name, value in sections.items():
+        entries = {f"{name}.{key}": entry for key, entry in value.items()} if isinstance(value, Mapping) else {name: value}
+        found.update({key: _digest(entry) for key, entry in entries.items()})
+    return found
+
+
+def provenance(area: str, config: Mapping[str, Any]) -> dict[str, dict[str, str]]:
+    """What stands behind the figures of an area as the tree is now.
+
+    Returns:
+        {`code`: {rule: digest}, `settings`: {setting: digest}}.
+    """
+    return {"code": code_behind(area), "settings": settings_behind(config)}
+
+
+def provenances(config: Mapping[str, Any]) -> dict[str, dict[str, dict[str, str]]]:
+    """`provenance` of every area, {area: {`code`, `settings`}}."""
+    return {area: provenance(area, config) for area in RULES}

@@ -1,0 +1,45 @@
+"""Recorded figures say whether the tree would still make them."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from gsbridge.configuration.whole import read_configuration
+from gsbridge.experiment.provenance import RULES, provenance, provenances, settings_behind
+from gsbridge.report.scores.results_page import AREAS, freshness, read_record
+
+ROOT = Path(__file__).resolve().parents[2]
+WITHOUT_FIGURES = {"compile_kernels", "copy_project_file"}
+"""Jobs that make nothing that is measured: compiled code, and the floors themselves."""
+
+
+@pytest.mark.parametrize("area", AREAS)
+def test_the_rules_behind_an_area_are_those_that_are_planned(snakemake, tmp_path, area):
+    plan = snakemake("--dry-run", "--quiet", "host", "--directory", str(tmp_path), "--", f"results/scores/{area}.json").stdout
+    planned = set(re.findall(r"(?m)^(\w+)\s+\d+$", plan)) - {"total"} - WITHOUT_FIGURES
+    assert planned == set(RULES[area])
+    assert len(RULES[area]) == len(planned)
+
+
+def test_settings_of_other_presets_and_scenes_do_not_count(config):
+    whole = read_configuration(config)
+    before = settings_behind(whole)
+    scene = next(iter(whole["scenes"]))
+    other = next(name for name in whole["presets"] if name != whole["preset"])
+    assert settings_behind({**whole, "presets": {**whole["presets"], other: {}}}) == before
+    assert {name for name in settings_behind({**whole, "seed": whole["seed"] + 1}) if before[name] is not None} == set(before)
+    changed = settings_behind({**whole, "scenes": {**whole["scenes"], scene: {}, "new": {}}})
+    assert {name for name, digest in before.items() if changed[name] != digest} == {f"scenes.{scene}"}
+
+
+def test_the_page_tells_which_figures_are_of_this_tree(config):
+    """After a change of code or settings, `make results-page` writes the states anew."""
+    page = (ROOT / "benchmarks/RESULTS.md").read_text()
+    whole = read_configuration(config)
+    assert set(RULES) == set(AREAS) == set(provenances(whole))
+    for area in AREAS:
+        record = read_record(ROOT / f"benchmarks/scores/{area}.json")
+        state = freshness(record["provenance"], provenance(area, whole)) if record else "not recorded"
+        line = next(line for line in page.splitlines() if line.startswith(f"| [{area}]"))
+        assert ("| fresh |" in line) == (state == "fresh"), area
