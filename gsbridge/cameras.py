@@ -63,7 +63,12 @@ class Camera:
         return replace(self, width=width, height=height, fx=self.fx * sx, cx=self.cx * sx, fy=self.fy * sy, cy=self.cy * sy)
 
     def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
-        """Camera of a rectangular part of the image."""
+        """Camera of a rectangular part of the image.
+
+        Args:
+            left, top: Corner of the part in the image, px.
+            width, height: Size of the part, px.
+        """
         return replace(self, width=width, height=height, cx=self.cx - left, cy=self.cy - top)
 
     def project(self, points_cam: Array) -> Array:
@@ -129,6 +134,11 @@ def camera_centre(cam_from_world: Array) -> Array:
 
 def look_at(eye: Array, target: Array, up: Array = (0.0, 0.0, 1.0)) -> Array:  # type: ignore[assignment]
     """`cam_from_world` of a camera at `eye` that looks at `target`, image up towards `up`. [3] each -> [4, 4].
+
+    Args:
+        eye: Centre of the camera, world frame, m. [3].
+        target: Point that lies on the optical axis, world frame, m. [3].
+        up: Direction that points up in the image, of any length, world frame. [3].
 
     Raises:
         ValueError: The line of sight is parallel to `up`.

@@ -199,7 +199,15 @@ def ssim_map(image: Array, reference: Array) -> Array:
 
 
 def ssim(image: Array, reference: Array, weight: Array | None = None) -> float:
-    """Mean structural similarity, over the pixels that `weight` counts. NaN where none does."""
+    """Mean structural similarity of two images.
+
+    Args:
+        image, reference: Images of one shape, as `ssim_map` takes them.
+        weight: How much each pixel counts, in the shape of `ssim_map`'s result; every pixel counts the same when None.
+
+    Returns:
+        The weighted mean; NaN where no pixel counts.
+    """
     values = ssim_map(image, reference)
     if weight is None:
         return float(values.mean())

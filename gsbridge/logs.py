@@ -138,7 +138,13 @@ def _log_to_files(line: str) -> None:
 
 
 def track(items: Iterable[T], label: str, total: int | None = None) -> Iterator[T]:
-    """Iterate over `items` with a `Progress` line."""
+    """Iterate over `items` with a `Progress` line.
+
+    Args:
+        items: What to iterate over.
+        label: Text in front of the progress line.
+        total: Number of items; their length when None, which an iterator does not have.
+    """
     count = total if total is not None else len(items)  # type: ignore[arg-type]
     progress = Progress(count, label)
     for item in items:

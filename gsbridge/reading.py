@@ -110,7 +110,16 @@ def load_yaml(path: str | Path, what: str, remedy: str) -> Any:
 
 
 def refuse_depth(text: str, source: Path, remedy: str) -> None:
-    """Refuse what is nested too deeply, at the first block that is: the parser's time grows with the square of the depth."""
+    """Refuse what is nested too deeply, at the first block that is: the parser's time grows with the square of the depth.
+
+    Args:
+        text: YAML.
+        source: File that it came from, for the message.
+        remedy: What the user can do, for the message.
+
+    Raises:
+        InputError: The text is nested deeper than `DEEPEST_YAML` levels.
+    """
     depth = 0
     for event in yaml.parse(text, Loader=yaml.SafeLoader):
         if isinstance(event, yaml.CollectionStartEvent):
@@ -122,7 +131,16 @@ def refuse_depth(text: str, source: Path, remedy: str) -> None:
 
 
 def refuse_bombs(root: yaml.Node | None, source: Path, remedy: str) -> None:
-    """Refuse documents whose aliases multiply beyond measure or refer to themselves; counted without writing them out."""
+    """Refuse documents whose aliases multiply beyond measure or refer to themselves; counted without writing them out.
+
+    Args:
+        root: Root of the composed document; None for an empty one.
+        source: File that it came from, for the message.
+        remedy: What the user can do, for the message.
+
+    Raises:
+        InputError: An alias refers to what it stands in, or the aliases stand for more than `MOST_YAML_NODES` values.
+    """
     sizes: dict[int, int] = {}
     open_nodes: set[int] = set()
 

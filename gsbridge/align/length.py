@@ -88,7 +88,16 @@ def scale_from_length(
 
 
 def table_point(pixel: Array, camera: Camera, cam_from_table: Array) -> Array:
-    """Where the ray through a pixel meets the plane z = 0; NaN where it does not. [2] -> [3]."""
+    """Where the ray through a pixel meets the plane z = 0 of the table.
+
+    Args:
+        pixel: Position in the photo as taken, px. [2].
+        camera: Camera of the photo, with its distortion.
+        cam_from_table: Pose of the camera. [4, 4].
+
+    Returns:
+        The point in the table frame, in the units of `cam_from_table`; NaN where the ray does not meet the plane. [3].
+    """
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 60, 1e-9)
     xy = cv2.undistortPoints(
         np.asarray(pixel, dtype=np.float64).reshape(1, 1, 2), camera.intrinsics, np.array(camera.distortion), criteria=criteria

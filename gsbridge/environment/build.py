@@ -150,7 +150,13 @@ def plate_of(item: str | Path, background: str | Path) -> Plate | None:
 
 
 def environment_makers(files: StageFiles, settings: EnvironmentSettings, count: int) -> Sequence[Callable[[], PickEnvironment]]:
-    """What gymnasium's vector environments take: one maker per process."""
+    """Functions of which each builds one environment, as gymnasium's vector environments take them.
+
+    Args:
+        files: Files of the stages that the environment is made of.
+        settings: Settings of every environment.
+        count: How many environments there shall be, one per process.
+    """
     return [partial(build_environment, files, settings) for _ in range(count)]
 
 

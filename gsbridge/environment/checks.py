@@ -25,7 +25,17 @@ HELD = 1.0
 
 
 def trajectory(environment: PickEnvironment, controller: GraspController, seed: int, *, until_held: bool = False) -> Array:
-    """What moves in an episode of the baseline controller, to its end or until the object is in the hand. [T, M]."""
+    """Everything that moves in an episode of the baseline controller.
+
+    Args:
+        environment: World to run the episode in; it is reset.
+        controller: What acts.
+        seed: Seed of the episode.
+        until_held: Whether to stop once both pads hold the object, instead of at the episode's end.
+
+    Returns:
+        A row after each step: joint positions and speeds, poses of all bodies, and the state in `info`. [T, M].
+    """
     world = environment.world
     _, info = environment.reset(seed=seed)
     rows: list[Array] = []

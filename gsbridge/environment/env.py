@@ -279,7 +279,16 @@ def draw_episode(rng: np.random.Generator, region: StartRegion) -> tuple[Array, 
 
 
 def judge(state: State, progress: Progress, rules: grasp.Grasp | place.Place) -> tuple[Progress, Outcome]:
-    """What the rules of a task say about the state of N worlds."""
+    """Judge the state of N worlds by the rules of a task.
+
+    Args:
+        state: State of the worlds.
+        progress: What happened before, from the last call or the episode's start.
+        rules: Thresholds of the task.
+
+    Returns:
+        The progress to give to the next call, and the outcome.
+    """
     if isinstance(rules, grasp.Grasp):
         return grasp.judge(state, progress, rules)
     return place.judge(state, progress, rules)

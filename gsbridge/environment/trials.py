@@ -68,7 +68,14 @@ def spread(count: int) -> list[int]:
 
 
 def run_trial(environment: PickEnvironment, policy: Policy, pose_set: str, index: int) -> Trial:
-    """One episode, until it ends; its random numbers come from the index and the settings' seed of poses."""
+    """One episode, until it ends; its random numbers come from the index and the settings' seed of poses.
+
+    Args:
+        environment: World to run the episode in; it is reset.
+        policy: What acts.
+        pose_set: Name of the set of start poses.
+        index: Number of the start pose in the set.
+    """
     seed = environment.settings.pose_seed
     observation, info = environment.reset(seed=1000 * seed + index, options={"pose_set": pose_set, "index": index})
     ended = False

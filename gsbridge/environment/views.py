@@ -106,7 +106,16 @@ def draw_views(
 def moment_of(
     environment: PickEnvironment, info: Mapping[str, Any], start: int
 ) -> tuple[ViewState, Mapping[str, Array], Array]:
-    """State, body poses and `cam_from_table` of now, in the episode from a start."""
+    """State, body poses and camera pose at this moment of an episode.
+
+    Args:
+        environment: World that the episode runs in.
+        info: What its last step or reset returned.
+        start: Number of the start pose, which the state carries on.
+
+    Returns:
+        State; pose of each body in the table frame, by its name; `cam_from_table` [4, 4].
+    """
     world = environment.world
     state = state_of(info)
     w, x, y, z = state.object_quat[0]

@@ -60,7 +60,13 @@ class JointLoop:
         return Policy.of(self.cell, variant)
 
     def trials(self, world: str, ending: str, variant: str = "default") -> str:
-        """A file about the trials in one world."""
+        """Path of a file about the trials in one world.
+
+        Args:
+            world: Name of the world that the policy was tried in.
+            ending: Ending of the file's name, such as `csv` or `npz`.
+            variant: Way of learning of the policy.
+        """
         return self.policy(variant).trials(world, self.cell["seed"], ending)
 
     @property

@@ -64,7 +64,13 @@ class Policy:
         return f"results/policies/{self.place}/seed{seed}/{name}"
 
     def trials(self, world: str, seed: int | str, ending: str) -> str:
-        """Table, log or record of the trials in one world of the policy with one seed."""
+        """Path of the table, log or record of the trials in one world.
+
+        Args:
+            world: Name of the world that the policy was tried in.
+            seed: Seed of its training.
+            ending: Ending of the file's name, such as `csv` or `npz`.
+        """
         return f"results/trials/{self.place}/{world}/seed{seed}.{ending}"
 
 
@@ -73,6 +79,12 @@ ANY = Policy("{task}", "{object}", "{background}", "{renderer}", "{variant}")
 
 
 def policy_files(policies: Iterable[Policy], seeds: Iterable[int], name: str) -> list[str]:
-    """One file of each policy and seed."""
+    """Path of one file of each policy and seed.
+
+    Args:
+        policies: The policies.
+        seeds: Seeds of their trainings.
+        name: Name of the file in the training's folder.
+    """
     seeds = list(seeds)
     return [policy.file(seed, name) for policy in policies for seed in seeds]

@@ -36,7 +36,12 @@ def read_backend(case: str | Path) -> Backend:
 
 
 def load_backend(model: str | Path, data: str | Path, record: str | Path) -> Backend:
-    """What `write_case_records` has left.
+    """The backend of a case, from the files that `write_case_records` has left.
+
+    Args:
+        model: File of the case's model.
+        data: Measurements (`.npz`).
+        record: `records.json`, which tells the kind of case.
 
     Raises:
         InputError: A file is missing or damaged.

@@ -36,9 +36,20 @@ _GROUND = 0.004
 def hull_of_masks(
     views: Sequence[View], masks: Sequence[Array], prompt: Prompt, *, vote: float, voxels: int, threads: int
 ) -> Mesh | None:
-    """Visual hull of masks (any size; cameras are scaled to them), grown to the table; None where the masks share no point.
+    """Visual hull of masks, grown to the table.
 
     The votes count only views that show anything: an empty mask is a failed one, not a proof that there is no object.
+
+    Args:
+        views: Posed photos.
+        masks: One per view, of any size; cameras are scaled to it. [h, w] each.
+        prompt: Where the object stands.
+        vote: Share of the views that see a point which must show it as part of the object.
+        voxels: Samples along the longest edge of the prompt's box.
+        threads: Threads to use.
+
+    Returns:
+        The hull, table frame; None where the masks share no point.
     """
     silhouettes = []
     for view, mask in zip(views, masks, strict=True):
@@ -62,7 +73,13 @@ def hull_of_masks(
 
 
 def outline(mesh: Mesh, camera: Camera, cam_from_table: Array) -> Array:
-    """Pixels that a mesh covers. [H, W] bool."""
+    """Pixels that a mesh covers. [H, W] bool.
+
+    Args:
+        mesh: A mesh, table frame.
+        camera: Camera of the view.
+        cam_from_table: Its pose. [4, 4].
+    """
     return np.isfinite(mesh_depth(mesh.vertices, mesh.faces, camera, cam_from_table))
 
 
@@ -83,7 +100,19 @@ def shrunk(mask: Array) -> Array:
 def agreed_hull(
     views: Sequence[View], masks: Sequence[Array], prompt: Prompt, settings: MaskSettings, wanted: float, threads: int
 ) -> Mesh:
-    """Hull of the masks, with a vote that yields where the views agree on nothing."""
+    """Visual hull of the masks, with a vote that yields where the views agree on nothing.
+
+    Args:
+        views: Posed photos.
+        masks: One per view. [H, W] each.
+        prompt: Where the object stands.
+        settings: See `MaskSettings`.
+        wanted: The vote; where the masks share no point, 85 % and 70 % of it are tried.
+        threads: Threads to use.
+
+    Raises:
+        StageError: The masks share no point at the lowest vote either.
+    """
     small = [shrunk(mask) for mask in masks]
     for vote in (wanted, 0.85 * wanted, 0.7 * wanted):
         hull = hull_of_masks(views, small, prompt, vote=vote, voxels=settings.hull_voxels, threads=threads)

@@ -29,7 +29,17 @@ _SPECK = 40
 
 
 def table_homography(camera: Camera, cam_from_table: Array, other: Camera, other_from_table: Array) -> Array:
-    """Pixels of another view that show the same table point, as a 3x3 homography of integer-centred pixel coordinates."""
+    """Homography from pixels of one view to the pixels of another that show the same point of the table plane.
+
+    Args:
+        camera: Camera of the view, without distortion.
+        cam_from_table: Its pose. [4, 4].
+        other: Camera of the other view, without distortion.
+        other_from_table: Its pose. [4, 4].
+
+    Returns:
+        Homography of pixel coordinates whose integers are pixel centres. [3, 3].
+    """
     onto = camera.intrinsics @ cam_from_table[:3][:, [0, 1, 3]]
     other_onto = other.intrinsics @ other_from_table[:3][:, [0, 1, 3]]
     shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1.0]])

@@ -31,7 +31,13 @@ class Crop:
 
     @classmethod
     def around(cls, pixels: Array, image_size: tuple[int, int], longest: int, margin: float = 0.25) -> Crop | None:
-        """Part that holds `pixels` [N, 2] with a margin, shrunk so that its longest side is at most `longest` px.
+        """Part of an image that holds some pixels with a margin.
+
+        Args:
+            pixels: Pixels to hold; those with NaN are left out. [N, 2].
+            image_size: Width and height of the image, px.
+            longest: Longest side of the shrunk part, px.
+            margin: Free edge on each side, as a share of the longer side of the pixels' bounding box.
 
         Returns:
             The crop, or None where less than 8 px of the part lie within the image (width, height).
@@ -80,7 +86,14 @@ class Crop:
 
 
 def stamp(labels: Array, pixels: Array, radius: int, value: int) -> None:
-    """Write `value` into discs round pixels (centres at +0.5), in place. [H, W], [N, 2]."""
+    """Write a label into discs round pixels, in place.
+
+    Args:
+        labels: Labels of an image. [H, W].
+        pixels: Middles of the discs, pixel centres at +0.5; those with NaN are left out. [N, 2].
+        radius: Radius of the discs, px.
+        value: Label to write.
+    """
     for x, y in pixels[np.isfinite(pixels).all(axis=1)]:
         if -radius <= x < labels.shape[1] + radius and -radius <= y < labels.shape[0] + radius:
             cv2.circle(labels, (int(np.floor(x)), int(np.floor(y))), radius, int(value), -1)

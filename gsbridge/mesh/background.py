@@ -178,7 +178,16 @@ def _cell_of(table: TableMap, x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def slab(table: TableMap, thickness: float, faces: int) -> Mesh:
-    """Watertight slab under the map's height field, on a regular grid of the filmed cells. Bottom at `-thickness`."""
+    """Watertight slab under the map's height field, on a regular grid of the filmed cells.
+
+    Args:
+        table: The map.
+        thickness: Depth of the slab's flat bottom below z = 0, in the map's unit.
+        faces: About how many faces the slab may have; the grid grows coarser until they suffice.
+
+    Raises:
+        StageError: The filmed part is too small.
+    """
     step = 1
     while 4 * (table.filmed.sum() / step**2) > faces and step < 64:
         step += 1

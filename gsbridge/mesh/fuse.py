@@ -24,7 +24,16 @@ logger = logging.getLogger("gsbridge")
 
 
 def surface_samples(mesh: Mesh, spacing: float, seed: int) -> tuple[Array, Array]:
-    """Points spread over a mesh, about `spacing` apart, with the faces' normals. [N, 3], [N, 3]."""
+    """Random points spread over a mesh, with the normals of their faces.
+
+    Args:
+        mesh: The mesh.
+        spacing: Mean distance of neighbours, in the mesh's unit.
+        seed: Random seed.
+
+    Returns:
+        Points and unit normals. [N, 3], [N, 3].
+    """
     areas = mesh.areas()
     count = int(areas.sum() / spacing**2)
     rng = np.random.default_rng(seed)
@@ -42,6 +51,12 @@ def unexplained(points: Array, hull: Hull, cloud: Cloud, spacing: float) -> Arra
 
     A hull point that a view sees where that view has a confirmed depth is either confirmed or, in a hollow, refuted by it; it
     is needed only where no view that sees it measured anything, and no measured point is near.
+
+    Args:
+        points: Points on the hull. [N, 3].
+        hull: Visual hull of the object.
+        cloud: Measured points, and where each view has a confirmed depth.
+        spacing: Distance of neighbours in `points`.
     """
     measured = np.zeros(len(points), np.int32)
     for view, confirmed in zip(cloud.views, cloud.confirmed, strict=True):
@@ -76,6 +91,12 @@ def bottom_samples(hull: Hull, spacing: float) -> tuple[Array, Array]:
 def poisson(points: Array, normals: Array, depth: int, threads: int) -> Mesh:
     """Screened Poisson surface of oriented points.
 
+    Args:
+        points: Points. [N, 3].
+        normals: Their outward normals. [N, 3].
+        depth: Depth of the octree.
+        threads: Threads to use.
+
     Source: Kazhdan, Hoppe, ACM TOG 32(3), 2013 (open3d's build).
     """
     open3d = import_open3d()
@@ -91,6 +112,14 @@ def trimmed(hull: Hull, cloud: Cloud, views: Sequence[View]) -> Hull:
     """Hull of an object that was seen from one side only, without the far ends of its viewing cones.
 
     The unseen side is unknown; the trimmed hull is as deep as it is wide, and no higher than the measured points.
+
+    Args:
+        hull: Visual hull of the object.
+        cloud: Measured points.
+        views: Views that saw it.
+
+    Returns:
+        The trimmed hull; `hull` itself where nothing would be left.
     """
     middle = np.median(cloud.points, axis=0)
     ahead = np.mean([view.centre for view in views], axis=0)[:2] - middle[:2]

@@ -60,7 +60,13 @@ def read_masks(views: Views, folder: str | Path) -> list[Array]:
 
 
 def silhouettes(views: Sequence[View], masks: Sequence[Array], width: int) -> list[Silhouette]:
-    """Signed distances of all masks that show anything, shrunk to `width`."""
+    """Signed distances of all masks that show anything.
+
+    Args:
+        views: Posed photos.
+        masks: One per view, 0..1. [H, W] each.
+        width: Width that wider masks are shrunk to, px.
+    """
     out = []
     for view, mask in zip(views, masks, strict=True):
         camera = view.camera.scaled(min(1.0, width / view.camera.width))

@@ -100,7 +100,16 @@ def _supported(sparse: Array, middle: Array, x: Array, y: Array, distance: float
 
 
 def visible(view: View, cells: Array, distance: float) -> Array:
-    """Cells in the picture of a view, near and steep enough. [ny, nx, 3] -> [ny, nx] bool."""
+    """Cells that a view sees from near and steeply enough.
+
+    Args:
+        view: Posed photo.
+        cells: Centres of the cells, table frame. [ny, nx, 3].
+        distance: Working distance, in the unit of `cells`.
+
+    Returns:
+        True where a cell is seen. [ny, nx] bool.
+    """
     camera = view.camera
     local = cells @ view.cam_from_table[:3, :3].T + view.cam_from_table[:3, 3]
     pixels = camera.project(local)

@@ -42,7 +42,13 @@ class Grid:
 
     @classmethod
     def covering(cls, low: Array, high: Array, spacing: float) -> Grid:
-        """Smallest grid of this spacing that starts at `low` and reaches `high`."""
+        """Smallest grid of this spacing that starts at `low` and reaches `high`.
+
+        Args:
+            low: First sample point, table frame. [3].
+            high: Corner to reach, table frame. [3].
+            spacing: Distance between neighbours along each axis, in the unit of the corners.
+        """
         extent = np.asarray(high, dtype=np.float64) - np.asarray(low, dtype=np.float64)
         count = np.maximum(np.ceil(extent / spacing - 1e-9).astype(int) + 1, 2)
         return cls(np.asarray(low, dtype=np.float64), float(spacing), (int(count[0]), int(count[1]), int(count[2])))
@@ -281,7 +287,17 @@ def _rasterise(pixels: Array, depths: Array, faces: Array, out: Array) -> None:
 
 
 def mesh_depth(vertices: Array, faces: Array, camera: Camera, cam_from_table: Array) -> Array:
-    """Depth (camera z) of a mesh at every pixel centre; infinity where there is none. [V, 3], [F, 3] -> [H, W] float32."""
+    """Depth (camera z) of a mesh at every pixel centre.
+
+    Args:
+        vertices: Table frame. [V, 3].
+        faces: Numbers of the vertices. [F, 3].
+        camera: Camera of the view.
+        cam_from_table: Its pose. [4, 4].
+
+    Returns:
+        Depth in the unit of `vertices`; infinity where there is no mesh. [H, W] float32.
+    """
     points = vertices @ cam_from_table[:3, :3].T + cam_from_table[:3, 3]
     pixels = np.nan_to_num(camera.project(points), nan=-1e6)
     out = np.full((camera.height, camera.width), np.inf, np.float32)

@@ -39,14 +39,11 @@ class Reading:
 
 @runtime_checkable
 class RobotDriver(Protocol):
-    """An arm with a gripper and a camera on its wrist. Every call returns at once, but for `rest`.
-
-    Attributes:
-        camera: Intrinsics of the pictures, distortion included; None for the camera of `registration.json`.
-    """
+    """An arm with a gripper and a camera on its wrist. Every call returns at once, but for `rest`."""
 
     @property
-    def camera(self) -> Camera | None: ...
+    def camera(self) -> Camera | None:
+        """Intrinsics of the pictures, distortion included; None for the camera of `registration.json`."""
 
     def rest(self) -> None:
         """Open the gripper, drive slowly to the rest posture, and return when the arm stands still."""

@@ -63,7 +63,16 @@ class EpisodeLog:
     def add(
         self, time_s: float, reached: Reached, action: Array, command: tuple[Array, float, float], late_s: float, refused: bool
     ) -> None:
-        """Add a step."""
+        """Add a step.
+
+        Args:
+            time_s: Time since the first step, when the arm was measured, s.
+            reached: Measured tool pose and opening, table frame.
+            action: What the policy wanted. [5].
+            command: Commanded position, table frame, m [3], yaw, rad, and opening, m.
+            late_s: By how much the step missed its time, s; 0 or less when it did not.
+            refused: Whether the arm refused the command.
+        """
         position, yaw, aperture = command
         measured = [*reached.position, reached.yaw, reached.aperture]
         values = [self.steps, time_s, *measured, *action, *position, yaw, aperture, late_s, refused]

@@ -115,7 +115,14 @@ def evaluate(
 
 
 def evaluate_controller(environment: gymnasium.Env, controller: Controller, poses: Array, seed: int) -> Evaluation:
-    """The same for a baseline controller, without drawing pictures that it does not look at."""
+    """One episode of a baseline controller from each pose, without drawing pictures that it does not look at.
+
+    Args:
+        environment: A `PickEnvironment`, wrapped or not.
+        controller: What acts.
+        poses: x, y, yaw of the object, m and rad. [N, 3].
+        seed: Seed of what is random in the episodes.
+    """
     with _blind(bare(environment)):
         return evaluate(environment, lambda _, info: controller(state_of(info))[0], poses, seed, 1.0)
 

@@ -146,7 +146,16 @@ class Guard:
         return None if values.shape == (5,) and np.isfinite(values).all() else End.BAD_ACTION
 
     def command(self, position: Array, yaw: float, reached: Reached) -> End | None:
-        """Judge the next command. It leaves the tether only where the workspace's wall pulls it back inside."""
+        """Judge the next command, which leaves the tether only where the workspace's wall pulls it back inside.
+
+        Args:
+            position: Commanded tool point, table frame, m. [3].
+            yaw: Commanded yaw, rad.
+            reached: Measured tool pose of the same step.
+
+        Returns:
+            Why the episode must end; None where the command is sound.
+        """
         inside = self.workspace.clip(reached.position, reached.yaw)
         reach, turn = (TETHER + 1.0) * self.scale.position + 1e-9, (TETHER + 1.0) * self.scale.yaw + 1e-9
         # With one action upon the tether, two and a half actions at most.

@@ -131,7 +131,13 @@ def repeat_trial(world: LoggedPhysics, settings: EnvironmentSettings, trial: Rep
 
 
 def write_driver_log(path: str | Path, joints: Sequence[str], log: DriverLog) -> None:
-    """Write a log as the gap reads it: CSV, its header `name [unit]`."""
+    """Write a log as the gap reads it: CSV whose header gives name and unit of each column.
+
+    Args:
+        path: File to write.
+        joints: Names of the joints, in the order of the log's columns.
+        log: What the driver logged.
+    """
     columns: Mapping[str, tuple[Array, str, int]] = {
         "command": (log.command, "rad", 8),
         "command_velocity": (log.command_velocity, "rad/s", 8),

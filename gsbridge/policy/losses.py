@@ -27,7 +27,19 @@ logger = logging.getLogger("gsbridge")
 def official_target(
     reward: Tensor, terminated: Tensor, q_actor: Tensor, q_base: Tensor, log_prob_actor: Tensor, alpha: float, gamma: float
 ) -> Tensor:
-    """Critic target of RL-GSBridge's code; see the module. [B]."""
+    """Critic target of RL-GSBridge's code; see the module's table.
+
+    Args:
+        reward: r. [B].
+        terminated: d, 1 where the episode ended in s'. [B].
+        q_actor, q_base: min Q of the actor's and of the controller's action at s'. [B].
+        log_prob_actor: log pi of the actor's action. [B].
+        alpha: Temperature.
+        gamma: Discount per step.
+
+    Returns:
+        y. [B].
+    """
     value = torch.maximum(q_actor, q_base) - alpha * log_prob_actor
     return reward + gamma * (1.0 - terminated) * value
 
@@ -42,7 +54,20 @@ def paper_target(
     alpha: float,
     gamma: float,
 ) -> Tensor:
-    """Critic target of the paper's equation; see the module. `log_prob_base` needs actions cut before tanh^-1. [B]."""
+    """Critic target of the paper's equation; see the module's table.
+
+    Args:
+        reward: r. [B].
+        terminated: d, 1 where the episode ended in s'. [B].
+        q_actor, q_base: min Q of the actor's and of the controller's action at s'. [B].
+        log_prob_actor: log pi of the actor's action. [B].
+        log_prob_base: log pi of the controller's action, which must be cut before tanh^-1. [B].
+        alpha: Temperature.
+        gamma: Discount per step.
+
+    Returns:
+        y. [B].
+    """
     value = torch.maximum(q_actor - alpha * log_prob_actor, q_base - alpha * log_prob_base)
     return reward + gamma * (1.0 - terminated) * value
 
@@ -50,17 +75,40 @@ def paper_target(
 def plain_target(
     reward: Tensor, terminated: Tensor, q_actor: Tensor, log_prob_actor: Tensor, alpha: float, gamma: float
 ) -> Tensor:
-    """Critic target of soft actor-critic, without the controller; see the module. [B]."""
+    """Critic target of soft actor-critic, without the controller; see the module's table.
+
+    Args:
+        reward: r. [B].
+        terminated: d, 1 where the episode ended in s'. [B].
+        q_actor: min Q of the actor's action at s'. [B].
+        log_prob_actor: log pi of that action. [B].
+        alpha: Temperature.
+        gamma: Discount per step.
+
+    Returns:
+        y. [B].
+    """
     return reward + gamma * (1.0 - terminated) * (q_actor - alpha * log_prob_actor)
 
 
 def critic_loss(first: Tensor, second: Tensor, target: Tensor) -> Tensor:
-    """Sum of both critics' mean squared errors."""
+    """Sum of both critics' mean squared errors.
+
+    Args:
+        first, second: Q of the taken action by each critic. [B].
+        target: y. [B].
+    """
     return ((first - target) ** 2).mean() + ((second - target) ** 2).mean()
 
 
 def soft_loss(q_actor: Tensor, log_prob: Tensor, alpha: float) -> Tensor:
-    """The actor's loss in soft actor-critic: mean of alpha log pi - min Q."""
+    """The actor's loss in soft actor-critic: mean of alpha log pi - min Q.
+
+    Args:
+        q_actor: min Q of the actor's action. [B].
+        log_prob: log pi of that action. [B].
+        alpha: Temperature.
+    """
     return (alpha * log_prob - q_actor).mean()
 
 
@@ -98,7 +146,13 @@ def position_loss(guess: Tensor, label: Tensor) -> Tensor:
 
 
 def temperature_loss(log_alpha: Tensor, log_prob: Tensor, target_entropy: float) -> Tensor:
-    """Loss of log alpha, which rises while the entropy is below its target."""
+    """Loss of log alpha, which rises while the entropy is below its target.
+
+    Args:
+        log_alpha: Logarithm of the temperature, which is learnt. A scalar.
+        log_prob: log pi of the actor's action; no gradient flows to it. [B].
+        target_entropy: Wanted mean of -log pi, nats.
+    """
     return -(log_alpha * (log_prob.detach() + target_entropy)).mean()
 
 

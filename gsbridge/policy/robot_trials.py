@@ -181,7 +181,13 @@ class TrialFile:
         return any(self._same(row, pose) for row in self.rows)
 
     def add(self, pose: StartPose, verdict: Verdict, log: EpisodeLog) -> None:
-        """Add a trial, in place of an earlier one from the same pose."""
+        """Add a trial and write the file; an earlier trial from the same pose is replaced.
+
+        Args:
+            pose: Where the object started.
+            verdict: How it ended.
+            log: What happened.
+        """
         row = {
             "pose_set": pose.pose_set,
             "index": pose.index,
@@ -207,7 +213,12 @@ class TrialFile:
 
 
 def still_to_try(poses: Sequence[StartPose], file: TrialFile | None, *, redo: bool) -> list[StartPose]:
-    """Poses without a row; all of them with `redo`, or without a file.
+    """Poses that have no trial yet.
+
+    Args:
+        poses: Poses that were asked for.
+        file: Trials so far; None for none.
+        redo: Whether poses that have a trial are tried again.
 
     Raises:
         InputError: Every one has a row.

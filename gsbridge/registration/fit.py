@@ -43,7 +43,13 @@ class Views:
 
     @classmethod
     def of(cls, camera: Camera, base_from_flange: Array, sightings: Sequence[Sighting]) -> Views:
-        """Views from one sighting per pose."""
+        """Views from one sighting per pose.
+
+        Args:
+            camera: Camera of all photos.
+            base_from_flange: Pose of the flange at each photo. [N, 4, 4].
+            sightings: Board in each photo, in the same order.
+        """
         return cls(
             camera,
             np.asarray(base_from_flange, dtype=np.float64),
@@ -184,6 +190,14 @@ class LeftOut:
 
 def leave_one_out(views: Views, fit: Fit, *, with_scale: bool) -> LeftOut:
     """Fit again without each pose in turn.
+
+    Args:
+        views: All sightings.
+        fit: Fit to all of them.
+        with_scale: Whether the board's size is found, too.
+
+    Returns:
+        Distance between the board as each left-out photo sees it and the fit without it, m, and the jackknife's covariance.
 
     Source: Efron and Stein, Annals of Statistics 9(3), 1981, for the jackknife.
     """

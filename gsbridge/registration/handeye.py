@@ -82,7 +82,12 @@ def start_hand_eye(base_from_flange: Array, cam_from_board: Array, *, with_scale
 
 
 def closed_form(base_from_flange: Array, cam_from_board: Array, *, with_scale: bool) -> HandEye | None:
-    """Rotations by the Kronecker product, then translations (and scale) by linear least squares.
+    """Calibration in closed form: rotations by the Kronecker product, then translations (and scale) by linear least squares.
+
+    Args:
+        base_from_flange: Pose of the flange at each photo. [N, 4, 4].
+        cam_from_board: Pose of the board in each photo, at its assumed size. [N, 4, 4].
+        with_scale: Whether the board's size is found, too.
 
     Returns:
         The calibration; None where the poses do not determine it.

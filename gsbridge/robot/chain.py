@@ -25,7 +25,15 @@ _POSTURE_GAIN = 0.5
 
 @njit(nogil=True)
 def place_links(parents: Array, fixed: Array, axes: Array, values: Array, out: Array) -> None:
-    """Poses of all nodes in the base. parents [K], fixed [K, 4, 4], axes [K, 3], values [K] -> out [K, 4, 4]."""
+    """Poses of all nodes in the base frame.
+
+    Args:
+        parents: Number of the node that carries each, -1 for the base. [K] int.
+        fixed: Transform from each node to its parent where its joint is at zero. [K, 4, 4].
+        axes: Unit axis of each joint in its node's frame, zero for a fixed joint. [K, 3].
+        values: Angle of each joint, rad. [K].
+        out: Result, base_from_node. [K, 4, 4].
+    """
     for k in range(len(parents)):
         x, y, z = axes[k, 0], axes[k, 1], axes[k, 2]
         for i in range(3):
@@ -53,7 +61,15 @@ def place_links(parents: Array, fixed: Array, axes: Array, values: Array, out: A
 
 @njit(nogil=True)
 def offset(target: Array, current: Array, out: Array) -> float:
-    """Way from the current position to the target's, m, into the first three of `out`; returns its length. [4, 4] each."""
+    """Vector from the current position to the target's.
+
+    Args:
+        target, current: Poses in one frame, m. [4, 4] each.
+        out: Result in its first three elements, m.
+
+    Returns:
+        Length of the vector, m.
+    """
     total = 0.0
     for i in range(3):
         out[i] = target[i, 3] - current[i, 3]
@@ -63,7 +79,15 @@ def offset(target: Array, current: Array, out: Array) -> float:
 
 @njit(nogil=True)
 def rotation_error(target: Array, current: Array, out: Array) -> float:
-    """Rotation vector that turns `current` into `target`, base frame; returns its angle. [4, 4], [4, 4] -> out [3]."""
+    """Rotation vector, in the base frame, that turns `current` into `target`.
+
+    Args:
+        target, current: Poses in the base frame; only their rotations count. [4, 4] each.
+        out: Result, rad. [3].
+
+    Returns:
+        Angle of the rotation, rad.
+    """
     delta = np.zeros((3, 3))
     for i in range(3):
         for j in range(3):
@@ -119,7 +143,14 @@ def cholesky_solve(matrix: Array, right: Array) -> None:
 
 @njit(nogil=True)
 def place_tool_down(base_from_frame: Array, x: float, y: float, z: float, yaw: float, out: Array) -> None:
-    """`base_from_frame @ gsbridge.robot.reach.tool_down((x, y, z), yaw)`. [4, 4], m, rad -> out [4, 4]."""
+    """Pose of a tool that points straight down: `base_from_frame @ gsbridge.robot.reach.tool_down((x, y, z), yaw)`.
+
+    Args:
+        base_from_frame: Frame that the target is given in. [4, 4].
+        x, y, z: Position of the tool in that frame, m.
+        yaw: Turn about the frame's z, rad.
+        out: Result, base_from_tool. [4, 4].
+    """
     cosine, sine = math.cos(yaw), math.sin(yaw)
     for i in range(4):
         a, b, c = base_from_frame[i, 0], base_from_frame[i, 1], base_from_frame[i, 2]
@@ -129,7 +160,15 @@ def place_tool_down(base_from_frame: Array, x: float, y: float, z: float, yaw: f
 
 @njit(nogil=True)
 def tool_jacobian(axes: Array, nodes: Array, poses: Array, tool: int, out: Array) -> None:
-    """Geometric Jacobian of a node for the joints `nodes` on the way to it, base frame: metres, then radians. -> out [6, N]."""
+    """Geometric Jacobian of one node in the base frame.
+
+    Args:
+        axes: Unit axis of each joint in its node's frame. [K, 3].
+        nodes: Numbers of the N joints on the way from the base to the tool. [N] int.
+        poses: base_from_node of all nodes, from `place_links`. [K, 4, 4].
+        tool: Number of the node that the Jacobian belongs to.
+        out: Result: three rows in m per rad, then three in rad per rad. [6, N].
+    """
     for column in range(len(nodes)):
         k = nodes[column]
         x = poses[k, 0, 0] * axes[k, 0] + poses[k, 0, 1] * axes[k, 1] + poses[k, 0, 2] * axes[k, 2]
@@ -190,6 +229,18 @@ def solve_inverse(
     q: Array,
 ) -> tuple[float, float, int]:
     """Damped least squares within joint limits; `q` [N] is the start, cut to the limits, and becomes the solution.
+
+    Args:
+        parents, fixed, axes: The chain of nodes, as in `place_links`. [K], [K, 4, 4], [K, 3].
+        nodes: Numbers of the N joints that may move. [N] int.
+        tool: Number of the node that shall reach the target.
+        target: Wanted pose of the tool, base frame. [4, 4].
+        rest: Posture that is preferred where the target leaves a choice, rad. [N].
+        pull_weights: How strongly each joint is drawn to the rest posture. [N].
+        lower, upper: Limits of the joints, rad. [N] each.
+        tolerance: Largest error of a solution, m.
+        iterations: Most iterations.
+        q: Start, and result, rad. [N].
 
     Returns:
         Position error m, angle error rad, iterations done. It ends when both errors lie below `tolerance` (m, and rad times

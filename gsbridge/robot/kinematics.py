@@ -62,6 +62,11 @@ class Kinematics:
     def read(cls, urdf: str | Path, rest: Array | Sequence[float] = REST_POSTURE, tip: str = "tool") -> Kinematics:
         """Read a description.
 
+        Args:
+            urdf: File of the description.
+            rest: Posture that is preferred where the tool's pose leaves a choice, rad. [N].
+            tip: Name of the link whose pose is the tool's.
+
         Raises:
             InputError: The file cannot be used, has no link `tip`, or the rest posture does not fit its arm.
         """

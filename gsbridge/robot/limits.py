@@ -70,10 +70,18 @@ class JointLimits:
         return np.minimum(np.asarray(q) - self.lower, self.upper - np.asarray(q))
 
     def follow(self, q: Array, wanted: Array, seconds: float) -> Array:
-        """Next command on the way to `wanted`: no joint faster than its speed limit, none outside its range. [..., N].
+        """Next command on the way to `wanted`: no joint faster than its speed limit, none outside its range.
 
         All joints slow down alike, as in any arm's controller: were each cut by itself, the tool would leave its path, and a
         slow elbow would drive it into the table.
+
+        Args:
+            q: Last command, rad. [..., N].
+            wanted: Angles to move towards, rad. [..., N].
+            seconds: Time until the next command, s.
+
+        Returns:
+            The next command, rad. [..., N].
         """
         way = self.clip(wanted) - np.asarray(q)
         slowest = np.max(np.abs(way) / (self.velocity * seconds), axis=-1, keepdims=True)
@@ -98,7 +106,13 @@ class Workspace:
     def around(
         cls, centre: tuple[float, float] = WORK_CENTRE, side: float = 0.34, heights: tuple[float, float] = (0.035, 0.35)
     ) -> Workspace:
-        """A square column about a point of the table: the start region and 20 mm around it."""
+        """A square column about a point of the table: the start region and 20 mm around it.
+
+        Args:
+            centre: x and y of the column's middle, table frame, m. [2].
+            side: Edge of the square, m.
+            heights: Lowest and highest z, table frame, m.
+        """
         half = side / 2
         low, high = heights
         return cls((centre[0] - half, centre[1] - half, low), (centre[0] + half, centre[1] + half, high))

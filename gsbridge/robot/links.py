@@ -102,14 +102,24 @@ class Joint:
 
 
 def translation(x: float, y: float, z: float) -> Array:
-    """Transform that only moves. [4, 4]."""
+    """Transform that only moves. [4, 4].
+
+    Args:
+        x, y, z: Shift, m.
+    """
     out = np.eye(4)
     out[:3, 3] = x, y, z
     return out
 
 
 def box(extents: Sequence[float], centre: Sequence[float], colour: Colour) -> Part:
-    """A box along the link's axes."""
+    """A box along the link's axes.
+
+    Args:
+        extents: Edges along x, y and z, m. [3].
+        centre: Middle of the box, link frame, m. [3].
+        colour: Colour of the part.
+    """
     solid = trimesh.creation.box(extents=extents)
     mesh = Mesh(np.asarray(solid.vertices) + np.asarray(centre, dtype=np.float64), np.asarray(solid.faces, dtype=np.int64))
     return Part(mesh, colour, (float(extents[0]), float(extents[1]), float(extents[2])))
@@ -149,7 +159,16 @@ def support_hull(points: Array, directions: int) -> Mesh:
 
 
 def cylinder_points(radius: float, low: float, high: float, sides: int = 32) -> Array:
-    """Corner points of a cylinder along z. [2 * sides, 3]."""
+    """Corner points of an upright prism whose corners lie on a cylinder along z.
+
+    Args:
+        radius: Radius of the cylinder, m.
+        low, high: z of its two ends, m.
+        sides: Corners of each end.
+
+    Returns:
+        The lower ring, then the upper one, m. [2 * sides, 3].
+    """
     angle = 2.0 * np.pi * np.arange(sides) / sides
     ring = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
     return np.concatenate([np.c_[ring, np.full(sides, low)], np.c_[ring, np.full(sides, high)]])

@@ -160,7 +160,13 @@ def framed(camera: Camera, cam_from_table: Array, points: Array, size: int, marg
 
 
 def window_of(image: Array, window_from_view: Array, size: int) -> Array:
-    """The window that `framed` chose, cut from the view's image; beyond its edges the edge is repeated. [size, size, 3]."""
+    """The window that `framed` chose, cut from the view's image; beyond its edges the edge is repeated. [size, size, 3].
+
+    Args:
+        image: The view's image. [H, W, 3].
+        window_from_view: Affine map of pixels from `framed`. [2, 3].
+        size: Edge of the window, px.
+    """
     # Pixel centres lie at +0.5 here, at 0 in OpenCV.
     half = np.array([[1.0, 0, 0.5], [0, 1.0, 0.5], [0, 0, 1.0]])
     full = np.linalg.inv(half) @ np.vstack([window_from_view, [0, 0, 1]]) @ half

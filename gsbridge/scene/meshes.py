@@ -288,7 +288,13 @@ class MeshComposition:
         return out
 
     def coverage(self, camera: Camera, cam_from_world: Array, *, samples: int = SAMPLES) -> Array:
-        """Share of each pixel's samples that meet a mesh, 0..1. [H, W]."""
+        """Share of each pixel's samples that meet a mesh, 0..1. [H, W].
+
+        Args:
+            camera: Camera of the picture.
+            cam_from_world: Its pose. [4, 4].
+            samples: Samples along each edge of a pixel.
+        """
         _, inverse = self._samples(camera, cam_from_world, (0.0, 0.0, 0.0), None, samples)
         return (inverse > 0).reshape(camera.height, samples, camera.width, samples).mean((1, 3))
 

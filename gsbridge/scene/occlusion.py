@@ -69,7 +69,17 @@ def moved(spheres: Array, pose: Array) -> Array:
 
 @njit(error_model="numpy", fastmath=True)
 def left_by(px: float, py: float, pz: float, sphere: Array, dx: float, dy: float, dz: float, width: Real) -> Real:
-    """Share of the light from a direction, blurred by an angle, that a sphere lets through to a point."""
+    """Share of the light from a direction, blurred by an angle, that a sphere lets through to a point.
+
+    Args:
+        px, py, pz: The point, m.
+        sphere: Centre and radius, m. [4].
+        dx, dy, dz: Unit vector towards the light.
+        width: Blur: radius of the light's disc at unit distance, which is the tangent of the angle.
+
+    Returns:
+        0 where the sphere hides all of the light, 1 where it hides nothing.
+    """
     x, y, z, radius = sphere[0] - px, sphere[1] - py, sphere[2] - pz, sphere[3]
     along = x * dx + y * dy + z * dz
     square = x * x + y * y + z * z

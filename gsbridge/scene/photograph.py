@@ -144,7 +144,16 @@ class Photographer:
 
 
 def develop(light: Array, frame: Frame, shooting: Shooting) -> Array:
-    """What lens, light and sensor make of linear light: an encoded photo without noise. [H, W, 3] -> [H, W, 3] float32."""
+    """Make an encoded photo without noise from linear light, as lens, light and sensor do.
+
+    Args:
+        light: Linear light. [H, W, 3].
+        frame: Camera, time, depths and pose of the photo.
+        shooting: What lens, light and sensor are like.
+
+    Returns:
+        sRGB 0..1. [H, W, 3] float32.
+    """
     steps = sorted(shooting.light, key=lambda item: item[0])
     for _, step in (item for item in steps if item[0] < 1):
         light = step(light, frame)
@@ -161,7 +170,16 @@ def develop(light: Array, frame: Frame, shooting: Shooting) -> Array:
 
 
 def with_noise(photos: Array, shooting: Shooting, rng: np.random.Generator) -> Array:
-    """Photos with the noise that a shooting says, clamped and rounded to 8 bits. Any shape."""
+    """Photos with noise, clamped and rounded to 8 bits.
+
+    Args:
+        photos: Photos without noise, encoded, 0..1. Any shape.
+        shooting: Its variances of read and shot noise are used.
+        rng: Random numbers.
+
+    Returns:
+        Values of k / 255 in the shape of `photos`, float32.
+    """
     spread = np.sqrt(shooting.read_variance + shooting.shot_variance * photos)
     return np.rint(np.clip(photos + spread * rng.standard_normal(photos.shape), 0.0, 1.0) * 255.0).astype(np.float32) / 255.0
 

@@ -75,21 +75,55 @@ def shoot(
 
 
 def shot_of(colours: Array, alphas: Array, depths: Array) -> Shot:
-    """A shot from what `draw` gives."""
+    """A shot from the three images that `draw` gives.
+
+    Args:
+        colours: Encoded colours, not clamped. [H, W, 3].
+        alphas: Share of light from splats, 0..1. [H, W].
+        depths: Alpha-weighted sum of camera z, m. [H, W].
+    """
     return Shot(to_bytes(colours), alphas, depths / np.maximum(alphas, np.float32(1e-6)))
 
 
 def render(
     composition: Composition, camera: Camera, cam_from_world: Array, background: Sequence[float] = BLACK, threads: int = 1
 ) -> Array:
-    """Image of a composition as it is posed now, sRGB. Arguments as in `shoot`. [H, W, 3] uint8."""
+    """Image of a composition as it is posed now.
+
+    Args:
+        composition: Splats.
+        camera: Pinhole.
+        cam_from_world: Pose, OpenCV axes. [4, 4].
+        background: Colour where there are no splats, sRGB 0..1. [3].
+        threads: Threads to use.
+
+    Returns:
+        sRGB. [H, W, 3] uint8.
+
+    Raises:
+        ValueError: The camera has distortion.
+    """
     return to_bytes(draw(composition.splats, camera, cam_from_world, background, threads)[0])
 
 
 def draw(
     splats: Splats, camera: Camera, cam_from_world: Array, background: Sequence[float], threads: int
 ) -> tuple[Array, Array, Array]:
-    """Encoded colours [H, W, 3], not clamped, alpha [H, W] and alpha-weighted sum of camera z, m, [H, W]; as in `shoot`."""
+    """Colour, alpha and depth of splats, not yet rounded to bytes.
+
+    Args:
+        splats: The splats.
+        camera: Pinhole.
+        cam_from_world: Pose, OpenCV axes. [4, 4].
+        background: Colour where there are no splats, sRGB 0..1. [3].
+        threads: Threads to use.
+
+    Returns:
+        Encoded colours, not clamped [H, W, 3], alpha [H, W], and the alpha-weighted sum of camera z, m. [H, W].
+
+    Raises:
+        ValueError: The camera has distortion.
+    """
     _require_pinhole(camera)
     return cpu.render(
         splats.means,
@@ -107,7 +141,15 @@ def draw(
 def draw_seen(
     splats: Prepared, seen: Seen, camera: Camera, background: Sequence[float] | Array, threads: int
 ) -> tuple[Array, Array, Array]:
-    """As `draw`, of what a `gsbridge.scene.groups.GroupedComposition` sees of its splats."""
+    """Colour, alpha and depth of what a `gsbridge.scene.groups.GroupedComposition` sees of its splats, as `draw` gives them.
+
+    Args:
+        splats: All splats.
+        seen: Groups to draw, and the frame of each.
+        camera: Pinhole.
+        background: Colour where there are no splats, sRGB 0..1. [3].
+        threads: Threads to use.
+    """
     _require_pinhole(camera)
     return cpu.render_seen(splats, seen, camera=camera, background=np.asarray(background, np.float32), threads=threads)
 

@@ -60,7 +60,13 @@ def gaps(names: list[str], registered: set[str]) -> list[tuple[str, str, int]]:
 
 
 def advice(names: list[str], registered: set[str], ordered: bool) -> str:
-    """What to film again, in plain words."""
+    """What to film again, in plain words.
+
+    Args:
+        names: All images, in the order of the capture.
+        registered: Images that have a pose.
+        ordered: Whether they are frames of a film, and not single photos.
+    """
     runs = sorted(gaps(names, registered), key=lambda run: -run[2])[:3]
     where = "; ".join(first if first == last else f"{first} to {last} ({count} images)" for first, last, count in runs)
     more = max(len(names) - len(registered), 20 - len(registered), 5)
@@ -73,6 +79,12 @@ def advice(names: list[str], registered: set[str], ordered: bool) -> str:
 
 def check(outcome: Outcome, photos: Photos, settings: SfmSettings, stage: str) -> list[str]:
     """Apply the gates on the share of registered images.
+
+    Args:
+        outcome: Result of the mapping.
+        photos: Images that went into it.
+        settings: Shares of images that are asked for.
+        stage: Name of the stage, for the message.
 
     Returns:
         Reasons of a degraded result; none for a pass.

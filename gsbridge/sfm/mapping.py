@@ -145,7 +145,15 @@ def map_photos(
 
 
 def extract(database: Path, photos: Photos, settings: SfmSettings, threads: int, *, per_image: bool = False) -> None:
-    """Find SIFT features of all photos; their camera is one for each size, or one per image."""
+    """Find SIFT features of all photos; their camera is one for each size, or one per image.
+
+    Args:
+        database: COLMAP's database, which gets the features.
+        photos: Images to use.
+        settings: See `SfmSettings`.
+        threads: Threads to use.
+        per_image: Whether each image gets a camera of its own.
+    """
     logger.info("find features in %d images", len(photos.names))
     options = pycolmap.FeatureExtractionOptions()
     options.use_gpu = False
@@ -179,7 +187,16 @@ def extract(database: Path, photos: Photos, settings: SfmSettings, threads: int,
 
 
 def match(database: Path, photos: Photos, settings: SfmSettings, seed: int, threads: int, *, exhaustive: bool) -> None:
-    """Match and verify pairs of images; pairs matched before are kept."""
+    """Match and verify pairs of images; pairs matched before are kept.
+
+    Args:
+        database: COLMAP's database with the features, which gets the matches.
+        photos: Images to use.
+        settings: See `SfmSettings`.
+        seed: Random seed of the verification.
+        threads: Threads to use.
+        exhaustive: Whether every pair is matched, instead of neighbours and powers of two.
+    """
     logger.info("match images, %s", "exhaustive" if exhaustive else f"{settings.overlap} neighbours and powers of two")
     matching = pycolmap.FeatureMatchingOptions()
     matching.use_gpu = False
@@ -205,7 +222,14 @@ def match(database: Path, photos: Photos, settings: SfmSettings, seed: int, thre
 
 
 def incremental_options(photos: Photos, seed: int, threads: int, *, relaxed: bool) -> pycolmap.IncrementalPipelineOptions:
-    """Options of the incremental mapper; `relaxed` accepts weaker pairs and poses."""
+    """Options of the incremental mapper.
+
+    Args:
+        photos: A calibrated camera in them is kept as it is.
+        seed: Random seed.
+        threads: Threads to use.
+        relaxed: Whether weaker pairs and poses are accepted.
+    """
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads = threads
     options.random_seed = seed
@@ -312,7 +336,13 @@ def rematch(
 
 
 def adjust(model: pycolmap.Reconstruction, threads: int, *, intrinsics: bool) -> None:
-    """Robust bundle adjustment of poses and points, in place."""
+    """Robust bundle adjustment of poses and points, in place.
+
+    Args:
+        model: Reconstruction, which is changed.
+        threads: Threads to use.
+        intrinsics: Whether focal lengths and distortion are refined, too.
+    """
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False
     options.refine_focal_length = intrinsics

@@ -18,7 +18,16 @@ MAX_LAYOUT_ERROR = 0.02
 
 
 def find_all(frames: Path, names: list[str], board: Board) -> Tags:
-    """Find the board in all photos, in their own (distorted) pixels."""
+    """Find the board in all photos, in their own (distorted) pixels.
+
+    Args:
+        frames: Folder of the photos.
+        names: Their names.
+        board: The board.
+
+    Returns:
+        Corners of each tag that was found, by photo.
+    """
     return {name: find_tags(read_image_u8(frames / name), board) for name in track(names, "find tags")}
 
 

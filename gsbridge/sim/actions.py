@@ -80,11 +80,23 @@ class ToolTarget:
 
     @classmethod
     def within(cls, workspace: Workspace, stroke: float, scale: ActionScale | None = None) -> ToolTarget:
-        """A target that keeps to a workspace."""
+        """A target that keeps to a workspace.
+
+        Args:
+            workspace: Box that positions and yaws are cut to.
+            stroke: Largest opening of the gripper, m.
+            scale: What an entry of 1 means; the default one when None.
+        """
         return cls(stroke, scale or ActionScale(), ClippedCommands(workspace))
 
     def reset(self, position: Array, yaw: float, aperture: float) -> None:
-        """Begin an episode at a tool pose; the counters begin anew, too."""
+        """Begin an episode at a tool pose; the counters begin anew, too.
+
+        Args:
+            position: Tool point, table frame, m. [3].
+            yaw: rad.
+            aperture: Opening, m.
+        """
         self.position, self.yaw, self.aperture = np.array(position, dtype=np.float64), float(yaw), float(aperture)
         self.counted.commands = self.counted.clipped = self.saturated = 0
 

@@ -88,7 +88,13 @@ def arm_inertia(a: np.record) -> None:
 
 @njit(nogil=True)
 def cross(x: float, y: float, z: float, b: Array, out: Array) -> None:
-    """Cross product (x, y, z) x b. -> out [3]."""
+    """Cross product (x, y, z) x b.
+
+    Args:
+        x, y, z: Components of the first vector.
+        b: Second vector. [3].
+        out: Result. [3].
+    """
     out[0] = y * b[2] - z * b[1]
     out[1] = z * b[0] - x * b[2]
     out[2] = x * b[1] - y * b[0]

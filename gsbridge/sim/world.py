@@ -129,7 +129,16 @@ class SimWorld:
         self._look()
 
     def command(self, position: Array, yaw: float, aperture: float) -> None:
-        """Set the target; see the protocol. One out of reach is ignored and counted."""
+        """Set the target that `step` moves to and holds; a target out of reach is ignored and counted.
+
+        Args:
+            position: Tool point, table frame, m. [3].
+            yaw: Turn of the tool about the vertical, 0 with the camera's side along the table's x, rad.
+            aperture: Distance of the pads, m.
+
+        Raises:
+            InputError: The target is not finite.
+        """
         point = np.asarray(position, dtype=np.float64).tolist()
         if np.shape(point) != (3,) or not all(map(isfinite, (*point, yaw, aperture))):
             raise InputError("command", "the target is not finite", "Check the policy's output for NaN")

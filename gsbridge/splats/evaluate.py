@@ -29,7 +29,13 @@ AMPLIFIED = 5.0
 
 
 def render_cloud(cloud: Cloud, camera: Camera, cam_from_table: Array) -> tuple[Array, Array]:
-    """Colour over black [H, W, 3] and alpha [H, W] of a cloud, float32."""
+    """Colour over black [H, W, 3] and alpha [H, W] of a cloud, float32.
+
+    Args:
+        cloud: The Gaussians, table frame.
+        camera: Pinhole camera.
+        cam_from_table: Pose of the camera. [4, 4].
+    """
     with torch.no_grad():
         rendering = rasterize(
             *(torch.from_numpy(x) for x in (cloud.means, cloud.quats, cloud.scales, cloud.opacities, cloud.colours)),

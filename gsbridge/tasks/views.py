@@ -50,7 +50,13 @@ def whole_pose(pose: Array) -> Array:
 
 
 def write_states(path: str | Path, states: Sequence[ViewState], pose_set: str) -> None:
-    """Write states as JSON."""
+    """Write states as JSON.
+
+    Args:
+        path: File to write.
+        states: The states.
+        pose_set: Name of the set of start poses that their `start` refers to.
+    """
     write_json(
         path,
         {

@@ -69,7 +69,13 @@ class JointEffect(Effect):
 
     @abstractmethod
     def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:
-        """Put the effect into a setup. `joint` is a column of the records, -1 for a whole mechanism."""
+        """Put the effect into a setup, which is changed.
+
+        Args:
+            setup: The mechanism before it is simulated.
+            joint: Column of the joint in the records; -1 for an effect of the whole mechanism.
+            values: Value of every parameter by its name, in the unit that `parameters` states.
+        """
 
 
 class FigureEffect(JointEffect):

@@ -31,7 +31,14 @@ class ArmEngine(Protocol):
         """Torques that hold the nominal arm. [N]."""
 
     def advance(self, asked: Array, extra: Array, dry: Array | None, steps: int) -> None:
-        """Steps of its own with the torques asked of the motors, others, and dry friction where it changes. [N] each."""
+        """Simulate some steps of the engine, with constant torques.
+
+        Args:
+            asked: Torques that the controller asks of the motors, N m. [N].
+            extra: Torques that act on the joints besides, N m. [N].
+            dry: Dry friction of the joints, N m; unchanged when None. [N].
+            steps: Steps of the engine.
+        """
 
     def place(self) -> Array:
         """Where the frame of the last link is at the time of `state`. Base frame, m. [3]."""
@@ -47,7 +54,19 @@ class ArmEngine(Protocol):
 def run_arm(
     engine: ArmEngine, system: MechanismModel, course: Course, duration: float, times: Array, hidden: Mapping[str, float]
 ) -> dict[str, Array]:
-    """What an arm with something hidden would log; see `generate.Truth`."""
+    """Log of an arm that has something hidden; a `generate.Truth` but for its first two arguments.
+
+    Args:
+        engine: The simulated arm, which holds what its engine itself can hide.
+        system: Model of the arm, whose controller is copied.
+        course: Commands.
+        duration: Length of the course, s.
+        times: Times of the samples, s. [T].
+        hidden: Sizes of what is hidden, by name, `name:joint` for one joint.
+
+    Returns:
+        `position`, `velocity` and `effort`, each [T, N], and `tool`, the frame of the last link, m, [T, 3].
+    """
     count, steps = len(system.joints), int(np.ceil(duration / PERIOD)) + 150
 
     def row(name: str) -> Array:
@@ -104,5 +123,11 @@ def _push(hidden: Mapping[str, float], time: float) -> Array:
 
 
 def size_at(hidden: Mapping[str, float], name: str, joint: str) -> float:
-    """Size of an effect at a joint: `name:joint`, or `name` where the mechanism has one joint."""
+    """Size of an effect at a joint, 0 where it is not hidden there.
+
+    Args:
+        hidden: Sizes of what is hidden: `name:joint`, or `name` where the mechanism has one joint.
+        name: Name of the effect.
+        joint: Name of the joint.
+    """
     return hidden.get(f"{name}:{joint}", hidden.get(name, 0.0))

@@ -21,7 +21,14 @@ def _pull(time: float, q: float, v: float, torque: float, p: Array) -> float:
 
 @njit(nogil=True)
 def march(wanted: Array, p: Array, q: float, out: Array) -> None:
-    """Fine steps with a controller every ten of them. wanted [K] -> out [3, K]."""
+    """Simulate the axis: ten fine steps per period of the controller.
+
+    Args:
+        wanted: Commanded angle in each period of 1 ms, rad. [K].
+        p: Figures of the axis and of what is hidden, in the order that `axis_truth` fills. [25].
+        q: Angle at the beginning, rad; the axis is at rest.
+        out: Result: measured angle, measured speed and the controller's torque at the start of each period. [3, K].
+    """
     v, step = 0.0, 1e-3 / 10
     time = 0.0
     for k in range(len(wanted)):

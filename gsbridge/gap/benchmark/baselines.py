@@ -52,6 +52,13 @@ def run_baseline(
 ) -> dict[str, Any]:
     """Findings of a baseline, in the form of `findings.json` as far as it has any.
 
+    Args:
+        method: One of `METHODS` but the first.
+        system: Model of the mechanism.
+        records: Records by role; `fit` and `select` are used.
+        bank_folder: Where banks of signatures are kept.
+        seed: Seed of methods that draw random numbers.
+
     Raises:
         InputError: The method is unknown or cannot run here.
     """
@@ -85,7 +92,13 @@ def run_baseline(
 
 
 def answer(found: Sequence[Applied], simulations: Mapping[str, int], seconds: float) -> dict[str, Any]:
-    """What a baseline says, in the form of `findings.json` as far as it has any."""
+    """Findings of a baseline, in the form of `findings.json` as far as it has any.
+
+    Args:
+        found: Effects that it names, with their sizes; none where it sees no discrepancy.
+        simulations: Simulations that were made, by purpose.
+        seconds: Time that it took, s.
+    """
     return {
         "status": "pass",
         "verdict": "named" if found else "no_discrepancy",

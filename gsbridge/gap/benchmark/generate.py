@@ -193,6 +193,20 @@ def size_of_units(
 ) -> float:
     """Size at which the noise-free signature on `select` has the squared length `units`^2 times `UNIT`.
 
+    Args:
+        plant: The mechanism.
+        name: What is hidden, `name:joint` for one joint.
+        sign: 1 or -1.
+        units: Wanted size in units of the detection limit.
+        wanted: Course of `select`.
+        duration: Length of the course, s.
+        times: Times of the samples, s. [T].
+        kinds: Channels that count.
+        plain: Channels of the same course with nothing hidden. Each [T, N].
+
+    Returns:
+        The size without its sign, in the effect's own unit.
+
     Raises:
         NotShownError: There is no such size that makes sense: it does not show in these courses, or shows at once as more.
     """

@@ -164,7 +164,16 @@ class TruthCamera:
 
 
 def grainy(photos: Array, hidden: Mapping[str, float], rng: np.random.Generator) -> Array:
-    """Photos with the noise of the sensor, by counting electrons, rounded to 8 bits. Any shape."""
+    """Photos with the sensor's noise, drawn by counting electrons and rounded to 8 bits.
+
+    Args:
+        photos: Photos without noise, 0..1. Any shape.
+        hidden: Sizes of what is hidden; `noise` is the standard deviation of noise added to the sensor's own.
+        rng: Random numbers.
+
+    Returns:
+        Values of k / 255 in the shape of `photos`, float32.
+    """
     extra = float(hidden.get("noise", 0.0))
     well = 1.0 / SHOT
     counted = rng.poisson(np.maximum(photos, 0.0) * well) / well

@@ -37,7 +37,13 @@ class Texture:
 
     @classmethod
     def draw(cls, rng: np.random.Generator, size: float, pixels: int) -> Texture:
-        """Waves and discs of random colours."""
+        """Draw waves and discs of random colours.
+
+        Args:
+            rng: Random numbers.
+            size: Edge that the picture covers, m.
+            pixels: Edge of the picture, px.
+        """
         y, x = np.meshgrid(*(((np.arange(pixels) + 0.5) / pixels - 0.5,) * 2), indexing="ij")
         lengths, angles = rng.uniform(0.06, 0.4, _WAVES), rng.uniform(0.0, np.pi, _WAVES)
         swing = np.zeros((pixels, pixels, 3))
@@ -53,7 +59,13 @@ class Texture:
 
     @classmethod
     def of(cls, picture: Array, size: float, pixels: int) -> Texture:
-        """A picture on a surface. `picture` is sRGB 0..1. [H, W, 3]."""
+        """A picture as albedo of a surface.
+
+        Args:
+            picture: sRGB 0..1. [H, W, 3].
+            size: Edge that it covers, m.
+            pixels: Edge that it is resized to, px.
+        """
         small = cv2.resize(picture.astype(np.float32), (pixels, pixels), interpolation=cv2.INTER_AREA)
         return cls(np.clip(linear_from_srgb(small), 0.01, 0.9), size)
 

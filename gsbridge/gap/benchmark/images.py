@@ -92,7 +92,17 @@ class ImageSite:
 
 
 def film(seed: int, photos: int, duration: float = 4.0, rounds: float = 0.0) -> tuple[Track, Array]:
-    """A course and irregular times of photos on it."""
+    """A course and irregular times of photos on it.
+
+    Args:
+        seed: Seed of the course and the times.
+        photos: Number of photos, N.
+        duration: Length of the course, s.
+        rounds: Times the camera goes round the middle of the table.
+
+    Returns:
+        The course, and the times of the photos, s, rising. [N].
+    """
     rng = np.random.default_rng(seed)
     return course(seed, duration, rounds), np.sort(rng.uniform(0.25, duration - 0.25, photos))
 
@@ -211,6 +221,17 @@ def size_of_units(
     """Size at which the noise-free signature on `select` has the squared length `units`^2 times `UNIT`.
 
     Lengths are in units of the true noise of an earlier and a later photo.
+
+    Args:
+        site: World and camera.
+        name: What is hidden: a name of `SIZES` or `STRANGE`.
+        sign: 1 or -1.
+        units: Wanted size in units of the detection limit.
+        film: Course of the camera and times of the photos, from `film`.
+        spin: Directions, places and colours of what is hidden, as `TruthCamera` takes them.
+
+    Returns:
+        The size without its sign, in the effect's own unit.
 
     Raises:
         ValueError: There is no such size.

@@ -97,7 +97,13 @@ def axis_plant(folder: str | Path, engine: str = "analytic") -> tuple[MechanismM
 
 
 def arm_plant(system: MechanismModel, centre: Sequence[float], reach: Sequence[float]) -> BenchmarkMechanism:
-    """An arm with truths of MuJoCo. `centre` and `reach` as in `BenchmarkMechanism`."""
+    """An arm whose truths MuJoCo simulates.
+
+    Args:
+        system: Model of the arm.
+        centre: Middle posture, rad. [N].
+        reach: Largest commanded distance from it, rad. [N].
+    """
     sizes = {"command_delay": (1e-3, 1), "lag": (1e-3, 1), "clock_offset": (1e-3, 0), "payload": (0.05, 1)}
     sizes |= {"clock_drift": (5e-4, 0)}
     sizes |= {"base_tilt": (5e-3, 0), "gravcomp": (0.01, 0)}

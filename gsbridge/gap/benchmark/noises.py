@@ -19,7 +19,17 @@ STATED = 1.0 / 1.5
 
 
 def spoiled(clean: Array, sigma: Array, kind: str, rng: np.random.Generator) -> Array:
-    """Measurements with noise of standard deviation `sigma`. [T, N], [N] -> [T, N]."""
+    """Measurements with noise.
+
+    Args:
+        clean: Values without noise. [T, N].
+        sigma: Standard deviation of each column's noise. [N].
+        kind: One of `NOISES`; `understated` is `white` here.
+        rng: Random numbers.
+
+    Returns:
+        Values with noise. [T, N].
+    """
     shape = clean.shape
     if kind == "coloured":
         memory = rng.uniform(*MEMORY)

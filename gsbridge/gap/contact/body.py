@@ -79,6 +79,12 @@ class FreeBody:
         """A URDF of the body with these mass properties and all lengths of its shape multiplied by `size`.
 
         The inertia is given along its principal axes, since readers differ in how they take one that is not diagonal.
+
+        Args:
+            mass: Mass, kg.
+            com: Centre of mass, body frame, m. [3].
+            inertia_factor: Factor on the model's inertia for equal mass.
+            size: Factor on all lengths of the shape.
         """
         moments, axes = np.linalg.eigh(self.inertia * inertia_factor * mass / self.mass)
         axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
@@ -136,7 +142,12 @@ def read_body(path: str | Path) -> FreeBody:
 
 
 def parse_body(content: Any, folder: Path, source: str | Path = "model") -> FreeBody:
-    """A free body from the content of its file; `folder` is where its URDF's path starts.
+    """A free body from the content of its file.
+
+    Args:
+        content: Content of the file.
+        folder: Folder that the path of its URDF starts from.
+        source: File, for messages.
 
     Raises:
         InputError: As `read_body`.
@@ -191,6 +202,12 @@ def parse_body(content: Any, folder: Path, source: str | Path = "model") -> Free
 
 def number(value: Any, source: str | Path, key: str, low: float = -np.inf, high: float = np.inf) -> float:
     """A number of a file.
+
+    Args:
+        value: What the file holds.
+        source: File, for messages.
+        key: Name of the value in the file.
+        low, high: Smallest and largest value that is allowed.
 
     Raises:
         InputError: It is none, or out of bounds.

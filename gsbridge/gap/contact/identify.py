@@ -98,7 +98,13 @@ class ThrowFinding(Finding[ThrowHypothesis]):
 
 
 def closure(before: float, after: float, floor: float) -> float:
-    """Share of the gap above the floor that is closed; negative where it grew."""
+    """Share of the gap above the floor that is closed; negative where it grew.
+
+    Args:
+        before: Mean distance between replay and measurement without effects, m.
+        after: Mean distance with effects, m.
+        floor: Mean distance that noise, chaos and the engine's choices explain, m.
+    """
     return 1.0 - max(after - floor, 0.0) / max(before - floor, 1e-12)
 
 

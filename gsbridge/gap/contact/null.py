@@ -84,7 +84,13 @@ def replicates(
 
 
 def throw_null(replay: ThrowReplay, effects: Sequence[Applied], rng: np.random.Generator) -> ThrowNull:
-    """Errors of the first throws as they would be with these effects as truth, replayed by the same model."""
+    """Errors of the first throws as they would be if these effects were the truth and the same model replayed it.
+
+    Args:
+        replay: Throws and model.
+        effects: Effects of truth and replay.
+        rng: Random numbers of noise, first states, the engine's choices and the draws of sets.
+    """
     rows = replicates(replay.part(FEW), effects, rng)
     errors = np.array([[np.linalg.norm(difference, axis=1).mean() for difference in row] for row in rows])
     # One engine makes all throws of a set, so that sets are drawn from one replicate each.

@@ -79,7 +79,16 @@ class ThrowReplay:
     def simulate(
         self, effects: Sequence[Applied], starts: Starts | None = None, numerics: Numerics | None = None
     ) -> list[Flight]:
-        """Simulate with other starts or another engine's choices."""
+        """Simulate all throws, with other starts or other choices of the engine where they are given.
+
+        Args:
+            effects: What is added to the model.
+            starts: First states of the bodies; the measured ones when None.
+            numerics: The engine's choices; its usual ones when None.
+
+        Returns:
+            One flight per throw.
+        """
         self.runs += 1
         return simulate(self.body, body_setup(self.body, effects), starts or self.starts, self.times, numerics)
 

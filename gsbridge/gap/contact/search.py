@@ -84,7 +84,13 @@ def mean_error(replay: ThrowReplay, effects: Sequence[Applied]) -> float:
 
 
 def screen(replay: ThrowReplay, name: str, base: Sequence[Applied] = ()) -> GridMatch:
-    """Walk an effect's grid on top of other effects."""
+    """Walk an effect's grid on top of other effects.
+
+    Args:
+        replay: Throws and model.
+        name: Name of the effect.
+        base: Effects that are already part of the model.
+    """
     effect = BODY_EFFECTS[name]
     plain, points = replay.flights(base), grid(name)
     errors = [mean_error(replay, (*base, applied)) for applied in points]

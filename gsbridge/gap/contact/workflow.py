@@ -49,7 +49,12 @@ class ThrowBackend(CaseBackend):
 
     @classmethod
     def load(cls, model: str | Path, data: str | Path, about: Mapping[str, Any]) -> ThrowBackend:
-        """From what `save` and `about` have left.
+        """Make a case of throws again from what `save` and `about` have left.
+
+        Args:
+            model: File of the model.
+            data: File that `save` wrote (`.npz`).
+            about: What `about` gave, read from `records.json`.
 
         Raises:
             InputError: A file is missing or damaged.

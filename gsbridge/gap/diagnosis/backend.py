@@ -25,7 +25,12 @@ class Backend(Protocol):
 
     @classmethod
     def load(cls, model: str | Path, data: str | Path, about: Mapping[str, Any]) -> Self:
-        """A case from what `save` and `about` have left.
+        """Make a case again from what `save` and `about` have left.
+
+        Args:
+            model: File of the model.
+            data: File that `save` wrote (`.npz`).
+            about: What `about` gave, read from `records.json`.
 
         Raises:
             InputError: A file is missing or damaged.
@@ -51,7 +56,13 @@ class Backend(Protocol):
         """What `findings.json` says: what is missing, proven on `verify`."""
 
     def amend(self, model: str | Path, findings: Mapping[str, Any], out: str | Path) -> None:
-        """Write the model with what was found."""
+        """Write the model with what was found.
+
+        Args:
+            model: File of the model.
+            findings: Content of `findings.json`.
+            out: File of the amended model.
+        """
 
     def replay(self, effects: Sequence[Applied]) -> tuple[dict[str, Array], dict[str, Any]]:
         """What was measured beside the model before and after, as arrays, and what `replays.json` says about it."""
@@ -89,7 +100,13 @@ class CaseBackend:
         return {**about, "effects": None if names is None else list(names), "records": dict(parts)}
 
     def amend(self, model: str | Path, findings: Mapping[str, Any], out: str | Path) -> None:
-        """Write the model with what was named and the evidence for it."""
+        """Write the model with what was named and the evidence for it.
+
+        Args:
+            model: File of the model.
+            findings: Content of `findings.json`.
+            out: File of the amended model.
+        """
         amend_model(model, findings, out)
 
 

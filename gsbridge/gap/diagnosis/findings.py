@@ -75,14 +75,11 @@ class Diagnosis:
 
 
 class Measured(Protocol):
-    """What was measured in one role of a case.
-
-    Attributes:
-        digest: SHA-256 of its files; empty where there are none.
-    """
+    """What was measured in one role of a case."""
 
     @property
-    def digest(self) -> str: ...
+    def digest(self) -> str:
+        """SHA-256 of its files; empty where there are none."""
 
     def content_digest(self) -> str:
         """SHA-256 of its numbers."""

@@ -55,7 +55,16 @@ def diagnose_images(
 
 
 def verify_images(view: ImageResiduals, effects: Sequence[Applied], rng: np.random.Generator) -> Verification:
-    """Views that neither fitting nor choosing has seen, with and without effects."""
+    """Judge effects on views that neither fitting nor choosing has seen.
+
+    Args:
+        view: Photos of the role `verify` and the noise.
+        effects: What was found on the other roles.
+        rng: Random numbers of the null distribution.
+
+    Returns:
+        The gap with and without the effects, overall and by channel, and how likely what remains is noise.
+    """
     before, after = view.residual(), view.residual(effects)
     sizes = [view.size_of(table) for table in (before, after)]
     parts = [channel_sizes(view, table) for table in (before, after)]
@@ -66,7 +75,16 @@ def verify_images(view: ImageResiduals, effects: Sequence[Applied], rng: np.rand
 
 
 def unsteady(pairs: Mapping[str, Pairs], rules: Rules | None = None, seed: int = 0) -> tuple[str, ...]:
-    """Why a result is degraded: second photos that differ from the first by more than noise."""
+    """Why a result is degraded: the repeated photos of a view differ from the first ones by more than noise.
+
+    Args:
+        pairs: Photos by role.
+        rules: Limits of the diagnosis; the default ones when None.
+        seed: Seed of the null distribution.
+
+    Returns:
+        The reason, or nothing where the photos are steady.
+    """
     noise = learn_noise([pairs[role] for role in ROLES])
     rng, chances = np.random.default_rng(seed), []
     for role in ROLES:

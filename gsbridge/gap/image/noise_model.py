@@ -51,7 +51,13 @@ class Flats:
 
     @classmethod
     def of(cls, pictures: Array, slopes: Array, covered: Array) -> Flats:
-        """The flatter half of all covered pixels, split at quantiles of brightness."""
+        """Take the flatter half of all covered pixels, split into classes at quantiles of brightness.
+
+        Args:
+            pictures: Photos, 0..1. [N, H, W, 3].
+            slopes: From `slopes_of`. [N, H, W].
+            covered: Pixels that count. [N, H, W] bool.
+        """
         grey = pictures.mean(axis=-1)
         flat = (slopes <= np.median(slopes)) & covered
         flat[:, [0, -1], :] = flat[:, :, [0, -1]] = False

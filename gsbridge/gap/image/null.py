@@ -71,7 +71,13 @@ class ImageNull:
 
     @classmethod
     def of(cls, view: ImageResiduals, rng: np.random.Generator, replicates: int = REPLICATES) -> ImageNull:
-        """Draw noise for the views of a role."""
+        """Draw replicates of the noise of one role's views.
+
+        Args:
+            view: Photos of the role and the noise.
+            rng: Random numbers.
+            replicates: How many to draw.
+        """
         # What photos of one day differ by, with signs drawn anew: outliers of the noise stay, and what lies together does not.
         usual, grain, drawn = view.usual(), view.grains(view.residual()) != 0, []
         for _ in range(replicates):

@@ -115,7 +115,13 @@ def lengths(groups: Sequence[Group]) -> dict[str, float]:
 
 
 def unseen_of(view: ImageResiduals, who: Sequence[Candidate], groups: Sequence[Group]) -> tuple[str, ...]:
-    """Candidates that cannot show in these photos at their typical size, or not be told at all."""
+    """Names of the candidates that do not show in these photos at their typical size, or that these photos cannot tell.
+
+    Args:
+        view: Photos and the noise.
+        who: Candidates.
+        groups: Signatures of the candidates.
+    """
     seen = lengths(groups)
     return tuple(sorted(str(one) for one in who if not view.tells(one) or seen.get(str(one), 0.0) < _SHOWN))
 

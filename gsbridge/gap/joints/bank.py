@@ -67,6 +67,11 @@ def make_bank(view: JointResiduals, who: Sequence[Candidate], base: Sequence[App
     """Simulate all candidates on top of `base`.
 
     The noise of the view sets the smallest size: one whose signature just stands out.
+
+    Args:
+        view: The record, the mechanism that replays it, and the noise.
+        who: Candidates.
+        base: Effects that are part of the replay already.
     """
     before = view.mechanism.runs
     plain = view.stack(view.simulate(base))
@@ -137,7 +142,13 @@ def _edition() -> str:
 
 
 def signature_bank(view: JointResiduals, who: Sequence[Candidate], folder: str | Path) -> SignatureBank:
-    """The bank of a view, from `folder` where an equal one was made before."""
+    """The bank of signatures of a record, read from `folder` where an equal one was made before.
+
+    Args:
+        view: The record, the mechanism that replays it, and the noise.
+        who: Candidates.
+        folder: Where banks are kept; a bank that is made is written there.
+    """
     # Noise sets sizes only, where a factor of two does not matter: in coarse steps, cases of one sensor share a bank.
     steps = np.round(np.log2(view.sigma) / _COARSE)
     key = hashlib.sha256(f"{_edition()}{view.digest()}".encode())

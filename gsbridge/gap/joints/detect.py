@@ -97,7 +97,14 @@ def _slow(shape: tuple[int, int], rng: np.random.Generator) -> Array:
 def joint_null(
     view: JointResiduals, rng: np.random.Generator, screen: Screen | None = None, replicates: int = REPLICATES
 ) -> JointNull:
-    """Draw effect-free replicates of a view's residual."""
+    """Draw effect-free replicates of a view's residual.
+
+    Args:
+        view: The record, the mechanism that replays it, and the noise.
+        rng: Random numbers.
+        screen: Signatures whose largest gain by chance is drawn, too; none when None.
+        replicates: How many to draw.
+    """
     gap = view.stepping()
     shape = gap.shape
     declared = np.array([kind in view.record.sigma for kind, _ in view.channels])

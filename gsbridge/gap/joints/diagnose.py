@@ -106,7 +106,16 @@ def _warnings(finding: Finding, bank: SignatureBank, stated: bool) -> tuple[str,
 def views_of(
     mechanism: Mechanism, records: Mapping[str, Record], folder: str | Path | None = None
 ) -> dict[str, JointResiduals]:
-    """Records as a mechanism replays them, with the noise of one set of sensors; `folder` keeps what records may share."""
+    """Residuals of records, with one estimate of the noise for all of them, as they come from one set of sensors.
+
+    Args:
+        mechanism: Simulates.
+        records: Records by role.
+        folder: Keeps the sensitivities that records may share; nothing is kept when None.
+
+    Returns:
+        Residuals by role.
+    """
     views = {role: JointResiduals.of(mechanism, record, folder=folder) for role, record in records.items()}
     share_noise(tuple(views.values()))
     return views

@@ -126,7 +126,13 @@ def fit(
 
 
 def polish(view: JointResiduals, rough: EffectFit, limit: float = np.inf) -> EffectFit:
-    """The same fit with derivatives taken anew where it ended, and at most a few steps more; `limit` as for `fit`."""
+    """Improve a fit: derivatives are taken anew where it ended, and at most a few steps more are made.
+
+    Args:
+        view: The record to fit.
+        rough: The fit to start from.
+        limit: Simulations of the mechanism, those before included, at which a fit is given up, unconverged.
+    """
     problem = _Problem(view, rough.who)
     x = np.concatenate([c.vector(values) for c, values in zip(rough.who, rough.values, strict=True)])
     r = problem.residual(x)

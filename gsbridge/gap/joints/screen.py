@@ -185,7 +185,16 @@ class Screen:
         return out
 
     def mixtures(self, residual: Array, count: int, keep: int) -> list[Mixture]:
-        """The best sums of `count` signatures of different candidates, each with a factor near one."""
+        """The best sums of `count` signatures of different candidates, each with a factor near one.
+
+        Args:
+            residual: In units of the noise. [T, C].
+            count: Signatures in a sum.
+            keep: How many sums to return at most.
+
+        Returns:
+            Sums, the largest gain first; none where fewer than `count` signatures could explain the residual by their size.
+        """
         along, total = self.along(residual), float((residual.astype(np.float64) ** 2).sum())
         rows = np.flatnonzero((self.sizes > _SMALL * 0.05 * total) & (self.sizes < _LARGE * total))
         if len(rows) < count:

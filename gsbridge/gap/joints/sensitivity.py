@@ -45,7 +45,17 @@ class Sensitivity:
 
 
 def start_states(mechanism: Mechanism, record: Record, spans: Sequence[Span], measured: Sequence[State]) -> list[State]:
-    """Where derivatives are taken: under position feedback at the commands, which records may share, else as measured."""
+    """States where derivatives are taken: commanded ones under position feedback, as records may share them; else measured ones.
+
+    Args:
+        mechanism: Simulates.
+        record: Commands and measurements.
+        spans: Stretches of the record.
+        measured: State of the joints at the begin of each stretch, as measured.
+
+    Returns:
+        State of the joints at the begin of each stretch.
+    """
     if not mechanism.system.controller.closed_loop or "command" not in record.commands:
         return list(measured)
     command = record.commands["command"]
@@ -62,7 +72,15 @@ def _edition() -> str:
 def sensitivity_of(
     mechanism: Mechanism, record: Record, spans: Sequence[Span], measured: Sequence[State], folder: str | Path | None = None
 ) -> Sensitivity:
-    """The frame of a record, from `folder` where an equal one was made before."""
+    """The sensitivity of a record, read from `folder` where an equal one was made before.
+
+    Args:
+        mechanism: Simulates.
+        record: Commands and measurements.
+        spans: Stretches of the record.
+        measured: State of the joints at the begin of each stretch, as measured.
+        folder: Where sensitivities are kept; nothing is kept when None.
+    """
     states = start_states(mechanism, record, spans, measured)
     if folder is None:
         return _make(mechanism, record, spans, states)

@@ -51,7 +51,12 @@ class JointBackend(CaseBackend):
 
     @classmethod
     def load(cls, model: str | Path, data: str | Path, about: Mapping[str, Any]) -> JointBackend:
-        """From what `save` and `about` have left.
+        """Make a case of a mechanism again from what `save` and `about` have left.
+
+        Args:
+            model: File of the model.
+            data: File that `save` wrote (`.npz`).
+            about: What `about` gave, read from `records.json`.
 
         Raises:
             InputError: A file is missing or damaged.

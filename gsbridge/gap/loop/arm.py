@@ -48,7 +48,14 @@ def write_arm(robot: RobotFiles, model: Model, base_from_table: Array, urdf: str
 
 
 def arm_content(robot: RobotFiles, model: Model, base_from_table: Array, urdf: str) -> dict[str, Any]:
-    """Content of that model; `urdf` is the description's name beside it."""
+    """Content of the model that `write_arm` writes.
+
+    Args:
+        robot: The robot's files.
+        model: The simulation model.
+        base_from_table: Registered place of the table. [4, 4].
+        urdf: Name of the description, which lies beside the model.
+    """
     arm, joints = model.arm, list(robot.record["arm_joints"])
     limits = [float(robot.record["limits"][name]["effort"]) for name in joints]
     down = np.asarray(base_from_table)[:3, :3] @ [0.0, 0.0, -ItemSetup(model).figures["gravity"]]

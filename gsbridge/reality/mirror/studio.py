@@ -46,7 +46,17 @@ SCENES: dict[str, tuple[str | None, str, float]] = {
 
 
 def placed(mesh: Mesh, normals: Array, spot: tuple[float, float], yaw_deg: float) -> tuple[Mesh, Array]:
-    """A mesh and its normals turned about z and moved to a spot of the table."""
+    """A mesh and its normals turned about z and moved to a spot of the table.
+
+    Args:
+        mesh: Mesh in its own frame, m.
+        normals: Its vertex normals. [V, 3].
+        spot: x and y on the table, m.
+        yaw_deg: Turn about z, degrees.
+
+    Returns:
+        The mesh and its normals, table frame.
+    """
     c, s = np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
     return Mesh(mesh.vertices @ turn.T + [*spot, 0.0], mesh.faces, mesh.colours), normals @ turn.T
@@ -138,7 +148,13 @@ class Studio:
         return np.array(self.mi.render(self.scene, sensor=sensor, integrator=integrator, seed=seed, spp=samples))[..., :3]
 
     def coverage(self, camera: Camera, cam_from_table: Array, samples: int = 16) -> Array:
-        """Share of each pixel that shows the object. [h, w] float32."""
+        """Share of each pixel that shows the object. [h, w] float32.
+
+        Args:
+            camera: Pinhole with its principal point in the middle.
+            cam_from_table: Pose of the camera. [4, 4].
+            samples: Samples per pixel.
+        """
         out = np.zeros((camera.height, camera.width), np.float32)
         if self.alone is None:
             return out

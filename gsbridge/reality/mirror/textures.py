@@ -34,7 +34,16 @@ def _turned(points: Array, cell: float, seed: int) -> Array:
 
 
 def value_noise(points: Array, cell: float, seed: int) -> Array:
-    """Smooth noise in -1..1 with features of about `cell` metres. [N, 3] -> [N]."""
+    """Smooth noise in -1..1.
+
+    Args:
+        points: Points, m. [N, 3].
+        cell: Size of its features, m.
+        seed: Random seed.
+
+    Returns:
+        Noise at each point. [N].
+    """
     p = _turned(points, cell, seed)
     corner = np.floor(p).astype(np.int64)
     f = p - corner
@@ -47,7 +56,18 @@ def value_noise(points: Array, cell: float, seed: int) -> Array:
 
 
 def octaves(points: Array, coarsest: float, count: int, seed: int, fall: float = 0.7) -> Array:
-    """Sum of noises, each half as large in scale and `fall` times as strong; standard deviation about 1. [N, 3] -> [N]."""
+    """Sum of noises of different scale, with a standard deviation of about 1.
+
+    Args:
+        points: Points, m. [N, 3].
+        coarsest: Size of the largest features, m; each further noise is half as large.
+        count: Number of noises.
+        seed: Random seed.
+        fall: Strength of each noise as a share of the one before.
+
+    Returns:
+        Noise at each point. [N].
+    """
     total = np.zeros(len(points))
     power = 0.0
     for level in range(count):
@@ -59,6 +79,11 @@ def octaves(points: Array, coarsest: float, count: int, seed: int, fall: float =
 
 def cells(points: Array, cell: float, seed: int) -> tuple[Array, Array, Array]:
     """Voronoi cells of one random point per lattice cell.
+
+    Args:
+        points: Points, m. [N, 3].
+        cell: Spacing of the lattice, m.
+        seed: Random seed.
 
     Returns:
         Distances to the nearest and second nearest point in units of `cell`, and a number 0..1 of the nearest. [N] each.
@@ -88,13 +113,28 @@ def pick(palette: Sequence[Sequence[float]], name: Array) -> Array:
 
 
 def blend(below: Array, above: Array | Sequence[float], weight: Array) -> Array:
-    """Paint `above` over `below` with weights 0..1. [N, 3], [N, 3] or [3], [N] -> [N, 3]."""
+    """Paint one colour over another.
+
+    Args:
+        below: Colours below. [N, 3].
+        above: Colours above, or one for all points. [N, 3] or [3].
+        weight: How much of `above` shows, cut to 0..1. [N].
+
+    Returns:
+        Blended colours. [N, 3].
+    """
     w = np.clip(weight, 0, 1)[..., None]
     return below * (1 - w) + np.asarray(above) * w
 
 
 def step(value: Array, edge: Array | float, width: float) -> Array:
-    """Smooth step from 0 to 1 around `edge`, over `width`."""
+    """Smooth step from 0 to 1.
+
+    Args:
+        value: Values. Any shape.
+        edge: Value at which the step is half done.
+        width: Range of values that the step takes.
+    """
     t = np.clip((value - edge) / width + 0.5, 0, 1)
     return t * t * (3 - 2 * t)
 
@@ -142,7 +182,13 @@ def paint_strokes(
 
 
 def plane_noise(shape: tuple[int, int], sigma: float, rng: np.random.Generator) -> Array:
-    """Gaussian noise of unit variance, smoothed over `sigma` pixels. [H, W] float32."""
+    """Gaussian noise of unit variance, smoothed over `sigma` pixels. [H, W] float32.
+
+    Args:
+        shape: H and W.
+        sigma: Standard deviation of the Gaussian that smooths it, px; 0 for white noise.
+        rng: Random numbers.
+    """
     if sigma > 8:  # broad noise is drawn coarse and enlarged: the same look at a fraction of the work
         factor = int(sigma // 4)
         small = plane_noise((shape[0] // factor + 8, shape[1] // factor + 8), sigma / factor, rng)

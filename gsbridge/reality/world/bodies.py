@@ -54,6 +54,17 @@ def shown_mesh(name: str, seed: int, detail: float) -> tuple[Mesh, Array]:
 
     An object's strokes are painted at the vertices of its mesh, so that a mesh of another detail has others: other sprinkles on
     the cake. Colours are therefore those of the film's mesh, averaged round each vertex. Arguments and errors as `body_mesh`.
+
+    Args:
+        name: One of the mirror's objects.
+        seed: Seed of the world's textures and shapes.
+        detail: Spacing of the mesh; see `make_object`.
+
+    Returns:
+        The mesh, m, with linear colours, and the vertex normals. [V, 3].
+
+    Raises:
+        InputError: The name is unknown.
     """
     mesh, normals = body_mesh(name, seed, detail)
     filmed, _ = body_mesh(name, seed, 1.0)
@@ -127,7 +138,14 @@ def true_body(name: str, seed: int, mass_factor: float, folder: str | Path) -> T
 
 
 def body_of(name: str, mesh: Mesh, density: float, pieces: list[Array]) -> TrueBody:
-    """A body of even density, kg/m3, from a closed mesh in its own frame and its convex pieces."""
+    """A body of even density.
+
+    Args:
+        name: Name of the body.
+        mesh: Closed mesh in the body's own frame, m.
+        density: kg/m3.
+        pieces: Vertices of the convex pieces that stand for it in contact, m. Each [V, 3].
+    """
     solid = mesh.trimesh()
     solid.density = density
     return TrueBody(

@@ -180,7 +180,17 @@ class MirrorCamera:
         return hit.reshape(camera.height, step, camera.width, step).mean((1, 3))
 
     def photo(self, camera: Camera, cam_from_table: Array, quality: Quality, seed: int) -> Array:
-        """What the camera delivers. uint8 [H, W, 3]; arguments as for `light`."""
+        """Photo that the camera delivers.
+
+        Args:
+            camera: Pinhole with square pixels and its principal point in the middle.
+            cam_from_table: Pose of the camera, OpenCV axes. [4, 4].
+            quality: Samples and depth.
+            seed: Seed of the samples and the sensor's noise.
+
+        Returns:
+            sRGB. [H, W, 3] uint8.
+        """
         return expose(self.light(camera, cam_from_table, quality, seed), self.hidden, np.random.default_rng([seed, 2]))
 
     def _sensor(self, camera: Camera, cam_from_table: Array, quality: Quality) -> Any:

@@ -128,7 +128,16 @@ class MirrorPhysics:
         mujoco.mj_forward(model, data)
 
     def command(self, position: Array, yaw: float, aperture: float) -> None:
-        """Set the target that `step` moves to and holds: see `World.command`."""
+        """Set the target that `step` moves to and holds; one out of reach is approached as far as possible, and counted.
+
+        Args:
+            position: Tool point, table frame, m. [3].
+            yaw: Turn of the tool about the vertical, 0 with the camera's side along the table's x, rad.
+            aperture: Distance of the pads, m; cut to the gripper's stroke.
+
+        Raises:
+            InputError: The target is not finite.
+        """
         position = np.asarray(position, dtype=np.float64)
         if position.shape != (3,) or not (np.isfinite(position).all() and np.isfinite(yaw) and np.isfinite(aperture)):
             raise InputError(

@@ -84,7 +84,16 @@ def write_behaviour_figure(blocks: Sequence[Block], lines: Sequence[Line], world
 
 
 def picked(start: Start, world: str, count: int = SHOWN) -> tuple[list[Array], list[float]]:
-    """Pictures of a trial at equal shares of its duration, first and last included, and their times, s."""
+    """Pictures of a trial at equal shares of its duration, first and last included.
+
+    Args:
+        start: Trials from one start pose.
+        world: World whose trial is shown.
+        count: Number of pictures.
+
+    Returns:
+        Pictures, uint8 [H, W, 3] each, and their times, s.
+    """
     path = start.trials[world].path
     states = np.linspace(0, len(path) - 1, count).round().astype(int)
     return [decode(path.jpegs[state]) for state in states], [STEP_S * float(state) for state in states]

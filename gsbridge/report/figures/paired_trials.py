@@ -114,7 +114,18 @@ def trials_by_cell(
     tables: Sequence[str | Path],
     logs: Sequence[str | Path],
 ) -> list[tuple[Cell, list[TrialFiles]]]:
-    """Group files of trials by their policy; one entry per file in each list, cells by the names of their fields."""
+    """Group files of trials by their policy. The lists have one entry per file each, in the same order.
+
+    Args:
+        cells: Cell of each file's policy, by the names of its fields.
+        worlds: World that each file's trials were made in.
+        seeds: Seed of each file's policy.
+        tables: Tables of trials (`.csv`).
+        logs: Logs of the same trials (`.npz`).
+
+    Returns:
+        Cells in the order of their first file, each with its files.
+    """
     out: dict[Cell, list[TrialFiles]] = {}
     for cell, world, seed, table, log in zip(cells, worlds, seeds, tables, logs, strict=True):
         out.setdefault(Cell(**cell), []).append(TrialFiles(world, seed, table, log))

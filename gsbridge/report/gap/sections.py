@@ -57,13 +57,32 @@ class Parts(ABC):
 
     @abstractmethod
     def numbers(self, findings: Mapping[str, Any], judged: Mapping[str, Any], explained: bool) -> list[dict[str, str]]:
-        """The figures at the top: gap before and after on the record that was judged."""
+        """The figures at the top: gap before and after on the record that was judged.
+
+        Args:
+            findings: Content of `findings.json`.
+            judged: What `replays.json` says about the record `JUDGED`.
+            explained: Whether an explanation was found, so that there is an after.
+
+        Returns:
+            One item per figure, as the page's template takes it.
+        """
 
     @abstractmethod
     def pictures(
         self, findings: Mapping[str, Any], series: Mapping[str, Array], judged: Mapping[str, Any], explained: bool
     ) -> dict[str, str]:
-        """The two figures of before and after with their words."""
+        """Draw the two figures of before and after.
+
+        Args:
+            findings: Content of `findings.json`.
+            series: What `read_series` gave.
+            judged: What `replays.json` says about the record `JUDGED`.
+            explained: Whether an explanation was found, so that there is an after.
+
+        Returns:
+            The figures and their words, by the names that the page's template asks for.
+        """
 
 
 class MechanismParts(Parts):

@@ -33,7 +33,13 @@ def render(template: str, **content: object) -> str:
 
 
 def write_page(out: str | Path, template: str, **content: object) -> None:
-    """Write a page, whole or not at all; arguments as in `render`."""
+    """Write a page, whole or not at all.
+
+    Args:
+        out: File to write.
+        template: Name of a file in `TEMPLATES`.
+        **content: Every name that the template asks for; text is escaped.
+    """
     text = render(template, **content)
     with atomic_file(out) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -98,7 +98,13 @@ def read_recording(path: str | Path) -> dict[str, dict[str, Any]]:
 
 
 def log_scene_axes(stream: rr.RecordingStream, length: float, entity: str = "table/axes") -> None:
-    """Log a right-handed frame with z up and its axes (x red, y green, z blue)."""
+    """Log a right-handed frame with z up and its axes (x red, y green, z blue).
+
+    Args:
+        stream: Recording.
+        length: Length of the axes, m.
+        entity: Where to put them in the recording.
+    """
     stream.log("table", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     stream.log(
         entity,
@@ -140,7 +146,13 @@ def log_camera(
 
 
 def log_centres(stream: rr.RecordingStream, entity: str, cloud: Cloud) -> None:
-    """Log the splats of a body as points, which every viewer draws; their radius is the middle one of each splat's three."""
+    """Log the splats of a body as points, which every viewer draws; their radius is the middle one of each splat's three.
+
+    Args:
+        stream: Recording.
+        entity: Where to put them in the recording.
+        cloud: The splats.
+    """
     colours = np.rint(np.clip(cloud.colours, 0, 1) * 255).astype(np.uint8)
     radii = np.clip(np.sort(cloud.scales, axis=1)[:, 1], 2e-4, 5e-3)
     stream.log(entity, rr.Points3D(cloud.means, colors=colours, radii=radii), static=True)
@@ -156,7 +168,14 @@ def small_image(path: str | Path, side_px: int = IMAGE_SIDE_PX) -> Array:
 
 
 def log_photo(stream: rr.RecordingStream, entity: str, image: Array, *, static: bool = False) -> None:
-    """Log an 8-bit image as JPEG. [H, W, 3]."""
+    """Log an image as JPEG.
+
+    Args:
+        stream: Recording.
+        entity: Where to put it in the recording.
+        image: RGB. [H, W, 3] uint8.
+        static: Whether it is shown at all times, instead of from the recording's current time on.
+    """
     stream.log(entity, rr.Image(image).compress(jpeg_quality=JPEG_QUALITY), static=static)
 
 
@@ -185,7 +204,14 @@ def log_views(
 
 
 def log_mesh(stream: rr.RecordingStream, entity: str, mesh: Mesh, colour: Sequence[int]) -> None:
-    """Log a mesh with its vertex colours, or in one colour (RGB 0..255) where it has none."""
+    """Log a mesh with its vertex colours, or in one colour where it has none.
+
+    Args:
+        stream: Recording.
+        entity: Where to put it in the recording.
+        mesh: The mesh.
+        colour: RGB 0..255. [3].
+    """
     normals = np.zeros_like(mesh.vertices)
     corners = mesh.corners()
     weighted = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

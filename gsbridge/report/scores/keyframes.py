@@ -50,6 +50,11 @@ def keyframe_scores(chosen: Sequence[int], measured_px: Array, motion_px: Array,
 def write_keyframe_score(out: str | Path, *, keyframes_json: str | Path, truth_json: str | Path) -> None:
     """Score the keyframes of the dense film and write the record.
 
+    Args:
+        out: File to write.
+        keyframes_json: Record of the capture stage.
+        truth_json: What the mirror knows about the film.
+
     Raises:
         InputError: A file is missing, damaged, or not of a dense film.
     """

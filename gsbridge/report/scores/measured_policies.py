@@ -43,7 +43,13 @@ def _name(cell: Cell) -> str:
 
 
 def mean_figure(view: Overview, counts: Counts, where: str) -> Figure:
-    """Mean success of cells in one world and set of start poses, percent."""
+    """Mean success of cells in one world and set of start poses, percent.
+
+    Args:
+        view: The cells' rates in that world and set.
+        counts: Trials and successes of each cell.
+        where: File that the figure comes from.
+    """
     low, high = view.total.interval
     figure = over_scenes({_name(cell): 100 * rate for cell, rate in view.rates.items()}, statistics.fmean, where)
     interval = {"interval": [100 * low, 100 * high], "interval_of": "95 % of all trials together (Wilson)"}
@@ -51,7 +57,14 @@ def mean_figure(view: Overview, counts: Counts, where: str) -> Figure:
 
 
 def drop_figure(view: Overview, counts: Counts, cells: Sequence[Cell], where: str) -> Figure | None:
-    """Mean relative drop of cells from simulation to a world, percent; None where no cell has one."""
+    """Mean relative drop of cells from simulation to a world, percent; None where no cell has one.
+
+    Args:
+        view: The cells' changes in that world and set of start poses.
+        counts: Trials and successes of each cell.
+        cells: Cells to take the mean over.
+        where: File that the figure comes from.
+    """
     found = {cell: value for cell, value in view.changes.items() if cell in cells}
     if not found:
         return None
@@ -70,6 +83,11 @@ def _counted(cells: Sequence[Cell], counts: Counts, view: Overview) -> dict[str,
 
 def success_figures(grasping: Sequence[Row], contrast: Sequence[Row], placing: Sequence[Row]) -> dict[str, Figure]:
     """Figures of the success tables.
+
+    Args:
+        grasping: Rows of the table of grasps.
+        contrast: Rows of the table of renderers compared.
+        placing: Rows of the table of pick and place.
 
     Returns:
         `grasp_{world}_{poses}` and `place_{world}_{poses}`, mean success of the paper's cells; beyond simulation also

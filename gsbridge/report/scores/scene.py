@@ -170,7 +170,16 @@ def mask_scores(masks: Path, true_masks: Path, views: Sequence[View], camera: Ca
 
 
 def sample_surface(mesh: Mesh, count: int, seed: int) -> Array:
-    """Points spread evenly by area over a surface. [count, 3]."""
+    """Random points spread evenly by area over a surface.
+
+    Args:
+        mesh: The surface.
+        count: Number of points.
+        seed: Random seed.
+
+    Returns:
+        Points in the mesh's frame and unit. [count, 3].
+    """
     rng = np.random.default_rng(seed)
     areas = mesh.areas()
     face = rng.choice(len(areas), size=count, p=areas / areas.sum())
@@ -213,7 +222,17 @@ def chamfer(mesh: Mesh, reference: Mesh, *, above: float = ABOVE_M, samples: int
 
 
 def mesh_scores(visual: Path, collision: Path, true_mesh: Path, seed: int) -> dict[str, Any]:
-    """Chamfer distances of both meshes of an object, and whether they are closed."""
+    """Chamfer distances of both meshes of an object, and whether they are closed.
+
+    Args:
+        visual: File of the mesh that is drawn.
+        collision: File of the mesh that is touched.
+        true_mesh: File of the true mesh, in the same frame.
+        seed: Seed of the points that distances are measured from.
+
+    Raises:
+        InputError: A mesh cannot be used.
+    """
     reference = read_mesh(true_mesh)
     out: dict[str, Any] = {}
     for name, path in (("visual", visual), ("collision", collision)):

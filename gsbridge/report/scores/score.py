@@ -27,13 +27,28 @@ Figure = dict[str, Any]
 def single(
     value: float | None, n: int, where: str, interval: Sequence[float] | None = None, interval_of: str | None = None
 ) -> Figure:
-    """A figure from one value."""
+    """A figure from one value.
+
+    Args:
+        value: The value; None where it could not be measured.
+        n: How many measurements are behind it.
+        where: File that it comes from.
+        interval: Lower and upper limit; None for none.
+        interval_of: What the interval means.
+    """
     told = {} if interval_of is None else {"interval_of": interval_of}
     return {"value": value, "n": n, "interval": interval and list(interval), **told, "where": where}
 
 
 def success_rate(successes: int, trials: int, where: str, /, **more: Any) -> Figure:
-    """A success rate in percent with Wilson's interval; `more` are further entries."""
+    """A success rate in percent with Wilson's interval.
+
+    Args:
+        successes: Successful trials.
+        trials: All trials.
+        where: File that they come from.
+        **more: Further entries of the figure.
+    """
     interval = [100 * limit for limit in wilson_interval(successes, trials)]
     return {**single(100 * successes / trials, trials, where, interval, "95 % (Wilson)"), **more}
 
@@ -128,7 +143,13 @@ def read_floors(path: str | Path) -> dict[str, dict[str, Any]]:
 
 
 def reaches(value: float, floor: float, direction: str) -> bool:
-    """True if `value` is on the good side of `floor`, or on it."""
+    """True if `value` is on the good side of `floor`, or on it.
+
+    Args:
+        value: Measured value.
+        floor: Value that is asked for.
+        direction: `at_least` or `at_most`.
+    """
     return value >= floor if direction == "at_least" else value <= floor
 
 

@@ -48,7 +48,13 @@ def failure_rows(files: Sequence[TrialFile]) -> list[dict[str, Any]]:
 
 
 def write_failure_rows(out_csv: str | Path, paths: Sequence[str | Path], **more: Any) -> None:
-    """Write `rows/failures.csv`; arguments as in `read_trial_files`."""
+    """Write `rows/failures.csv`.
+
+    Args:
+        out_csv: File to write.
+        paths: Tables of trials, as `read_trial_files` takes them.
+        **more: Further arguments of `read_trial_files`.
+    """
     write_rows(out_csv, COLUMNS, failure_rows(read_trial_files(paths, **more)))
 
 

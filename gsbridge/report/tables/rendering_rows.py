@@ -190,7 +190,15 @@ def write_rendering_rows(
     films: Mapping[str, str | Path] | None = None,
     records: Sequence[str | Path] = (),
 ) -> None:
-    """Write `rows/rendering.csv`; arguments as in `rendering_rows`."""
+    """Write `rows/rendering.csv`.
+
+    Args:
+        splats_json: Records of trained splats, as `rendering_rows` takes them.
+        out_csv: File to write.
+        scenes: Kind and origin of each scene, as `rendering_rows` takes them.
+        films: `film.json` of mirrored scenes, for the noise ceiling beside each score.
+        records: Records of the stages before: what one of them degraded, no later stage makes whole.
+    """
     write_rows(out_csv, COLUMNS, rendering_rows(splats_json, scenes, films, records))
 
 
@@ -198,6 +206,11 @@ def values(rows: Sequence[Row], column: str, **fixed: str) -> dict[tuple[str, st
     """One column as {(scene, seed): value}, of the rows whose cells equal `fixed`.
 
     A run that stands both among the main runs and the comparisons counts once: the main run wins.
+
+    Args:
+        rows: Rows of `rendering.csv`.
+        column: Name of the column.
+        **fixed: Text that a row must hold, by column.
     """
     out: dict[tuple[str, str], float] = {}
     for row in sorted(rows, key=lambda row: row["main"] == "true"):

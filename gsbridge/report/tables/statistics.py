@@ -18,6 +18,10 @@ from gsbridge.statistics import check_counts
 def fisher_p(sim_successes: int, sim_trials: int, real_successes: int, real_trials: int) -> float:
     """Two-sided p of Fisher's exact test that both worlds have the same success rate.
 
+    Args:
+        sim_successes, sim_trials: Successful and all trials in simulation.
+        real_successes, real_trials: Successful and all trials in the other world.
+
     Raises:
         ValueError: The counts make no sense.
     """

@@ -66,13 +66,27 @@ def pose_sets_in(counts: Counts) -> list[str]:
 
 
 def change(counts: Counts, cell: Cell, world: str, pose_set: str) -> float | None:
-    """Relative change of a cell from simulation to another world; None where it is not known."""
+    """Relative change of a cell from simulation to another world; None where it is not known.
+
+    Args:
+        counts: Trials and successes.
+        cell: The cell.
+        world: The other world.
+        pose_set: Set of start poses.
+    """
     sim, real = counts.get((cell, STRICT_WORLD, pose_set)), counts.get((cell, world, pose_set))
     return None if sim is None or real is None else relative_change(sim.rate, real.rate)
 
 
 def p_of_change(counts: Counts, cell: Cell, world: str, pose_set: str) -> float | None:
-    """Fisher's p of the same; None where it is not known."""
+    """Fisher's p of the change of a cell from simulation to another world; None where it is not known.
+
+    Args:
+        counts: Trials and successes.
+        cell: The cell.
+        world: The other world.
+        pose_set: Set of start poses.
+    """
     sim, real = counts.get((cell, STRICT_WORLD, pose_set)), counts.get((cell, world, pose_set))
     if sim is None or real is None:
         return None
@@ -143,7 +157,13 @@ def overviews(counts: Counts, cells: Sequence[Cell]) -> list[Overview]:
 
 
 def standard_cells(rows: Sequence[Row], task: str, renderer: str = "gs") -> list[Cell]:
-    """Cells of a task that were trained the paper's way on one renderer's pictures, in the rows' order."""
+    """Cells of a task that were trained the paper's way on one renderer's pictures, in the rows' order.
+
+    Args:
+        rows: Rows of a table of success.
+        task: Name of the task.
+        renderer: Renderer of the pictures that the policies learned from.
+    """
     cells = dict.fromkeys(map(cell_in, rows))
     return [cell for cell in cells if (cell.task, cell.renderer, cell.variant) == (task, renderer, "default")]
 
@@ -186,7 +206,13 @@ MEAN_NOTE = (
 
 
 def percent(share: float | None, digits: int = 1, *, signed: bool = False) -> str:
-    """A share in percent with a true minus sign; a dash for none."""
+    """A share in percent with a true minus sign; a dash for none.
+
+    Args:
+        share: 0..1, or below 0 for a fall; None for none.
+        digits: Digits behind the point.
+        signed: Whether a rise gets a plus sign.
+    """
     if share is None:
         return DASH
     # Shares of 32 trials end in 5 often: halves go away from zero, as on paper, and not to the even digit.

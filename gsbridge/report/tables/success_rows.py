@@ -331,7 +331,13 @@ def _index(known: Sequence[Any], value: Any) -> int:
 
 
 def write_success_rows(out_csv: str | Path, paths: Sequence[str | Path], **more: Any) -> None:
-    """Write `rows/{grasping,renderer_contrast,pick_and_place}.csv`; arguments as in `read_trial_files`."""
+    """Write `rows/grasping.csv`, `rows/renderer_contrast.csv` or `rows/pick_and_place.csv`.
+
+    Args:
+        out_csv: File to write.
+        paths: Tables of trials, as `read_trial_files` takes them.
+        **more: Further arguments of `read_trial_files`.
+    """
     write_rows(out_csv, COLUMNS, success_rows(read_trial_files(paths, **more)))
 
 

@@ -46,7 +46,12 @@ class Workspace:
     sums: Array = field(default_factory=lambda: np.empty((1, 0), np.float32))
 
     def fit(self, splats: int, rows: int, columns: int) -> None:
-        """Make room for a number of splats and blocks."""
+        """Make room for a number of splats and blocks.
+
+        Args:
+            splats: Splats that may become visible.
+            rows, columns: Blocks of `layout.BLOCK` px in the image.
+        """
         if len(self.sources) < splats:
             size = splats + splats // 8 + WIDTH
             self.records = _aligned(size * RECORD)
@@ -183,7 +188,15 @@ class Prepared:
 
     @classmethod
     def of(cls, means: Array, quats: Array, scales: Array, opacities: Array, colours: Array) -> Prepared:
-        """From arrays as in `rasterize`."""
+        """Prepare splats, in any frame, for many renderings.
+
+        Args:
+            means: Centres, m. [N, 3].
+            quats: Orientations wxyz, of any length but zero. [N, 4].
+            scales: Standard deviations along the splat's axes, m. [N, 3].
+            opacities: Opacity at the centre, 0..1. [N].
+            colours: RGB 0..1. [N, 3].
+        """
         arrays = _flat(means), _flat(quats), _flat(scales), _flat(opacities), _flat(colours)
         lanes = _aligned(len(arrays[3]) * LANES)
         preparing.prepare(*arrays, lanes)
@@ -291,9 +304,14 @@ def render(
     near: float = NEAR,
     threads: int | None = None,
 ) -> tuple[Array, Array, Array]:
-    """Image of splats, without gradients. Arguments as in `rasterize`, numpy float32 arrays.
+    """Image of splats, without gradients.
 
     Args:
+        means, quats, scales, opacities, colours: Splats as in `gsbridge.splats.rasterize.rasterize`, but numpy arrays.
+        camera: Pinhole camera.
+        cam_from_table: Pose of the camera. [4, 4].
+        background: Colour behind the splats, black when None. [3].
+        near: Smallest camera z of a centre, m.
         threads: Threads; as many as the job may use when None.
 
     Returns:
@@ -313,7 +331,19 @@ def render_seen(
     near: float = NEAR,
     threads: int | None = None,
 ) -> tuple[Array, Array, Array]:
-    """Image of some groups of splats, each in a frame of its own; as `render`."""
+    """Image of some groups of splats, each in a frame of its own, without gradients.
+
+    Args:
+        splats: All splats.
+        seen: Groups to draw, and the frame of each.
+        camera: Pinhole camera of the image's size; focal lengths and pose are those of `seen.views`.
+        background: Colour behind the splats. [3].
+        near: Smallest camera z of a centre, m.
+        threads: Threads; as many as the job may use when None.
+
+    Returns:
+        As `render`: colour [H, W, 3], alpha [H, W], and the alpha-weighted sum of camera z, m. [H, W].
+    """
     view = _View(camera, None, np.float32(near))
     return _render(splats, view, np.asarray(background, dtype=np.float32), threads, seen)
 
@@ -364,7 +394,18 @@ def rasterize(
     background: torch.Tensor | None,
     near: float,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """See `gsbridge.splats.rasterize.rasterize`."""
+    """The backend `cpu` of `gsbridge.splats.rasterize.rasterize`, which has checked the shapes.
+
+    Args:
+        means, quats, scales, opacities, colours: Splats, with gradients. [N, 3], [N, 4], [N, 3], [N], [N, 3].
+        camera: Pinhole camera.
+        cam_from_table: Pose of the camera. [4, 4].
+        background: Colour behind the splats, black when None. [3].
+        near: Smallest camera z of a centre, m.
+
+    Returns:
+        Colours, alphas and depths, as in `gsbridge.splats.rasterize.Rendering`.
+    """
     behind = np.zeros(3, np.float32) if background is None else background.detach().numpy().astype(np.float32)
     view = _View(camera, cam_from_table, np.float32(near))
     groups = (group.float() for group in (means, quats, scales, opacities, colours))

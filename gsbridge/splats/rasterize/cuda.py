@@ -46,7 +46,17 @@ def rasterize(
     background: torch.Tensor | None,
     near: float,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """See `gsbridge.splats.rasterize.rasterize`.
+    """The backend `cuda` of `gsbridge.splats.rasterize.rasterize`, which has checked the shapes.
+
+    Args:
+        means, quats, scales, opacities, colours: Splats, with gradients. [N, 3], [N, 4], [N, 3], [N], [N, 3].
+        camera: Pinhole camera.
+        cam_from_table: Pose of the camera. [4, 4].
+        background: Colour behind the splats, black when None. [3].
+        near: Smallest camera z of a centre, m.
+
+    Returns:
+        Colours, alphas and depths, as in `gsbridge.splats.rasterize.Rendering`.
 
     Raises:
         InputError: gsplat or a CUDA device is missing.

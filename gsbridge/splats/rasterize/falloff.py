@@ -47,7 +47,16 @@ def power(p: LaneValues, constants: tuple[LaneValues, ...]) -> LaneValues:
 def exponents(
     records: Array, base: int | np.int64, x_lanes: LaneValues, y_lanes: LaneValues
 ) -> tuple[LaneValues, LaneValues, LaneValues, LaneValues]:
-    """Offsets dx and dy (upper half of the block), and an eighth of the binary logarithm of alpha in both halves."""
+    """Offsets dx and dy (upper half of the block), and an eighth of the binary logarithm of alpha in both halves.
+
+    Args:
+        records: Projected splats. [N * RECORD] float32.
+        base: Where the splat's record begins in `records`.
+        x_lanes, y_lanes: Pixel centres of the block's upper half, from `pixels_of`, px.
+
+    Returns:
+        dx and dy, px, then the exponents of the upper and the lower half.
+    """
     dx = x_lanes - load_spread(records, base + layout.X)
     dy0 = y_lanes - load_spread(records, base + layout.Y)
     dy1 = dy0 + 2.0
@@ -63,7 +72,17 @@ def exponents(
 def falloff(
     records: Array, base: int | np.int64, x_lanes: LaneValues, y_lanes: LaneValues, constants: tuple[LaneValues, ...]
 ) -> tuple[LaneValues, LaneValues, LaneValues, LaneValues]:
-    """Offsets dx and dy (upper half of the block), and alpha before its clip, zero below the cut, in both halves."""
+    """Offsets dx and dy (upper half of the block), and alpha before its clip, zero below the cut, in both halves.
+
+    Args:
+        records: Projected splats. [N * RECORD] float32.
+        base: Where the splat's record begins in `records`.
+        x_lanes, y_lanes: Pixel centres of the block's upper half, from `pixels_of`, px.
+        constants: From `read_table`.
+
+    Returns:
+        dx and dy, px, then alpha in the upper and in the lower half.
+    """
     dx, dy0, p0, p1 = exponents(records, base, x_lanes, y_lanes)
     cut = constants[6]
     return dx, dy0, select(p0 >= cut, power(p0, constants), 0.0), select(p1 >= cut, power(p1, constants), 0.0)
@@ -71,7 +90,15 @@ def falloff(
 
 @njit(error_model="numpy", forceinline=True)
 def pixels_of(row: int, column: int, width: int, height: int) -> tuple[LaneValues, LaneValues, LaneValues, LaneValues]:
-    """Pixel centres of a block (the lower half lies 2 px further down), and 1 where its halves are inside the image."""
+    """Pixel centres of a block (the lower half lies 2 px further down), and 1 where its halves are inside the image.
+
+    Args:
+        row, column: Number of the block in the image.
+        width, height: Size of the image, px.
+
+    Returns:
+        x and y of the upper half's pixel centres, px, then the marks of the upper and the lower half.
+    """
     x = load(LANE_X, 0) + (column * BLOCK + 0.5)
     y = load(LANE_Y, 0) + (row * BLOCK + 0.5)
     return x, y, select((x < width) & (y < height), 1.0, 0.0), select((x < width) & (y + 2.0 < height), 1.0, 0.0)

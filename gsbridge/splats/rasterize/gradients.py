@@ -179,6 +179,7 @@ def sum_gradients_parallel(blocks: tuple[Any, ...], gradients: tuple[Array, ...]
     """`sum_gradients` in bands of rows, each with its own sums, added in the order of the bands: no race, no atomics.
 
     Args:
+        blocks, gradients: As in `sum_gradients`.
         parts: Sums of each band, zero on entry; the first holds the result. [bands, N * RECORD].
     """
     bands = len(parts)

@@ -75,7 +75,13 @@ class _MaskModel(models.PrimitiveModel):
 
 
 def spread_scalar(builder: ir.IRBuilder, value: ir.Value, width: int = WIDTH) -> ir.Value:
-    """A scalar copied to all lanes."""
+    """A scalar copied to all lanes.
+
+    Args:
+        builder: Where to write the instructions.
+        value: A float32.
+        width: Number of lanes.
+    """
     undefined = ir.Constant(ir.VectorType(ir.FloatType(), width), ir.Undefined)
     one = builder.insert_element(undefined, value, ir.Constant(ir.IntType(32), 0))
     return builder.shuffle_vector(one, undefined, ir.Constant(ir.VectorType(ir.IntType(32), width), [0] * width))
@@ -153,7 +159,14 @@ def _lower_neg(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.V
 
 
 def call_llvm(builder: ir.IRBuilder, name: str, result: ir.Type, args: list[ir.Value]) -> ir.Value:
-    """Call an LLVM intrinsic."""
+    """Call an LLVM intrinsic.
+
+    Args:
+        builder: Where to write the call.
+        name: LLVM's name of the intrinsic, with its overloaded types.
+        result: Type that it returns.
+        args: Its arguments.
+    """
     kind = ir.FunctionType(result, [value.type for value in args])
     function = builder.module.globals.get(name) or ir.Function(builder.module, kind, name)
     return builder.call(function, args)
@@ -181,7 +194,12 @@ def spread_wide(typing: Any, value: Any) -> Any:
 
 @intrinsic
 def select(typing: Any, mask: Any, chosen: Any, other: Any) -> Any:
-    """Lane by lane: `chosen` where the mask is set, `other` elsewhere. Both may be numbers."""
+    """Lane by lane: `chosen` where the mask is set, `other` elsewhere.
+
+    Args:
+        mask: A `Mask` or `WideMask`.
+        chosen, other: Lanes of the mask's width, or numbers.
+    """
     if not isinstance(mask, _MaskType):
         return None
 
@@ -262,7 +280,11 @@ def exponent_and_mantissa(typing: Any, value: Any) -> Any:
 
 @intrinsic
 def sums_of_eight(typing: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any, h: Any) -> Any:
-    """Sum over the lanes of each of eight arguments, as eight lanes: a transposition with additions on the way."""
+    """Sum over the lanes of each of eight arguments, as eight lanes: a transposition with additions on the way.
+
+    Args:
+        a, b, c, d, e, f, g, h: `Lanes` each; the sum over the k-th argument becomes lane k.
+    """
 
     def generate(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> ir.Value:
         def pair(x: ir.Value, y: ir.Value, low: list[int], high: list[int]) -> ir.Value:

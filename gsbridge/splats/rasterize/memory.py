@@ -40,7 +40,13 @@ def at(typing: Any, array: Any, index: Any) -> Any:
 
 @intrinsic
 def put(typing: Any, array: Any, index: Any, value: Any) -> Any:
-    """Write an element of a flat array, without numba's detour for negative indices."""
+    """Write an element of a flat array, without numba's detour for negative indices.
+
+    Args:
+        array: Flat array, C order, of any type.
+        index: Place of the element.
+        value: A number of the array's type.
+    """
     if not (isinstance(array, types.Array) and array.ndim == 1 and array.layout == "C"):
         return None
 
@@ -105,7 +111,13 @@ load_quads = _interleaved(4, "The four columns of eight rows of a flat [N, 4] fl
 
 @intrinsic
 def store(typing: Any, array: Any, index: Any, value: Any) -> Any:
-    """Write lanes, wide or not, into a flat float32 array, from `index` on."""
+    """Write lanes, wide or not, into a flat float32 array, from `index` on.
+
+    Args:
+        array: Flat float32 array.
+        index: Place of the first lane.
+        value: `Lanes` or `WideLanes`.
+    """
     if not _is_flat(array, types.float32) or value not in (Lanes, WideLanes):
         return None
 
@@ -136,7 +148,14 @@ def prefetch(typing: Any, array: Any, index: Any) -> Any:
 def store_rows(
     typing: Any, array: Any, index: Any, stride: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any, h: Any
 ) -> Any:
-    """Write the k-th lanes of eight arguments side by side at `index + k * stride`: a transposition."""
+    """Write the k-th lanes of eight arguments side by side at `index + k * stride`: a transposition.
+
+    Args:
+        array: Flat float32 array.
+        index: Place of the first row.
+        stride: Elements from one row to the next.
+        a, b, c, d, e, f, g, h: `Lanes` each; row k gets their k-th lanes in this order.
+    """
     columns = (a, b, c, d, e, f, g, h)
     if not _is_flat(array, types.float32) or any(kind != Lanes for kind in columns):
         return None
@@ -164,7 +183,13 @@ def store_rows(
 
 @intrinsic
 def store_whole(typing: Any, array: Any, index: Any, value: Any) -> Any:
-    """Write lanes, cut to whole numbers, into a flat int32 array, from `index` on."""
+    """Write lanes, cut to whole numbers, into a flat int32 array, from `index` on.
+
+    Args:
+        array: Flat int32 array.
+        index: Place of the first lane.
+        value: `Lanes`.
+    """
     if not _is_flat(array, types.int32) or value != Lanes:
         return None
 
@@ -184,7 +209,13 @@ def _pick(builder: ir.IRBuilder, left: ir.Value, right: ir.Value | None, lanes: 
 
 @intrinsic
 def load_halves(typing: Any, array: Any, index: Any, stride: Any) -> Any:
-    """Four elements from `index` on, then four from `index + stride` on: two rows of pixels."""
+    """Four elements from `index` on, then four from `index + stride` on: two rows of pixels.
+
+    Args:
+        array: Flat float32 array.
+        index: Place of the first four elements.
+        stride: Elements from there to the other four.
+    """
     if not _is_flat(array, types.float32):
         return None
 
@@ -200,7 +231,14 @@ def load_halves(typing: Any, array: Any, index: Any, stride: Any) -> Any:
 
 @intrinsic
 def store_halves(typing: Any, array: Any, index: Any, stride: Any, value: Any) -> Any:
-    """Inverse of `load_halves`."""
+    """Write four lanes from `index` on and the other four from `index + stride` on: the inverse of `load_halves`.
+
+    Args:
+        array: Flat float32 array.
+        index: Place of the first four lanes.
+        stride: Elements from there to the place of the other four.
+        value: `Lanes`.
+    """
     if not _is_flat(array, types.float32) or value != Lanes:
         return None
 
@@ -216,7 +254,16 @@ def store_halves(typing: Any, array: Any, index: Any, stride: Any, value: Any) -
 
 @intrinsic
 def load_pixels(typing: Any, array: Any, index: Any, stride: Any) -> Any:
-    """Red, green and blue of four pixels from `index` on and of four from `index + stride` on."""
+    """Red, green and blue of four pixels from `index` on and of four from `index + stride` on.
+
+    Args:
+        array: Flat float32 array of RGB pixels.
+        index: Place of the red of the first pixel.
+        stride: Elements from there to the red of the fifth pixel.
+
+    Returns:
+        Red, green and blue, `Lanes` each.
+    """
     if not _is_flat(array, types.float32):
         return None
 
@@ -233,7 +280,14 @@ def load_pixels(typing: Any, array: Any, index: Any, stride: Any) -> Any:
 
 @intrinsic
 def store_pixels(typing: Any, array: Any, index: Any, stride: Any, red: Any, green: Any, blue: Any) -> Any:
-    """Inverse of `load_pixels`."""
+    """Write red, green and blue of eight pixels, four of them in each of two rows: the inverse of `load_pixels`.
+
+    Args:
+        array: Flat float32 array of RGB pixels.
+        index: Place of the red of the first pixel.
+        stride: Elements from there to the red of the fifth pixel.
+        red, green, blue: `Lanes` each.
+    """
     if not _is_flat(array, types.float32) or any(kind != Lanes for kind in (red, green, blue)):
         return None
 

@@ -12,7 +12,14 @@ from gsbridge.splats.rasterize.memory import load, load_quads, load_triples, sto
 
 @njit(error_model="numpy", forceinline=True)
 def axes_of(w: LaneValues, x: LaneValues, y: LaneValues, z: LaneValues) -> tuple[LaneValues, ...]:
-    """Rotation matrix of a unit quaternion, row by row."""
+    """Rotation matrix of a unit quaternion, row by row.
+
+    Args:
+        w, x, y, z: Components of the quaternion; `Lanes` each, for eight quaternions at once.
+
+    Returns:
+        The nine elements of the matrix, `Lanes` each.
+    """
     return (
         1.0 - 2.0 * (y * y + z * z),
         2.0 * (x * y - w * z),

@@ -38,9 +38,15 @@ def rasterize(
     near: float,
     tile: int | None = None,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """See `gsbridge.splats.rasterize.rasterize`.
+    """The backend `reference` of `gsbridge.splats.rasterize.rasterize`, which has checked the shapes.
 
     Args:
+        means, quats, scales, opacities, colours: Splats, with gradients, of any floating type. [N, 3], [N, 4],
+            [N, 3], [N], [N, 3].
+        camera: Pinhole camera.
+        cam_from_table: Pose of the camera. [4, 4].
+        background: Colour behind the splats, black when None. [3].
+        near: Smallest camera z of a centre, m.
         tile: Edge of the tiles, px; None blends all pixels with all splats at once.
     """
     kind: dict[str, Any] = {"dtype": means.dtype, "device": means.device}

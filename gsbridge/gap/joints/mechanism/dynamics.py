@@ -16,7 +16,18 @@ LOADS = 10
 
 @njit(nogil=True)
 def place(parents: Array, fixed: Array, axes: Array, slides: Array, q: Array, turn: Array, origin: Array, axis: Array) -> None:
-    """Rotations, origins and axes of all joint frames in the base. q [N] -> turn [N, 3, 3], origin [N, 3], axis [N, 3]."""
+    """Rotations, origins and axes of all joint frames in the base.
+
+    Args:
+        parents: Index of the joint that carries each, -1 for the base. [N].
+        fixed: Transform from each joint's frame to its parent's at zero. [N, 4, 4].
+        axes: Unit axis of each joint in its own frame. [N, 3].
+        slides: Whether a joint slides. [N] bool.
+        q: Positions, rad or m. [N].
+        turn: Result: rotation of each frame. [N, 3, 3].
+        origin: Result: origin of each frame, m. [N, 3].
+        axis: Result: direction of each joint's axis. [N, 3].
+    """
     for k in range(len(q)):
         x, y, z = axes[k, 0], axes[k, 1], axes[k, 2]
         angle = 0.0 if slides[k] else q[k]
@@ -86,9 +97,11 @@ def spread(slides: Array, bodies: Array, turn: Array, origin: Array, axis: Array
 
 @njit(nogil=True)
 def bias(parents: Array, screws: Array, loads: Array, gravity: Array, v: Array, work: Array, out: Array) -> None:
-    """Torques that hold the weight and the centrifugal forces: inverse dynamics without acceleration. v [N] -> out [N].
+    """Torques that hold the weight and the centrifugal forces: inverse dynamics without acceleration.
 
     Args:
+        v: Speeds, rad/s or m/s. [N].
+        out: Result, N m or N. [N].
         parents: Index of the joint that carries each, -1 for the base. [N].
         screws, loads: From `spread`.
         gravity: Acceleration, base frame. [3].
@@ -151,9 +164,10 @@ def weights(
     work: Array,
     out: Array,
 ) -> None:
-    """Torques that hold the weight alone. -> out [N].
+    """Torques that hold the weight alone.
 
     Args:
+        out: Result, N m or N. [N].
         parents, slides, bodies: As in `spread` and `bias`.
         gravity: Acceleration, base frame. [3].
         turn, origin, axis: From `place`.
@@ -181,9 +195,10 @@ def weights(
 
 @njit(nogil=True)
 def inertia(parents: Array, screws: Array, loads: Array, out: Array) -> None:
-    """Joint-space inertia. -> out [N, N].
+    """Joint-space inertia.
 
     Args:
+        out: Result. [N, N].
         parents: As in `bias`.
         screws, loads: From `spread`; the loads become those of all that each joint carries.
 

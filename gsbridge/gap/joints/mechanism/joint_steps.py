@@ -17,6 +17,16 @@ def coupling(rotor: float, damping: float, stiffness: float, compliance: float, 
     Both moves are taken at the end of the step. A transmission that is all but rigid then joins the rotor's inertia to the
     link's, where an explicit link would be thrown off by the spring's full force. Both are zero for a motor that nothing
     holds back: it hands its torque on.
+
+    Args:
+        rotor: Inertia of the motor, kg m2.
+        damping: Damping that acts on the motor, N m s/rad.
+        stiffness: Stiffness that acts on the motor, N m/rad.
+        compliance: Twist of the transmission per torque, rad/(N m).
+        step: Step of time, s.
+
+    Returns:
+        Both stiffnesses, N m/rad.
     """
     base = rotor / (step * step) + damping / step + stiffness
     return base, 1.0 / (compliance + 1.0 / base) if base > 0.0 else 0.0
@@ -38,6 +48,21 @@ def motor_side(
     """Where a motor is at the end of a step behind a transmission with play and twist, whose link is then at `q`.
 
     The motor feels `pull - stiffness * angle - damping * speed` and the transmission.
+
+    Args:
+        q: Angle of the link at the end of the step, rad.
+        motor: Angle of the motor at its begin, rad.
+        motor_speed: Speed of the motor at its begin, rad/s.
+        pull: Torque that depends on neither angle nor speed, N m.
+        damping: Damping that acts on the motor, N m s/rad.
+        stiffness: Stiffness that acts on the motor, N m/rad.
+        rotor: Inertia of the motor, kg m2.
+        compliance: Twist of the transmission per torque, above 0, rad/(N m).
+        gap: Play of the transmission from end to end, rad.
+        step: Step of time, s.
+
+    Returns:
+        Angle of the motor at the end of the step, rad.
     """  # fmt: skip
     half = 0.5 * gap
     base = rotor / (step * step) + damping / step + stiffness

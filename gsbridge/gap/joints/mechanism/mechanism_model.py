@@ -152,7 +152,12 @@ _CONTROL = (
 
 
 def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "model") -> MechanismModel:
-    """A mechanism from the content of its file; `folder` is where its URDF's path starts.
+    """A mechanism from the content of its file.
+
+    Args:
+        content: Content of the file.
+        folder: Folder that the path of its URDF starts from.
+        source: File, for messages.
 
     Raises:
         InputError: As `read_mechanism_model`.

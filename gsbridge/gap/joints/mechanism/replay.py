@@ -105,7 +105,16 @@ class Mechanism:
 
 
 def true_state(setup: JointSetup, q: Array, v: Array) -> State:
-    """State of the joints behind a measured one: what the encoders add is taken off. Each [N]."""
+    """State of the joints behind a measured one: what the encoders add is taken off.
+
+    Args:
+        setup: The mechanism, with its encoders' errors.
+        q: Measured positions, rad or m. [N].
+        v: Measured speeds, rad/s or m/s. [N].
+
+    Returns:
+        True positions and speeds. [N], [N].
+    """
     law = setup.law
     scale = 1.0 + law["encoder_scale"]
     q = (q - law["encoder_offset"]) / scale
@@ -113,7 +122,17 @@ def true_state(setup: JointSetup, q: Array, v: Array) -> State:
 
 
 def command_grid(record: Record, system: MechanismModel, setup: JointSetup, steps: int) -> tuple[Array, Array, Array]:
-    """Commands as they reach the controller in each physics step: target, its speed, feedforward. Each [steps, N]."""
+    """Commands as they reach the controller in each physics step.
+
+    Args:
+        record: Commands as they were sent.
+        system: Model of the mechanism.
+        setup: The mechanism; its hooks on the way of the commands are applied.
+        steps: Physics steps.
+
+    Returns:
+        Target, its speed, and feedforward torque. [steps, N] each.
+    """
     count, step = len(record.joints), system.time_step
     zero = np.zeros((steps, count))
     if system.controller.mode == "free":

@@ -46,7 +46,13 @@ class JointSetup:
 
     @classmethod
     def nominal(cls, system: MechanismModel, inertials: dict[str, Inertial], child_of: dict[str, str]) -> JointSetup:
-        """Of a mechanism without effects."""
+        """Setup of a mechanism without effects.
+
+        Args:
+            system: Model of the mechanism.
+            inertials: Mass properties of the links by name.
+            child_of: Name of the link that each joint moves, by the joint's name.
+        """
         c, count = system.controller, len(system.joints)
         law = {name: np.zeros(count) for name in LAW}
         law["stiffness"], law["damping"] = c.stiffness.copy(), c.damping.copy()
@@ -100,13 +106,31 @@ class JointSetup:
 
 
 def delayed(values: Array, seconds: float, step: float) -> Array:
-    """Commands some time later; before the first one counts the first one. [K, N]."""
+    """Commands some time later; before the first one, the first one holds.
+
+    Args:
+        values: Commands. [K, N].
+        seconds: Delay, s.
+        step: Time between the rows, s.
+
+    Returns:
+        Delayed commands. [K, N].
+    """
     grid = np.arange(len(values)) * step
     return np.stack([np.interp(grid - seconds, grid, column) for column in values.T], axis=1)
 
 
 def smoothed(values: Array, seconds: float, step: float) -> Array:
-    """Commands behind a filter of first order that has settled at the first one: exact for lines between them. [K, N]."""
+    """Commands behind a filter of first order that has settled at the first one; exact for lines between commands.
+
+    Args:
+        values: Commands. [K, N].
+        seconds: Time constant of the filter, s.
+        step: Time between the rows, s.
+
+    Returns:
+        Filtered commands. [K, N].
+    """
     if seconds <= 0:
         return values
     keep = np.exp(-step / seconds)
