@@ -53,7 +53,7 @@ class Camera:
         return float(self.fx), float(self.fy), float(self.cx), float(self.cy)
 
     def undistorted(self) -> Camera:
-        """The same pinhole without distortion."""
+        """This camera without its distortion."""
         return replace(self, distortion=(0.0, 0.0, 0.0, 0.0))
 
     def scaled(self, factor: float) -> Camera:

@@ -58,7 +58,7 @@ class Mesh:
         return len(unique) == len(key) and bool(np.array_equal(unique, np.unique(reverse)))
 
     def trimesh(self) -> trimesh.Trimesh:
-        """The same mesh for trimesh, unprocessed."""
+        """This mesh as one of trimesh, its vertices left as they are."""
         return trimesh.Trimesh(self.vertices, self.faces, process=False)
 
 

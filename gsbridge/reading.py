@@ -17,10 +17,10 @@ import yaml
 from gsbridge.errors import GsbridgeError, InputError
 
 LARGEST_TEXT = 16 * 2**20
-"""Of a YAML file, bytes. The longest that gsbridge writes has some kilobytes."""
+"""Largest size of a YAML file, bytes. The longest that gsbridge writes has some kilobytes."""
 
 MOST_YAML_NODES = 200_000
-"""Of a YAML file once all its aliases are written out: some hundred bytes of aliases can stand for billions of values."""
+"""Most values of a YAML file once its aliases are written out: some hundred bytes of aliases can stand for billions."""
 
 DEEPEST_YAML = 60
 MOST_FILES = 20_000

@@ -23,8 +23,8 @@ class Remaining:
     """Jobs of one rule that are still to run.
 
     Args:
-        rule: Its name.
-        jobs: Their number.
+        rule: Name of the rule.
+        jobs: Number of its jobs that are left.
         seconds: How long one takes, by the jobs of this rule that ran here before; None where none did.
     """
 
@@ -77,7 +77,7 @@ def run_status(arguments: Sequence[str]) -> Iterator[str]:
     """Lines that tell where the run stands that some arguments of snakemake name.
 
     Args:
-        arguments: As on snakemake's command line, targets and `--config` included.
+        arguments: Arguments as on snakemake's command line, targets and `--config` included.
 
     Raises:
         GsbridgeError: Snakemake cannot plan the run; its message follows.

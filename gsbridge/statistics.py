@@ -12,7 +12,7 @@ def wilson_interval(successes: int, trials: int, confidence: float = CONFIDENCE)
 
     Args:
         successes: 0 to `trials`.
-        trials: At least 1.
+        trials: All trials, at least 1.
         confidence: Two-sided, between 0 and 1.
 
     Returns:

@@ -91,7 +91,7 @@ def start_workflow(arguments: Sequence[str], say: Callable[[str], None]) -> NoRe
     """Run snakemake with some arguments; a lock that a killed run left in the working folder is removed first.
 
     Args:
-        arguments: As on snakemake's command line.
+        arguments: Arguments as on snakemake's command line.
         say: Takes a sentence for the person who started it.
 
     Raises:

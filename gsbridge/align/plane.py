@@ -44,7 +44,7 @@ class Plane:
     Args:
         normal: Unit normal. [3].
         offset: Distance of the plane from the origin along the normal.
-        inliers: Which points lie on it. [N] bool.
+        inliers: Points that lie on the plane. [N] bool.
         threshold: Distance within which a point lies on it, scene units.
         residual: Root mean square distance of the inliers, scene units.
     """

@@ -74,8 +74,8 @@ def align_scene(
 
     Args:
         sfm_json: Record of the sfm stage.
-        model: Its undistorted COLMAP model.
-        tags: Its tag corners.
+        model: Undistorted COLMAP model of the scene.
+        tags: Tag corners of the scene.
         out_json: Record `align.json`.
         out_views: Cameras in the table frame, `views.json`.
         out_points: Sparse points in the table frame, `points.npz`.

@@ -27,7 +27,7 @@ class Photos:
         views: Registered photos, table frame.
         masks: Folder of the masks; None for backgrounds.
         record: `splats.json` of the splats in the bundle.
-        margin_px: As in the splats stage's settings.
+        margin_px: Margin, as in the splats stage's settings, px.
     """
 
     views: Views

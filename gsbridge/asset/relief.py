@@ -21,7 +21,7 @@ SMALLEST = 0.03
 """Radius from which something raised is a place to put things, m."""
 
 RELIEF_URDF = "relief.urdf"
-"""Its description, in the folder of the asset's hulls."""
+"""Name of the relief's description in the folder of the asset's hulls."""
 
 COLLISION_FACES = 800
 """Triangles of the body. At the reconstruction's own 4,400 a cake on a plate takes 165 ms of physics per control step, at 800
@@ -37,10 +37,10 @@ class Relief:
     """The largest raised part of a background, table frame.
 
     Args:
-        x, y: Its middle, m.
-        radius: Of the disc with its area, m.
-        height: Of the surface in its middle over the table, m.
-        highest: Of its rim, m.
+        x, y: Middle of the plate, m.
+        radius: Radius of the disc with its area, m.
+        height: Height of the surface in its middle over the table, m.
+        highest: Height of its rim, m.
     """
 
     x: float
@@ -51,7 +51,7 @@ class Relief:
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any] | None) -> Relief | None:
-        """From a record's entry, None for a flat background. Raises KeyError, TypeError or ValueError on damage."""
+        """Relief of a record's entry; None for a flat background. Damage raises KeyError, TypeError or ValueError."""
         return None if content is None else cls(**{key: float(value) for key, value in content.items()})
 
 

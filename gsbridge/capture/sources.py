@@ -292,7 +292,7 @@ def _nerfstudio_camera(path: Path, values: dict[str, Any], file: Path) -> Camera
 
 
 def _existing(photos: list[Photo], source: Path) -> list[Photo]:
-    """The same photos, all on disk and with names that differ."""
+    """The photos themselves, once all of them are found on disk and have names that differ."""
     if not photos:
         raise InputError(source, "no photo is listed", "Export it again with at least 3 photos")
     missing = [photo.path for photo in photos if not photo.path.is_file()]

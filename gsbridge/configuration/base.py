@@ -171,8 +171,8 @@ def checked(model: type[S], values: Mapping[str, Any], source: str) -> S:
     """Settings from what a user gave.
 
     Args:
-        model: Their kind.
-        values: Their values.
+        model: Kind of the settings.
+        values: Values of the settings.
         source: Where they were given, such as `config`, for the message.
 
     Raises:

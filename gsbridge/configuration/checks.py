@@ -159,7 +159,7 @@ def check_asked(arguments: Iterable[str], scenes: Iterable[str]) -> None:
     """Refuse results of a scene that is not configured; snakemake would only say that no rule makes them.
 
     Args:
-        arguments: Of the command line.
+        arguments: Arguments of the command line.
         scenes: Names of the configured scenes.
 
     Raises:

@@ -13,13 +13,13 @@ class Parameter:
     """A parameter of an effect.
 
     Args:
-        name: As in model files.
-        unit: SI.
+        name: Name in model files.
+        unit: Unit, SI.
         low: Smallest value that makes sense.
         high: Largest.
         typical: A size at which to begin looking.
         amplitude: Whether the effect vanishes as this goes to zero with the other amplitudes; others are shapes.
-        meaning: In words.
+        meaning: What it means, in words.
     """
 
     name: str
@@ -35,11 +35,11 @@ class Effect(ABC):
     """One thing that a simulation may lack.
 
     Attributes:
-        name: In files and reports.
-        title: In sentences.
+        name: Name in files and reports.
+        title: Name in sentences.
         hook: Where it takes hold, on the way from the command to the log or from the scene to the file.
         scope: What it acts on: `joint` (one joint), `mechanism` (all joints at once), `body` or `camera`.
-        parameters: With all amplitudes at zero there is no effect.
+        parameters: Parameters of the effect; with all amplitudes at zero there is no effect.
         signature: How it looks in what is left between measurement and simulation.
         confused_with: Effects that look alike.
         tell_apart: The experiment that separates them.

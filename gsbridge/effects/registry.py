@@ -22,7 +22,7 @@ class Applied:
     parameters: Mapping[str, float]
 
     def record(self) -> dict[str, Any]:
-        """As in a model file."""
+        """The entry that stands for it in a model file."""
         out: dict[str, Any] = {"name": self.name, "parameters": dict(self.parameters)}
         return {**out, "joint": self.joint} if self.joint else out
 
@@ -154,7 +154,7 @@ def checked_number(value: Any, low: float, high: float, key: str, unit: str, sou
     """A number of a model file, within its range.
 
     Args:
-        value: As the file has it.
+        value: Value as the file holds it.
         low, high: The range.
         key: Where it stands, for messages.
         unit: Likewise.

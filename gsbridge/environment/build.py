@@ -63,7 +63,7 @@ class StageFiles:
 
     @classmethod
     def of(cls, inputs: Mapping[str, str], item_colour: tuple[float, float, float] | None = None) -> StageFiles:
-        """From a rule's inputs, which have the names of the files here; those it does without are None."""
+        """Take the files from a rule's inputs, which have these names; files that the rule does without are None."""
         named: dict[str, Any] = {name: inputs.get(name) for name in ("robot_splats", "registration", "photometry", "light")}
         named |= {name: inputs[name] for name in ("robot", "item", "background", "model")}
         return cls(**named, item_colour=item_colour)
@@ -169,7 +169,7 @@ def build_controller(
         item: `asset.json` of the object.
         settings: Task and action scale.
         stroke: Largest opening of the gripper, m.
-        delay: Of commands, control periods: the later they act, the gentler it is.
+        delay: Delay of commands, control periods: the later they act, the gentler it is.
     """
     asset = _asset(item, "object")
     assert asset.properties is not None

@@ -71,7 +71,7 @@ def check_simulator(files: StageFiles, record: str | Path, *, seed: int = 0) -> 
     Args:
         files: What the world is made of.
         record: Record of the stage.
-        seed: Of the repeated episode.
+        seed: Seed of the repeated episode.
 
     Raises:
         InputError: As `build_world`.

@@ -27,19 +27,19 @@ GAIN = 0.3
 """Share of an error that one step answers, of an arm without delay."""
 
 LAG = 3.0
-"""Steps that such an arm lags behind."""
+"""Control steps by which an arm without delay lags behind its command."""
 
 DESCENT = 2.0 / 3.0
-"""Share of that while going down on the object: with a lag of three steps the whole of it overshoots by 6 mm."""
+"""Share of `GAIN` used while going down on the object: with a lag of three steps the whole of it overshoots by 6 mm."""
 
 APERTURE_GAIN = 0.15
-"""The same for the opening: the fingers travel 7.5 mm per step at most, and the command must not run away from them."""
+"""Share of an error of the opening that one step answers: the command must not run away from fingers of 7.5 mm per step."""
 
 HALF_PAD = 0.0325
-"""From the tool point down to the fingertips, m."""
+"""Distance from the tool point down to the fingertips, m."""
 
 LOWEST_GRIP = 0.043
-"""Of the tool point over the foot of the object, m: fingertips 10 mm above the table, or the plate when it is set down."""
+"""Lowest height of the tool point over the object's foot, m: fingertips 10 mm over the table, or over the plate."""
 
 SINKING = 0.15
 """Least share of a step by which a carried object goes down over the plate. Slower, a copy cannot tell it from rest: policies
@@ -61,7 +61,7 @@ def stable_gain(delay: float) -> float:
     """`GAIN`, or less where commands are late: as far below the limit as `GAIN` is without delay.
 
     Args:
-        delay: Of commands, control periods.
+        delay: Delay of commands, control periods.
     """
     return GAIN * (gain_limit(LAG + delay) / gain_limit(LAG))
 

@@ -161,7 +161,7 @@ class PickEnvironment(gymnasium.Env):
         """Begin an episode.
 
         Args:
-            seed: Of this and the following episodes.
+            seed: Seed of this and the following episodes.
             options: `pose` for a start pose x, y, yaw, m and rad; or `pose_set` (`fixed`, `unseen`) and `index` (0 to 31) for
                 one of a set; without them the pose is drawn.
 

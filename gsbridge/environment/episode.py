@@ -42,7 +42,7 @@ def play(
         environment: Any.
         controller: From the privileged state of N worlds to actions [N, 5].
         eyes: What takes the pictures, by name; they look at the environment's world beside its own eye.
-        period: Of one step, s.
+        period: Length of one step, s.
         pose_set: `fixed` or `unseen`.
         index: Start pose in it, and seed of the episode.
     """
@@ -108,9 +108,9 @@ def play_episode(
 
     Args:
         files: What the environment is made of.
-        settings: Of the environment; its renderer is replaced by each in turn.
+        settings: Settings of the environment; its renderer is replaced by each in turn.
         out: The episode, `.npz`, with pictures of all renderers.
-        states: The same states without anything that only the simulated world knows, for cameras of other worlds
+        states: File of the states without anything that only the simulated world knows, for cameras of other worlds
             (`gsbridge.tasks.views`).
         record: Record of the stage; degraded when the controller did not succeed.
         pose_set: `fixed` or `unseen`.

@@ -25,7 +25,7 @@ class Lens:
     """The wrist camera as a model's effects change it.
 
     Args:
-        effects: Of the model; none change nothing.
+        effects: Effects of the model on pictures; without any, pictures stay as they are.
         camera: Pinhole of the pictures, as it is thought to be.
     """
 
@@ -48,7 +48,7 @@ class Lens:
         Args:
             image: sRGB. uint8 [H, W, 3].
             cam_from_table: Where the camera really sits.
-            rng: Of the noise; left alone where there is none.
+            rng: Random numbers for the noise; none are drawn where there is no noise.
         """
         if self._develops:
             frame = Frame(self.nominal, 0.0, np.zeros(image.shape[:2], np.float32), cam_from_table)

@@ -42,8 +42,8 @@ _LIT = 0.3
 _SHADED = 0.9
 _EXPLAINED = 0.9
 _SCATTER = 0.15
-"""Of places that get less than the first share of the sky, the light has to leave less than the second of the error; all may
-scatter by the third, of 1: the mirror's films scatter by 0.05, and by 0.26 round the splats of another table."""
+"""At places that see less of the sky than `_SHADED`, the light must leave less than `_EXPLAINED` of the error; all places may
+scatter by `_SCATTER`, of 1: the mirror's films scatter by 0.05, and by 0.26 round the splats of another table."""
 
 _DARK = 0.03
 """Linear value below which a ratio would be noise."""
@@ -55,7 +55,7 @@ class FilmedShadow:
 
     Args:
         item: `asset.json` of the object.
-        views: Its registered photos.
+        views: Registered photos of the film.
         masks: Folder of their masks.
         background: `asset.json` of the table that it stood on.
     """
@@ -67,7 +67,7 @@ class FilmedShadow:
 
     @classmethod
     def of(cls, inputs: Mapping[str, str]) -> FilmedShadow | None:
-        """From a rule's inputs, or None where no object was filmed on the table.
+        """Take the files from a rule's inputs; None where no object was filmed on the table.
 
         Raises:
             InputError: The views cannot be read.

@@ -40,7 +40,7 @@ class MeshRenderer:
         vertex_colours: Draw object and background with their vertex colours; otherwise in one colour each.
         item_colour: That colour of the object, sRGB 0..1: the mean of its photos inside the mask
             (`gsbridge.scene.meshes.mean_colour`); None for the mesh's mean. [3].
-        background_colour: The same for the background. [3].
+        background_colour: Colour of the background's mesh. [3].
     """
 
     def __init__(

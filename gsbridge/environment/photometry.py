@@ -79,7 +79,7 @@ class Photometry:
     """What was measured.
 
     Args:
-        response: Of the wrist camera.
+        response: Response of the wrist camera.
         robot_colours: sRGB of links as splats carry it, before the response; links that no photo shows are missing.
     """
 

@@ -60,7 +60,7 @@ def try_policy(
     """Let a policy act once from every start pose of both sets.
 
     Args:
-        environment: In any world.
+        environment: Environment in any world.
         policy: From observations to actions.
         place: Where the outcome goes.
         name: The world's name, for the record.
@@ -110,11 +110,11 @@ def follow(environment: PickEnvironment, policy: Policy, pose_set: str, index: i
     """One episode, until it ends, with its path and pictures.
 
     Args:
-        environment: In any world.
+        environment: Environment in any world.
         policy: What acts.
         pose_set: `fixed` or `unseen`.
         index: Start pose in it.
-        seed: Of what is random in the episode.
+        seed: Seed of what is random in the episode.
     """
     observation, info = environment.reset(seed=seed, options={"pose_set": pose_set, "index": index})
     rows, jpegs, over = [], [], False

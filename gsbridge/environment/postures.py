@@ -33,13 +33,13 @@ def draw_postures(
 
     Args:
         files: What the environment is made of.
-        settings: Of the environment; its renderer is `gs`.
+        settings: Settings of the environment; its renderer is `gs`.
         out: Folder: `states.json` (`gsbridge.tasks.views`), `views.json` (camera; name, role and `cam_from_world` of each
             view), `depths.npz` (`depths`, [N, H, W] float32, camera z, m, 0 where unknown), and the drawn pictures
             `{view}.png`.
         record: Record of the stage.
         count: Postures.
-        seed: Of the start poses; they are in neither of the sets that policies are judged by.
+        seed: Seed of the start poses; they are in neither of the sets that policies are judged by.
 
     Raises:
         InputError: A file is missing or of the wrong kind.

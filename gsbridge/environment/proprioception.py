@@ -55,7 +55,7 @@ class Reached:
 
     @classmethod
     def of_state(cls, state: State) -> Reached:
-        """From the state of one world."""
+        """Pose and opening in the state of one world."""
         w, x, y, z = state.tool_quat[0].tolist()
         # As `State.tool_yaw`, of which numpy would make a dozen calls for one number.
         yaw = math.atan2(2.0 * (x * y + w * z), w * w + x * x - y * y - z * z)
@@ -63,11 +63,11 @@ class Reached:
 
     @classmethod
     def of_pose(cls, table_from_tool: Array, aperture: float) -> Reached:
-        """From a measured pose of the tool, [4, 4], and opening, m."""
+        """Pose and opening as an arm measures them: pose of the tool, [4, 4], and opening, m."""
         return cls(np.array(table_from_tool[:3, 3], dtype=np.float64), _yaw(np.asarray(table_from_tool)), float(aperture))
 
     def after(self, before: Reached | None) -> Reached:
-        """The same, one control step after another; None at the begin of an episode."""
+        """This reading with the travel of the fingers since the one before, which is None at the begin of an episode."""
         travel = 0.0 if before is None else self.aperture - before.aperture
         return Reached(self.position, self.yaw, self.aperture, travel)
 

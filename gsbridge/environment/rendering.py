@@ -12,7 +12,7 @@ from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 
 FIELD_OF_VIEW = np.deg2rad(42.5)
-"""Of the square picture, rad: the middle of a RealSense D435i's colour image. Source: RL-GSBridge's code."""
+"""Field of view of the square picture, rad: the middle of a RealSense D435i's colour image. Source: RL-GSBridge's code."""
 
 
 def wrist_camera(size: int, field_of_view: float = FIELD_OF_VIEW) -> Camera:

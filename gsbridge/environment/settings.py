@@ -33,7 +33,7 @@ class Plate:
     """The plate on which the object is to be placed.
 
     Args:
-        x, y: Its middle, table frame, m.
+        x, y: Middle of the plate, table frame, m.
         height: Height over the table on which an object in it rests, m.
         keep_out: Radius around its middle in which no object starts: the plate's own and the object's, m.
     """
@@ -64,7 +64,7 @@ class EnvironmentSettings:
         max_contact_force: Force with which a carried object may press on plate or table, N.
         hold_steps: Steps in a row for which a grasped object must be held up.
         start_centre: Middle of the square in which objects start, table frame, m.
-        start_side: Its edge, m; None for `START_SIDES`.
+        start_side: Edge of the region where objects start, m; None for `START_SIDES`.
         start_yaw: Smallest and largest yaw of the object at the start, rad.
         plate: The plate, which stays free at the start; needed for `pick_and_place`.
         pose_seed: Seed of the named pose sets.

@@ -32,7 +32,7 @@ from gsbridge.geometry import Array
 from gsbridge.tasks.episode import FORCES
 
 QUALITY = 92
-"""Of the JPEGs: a fifth of the bytes of a PNG, at errors below the sensor's noise."""
+"""Quality of the JPEGs: they take a fifth of the bytes of a PNG, at errors below the sensor's noise."""
 
 _PATHS = {
     "tool": (3,),

@@ -21,7 +21,7 @@ from gsbridge.tasks.world import World
 POSES = PER_QUADRANT * len(QUADRANTS)
 
 Policy = Callable[[Mapping[str, Array], Mapping[str, Any]], Array]
-"""From an observation and its `info` to an action; what acts on the picture must not look into `info`."""
+"""Gives an action for an observation and its `info`; a policy that acts on the picture must not look into `info`."""
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class Trial:
         seed: Seed of the set of poses.
         index: Number in the set; eight per quadrant, quadrant 1 first.
         start: x, y, yaw of the object, m, rad. [3].
-        success: By the rules of the task.
-        success_tolerant: Excess contact forgiven.
-        failure: Why not; empty for a success.
+        success: Whether it succeeded by the rules of the task.
+        success_tolerant: Whether it succeeded when excess contact is forgiven.
+        failure: Why it failed; empty for a success.
         steps: Control periods until the end.
         refused: Commands that the arm could not reach.
         clipped: Commands cut to the workspace.
@@ -104,8 +104,8 @@ def try_controller(
 
     Args:
         world: Any world.
-        controller: Of the settings' task.
-        settings: Of the environment.
+        controller: Controller of the settings' task.
+        settings: Settings of the environment.
         record: Record of the stage, with every trial.
         name: The world's name, for the record.
         seeds: Seeds of sets of start poses.

@@ -47,7 +47,7 @@ def draw_views(
 
     Args:
         files: What the environment is made of.
-        settings: Of the environment; its renderer is replaced by each in turn.
+        settings: Settings of the environment; its renderer is replaced by each in turn.
         out: Folder: `states.json` (`gsbridge.tasks.views`) and `{index}_{renderer}.png`.
         record: Record of the stage.
         count: Start poses, from the first on.

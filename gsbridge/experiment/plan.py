@@ -174,11 +174,11 @@ class Experiment:
 
     @property
     def preset_pairs(self) -> list[str]:
-        """Those of which both scenes run here."""
+        """The `object+background` pairs of which both scenes run with this preset."""
         return [pair for pair in self.pairs if set(pair.split("+")) <= set(self.scenes)]
 
     def both_filmed(self, pairs: Iterable[str]) -> list[str]:
-        """Those of `object+background` of which the mirror films both."""
+        """The `object+background` pairs of which the mirror films both scenes."""
         return [pair for pair in pairs if set(pair.split("+")) <= set(self.films)]
 
     def first_asset(self, kind: str) -> str:

@@ -18,7 +18,7 @@ class Trial:
     Args:
         policy: Who is tried.
         world: Where: `sim`, or a world of the mirror.
-        seed: Of the training.
+        seed: Seed of the training.
     """
 
     policy: Policy
@@ -143,7 +143,7 @@ class Tables:
         Args:
             policies: Who is tried.
             worlds: Where; the mirrors have their own scenes only.
-            ending: Which of the files.
+            ending: Ending of the file's name, such as `csv` or `npz`.
 
         Returns:
             Paths, by policy, world and seed.
@@ -180,7 +180,7 @@ class Tables:
         return {place: self.plan.capture_path(measured[place]) for place in places}
 
     def table_robot_trials(self, table: str) -> dict[str, str]:
-        """Those that stand in a table: in one of successes in the usual worlds."""
+        """Trials on robots that a table shows: only tables of successes in the usual worlds show any."""
         return self.robot_trials(self.shown(table)) if table in self.successes else {}
 
     # The study of ways of learning

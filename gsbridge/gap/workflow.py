@@ -114,7 +114,7 @@ def write_findings(
         bank: Folder of signatures.
         findings: `findings.json`.
         amended: `model.yaml`.
-        seed: Of replicates.
+        seed: Seed of replicates.
     """
     _diagnose(load_backend(model, data, record), model, bank, findings, amended, seed)
 
@@ -157,7 +157,7 @@ def run_case(path: str | Path, out: str | Path, bank_folder: str | Path, seed: i
         path: The case.
         out: Folder of the results.
         bank_folder: Keeps signatures from run to run.
-        seed: Of replicates.
+        seed: Seed of replicates.
 
     Raises:
         InputError: Something in the case cannot be used; nothing is written then.

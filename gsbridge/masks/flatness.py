@@ -47,7 +47,7 @@ def table_homography(camera: Camera, cam_from_table: Array, other: Camera, other
 
 
 def choose_others(centres: Array, target: Array) -> list[list[int]]:
-    """For each view, the views to compare it with: some 28 degrees apart as seen from `target`. [V, 3], [3]."""
+    """Numbers of the views to compare each view with: some 28 degrees apart as seen from `target`. [V, 3], [3]."""
     rays = centres - target
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     angles = np.degrees(np.arccos(np.clip(rays @ rays.T, -1, 1)))

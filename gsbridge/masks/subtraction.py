@@ -160,7 +160,7 @@ def amend(mask: Array, evidence: Evidence, allowed: Array | None = None) -> Arra
 
     Args:
         mask: The object so far. [h, w] bool.
-        evidence: Of the same photo.
+        evidence: Evidence of the same photo.
         allowed: Where the object can be at all, from the other views; None: everywhere. [h, w] bool.
 
     Returns:
@@ -184,7 +184,7 @@ def windows(mask: Array, photo: Array, evidence: Evidence) -> Array:
     Args:
         mask: The object so far. [h, w] bool.
         photo: RGB. [h, w, 3] uint8.
-        evidence: Of this photo.
+        evidence: Evidence of this photo.
 
     Returns:
         [h, w] bool.

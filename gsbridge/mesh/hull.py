@@ -28,7 +28,7 @@ class Hull:
     Args:
         grid: Sample points.
         field: Signed distance, positive inside, cut at the table. [nx, ny, nz].
-        uncut: The same before the cut at the table. [nx, ny, nz].
+        uncut: The field before the cut at the table. [nx, ny, nz].
         mesh: Surface of `field`.
     """
 

@@ -35,7 +35,7 @@ def agreement(
     Args:
         images: Grey photos, 0..1. [V, H, W] float32.
         sizes: Width and height of each. [V, 2].
-        projections: To pixels. [V, 3, 4].
+        projections: Projections of the views, from the table frame to pixels. [V, 3, 4].
         chosen: Views of each cell, -1 for none. [ny, nx, K].
         xs, ys: Cell centres. [nx], [ny].
         heights: Heights to try. [L].

@@ -268,7 +268,7 @@ def confirm(
 
     Args:
         points: Points of the lattice pixels, table frame. [h, w, 3].
-        depth: Their depths; 0 for none. [h, w].
+        depth: Depths of these pixels; 0 for none. [h, w].
         others: Depth maps of the other views. [V, h', w'] float32, 0 for none.
         poses: `cam_from_table` of the other views. [V, 4, 4].
         intrinsics: fx, fy, cx, cy of the other views' photos. [V, 4].

@@ -48,7 +48,7 @@ class Agent:
 
     Args:
         settings: How it learns.
-        seed: Of the networks' start and of everything that it draws.
+        seed: Seed of the networks' start and of everything that it draws.
         device: Where it learns; everything is drawn on the CPU, so that the draws are the same everywhere.
     """
 

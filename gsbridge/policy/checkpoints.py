@@ -50,7 +50,7 @@ def save_checkpoint(folder: str | Path, key: Mapping[str, Any], checkpoint: Chec
     """Write a checkpoint and remove the older ones.
 
     Args:
-        folder: Of the training's checkpoints.
+        folder: Folder of the training's checkpoints.
         key: What the training is; only an equal one goes on from it.
         checkpoint: What to go on from; `run["step"]` names it.
     """

@@ -66,7 +66,7 @@ class Clock:
     """CPU seconds of this process by part of the work, and seconds that passed in all parts but evaluation.
 
     Args:
-        seconds: To go on from.
+        seconds: Seconds to go on counting from.
         wall: Likewise.
     """
 

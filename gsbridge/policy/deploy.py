@@ -40,7 +40,7 @@ class Deployment:
         results: Folder of the workflow's results; for worlds.
         item, background: Scenes; for worlds.
         model: Simulation model; for `sim`.
-        seed: Of the mirror: of its films and hidden parameters.
+        seed: Seed of the mirror: of its films and hidden parameters.
         pieces: Folder that keeps the mirror's convex pieces from run to run.
         runtime: What computes the network: `torch` or `onnx`.
         pose_set, index: Start poses, see `start_poses`; None for one episode that is no trial.

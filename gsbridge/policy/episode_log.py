@@ -36,10 +36,10 @@ class EpisodeLog:
         keep_pictures: Whether to keep them.
         end: Why it ended.
         overruns: Steps that were late.
-        worst_late_s: By the most, s.
-        clipped: Commands cut to the workspace.
-        saturated: Actions with an entry outside -1..1.
-        refused: Commands that the arm refused.
+        worst_late_s: Time by which the latest step was late, s.
+        clipped: Number of commands cut to the workspace.
+        saturated: Number of actions with an entry outside -1..1.
+        refused: Number of commands that the arm refused.
         error: What was raised.
     """
 

@@ -25,7 +25,7 @@ from gsbridge.tasks.poses import QUADRANTS, StartRegion
 _TRIES = 1000
 
 Value = Callable[[Mapping[str, Array], Mapping[str, Any]], float]
-"""From an observation and its `info` to the return that is expected from there."""
+"""Gives the return that is expected after an observation and its `info`."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def evaluation_poses(region: StartRegion, count: int, seed: int, draw: int = 0) 
     Args:
         region: Where objects start.
         count: A multiple of 4.
-        seed: Of the training.
+        seed: Seed of the training.
         draw: Number of the set: 0 to choose by, 1 to test the choice.
 
     Returns:
@@ -94,7 +94,7 @@ def evaluate(
         environment: A `PickEnvironment`, wrapped or not.
         policy: What acts.
         poses: x, y, yaw. [N, 3].
-        seed: Of what is random in the episodes.
+        seed: Seed of what is random in the episodes.
         gamma: Discount per step.
         value: Expected return at the start; None for none.
     """
@@ -131,9 +131,9 @@ def episode_seed(seed: int, stream: int, number: int) -> int:
     """Seed of one episode. Every episode has its own, so that a training resumes from counters alone.
 
     Args:
-        seed: Of the training.
+        seed: Seed of the training.
         stream: 0 for training, 1 for evaluation.
-        number: Of the episode.
+        number: Number of the episode.
     """
     return int(np.random.SeedSequence([seed, stream, number]).generate_state(1)[0] >> 1)
 

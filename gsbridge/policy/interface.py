@@ -50,7 +50,7 @@ class PolicyInterface:
 
     @classmethod
     def of(cls, spec: Mapping[str, Any]) -> PolicyInterface:
-        """From the content of `policy.json`.
+        """Take the interface from the content of `policy.json`.
 
         Raises:
             InputError: An entry is missing or damaged, or the actions were meant for another runner.

@@ -50,7 +50,7 @@ class Repeat:
     """A trial to repeat.
 
     Args:
-        number: Its row in the table, which is its seed.
+        number: Row of the trial in the table, which is its seed.
         success: Whether it succeeded, as worlds but the simulated one are judged: excess contact forgiven.
         path: What was done in it.
     """
@@ -68,7 +68,7 @@ def choose_trials(table: str | Path, log: str | Path, period: float, count: int 
     Args:
         table: Trials, CSV.
         log: Their log.
-        period: Of a step, s.
+        period: Length of a step, s.
         count: How many.
 
     Raises:
@@ -106,7 +106,7 @@ def repeat_trial(world: LoggedPhysics, settings: EnvironmentSettings, trial: Rep
 
     Args:
         world: The world in which it was tried.
-        settings: Of the environment.
+        settings: Settings of the environment.
         trial: The trial.
 
     Raises:
@@ -170,7 +170,7 @@ def log_trials(
         table: Trials of the policy in that world, CSV.
         log: Their log.
         world: The world in which they were made.
-        settings: Of the environment.
+        settings: Settings of the environment.
         out: File of each role of `ROLES`.
         record: Record of the stage: which trials.
         name: The world's name.

@@ -113,7 +113,7 @@ def soft_loss(q_actor: Tensor, log_prob: Tensor, alpha: float) -> Tensor:
 
 
 def imitated(q_base: Tensor, q_actor: Tensor, coin: Tensor, share: float) -> Tensor:
-    """Which transitions are imitated: with probability lambda any, otherwise those where the controller's action is worth more.
+    """Marks of imitated transitions: any with probability lambda, otherwise those where the controller's action is worth more.
 
     Args:
         q_base, q_actor: min Q of the controller's and of the actor's action. [B].

@@ -105,14 +105,14 @@ class TanhGaussian:
         return self._log_prob(torch.atanh(action.clamp(-1.0 + EDGE, 1.0 - EDGE)))
 
     def _log_prob(self, before: Tensor) -> Tensor:
-        """Of tanh(before): the normal density less log(1 - tanh^2), written so that it stays finite for large values."""
+        """log pi of tanh(before): the normal density less log(1 - tanh^2), written so that it stays finite for large values."""
         normal = -0.5 * ((before - self.mean) * (-self.log_std).exp()) ** 2 - self.log_std - 0.5 * math.log(2.0 * math.pi)
         slope = 2.0 * (math.log(2.0) - before - nn.functional.softplus(-2.0 * before))
         return (normal - slope).sum(-1)
 
 
 class Actor(nn.Module):
-    """From a picture and proprio to a distribution of actions, and a guess of where the object is.
+    """Gives a distribution of actions, and a guess of where the object is, for a picture and proprioception.
 
     Args:
         with_position: Whether it has the auxiliary head; a deployed policy does without.

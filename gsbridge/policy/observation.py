@@ -52,7 +52,7 @@ _PLACE_M, _LABEL_M, _CLEARANCE_M, _SPEED, _FORCE = 0.15, 0.1, 0.1, 0.5, 20.0
 _COMMAND = slice(6, 11)
 
 Controller = Callable[[State], Array]
-"""From states of N worlds to actions [N, 5]."""
+"""Gives actions [N, 5] for the states of N worlds."""
 
 
 @dataclass(frozen=True)

@@ -91,7 +91,7 @@ class OnnxPolicy:
 
     @classmethod
     def of_bytes(cls, content: bytes, image_size: int) -> OnnxPolicy:
-        """From the content of `policy.onnx`, on one thread: the network is smaller than the cost of sharing it."""
+        """Load the content of `policy.onnx`; it runs on one thread, as sharing so small a network costs more than it saves."""
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])

@@ -16,7 +16,7 @@ AMENDED = "results/loop/model.yaml"
 """Simulation model that the loop amends."""
 
 SEEN = "results/sight/{world}/model.yaml"
-"""The same of the gap of pictures."""
+"""Simulation model that the gap of pictures amends, for each world."""
 
 
 def check_policies(config: Mapping[str, Any], root: str | Path) -> None:

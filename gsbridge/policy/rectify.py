@@ -83,7 +83,7 @@ class Rectifier:
 
 
 def _enlarged(camera: Camera, factor: int) -> Camera:
-    """The same pinhole with `factor` times as many pixels along each edge."""
+    """The pinhole with `factor` times as many pixels along each edge."""
     k = factor
     return Camera(k * camera.width, k * camera.height, k * camera.fx, k * camera.fy, k * camera.cx, k * camera.cy)
 

@@ -54,7 +54,7 @@ class Batch:
     terminated: Tensor
 
     def to(self, device: str) -> Batch:
-        """The same on a device."""
+        """This batch on a device of torch."""
         return Batch(**{name: value.to(device) for name, value in vars(self).items()})
 
 
@@ -100,7 +100,7 @@ class Replay:
 
         Args:
             action: What was done. [5].
-            reward: For it.
+            reward: Reward for the action.
             terminated: The task ended the episode; False for a truncation.
             sight: The state that it led to.
             ended: The episode is over, in either way; the next call must be `begin`.

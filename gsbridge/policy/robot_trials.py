@@ -38,8 +38,8 @@ class StartPose:
     Args:
         pose_set: `fixed` or `unseen`.
         index: 0 to 31.
-        x, y: Its footprint's middle, table frame, m.
-        yaw: Its turn from how it lay when it was filmed, rad.
+        x, y: Middle of the object's footprint, table frame, m.
+        yaw: Turn of the object from how it lay when it was filmed, rad.
     """
 
     pose_set: str
@@ -54,7 +54,7 @@ class StartPose:
         return QUADRANTS[self.index // PER_QUADRANT]
 
     def describe(self) -> str:
-        """For the person who places it."""
+        """Instruction for the person who places the object."""
         turn = np.degrees(self.yaw)
         side = "counterclockwise" if turn >= 0 else "clockwise"
         return (
@@ -69,8 +69,8 @@ class Verdict:
     """How a trial went.
 
     Args:
-        success: By all rules of the task.
-        success_tolerant: Excess contact forgiven.
+        success: Whether it succeeded by all rules of the task.
+        success_tolerant: Whether it succeeded when excess contact is forgiven.
         failure: Word of `Failure`; empty for a success, and where nobody said why.
     """
 
@@ -83,7 +83,7 @@ def start_poses(settings: EnvironmentSettings, name: str, index: str) -> list[St
     """Poses that a person asks for.
 
     Args:
-        settings: Of the policy's environment.
+        settings: Settings of the policy's environment.
         name: `fixed` or `unseen`.
         index: A number, a range such as `0-7`, or `all`.
 

@@ -22,7 +22,7 @@ class Rollouts:
     """See the module. Every episode begins with a seed of its own, whichever environment it is played in.
 
     Args:
-        makers: Of the environments, all alike.
+        makers: Functions that make one environment each, all alike.
     """
 
     def __init__(self, makers: Sequence[Callable[[], gymnasium.Env]]) -> None:
@@ -38,7 +38,7 @@ class Rollouts:
         """Begin episodes in some environments.
 
         Args:
-            seeds: Of the episodes, by number of the environment.
+            seeds: Seeds of the episodes, by number of the environment.
 
         Returns:
             What is seen first, by number.
@@ -80,7 +80,7 @@ def _undisturbed(maker: Callable[[], gymnasium.Env]) -> gymnasium.Env:
 
 
 def _one(observations: Mapping[str, Array], infos: Mapping[str, Any], number: int) -> Seen:
-    """Of one environment. The vector draws its next pictures into the same memory: a copy."""
+    """Copy of what one environment saw: the vector draws its next pictures into the same memory."""
     return {name: np.array(values[number]) for name, values in observations.items()}, _row(infos, number)
 
 

@@ -26,7 +26,7 @@ from gsbridge.robot.reach import tool_down
 logger = logging.getLogger("gsbridge")
 
 Policy = Callable[[Mapping[str, Array], Mapping[str, object]], Array]
-"""From an observation, and an empty mapping in place of the trials' `info`, to an action."""
+"""Gives an action for an observation, and an empty mapping in place of the trials' `info`."""
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ class _Loop:
         return end, pose
 
     def _decide(self) -> tuple[End | None, Array, tuple[Array, float, float]]:
-        """From a picture to a command in the table frame."""
+        """Take a picture and decide on a command in the table frame."""
         raw = self.setup.driver.image()
         picture = self.setup.rectify(raw)
         if self.log.keep_pictures:

@@ -37,7 +37,7 @@ class WorldOperator:
 
     Args:
         driver: The world.
-        settings: Of the policy's environment.
+        settings: Settings of the policy's environment.
     """
 
     def __init__(self, driver: WorldDriver, settings: EnvironmentSettings) -> None:

@@ -44,11 +44,11 @@ def train_policy(
 
     Args:
         files: What the environment is made of.
-        environment_settings: Of the environment.
-        settings: Of the training.
+        environment_settings: Settings of the environment.
+        settings: Settings of the training.
         out: Folder of the policy and its curve.
         record: Record of the stage.
-        seed: Of everything random.
+        seed: Seed of everything random.
         state: Folder of checkpoints; it is removed at the end.
         controller_offset: Error of the baseline controller, see `BiasedController`, m.
 

@@ -43,7 +43,7 @@ class Training:
     Args:
         rows: The learning curve; see `gsbridge.policy.curve`.
         best: Success of the best weights in the evaluation that chose them.
-        retest: Their success on other poses: the choice flatters the first figure.
+        retest: Success of the best weights on other poses: the poses of the choice flatter them.
         controller: Success of the controller; NaN without one.
         policy: The best weights.
         replay_bytes: Memory of the replay buffer.
@@ -95,10 +95,10 @@ class Trainer:
         environment: A `PickEnvironment`, wrapped or not.
         controller: The baseline controller; None only for `sac`.
         settings: How to learn.
-        seed: Of everything that is random.
+        seed: Seed of everything that is random.
         state: Folder of checkpoints; None for none.
         key: What else the training depends on (digests of files and code): a checkpoint of another key is left aside.
-        makers: Of the environments that episodes are played in, where the settings ask for several; `environment` then serves
+        makers: Functions that make the environments of training, where the settings ask for several; `environment` then serves
             evaluations alone.
 
     Raises:

@@ -34,7 +34,7 @@ def try_in_sim(
         policy: Folder of the policy.
         training: Record of its training.
         files: What the environment is made of.
-        settings: Of the environment.
+        settings: Settings of the environment.
         place: Where the outcome goes.
         poses: Start poses of each set.
 
@@ -70,7 +70,7 @@ def try_in_mirror(
         setting: What stands in the room.
         hidden: Hidden parameters of the world.
         registration: `registration.json`.
-        settings: Of the environment.
+        settings: Settings of the environment.
         place: Where the outcome goes.
         name: The world's name.
         poses: Start poses of each set.

@@ -37,9 +37,9 @@ class WorldDriver:
 
     Args:
         world: The world.
-        eye: Its camera, with the policy's intrinsics.
-        kinematics: Of its robot.
-        dimensions: Of its gripper.
+        eye: Camera of the world, with the policy's intrinsics.
+        kinematics: Kinematics of the world's robot.
+        dimensions: Dimensions of the robot's gripper.
         commanded_from: `base_from_table` by which the world turns commands into postures. [4, 4].
         settings: Task and size of the pictures.
         control_hz: Steps of the world per second.
@@ -125,7 +125,7 @@ class SimDriver(WorldDriver):
 
     Args:
         files: What it is made of; its registration is the one that the runner takes.
-        settings: Of the policy's environment: picture size and renderer.
+        settings: Settings of the policy's environment: picture size and renderer.
 
     Raises:
         InputError: A file is missing, of the wrong kind or damaged.
@@ -165,7 +165,7 @@ class MirrorDriver(WorldDriver):
     Args:
         mirror: Which mirror.
         registration: Where a person believes table and camera to be.
-        settings: Of the policy's environment: picture size.
+        settings: Settings of the policy's environment: picture size.
 
     Raises:
         InputError: Unknown object or background.
@@ -196,7 +196,7 @@ class Referee:
 
     Args:
         world: The world.
-        settings: Of the task.
+        settings: Settings of the task.
     """
 
     def __init__(self, world: World, settings: EnvironmentSettings) -> None:
@@ -215,7 +215,7 @@ class Referee:
 
     @property
     def verdict(self) -> Verdict:
-        """As the last state was judged."""
+        """Judgement of the world's last state."""
         success = bool(self.outcome.success[0])
         failure = "" if success else str(self.outcome.failure[0])
         return Verdict(success, bool(self.outcome.success_tolerant[0]), failure)

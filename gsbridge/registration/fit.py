@@ -28,7 +28,7 @@ class Views:
     Args:
         camera: Intrinsics.
         base_from_flange: [N, 4, 4].
-        cam_from_board: Of each photo alone, at the board's assumed size. [N, 4, 4].
+        cam_from_board: Pose of the board from each photo alone, at its assumed size. [N, 4, 4].
         points: Tag corners, board frame at its assumed size, m. [K, 3].
         pixels: px. [K, 2].
         pose: Pose that each corner belongs to. [K].
@@ -82,8 +82,8 @@ class Fit:
 
     Args:
         found: Mount, place and scale.
-        covariance: Of shift and turn of the mount, shift and turn of the board, and the logarithm of the scale where it is
-            free, m and rad, from the corners' scatter. [12 or 13, same].
+        covariance: Covariance of shift and turn of the mount, shift and turn of the board, and the logarithm of the scale where
+            it is free, m and rad, from the corners' scatter. [12 or 13, same].
         residuals: Reprojection errors, px. [K, 2].
     """
 
@@ -180,8 +180,8 @@ class LeftOut:
 
     Args:
         residuals_m: Distance of the board's centre as the left-out pose sees it from where the others put it. [N].
-        covariance: Of the parameters, by the jackknife: it also holds what all corners of a pose have in common, errors of
-            the arm above all. [12 or 13, same].
+        covariance: Covariance of the parameters, by the jackknife: it also holds what all corners of a pose have in common,
+            errors of the arm above all. [12 or 13, same].
     """
 
     residuals_m: Array

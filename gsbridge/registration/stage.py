@@ -39,7 +39,7 @@ _FLOOR_PX = 0.7
 _GOOD_CALIBRATION_VIEWS = 20
 
 _SCALE_OFF = 0.005
-"""By how much the board's size may be wrong, as a share, beyond three standard errors: films would be as wrong."""
+"""Relative error of the board's size, beyond three standard errors, that is accepted: films would be as wrong."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def register(
     corners of all photos are fitted at once; hand-eye calibration in closed form is the start.
 
     Args:
-        source: As configured; with the key `typed` its poses are taken as they are, otherwise the capture is measured.
+        source: The configured source; with the key `typed` its poses are taken as they are, otherwise the capture is measured.
         capture: Folder of the board capture; None for typed poses.
         out_json: Record `registration.json`.
         board: Layout of the board that was filmed.

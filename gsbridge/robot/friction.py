@@ -6,7 +6,7 @@ from gsbridge.geometry import Array
 from gsbridge.kernels import njit
 
 SWEEPS = 30
-"""Of the solver; couplings between joints die out within a few."""
+"""Sweeps of the solver over all joints; couplings between joints die out within a few."""
 
 
 @njit(nogil=True)
@@ -15,7 +15,7 @@ def rub(v: Array, inverse: Array, grip: Array, skew: Array, step: float, impulse
 
     Args:
         v: Speeds at the end of the step without what changes here, rad/s; updated. [N].
-        inverse: Of the joint-space inertia; rows of joints that do not rub are not read. [N, N].
+        inverse: Inverse of the joint-space inertia; rows of joints that do not rub are not read. [N, N].
         grip: Largest dry friction, N m. [N].
         skew: More of it forwards, less backwards, N m. [N].
         step: s.

@@ -26,7 +26,7 @@ def fused_description(urdf: str | Path, loads: Mapping[str, Sequence[Load]] | No
 
     Args:
         urdf: The robot's description. Every link has mass properties.
-        loads: By joint: changes of the mass properties of the link that it moves, links fixed to it aside.
+        loads: Changes of the mass properties of the link that each joint moves, by joint; links fixed to it do not count.
 
     Returns:
         The new description. Its meshes are named by absolute paths, so that it may lie anywhere.

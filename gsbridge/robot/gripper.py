@@ -43,7 +43,7 @@ class GripperDimensions:
         max_force: Largest gripping force that can be set, N.
         min_speed: Smallest speed at which the pads approach each other, m/s.
         max_speed: Largest such speed, m/s.
-        mass: Of the whole gripper without camera, kg.
+        mass: Mass of the whole gripper without camera, kg.
         coupling: Thickness of the plate between the robot's flange and the gripper.
         knuckle_y: Distance of the knuckles from the middle plane.
         knuckle_z: Height of the knuckles over the gripper's lower face.
@@ -157,7 +157,7 @@ def gripper_links(dimensions: GripperDimensions, parent: str, parent_from_grippe
     """The gripper as links and joints.
 
     Args:
-        dimensions: Its measures.
+        dimensions: Dimensions of the gripper.
         parent: Link that carries it: the robot's flange.
         parent_from_gripper: How it is mounted there. [4, 4].
 

@@ -20,7 +20,7 @@ class Part:
     """One convex solid of a link.
 
     Args:
-        mesh: Its surface, link frame, m.
+        mesh: Surface of the part, link frame, m.
         colour: sRGB 0..1.
         extents: Edge lengths if the part is a box along the link's axes: physics then gets the exact box. [3] or None.
     """
@@ -50,7 +50,7 @@ class Inertia:
 
 
 NO_INERTIA = Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
-"""For links that only mark a frame. Without an `inertial` element PyBullet would give them 1 kg and 1 kg m2."""
+"""Inertia of links that only mark a frame. Without an `inertial` element PyBullet would give them 1 kg and 1 kg m2."""
 
 
 @dataclass(frozen=True)

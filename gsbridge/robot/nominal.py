@@ -45,7 +45,7 @@ def flange_from_camera(forward: float = 0.085, height: float = 0.020, tilt: floa
 
     Args:
         forward: Distance of the optical centre from the flange's axis along the gripper's +x, m.
-        height: Its height over the flange face towards the tool, m.
+        height: Height of the camera over the flange face towards the tool, m.
         tilt: Angle of the optical axis towards the tool, rad.
 
     Returns:

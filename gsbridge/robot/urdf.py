@@ -78,7 +78,7 @@ class InertialElement:
     tensor: Array
 
     def seen_from(self, frame_from_link: Array) -> Inertia:
-        """The same mass properties in another frame than the link's. [4, 4]."""
+        """Mass properties of the link in another frame, whose transform from the link's frame is given. [4, 4]."""
         placed = frame_from_link @ self.origin.transform()
         return Inertia(self.mass, placed[:3, 3], placed[:3, :3] @ self.tensor @ placed[:3, :3].T)
 
@@ -88,13 +88,13 @@ class Description:
     """A URDF as it was read.
 
     Args:
-        root: Its XML, for those who write a changed copy.
+        root: XML of the description, for those who write a changed copy.
         links: Names of the links in the file's order.
         base: The link without a parent.
         joints: Every joint, parents before children, otherwise in the file's order. Prismatic ones have limits in metres;
             limits that are not stated are infinite, speeds and efforts that are not stated 0.
         origins: Frame of each joint in its parent link's, by the joint's name, in the file's order.
-        inertials: By link; links without the element are left out.
+        inertials: Mass properties by link; links without the element are left out.
     """
 
     root: ElementTree.Element

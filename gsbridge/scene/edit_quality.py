@@ -41,7 +41,7 @@ class EditQuality:
 
     Args:
         holes: Share of the silhouette's pixels with an alpha below `OPAQUE`, 0..1.
-        see_through: The same with the splats of faces turned to the camera alone, 0..1.
+        see_through: Share of such pixels when only the splats of faces turned to the camera are drawn, 0..1.
         spill: Covered pixels more than `SPILL_MM` outside the silhouette, as a share of it, 0..1.
         overhang_mm: Largest distance of a covered pixel from the silhouette, mm at the depth of the object's middle.
         psnr: Splats against the coloured mesh inside the silhouette, dB.
@@ -63,7 +63,7 @@ def measure_edit(
         cloud: Splats, table frame.
         faces: Face of `surface` that each splat hangs on. [N].
         surface: The mesh, deformed like the splats; outward normals.
-        coloured: The same surface with colours.
+        coloured: The surface with colours.
         views: Pinholes and `cam_from_table` [4, 4] each.
 
     Raises:

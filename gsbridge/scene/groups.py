@@ -35,7 +35,7 @@ EDGE_PX = 3.0
 
 @dataclass(frozen=True)
 class _Bounds:
-    """Of the groups of one cloud.
+    """Bounding balls of the groups of one cloud.
 
     Args:
         balls: Centre and radius of the means, m. [G, 4].

@@ -36,7 +36,7 @@ def fit_to_mesh(cloud: Cloud, mesh: Mesh, *, steps: int = STEPS, seed: int = 0) 
 
     Args:
         cloud: Splats on the mesh, as from `splats_on_mesh`; colours stay.
-        mesh: The same surface, same frame.
+        mesh: The link's surface, in the same frame.
         steps: Gradient steps.
         seed: Seed of the views; equal seeds give equal splats on one thread.
 

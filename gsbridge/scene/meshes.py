@@ -61,7 +61,7 @@ def mean_colour(images: Sequence[Array], masks: Sequence[Array]) -> Array:
 
 
 def uniform(mesh: Mesh, colour: Array | Sequence[float]) -> Mesh:
-    """The same mesh in one colour, sRGB 0..1."""
+    """The mesh in one colour, sRGB 0..1."""
     return Mesh(mesh.vertices, mesh.faces, np.tile(np.asarray(colour, np.float32), (len(mesh.vertices), 1)))
 
 

@@ -44,7 +44,7 @@ class Photographer:
         cloud: The scene, colours sRGB.
         camera: Pinhole.
         background: sRGB where there are no splats. [3].
-        threads: Of the rasteriser.
+        threads: Threads of the rasteriser.
     """
 
     def __init__(self, cloud: Cloud, camera: Camera, background: Sequence[float] = (0.0, 0.0, 0.0), threads: int = 1) -> None:

@@ -19,13 +19,13 @@ from gsbridge.splats.rasterize.lanes import LaneValues, larger, lowest_bit, mask
 from gsbridge.splats.rasterize.memory import at, load, store
 
 TABLE_HEIGHT = 0.006
-"""m: what lies lower is the table; what lies higher may be the object, which carries its own shade."""
+"""Height that divides, m: what lies lower is the table; what lies higher may be the object, which carries its own shade."""
 
 ROBOT_MARGIN = 0.003
-"""m round the robot's spheres within which a surface is the robot's."""
+"""Distance from the robot's spheres within which a surface is the robot's, m."""
 
 OBJECT_MARGIN = 0.010
-"""Likewise for the object: what stands up farther from it, such as a plate, is shaded by it."""
+"""Distance from the object within which a point belongs to it, m: what stands farther off, such as a plate, is shaded by it."""
 
 NOWHERE = -1e3
 """Height of a point where nothing is drawn: NaN means nothing to kernels that compute fast."""
@@ -37,7 +37,7 @@ BARE, OWN, LIT = 0, 1, 2
 """What a point belongs to: the robot or nothing, the object, anything else."""
 
 GAMMA = 2.4
-"""Of sRGB's encoding of all but the darkest light."""
+"""Exponent of sRGB's encoding of all but the darkest light."""
 
 _TINY = 1e-4
 

@@ -28,7 +28,7 @@ LEAST = 0.003
 
 _SAME_HEIGHT = 0.012
 _OFFSET = 0.055
-"""Of sRGB's encoding of all but the darkest light: `1.055 light^(1 / GAMMA) - 0.055`."""
+"""Offset in sRGB's encoding of all but the darkest light: `1.055 light^(1 / GAMMA) - 0.055`."""
 
 
 @njit(error_model="numpy")

@@ -29,7 +29,7 @@ def with_underlay(cloud: Cloud, mesh: Mesh, *, count: int = COUNT, depth: float 
 
     Args:
         cloud: Splats of the background, table frame.
-        mesh: Its surface, upward normals, same frame.
+        mesh: Surface of the background with upward normals, table frame.
         count: Splats of the layer.
         depth: How far the layer lies below the surface, against its normals, m.
         seed: Seed of the layer's places.

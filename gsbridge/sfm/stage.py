@@ -45,7 +45,7 @@ def reconstruct(
 
     Args:
         frames: Folder of the keyframes.
-        keyframes_json: Their record.
+        keyframes_json: Record of the keyframes.
         out_model: Folder of the undistorted COLMAP model (binary).
         out_images: Folder of the undistorted photos.
         out_json: Record `sfm.json`.

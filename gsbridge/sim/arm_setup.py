@@ -57,11 +57,11 @@ class ArmSetup:
 
     Attributes:
         law: Figures of the joints. [N] each.
-        gravity: As it acts, m/s2. [3].
+        gravity: Gravity as it acts, m/s2. [3].
         delay: Dead time of commands, s.
         filters: Time constants of filters on commands, s.
         slowness: One over the largest speed of each joint's command, s/rad; zero where there is no limit. [N].
-        loads: By joint: what changes the mass properties of the link that it moves.
+        loads: Changes of the mass properties of the link that each joint moves, by joint.
 
     Raises:
         InputError: An effect names a joint that the arm does not have, or has no room in the kernels.

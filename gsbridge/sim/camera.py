@@ -64,7 +64,8 @@ def respond(image: Array, camera: Camera, rng: np.random.Generator) -> Array:
 
     Args:
         image: Rendered image, sRGB. uint8 [H, W, 3].
-        camera: Its response. With a noise of zero the answer is a table look-up, with neutral values the image itself.
+        camera: Response of the camera. With a noise of zero the answer is a table look-up, with neutral values the image
+            itself.
         rng: Source of the noise; left alone where there is none.
 
     Returns:

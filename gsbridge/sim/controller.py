@@ -49,7 +49,7 @@ class Controller:
 
     Args:
         robot: The robot's files.
-        kinematics: Its kinematics.
+        kinematics: Kinematics of the arm.
         model: The simulation model.
         gravity: Acceleration in the base frame, m/s2. [3].
     """

@@ -102,7 +102,7 @@ def cross(x: float, y: float, z: float, b: Array, out: Array) -> None:
 
 @cache
 def _record_type(fields: tuple[tuple[str, np.dtype[Any], tuple[int, ...]], ...]) -> np.dtype[Any]:
-    """The same object for the same fields: numba knows a type at sight, and compares all fields of one that is only equal."""
+    """One dtype object per list of fields: numba knows it at sight, and would compare all fields of one that is only equal."""
     return np.dtype(list(fields), align=True)
 
 
@@ -136,7 +136,7 @@ def plan_period(arm: Array, goal: Array, point: Array, opening: float, pressing:
         opening: Measured distance of the pads, m.
         pressing: How far the opening's set point may be ahead of the fingers, m.
         velocity: Largest of each joint, rad/s. [N].
-        speed: Of the opening, m/s.
+        speed: Speed of the opening, m/s.
     """
     plan, period, last = arm[0].plan, arm[0].grip[6], len(point) - 1
     # Beyond the fingers the set point may only lie on the side to which they are to go: it presses, or is ahead of them.

@@ -24,10 +24,10 @@ from gsbridge.sim.item_setup import ItemSetup
 from gsbridge.sim.model import Model, Surface
 
 TABLE_SIZE = (0.90, 1.20, 0.05)
-"""Of the table's slab, x, y, thickness, m; its top is z = 0."""
+"""Size of the table's slab, x, y, thickness, m; its top is z = 0."""
 
 SOLVER_ITERATIONS = 30
-"""At most; free motion converges in a few. A gripped object never does, since Bullet starts every step from nothing, and a step
+"""Most iterations; free motion converges in a few. A gripped object never does: Bullet starts every step from nothing. A step
 takes time in proportion. What is left over lets it creep, which the anchors of `Engine._set_contacts` bring back: without them
 an object slips in the hand while it is lifted, and with 20 iterations a cube whose faces are not quite parallel slips in spite
 of them."""
@@ -78,10 +78,10 @@ class Engine:
         table_from_base: Where the robot stands. [4, 4].
         centre: Middle of the table's slab, m. [2].
         plate: URDF of a static background, or None.
-        table_from_plate: Its pose. [4, 4].
+        table_from_plate: Pose of the plate. [4, 4].
         q: Arm and gripper driver at the start. [8].
         setup: The object with the model's effects.
-        loads: By arm joint: changes of the mass properties of the link that it moves.
+        loads: Changes of the mass properties of the link that each arm joint moves, by joint.
 
     Raises:
         InputError: A file cannot be loaded.

@@ -32,9 +32,9 @@ class ItemSetup:
         model: The simulation model.
 
     Attributes:
-        figures: By the names of `gsbridge.gap.contact.setup.BOUNDS`: contact with the table; mass and inertia as factors on the
-            asset's; compliance (m/N) and damping (N s/m) of the table; by how much the centre of mass is moved, m; height (m)
-            and tilt (rad) of the table; a steady force, N; d of losses `v' = -d v (1 + |v|)`, 1/s; gravity, m/s2.
+        figures: Figures by the names of `gsbridge.gap.contact.setup.BOUNDS`: contact with the table; mass and inertia as
+            factors on the asset's; compliance (m/N) and damping (N s/m) of the table; by how much the centre of mass is moved,
+            m; height (m) and tilt (rad) of the table; a steady force, N; d of losses `v' = -d v (1 + |v|)`, 1/s; gravity, m/s2.
     """
 
     def __init__(self, model: Model) -> None:
@@ -88,9 +88,9 @@ class ItemSetup:
         """Velocity and spin after one step of the steady force and of the losses in the air alone.
 
         Args:
-            velocity: Of the centre of mass, m/s. [3].
+            velocity: Velocity of the centre of mass, m/s. [3].
             spin: rad/s. [3].
-            mass: Of the object, kg.
+            mass: Mass of the object, kg.
             step: s.
         """
         f = self.figures

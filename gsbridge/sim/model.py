@@ -111,11 +111,11 @@ class Contact:
     """Contacts of the object.
 
     Args:
-        table: With the table.
-        plate: With the plate or other relief of the background.
-        gripper: With pads and other links of the robot.
-        stiffness: Of each contact point, N/m.
-        damping: Of each contact point, N s/m.
+        table: Contact with the table.
+        plate: Contact with the plate or other relief of the background.
+        gripper: Contact with pads and other links of the robot.
+        stiffness: Stiffness of each contact point, N/m.
+        damping: Damping of each contact point, N s/m.
     """
 
     table: Surface
@@ -133,7 +133,7 @@ class Object:
         mass: Factor on the asset's mass and inertia.
         linear_damping: d of the loss `v' = -d v`. Bullet's default of 0.04 is wrong for a solid in air. Not the coefficient of
             the same name that the gap finds in flights (`gsbridge.effects.bodies.linear_damping`), which grows with speed.
-        angular_damping: The same for the spin, with rad/s.
+        angular_damping: d of the same loss for the spin.
     """
 
     mass: Annotated[float, Range("", 0.01, 100)]
@@ -172,7 +172,7 @@ class Model:
         gravity: m/s2, downwards.
         timing: Clock.
         arm: Controller and drives.
-        gripper: Its drive.
+        gripper: Drive of the gripper.
         contact: Contacts of the object.
         object: The handled body.
         camera: The wrist camera.
@@ -199,12 +199,12 @@ class Model:
 
     @property
     def time_step(self) -> float:
-        """Of the physics, s."""
+        """Step of the physics, s."""
         return 1.0 / self.timing.physics_hz
 
     @property
     def period(self) -> float:
-        """Of control, s."""
+        """Time between two commands, s."""
         return self.substeps * self.time_step
 
 

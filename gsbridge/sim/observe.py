@@ -90,7 +90,7 @@ def state_row(
         tool, item: `table_from_tool`, `table_from_object`. [4, 4].
         aperture: m.
         forces: Left pad, right pad, robot, object, N. [4].
-        velocity, spin: Of the object's body frame. [3].
+        velocity, spin: Velocity and spin of the object's body frame. [3].
         clearance: m.
         out: Result. [26].
     """

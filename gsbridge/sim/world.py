@@ -40,7 +40,7 @@ class SimWorld:
         base_from_table: Where the table stands, from the registration; None for the nominal place. [4, 4].
         workspace: Room in which the tool may be commanded; its reach is checked here.
         plate: URDF of the static background with the plate, or None for the bare table.
-        table_from_plate: Its pose; None for the identity. [4, 4].
+        table_from_plate: Pose of the plate; None for the identity. [4, 4].
 
     Raises:
         InputError: The object does not fit the gripper, the workspace is out of reach, or a file cannot be loaded.

@@ -48,7 +48,7 @@ class Cloud:
         return Cloud(self.means[keep], self.quats[keep], self.scales[keep], self.opacities[keep], self.colours[keep])
 
     def transformed(self, target_from_source: Similarity) -> Cloud:
-        """The same splats in another frame, or moved: means, orientations and sizes follow.
+        """These splats in another frame, or moved: means, orientations and sizes follow.
 
         Source: Wu et al., RL-GSBridge, equation 3, extended by the scale.
         """

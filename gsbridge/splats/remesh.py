@@ -41,7 +41,7 @@ def remesh_isotropic(
     sizes: Callable[[Mesh], Array] | None = None,
     attempts: int = 8,
 ) -> Mesh:
-    """The same surface with nearly equilateral faces, at most `max_faces` of them, of one size or of sizes asked for.
+    """Rebuild a surface with at most `max_faces` nearly equilateral faces, of one size or of sizes asked for.
 
     Open meshes keep their border. Colours are dropped: splats learn their own.
 

@@ -46,7 +46,7 @@ class Target:
     whole: Camera
 
     def reduced(self, factor: float, *, kind: str) -> Target:
-        """The same part at a smaller size (area means).
+        """This part of the photo at a smaller size (area means).
 
         Args:
             factor: New width over old width, at most 1.

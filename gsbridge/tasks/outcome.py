@@ -66,7 +66,7 @@ class Progress:
         return cls(np.zeros(count, dtype=np.int64), *(np.zeros(count, dtype=bool) for _ in range(3)))
 
     def reset(self, rows: Array) -> Progress:
-        """The same, with some worlds at the begin of a new episode. rows: bool or int [N]."""
+        """The progress with some worlds at the begin of a new episode. rows: bool or int [N]."""
         values = {name: getattr(self, name).copy() for name in ("streak", "gripped", "lifted", "excess")}
         for value in values.values():
             value[rows] = 0
@@ -80,7 +80,7 @@ class Outcome:
     Args:
         reward: Sparse: 1 in the step of success, otherwise 0. [N].
         success: The task is done by all its rules. bool [N].
-        success_tolerant: The same without the rule on excess contact; ends the episode. bool [N].
+        success_tolerant: Success without the rule on excess contact; it ends the episode. bool [N].
         failure: `Failure` if the episode ended now. str [N].
         terms: What the judgement rests on, for records and plots. Each [N].
     """

@@ -115,11 +115,11 @@ def _judge(
     """The new memory (four arrays), terms (held, on the plate, released, distance), both successes, places in `REASONS`.
 
     Args:
-        finite, positions, velocities, clearances, tilts: Of N worlds.
-        forces: Of the pads (2), of the robot and of the object on plate and table. [N, 4].
+        finite, positions, velocities, clearances, tilts: State of the object in N worlds.
+        forces: Forces of the two pads, of the robot, and of the object on plate and table. [N, 4].
         memory: As in `Progress`.
         levels: Forces: of a grip, of a touch, of excess.
-        plate, rest: Its middle; its height, and how far from that the object may lie.
+        plate, rest: Middle of the plate; height of the resting object, and how far from that it may lie.
         bounds: Largest distance, tilt and speed of what lies on the plate.
         settle_steps, centre, radius: As in `Place`.
     """

@@ -47,8 +47,8 @@ class StartRegion:
     """The square on the table in which objects start.
 
     Args:
-        centre: Its middle, table frame, m.
-        side: Its edge, m.
+        centre: Middle of the region, table frame, m.
+        side: Edge of the region, m.
         yaw: Smallest and largest yaw of the object, rad.
         keep_out: Discs inside it that stay free.
     """

@@ -18,7 +18,7 @@ class World(Protocol):
 
         Args:
             object_pose: x, y, yaw of the body frame on the table. [3].
-            seed: Of everything random in the episode. The same pose, seed and commands give the same episode.
+            seed: Seed of everything random in the episode. The same pose, seed and commands give the same episode.
 
         Raises:
             InputError: The pose is not finite.

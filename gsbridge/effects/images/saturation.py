@@ -10,7 +10,7 @@ from gsbridge.effects.images.base import ImageEffect, Parameter
 from gsbridge.effects.images.shooting import COLOUR, Shooting
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)
-"""Of red, green and blue light (Rec. 709)."""
+"""Shares of red, green and blue in the brightness of linear light (Rec. 709)."""
 
 
 class Saturation(ImageEffect):

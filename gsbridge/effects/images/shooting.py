@@ -21,7 +21,7 @@ class Frame:
 
     Args:
         camera: Nominal pinhole.
-        time: Of the photo, s.
+        time: Time of the photo, s.
         depths: Camera z of what is seen, m. [H, W].
         cam_from_world: Pose in the middle of the exposure. [4, 4].
     """
@@ -60,18 +60,18 @@ class Shooting:
     """How photos are taken; effects add to it.
 
     Attributes:
-        delay: By how much pictures are older than their time stamps, s.
+        delay: Time by which pictures are older than their time stamps, s.
         row_time: From one row to the next, s; the time stamp is that of the middle row.
         exposure_time: How long light is gathered, around the time stamp, s.
         mount: Pose of the camera in the frame of where it is thought to be. [4, 4].
         focal: Factor on both focal lengths.
         distortion: k1, k2 of the OPENCV model.
         blur: Variance of the lens's blur, px2.
-        softness: By how much the light is sharpened against its blurred copies, for each of `gsbridge.scene.photograph.BLURS`.
+        softness: How much light is sharpened against its blurred copies, for each of `gsbridge.scene.photograph.BLURS`.
         light: Steps on linear light, with their place in the order.
         sensor: Steps on encoded values, likewise.
         read_variance: Variance of encoded values where it is dark.
-        shot_variance: By how much this variance grows up to white.
+        shot_variance: Growth of this variance up to white.
     """
 
     delay: float = 0.0

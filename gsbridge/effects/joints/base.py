@@ -22,9 +22,9 @@ class MechanismSetup(Protocol):
     """A mechanism before it is simulated, as effects change it.
 
     Attributes:
-        joints: Names of its joints.
+        joints: Names of the mechanism's joints.
         law: Figures of the joints, by their names in `gsbridge.gap.joints.mechanism.joint_kernel.LAW`. Each [N].
-        gravity: As it acts, base frame, m/s2; the controller believes in the nominal one. [3].
+        gravity: Gravity as it acts, base frame, m/s2; the controller believes in the nominal one. [3].
     """
 
     joints: tuple[str, ...]

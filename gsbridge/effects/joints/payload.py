@@ -26,7 +26,7 @@ class Payload(JointEffect):
     tell_apart = "static poses; turn the wrist"
 
     def directions(self) -> tuple[dict[str, float], ...]:
-        """At the frame's origin and a hand's breadth from it."""
+        """Payloads at the frame's origin and a hand's breadth from it on each side."""
         places = ((0, 0, 0), (0.15, 0, 0), (-0.15, 0, 0), (0, 0.15, 0), (0, -0.15, 0), (0, 0, 0.15), (0, 0, -0.15))
         return tuple({"mass": 0.05, "x": float(x), "y": float(y), "z": float(z)} for x, y, z in places)
 

@@ -15,7 +15,7 @@ from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.geometry import Array
 
 PERIOD = 1e-3
-"""Of the controller, s."""
+"""Time between two actions of the controller, s."""
 
 
 class ArmEngine(Protocol):
@@ -44,11 +44,11 @@ class ArmEngine(Protocol):
         """Where the frame of the last link is at the time of `state`. Base frame, m. [3]."""
 
     def touch(self, force: Array) -> None:
-        """From now on something pushes the last link at its centre of mass. World frame, N. [3]."""
+        """Push the last link at its centre of mass from now on. Force in the world frame, N. [3]."""
 
     @property
     def steps(self) -> int:
-        """Of its own in a period of the controller."""
+        """Number of the engine's steps in a period of the controller."""
 
 
 def run_arm(

@@ -41,8 +41,8 @@ def run_axis(course: Course, duration: float, times: Array, hidden: Mapping[str,
 
     Args:
         course: Commands.
-        duration: s.
-        times: Of the samples, s. [T].
+        duration: Length of the course, s.
+        times: Times of the samples, s. [T].
         hidden: Sizes by name.
 
     Returns:

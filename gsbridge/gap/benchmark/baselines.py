@@ -119,7 +119,7 @@ def _described(effect: Applied) -> dict[str, Any]:
 
 
 def _columns(screen: Screen, residual: Array) -> tuple[list[int], Array]:
-    """For every candidate the signature that explains most, and all of them side by side."""
+    """Number of the signature that explains most for each candidate, and these signatures side by side."""
     gains, _ = screen.gains(screen.along(residual))
     rows = [max(group, key=lambda k: gains[k]) for group in screen.groups.values()]
     return rows, screen.shapes[rows].astype(np.float64).T

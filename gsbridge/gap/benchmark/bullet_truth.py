@@ -24,7 +24,7 @@ _EVERY = 8
 """Steps of the engine in a period of the controller."""
 
 _PLACE = np.array([0.0, 0.0, 0.08])
-"""Of a payload in the last link, m."""
+"""Place of a payload in the frame of the last link, m."""
 
 
 class BulletTruth:

@@ -59,8 +59,8 @@ def generate_cases(
         cases: Gets `manifest.json` (with the SHA-256 of every truth and record), `models`, and a folder per case.
         truths: Gets `{key}.json` and `{key}.npz`; no diagnosis may read it.
         count: Cases; `TIER_SIZE[tier]` by default. A smaller count keeps the mix.
-        seed: Of the draw.
-        contents: For photos, what may lie on the tables of the worlds that they show, in turn: pictures, each [H, W, 3].
+        seed: Seed of the draw.
+        contents: Pictures that lie in turn on the tables of the worlds that photos show. Each [H, W, 3].
 
     Returns:
         The manifest.
@@ -264,7 +264,7 @@ def diagnose_cases(
         findings: Gets `{key}.json`.
         bank: Folder of signatures, which all parts may share.
         method: One of `METHODS`: this package's own, or a baseline.
-        seed: Of replicates.
+        seed: Seed of replicates.
 
     Raises:
         InputError: A case cannot be read, or the method is unknown or cannot run here.

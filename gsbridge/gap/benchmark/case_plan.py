@@ -39,7 +39,7 @@ _IMAGE_MIX: tuple[tuple[str, int], ...] = (
     ("free", 0), ("single", 2), ("single", 3), ("free", 0), ("unknown", 3), ("single", 2), ("free", 0), ("single", 3),
     ("free", 0), ("pair", 3), ("single", 1), ("free", 0), ("single", 2), ("unknown", 2), ("free", 0), ("single", 3),
 )  # fmt: skip
-"""The same for photos, whose noise is a sensor's."""
+"""Mix of cases of photos; their noise is always that of a sensor."""
 
 _DRIFT = "clock_drift"
 """What is hidden where samples are lost, beside something else."""
@@ -48,12 +48,12 @@ _LOST = 0.03
 """Share of the samples that are lost there."""
 
 _SHORTEST = 2.01
-"""Of a record, s: its last sample is two seconds after the first."""
+"""Shortest length of a record, s: its last sample is two seconds after the first."""
 
 _UNITS = {"development": (1.4, 3.0, 7.0, 15.0), "scored": (1.0, 2.0, 5.0, 20.0)}
 
 _IMAGE_UNITS = {"development": (3.0, 7.0, 30.0, 150.0), "scored": (2.0, 5.0, 20.0, 100.0)}
-"""Of photos: their many pixels make a unit so small that twenty of them move a camera by a tenth of a pixel."""
+"""Sizes for photos: their many pixels make a unit so small that twenty of them move a camera by a tenth of a pixel."""
 
 _COURSES = {"development": (110, 111), "scored": (9110, 9111)}
 
@@ -66,16 +66,16 @@ class PlannedCase:
     """A case to be drawn.
 
     Args:
-        key: Its name, which says nothing about it.
+        key: Name of the case, which says nothing about it.
         kind: What it tries: `single`, `pair`, `triple`, `unknown`, `free`, or a single effect under a difficulty: no efforts, a
             short record, coloured noise, samples that were lost beside a clock that drifts, an arm that touches something,
             or one of which only the tool is seen.
         names: What is hidden.
         units: Size of each.
-        seed: Of signs and noise.
-        course_seed: Of the courses, or of the world that photos show; cases that share it share a bank.
+        seed: Seed of signs and noise.
+        course_seed: Seed of the courses, or of the world that photos show; cases that share it share a bank.
         channels: Logged ones.
-        duration: Of each record, s.
+        duration: Length of each record, s.
         noise: One of `gsbridge.gap.benchmark.noises.NOISES`.
         lost: Share of the samples that are missing.
         touched: Whether the arm touches something for a while.
@@ -103,9 +103,9 @@ def plan_cases(
         tier: One of `TIERS`.
         split: One of `SPLITS`.
         names: What may be hidden and is in the catalogue, by effect: `name`, or `name:joint` to choose a joint of.
-        strange: The same for what is in no catalogue.
+        strange: Names of what may be hidden and is in no catalogue.
         count: Cases; the tier's full number by default. A smaller count keeps the mix.
-        seed: Of the draw.
+        seed: Seed of the draw.
     """
     key = [TIERS.index(tier), SPLITS.index(split), seed]
     whole = TIER_SIZE[tier] if count is None else count

@@ -28,7 +28,7 @@ def generate_tier(
         tier: One of `campaign.TIERS`.
         split: One of `campaign.SPLITS`.
         count: Number of cases; None for all of the tier's.
-        seed: Of everything.
+        seed: Seed of everything.
         cases: Folder of the cases.
         truths: Folder of the truths; their hashes stand in the cases' manifest.
         photos: Folders of photos that may lie on the tables of the worlds of `t4`.
@@ -51,7 +51,7 @@ def diagnose_chunk(
         bank: Folder of signatures.
         state: Folder that outlives a killed job.
         out: Folder of the findings.
-        seed: Of replicates.
+        seed: Seed of replicates.
     """
     cases = Path(cases)
     # Cases drawn anew have the same names; their manifest tells them apart.
@@ -73,8 +73,8 @@ def score_tier(
         cases: Folder of the cases.
         truths: Folder of the truths.
         findings: Folders of findings, the chunks of one method side by side.
-        methods: Their methods.
-        chunks: How many folders belong to each.
+        methods: Names of the methods.
+        chunks: How many folders belong to each method.
         out: `scores.json`.
 
     Raises:

@@ -37,7 +37,7 @@ class NotShownError(ValueError):
     """An effect has no size at which it shows as wanted.
 
     Args:
-        name: Of the effect, with its joint.
+        name: Name of the effect, with its joint.
         message: Why.
     """
 
@@ -51,12 +51,12 @@ class BenchmarkMechanism:
     """A mechanism under test.
 
     Args:
-        joints: Their names.
+        joints: Names of the joints.
         centre: Middle posture, rad. [N].
         reach: Largest commanded distance from it, rad. [N].
         noise: Standard deviation of one sample, by kind. Each [N].
-        truth: How it really moves.
-        sizes: For every name that may be hidden: a size to begin the search for the unit with, and its sign (0 for both).
+        truth: Simulates how it really moves.
+        sizes: Size to begin the search for the unit with, and its sign (0 for both), by every name that may be hidden.
         largest: Sizes beyond which an effect is no longer a likely fault of a machine, by its name without the joint.
         plain: Effect-free motions, kept from case to case: by role, seed of the courses, duration and rate.
     """
@@ -76,12 +76,12 @@ class DrawnCase:
     """A sealed truth and its records.
 
     Args:
-        name: Of the case.
+        name: Name of the case.
         hidden: Sizes of what is hidden, by name, `name:joint` for one joint; empty for an effect-free case.
         units: Size in units of the detection limit.
-        records: By role: `fit`, `select`, `verify`.
+        records: Records by role: `fit`, `select`, `verify`.
         clean: What `verify` would have been without noise and touch, where it has samples. Each [T, N].
-        plain: The same without anything hidden, too. Each [T, N].
+        plain: What `verify` would have been with nothing hidden, either. Each [T, N].
         seal: SHA-256 of the truth.
     """
 
@@ -114,9 +114,9 @@ def draw_case(
         plant: The mechanism.
         names: What is hidden; each of `units` by itself.
         units: Size.
-        seed: Of signs and noise.
-        course_seed: Of the courses, which cases may share.
-        duration: Of each record, s.
+        seed: Seed of signs and noise.
+        course_seed: Seed of the courses, which cases may share.
+        duration: Length of each record, s.
         rate: Samples per second.
         kinds: Channels that are logged.
         spoil: What the noise is like, one of `gsbridge.gap.benchmark.noises.NOISES`.
@@ -233,7 +233,7 @@ def size_of_units(
 
 
 def _length(plant: BenchmarkMechanism, moved: Mapping[str, Array], plain: Mapping[str, Array], kinds: tuple[str, ...]) -> float:
-    """Of a noise-free signature, in units of the noise."""
+    """Length of a noise-free signature, in units of the noise."""
     return float(np.sqrt(sum((((moved[kind] - plain[kind]) / plant.noise[kind]) ** 2).sum() for kind in kinds)))
 
 

@@ -33,7 +33,7 @@ class TruthCamera:
 
     Args:
         world: What it sees.
-        camera: As it is thought to be.
+        camera: Camera as it is thought to be.
         hidden: Sizes by name.
         spin: Directions, places and colours of what is hidden.
     """
@@ -123,7 +123,7 @@ class TruthCamera:
         return 1.0 - size * covered
 
     def _finished(self, light: Array, time: float) -> Array:
-        """From light on the fine grid to encoded values."""
+        """Encoded values of the light on the fine grid."""
         camera = self.camera
         spot = self._size("defocus")
         if spot:

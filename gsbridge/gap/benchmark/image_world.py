@@ -93,7 +93,7 @@ class Box:
         middle: On the table, m. [2].
         turn: About z, rad.
         half: Half edges, m. [3].
-        texture: Of its top and, stretched, of its sides.
+        texture: Texture of its top and, stretched, of its sides.
     """
 
     middle: Array
@@ -107,7 +107,7 @@ class ImageWorld:
     """A table at z = 0 without an end, and boxes.
 
     Args:
-        table: Its texture.
+        table: Texture of the table.
         boxes: On it.
     """
 
@@ -119,7 +119,7 @@ class ImageWorld:
         """A random world.
 
         Args:
-            seed: Of everything.
+            seed: Seed of everything.
             pictures: sRGB pictures, one of which the table may carry. Each [H, W, 3].
         """
         rng = np.random.default_rng(seed)
@@ -173,9 +173,9 @@ def course(seed: int, duration: float = 4.0, rounds: float = 0.0, rate: float = 
     """How a hand moves a camera above the table: to and fro, up and down, with turns.
 
     Args:
-        seed: Of the motion.
-        duration: s.
-        rounds: Times it goes round the middle, beside that.
+        seed: Seed of the motion.
+        duration: Length of the course, s.
+        rounds: Times that the camera also goes round the middle.
         rate: Poses per second.
     """
     rng = np.random.default_rng(seed)

@@ -56,7 +56,7 @@ REPEATS = 4
 """Further photos of each view before something changes."""
 
 _DEPTH = 0.004
-"""By how much the depths that a diagnosis gets are off, as a share: as a registered mesh is."""
+"""Relative error of the depths that a diagnosis gets: that of a registered mesh."""
 
 _TRIES = 14
 
@@ -67,9 +67,9 @@ class ImageSite:
 
     Args:
         world: The truth.
-        camera: Of all photos.
-        photos: Of each role.
-        seed: Of everything.
+        camera: Camera of all photos.
+        photos: Number of photos of each role.
+        seed: Seed of everything.
     """
 
     world: ImageWorld
@@ -111,10 +111,10 @@ def image_site(seed: int, pictures: Sequence[Array] = (), *, camera: Camera = CA
     """A site.
 
     Args:
-        seed: Of the world and its films.
+        seed: Seed of the world and its films.
         pictures: sRGB pictures, one of which lies on the table.
-        camera: Of all photos.
-        photos: Of each role.
+        camera: Camera of all photos.
+        photos: Number of photos of each role.
     """
     return ImageSite(ImageWorld.draw(seed, pictures), camera, photos, seed)
 
@@ -124,12 +124,12 @@ class DrawnImageCase:
     """A sealed truth and its photos.
 
     Args:
-        name: Of the case.
+        name: Name of the case.
         hidden: Sizes by name; empty for an effect-free case.
         units: Size in units of what can be seen.
-        pairs: By role.
+        pairs: Photos by role.
         clean: What `verify` would have been without noise. [N, H, W, 3].
-        plain: The same without anything hidden. [N, H, W, 3].
+        plain: What `verify` would have been with nothing hidden. [N, H, W, 3].
         seal: SHA-256 of the truth.
     """
 
@@ -151,7 +151,7 @@ def draw_image_case(
         site: Where.
         names: What is hidden; each of `units` by itself.
         units: Size.
-        seed: Of views, signs, directions and noise.
+        seed: Seed of views, signs, directions and noise.
         moving: Whether the camera moves while photos are taken; None where something is hidden that shows in motion alone.
 
     Raises:
@@ -187,9 +187,9 @@ def hidden_pairs(
     Args:
         site: Where.
         hidden: Sizes by name.
-        films: By role: the camera's way, and times of photos on it.
+        films: The camera's way and the times of photos on it, by role.
         spin: Directions, places and colours of what is hidden.
-        rng: Of noise.
+        rng: Random numbers for noise.
         moving: Whether the camera moves; otherwise it stands at the same places.
     """
     out = {}

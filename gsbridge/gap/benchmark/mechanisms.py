@@ -22,7 +22,7 @@ from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel, read_m
 from gsbridge.geometry import Array
 
 _LEVER = 0.2
-"""Of the axis's centre of mass, m."""
+"""Distance of the centre of mass from the axis, m."""
 
 SIGNED = ("torque_gain", "effort_offset", "link_mass", "gain_p", "gain_d", "encoder_offset", "encoder_scale", "cubic_spring")
 """Hidden per joint, with either sign."""
@@ -31,7 +31,7 @@ POSITIVE = ("viscous", "coulomb", "armature", "spring", "quadratic_drag", "satur
 """Hidden per joint, positive."""
 
 UNKNOWN = ("cubic_spring", "shaking", "patchy_friction")
-"""In no catalogue of the diagnosis."""
+"""Effects that no catalogue of the diagnosis holds."""
 
 
 LARGEST = {

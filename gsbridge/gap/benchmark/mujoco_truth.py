@@ -20,7 +20,7 @@ from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.geometry import Array
 
 STEP = 6.25e-5
-"""Of MuJoCo, s; the controller acts every millisecond."""
+"""Step of MuJoCo, s; the controller acts every millisecond."""
 
 _EVERY = 16
 

@@ -85,7 +85,7 @@ class _SignatureTable:
         return [self._applied(number, float(along[number] / self.lengths[number] ** 2))]
 
     def largest(self) -> list[Applied]:
-        """Of every amplitude the signature that explains most, all together by linear least squares; the one that moved most in
+        """Fit for every amplitude the signature that explains most, all together, and keep the one that moved most in
         typical sizes."""
         gains = (self.columns.T @ self.residual / self.lengths) ** 2
         kept: dict[tuple[Candidate, str], int] = {}

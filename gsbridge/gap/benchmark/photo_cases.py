@@ -43,8 +43,8 @@ def write_photos(folder: Path, pairs: Mapping[str, Pairs]) -> dict[str, str]:
     """Write the photos of a case. Returns the files' SHA-256 by role.
 
     Args:
-        folder: Of the case; it is there.
-        pairs: By role; 8-bit photos, and `again` their mean over some.
+        folder: Folder of the case, which exists already.
+        pairs: Photos by role, of 8 bits; `again` is a mean over some.
     """
     digests = {}
     for role, views in pairs.items():
@@ -109,7 +109,7 @@ def photo_closure(folder: str | Path, clean: Array, plain: Array, effects: Seque
     they were: noise does.
 
     Args:
-        folder: Of the case.
+        folder: Folder of the case.
         clean: Photos of `verify` with what is hidden. [N, H, W, 3].
         plain: Without it.
         effects: Named ones.

@@ -49,7 +49,7 @@ def score(verdicts: Iterable[JudgedCase], large: float = LARGE) -> dict[str, Any
     """Figures of one method on one tier.
 
     Args:
-        verdicts: Of all cases.
+        verdicts: Verdicts of all cases.
         large: Units from which on naming counts.
     """
     cases = list(verdicts)

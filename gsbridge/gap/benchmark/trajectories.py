@@ -22,8 +22,8 @@ def course(kind: str, centre: Array, reach: Array, duration: float, rng: np.rand
         kind: `multisine`, `steps` (smooth, between random postures) or `chirp`.
         centre: Middle posture, where it begins at rest. [N].
         reach: Largest distance from it. [N].
-        duration: s.
-        rng: Of phases, postures and frequencies.
+        duration: Length of the course, s.
+        rng: Random numbers for phases, postures and frequencies.
     """
     count = len(centre)
     if kind == "multisine":

@@ -38,21 +38,21 @@ class JudgedCase:
 
     Args:
         hidden: Names of what was hidden, with joints where the mechanism has several.
-        units: Its size.
+        units: Size of what is hidden, in units of the detection limit.
         verdict: Word of `gsbridge.gap.diagnosis.results.VERDICTS`.
         named: Names of the best explanation.
         sets: Names of each explanation that the data cannot decide between.
-        simulations: After the bank.
-        bank: Of the bank.
-        seconds: Of the diagnosis.
+        simulations: Simulations after the bank of signatures was made.
+        bank: Simulations that the bank of signatures took.
+        seconds: Time that the diagnosis took, s.
         closure: Share of the gap that the named effects close on `verify`, against what would have been measured without noise:
             1 - (after - floor) / (before - floor), where the floor is the gap to a truth with nothing hidden, which is the
             engines' own. None where nothing was named.
         left: What they leave there, in units of the noise.
         covers: Whether 90 % intervals hold the true sizes, for each named effect.
         chance: Probability that the first explanation is the best, as stated; None without any.
-        key: Of the case.
-        kind: Of the case.
+        key: Key of the case.
+        kind: Kind of the case.
         known: Whether what is hidden is in the catalogue.
         twins: Explanations that are the same equation as the truth.
     """
@@ -142,7 +142,7 @@ def _sealed(truths: Path, key: str, digest: str) -> dict[str, Any]:
 
 
 def _name(effect: Mapping[str, Any], single: bool) -> str:
-    """Of an effect as truths call it: without the joint where there is only one."""
+    """Name of an effect as truths give it: without the joint where there is only one."""
     return effect["name"] if single or not effect.get("joint") else f"{effect['name']}:{effect['joint']}"
 
 
@@ -180,7 +180,7 @@ def _verdict(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> JudgedCase
 def _closed(
     verdict: JudgedCase, finding: Mapping[str, Any], truth: Mapping[str, Any], folder: Path, truths: Path
 ) -> JudgedCase:
-    """With the gap that the named effects close; see `JudgedCase.closure`."""
+    """The verdict with the share of the gap that the named effects close; see `JudgedCase.closure`."""
     if verdict.verdict != "named" or not verdict.hidden:
         return verdict
     effects = tuple(Applied(e["name"], e.get("joint", ""), e["parameters"]) for e in _applied(finding))

@@ -45,7 +45,7 @@ class FreeBody:
 
     Args:
         source: File of the model, for messages.
-        shapes: Its `collision` elements, as in a URDF, paths of meshes absolute.
+        shapes: The body's `collision` elements, as in a URDF, with absolute paths of meshes.
         mass: kg.
         com: Centre of mass in the body frame, m. [3].
         inertia: About the centre of mass, along the axes of the body frame, kg m2. [3, 3].

@@ -30,8 +30,8 @@ class ThrowCase:
 
     Args:
         model: The model file.
-        body: Its content.
-        throws: By role.
+        body: Content of the model's file.
+        throws: Throws by role.
         names: Effects that may be the reason; None for all.
         horizon: Length that is replayed, s.
         reasons: Why its result is degraded.

@@ -37,12 +37,12 @@ def diagnose_throws(
 
     Args:
         body: The model.
-        throws: By role: `fit`, `select`, `verify`.
+        throws: Throws by role: `fit`, `select`, `verify`.
         bank_folder: Keeps grids from run to run.
         names: Effects that may be the reason; None for all of a body.
         rules: Thresholds.
         horizon: Length that is replayed, s.
-        seed: Of replicates and bootstraps.
+        seed: Seed of replicates and bootstraps.
     """
     begin = time.perf_counter()
     first, select, third = (ThrowReplay(body, throws[role], horizon) for role in ROLES)

@@ -41,7 +41,7 @@ class ThrowRules:
         closure: Share of the gap that a name must close where something remains.
         gain: Share of what is left above the floor that a further effect must take away on throws it has not seen.
         most: Effects that are looked for at once.
-        draws: Of the bootstrap over throws.
+        draws: Number of draws of the bootstrap over throws.
         budget: Passes over the throws of a role beside the bank, after which no further effect is looked for.
     """
 
@@ -78,7 +78,7 @@ class ThrowHypothesis:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of its effects."""
+        """Names of its effects."""
         return tuple(sorted(effect.name for effect in self.fit.effects))
 
 
@@ -116,7 +116,7 @@ class ThrowIdentification:
         second: Throws of `select`.
         bank: Grids that were walked on throws of `first`.
         rules: Thresholds.
-        seed: Of replicates and bootstrap.
+        seed: Seed of replicates and bootstrap.
     """
 
     def __init__(

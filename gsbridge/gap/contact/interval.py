@@ -14,7 +14,7 @@ from gsbridge.gap.contact.search import ThrowFit
 _POINTS = np.linspace(-1.0, 1.0, 5)
 _DRAWS = 400
 _RISES = (0.03, 0.3)
-"""By which share the mean error shall rise towards the ends of the profile."""
+"""Smallest and largest relative rise of the mean error that is wanted at the ends of the profile."""
 
 _TRIES = 4
 
@@ -24,8 +24,8 @@ def intervals(replay: ThrowReplay, fit: ThrowFit, rng: np.random.Generator) -> l
 
     Args:
         replay: The throws that were fitted.
-        fit: To these throws.
-        rng: Of the bootstrap.
+        fit: Fit to these throws.
+        rng: Random numbers for the bootstrap.
     """
     out, effects = [], fit.effects
     for place, applied in enumerate(effects):

@@ -66,8 +66,8 @@ def replicates(
 
     Args:
         replay: Throws and model.
-        effects: Of the truth and of the replay.
-        rng: Of noise, first states and the engine's choices.
+        effects: Effects of the truth and of the replay.
+        rng: Random numbers for noise, first states and the engine's choices.
         count: Sets.
 
     Returns:

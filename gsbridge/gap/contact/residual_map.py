@@ -32,7 +32,7 @@ def map_distances(replay: ThrowReplay, flights: Sequence[Flight], null: Array) -
     Args:
         replay: Throws.
         flights: Simulated, one per throw.
-        null: The same cells of effect-free replicates, as `cells` gives them. [K, M, channels, columns].
+        null: Cells of effect-free replicates, as `cells` gives them. [K, M, channels, columns].
 
     Returns:
         Root mean square distances, mm; marked where those of the replicates are smaller by more than chance.

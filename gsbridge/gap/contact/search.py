@@ -36,7 +36,7 @@ class GridMatch:
     """The best point of an effect's grid.
 
     Args:
-        effect: With its parameters.
+        effect: The effect with its parameters.
         error: Mean error over the throws, m.
         change: How far the grid's largest sizes move the replay, m: what cannot move it cannot be seen.
     """
@@ -109,7 +109,7 @@ def reach(replay: ThrowReplay, others: Sequence[Applied], effect: BodyEffect, pa
         replay: Throws and model.
         others: Effects that are there besides.
         effect: The effect.
-        parameter: Of it.
+        parameter: Name of the parameter.
     """
     figure = effect.figures[parameter.name]
     now, (low, high) = body_setup(replay.body, others).figures[figure], BOUNDS[figure]
@@ -126,7 +126,7 @@ def refine(replay: ThrowReplay, effects: Sequence[Applied], share: float = 1.0) 
     Args:
         replay: Throws.
         effects: Start values.
-        share: Of the grid's spacing, for the first brackets.
+        share: Width of the first brackets, as a share of the grid's spacing.
     """
     current = list(effects)
     inside, profiles = {}, {}
@@ -164,7 +164,7 @@ def lowest(
     """Minimum of one parameter from a bracket that is widened while its edge is best, by parabolas and golden sections.
 
     Args:
-        error: Of a value.
+        error: Gives the error at a value.
         start: First value.
         width: Half of the first bracket.
         low: Smallest value.

@@ -52,14 +52,14 @@ class BodySetup:
     """Figures of one simulation; a `gsbridge.effects.bodies.base.BodyFigures`.
 
     Args:
-        figures: By the names of `BOUNDS`.
+        figures: Figures of the body and its contact, by the names of `BOUNDS`.
     """
 
     figures: dict[str, float]
 
     @classmethod
     def nominal(cls, body: FreeBody) -> BodySetup:
-        """Of a body without effects."""
+        """Setup of a body without effects."""
         own = {"mass": body.mass, "com_x": float(body.com[0]), "com_y": float(body.com[1]), "com_z": float(body.com[2])}
         ones = dict.fromkeys(("inertia", "size", "scale", "rate"), 1.0)
         return cls(dict.fromkeys(BOUNDS, 0.0) | ones | own | dict(body.figures))

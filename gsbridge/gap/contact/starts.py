@@ -24,7 +24,7 @@ class Starts:
         quat: wxyz. [N, 4].
         velocity: m/s. [N, 3].
         spin: rad/s. [N, 3].
-        acceleration: Of the first stretch, m/s2. [N, 3].
+        acceleration: Acceleration of the first stretch, m/s2. [N, 3].
         logged: Whether speeds come from the log rather than from the poses.
     """
 
@@ -36,7 +36,7 @@ class Starts:
     logged: bool
 
     def shifted(self, noise: ThrowNoise, rng: np.random.Generator) -> Starts:
-        """As they might have been, given how well they are known."""
+        """First states as they might have been, drawn with the noise with which they are known."""
         draw = [rng.standard_normal(self.position.shape) for _ in range(4)]
         return Starts(
             self.position + noise.position * draw[0],

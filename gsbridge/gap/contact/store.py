@@ -25,7 +25,7 @@ def save_throws(path: str | Path, throws: Mapping[str, Throws]) -> None:
 
     Args:
         path: The file (`.npz`).
-        throws: By role.
+        throws: Throws by role.
     """
     arrays: dict[str, Array] = {}
     plain = {}

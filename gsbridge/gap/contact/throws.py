@@ -34,11 +34,11 @@ class Throw:
     """One throw.
 
     Args:
-        name: For messages.
+        name: Name for messages.
         time: s, rising, from 0. [T].
-        position: Of the body frame's origin in the log's frame, m; z is up. [T, 3].
+        position: Position of the body frame's origin in the log's frame, m; z is up. [T, 3].
         quat: Attitude of the body frame in the log's frame, wxyz. [T, 4].
-        velocity: At the first sample, log's frame, m/s, where logged. [3].
+        velocity: Velocity at the first sample, log's frame, m/s, where it was logged. [3].
         spin: Angular velocity at the first sample, log's frame, rad/s, where logged. [3].
     """
 
@@ -62,7 +62,7 @@ class Throws:
     Args:
         items: One by one.
         digest: SHA-256 of the files, or of the arrays.
-        name: For reports.
+        name: Name for reports.
     """
 
     items: tuple[Throw, ...]

@@ -40,7 +40,7 @@ class ThrowBackend(CaseBackend):
 
     @classmethod
     def read(cls, path: str | Path) -> ThrowBackend:
-        """From a case's file, checked.
+        """Read a case from its file and check it.
 
         Raises:
             InputError: It cannot be used.

@@ -34,7 +34,7 @@ class Numerics:
     """What an engine chooses and no model states; varied to learn how much it matters.
 
     Args:
-        step_factor: Of the engine's step.
+        step_factor: Factor on the engine's step.
         erp: Share of a penetration that one step takes back. It also adds up to this share of its speed to a rebound.
         cone: Whether friction is bounded by a circle instead of a square.
     """
@@ -49,7 +49,7 @@ class Flight:
     """A simulated throw at its samples, in the log's frame.
 
     Args:
-        position: Of the tracked point, m. [T, 3].
+        position: Position of the tracked point, m. [T, 3].
         quat: wxyz. [T, 4].
         touched: Whether the body has touched the surface by then. [T].
     """

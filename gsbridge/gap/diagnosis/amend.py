@@ -58,7 +58,7 @@ def ordered(content: dict[str, Any], source: str | Path) -> dict[str, Any]:
     """Content of the simulation's model with its effects in the order arm, object, camera.
 
     Args:
-        content: Of the model.
+        content: Content of the model's file.
         source: Where it comes from, for messages.
 
     Raises:

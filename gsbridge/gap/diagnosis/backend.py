@@ -92,7 +92,7 @@ class CaseBackend:
             digest: SHA-256 of all that a simulation depends on.
             mode: Kind of case, or how a mechanism is driven.
             parts: What a person wants to know about what was measured, by role.
-            joints: Of a mechanism.
+            joints: Joints of a mechanism.
             figures: Further entries.
         """
         names = self.case.names

@@ -38,7 +38,7 @@ class Diagnosis:
         floor: Noise of each channel of `select`, SI units.
         bank_runs: Simulations of the bank, whether made now or read.
         runs: Simulations of this case beside it, to name what is missing and to judge that.
-        seconds: Of the whole.
+        seconds: Time that the whole diagnosis took, s.
         intervals: 90 % intervals of the best hypothesis' parameters, by effect, where its deviations do not tell them.
         figures: What the model's own figures were and become with these effects, by effect and parameter, where it has such.
         where: Size of the gap in each phase before and after, where a case has phases.
@@ -90,7 +90,7 @@ class Account:
 
     Attributes:
         effects: What may be named.
-        unit: Of the gap.
+        unit: Unit of the gap.
         scale: Factor from the diagnosis' own unit to that one.
         measured: What was measured, in the plural.
         agree: Sentence where nothing is missing; `{p}` is the p-value.
@@ -116,7 +116,7 @@ class Account:
         Args:
             diagnosis: The diagnosis.
             parts: What was measured, by role.
-            seed: Of replicates.
+            seed: Seed of replicates.
             reasons: Why the result is degraded.
             counts: Further entries about what was measured.
         """
@@ -336,8 +336,8 @@ def similar_pairs(names: Sequence[str], cosines: Array) -> list[dict[str, Any]]:
     """Pairs of effects whose signatures look alike before any fit, the closest first, as in `screen.json`.
 
     Args:
-        names: Of the effects. [N].
-        cosines: Of their signatures, or the largest where they have several. [N, N].
+        names: Names of the effects. [N].
+        cosines: Cosines between their signatures, the largest where they have several. [N, N].
     """
     pairs = [
         {"pair": [names[a], names[b]], "cosine": float(cosines[a, b])}

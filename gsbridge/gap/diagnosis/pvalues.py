@@ -20,7 +20,7 @@ def tail_pvalue(replicas: Array, value: float) -> float:
 
     Args:
         replicas: Drawn without an effect. [R].
-        value: As observed.
+        value: The observed value.
 
     Source: Pickands, Annals of Statistics 3, 1975 (peaks over a threshold), with shape 0.
     """

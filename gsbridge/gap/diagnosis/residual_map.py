@@ -31,7 +31,7 @@ class ResidualMap:
     groups: Mapping[str, tuple[str, ...]]
 
     def record(self) -> dict[str, Any]:
-        """As in `comparison.json`."""
+        """The map as `comparison.json` holds it."""
         return {
             "groups": {name: list(columns) for name, columns in self.groups.items()},
             "channels": list(self.channels),

@@ -43,14 +43,14 @@ class Rules:
         simple: The same for further parameters of an effect that holds a simpler one: Schwarz's logarithm of ten thousand
             samples instead of Akaike's two (Annals of Statistics 6, 1978).
         closure: Share of the gap that what is named must close where something remains.
-        deviations: Of the mean, by which a gain on `select` must exceed chance, for coloured noise too.
+        deviations: Standard deviations by which a mean gain on `select` must exceed chance, for coloured noise too.
         most: Effects that are looked for at once.
-        draws: Of the block bootstrap.
+        draws: Number of draws of the block bootstrap.
         budget: Simulations of one diagnosis, apart from the bank and the account.
         larger: By how much more each of several must explain than what remains: what is smaller than the model's own error
             is not named.
         least: Share of the gap that a further entry of an account must close.
-        entries: Of an account, at most.
+        entries: Most entries of an account.
         account: Simulations of an account.
     """
 
@@ -82,7 +82,7 @@ class Candidate:
 
     @property
     def effect(self) -> Any:
-        """Its entry in the registry."""
+        """The effect's entry in the registry."""
         return self.registry.effect(self.name)
 
     def applied(self, values: Mapping[str, float]) -> Applied:
@@ -107,7 +107,7 @@ class EffectFit:
 
     Args:
         who: The candidates.
-        effects: With parameters.
+        effects: Fitted effects with their parameters.
         chi2: Squared residual on the fitted record, in units of the noise.
         converged: Whether the last step could win nothing.
         deviations: Standard deviation of each parameter from the curvature and from what another step of time would change,
@@ -177,7 +177,7 @@ class Hypothesis:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of its effects with their joints."""
+        """Names of its effects with their joints."""
         return tuple(sorted(str(candidate) for candidate in self.fit.who))
 
     @property
@@ -192,7 +192,7 @@ class Hypothesis:
 
     @property
     def score(self) -> float:
-        """The same with Akaike's allowance for what fitting won on the first by chance."""
+        """`squares` with Akaike's allowance for what fitting won on the first record by chance."""
         return self.squares + 2.0 * self.parameters
 
     def contains(self, other: Hypothesis) -> bool:
@@ -220,10 +220,10 @@ class Finding(Generic[H]):
         rivals: All hypotheses with the probability that each is best, the best first.
         ambiguous: Names among which the data cannot decide.
         something_remains: Whether the best explanation leaves more than noise.
-        p_value: Of the hypothesis that nothing is missing.
-        p_remaining: Of the hypothesis that nothing is missing beyond the best explanation.
+        p_value: p-value of the hypothesis that nothing is missing from the model.
+        p_remaining: p-value of the hypothesis that nothing is missing beyond the best explanation.
         before: Root mean square residual on `select` without effects, in units of the noise.
-        after: With the best explanation.
+        after: Root mean square residual on `select` with the best explanation, in units of the noise.
         runs: Simulations after the bank.
         unseen: Candidates that do not show in these records at any sensible size.
         coloured: Whether residuals exceed white noise without being motion.
@@ -247,7 +247,7 @@ class Finding(Generic[H]):
     lost: tuple[str, ...] = ()
 
     def refuted(self) -> Self:
-        """The same where `verify` contradicts it: it closed the gap where it was chosen, but not elsewhere."""
+        """The finding once `verify` has contradicted it: it closed the gap where it was chosen, but not elsewhere."""
         return replace(self, verdict="none_of_the_known", ambiguous=(), something_remains=True)
 
 
@@ -257,11 +257,11 @@ class Verification:
 
     Args:
         before: Size of the gap without the effects, in the unit of the findings before scaling.
-        after: With them.
+        after: Size of the gap with them.
         closure: Share of the gap above the noise that they close; negative if they make it worse.
         channels: Before and after of each channel.
         accepted: Whether the amended model is no worse.
-        p_remaining: Of the hypothesis that they leave nothing but noise there; None where nothing tells.
+        p_remaining: p-value of the hypothesis that they leave nothing but noise there; None where nothing tells.
     """
 
     before: float
@@ -299,9 +299,9 @@ class AccountEntry:
 
     Args:
         candidate: The effect and its joint.
-        effect: The same with its parameters.
+        effect: The effect with its parameters.
         deviations: Standard deviations of these, in the order in which the effect lists them. [P].
-        share: Of the gap on `verify` that it closes after those before it; negative if it makes it worse.
+        share: Share of the gap on `verify` that it closes after those before it; negative if it makes it worse.
         verdict: `NAMED`, `ONE_OF` or `LIKELY`.
         instead: What else could stand in its place.
     """
@@ -319,7 +319,7 @@ class GapAccount:
     """All that explains a gap, and what remains.
 
     Args:
-        entries: In the order in which they explain the gap on `select`.
+        entries: Effects in the order in which they explain the gap on `select`.
         explained: Share of the gap on `verify` that they close together.
         channel, phase: Where most remains; empty where nothing stands out.
         left: Residual there, in units of the noise.
@@ -333,5 +333,5 @@ class GapAccount:
 
     @property
     def effects(self) -> tuple[Applied, ...]:
-        """Of all entries."""
+        """Effects of all entries."""
         return tuple(entry.effect for entry in self.entries)

@@ -21,12 +21,12 @@ _BLOCKS = 40
 
 @dataclass(frozen=True)
 class Decision:
-    """Of a set of trials.
+    """How a set of trials compares: the best of them, and those that cannot be told from it.
 
     Args:
         trials: Explanations that say something of their own, the best first.
         chances: Probability that each is best. [trials].
-        near: Those that cannot be told from the best.
+        near: Explanations that cannot be told from the best.
     """
 
     trials: tuple[Hypothesis, ...]
@@ -113,7 +113,7 @@ def _chances(trials: Sequence[Hypothesis]) -> Array:
 
 
 def transfer(plain: Array, residual: Array) -> float:
-    """By how many standard deviations an explanation agrees with a record that it was not fitted to. Both [T, C].
+    """How well an explanation agrees with a record that it was not fitted to, in standard deviations. Both [T, C].
 
     What it explains is held against the residual without it, and the spread of that against what it leaves: from blocks of
     time, so that coloured noise does not count as certainty. An explanation that acts in a few blocks only (a limit) is held

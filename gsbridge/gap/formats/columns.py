@@ -15,7 +15,7 @@ from gsbridge.geometry import Array
 from gsbridge.reading import refusing, regular_file
 
 LARGEST_TABLE = 2 * 2**30
-"""Of a file, bytes: a day of seven joints at 100 Hz as text."""
+"""Largest size of a file, bytes: a day of seven joints at 100 Hz as text."""
 
 _LISTED = 14
 """Columns that a message names."""
@@ -43,7 +43,7 @@ class Columns:
 
     Args:
         table: One row per sample.
-        source: Its file, for messages.
+        source: File of the table, for messages.
         names: Our name of a column to that of the file; others keep our name.
         units: Our name of a column, or its kind alone, to its unit; for files whose headers state none.
         gain: N m per ampere, for efforts in amperes.

@@ -19,8 +19,8 @@ def case_path(name: str, value: str, places: Sequence[str | Path]) -> Path:
     """A case's file.
 
     Args:
-        name: Of the case.
-        value: Its path as configured.
+        name: Name of the case.
+        value: Path of the case's file as it is configured.
         places: Folders it may be relative to, in this order.
 
     Raises:

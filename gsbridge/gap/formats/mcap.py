@@ -24,7 +24,7 @@ from gsbridge.geometry import Array
 from gsbridge.reading import refusing, regular_file
 
 UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m"}
-"""Of joint states of ROS."""
+"""Units of the joint states of ROS."""
 
 
 @dataclass
@@ -32,7 +32,7 @@ class Stream:
     """Messages of one topic.
 
     Args:
-        topic: Its name.
+        topic: Name of the topic.
         ros: Whether they are ROS messages, whose units are SI.
         times: Stamps of their source, or of the log where they have none, s.
         logged: Stamps of the log, s.
@@ -187,7 +187,7 @@ def _columns(stream: Stream, joints: tuple[str, ...], role: str, path: Path) -> 
     """Columns of one topic.
 
     Args:
-        stream: Its messages.
+        stream: Messages of the topic.
         joints: Joints of the mechanism.
         role: `measured` or `command`.
         path: The file, for messages.

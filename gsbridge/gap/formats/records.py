@@ -36,11 +36,11 @@ class Record:
     """One log.
 
     Args:
-        name: For messages and reports.
+        name: Name for messages and reports.
         time: s, rising, from 0. [T].
         joints: Names of the mechanism's joints.
-        commands: By kind. Each [T, N].
-        measured: By kind. Each [T, N]; `tool` [T, 3].
+        commands: Commands by kind. Each [T, N].
+        measured: Measurements by kind. Each [T, N]; `tool` [T, 3].
         sigma: Noise of one sample, by kind, where it is known. Each [N].
         quantum: Step of the digits, by kind, 0 where there is none. Each [N].
         tolerance: Deviation that nobody asks to be explained, by kind: what the user states, and by how much repeats of one
@@ -75,7 +75,7 @@ class Record:
         return float(np.median(np.diff(self.time)))
 
     def with_measured(self, measured: Mapping[str, Array]) -> Record:
-        """The same commands with other measurements."""
+        """A record with these commands and other measurements."""
         return replace(self, measured=dict(measured))
 
     def content_digest(self) -> str:
@@ -202,7 +202,7 @@ def check_degrees(record: Record, source: str | Path, limits: Array | None = Non
 
     Args:
         record: The record.
-        source: Its file.
+        source: File of the record.
         limits: Lower and upper limits of the joints, rad. [N, 2].
 
     Raises:

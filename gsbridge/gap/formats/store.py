@@ -21,7 +21,7 @@ def save_records(path: str | Path, records: Mapping[str, Record]) -> None:
 
     Args:
         path: The file (`.npz`).
-        records: By role.
+        records: Records by role.
     """
     arrays: dict[str, Any] = {}
     plain: dict[str, dict[str, Any]] = {}

@@ -35,7 +35,7 @@ def factor_to_si(unit: str | None, dimension: str, source: str | Path, column: s
     """Factor by which a column is multiplied.
 
     Args:
-        unit: As the file states it; None when it states none.
+        unit: Unit as the file states it; None when it states none.
         dimension: A key of `FACTORS`.
         source: The file, for messages.
         column: The column, for messages.

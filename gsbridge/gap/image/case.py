@@ -78,7 +78,7 @@ def save_pairs(path: str | Path, pairs: Mapping[str, Pairs]) -> None:
 
     Args:
         path: The file (`.npz`).
-        pairs: By role; of a camera that stood.
+        pairs: Photos by role, taken by a camera that stood.
     """
     arrays: dict[str, Array] = {}
     plain = {}

@@ -29,10 +29,10 @@ def diagnose_images(
     """Find out what changed between photos.
 
     Args:
-        pairs: By role: `fit`, `select`, `verify`; different views each.
+        pairs: Photos by role: `fit`, `select`, `verify`; each has other views.
         names: Effects that may be the reason; None for all image effects.
         rules: Thresholds.
-        seed: Of replicates.
+        seed: Seed of replicates.
 
     Raises:
         InputError: A role is missing.

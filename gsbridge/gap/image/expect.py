@@ -28,7 +28,7 @@ _ROUND = 5
 """Pixels on either side over which texture is taken to be alike."""
 
 _TURNS = 5
-"""Of the search for the depth along a ray."""
+"""Iterations of the search for the depth along a ray."""
 
 _HIDING = 0.5
 """Pixels by which near and far things move apart, from which on it matters what hides what."""
@@ -88,7 +88,7 @@ class Expectation:
         return self._seen(how)[1]
 
     def flat(self, how: Shooting) -> Array:
-        """The same by a camera that did not move, with a lens as sharp: for their grain. [N, H, W, 3] float32."""
+        """Expected photos of a camera that did not move, with a lens as sharp; they tell the grain. [N, H, W, 3] float32."""
         still = replace(how, mount=np.eye(4), focal=1.0, distortion=np.zeros(2), delay=0.0, row_time=0.0, exposure_time=0.0)
         still = replace(still, blur=0.0)
         light = linear_from_srgb(self.pairs.before.astype(np.float32))

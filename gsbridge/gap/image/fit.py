@@ -13,7 +13,7 @@ from gsbridge.geometry import Array
 
 _ROUNDS = 30
 _STEP = 0.04
-"""Of finite differences, in typical sizes of an amplitude or fiftieths of a shape's range."""
+"""Step of finite differences, in typical sizes of an amplitude or fiftieths of a shape's range."""
 
 _HIDDEN = 1e-2
 """Share of the strongest parameter's influence below which one does not show."""

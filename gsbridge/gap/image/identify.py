@@ -42,7 +42,7 @@ class ImageIdentification:
         second: Views of `select`.
         who: Candidates.
         rules: Thresholds.
-        seed: Of replicates.
+        seed: Seed of replicates.
     """
 
     def __init__(
@@ -219,7 +219,7 @@ class ImageIdentification:
         )  # fmt: skip
 
     def _widened(self, found: EffectFit) -> EffectFit:
-        """With deviations by which parameters may move until the fit is worse by what laws are known to."""
+        """The fit with standard deviations that also hold how far the effects' laws are known to be wrong."""
         law = np.sqrt(_LAW * max(_squares(self.start) - self.first.numbers, 0.0))
         return replace(found, deviations=found.deviations * np.hypot(1.0, law))
 

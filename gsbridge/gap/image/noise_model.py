@@ -22,7 +22,7 @@ _SECOND = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]], np.f
 """Takes slopes and edges away and leaves the variance of white noise as it is (Immerkaer, CVIU 64(2), 1996)."""
 
 _OVERLAP = float((cv2.filter2D(np.pad(_SECOND, 4), -1, _SECOND, borderType=cv2.BORDER_CONSTANT) ** 2).sum())
-"""By how much fewer independent numbers filtered noise holds than pixels: the sum of its squared correlations."""
+"""Pixels per independent number of filtered noise: the sum of its squared correlations."""
 
 
 def slopes_of(pictures: Array) -> Array:
@@ -40,7 +40,7 @@ class Flats:
     """Flat places of pictures, by brightness.
 
     Args:
-        masks: For every photo and class. [N, L, H, W] bool.
+        masks: Pixels of every class in every photo. [N, L, H, W] bool.
         levels: Mean brightness of each, one per colour. [N, L, 3].
         counts: Pixels. [N, L].
     """
@@ -81,5 +81,5 @@ class Flats:
         return np.maximum(out, LEAST * 0.1)
 
     def deviations(self) -> Array:
-        """Of the logarithm of a measured variance; infinite where there are too few pixels. [N, L]."""
+        """Standard deviation of the logarithm of a measured variance; infinite where there are too few pixels. [N, L]."""
         return np.where(self.counts >= ENOUGH, np.sqrt(2.0 * _OVERLAP / np.maximum(self.counts, 1)), np.inf)

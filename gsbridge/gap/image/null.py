@@ -30,7 +30,7 @@ def sums(view: ImageResiduals, table: Array) -> Array:
 
     Args:
         view: Whose residual.
-        table: As from `ImageResiduals.residual`.
+        table: Residuals, as from `ImageResiduals.residual`.
     """
     white, mask = view.pictures(table), view.mask[..., None]
     # Most effects stay where they are in the image, or change all of it.
@@ -64,7 +64,7 @@ class ImageNull:
     """How photos with nothing changed look.
 
     Args:
-        sums: Of the replicates, as from `sums`. [R, K].
+        sums: Sums over each replicate, as from the function `sums`. [R, K].
     """
 
     sums: Array

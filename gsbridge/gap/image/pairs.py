@@ -33,9 +33,9 @@ class Pairs:
         depths: Camera z of what the views show, m; 0 or not-a-number where it is unknown. [N, H, W].
         poses: `cam_from_world` of the views. [N, 4, 4].
         track: Where the camera was, if it moved while photos were taken; None where it stood.
-        times: Of the photos, s; needed with a track. [N].
-        repeats: Of how many photos `again` is the mean.
-        name: For messages.
+        times: Times of the photos, s; needed with a track. [N].
+        repeats: Number of photos that `again` is the mean of.
+        name: Name for messages.
         digest: SHA-256 of the files; empty where there are none.
 
     Raises:
@@ -80,5 +80,5 @@ class Pairs:
         return hashlib.sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).hexdigest()
 
     def quiet(self) -> Pairs:
-        """The same views with nothing changed: the second photos stand for later ones."""
+        """These views with nothing changed: their repeated first photos stand for the later ones."""
         return replace(self, after=self.again)

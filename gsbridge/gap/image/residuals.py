@@ -27,7 +27,7 @@ _BORDER = 0.05
 """Share of the width along each edge that is not compared: a displaced camera sees more there than the earlier photo shows."""
 
 _PLACE = 0.1
-"""Of pixels as compared: how well it is known where things are, with depths and interpolation as they are."""
+"""Uncertainty of where things are, with depths and interpolation as they are, in pixels as they are compared."""
 
 _PARTS = 12
 """Classes of brightness by which noise is learnt."""
@@ -48,7 +48,7 @@ class PhotoNoise:
 
     Args:
         dark: Where it is dark.
-        light: By how much it grows up to white.
+        light: How much the variance grows up to white.
     """
 
     dark: float
@@ -114,7 +114,7 @@ class ImageResiduals:
 
     Args:
         pairs: The views.
-        noise: Of one photo.
+        noise: Noise of one photo.
         grain: Whether the photos' grain is compared, too: means of several photos have less.
         height: Rows, about, at which they are compared: few, to find what moved far; their noise is then not that of blocks.
 
@@ -181,7 +181,7 @@ class ImageResiduals:
         return apart / np.sqrt(np.maximum((apart**2).sum(axis=(0, 1, 2)) / max(float(self.mask.sum()), 1.0), 1e-12))
 
     def quiet(self) -> ImageResiduals:
-        """The same views with nothing changed."""
+        """Residuals of these views with nothing changed; see `Pairs.quiet`."""
         return ImageResiduals(self.pairs.quiet(), self.noise, grain=self.pairs.repeats == 1)
 
     @cached_property

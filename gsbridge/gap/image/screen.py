@@ -89,7 +89,7 @@ def screen(groups: Sequence[Group], residual: Array) -> list[ImageMatch]:
 
     Args:
         groups: Signatures.
-        residual: In units of the noise. [T, C].
+        residual: Residual in units of the noise. [T, C].
     """
     flat = residual.ravel()
     best: dict[Any, Any] = {}

@@ -48,7 +48,7 @@ class ImageBackend(CaseBackend):
 
     @classmethod
     def read(cls, path: str | Path) -> ImageBackend:
-        """From a case's file, checked.
+        """Read a case from its file and check it.
 
         Raises:
             InputError: It cannot be used.
@@ -185,7 +185,7 @@ def write_image_findings(
         pictures: What a report shows of some views of `verify` (`.npz`): photos `before`, `after` and as `expected`,
             [N, H, W, 3]; where they are `compared`, and what is apart before (`gap`) and with the explanation (`left`), in
             units of the noise, [N, h, w].
-        seed: Of replicates.
+        seed: Seed of replicates.
         shot: Which of the later photos counts.
         names: Effects that may be the reason; None for all.
 

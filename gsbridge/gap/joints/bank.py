@@ -39,7 +39,7 @@ class Signature:
 
     Args:
         candidate: Who.
-        values: Its parameters.
+        values: Parameters of the effect.
         change: Simulated with it less without, SI units. [T, C].
     """
 

@@ -40,8 +40,8 @@ class JointCase:
 
     Args:
         model: The model file.
-        system: Its content.
-        records: By role.
+        system: Content of the model's file.
+        records: Records by role.
         names: Effects that may be the reason; None for all.
         reasons: Why its result is degraded.
     """

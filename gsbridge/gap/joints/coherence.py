@@ -31,7 +31,7 @@ _AGREED = 0.8
 """Cosine, over all pairs of a joint, from which on channels agree in a line."""
 
 _DRAWS = 20000
-"""Of the sums that noise without lines would make."""
+"""Random draws of the sums that noise without lines would make."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +39,10 @@ class _Pair:
     """Two spectra of one stretch that motion makes equal.
 
     Args:
-        joint: Its number.
+        joint: Number of the joint.
         raw: Spectrum of the first side without a window, from frequency 0. [K].
-        one: Of the first side through the window. [F].
-        other: Of what it should be. [F].
+        one: Spectrum of the first side through the window. [F].
+        other: Spectrum of what the first side should be. [F].
         ahead, back: The window's spectrum of `raw` and of its conjugate. [F, K].
     """
 
@@ -72,9 +72,9 @@ def coherence_p(views: Sequence[JointResiduals], residuals: Sequence[Array], rng
     """Probability that channels without any relation would agree as well as these do, at all frequencies or in one line.
 
     Args:
-        views: Of some records.
+        views: Residuals of some records.
         residuals: Whitened, of each. [T, C].
-        rng: Of the surrogates: the same spectra with phases drawn anew before the window.
+        rng: Random numbers for the surrogates: the same spectra with phases drawn anew before the window.
 
     Returns:
         1 where there are no two channels that are related.
@@ -107,9 +107,9 @@ def line_p(views: Sequence[JointResiduals], residuals: Sequence[Array], rng: np.
     all records, are added.
 
     Args:
-        views: Of some records of equal length.
+        views: Residuals of some records of equal length.
         residuals: Whitened, of each. [T, C].
-        rng: Of sums that noise with a smooth spectrum would make.
+        rng: Random numbers for sums that noise with a smooth spectrum would make.
 
     Returns:
         1 where there are no two channels that are related.

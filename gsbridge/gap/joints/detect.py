@@ -22,14 +22,14 @@ SCALES = (1, 4, 16, 64)
 """Lengths of the blocks over which residuals are averaged, samples: an effect lasts longer than noise."""
 
 REPLICATES = 199
-"""Of noise."""
+"""Replicates of the noise that a null distribution is made of."""
 
 _UNSURE = 0.5
 """Spread, in multiples of what a finer step changes, of what is left of the step's error after it was taken off."""
 
 
 def excess(residual: Array) -> Array:
-    """By how many standard deviations squared residuals exceed white noise: for every scale, of each channel and of all.
+    """How far squared residuals exceed white noise, in standard deviations: for every scale, of each channel and of all.
 
     Args:
         residual: Whitened. [T, C].
@@ -51,7 +51,7 @@ class JointNull:
     """How effect-free residuals look.
 
     Args:
-        excesses: Of the replicates. [R, S * (C + 1)].
+        excesses: What `excess` gives for each replicate. [R, S * (C + 1)].
         gains: Largest gain of any signature in each replicate; empty without a bank. [R].
         share: Mean squared residual of one number.
     """

@@ -50,11 +50,11 @@ def diagnose_joints(
 
     Args:
         system: The mechanism.
-        records: By role: `fit`, `select`, `verify`.
+        records: Records by role: `fit`, `select`, `verify`.
         bank_folder: Keeps signatures from run to run.
         names: Effects that may be the reason; None for the whole catalogue.
         rules: Thresholds.
-        seed: Of replicates.
+        seed: Seed of replicates.
     """
     begin = time.perf_counter()
     mechanism = Mechanism(system)
@@ -125,9 +125,9 @@ def verify(view: JointResiduals, effects: Sequence[Applied], rng: np.random.Gene
     """Replay a record with and without effects; sizes are root mean squares in units of the noise (1 is noise alone).
 
     Args:
-        view: Of a record neither fitted nor used to choose.
+        view: Residuals of a record neither fitted nor used to choose.
         effects: What was found.
-        rng: Of effect-free replicates.
+        rng: Random numbers for effect-free replicates.
     """
     sizes, residual = [], np.zeros(0)
     for added in ((), tuple(effects)):

@@ -23,10 +23,10 @@ _SMALL = 0.05
 """Squared residual that a further step would have to win, in units of the noise, to be worth a simulation."""
 
 _SHARE = 1e-4
-"""The same as a share of the squared residual."""
+"""Share of the squared residual that a further step would have to win to be worth a simulation."""
 
 _STEP = 5e-3
-"""Of finite differences, in shares of a parameter's scale."""
+"""Step of finite differences, in shares of a parameter's scale."""
 
 _UNSURE = 0.2
 """Spread of the step's error after it was taken off, in multiples of what a finer step changes."""

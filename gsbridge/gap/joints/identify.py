@@ -51,7 +51,7 @@ class JointIdentification:
         bank: Signatures on `fit`.
         who: Candidates.
         rules: Thresholds.
-        seed: Of replicates.
+        seed: Seed of replicates.
     """
 
     def __init__(
@@ -317,7 +317,7 @@ class JointIdentification:
         return closed(self.plain, trial.residual, self.null.share)
 
     def _closed_first(self, trial: Hypothesis) -> float:
-        """The same on `fit`, where something else may have happened for a while; `select` tells whether it did."""
+        """Share of the gap on `fit` that a trial closes; `select` tells whether something else happened there for a while."""
         return closed_at_most_times(self.start, trial.first, self.null_first.share)
 
     def _unfitted(self, best: Hypothesis, matches: Sequence[SignatureMatch], trials: Sequence[Hypothesis]) -> list[str]:

@@ -80,7 +80,7 @@ class JointResiduals:
         mechanism: Simulates.
         record: Commands and measurements.
         spans: Stretches.
-        states: Their initial states as measured.
+        states: Initial state of each stretch as measured.
         sigma: Noise of each channel. [C].
         channels: Kind and joint of each channel, in the order of the residuals' columns.
         frame: How the replay moves with its initial state and its step.
@@ -107,7 +107,7 @@ class JointResiduals:
         Args:
             mechanism: Simulates.
             record: Commands and measurements. The noise is what it states, or what is left above all motion after a replay.
-            effects: In that replay.
+            effects: Effects in the replay that the record is compared with.
             folder: Keeps what depends on the commands only; None to compute it here.
         """
         system = mechanism.system
@@ -133,7 +133,7 @@ class JointResiduals:
         return self.mechanism.run(self.record, apply_effects(self.mechanism, effects), self.spans, self.states)
 
     def replay(self, effects: Sequence[Applied] = ()) -> Array:
-        """The same as channels side by side, remembered, with the step's own error in the nominal motion taken off. [T, C]."""
+        """Simulated channels side by side, remembered, without the step's own error in the nominal motion. [T, C]."""
         key = repr([effect.record() for effect in effects])
         if key not in self._replays:
             if len(self._replays) >= _KEPT:

@@ -22,7 +22,7 @@ _SMALL, _LARGE = 1e-2, 4.0
 """Squared lengths of signatures, as shares of the residual's, that may take part in a sum of several."""
 
 SETS = 6
-"""Of effects that are tried for each number of them."""
+"""Sets of effects that are tried for each number of effects in a set."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class SignatureMatch:
     Args:
         candidate: Who.
         gain: Squared residual that the best of its signatures removes, in units of the noise.
-        cosine: Of the angle between residual and signature.
+        cosine: Cosine of the angle between residual and signature.
         starts: Parameters to start a fit from, best first.
         bound: Squared residual that all of its signatures together remove, whatever their factors: no fit does much better.
     """
@@ -63,7 +63,7 @@ class Screen:
     """Signatures of a bank in units of the noise of one view.
 
     Args:
-        view: Of the record that the bank belongs to.
+        view: Residuals of the record that the bank belongs to.
         bank: Signatures.
 
     Attributes:
@@ -188,7 +188,7 @@ class Screen:
         """The best sums of `count` signatures of different candidates, each with a factor near one.
 
         Args:
-            residual: In units of the noise. [T, C].
+            residual: Residual in units of the noise. [T, C].
             count: Signatures in a sum.
             keep: How many sums to return at most.
 

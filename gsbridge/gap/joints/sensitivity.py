@@ -32,8 +32,8 @@ class Sensitivity:
     """Derivatives of a nominal replay.
 
     Args:
-        nudges: By position and speed of each joint at the start, SI units. [2 N, T, kinds, N]; with a tool the last axis has at
-            least three columns, and what is not there is not-a-number.
+        nudges: By position and speed of each joint at the start, in SI units. [2 N, T, kinds, N]; with a tool the last axis has
+            at least three columns, and what is not there is not-a-number.
         stepping: What a finer step changes: engines differ by about as much, each taking speeds or positions of the begin or
             the end of a step. [T, kinds, N].
         made: Simulations spent on it now; 0 where it was read.
@@ -45,7 +45,7 @@ class Sensitivity:
 
 
 def start_states(mechanism: Mechanism, record: Record, spans: Sequence[Span], measured: Sequence[State]) -> list[State]:
-    """States where derivatives are taken: commanded ones under position feedback, as records may share them; else measured ones.
+    """States where derivatives are taken: commanded ones under position feedback, as records may share them, else measured.
 
     Args:
         mechanism: Simulates.

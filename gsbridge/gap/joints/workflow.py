@@ -39,7 +39,7 @@ class JointBackend(CaseBackend):
 
     @classmethod
     def read(cls, path: str | Path) -> JointBackend:
-        """From a case's file, checked.
+        """Read a case from its file and check it.
 
         Raises:
             InputError: It cannot be used.

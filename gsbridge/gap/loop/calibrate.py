@@ -30,16 +30,16 @@ from gsbridge.geometry import Array
 logger = logging.getLogger("gsbridge")
 
 FIGURES = ("stiffness", "damping", "armature", "viscous", "coulomb")
-"""Of each joint; beside them the delay of the commands."""
+"""Figures of each joint that are fitted; the delay of all commands is fitted, too."""
 
 _FLOORS = {"stiffness": 1.0, "damping": 0.1, "armature": 1e-3, "viscous": 1e-2, "coulomb": 1e-2}
 """Sizes below which a figure is as good as zero; they scale the search, SI units."""
 
 _DELAY = 0.005
-"""The same of the delay, s."""
+"""Delay below which it is as good as zero, s; it scales the search."""
 
 _STEP = 1e-3
-"""Of finite differences, in scales."""
+"""Step of finite differences, in shares of a figure's scale."""
 
 _LONGEST = 0.4
 """Longest delay, s."""
@@ -56,16 +56,16 @@ class Calibration:
     """A calibrated arm.
 
     Args:
-        figures: By name of `FIGURES`. [N] each.
+        figures: Fitted figures, by name of `FIGURES`. [N] each.
         deviations: Standard deviation of each, residuals above the noise allowed for. [N] each.
-        delay: Of the commands, s.
-        delay_deviation: Its standard deviation, s.
+        delay: Delay of the commands, s.
+        delay_deviation: Standard deviation of the delay, s.
         before: Residual of each record under the model as it was, in units of the noise.
-        after: The same under the calibrated one.
+        after: Residual of each record under the calibrated model, in units of the noise.
         floor: What the calibrated model leaves on records that were not fitted, by kind and joint, SI: the smallest noise under
             which it would pass for right. [N] each.
         runs: Simulations.
-        seconds: Of the whole.
+        seconds: Time that the whole calibration took, s.
     """
 
     figures: Mapping[str, Array]
@@ -84,7 +84,7 @@ def calibrate(system: MechanismModel, records: Mapping[str, Record], held_out: S
 
     Args:
         system: The arm as its model has it; its gains are where the search starts.
-        records: By role.
+        records: Records by role.
         held_out: Roles that are not fitted, only judged.
     """
     begin = time.perf_counter()

@@ -26,7 +26,7 @@ def describe_arm(robot: str | Path, registration: str | Path, model: str | Path,
         registration: `registration.json`.
         model: The simulation's model.
         urdf: The arm's description.
-        out: Its model, in the same folder.
+        out: Model of the arm, in the same folder.
     """
     placed = read_registration(registration).base_from_table
     write_arm(RobotFiles.read(robot), read_model(model), placed, urdf, out)

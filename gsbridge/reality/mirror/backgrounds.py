@@ -41,7 +41,7 @@ def _dots(image: Array, count: int, radius: tuple[float, float], values: Array, 
 
 
 def _byte_paint(reflectance: Array) -> Array:
-    """To 8 bits on a square-root scale, where OpenCV paints with anti-aliasing."""
+    """Reflectance as 8 bits on a square-root scale, where OpenCV paints with anti-aliasing."""
     return np.rint(255 * np.sqrt(np.clip(reflectance, 0, 1))).astype(np.uint8)
 
 

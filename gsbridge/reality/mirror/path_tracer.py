@@ -84,7 +84,7 @@ def _cache_file() -> Path:
 
 
 def _known_to_work(library: Path) -> bool:
-    """The same, remembered between processes for as long as library and Mitsuba stay what they are."""
+    """Whether the library works, remembered between processes for as long as library and Mitsuba stay what they are."""
     from importlib.metadata import version
 
     state = library.stat()

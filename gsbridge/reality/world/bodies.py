@@ -86,7 +86,7 @@ def true_from_body(name: str, seed: int, body_from_table: Array) -> Array:
     Args:
         name: One of the mirror's objects.
         seed: Seed of the world's textures and shapes.
-        body_from_table: Of the reconstruction, from its film's table (`asset.json`). [4, 4].
+        body_from_table: Body frame of the reconstruction, from its film's table frame (`asset.json`). [4, 4].
 
     Returns:
         [4, 4].
@@ -104,7 +104,7 @@ class TrueBody:
     """A true object in its body frame: footprint centre at the origin, standing on z = 0; m, kg.
 
     Args:
-        name: Its name.
+        name: Name of the body.
         mass: kg.
         centre: Centre of mass. [3].
         inertia: About the centre of mass, kg m2. [3, 3].

@@ -29,7 +29,7 @@ from gsbridge.reality.world.hidden import Hidden
 from gsbridge.robot.assembly import RobotFiles
 
 FIELD_OF_VIEW = np.deg2rad(42.5)
-"""Of the square picture, rad: the middle of a RealSense D435i's colour image, as in the paper."""
+"""Field of view of the square picture, rad: the middle of a RealSense D435i's colour image, as in the paper."""
 
 _NEAR, _FAR = 0.01, 20.0
 _SHEET_PIXELS_PER_M = 2000.0

@@ -36,7 +36,7 @@ class DriverLog:
     Args:
         time: s; the episode begins at `WAIT`. [T].
         command: Set points sent to the joint controllers, rad. [T, N].
-        command_velocity: Their speeds, sent with them, rad/s. [T, N].
+        command_velocity: Speeds sent with the commands, rad/s. [T, N].
         position: Measured angles, rad. [T, N].
         velocity: Measured speeds, rad/s. [T, N].
         effort: Measured motor torques, what carries the weight included, N m. [T, N].

@@ -42,9 +42,9 @@ class Hidden:
         encoder_noise: Standard deviation of measured joint angles, rad.
         torque_noise: Standard deviation of measured joint torques, N m.
         camera_shift: How far the wrist camera sits from its nominal place, along the flange's axes, m.
-        camera_turn: Its turn from the nominal axes, rotation vector in the flange frame, rad.
+        camera_turn: Turn of the camera from its nominal axes, rotation vector in the flange frame, rad.
         table_shift: How far the table stands from its nominal place, along the base's axes, m.
-        table_turn: Its turn from the nominal axes, rotation vector in the base frame, rad.
+        table_turn: Turn of the table from its nominal axes, rotation vector in the base frame, rad.
         light_turn: Turn of the lamp about the vertical through the middle of the table, rad.
         light_rise: Change of the lamp's height angle, rad.
         light_power: Factor on all light.
@@ -118,7 +118,7 @@ class Hidden:
         return cls(**values)  # type: ignore[arg-type]
 
     def changed(self, changes: Mapping[str, Any], source: str = "hidden parameters") -> Hidden:
-        """The same world with some parameters set: how further worlds are made.
+        """This world with some parameters set; further worlds are made so.
 
         Args:
             changes: Values by name; a single number for a parameter of several values sets them all.

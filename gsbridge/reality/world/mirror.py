@@ -17,15 +17,15 @@ from gsbridge.reality.world.physics import MirrorPhysics, build_physics
 from gsbridge.robot.assembly import RobotFiles
 
 TRIAL = Quality(samples=32, depth=2)
-"""Of the pictures of trials, thousands of which are taken: direct light of lamp and sky with its shadows."""
+"""Quality of the pictures of trials, thousands of which are taken: direct light of lamp and sky with its shadows."""
 
 
 class MirrorWorld:
     """Stand-in for reality; implements `gsbridge.tasks.world.SeeingWorld`.
 
     Args:
-        physics: Its physics.
-        camera: Its camera.
+        physics: Physics of the world.
+        camera: Wrist camera of the world.
         quality: Samples and depth of its pictures; None for those of trials.
     """
 

@@ -44,8 +44,8 @@ class Line:
 
     Args:
         cell: What it learned.
-        starts: Its start poses.
-        distances_mm: Of the paths from each. [N].
+        starts: Start poses that the line shows.
+        distances_mm: Distance between the paths from each start pose, mm. [N].
     """
 
     cell: Cell
@@ -142,7 +142,7 @@ def _draw_space(part: SubFigure, line: Line, world: str, limits: tuple[Array, Ar
 
 
 def _draw_top(part: SubFigure, line: Line, world: str, limits: tuple[Array, Array]) -> None:
-    """The same paths from above."""
+    """Draw the paths as seen from above."""
     axes = part.subplots()
     starts = spread_starts(line.starts)
     for start in starts:

@@ -46,9 +46,9 @@ class Column:
     """One edit.
 
     Args:
-        title: Its name.
-        pictures: By line; see `WHOLE` and `DETAIL`.
-        quality: By line; lines without figures are left out.
+        title: Name of the column.
+        pictures: Pictures by line; see `WHOLE` and `DETAIL`.
+        quality: Figures by line; lines without figures are left out.
     """
 
     title: str

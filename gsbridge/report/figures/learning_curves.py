@@ -25,7 +25,7 @@ COLOURS = {"gs": "#1f6f8b", "mesh": "#c2571a", "mesh_vertex": "#8a6fb0"}
 CONTROLLER_COLOUR = "#8592a0"
 PER_LINE = 4
 LEAST_WIDTH = 5.0
-"""Of the figure, inches: a single panel keeps room for the legend."""
+"""Smallest width of the figure, inches: a single panel keeps room for the legend."""
 CURVE_COLUMNS = ("step", "success", "controller_success")
 
 

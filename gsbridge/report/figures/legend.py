@@ -17,7 +17,7 @@ def legend_above(figure: FigureBase, handles: Sequence[Artist], labels: Sequence
     Args:
         figure: Figure or subfigure with constrained layout.
         handles: What is explained. [N].
-        labels: Its words. [N].
+        labels: Words of the legend. [N].
         fontsize: Points.
     """
     for columns in range(len(labels), 0, -1):

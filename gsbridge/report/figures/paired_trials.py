@@ -31,8 +31,8 @@ class TrialFiles:
     """Trials of one policy in one world.
 
     Args:
-        world: Its name; `sim` is the one in which the policy learned.
-        seed: Of the policy.
+        world: Name of the world; `sim` is the one in which the policy learned.
+        seed: Seed of the policy.
         table: CSV, one row per trial.
         log: Paths and pictures (`gsbridge.environment.trial_log`).
     """
@@ -48,7 +48,7 @@ class Tried:
     """One trial in one world.
 
     Args:
-        success: As the tables count it: excess contact is a failure in simulation only.
+        success: Success as the tables count it: excess contact is a failure in simulation only.
         failure: Word of `gsbridge.tasks.outcome.Failure`; empty for a success.
         path: What happened.
     """
@@ -78,12 +78,12 @@ class Start:
     """Trials of one policy from one start pose.
 
     Args:
-        seed: Of the policy.
+        seed: Seed of the policy.
         pose_set: `fixed` or `unseen`.
         index: Number of the pose in its set.
         quadrant: 1 to 4.
         pose: x, y, m, and yaw, rad, of the object. [3].
-        trials: By world, simulation first.
+        trials: Trials by world, simulation first.
     """
 
     seed: int
@@ -99,7 +99,7 @@ class Start:
         return f"{self.pose_set} {self.index}"
 
     def succeeded(self) -> bool:
-        """In every world."""
+        """Whether the trial succeeded in every world."""
         return all(trial.success for trial in self.trials.values())
 
     def distance_mm(self, world: str) -> float:

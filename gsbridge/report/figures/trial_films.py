@@ -26,7 +26,7 @@ SIDE, GAP, BORDER, TEXT, HEAD = 148, 10, 3, 36, 40
 """Edge of a picture, room between trials, frame, lines below a trial and title above all, px."""
 MOST_BYTES = 2_000_000
 QUALITIES = (72, 55, 40, 25)
-"""Of the film: the first one with which it stays below `MOST_BYTES`."""
+"""Qualities of the film, tried in this order: the first one with which it stays below `MOST_BYTES` is taken."""
 
 PAPER, INK, SOFT = (251, 252, 253), (29, 39, 51), (91, 107, 123)
 RUNNING, WON, LOST = (203, 211, 219), (44, 122, 75), (190, 44, 52)
@@ -37,7 +37,7 @@ def write_trial_film(cell: Cell, files: Sequence[TrialFiles], out: str | Path) -
 
     Args:
         cell: What the policy learned.
-        files: Its trials; one world or several, the same for all seeds.
+        files: Trials of the policy; one world or several, the same for all seeds.
         out: WebP. It runs in real time, each trial until its end; the frame of a picture then tells the outcome.
 
     Raises:

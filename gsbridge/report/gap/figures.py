@@ -149,8 +149,8 @@ def draw_where(before: Mapping[str, Any], after: Mapping[str, Any] | None) -> st
     """Map of where the difference shows: channel by phase and state, and below it what remains.
 
     Args:
-        before: As `gsbridge.gap.joints.residual_map.ResidualMap.record`.
-        after: The same with the best explanation; None where there is none.
+        before: The map, as `gsbridge.gap.diagnosis.residual_map.ResidualMap.record` gives it.
+        after: The map with the best explanation; None where there is none.
     """
     maps = [(title, found) for title, found in (("before", before), ("after", after)) if found is not None]
     values = np.array(before["values"], dtype=float)

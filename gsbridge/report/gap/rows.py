@@ -21,7 +21,7 @@ def gap_row(case: str, findings: Mapping[str, Any]) -> dict[str, Any]:
     """One case.
 
     Args:
-        case: Its name.
+        case: Name of the case.
         findings: `findings.json`.
     """
     checked = findings["verify"] or {}

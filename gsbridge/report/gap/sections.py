@@ -42,9 +42,9 @@ class Parts(ABC):
         short: Unit of the rivals' distances, empty for multiples of the noise.
         enough: How far rivals must be behind, where that is one number.
         whole: What an effect without a joint acts on.
-        where_caption: Of the map.
-        rivals_note: Below the rivals.
-        noise_note: Below the table of the noise.
+        where_caption: Caption of the map of residuals.
+        rivals_note: Note below the table of rivals.
+        noise_note: Note below the table of the noise.
     """
 
     logs: str
@@ -86,7 +86,7 @@ class Parts(ABC):
 
 
 class MechanismParts(Parts):
-    """Of records of a mechanism, in multiples of the noise."""
+    """Sections about records of a mechanism; gaps are multiples of the noise."""
 
     def numbers(self, findings: Mapping[str, Any], judged: Mapping[str, Any], explained: bool) -> list[dict[str, str]]:
         """Multiples of the noise."""
@@ -121,7 +121,7 @@ class MechanismParts(Parts):
 
 
 class ThrowParts(Parts):
-    """Of throws, in millimetres."""
+    """Sections about throws; gaps are in millimetres."""
 
     def numbers(self, findings: Mapping[str, Any], judged: Mapping[str, Any], explained: bool) -> list[dict[str, str]]:
         """Mean distances."""
@@ -172,7 +172,7 @@ MECHANISM = MechanismParts(
     "likelihood, less sure by as much as blocks of time spread more than white noise.",
     noise_note="Gap: root mean square residual of the model as it was, in units of the noise.",
 )
-"""For every model with joints."""
+"""Sections of the report on any model with joints."""
 
 THROWS = ThrowParts(
     logs="throws",
@@ -185,7 +185,7 @@ THROWS = ThrowParts(
     rivals_note="Behind: mean distance more than the best one's. The probability is a bootstrap over throws.",
     noise_note="Gap: root mean square distance of the model as it was, in mm.",
 )
-"""For a thrown body."""
+"""Sections of the report on a thrown body."""
 
 
 def _number(value: str, label: str, tone: str = "") -> dict[str, str]:

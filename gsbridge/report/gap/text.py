@@ -47,7 +47,7 @@ def effect_title(name: str) -> str:
 
 
 def explanation_title(names: Any) -> str:
-    """The same for a set of effects."""
+    """Title of a set of effects, in words."""
     return " + ".join(effect_title(name) for name in explanation(names).split(" + "))
 
 
@@ -89,7 +89,7 @@ def most(found: Mapping[str, Any], unit: str = "noise") -> str | None:
 
     Args:
         found: The map.
-        unit: Of its values, as findings state it.
+        unit: Unit of the map's values, as findings state it.
     """
     values, marked = np.array(found["values"], dtype=float), np.array(found["marked"], dtype=bool)
     if not marked.any():

@@ -97,7 +97,7 @@ class Film:
 
 
 def read_policy_rows(named: Mapping[str, Path]) -> PolicyRows:
-    """Those of the rows that are about policies, in the order of the page.
+    """Read those of the rows that are about policies, in the order of the page.
 
     Raises:
         InputError: Rows are damaged.

@@ -30,7 +30,7 @@ PLANE_M = 0.12
 """Distance from the camera at which its picture is drawn in space."""
 
 EYE_M, TARGET_M = (0.9, -0.7, 0.9), (-0.15, 0.25, 0.3)
-"""From where the viewer first looks at arm and table, and whereto; table frame. The nominal base is at x = -0.6, y = 0.265."""
+"""Points where the viewer first stands and looks at; table frame, m. The nominal base is at x = -0.6, y = 0.265."""
 
 
 @dataclass(frozen=True)

@@ -108,7 +108,7 @@ def lines(chain: Chain, centres: Array, q: Array) -> Array:
 
     Args:
         chain: The mechanism.
-        centres: Of mass, joint frames, m. [N, 3].
+        centres: Centres of mass, joint frames, m. [N, 3].
         q: Joint positions in the order of the records. [N].
 
     Returns:

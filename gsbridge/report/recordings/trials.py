@@ -30,7 +30,7 @@ WINDOW_S = 3.0
 PAD_M, PALM_M = 0.02, 0.06
 """Half the width of the drawn pads and the height of the drawn palm over the tool point."""
 EYE_M, TARGET_M = (0.55, -0.35, 0.50), (0.0, 0.26, 0.08)
-"""From where the viewer first looks, and whereto; table frame. Objects start round x = 0, y = 0.265."""
+"""Points where the viewer first stands and looks at; table frame, m. Objects start round x = 0, y = 0.265."""
 
 
 def record_trials(cell: Cell, files: Sequence[TrialFiles], item: str | Path, background: str | Path, out: str | Path) -> None:
@@ -43,7 +43,7 @@ def record_trials(cell: Cell, files: Sequence[TrialFiles], item: str | Path, bac
 
     Args:
         cell: What the policy learned.
-        files: Its trials, all worlds and seeds.
+        files: Trials of the policy, all worlds and seeds.
         item, background: `asset.json` of both.
         out: The `.rrd`.
 

@@ -23,7 +23,7 @@ POOLED = {
 """Rates over the cases of several tiers together, and the floors' names for them."""
 
 PHOTOS = "t4"
-"""Its cases draw pictures, where others simulate."""
+"""Tier of the benchmark whose cases draw pictures, where those of the others simulate motions."""
 
 REAL = "results/benchmarks/gap_measured.json"
 
@@ -112,7 +112,7 @@ def real_figures(found: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """What was said about real logs, from `benchmarks/gap_measured.py`.
 
     Args:
-        found: Its figures, by kind of logs; kinds that did not run are left out.
+        found: Figures of that benchmark, by kind of logs; kinds that did not run are left out.
     """
     out: dict[str, dict[str, Any]] = {}
     if "tosses" in found:

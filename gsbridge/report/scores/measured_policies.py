@@ -280,8 +280,8 @@ def loop_figures(rows: Sequence[Row], loops: Sequence[Mapping[str, str]], where:
 
     Args:
         rows: Rows of a closed loop.
-        loops: Of each: `reference` and `world`, the policies `before` and `after`, the latter empty where none learned anew.
-        where: Their file.
+        loops: `reference`, `world`, and the policies `before` and `after` of each; `after` is empty where none learned anew.
+        where: File that the figures come from.
 
     Returns:
         `loop_{world}_before`, `loop_{world}_changed` and `loop_{world}_after`, percent.

@@ -10,7 +10,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import atomic_file, read_json
 
 AREAS = ("real2sim", "simulator", "policies", "worlds", "study", "gap", "loops")
-"""In the page's order."""
+"""Areas of the figures, in the page's order."""
 
 NAMED = 6
 """Largest number of changes that the page names."""

@@ -102,7 +102,7 @@ PAPER_SUCCESS: dict[Cell, PaperSuccess] = {
     Cell("grasp", "bear", "foam_pad", "mesh"): PaperSuccess(30, 8),
     Cell("pick_and_place", "cake", "plate"): PaperSuccess(22, 23),
 }
-"""By cell; `mesh` is the paper's RL-sim. It prints 71.87 % for 23 of 32, cut off where the others are rounded."""
+"""The paper's successes by cell; `mesh` is its RL-sim. It prints 71.87 % for 23 of 32, cut off where the others are rounded."""
 
 PAPER_GRASPS = tuple(cell for cell in PAPER_SUCCESS if cell.task == "grasp" and cell.renderer == "gs")
 """The eight grasp cells of RL-GSBridge."""

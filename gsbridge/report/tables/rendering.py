@@ -20,7 +20,7 @@ class SceneLine:
     """One scene in one split and region.
 
     Args:
-        scene, kind, origin: Which scene.
+        scene, kind, origin: Name, kind and origin of the scene.
         status: `pass` or `degraded`, the worst of its main runs.
         reasons: Why it is degraded.
         metrics: {binding: {metric: mean over the seeds, None where not measured}}.

@@ -72,7 +72,7 @@ def mean_maximum_rank_violation(sim_rates: Sequence[float], real_rates: Sequence
 
     Args:
         sim_rates: Success rates in simulation, 0..1. [N].
-        real_rates: Of the same cells in reality, which weighs the violations. [N].
+        real_rates: Success rates of the same cells in reality, which weigh the violations. [N].
 
     Raises:
         ValueError: There are not as many rates in both worlds.

@@ -43,7 +43,7 @@ class Count:
 
 
 Counts = dict[tuple[Cell, str, str], Count]
-"""By cell, world and set of poses."""
+"""Trials and successes by cell, world and set of start poses."""
 
 
 def read_counts(rows: Sequence[Row]) -> Counts:
@@ -334,7 +334,7 @@ def summary_table(rows: Sequence[Row], task: str, *, title: str) -> Table | None
 
 
 def mirrors_table(rows: Sequence[Row], *, title: str) -> Table | None:
-    """The same policies in all mirrors, each with a shape, light and physics of its own; None for fewer than two mirrors."""
+    """Table of one set of policies in all mirrors, each with its own shape, light and physics; None for fewer than two."""
     counts = read_counts(rows)
     worlds = [world for world in worlds_in(counts) if world.split("_")[0] == MIRROR]
     if len(worlds) < 2:

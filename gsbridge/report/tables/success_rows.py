@@ -28,7 +28,7 @@ TRIAL_COLUMNS = (
     *("pose_set", "index", "quadrant", "x", "y", "yaw"),
     *("success", "success_tolerant", "failure", "steps", "clipped", "refused"),
 )
-"""Of the trials of a policy; trials on a robot need the `REQUIRED` ones only."""
+"""Columns of a policy's table of trials; trials on a robot need the `REQUIRED` ones only."""
 
 POSES = PER_QUADRANT * len(QUADRANTS)
 STRICT_WORLD = "sim"
@@ -45,8 +45,8 @@ class Trials:
     Args:
         pose_set: `fixed` or `unseen`. str [N].
         index: Number of the start pose in its set, 0 to 31. int [N].
-        quadrant: Of the start pose, 1 to 4. int [N].
-        success: By all rules of the task. bool [N].
+        quadrant: Quadrant of the start pose, 1 to 4. int [N].
+        success: Success by all rules of the task. bool [N].
         success_tolerant: Excess contact forgiven. bool [N].
         failure: Word of `Failure`; `none` for a success, empty where the reason was not written down. str [N].
     """
@@ -62,7 +62,7 @@ class Trials:
         return len(self.index)
 
     def of(self, pose_set: str) -> Trials:
-        """Those of one set of start poses."""
+        """Trials from one set of start poses."""
         rows = self.pose_set == pose_set
         return Trials(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
@@ -160,7 +160,7 @@ class TrialFile:
     Args:
         cell: What the policy was trained for.
         world: `sim`, `mirror`, `mirror_2`, … or `robot`.
-        seed: Of the training.
+        seed: Seed of the training.
         trials: What happened.
         reasons: Why the trials, or the policy, are no clean pass.
     """

@@ -1,4 +1,4 @@
-"""The same policies in further worlds: tables in Markdown."""
+"""Tables in Markdown of the paper's policies in further worlds."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ EIGHT = layout.EIGHT
 _DIGIT = 12
 _KEY = 2 * _DIGIT
 _CORNER = 0b11 | 0b11 << layout.SQUARE
-"""Of a `MASK`: two blocks by two."""
+"""Bits of a `MASK` that stand for its first two blocks by two."""
 
 
 @njit(error_model="numpy")

@@ -65,7 +65,7 @@ def row_span(
         near: First row of pixel centres from the splat's centre, px.
         tilt: dy of the ellipse's right tip, px; the left tip is opposite.
         level, curve: `4 xx reach` and `4 xx yy - xy^2`: the ellipse is `xx dx dx + xy dx dy + yy dy dy = reach`.
-        xy: As above.
+        xy: Coefficient of `dx dy` in the ellipse's equation.
         scale: `1 / (8 xx)`: half widths in blocks.
         origin: The splat's x from half a pixel into the block that counts as 0, in blocks.
     """
@@ -115,10 +115,10 @@ def project(
     Args:
         lanes: What `gsbridge.splats.rasterize.preparing.prepare` filled.
         count: Splats.
-        groups: Which groups of `GROUP` splats to look at. [G] int64.
+        groups: Numbers of the groups of `GROUP` splats to look at. [G] int64.
         owners: Row in `views` of each of these groups. [G] int64.
-        views: Of every frame that splats are given in: fx, fy, cx, cy, then the rotation and the translation from it to the
-            camera. [F * 16].
+        views: Row of numbers for every frame that splats are given in: fx, fy, cx, cy, then the rotation and the translation
+            from it to the camera. [F * 16].
         near: Smallest camera z, m.
         width, height: Image, px.
         records: Filled with one record per visible splat, in the order of the splats. [N * RECORD].

@@ -58,7 +58,7 @@ class Chain:
         """Where a link's frame is, base frame, m.
 
         Args:
-            link: Its name.
+            link: Name of the link.
             q: Positions in the order of the joints here. [T, N].
 
         Returns:

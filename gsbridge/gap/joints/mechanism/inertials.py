@@ -23,7 +23,7 @@ class Inertial:
 
     Args:
         mass: kg.
-        centre: Of mass, link frame, m. [3].
+        centre: Centre of mass, link frame, m. [3].
         inertia: About the centre, link axes, kg m2. [3, 3].
     """
 
@@ -32,11 +32,11 @@ class Inertial:
     inertia: Array
 
     def scaled(self, factor: float) -> Inertial:
-        """The same shape of another density."""
+        """Mass properties of the same shape with its density multiplied by `factor`."""
         return Inertial(self.mass * factor, self.centre.copy(), self.inertia * factor)
 
     def with_point(self, mass: float, place: Array) -> Inertial:
-        """With a point mass fixed at `place` (link frame, m) added."""
+        """Mass properties with a point mass (kg) fixed at `place` (link frame, m) added."""
         total = self.mass + mass
         if total <= 0:
             return Inertial(self.mass, self.centre.copy(), self.inertia.copy())

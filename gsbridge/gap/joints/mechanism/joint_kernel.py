@@ -95,8 +95,8 @@ def simulate(
 
     Args:
         parents, fixed, axes, slides, bodies: The tree as it is; joints in its order.
-        gravity: As it is. [3].
-        brain_bodies, brain_gravity: As the controller knows them.
+        gravity: Gravity as it acts, base frame, m/s2. [3].
+        brain_bodies, brain_gravity: Bodies and gravity as the controller believes them to be.
         law: Figures of the joints. [len(LAW), N].
         mode: One of `MODE`.
         bandwidth: rad/s (mode position).

@@ -30,10 +30,10 @@ class ControllerModel:
 
     Args:
         mode: One of `MODES`.
-        rate: Of the control loop, Hz; also of the physics, which take whole steps per loop.
+        rate: Rate of the control loop, Hz; the physics take a whole number of steps per loop.
         stiffness: Torque per position error, N m/rad (mode `pd`). [N].
         damping: Torque per speed error, N m s/rad (mode `pd`). [N].
-        bandwidth: Of the servo, Hz (mode `position`).
+        bandwidth: Bandwidth of the servo, Hz (mode `position`).
         gravity_compensation: Share of the weight that the controller carries.
         velocity_reference: `zero`: damping acts on the speed; `derivative`: on the speed error, the command's own derivative.
         torque_limit: Largest torque of each joint, N m; infinite where there is none. [N].
@@ -61,7 +61,7 @@ class MechanismModel:
     """A mechanism as it is simulated.
 
     Args:
-        urdf: Its description.
+        urdf: Description of the mechanism.
         joints: Driven and logged joints, in the order of the records. All others are held.
         gravity: Acceleration in the base frame, m/s2. [3].
         controller: How it is driven.
@@ -90,7 +90,7 @@ class MechanismModel:
 
     @property
     def time_step(self) -> float:
-        """Of the physics, s."""
+        """Step of the physics, s."""
         return 1.0 / self.physics_rate
 
     def digest(self) -> str:

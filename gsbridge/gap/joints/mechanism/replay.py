@@ -39,7 +39,7 @@ class Mechanism:
 
     Attributes:
         runs: Simulations so far.
-        shared: Those of them whose results are kept for all records of equal commands.
+        shared: Simulations among `runs` whose results are kept for all records of equal commands.
     """
 
     def __init__(self, system: MechanismModel) -> None:

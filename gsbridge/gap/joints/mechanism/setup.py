@@ -28,10 +28,10 @@ class JointSetup:
 
     Args:
         law: Figures of the joints, by their names in `gsbridge.gap.joints.mechanism.joint_kernel.LAW`. Each [N].
-        gravity: As it acts, base frame, m/s2; the controller believes in the nominal one. [3].
+        gravity: Gravity as it acts, base frame, m/s2; the controller believes in the nominal one. [3].
         inertials: Mass properties of the links as they are; the controller believes in the nominal ones.
         child_of: Link that each joint moves.
-        joints: Their names.
+        joints: Names of the joints.
         commands: Hooks on the way of the commands.
         outputs: Hooks on the way to the log.
     """
