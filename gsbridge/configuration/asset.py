@@ -25,9 +25,9 @@ class AssetSection(Settings):
     concavity: Positive = Field(default=0.005, le=1)
     """Dents up to this depth are filled by the convex hulls, m."""
     most_hulls: Whole = Field(default=12, ge=1, le=200)
-    """Hulls, at most."""
+    """Largest number of convex hulls."""
     hull_vertices: Whole = Field(default=64, ge=4, le=1000)
-    """Vertices of a hull, at most: contacts cost time with each."""
+    """Largest number of vertices of a hull; each costs time in every contact."""
     hull_tolerance: Number = Field(default=0.0003, ge=0, le=0.1)
     """How far a hull may be cut back to save vertices, m."""
     foot: Number = Field(default=0.001, ge=0, le=0.1)

@@ -18,7 +18,7 @@ class Work(Settings):
     """A task with an object on a background."""
 
     task: Task
-    """What is to be done."""
+    """Task of the policy."""
     object: str
     """Scene of the object."""
     background: str
@@ -32,19 +32,19 @@ class Cell(Work):
     """What the policy sees in training: `gs` splats, `mesh` meshes in one colour each (the paper's control, RL-sim),
     `mesh_vertex` meshes with vertex colours."""
     robot_trials: OrNull[str] = None
-    """Table of trials on your robot, CSV with at least the columns `pose_set`, `index`, `success`; it fills the rows `robot` of
-    the tables."""
+    """Your own trials on a robot, a CSV table with at least the columns `pose_set`, `index` and `success`. They fill the rows
+    `robot` of the tables."""
 
 
 class Variant(Settings):
     """What differs from the paper's way."""
 
     policy: PolicyOverride = Field(default_factory=PolicyOverride)
-    """Settings of the training that go before `grasp_policy` and `pick_and_place_policy`."""
+    """Settings of the training that override those of `grasp_policy` and `pick_and_place_policy`."""
     model: OrNull[str] = None
     """Simulation model, YAML; null for `models/nominal.yaml`. One that begins with `results/` is made by the workflow."""
     controller_offset: tuple[Offset, Offset] = (0.0, 0.0)
-    """Error of the baseline controller, which believes the object to stand so far off, x and y, m."""
+    """Error of the baseline controller: how far from its true place, in x and y, it believes the object to be, m."""
 
 
 def _with_default(variants: dict[str, Variant]) -> dict[str, Variant]:
@@ -60,7 +60,7 @@ class World(Settings):
     """A mirror in which policies are judged. Table and camera stand where the configuration's seed puts them."""
 
     seed: OrNull[Annotated[Whole, Field(ge=0)]] = None
-    """Seed of what else is hidden; null for the configuration's."""
+    """Seed of the hidden parameters that `hidden` does not set; null takes the configuration's seed."""
     hidden: dict[str, Free] = Field(default={})
     """Hidden parameters that this world sets, by name (docs/mirror.md)."""
 
@@ -82,9 +82,10 @@ class SightStudy(Settings):
     worlds: Names = Field(default=[])
     """Names of worlds."""
     reference: str = "mirror"
-    """World of the photos of the first day."""
+    """World in which the photos of the first day are taken."""
     amended: dict[str, Names] = Field(default={})
-    """By world, variants that learn with what its photos say has changed; an empty list where that is only said."""
+    """Variants that train with the changes found in the photos of a world, by world. For a world with an empty list the changes
+    are only reported."""
     postures: Whole = Field(default=24, ge=12, le=100)
     """Postures from which the wrist camera is photographed."""
     repeats: Whole = Field(default=4, ge=1, le=50)
@@ -94,25 +95,25 @@ class SightStudy(Settings):
 
 
 class Study(Settings):
-    """Ways of learning that are compared at equal environment steps."""
+    """Comparison of ways of learning at equal numbers of environment steps."""
 
     cell: Work = Field(default_factory=lambda: Work(task="grasp", object="bear", background="foam_pad"))
-    """Task, object and background on which they are compared."""
+    """Task, object and background on which the ways of learning are compared."""
     variants: list[str] = Field(default=["default"], min_length=1)
-    """Names of the variants; give them `stop_after: 0`, so that all take the same number of steps."""
+    """Names of the variants to compare. Give them `stop_after: 0`, so that all train for the same number of steps."""
     seeds: Whole = Field(default=3, ge=1, le=100)
-    """Policies of each variant, each trained with its own seed."""
+    """Number of policies of each variant, each trained with its own seed."""
     worlds: Names = Field(default=[])
-    """Further worlds in which the policies of all cells are tried that were trained on splats."""
+    """Further worlds in which every policy that was trained on splats is tried."""
     sight: SightStudy = Field(default_factory=SightStudy)
-    """What else the camera may see (docs/gap_images.md)."""
+    """Study of changes that only the camera sees (docs/gap_images.md)."""
 
 
 class Loop(Settings):
     """The demonstration of the closed loop, on one cell."""
 
     cell: Work = Field(default_factory=lambda: Work(task="grasp", object="cake", background="foam_pad"))
-    """Task, object and background of it; the mirror must film both."""
+    """Task, object and background of the demonstration; the mirror must film both scenes."""
     reference: str = "mirror"
     """World in which the policy works and the arm is calibrated."""
     changed: str = "mirror"
@@ -128,22 +129,22 @@ class Tiers(Given):
     """Number of cases of each tier of the benchmark; a tier that is not named does not run."""
 
     t0: Tier = None
-    """Cases of the analytic axis; null for all of the tier's."""
+    """Number of cases of the analytic axis; null for all that the tier holds."""
     t1: Tier = None
-    """Cases of truths in PyBullet; null for all of the tier's."""
+    """Number of cases of arms that PyBullet simulates as the truth; null for all that the tier holds."""
     t2: Tier = None
-    """Cases of truths in MuJoCo; null for all of the tier's."""
+    """Number of cases of arms that MuJoCo simulates as the truth; null for all that the tier holds."""
     t4: Tier = None
-    """Cases of photos; null for all of the tier's."""
+    """Number of cases of photos; null for all that the tier holds."""
 
 
 class Contents(Settings):
     """Scenes whose pictures lie on the tables of the worlds that `t4` shows, in turn with paint."""
 
     photos: Names
-    """Scenes whose photos do; those that the preset does not make are left out."""
+    """Scenes whose photos lie there; scenes that the preset does not make are left out."""
     renders: Names
-    """Scenes whose splats' renders do; those that the preset does not make are left out."""
+    """Scenes whose renderings lie there; scenes that the preset does not make are left out."""
 
 
 Method = Literal["gsbridge", "largest_change", "training_bic", "cosine", "sparse", "cma_es"]
@@ -153,15 +154,15 @@ class GapBenchmark(Settings):
     """The blind benchmark of the gap's diagnosis."""
 
     split: Literal["development", "scored"] = "scored"
-    """Cases of the benchmark; only the scored ones are reported."""
+    """Which cases of the benchmark are drawn; only scored ones are reported."""
     benchmark: Tiers = Field(default_factory=lambda: Tiers(t0=None, t1=None, t2=None, t4=None))
     """Number of cases of each tier; a tier that is not named does not run."""
     methods: Distinct[Method] = Field(default_factory=lambda: list(get_args(Method)), min_length=1)
-    """Ways of naming that the benchmark compares; ours is always the first."""
+    """Methods that the benchmark compares; `gsbridge` must be the first."""
     contents: Contents = Field(default_factory=lambda: Contents(photos=["banana_photos"], renders=["tablecloth"]))
-    """What lies on the tables of the worlds that `t4` shows, in turn with paint."""
+    """Pictures that lie on the tables of the worlds that `t4` shows, in turn with painted ones."""
     chunks: Whole = Field(default=4, ge=1, le=100)
-    """Jobs into which the cases of a tier are split."""
+    """Number of jobs into which the cases of a tier are split."""
 
 
 class GapSettings(GapBenchmark):

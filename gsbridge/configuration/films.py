@@ -22,9 +22,9 @@ class FilmSettings(Settings):
     """
 
     frames: Frames = 56
-    """Number of frames; except in the dense film they are the keyframes."""
+    """Number of frames, all of which become keyframes."""
     spp: Samples = 16
-    """Samples per pixel of a training frame; a square number wastes none."""
+    """Samples per pixel of a training frame, a square number wastes none of them."""
     held_out_spp: Samples = 64
     """Samples per pixel of the held-out frames."""
     width: Pixels = 640

@@ -10,10 +10,11 @@ from gsbridge.configuration.base import OrNull, Settings, Share, Whole
 
 
 class MaskSettings(Settings):
-    """How objects are cut out. Lengths are shares of the working distance, so that scenes of unknown scale work alike."""
+    """Segmentation of objects in photos. Lengths are shares of the working distance, so that scenes of unknown scale work
+    alike."""
 
     backend: Literal["grabcut", "sam2"] = "grabcut"
-    """What cuts: `grabcut` (no weights) or `sam2`."""
+    """Method of segmentation: `grabcut`, which needs no weights, or `sam2`."""
     sam2_weights: OrNull[str] = None
     """Folder with a `Sam2VideoModel` saved by transformers, for the `sam2` backend only; relative to the directory snakemake
     runs in."""
@@ -22,7 +23,7 @@ class MaskSettings(Settings):
     iterations: Whole = Field(default=3, ge=1, le=50)
     """GrabCut iterations of each pass."""
     passes: Whole = Field(default=3, ge=1, le=10)
-    """Passes after the first: each cuts again within a band round the hull of the masks before."""
+    """Passes after the first. Each segments again within a band round the hull of the masks of the pass before."""
     hull_vote: Share = 0.84
     """Share of the views that must agree on a point of the first hull."""
     strict_vote: Share = 0.94

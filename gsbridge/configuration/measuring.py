@@ -8,10 +8,10 @@ from gsbridge.configuration.base import Distinct, Number, OrNull, PictureSize, S
 
 
 class ViewSettings(Settings):
-    """What the wrist camera sees."""
+    """Pictures of the wrist camera that are compared between renderers."""
 
     count: Whole = Field(default=32, ge=1, le=32)
-    """Start poses of which one moment each is looked at."""
+    """Number of start poses; one moment of the episode from each is drawn."""
     size: PictureSize = 128
     """Edge of the square pictures, px."""
     samples: Samples = 128
@@ -19,27 +19,27 @@ class ViewSettings(Settings):
 
 
 class TrialSettings(Settings):
-    """The baseline controller, and policies, in both worlds."""
+    """Trials of the baseline controller and of policies."""
 
     poses: Whole = Field(default=32, ge=1, le=32)
     """Start poses of each set, evenly over the quadrants."""
     seeds: Whole = Field(default=3, ge=1, le=100)
-    """Sets of start poses on which the controller is tried, each with its own seed."""
+    """Number of sets of start poses from which the controller is tried, each drawn with its own seed."""
     worlds: Distinct[str] = Field(default=["mirror"])
     """Worlds in which policies are tried beside the simulated one, by name."""
     policies: Whole = Field(default=1, ge=1, le=100)
-    """Policies of each cell, each trained with its own seed; their trials are counted together."""
+    """Number of policies of each cell, each trained with its own seed; their trials are counted together."""
 
 
 class EpisodeSettings(Settings):
-    """An episode to look at."""
+    """Recording of one episode."""
 
     size: PictureSize = 64
     """Edge of the square pictures, px."""
     samples: Samples = 32
     """Samples per pixel of the mirror's pictures, at least."""
     every: Whole = Field(default=2, ge=1, le=1000)
-    """Steps of the episode from one of the mirror's pictures to the next."""
+    """Steps of the episode between two pictures of the mirror."""
 
 
 class ComparisonSettings(Settings):
@@ -48,7 +48,7 @@ class ComparisonSettings(Settings):
     seeds: Whole = Field(default=3, ge=1, le=20)
     """Seeds of soft and GaMeS in the comparison, the main run's among them."""
     hull: Switch = True
-    """Also bind both to the visual hull, a poor mesh."""
+    """Whether both bindings are also trained on the visual hull, a poor mesh."""
 
 
 class EditingSettings(Settings):
@@ -57,7 +57,7 @@ class EditingSettings(Settings):
     scene: OrNull[str] = None
     """Object that is deformed; null is the first object of the preset."""
     azimuth_deg: Number = Field(default=270.0, ge=-360, le=360)
-    """Direction from which it is seen, about z from +x of the table frame, degrees; the nearest held-out photo gives the
-    camera."""
+    """Direction from which the object is seen, as an angle about the table frame's z, counted from +x, degrees; the camera of
+    the nearest held-out photo is used."""
     size: Whole = Field(default=400, ge=64, le=2048)
     """Edge of each picture, px."""

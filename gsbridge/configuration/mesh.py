@@ -13,14 +13,14 @@ class MeshSettings(Settings):
     """How meshes are made. Lengths are shares of the object's size, so that scenes of unknown scale work alike."""
 
     backend: Literal["auto", "sweep", "pycolmap", "openmvs"] = "auto"
-    """Depth of objects: `sweep` (CPU), `pycolmap` (needs CUDA), `openmvs` (needs its binaries), `auto` (the best that is
-    there)."""
+    """Method that measures the depth of objects: `sweep` (CPU), `pycolmap` (needs CUDA), `openmvs` (needs its binaries), or
+    `auto`, the best that this machine has."""
     faces: Whole = Field(default=8000, ge=100, le=10_000_000)
-    """Faces of an object's visual mesh, at most."""
+    """Largest number of faces of an object's visual mesh."""
     collision_faces: Whole = Field(default=4000, ge=100, le=1_000_000)
-    """Faces of the collision mesh, at most."""
+    """Largest number of faces of a collision mesh."""
     background_faces: Whole = Field(default=16_000, ge=100, le=10_000_000)
-    """Faces of a background's visual mesh, at most."""
+    """Largest number of faces of a background's visual mesh."""
     hull_vote: Share = 0.95
     """Share of the views that must agree on a point of the hull."""
     hull_voxels: Whole = Field(default=144, ge=16, le=1024)
@@ -36,13 +36,13 @@ class MeshSettings(Settings):
     min_score: Number = Field(default=0.5, ge=-1, le=1)
     """Least mean correlation of a depth that counts, -1..1."""
     min_agree: Whole = Field(default=2, ge=0, le=20)
-    """Other depth maps that must agree with a depth."""
+    """Number of other depth maps that must agree with a depth."""
     poisson_depth: Whole = Field(default=7, ge=3, le=12)
     """Octree depth of the surface fit."""
     solid_voxels: Whole = Field(default=128, ge=16, le=1024)
     """Samples along the longest side of the grid on which the surface is closed."""
     table_size: OrNull[tuple[Positive, Positive]] = None
-    """Width and depth of a background's mesh, at most, m; null is as large as the views see."""
+    """Largest width and depth of a background's mesh, m; null takes all that the views see."""
     min_views: Whole = Field(default=4, ge=1, le=1000)
     """Views that must see a part of the table."""
     relief: Share = 0.12

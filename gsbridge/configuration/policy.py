@@ -19,7 +19,7 @@ class PolicySettings(Settings):
     """Critic target of `sacwb`: `official` (maximum of both branches, one entropy term), `paper` (the paper's equation;
     diverges for large alpha) or `none` (no maximum); see `gsbridge.policy.losses`."""
     image_size: PictureSize = 64
-    """Edge of the picture, px; the environment's."""
+    """Edge of the square picture that the policy sees, px; the environment draws it in this size."""
     steps: Whole = Field(default=9000, ge=1, le=10_000_000)
     """Environment steps of the whole training."""
     start_steps: Whole = Field(default=300, ge=1, le=1_000_000)
@@ -76,12 +76,12 @@ class PolicySettings(Settings):
     eval_poses: Whole = Field(default=32, ge=4, le=1024, multiple_of=4)
     """Start poses of an evaluation, as many in each quadrant."""
     stop_after: Whole = Field(default=2, ge=0, le=1000)
-    """Stop after so many evaluations in a row without a failure; 0 never stops early."""
+    """Number of evaluations in a row without a failure after which training stops; 0 never stops early."""
     environments: Whole = Field(default=1, ge=1, le=256)
-    """Environments that training episodes are played in at a time, a process each, so that the actor sees a batch of pictures;
-    with several, an evaluation cuts the episodes that run."""
+    """Environments in which training episodes run at the same time, each in a process of its own, so that the actor sees a
+    batch of pictures. With several, an evaluation ends the episodes that are running."""
     device: Device = "cpu"
-    """Where the networks are."""
+    """Device that the networks run on."""
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:

@@ -15,7 +15,8 @@ class SharedCamera(Settings):
     """A camera that several captures share."""
 
     calibrate_from: list[str] = Field(min_length=1)
-    """Scenes whose photos of the board calibrate the camera; those of the preset are taken, or all where none is in it."""
+    """Scenes whose photos of the board calibrate the camera. Only scenes of the preset are used, or all of these when the
+    preset has none of them."""
     board: Sheet = "a4"
     """Sheet of the board in these scenes."""
 
@@ -45,7 +46,7 @@ class KnownLength(Given):
     metres: Number = Field(gt=0.0001, lt=100)
     """The length, m."""
     object: Literal["longest"] = ABSENT
-    """The length is the object's longest side; good to some 5 %, so that the scene stays degraded."""
+    """The length is that of the object's longest side. This is good to some 5 %, so that the scene stays degraded."""
     between: tuple[Point, Point] = ABSENT
     """Two points on the table, each as `[keyframe, u, v]`, in pixels of the files in `capture/frames` (docs/capture.md)."""
 
@@ -66,15 +67,15 @@ class Scene(Settings):
     known_length: OrNull[KnownLength] = None
     """A length that gives the scale where no board was filmed."""
     metres_per_unit: OrNull[Number] = Field(default=None, gt=0)
-    """Unit of the poses of a `colmap` or `nerfstudio` source, m, where they are metric (ARKit, Polycam and Record3D: 1); the
-    board goes before it."""
+    """Length of one unit of a `colmap` or `nerfstudio` source, m, where its poses are metric (ARKit, Polycam and Record3D: 1).
+    The scale of a board in the photos overrides it."""
     up: OrNull[Literal["top", "right", "bottom", "left"]] = None
-    """Side of the photos that is up in the scene, for photos that lie on their side or head and whose table is not found; null
-    finds out."""
+    """Side of the photos that is up in the scene. Set it when the photos are turned or upside down and the table is not found;
+    null finds the side by itself."""
     density: Density = "wood"
     """Density for the mass, kg/m3, or a material's name (docs/assets.md)."""
     example: Switch = False
-    """An example capture: left out where its files are not on this machine, instead of stopping the run."""
+    """Whether this is an example: without its files on this machine the scene is left out instead of stopping the run."""
 
 
 Reach = Annotated[Number, Field(ge=-5, le=5)]
@@ -86,9 +87,9 @@ class Pose(Given):
     position: tuple[Reach, Reach, Reach]
     """x, y, z, m."""
     quaternion: tuple[Number, Number, Number, Number] = ABSENT
-    """w, x, y, z; this or the next."""
+    """Orientation as w, x, y, z. Give either this or `rpy_deg`."""
     rpy_deg: tuple[Number, Number, Number] = ABSENT
-    """Roll, pitch, yaw about fixed axes as in URDF, degrees."""
+    """Orientation as roll, pitch, yaw about fixed axes, as in URDF, degrees. Give either this or `quaternion`."""
 
 
 class TypedPoses(Settings):
@@ -108,21 +109,21 @@ class WorkspaceSource(OneOf):
     capture: str = ABSENT
     """A folder of photos of the board with `arm.csv` (docs/registration.md)."""
     typed: TypedPoses = ABSENT
-    """Poses typed by hand; the result is degraded."""
+    """Poses typed by hand. The result is then degraded."""
 
 
 class Workspace(Settings):
     """Where the table stands before the robot, and where the wrist camera sits."""
 
     source: WorkspaceSource = Field(default_factory=lambda: WorkspaceSource(mirror=True))
-    """Where this comes from; exactly one of the keys below."""
+    """Where the registration comes from; exactly one of the keys below."""
     board: Sheet = "a4"
     """Sheet of the board that the wrist camera sees."""
     background: OrNull[str] = None
     """Scene of the table on which the wrist camera sees the board, with `require_scale: true`; it tells how that camera sees
-    colours (docs/registration.md). Null leaves colours as the phone saw them."""
+    colours (docs/registration.md). With null, colours stay as the phone saw them."""
     light: OrNull[str] = None
     """Scene of an object that was filmed on that table in the light of the work place: its shadow tells where the light comes
-    from (docs/registration.md). Null draws no shadows, and so does a film of the mirror beside a table of yours."""
+    from (docs/registration.md). With null, no shadows are drawn. A film of the mirror draws none on a table of your own either."""
     scale: Literal["board", "robot"] = "board"
-    """What is right about lengths, the board's printed size or the arm's motion."""
+    """Which of the two sets the scale: the printed size of the board, or the motion of the arm."""

@@ -13,14 +13,16 @@ class SfmSettings(Settings):
     max_features: Whole = Field(default=4096, ge=100, le=100_000)
     """SIFT features per image."""
     peak_threshold: Positive = Field(default=0.002, le=1)
-    """SIFT contrast floor; below COLMAP's default, which starves on plain surfaces."""
+    """Smallest contrast of a SIFT feature. The default is below that of COLMAP, which finds too little on plain surfaces."""
     overlap: Whole = Field(default=10, ge=1, le=1000)
-    """Neighbours each frame of an ordered capture is matched with, beside those at powers of two."""
+    """Number of neighbours that each frame of an ordered capture is matched with, besides the frames at distances of powers of
+    two."""
     exhaustive_up_to: Whole = Field(default=150, ge=0)
-    """Unordered captures are matched exhaustively; ordered ones up to this many images in a retry."""
+    """Most images of an ordered capture that are matched exhaustively, once matching neighbours has failed. Unordered captures
+    always are."""
     pass_share: Share = 0.95
     """Share of registered images from which the result passes."""
     degraded_share: Share = 0.6
-    """Share below which the stage fails."""
+    """Share of registered images below which the stage fails; between the two shares the result is degraded."""
     tag_refinement: Switch = True
     """Refine the model with the tag corners as points of known layout."""

@@ -21,13 +21,13 @@ class SplatSettings(Settings):
     max_pixels: Whole = Field(default=80_000, ge=1, le=1_000_000_000)
     """Pixels of a photo, or of an object's part of it, in training; larger ones are reduced. Metrics are not."""
     half_size: Share = 0.0
-    """Part of the steps that use photos of half the size, first."""
+    """Share of the steps, at the beginning, that use photos of half the size."""
     offset_band: Annotated[Positive, Field(le=1)] | Literal["scene"] = 0.010
     """Largest offset along the normal, m; `scene` for one unit of the reconstruction, as the paper's code."""
     offset_penalty: Number = Field(default=0.0, ge=0)
     """Weight of the mean squared relative offset in the loss."""
     ssim_weight: Share = 0.2
-    """Part of 1 - SSIM in the loss; the rest is L1."""
+    """Weight of 1 - SSIM in the loss, 0..1; the rest of the weight is on L1."""
     margin_px: Whole = Field(default=12, ge=0, le=1000)
     """Pixels around an object's mask that training looks at."""
     decay: Positive = Field(default=0.1, le=1)
@@ -35,8 +35,8 @@ class SplatSettings(Settings):
     lpips_weights: OrNull[str] = None
     """File with the weights of LPIPS (docs/splats.md), or null; relative to the directory snakemake runs in."""
     focus: Number = Field(default=16.0, ge=1, le=1000)
-    """Factor on what photos show of the square in which the robot works, where a background's triangles are sized: its own
-    camera looks from nearer. 1 leaves it to the photos (docs/splats.md)."""
+    """Factor by which the triangles of a background are sized for finer detail in the square where the robot works than its
+    photos show, since the wrist camera looks from nearer. 1 sizes them by the photos alone (docs/splats.md)."""
     focus_centre: tuple[Number, Number] = (0.0, 0.265)
     """Middle of that square, table frame, m."""
     focus_side: Positive = Field(default=0.45, le=5)

@@ -41,35 +41,35 @@ class Sections(Settings):
     board_film: BoardFilmSettings = Field(default_factory=BoardFilmSettings)
     """The mirror's photos of the board."""
     registration: RegistrationSettings = Field(default_factory=RegistrationSettings)
-    """Where the table stands before the robot."""
+    """Limits on the errors of the registration of table and camera."""
     capture: KeyframeSettings = Field(default_factory=KeyframeSettings)
-    """Choice of keyframes."""
+    """Choice of keyframes, and the size of the stored frames."""
     sfm: SfmSettings = Field(default_factory=SfmSettings)
     """Reconstruction of the cameras."""
     align: AlignSection = Field(default_factory=AlignSection)
-    """Table and scale."""
+    """Limits on the search for table and scale."""
     masks: MaskSettings = Field(default_factory=MaskSettings)
-    """How objects are cut out."""
+    """Segmentation of objects in photos."""
     mesh: MeshSettings = Field(default_factory=MeshSettings)
-    """Surfaces."""
+    """Meshes of objects and backgrounds."""
     object_splats: SplatSettings = Field(default_factory=SplatSettings)
-    """Splats of objects."""
+    """Training of the splats of objects."""
     background_splats: SplatSettings = Field(default_factory=SplatSettings)
-    """Splats of backgrounds."""
+    """Training of the splats of backgrounds."""
     asset: AssetSection = Field(default_factory=AssetSection)
-    """Bodies for simulators."""
+    """Rigid bodies for simulators, made from meshes."""
     views: ViewSettings = Field(default_factory=ViewSettings)
-    """What the wrist camera sees."""
+    """Pictures of the wrist camera that are compared between renderers."""
     trials: TrialSettings = Field(default_factory=TrialSettings)
-    """The baseline controller, and policies, in both worlds."""
+    """Trials of the baseline controller and of policies."""
     grasp_policy: PolicySettings = Field(default_factory=PolicySettings)
-    """How policies learn to grasp."""
+    """Training of policies that grasp."""
     pick_and_place_policy: PolicySettings = Field(default_factory=PolicySettings)
-    """How policies learn to pick and place."""
+    """Training of policies that pick and place."""
     episodes: EpisodeSettings = Field(default_factory=EpisodeSettings)
-    """An episode to look at."""
+    """Recording of one episode."""
     comparison: ComparisonSettings = Field(default_factory=ComparisonSettings)
-    """Extra trainings for the table, on the mirror's scenes."""
+    """Further trainings of splats on the mirror's scenes, for the table of renderings."""
     editing: EditingSettings = Field(default_factory=EditingSettings)
     """The figure of non-rigid edits."""
     gap: GapBenchmark = Field(default_factory=GapBenchmark)
@@ -82,7 +82,7 @@ class _PresetHead(Given):
     scenes: Distinct[str] = Field(min_length=1)
     """Scenes that this preset runs."""
     cells: list[Cell] = Field(default=[])
-    """Cells instead of the configuration's."""
+    """Cells of this preset, in place of the configuration's."""
 
 
 if TYPE_CHECKING:
@@ -107,32 +107,33 @@ class Configuration(Sections):
     seed: Whole = Field(ge=0)
     """The one random seed; same seed, same machine, same tables."""
     captures: str = "captures"
-    """Folder that relative capture paths start from, relative to the project's folder, which is looked in next; the environment
-    variable `GSBRIDGE_CAPTURES` goes before it."""
+    """Folder that relative paths of captures start from, itself relative to the project's folder; a capture that is not there
+    is looked for in the project's folder. The environment variable `GSBRIDGE_CAPTURES` overrides this key."""
     cameras: dict[Name, SharedCamera] = Field(default={})
     """Cameras that several captures share."""
     scenes: dict[Name, Scene] = Field(min_length=1)
     """The captures, by name."""
     workspace: Workspace = Field(default_factory=Workspace)
-    """Where the table stands before the robot, and where the wrist camera sits (docs/registration.md)."""
+    """Source of the registration: where the table stands before the robot, and where the wrist camera sits
+    (docs/registration.md)."""
     cells: list[Cell] = Field(default=[])
-    """What is to be learned, a task with an object on a background each."""
+    """Policies to train; each learns a task with one object on one background."""
     variants: Variants = Field(default_factory=lambda: {"default": Variant()})
-    """What is compared with the paper's way, by name."""
+    """Ways of learning that are compared with the paper's, by name."""
     worlds: Worlds = Field(default_factory=lambda: {"mirror": World()})
-    """Worlds in which policies are judged beside the simulated one, each a mirror, by name (docs/mirror.md)."""
+    """Mirrors, by name, in which policies are judged besides the simulation (docs/mirror.md)."""
     study: Study = Field(default_factory=Study)
-    """Ways of learning that are compared at equal environment steps."""
+    """Comparison of ways of learning at equal numbers of environment steps."""
     loop: Loop = Field(default_factory=Loop)
     """The demonstration of the closed loop (docs/gap_loop.md)."""
     areas: Distinct[Area] = Field(default_factory=lambda: list(get_args(Area)), min_length=1)
-    """Areas that `benchmarks/RESULTS.md` measures; the others stand there as they were recorded last. `make results` measures
-    anew."""
+    """Areas that `make results` measures anew for `benchmarks/RESULTS.md`; figures of the other areas stay as they were
+    recorded last."""
     gap: GapSettings = Field(default_factory=GapSettings)
     """Cases in which the gap is diagnosed, and the blind benchmark (docs/gap.md)."""
     gap_case: OrNull[str] = None
-    """A case beside those of `gap.cases`, by its file; it is called by that file, or by its folder where the file is
-    `case.yaml`."""
+    """File of one case of the gap besides those of `gap.cases`. The case is named after the file, or after its folder where the
+    file is `case.yaml`."""
     presets: dict[str, Preset]
     """Scenes and budgets of each preset."""
 
