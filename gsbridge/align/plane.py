@@ -20,7 +20,7 @@ AGAINST_UP = 0.5
 
 @dataclass(frozen=True)
 class Attention:
-    """Where the cameras look.
+    """Direction and place that the cameras look at.
 
     Args:
         point: Point nearest to all optical axes. [3].

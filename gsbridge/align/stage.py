@@ -42,7 +42,7 @@ UNKNOWN_EXTENT = 0.1
 
 @dataclass(frozen=True)
 class _Model:
-    """What the stage reads of the sparse model."""
+    """Parts of the sparse model that the stage reads."""
 
     names: list[str]
     cameras: list[Camera]

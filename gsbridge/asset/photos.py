@@ -21,7 +21,7 @@ LOSS_DB = 0.05
 
 @dataclass(frozen=True)
 class Photos:
-    """What the check needs.
+    """Files and settings that the check of an asset's pictures needs.
 
     Args:
         views: Registered photos, table frame.

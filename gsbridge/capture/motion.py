@@ -20,7 +20,7 @@ _MIN_TRACKS = 12
 
 @dataclass(frozen=True)
 class FrameMotion:
-    """What is known of one frame before the choice.
+    """Motion and quality of one frame, known before keyframes are chosen.
 
     Args:
         sharpness: Variance of the Laplacian at `WIDTH`, grey levels squared.

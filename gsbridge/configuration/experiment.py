@@ -26,7 +26,7 @@ class Work(Settings):
 
 
 class Cell(Work):
-    """What is to be learned and judged."""
+    """A policy to be trained and judged."""
 
     renderer: Literal["gs", "mesh", "mesh_vertex"] = "gs"
     """What the policy sees in training: `gs` splats, `mesh` meshes in one colour each (the paper's control, RL-sim),
@@ -37,7 +37,7 @@ class Cell(Work):
 
 
 class Variant(Settings):
-    """What differs from the paper's way."""
+    """A way of learning, by its differences from the paper's."""
 
     policy: PolicyOverride = Field(default_factory=PolicyOverride)
     """Settings of the training that override those of `grasp_policy` and `pick_and_place_policy`."""
@@ -75,7 +75,7 @@ Worlds = dict[Annotated[Name, AfterValidator(_no_other_world)], World]
 
 
 class SightStudy(Settings):
-    """What another camera does to policies: the cell's policies of some variants are tried in some worlds."""
+    """Study of other cameras: the cell's policies of some variants are tried in some worlds."""
 
     variants: Names = Field(default=[])
     """Names of variants."""

@@ -124,6 +124,7 @@ class Workspace(Settings):
     colours (docs/registration.md). With null, colours stay as the phone saw them."""
     light: OrNull[str] = None
     """Scene of an object that was filmed on that table in the light of the work place: its shadow tells where the light comes
-    from (docs/registration.md). With null, no shadows are drawn. A film of the mirror draws none on a table of your own either."""
+    from (docs/registration.md). With null, no shadows are drawn. A film of the mirror draws none on a table of your own
+    either."""
     scale: Literal["board", "robot"] = "board"
     """Which of the two sets the scale: the printed size of the board, or the motion of the arm."""

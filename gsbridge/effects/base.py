@@ -64,12 +64,12 @@ class Effect(ABC):
 
     @property
     def amendable(self) -> bool:
-        """Whether the simulation can play it, so that its model may hold it."""
+        """Whether the simulation can play the effect, so that its model may hold it."""
         return not self.reason
 
     @property
     def advice(self) -> str | None:
-        """What a user can do where the simulation cannot play it; None where it can."""
+        """Sentence on what a user can do where the simulation cannot play the effect; None where it can."""
         return (
             None if self.amendable else f"A policy cannot learn with this in simulation, since {self.reason}. {self.instead}."
         )

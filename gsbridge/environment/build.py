@@ -108,7 +108,7 @@ def build_environment(files: StageFiles, settings: EnvironmentSettings) -> PickE
 
 
 def lens_of(files: StageFiles, settings: EnvironmentSettings) -> Lens:
-    """What the model's effects change in the pictures."""
+    """Effects of the model on the pictures, as a lens."""
     return Lens(read_model(files.model).effects_on("camera"), wrist_camera(settings.image_size))
 
 

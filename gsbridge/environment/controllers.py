@@ -68,7 +68,7 @@ def stable_gain(delay: float) -> float:
 
 @dataclass(frozen=True)
 class Grip:
-    """How an object is taken.
+    """The grip by which an object is taken.
 
     Args:
         centre: Where, body frame, m. [3]; z is the tool point's height over the object's foot.
@@ -125,7 +125,7 @@ def grip_of(points: Array, centre: Array | Sequence[float] | None = None, *, tol
 
 @dataclass(frozen=True)
 class Reach:
-    """Where tool and object stand to each other, for N worlds; the common part of both controllers.
+    """Relation of tool and object in N worlds; the common part of both controllers.
 
     Args:
         offset: From the tool point to the grip's, horizontal, m. [N, 2].

@@ -39,11 +39,11 @@ class Lens:
         self._develops = bool(how.light or how.sensor or how.blur)
 
     def pose(self, cam_from_table: Array) -> Array:
-        """Where the camera really sits. [4, 4]."""
+        """Pose of the camera with the effects on its mount. [4, 4]."""
         return self.how.mount @ cam_from_table
 
     def photo(self, image: Array, cam_from_table: Array, rng: np.random.Generator) -> Array:
-        """What becomes of a picture of the camera without effects. uint8 [H, W, 3].
+        """Apply the effects to a picture of the camera without them. uint8 [H, W, 3].
 
         Args:
             image: sRGB. uint8 [H, W, 3].

@@ -168,7 +168,7 @@ def _compared(view: View, path: Path, masks: Path, floor: Composition, middle: A
 
 @dataclass(frozen=True)
 class LightFile:
-    """What `calibrate_light` found.
+    """Result of `calibrate_light`.
 
     Args:
         light: None where no film shows it.

@@ -76,7 +76,7 @@ def fit_response(drawn: Array, seen: Array) -> CameraResponse:
 
 @dataclass(frozen=True)
 class Photometry:
-    """What was measured.
+    """Colours of the wrist camera and the robot as they were measured.
 
     Args:
         response: Response of the wrist camera.

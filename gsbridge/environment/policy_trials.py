@@ -32,7 +32,7 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Place:
-    """Where the outcome of trials goes.
+    """Files that the outcome of trials is written to.
 
     Args:
         table: CSV, one row per trial.

@@ -39,7 +39,7 @@ _TRAVEL_M = 0.01
 
 @dataclass(frozen=True)
 class Reached:
-    """Where the tool was measured to be.
+    """Pose of the tool and opening of the gripper as measured.
 
     Args:
         position: Tool point, table frame, m. [3].

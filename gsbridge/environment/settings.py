@@ -50,7 +50,7 @@ class Plate:
 
 @dataclass(frozen=True)
 class EnvironmentSettings:
-    """What an episode is.
+    """Settings of an episode: task, pictures, actions, start poses and end.
 
     Args:
         task: `grasp` (lift by 10 cm and hold) or `pick_and_place` (set down on the plate and let go).
@@ -112,11 +112,11 @@ class EnvironmentSettings:
         return DEFAULT_STEPS[self.task] if self.max_steps is None else self.max_steps
 
     def action_scale(self) -> ActionScale:
-        """What an action of 1 means."""
+        """Motion that an action of 1 commands."""
         return ActionScale(self.position_step, self.yaw_step, self.aperture_step)
 
     def region(self) -> StartRegion:
-        """Where objects start; the plate stays free."""
+        """Region in which objects start; the plate stays free."""
         discs = () if self.plate is None else (KeepOut(self.plate.x, self.plate.y, self.plate.keep_out),)
         side = START_SIDES[self.task] if self.start_side is None else self.start_side
         return StartRegion((self.start_centre[0], self.start_centre[1]), side, (self.start_yaw[0], self.start_yaw[1]), discs)

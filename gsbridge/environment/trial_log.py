@@ -74,7 +74,7 @@ class TrialPath:
         return len(self.jpegs)
 
     def pictures(self) -> Array:
-        """What the policy saw. uint8 [N, H, W, 3]."""
+        """Pictures that the policy saw. uint8 [N, H, W, 3]."""
         return np.stack([decode(jpeg) for jpeg in self.jpegs])
 
 

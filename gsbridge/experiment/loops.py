@@ -11,7 +11,7 @@ from gsbridge.experiment.plan import Experiment
 from gsbridge.experiment.policies import Policy
 
 ROLES = ("fit", "select", "verify")
-"""What the records of a case are for."""
+"""Roles of a case's records: to fit, to choose among fits, and to verify the choice."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class JointLoop:
         return f"results/loop/arm/{self.cases[case]['model']}.yaml"
 
     def case(self, case: str) -> dict[str, Any]:
-        """What a case is made of."""
+        """World and model that a case is made of."""
         calibration = "results/loop/arm/calibration.json" if self.cases[case]["model"] == "calibrated" else []
         return {"model": self.model(case), **self.records(self.cases[case]["world"]), "calibration": calibration}
 

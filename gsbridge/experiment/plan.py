@@ -33,7 +33,7 @@ class Experiment:
 
     @cached_property
     def preset(self) -> Mapping[str, Any]:
-        """What the chosen preset runs and overrides."""
+        """Content of the chosen preset: the scenes that it runs and the settings that it overrides."""
         return self.config["presets"][self.config["preset"]]
 
     def settings(self, section: str) -> dict[str, Any]:

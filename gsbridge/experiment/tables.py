@@ -42,7 +42,7 @@ class Tables:
 
     @cached_property
     def policies(self) -> list[Policy]:
-        """What the preset trains: a policy for each cell whose scenes run here."""
+        """Policies that the preset trains: one for each cell whose scenes run here."""
         every = (Policy.of(cell) for cell in self.plan.cells)
         return [policy for policy in every if policy.scenes <= set(self.plan.scenes)]
 

@@ -16,7 +16,7 @@ from gsbridge.photogrammetry.standing import find_standing
 
 @dataclass(frozen=True)
 class Prompt:
-    """What the sparse model says about the object.
+    """Points and box of the object, from the sparse model.
 
     Args:
         points: Points on the object. [K, 3].

@@ -52,7 +52,7 @@ _MAJORITY = 0.75
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the bare table says about the pixels of one photo.
+    """Evidence from the bare table about the pixels of one photo.
 
     Args:
         strange: The pixel does not have the table's colour of that spot. [h, w] bool.

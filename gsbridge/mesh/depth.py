@@ -25,7 +25,7 @@ _DEEP_MARGIN = 0.1
 _UPWARD = 0.65
 """Least height of the first normals (half way between hull and viewer) where the object may be open: lids, not walls."""
 _SURE = 0.8
-"""Where the first search matches this well there is nothing to look for behind."""
+"""Correlation of the first search above which no further surface is looked for behind."""
 _PASSES = 3
 _TEXTURE = 0.008
 """Patches with a smaller standard deviation (0..1) show sensor noise rather than the surface."""

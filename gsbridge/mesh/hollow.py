@@ -24,7 +24,7 @@ from gsbridge.photogrammetry.carving import largest_component, mesh_depth, mesh_
 _VIEWS = 3
 """Views that must see through a place before it counts as empty: a single wrong depth would drill a hole."""
 _SLACK = 0.012
-"""How far before a measured surface a place must lie to be empty, as a share of the object's size."""
+"""Least distance of an empty place from the measured surface behind it, as a share of the object's size."""
 _WORTH = 0.01
 """Share of the hull's volume below which what depth removes is its noise, and the hull stays as it is."""
 _LOWER = 0.03
@@ -72,7 +72,7 @@ def _free_slab(origin, spacing, begin, end, solid, depths, sizes, projections, w
 
 
 def free_space(hull: Hull, views: Sequence[View], depths: Sequence[Array], threads: int) -> Array:
-    """How far before a measured surface each place within a hull lies.
+    """Distance of each place within a hull from the measured surface behind it.
 
     Args:
         hull: Visual hull.

@@ -36,7 +36,7 @@ _NOISE = 0.05
 
 @dataclass(frozen=True)
 class Sides:
-    """What lies on both sides of an outline, in linear light.
+    """Colours on both sides of an outline, in linear light.
 
     Args:
         front, back: Mean colours nearby. [H, W, 3] each.

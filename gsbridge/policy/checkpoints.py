@@ -33,7 +33,7 @@ _NAME = "step"
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """What a training goes on from.
+    """State that a training goes on from.
 
     Args:
         run: Counters, curve, random generator.

@@ -30,7 +30,7 @@ WORLDS = ("sim", "mirror")
 
 @dataclass(frozen=True)
 class Deployment:
-    """What is asked for.
+    """Choices of `gsbridge run-policy`.
 
     Args:
         policy: Folder of `policy.json` and the weights.
@@ -74,9 +74,9 @@ class Deployment:
 
     def __post_init__(self) -> None:
         if (self.pose_set is None) != (self.index is None):
-            raise InputError("start poses", "a set without an index, or the other way round", "Give --pose-set and --index")
+            raise InputError("start poses", "one of --pose-set and --index is missing", "Give both, or none")
         if self.pose_set is None and (self.trials is not None or self.driver in WORLDS):
-            raise InputError("start poses", "nobody knows where the object starts", "Give --pose-set and --index")
+            raise InputError("start poses", "it is not said where the object starts", "Give --pose-set and --index")
         if self.trials is not None and self.dry_run:
             raise InputError("trials", "a dry run is no trial", "Leave out --trials or --dry-run")
         if self.pictures and self.out is None:
@@ -149,12 +149,14 @@ def _driver(wanted: Deployment, interface: PolicyInterface, registration: Regist
         raise InputError("driver", f"{wanted.driver} takes no --option", "Options are for drivers of your own")
     results, item, background = wanted.results, wanted.item, wanted.background
     if results is None or item is None or background is None:
-        raise InputError("driver", f"{wanted.driver} is made of results", "Give --results, --object and --background")
+        raise InputError(
+            "driver", f"{wanted.driver} needs scenes to build its world of", "Give --results, --object and --background"
+        )
     if wanted.driver == "mirror":
         mirror = MirrorSetting(item, background, wanted.seed, pieces=wanted.pieces)
         return MirrorDriver(mirror, registration, interface.settings)
     if wanted.model is None:
-        raise InputError("driver", "sim needs a simulation model", "Give --model, such as models/nominal.yaml")
+        raise InputError("driver", "sim needs a model of the simulation", "Give --model, such as models/nominal.yaml")
     files = StageFiles(
         robot=results / "robot" / "description",
         item=results / "scenes" / item / "asset" / "asset.json",

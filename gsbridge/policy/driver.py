@@ -26,7 +26,7 @@ from gsbridge.robot.kinematics import Kinematics
 
 @dataclass(frozen=True)
 class Reading:
-    """What the arm measures at one moment.
+    """Measurement of the arm at one moment.
 
     Args:
         base_from_tool: Pose of the tool. [4, 4].

@@ -27,7 +27,7 @@ COLUMNS = (
 
 @dataclass
 class EpisodeLog:
-    """What happened; the runner fills it, so that it is there after an error, too.
+    """Log of an episode. The runner fills it step by step, so that it exists after an error, too.
 
     Args:
         dry_run: No command was given.

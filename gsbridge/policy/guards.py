@@ -48,7 +48,7 @@ class End(StrEnum):
 
 @dataclass(frozen=True)
 class Limits:
-    """What is still normal.
+    """Limits beyond which a guard ends the episode.
 
     Args:
         jump: Way of the tool within one step, m.

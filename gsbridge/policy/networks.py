@@ -28,7 +28,7 @@ _HEAD = 64
 
 
 class SoftArgmax(nn.Module):
-    """Where each channel is large, and how large it is there."""
+    """Position at which each channel is large, and its value there."""
 
     def forward(self, features: Tensor) -> Tensor:
         """Expected place and value of each channel.

@@ -57,7 +57,7 @@ Controller = Callable[[State], Array]
 
 @dataclass(frozen=True)
 class Frame:
-    """What the privileged vector is measured from.
+    """Place and sizes that the privileged vector is measured from.
 
     Args:
         centre: Middle of the start region, table frame, m. [2].
@@ -128,7 +128,7 @@ class Observer:
 
 
 def privileged(state: State, proprio: Array, frame: Frame, memory: Array | None = None) -> Array:
-    """What the critics see of N worlds; see the module.
+    """Privileged vectors of N worlds, which the critics see; see the module.
 
     Args:
         state: N worlds.

@@ -81,7 +81,7 @@ def _check_sight(config: Mapping[str, Any]) -> None:
     for world, variants in sight["amended"].items():
         place = f"config: study.sight.amended.{world}"
         if world == sight["reference"]:
-            raise InputError(place, "it is the reference", "Name a world in which something changed")
+            raise InputError(place, "this world is the reference", "Name a world in which something changed")
         for name in variants:
             if name not in config["variants"]:
                 choices = ", ".join(sorted(config["variants"]))
@@ -113,8 +113,8 @@ def _check_loop(config: Mapping[str, Any]) -> None:
             choices = ", ".join(sorted(config[section]))
             raise InputError(f"config: loop.{key}", f"'{name}' is not configured", f"Use one of: {choices}")
     if loop["reference"] == loop["changed"]:
-        raise InputError("config: loop.changed", "it is the reference", "Name a world in which something changed")
+        raise InputError("config: loop.changed", "this world is the reference", "Name a world in which something changed")
     if config["variants"][loop["variant"]]["model"] != AMENDED:
         raise InputError(
-            f"config: variants.{loop['variant']}.model", "it is not what the loop amends", f"Write model: {AMENDED}"
+            f"config: variants.{loop['variant']}.model", "it is not the model that the loop amends", f"Write model: {AMENDED}"
         )

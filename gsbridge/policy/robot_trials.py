@@ -33,7 +33,7 @@ FAILURES = tuple(failure.value for failure in Failure if failure not in (Failure
 
 @dataclass(frozen=True)
 class StartPose:
-    """Where the object starts.
+    """A start pose of the object.
 
     Args:
         pose_set: `fixed` or `unseen`.
@@ -66,7 +66,7 @@ class StartPose:
 
 @dataclass(frozen=True)
 class Verdict:
-    """How a trial went.
+    """Judgement of a trial.
 
     Args:
         success: Whether it succeeded by all rules of the task.

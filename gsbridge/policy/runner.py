@@ -31,7 +31,7 @@ Policy = Callable[[Mapping[str, Array], Mapping[str, object]], Array]
 
 @dataclass(frozen=True)
 class Setup:
-    """What an arm runs with, from episode to episode.
+    """Everything that an arm runs with, from episode to episode.
 
     Args:
         interface: What the policy asks for.
@@ -139,7 +139,7 @@ class _Loop:
         self.policy(blank, {})
 
     def start(self) -> None:
-        """Where the arm stands is the first command."""
+        """Begin an episode: the arm's present pose is the first command."""
         end, pose = self._measure()
         if pose is None:
             raise InputError("driver: measure", "the arm's pose is not finite or no pose", "Return base_from_tool, 4x4")

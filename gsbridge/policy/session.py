@@ -29,7 +29,7 @@ class Operator(Protocol):
         """Asked after each step: whether the episode is over before its time."""
 
     def judge(self, log: EpisodeLog) -> Verdict | None:
-        """How it went; None where it does not count and is to be repeated."""
+        """Judge the trial that has ended; None where it does not count and is to be repeated."""
 
 
 class WorldOperator:
@@ -58,7 +58,7 @@ class WorldOperator:
 
 @dataclass(frozen=True)
 class Plan:
-    """What is done.
+    """Episodes to run, and what to do with them.
 
     Args:
         poses: Start poses; empty for one episode from wherever the object lies, which is no trial and is not judged.

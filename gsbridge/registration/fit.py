@@ -112,7 +112,7 @@ def moved(start: HandEye, step: Array) -> HandEye:
 
 
 def predict(views: Views, found: HandEye) -> Array:
-    """Where the corners should be seen, px; NaN behind the camera. [K, 2]."""
+    """Pixels at which the corners should be seen; NaN behind the camera. [K, 2]."""
     cam_from_base = np.linalg.inv(views.base_from_flange @ found.flange_from_camera)
     base = found.scale * views.points @ found.base_from_board[:3, :3].T + found.base_from_board[:3, 3]
     local = np.einsum("kij,kj->ki", cam_from_base[views.pose, :3, :3], base) + cam_from_base[views.pose, :3, 3]
@@ -176,7 +176,7 @@ def consistent(views: Views, start: HandEye, *, with_scale: bool, floor_px: floa
 
 @dataclass(frozen=True)
 class LeftOut:
-    """What leaving out one pose at a time tells.
+    """Result of leaving out one pose at a time.
 
     Args:
         residuals_m: Distance of the board's centre as the left-out pose sees it from where the others put it. [N].

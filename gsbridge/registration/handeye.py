@@ -16,7 +16,7 @@ _LEVER_M = 0.1
 
 @dataclass(frozen=True)
 class HandEye:
-    """What hand-eye calibration finds.
+    """Result of a hand-eye calibration.
 
     Args:
         flange_from_camera: OpenCV axes, m. [4, 4].
@@ -35,7 +35,7 @@ class HandEye:
         return base_from_flange @ self.flange_from_camera @ seen
 
     def mismatch(self, base_from_flange: Array, cam_from_board: Array) -> Array:
-        """How far each pose's own board lies from the common one, angle included, m. [N]."""
+        """Distance of the board that each pose sees from the common one, angle included, m. [N]."""
         seen = self.board_poses(base_from_flange, cam_from_board)
         shift = np.linalg.norm(seen[:, :3, 3] - self.base_from_board[:3, 3], axis=1)
         return shift + _LEVER_M * rotation_angle(seen[:, :3, :3].transpose(0, 2, 1) @ self.base_from_board[:3, :3])

@@ -16,7 +16,7 @@ from gsbridge.robot.assembly import check_rigid
 
 @dataclass(frozen=True)
 class Registration:
-    """Where things stand.
+    """Registered poses of table and camera.
 
     Args:
         base_from_table: Place of the table. [4, 4].

@@ -186,7 +186,7 @@ class GroupedComposition:
         return self._shown
 
     def see(self, world_from_body: Mapping[str, Array], camera: Camera, cam_from_world: Array) -> Seen:
-        """What a camera sees of the bodies at some poses.
+        """Groups of the bodies' splats that a camera sees at some poses.
 
         Args:
             world_from_body: Rigid poses of all bodies. [4, 4] each.

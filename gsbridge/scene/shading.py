@@ -34,7 +34,7 @@ TILE = 2 * LANES
 """Points, in squares of the grid, for which spheres are looked up together: each shades a few of them only."""
 
 BARE, OWN, LIT = 0, 1, 2
-"""What a point belongs to: the robot or nothing, the object, anything else."""
+"""Kinds of points: those of the robot or of nothing, those of the object, and all others."""
 
 GAMMA = 2.4
 """Exponent of sRGB's encoding of all but the darkest light."""

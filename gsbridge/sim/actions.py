@@ -22,7 +22,7 @@ runs into one of 96 bananas. Episodes are no longer for it."""
 
 @dataclass(frozen=True)
 class ActionScale:
-    """What an entry of 1 means, per control step.
+    """Motion that an entry of 1 commands, per control step.
 
     Args:
         position: Step of the tool point along each axis of the table, m.

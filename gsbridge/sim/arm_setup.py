@@ -154,7 +154,7 @@ class ArmSetup:
 
 @njit(nogil=True)
 def sense(a: np.record, measured: Array) -> None:
-    """What the encoders say of the true angles and speeds. measured [2, N + 1] -> a.seen [2, N + 1]."""
+    """Angles and speeds as the encoders report the true ones. measured [2, N + 1] -> a.seen [2, N + 1]."""
     figures, seen = a.figures, a.seen
     for i in range(figures.shape[1]):
         angle, rate = measured[0, i], measured[1, i]

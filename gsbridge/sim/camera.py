@@ -14,7 +14,7 @@ from gsbridge.sim.model import Camera
 
 @dataclass(frozen=True)
 class CameraResponse:
-    """What turns a picture of the splats into one of the wrist camera; the terms are those of the model's `camera`.
+    """Response that turns a picture of the splats into one of the wrist camera, in the terms of the model's `camera`.
 
     Args:
         gain, red_gain, blue_gain: Factors on linear light: all channels, red, blue.
@@ -60,7 +60,7 @@ class CameraResponse:
 
 
 def respond(image: Array, camera: Camera, rng: np.random.Generator) -> Array:
-    """What the camera makes of an image.
+    """Apply the camera's response to an image.
 
     Args:
         image: Rendered image, sRGB. uint8 [H, W, 3].

@@ -76,7 +76,7 @@ class ItemSetup:
 
     @property
     def soft(self) -> bool:
-        """Whether the table gives way."""
+        """Whether the contact with the table is soft."""
         return self.figures["compliance"] > 0.0
 
     @property

@@ -29,7 +29,7 @@ Seven = tuple[float, float, float, float, float, float, float]
 
 
 class Range(NamedTuple):
-    """What a key of the model file may hold: unit, smallest and largest value, and the length of a list (0: no list)."""
+    """Allowed content of a key of the model file: unit, smallest and largest value, and length of a list (0: no list)."""
 
     unit: str
     low: float

@@ -22,7 +22,7 @@ PERIODS = 20
 
 @dataclass(frozen=True)
 class Deviation:
-    """How far two engines come apart in one motion.
+    """Distance between two engines in one motion.
 
     Args:
         tool: Largest distance of the tool points, m.
@@ -64,7 +64,7 @@ def swing(number: int) -> tuple[Array, float]:
 
 
 def set_points(goals: Array, substeps: int) -> Array:
-    """What the joints are asked for in each physics step: the commands' broken line, averaged over one control period.
+    """Set points of the joints in each physics step: the commands' broken line, averaged over one control period.
 
     Args:
         goals: Joint goals, the start first. [P + 1, N].

@@ -37,7 +37,7 @@ class Failure(StrEnum):
 
 @dataclass(frozen=True)
 class Progress:
-    """What a task remembers of an episode, per world; everything else it reads off the state.
+    """Memory of a task about an episode, per world; everything else is read off the state.
 
     Args:
         streak: Steps in a row in which the goal was met. int [N].

@@ -97,7 +97,7 @@ class State:
 NAMES = tuple(item.name for item in fields(State))
 _ENDS = np.cumsum([_WIDTHS.get(name, 1) for name in NAMES]).tolist()
 COLUMNS = {name: slice(end - _WIDTHS.get(name, 1), end) for name, end in zip(NAMES, _ENDS, strict=True)}
-"""Where each field stands in a row of all numbers of one world."""
+"""Place of each field in a row of all numbers of one world."""
 
 ROW: int = _ENDS[-1]
 """Numbers of one world."""

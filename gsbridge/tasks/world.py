@@ -57,4 +57,4 @@ class SeeingWorld(World, Protocol):
     """A world with a camera of its own; images of the others are drawn from `body_poses`."""
 
     def image(self, size: int) -> Array:
-        """What the wrist camera sees now. uint8 [size, size, 3]."""
+        """Picture of the wrist camera now. uint8 [size, size, 3]."""

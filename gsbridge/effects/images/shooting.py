@@ -17,7 +17,7 @@ from gsbridge.geometry import Array
 
 @dataclass(frozen=True)
 class Frame:
-    """What steps on the light know of a photo besides its pixels.
+    """A photo's camera, time, depths and pose, which steps on its light may use.
 
     Args:
         camera: Nominal pinhole.
@@ -40,7 +40,7 @@ class Frame:
 
     @cached_property
     def points(self) -> Array:
-        """What every pixel sees, in the world, m. [H, W, 3]."""
+        """Point of the world that every pixel sees, m. [H, W, 3]."""
         rays = self.camera.pixel_rays() * self.depths[..., None]
         return (rays - self.cam_from_world[:3, 3]) @ self.cam_from_world[:3, :3]
 
@@ -57,7 +57,7 @@ RESPONSE, OFFSET = range(2)
 
 @dataclass
 class Shooting:
-    """How photos are taken; effects add to it.
+    """The way photos are taken, from pose to sensor; effects change it.
 
     Attributes:
         delay: Time by which pictures are older than their time stamps, s.

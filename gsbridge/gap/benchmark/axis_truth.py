@@ -37,7 +37,7 @@ _PLACES = {
 
 
 def run_axis(course: Course, duration: float, times: Array, hidden: Mapping[str, float]) -> dict[str, Array]:
-    """What the axis with something hidden would log.
+    """Log of the axis when something is hidden in it.
 
     Args:
         course: Commands.

@@ -39,7 +39,7 @@ class BulletTruth:
         self._skeleton = Skeleton.read(system.urdf, system.joints)
 
     def __call__(self, course: Course, duration: float, times: Array, hidden: Mapping[str, float]) -> dict[str, Array]:
-        """What the arm with something hidden would log; see `generate.Truth`."""
+        """Log of the arm when something is hidden in it; see `generate.Truth`."""
         with _BulletArm(self.system, self._skeleton, hidden) as engine:
             return run_arm(engine, self.system, course, duration, times, hidden)
 

@@ -148,7 +148,7 @@ def arm_model(folder: str | Path) -> Path:
 
 @dataclass(frozen=True)
 class MechanismSite:
-    """Where a tier's cases come from.
+    """Source of a tier's cases.
 
     Args:
         kind: `axis` or `arm`, also the name of its model's folder.

@@ -91,7 +91,7 @@ class MujocoTruth:
         return model
 
     def __call__(self, course: Course, duration: float, times: Array, hidden: Mapping[str, float]) -> dict[str, Array]:
-        """What the mechanism with something hidden would log; see `generate.Truth`."""
+        """Log of the mechanism when something is hidden in it; see `generate.Truth`."""
         last = self._skeleton.child_of[self.system.joints[-1]]
         engine = _MujocoArm(self._compile(hidden), self._brain, self.system.joints, last)
         return run_arm(engine, self.system, course, duration, times, hidden)

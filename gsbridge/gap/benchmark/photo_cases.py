@@ -75,7 +75,7 @@ def _scales(repeats: int) -> dict[str, int]:
 
 
 def read_photos(folder: str | Path) -> dict[str, Pairs]:
-    """What `write_photos` wrote.
+    """Read photos that `write_photos` wrote.
 
     Raises:
         InputError: A file is missing or damaged.

@@ -94,7 +94,7 @@ class JudgedCase:
 
     @property
     def answer(self) -> str:
-        """What was said, in one cell of a confusion matrix."""
+        """The answer of the diagnosis, as one column of a confusion matrix."""
         if self.verdict == "named":
             return " + ".join(sorted(self.named))
         if self.verdict == "ambiguous":

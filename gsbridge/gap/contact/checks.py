@@ -29,7 +29,7 @@ def check_throws(throws: Throws, gravity: float, source: str | Path) -> None:
         source: Their file, for messages.
 
     Raises:
-        InputError: As said.
+        InputError: The log contradicts what its case states.
     """
     check_clock(throws, source)
     check_fall(throws, gravity, source)
@@ -40,7 +40,7 @@ def check_clock(throws: Throws, source: str | Path) -> None:
     """Refuse samples that are too rare to show a contact.
 
     Raises:
-        InputError: As said; it names the unit if times look like milliseconds or finer.
+        InputError: Samples are too rare; the message names the unit if times look like milliseconds or finer.
     """
     step = float(np.median(np.concatenate([np.diff(throw.time) for throw in throws.items])))
     if step <= SLOWEST:
@@ -62,7 +62,7 @@ def check_fall(throws: Throws, gravity: float, source: str | Path) -> None:
         source: Their file, for messages.
 
     Raises:
-        InputError: As said.
+        InputError: The log contradicts gravity.
     """
     fall = -np.median([parabolas(throw).acceleration for throw in throws.items], axis=0)
     along = int(np.abs(fall).argmax())
@@ -81,7 +81,7 @@ def check_speeds(throws: Throws, source: str | Path) -> None:
     """Refuse logged start speeds that are many times those of the poses, or stand in the body's own axes.
 
     Raises:
-        InputError: As said.
+        InputError: Speeds contradict the poses.
     """
     if any(throw.velocity is None or throw.spin is None for throw in throws.items):
         return

@@ -76,7 +76,7 @@ def _changes(body: FreeBody, effects: tuple[Applied, ...]) -> list[dict[str, tup
 
 
 class ThrowAccount(Account):
-    """How findings about a thrown body are told: lengths in millimetres."""
+    """Puts findings about a thrown body into words and figures, lengths in millimetres."""
 
     effects = BODY_EFFECTS
     unit = "mm"
@@ -90,7 +90,7 @@ class ThrowAccount(Account):
         return "" if parameter.unit == "1" else parameter.unit
 
     def leaves(self, diagnosis: Diagnosis) -> str:
-        """What an explanation leaves, or how little it closes on other throws."""
+        """Sentence on what an explanation leaves, or how little it closes on other throws."""
         finding, checked = diagnosis.finding, diagnosis.verification
         if checked is not None and not checked.transfers() and finding.closure(finding.after) >= TRANSFERS:  # type: ignore[attr-defined]
             return f"closes {checked.closure:.0%} of the gap on throws that it has not seen"
@@ -98,7 +98,7 @@ class ThrowAccount(Account):
         return f"leaves {after} of {before}, where noise and chaos explain {floor}"
 
     def lacks(self, item: Mapping[str, Any]) -> str:
-        """What figures of the model become."""
+        """Sentence on what figures of the model become."""
         share, alone = BODY_EFFECTS[item["name"]].relative, len(item["parameters"]) == 1
         figures = ", ".join(
             _figure("" if alone else name.replace("_", " "), row, share) for name, row in item["parameters"].items()
@@ -106,7 +106,7 @@ class ThrowAccount(Account):
         return f"{item['title'][0].upper()}{item['title'][1:]}: {figures}"
 
     def change(self, checked: Verification) -> str:
-        """How the distance changes on `verify`."""
+        """Sentence on how the distance changes on `verify`."""
         verb = "falls" if checked.after <= checked.before else "rises"
         sizes = f"{1e3 * checked.before:.3g} to {1e3 * checked.after:.3g} mm"
         return f"the mean distance {verb} from {sizes} on throws it has not seen"

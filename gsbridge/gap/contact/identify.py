@@ -84,7 +84,7 @@ class ThrowHypothesis:
 
 @dataclass(frozen=True)
 class ThrowFinding(Finding[ThrowHypothesis]):
-    """What was found. Gaps are mean distances on `select`, m; simulations are passes over the throws of a role.
+    """Findings about a thrown body. Gaps are mean distances on `select`, m; simulations are passes over the throws of a role.
 
     Args:
         floor: What noise, chaos and the engine's choices explain.

@@ -73,7 +73,7 @@ def body_effects(replay: ThrowReplay, names: Collection[str] | None) -> tuple[st
 
 
 def grid(name: str) -> list[Applied]:
-    """Where an effect is looked at first: its directions, each in growing sizes."""
+    """Parameters at which an effect is tried first: its directions, each in growing sizes."""
     effect = BODY_EFFECTS[name]
     return [Applied(name, "", effect.scaled(values, size)) for values in effect.directions() for size in effect.sizes]
 

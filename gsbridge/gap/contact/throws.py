@@ -24,7 +24,7 @@ _ROWS = 10
 """Samples in a throw."""
 
 _UNIT_NORM = 0.05
-"""How far a quaternion's length may be from one."""
+"""Largest accepted difference of a quaternion's length from one."""
 
 _AXES = "xyz"
 

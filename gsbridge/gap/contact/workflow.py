@@ -67,7 +67,7 @@ class ThrowBackend(CaseBackend):
         save_throws(data, self.case.throws)
 
     def about(self) -> dict[str, Any]:
-        """What `records.json` says."""
+        """Content of `records.json`."""
         parts = {role: _about(role, items) for role, items in self.case.throws.items()}
         return self.described(self.case.body.digest(), MODE, parts, horizon=self.case.horizon)
 
@@ -96,7 +96,7 @@ class ThrowBackend(CaseBackend):
         }
 
     def diagnose(self, bank: str | Path, seed: int) -> dict[str, Any]:
-        """What is missing, proven on the third role: `findings.json`."""
+        """Diagnose the case. Returns the content of `findings.json`, proven on the third role."""
         case = self.case
         diagnosis = diagnose_throws(case.body, case.throws, bank, names=case.names, horizon=case.horizon, seed=seed)
         counts = {role: len(items) for role, items in case.throws.items()}

@@ -31,7 +31,7 @@ _SLOW_IMPACT = 0.05
 
 @dataclass(frozen=True)
 class Numerics:
-    """What an engine chooses and no model states; varied to learn how much it matters.
+    """Choices of the engine that no model states; they are varied to learn how much they matter.
 
     Args:
         step_factor: Factor on the engine's step.

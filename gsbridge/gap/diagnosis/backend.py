@@ -44,16 +44,16 @@ class Backend(Protocol):
         """Write the measurements (`.npz`)."""
 
     def about(self) -> dict[str, Any]:
-        """What `records.json` says; `mode` tells the kind of case."""
+        """Content of `records.json`; `mode` tells the kind of case."""
 
     def compare(self) -> dict[str, Any]:
-        """What `comparison.json` says: residuals of the model as it is, and where they show."""
+        """Content of `comparison.json`: residuals of the model as it is, and where they show."""
 
     def screen(self, bank: str | Path) -> dict[str, Any]:
-        """What `screen.json` says: which effects show, and which look alike, before any fit. Fills the bank."""
+        """Content of `screen.json`: which effects show, and which look alike, before any fit. Fills the bank."""
 
     def diagnose(self, bank: str | Path, seed: int) -> dict[str, Any]:
-        """What `findings.json` says: what is missing, proven on `verify`."""
+        """Content of `findings.json`: what is missing, proven on `verify`."""
 
     def amend(self, model: str | Path, findings: Mapping[str, Any], out: str | Path) -> None:
         """Write the model with what was found.
@@ -65,12 +65,12 @@ class Backend(Protocol):
         """
 
     def replay(self, effects: Sequence[Applied]) -> tuple[dict[str, Array], dict[str, Any]]:
-        """What was measured beside the model before and after, as arrays, and what `replays.json` says about it."""
+        """Measurements and replays before and after, as arrays, and the content of `replays.json` about them."""
 
 
 @dataclass(frozen=True)
 class CaseBackend:
-    """What backends share.
+    """Parts that all backends share.
 
     Args:
         case: A checked case with its `model`, the `names` of effects that may be the reason, and `reasons`.
@@ -86,7 +86,7 @@ class CaseBackend:
     def described(
         self, digest: str, mode: str, parts: Mapping[str, Mapping[str, Any]], joints: Sequence[str] = (), **figures: Any
     ) -> dict[str, Any]:
-        """What `records.json` says.
+        """Content of `records.json`.
 
         Args:
             digest: SHA-256 of all that a simulation depends on.

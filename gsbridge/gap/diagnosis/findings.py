@@ -75,7 +75,7 @@ class Diagnosis:
 
 
 class Measured(Protocol):
-    """What was measured in one role of a case."""
+    """Measurements of one role of a case."""
 
     @property
     def digest(self) -> str:
@@ -86,7 +86,7 @@ class Measured(Protocol):
 
 
 class Account:
-    """How the findings of one kind of case are told.
+    """Puts the findings of one kind of case into words and figures.
 
     Attributes:
         effects: What may be named.
@@ -111,7 +111,7 @@ class Account:
     def findings_of(
         self, diagnosis: Diagnosis, parts: Mapping[str, Measured], *, seed: int, reasons: Collection[str] = (), **counts: Any
     ) -> dict[str, Any]:
-        """What `findings.json` holds.
+        """Content of `findings.json`.
 
         Args:
             diagnosis: The diagnosis.
@@ -275,7 +275,7 @@ class Account:
         )
 
     def leaves(self, diagnosis: Diagnosis) -> str:
-        """What an explanation leaves that is none."""
+        """Sentence on what the nearest explanation leaves, where nothing can be named."""
         return f"leaves {diagnosis.finding.after:.3g} times the noise of {diagnosis.finding.before:.3g}"
 
     def lacks(self, item: Mapping[str, Any]) -> str:
@@ -288,7 +288,7 @@ class Account:
         return f"{who} lacks {item['title']} ({figures})"
 
     def change(self, checked: Verification) -> str:
-        """How the gap changes on `verify`."""
+        """Sentence on how the gap changes on `verify`."""
         verb = "falls" if checked.after <= checked.before else "rises"
         return f"the gap {verb} from {checked.before:.3g} to {checked.after:.3g} times the noise on a record it has not seen"
 

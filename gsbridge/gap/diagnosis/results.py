@@ -131,7 +131,7 @@ class EffectFit:
 
     @property
     def stopped(self) -> bool:
-        """Whether an effect would have to be larger than makes sense: what it is fitted to is something else."""
+        """Whether an effect would have to be larger than makes sense, so that it was fitted to something else."""
         return any(
             parameter.amplitude
             and bound != 0.0
@@ -143,7 +143,7 @@ class EffectFit:
 
     @property
     def blurred(self) -> bool:
-        """Whether one of several effects may as well be absent: they make up for each other to mimic something else."""
+        """Whether one of several effects may as well be absent, so that they together mimic something else."""
         if len(self.who) < 2:
             return False
         place = 0
@@ -207,12 +207,12 @@ class Hypothesis:
 
 
 H = TypeVar("H")
-"""What a backend calls a fit that was judged: `Hypothesis`, or its own."""
+"""Type of a fit that was judged: `Hypothesis`, or a backend's own."""
 
 
 @dataclass(frozen=True)
 class Finding(Generic[H]):
-    """What was found.
+    """Outcome of a diagnosis.
 
     Args:
         verdict: One of `VERDICTS`.
@@ -290,7 +290,7 @@ class Verification:
 
 
 NAMED, ONE_OF, LIKELY = "named", "one of", "likely, not proven"
-"""How sure a line of an account is."""
+"""Words for how sure a line of an account is."""
 
 
 @dataclass(frozen=True)

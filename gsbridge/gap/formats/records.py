@@ -88,7 +88,7 @@ class Record:
 
 @dataclass(frozen=True)
 class Layout:
-    """How a file's columns are called.
+    """Names of a file's columns, and their units.
 
     Args:
         joints: Joints of the mechanism, as its description names them.
@@ -175,7 +175,7 @@ def check_clock(record: Record, source: str | Path) -> None:
     """Refuse times that do not rise, and records of a mechanism that are too short.
 
     Raises:
-        InputError: As said.
+        InputError: The times do not rise, or the record is too short.
     """
     steps = np.diff(record.time)
     if len(steps) < 10:
@@ -206,7 +206,7 @@ def check_degrees(record: Record, source: str | Path, limits: Array | None = Non
         limits: Lower and upper limits of the joints, rad. [N, 2].
 
     Raises:
-        InputError: As said.
+        InputError: Angles are evidently in another unit than stated.
     """
     position = record.measured.get("position")
     if position is None:

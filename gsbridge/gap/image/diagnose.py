@@ -104,7 +104,7 @@ def channel_sizes(view: ImageResiduals, table: Array) -> dict[str, float]:
 
 
 class ImageAccount(Account):
-    """How findings about pictures are told."""
+    """Puts findings about pictures into words and figures."""
 
     effects = IMAGE_EFFECTS
     agree = "Earlier and later photos agree within the noise (p = {p:.2g})."

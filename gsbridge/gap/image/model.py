@@ -24,7 +24,7 @@ def image_candidates(names: Collection[str] | None = None) -> tuple[ImageCandida
 
 
 def shooting(effects: Sequence[Applied] = ()) -> Shooting:
-    """How photos are taken with some effects.
+    """The way photos are taken with some effects.
 
     Raises:
         InputError: An effect or one of its parameters is unknown, or a value is out of its bounds.

@@ -61,7 +61,7 @@ def _blocks(values: Array, scale: int) -> Array:
 
 @dataclass(frozen=True)
 class ImageNull:
-    """How photos with nothing changed look.
+    """Null distribution of photos in which nothing has changed.
 
     Args:
         sums: Sums over each replicate, as from the function `sums`. [R, K].

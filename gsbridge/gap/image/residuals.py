@@ -176,7 +176,7 @@ class ImageResiduals:
         return 3 * int(self.mask.sum()) + 3 * int(np.isfinite(self._spread).sum())
 
     def usual(self) -> Array:
-        """What photos of one day differ by, in units of its own size in each colour. [N, h, w, 3]."""
+        """Difference of photos of one day, in units of its size in each colour. [N, h, w, 3]."""
         apart = self._usual * self._weights
         return apart / np.sqrt(np.maximum((apart**2).sum(axis=(0, 1, 2)) / max(float(self.mask.sum()), 1.0), 1e-12))
 

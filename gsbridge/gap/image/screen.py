@@ -38,7 +38,7 @@ class Group:
 
 @dataclass(frozen=True)
 class ImageMatch:
-    """What an effect could explain.
+    """Gain that an effect could bring, before any fit.
 
     Args:
         candidate: The effect.
@@ -127,7 +127,7 @@ def unseen_of(view: ImageResiduals, who: Sequence[Candidate], groups: Sequence[G
 
 
 def cosines(groups: Sequence[Group]) -> tuple[list[str], Array]:
-    """How alike effects look: their names, and the cosines of their longest signatures. [N, N]."""
+    """Names of the effects, and cosines of their longest signatures, which tell how alike they look. [N, N]."""
     longest: dict[str, Array] = {}
     for group in groups:
         row = max(group.tables, key=lambda table: float((table**2).sum()))

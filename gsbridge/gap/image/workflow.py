@@ -74,7 +74,7 @@ class ImageBackend(CaseBackend):
         save_pairs(data, self.case.pairs)
 
     def about(self) -> dict[str, Any]:
-        """What `records.json` says."""
+        """Content of `records.json`."""
         digest = hashlib.sha256(self.case.model.read_bytes()).hexdigest()
         return self.described(digest, PHOTOS, {role: _about(part) for role, part in self.case.pairs.items()})
 
@@ -105,7 +105,7 @@ class ImageBackend(CaseBackend):
         }
 
     def diagnose(self, bank: str | Path, seed: int) -> dict[str, Any]:
-        """What changed, proven on the third role: `findings.json`. Pictures need no bank."""
+        """Diagnose the case without a bank. Returns the content of `findings.json`, proven on the third role."""
         case = self.case
         diagnosis = diagnose_images(case.pairs, names=case.names, seed=seed)
         found = ImageAccount().findings_of(diagnosis, case.pairs, seed=seed, reasons=case.reasons)

@@ -35,7 +35,7 @@ _LARGEST = 2e4
 
 @dataclass(frozen=True)
 class Signature:
-    """What a candidate of one size changes.
+    """Change of a replay by a candidate of one size.
 
     Args:
         candidate: Who.

@@ -48,7 +48,7 @@ def excess(residual: Array) -> Array:
 
 @dataclass(frozen=True)
 class JointNull:
-    """How effect-free residuals look.
+    """Null distribution of residuals without any effect.
 
     Args:
         excesses: What `excess` gives for each replicate. [R, S * (C + 1)].

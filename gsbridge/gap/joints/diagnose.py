@@ -32,7 +32,7 @@ _FAR = 50.0
 
 
 class JointAccount(Account):
-    """How findings about a mechanism are told."""
+    """Puts findings about a mechanism into words and figures."""
 
     effects = JOINT_EFFECTS
 

@@ -73,7 +73,7 @@ class _Problem:
         return (self.residual(moved) - residual) / h
 
     def step(self, vector: Array, residual: Array, jacobian: Array, damping: float) -> tuple[Array, float]:
-        """Where a damped step leads within the bounds, and what it should win."""
+        """Parameters after a damped step within the bounds, and what the step should win."""
         scale = self.scale(vector)
         gradient, curvature = jacobian.T @ residual, jacobian.T @ jacobian
         free = ~(((vector <= self.low) & (gradient > 0)) | ((vector >= self.high) & (gradient < 0)))

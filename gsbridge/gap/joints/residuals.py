@@ -195,7 +195,7 @@ class JointResiduals:
         return out
 
     def stepping(self) -> Array:
-        """What another step of time changes in the nominal replay, in units of the noise. [T, C]."""
+        """Change of the nominal replay by another step of time, in units of the noise. [T, C]."""
         return self.whiten(self._columns(self.frame.stepping))
 
     def stepping_beyond(self, effects: Sequence[Applied]) -> Array:

@@ -102,7 +102,7 @@ class Screen:
         return (self.shapes @ residual.ravel().astype(np.float32)).astype(np.float64)
 
     def gains(self, along: Array) -> tuple[Array, Array]:
-        """What each signature removes, and the factor it takes. [S] or [S, R] each."""
+        """Squared residual that each signature removes, and its factor. [S] or [S, R] each."""
         sizes = np.maximum(self.sizes, 1e-300) if along.ndim == 1 else np.maximum(self.sizes, 1e-300)[:, None]
         factor = np.clip(along / sizes, *_STRETCH)
         return 2 * factor * along - factor**2 * sizes, factor

@@ -69,7 +69,7 @@ class JointBackend(CaseBackend):
         save_records(data, self.case.records)
 
     def about(self) -> dict[str, Any]:
-        """What `records.json` says."""
+        """Content of `records.json`."""
         system, parts = self.case.system, {role: _about(item) for role, item in self.case.records.items()}
         return self.described(system.digest(), system.controller.mode, parts, system.joints)
 
@@ -99,7 +99,7 @@ class JointBackend(CaseBackend):
         }
 
     def diagnose(self, bank: str | Path, seed: int) -> dict[str, Any]:
-        """What is missing, proven on the third record: `findings.json`."""
+        """Diagnose the case. Returns the content of `findings.json`, proven on the third record."""
         case = self.case
         diagnosis = diagnose_joints(case.system, case.records, bank, names=case.names, seed=seed)
         return JointAccount().findings_of(diagnosis, case.records, seed=seed, reasons=case.reasons)

@@ -77,7 +77,7 @@ def shown_mesh(name: str, seed: int, detail: float) -> tuple[Mesh, Array]:
 
 
 def true_from_body(name: str, seed: int, body_from_table: Array) -> Array:
-    """Where the body frame of a reconstruction lies in that of the true object.
+    """Pose of a reconstruction's body frame in that of the true object.
 
     Both have the axes of the film's table and their origin in the middle of a footprint, but a reconstructed footprint is not
     the true one: the tips of a banana are hard to see. Who puts the true object where a simulated one stands needs the step

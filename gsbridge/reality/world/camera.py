@@ -40,7 +40,7 @@ _COVERS = ("arm", "coloured", "hand")
 
 @dataclass(frozen=True)
 class Setting:
-    """What stands in the room.
+    """Background and object in the room.
 
     Args:
         object: One of the mirror's objects, or None.
@@ -141,7 +141,7 @@ class MirrorCamera:
         self._parameters.update()
 
     def light(self, camera: Camera, cam_from_table: Array, quality: Quality, seed: int) -> Array:
-        """What arrives at the sensor, linear. [H, W, 3] float32.
+        """Linear light that arrives at the sensor. [H, W, 3] float32.
 
         Args:
             camera: Pinhole with square pixels and its principal point in the middle.

@@ -24,7 +24,7 @@ from gsbridge.tasks.views import ViewState, read_states, whole_pose
 
 @dataclass(frozen=True)
 class Exposure:
-    """How photos are taken.
+    """Settings of the mirror's photos.
 
     Args:
         pieces: Folder that keeps convex pieces from run to run.

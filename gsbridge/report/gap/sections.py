@@ -35,7 +35,7 @@ def read_series(path: str | Path) -> dict[str, Array]:
 
 @dataclass(frozen=True)
 class Parts(ABC):
-    """What differs from one kind of case to another.
+    """Parts of the report that differ between kinds of cases.
 
     Args:
         logs: What its measurements are called.

@@ -35,7 +35,7 @@ EYE_M, TARGET_M = (0.9, -0.7, 0.9), (-0.15, 0.25, 0.3)
 
 @dataclass(frozen=True)
 class EpisodeFiles:
-    """What a recording is made of.
+    """Files that a recording is made of.
 
     Args:
         episode: File of `gsbridge.tasks.episode`, with the pictures `gs` and `mesh`.

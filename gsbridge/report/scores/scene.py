@@ -26,7 +26,7 @@ from gsbridge.meshes import Mesh, read_mesh
 
 @dataclass(frozen=True)
 class Truth:
-    """What the film studio knew.
+    """True cameras and poses of a film.
 
     Args:
         camera: True camera of the film, with distortion.

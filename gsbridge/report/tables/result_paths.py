@@ -43,7 +43,7 @@ def is_main_run(path: str | Path) -> bool:
 
 @dataclass(frozen=True)
 class Cell:
-    """What a policy was trained for and how: one point of the experiment, without its seed.
+    """Task, scenes and way of training of a policy: one point of the experiment, without its seed.
 
     Args:
         task: `grasp` or `pick_and_place`.

@@ -150,7 +150,7 @@ class _View:
 
 @dataclass(frozen=True)
 class Seen:
-    """What a picture is drawn from.
+    """Groups of splats that a picture is drawn from, and their frames.
 
     Args:
         groups: Numbers of groups of `layout.GROUP` splats, rising. [G] int64.

@@ -55,7 +55,7 @@ class Chain:
         return cls(order, parents, fixed, axes, slides, links)
 
     def place(self, link: str, q: Array) -> Array:
-        """Where a link's frame is, base frame, m.
+        """Origin of a link's frame, base frame, m.
 
         Args:
             link: Name of the link.

@@ -45,7 +45,7 @@ def motor_side(
     gap: float,
     step: float,
 ) -> float:
-    """Where a motor is at the end of a step behind a transmission with play and twist, whose link is then at `q`.
+    """Angle of a motor at the end of a step, behind a transmission with play and twist whose link is then at `q`.
 
     The motor feels `pull - stiffness * angle - damping * speed` and the transmission.
 
