@@ -44,6 +44,7 @@ class RobotDriver(Protocol):
     @property
     def camera(self) -> Camera | None:
         """Intrinsics of the pictures, distortion included; None for the camera of `registration.json`."""
+        ...
 
     def rest(self) -> None:
         """Open the gripper, drive slowly to the rest posture, and return when the arm stands still."""

@@ -92,7 +92,7 @@ def _heights(vertices: Array, low: float, high: float) -> tuple[Array, float, Ar
 
 def _check_range(low: float, high: float) -> None:
     if not 0 <= low < high <= 1:
-        raise ValueError(f"a range of heights must rise within 0..1; this one goes from {low} to {high}")
+        raise ValueError(f"a range of heights goes up within 0..1, not from {low} to {high}")
 
 
 def bend(angle: float, heading: float = 0.0, *, low: float = 0.0, high: float = 1.0) -> Deformation:

@@ -80,6 +80,7 @@ class Measured(Protocol):
     @property
     def digest(self) -> str:
         """SHA-256 of its files; empty where there are none."""
+        ...
 
     def content_digest(self) -> str:
         """SHA-256 of its numbers."""

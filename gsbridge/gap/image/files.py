@@ -75,7 +75,7 @@ def read_pairs(views: str | Path, before: str | Path, after: str | Path, *, shot
             raise InputError(
                 before,
                 f"of some views there are {min(repeats) + 1} photos, of others {max(repeats) + 1}",
-                "Take as many photos of every view",
+                "Take as many of all",
             )
         poses = np.stack([rows[index]["cam_from_world"] for index in chosen])
         digest.update(depths[chosen].tobytes() + poses.tobytes())
@@ -163,9 +163,7 @@ def _depths(path: Path, shape: tuple[int, int, int]) -> Array:
         seen, wanted = (" x ".join(map(str, size)) for size in (depths.shape, shape))
         raise InputError(path, f"its depths are {seen}", f"Give {wanted}: one per view and pixel")
     if not (np.isfinite(depths) & (depths > 0)).any(axis=(1, 2)).all():
-        raise InputError(
-            path, "no depth is known for one of the views", "Give camera z of what it shows, m; 0 only where unknown"
-        )
+        raise InputError(path, "of a view, no depth is known", "Give camera z of what it shows, m; 0 only where unknown")
     return depths
 
 
