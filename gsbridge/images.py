@@ -160,7 +160,7 @@ def psnr(image: Array, reference: Array, weight: Array | None = None) -> float:
     """Peak signal-to-noise ratio, dB, peak 1.
 
     Args:
-        image, reference: [H, W, 3].
+        image, reference: Images to compare. [H, W, 3].
         weight: Weight of each pixel, for example a mask. [H, W].
 
     Returns:

@@ -18,7 +18,7 @@ class Mesh:
     """A triangle mesh, table frame, metres.
 
     Args:
-        vertices: [V, 3] float64.
+        vertices: Positions of the vertices. [V, 3] float64.
         faces: Vertex indices, counter-clockwise seen from outside. [F, 3] int64.
         colours: Vertex colours, sRGB 0..1, or None. [V, 3] float32.
     """

@@ -16,10 +16,10 @@ class MassProperties:
     """A rigid body of even density.
 
     Args:
-        volume: m3.
-        mass: kg.
+        volume: Volume, m3.
+        mass: Mass, kg.
         centre: Centre of mass, body frame, m. [3].
-        inertia: About the centre of mass, body axes, kg m2. [3, 3].
+        inertia: Inertia about the centre of mass, body axes, kg m2. [3, 3].
     """
 
     volume: float
@@ -77,7 +77,7 @@ def narrowest_width(vertices: Array) -> float:
     """Smallest distance between two upright parallel planes that hold all points: what a gripper from above must open, m.
 
     Args:
-        vertices: [N, 3].
+        vertices: Vertices of the object, m. [N, 3].
 
     Source: a smallest strip has an edge of the convex polygon on one side (Houle and Toussaint, 1988).
     """

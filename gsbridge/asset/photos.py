@@ -43,7 +43,7 @@ def compare_with_photos(
 
     Args:
         cloud: Splats, body frame.
-        body_from_table: [4, 4].
+        body_from_table: Transform from the table frame to the body frame. [4, 4].
         photos: See `Photos`.
         kind: `object` or `background`.
         visual: Mesh of the mesh stage; says which pixels of a background count.

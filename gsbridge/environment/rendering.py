@@ -20,7 +20,7 @@ def wrist_camera(size: int, field_of_view: float = FIELD_OF_VIEW) -> Camera:
 
     Args:
         size: Edge, px.
-        field_of_view: rad.
+        field_of_view: Angle that the picture's edge spans, rad.
 
     Raises:
         InputError: Size or angle make no picture.

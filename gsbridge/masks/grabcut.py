@@ -127,7 +127,7 @@ def tidy(mask: Array, keep: Array | None = None, hole_share: float = 0.01) -> Ar
     """Largest part of a mask, without small holes.
 
     Args:
-        mask: [h, w] bool.
+        mask: The mask. [h, w] bool.
         keep: Pixels that the kept part should hold, for example the object's points; the part with most of them wins. [N, 2].
         hole_share: Holes smaller than this share of the mask are filled; larger ones (a cup's handle) stay.
     """

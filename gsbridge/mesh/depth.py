@@ -38,7 +38,7 @@ class Cloud:
     """Points on the object's surface.
 
     Args:
-        points: [N, 3].
+        points: Measured points. [N, 3].
         normals: Unit, outward. [N, 3].
         confirmed: Per view, lattice pixels with a confirmed depth. [h, w] bool each.
         views: The views at the lattice's size, whose pixels are the lattice pixels.

@@ -16,7 +16,7 @@ class SparsePoints:
     """Sparse model of a scene in the table frame.
 
     Args:
-        points: [N, 3].
+        points: Positions of the points. [N, 3].
         view_index, point_index: One pair per observation: which view saw which point. [M] each.
     """
 

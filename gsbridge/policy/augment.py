@@ -114,7 +114,7 @@ class Augmenter:
         """Varied proprio: what is closed on an object of another width must not look like fingers still under way.
 
         Args:
-            proprio: [B, 12].
+            proprio: Proprioception. [B, 12].
             generator: CPU generator.
 
         Returns:

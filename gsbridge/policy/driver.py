@@ -96,7 +96,7 @@ class JointArm:
         """Joint angles that bring the tool to a pose; None where no posture does.
 
         Args:
-            base_from_tool: [4, 4].
+            base_from_tool: Wanted pose of the tool. [4, 4].
             now: Joint angles of the last command, rad. [7].
         """
         found = self.kinematics.inverse(base_from_tool, now)

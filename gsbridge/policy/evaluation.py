@@ -35,7 +35,7 @@ class Evaluation:
     Args:
         success: bool [N].
         quadrant: 1 to 4. [N].
-        steps: [N].
+        steps: Steps of each episode. [N].
         returns: Discounted, from the start. [N].
         expected: What the critics expected at the start; NaN without critics. [N].
     """

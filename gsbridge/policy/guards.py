@@ -97,7 +97,7 @@ class Guard:
 
         Args:
             reading: What the arm measured.
-            table_from_base: [4, 4].
+            table_from_base: Pose of the robot's base in the table frame. [4, 4].
 
         Returns:
             What is wrong, or None; and `table_from_tool`, [4, 4], or None where the reading is no pose.

@@ -135,7 +135,7 @@ def imitation_loss(mode: Tensor, base: Tensor, mask: Tensor) -> Tensor:
     Args:
         mode: tanh of the actor's mean. [B, 5].
         base: The controller's actions. [B, 5].
-        mask: [B].
+        mask: 1 where the controller is imitated, else 0. [B].
     """
     return (mask * ((mode - base) ** 2).mean(1)).mean()
 

@@ -34,7 +34,7 @@ class SoftArgmax(nn.Module):
         """Expected place and value of each channel.
 
         Args:
-            features: [B, C, H, W].
+            features: Feature maps of the pictures. [B, C, H, W].
 
         Returns:
             Columns, rows, -1..1, and values. float32 [B, 3 C].
@@ -75,8 +75,8 @@ class TanhGaussian:
     """Actions tanh(mean + std * e), e normally distributed.
 
     Args:
-        mean: Before tanh. [B, 5].
-        log_std: [B, 5].
+        mean: Mean before tanh. [B, 5].
+        log_std: Logarithm of the standard deviation before tanh. [B, 5].
     """
 
     mean: Tensor
@@ -133,7 +133,7 @@ class Actor(nn.Module):
 
         Args:
             pictures: -0.5..0.5, [B, 3, H, W].
-            proprio: [B, 12].
+            proprio: Proprioception. [B, 12].
 
         Returns:
             The distribution, float32 [B, 5]; the position label's estimate, [B, 3], or None without the head.

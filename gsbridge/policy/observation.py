@@ -132,7 +132,7 @@ def privileged(state: State, proprio: Array, frame: Frame, memory: Array | None 
 
     Args:
         state: N worlds.
-        proprio: [N, 12].
+        proprio: Proprioception of N worlds. [N, 12].
         frame: See `Frame`.
         memory: What the task remembers: steps for which the goal has been met, and excess contact, 0 or 1, [N, 2]; None for
             zeros.

@@ -31,12 +31,12 @@ class Batch:
 
     Args:
         image, next_image: Pictures.
-        proprio, next_proprio: [B, 12].
-        privileged, next_privileged: [B, 30].
+        proprio, next_proprio: Proprioception before and after the action. [B, 12].
+        privileged, next_privileged: Privileged vectors before and after the action. [B, 30].
         base, next_base: The controller's actions. [B, 5].
         position: Label of the auxiliary head. [B, 3].
         action: What was done. [B, 5].
-        reward: [B].
+        reward: Reward for the action. [B].
         terminated: 1 where the episode ended by its task, else 0. [B].
     """
 

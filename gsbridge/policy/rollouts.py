@@ -52,7 +52,7 @@ class Rollouts:
         """A step of all environments.
 
         Args:
-            actions: [N, 5].
+            actions: Action of each environment. [N, 5].
 
         Returns:
             Of each what is seen, the reward, and whether the episode is terminated or truncated.

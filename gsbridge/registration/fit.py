@@ -27,10 +27,10 @@ class Views:
 
     Args:
         camera: Intrinsics.
-        base_from_flange: [N, 4, 4].
+        base_from_flange: Pose of the flange at each photo. [N, 4, 4].
         cam_from_board: Pose of the board from each photo alone, at its assumed size. [N, 4, 4].
         points: Tag corners, board frame at its assumed size, m. [K, 3].
-        pixels: px. [K, 2].
+        pixels: Pixels that the corners were seen at, px. [K, 2].
         pose: Pose that each corner belongs to. [K].
     """
 

@@ -20,7 +20,7 @@ class HandEye:
 
     Args:
         flange_from_camera: OpenCV axes, m. [4, 4].
-        base_from_board: m. [4, 4].
+        base_from_board: Pose of the board, m. [4, 4].
         scale: True size of the board over its assumed size.
     """
 
@@ -58,7 +58,7 @@ def start_hand_eye(base_from_flange: Array, cam_from_board: Array, *, with_scale
     """Hand-eye calibration from all poses and from many small sets of them; the answer that suits most poses wins.
 
     Args:
-        base_from_flange: [N, 4, 4].
+        base_from_flange: Pose of the flange at each photo, m. [N, 4, 4].
         cam_from_board: Board seen in each photo, at its assumed size. [N, 4, 4].
         with_scale: Find the board's size too.
         seed: Seed of the small sets.

@@ -18,7 +18,7 @@ def rub(v: Array, inverse: Array, grip: Array, skew: Array, step: float, impulse
         inverse: Inverse of the joint-space inertia; rows of joints that do not rub are not read. [N, N].
         grip: Largest dry friction, N m. [N].
         skew: More of it forwards, less backwards, N m. [N].
-        step: s.
+        step: Step of time, s.
         impulse: Impulses that act on `v` already, N m s; updated. [N].
     """
     count = len(v)

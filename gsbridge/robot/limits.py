@@ -130,7 +130,7 @@ class Workspace:
 
         Args:
             position: Tool point, table frame, m. [3].
-            yaw: rad.
+            yaw: Commanded yaw, rad.
 
         Returns:
             Position [3], yaw, and whether anything was cut.

@@ -39,7 +39,7 @@ class Inertia:
     """Mass properties of a rigid body.
 
     Args:
-        mass: kg.
+        mass: Mass, kg.
         centre: Centre of mass, link frame, m. [3].
         tensor: About the centre of mass, along the link's axes, kg m2. [3, 3].
     """

@@ -39,9 +39,9 @@ class Reach:
 
     Args:
         positions: Tool points, table frame, m. [M, 3].
-        yaws: rad.
-        position_errors: m.
-        angle_errors: rad.
+        yaws: Yaws of the tool that are tried, rad.
+        position_errors: Distance by which each pose is missed, m.
+        angle_errors: Angle by which each pose is missed, rad.
         margins: Distance of the nearest joint limit, rad.
     """
 

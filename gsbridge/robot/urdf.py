@@ -68,7 +68,7 @@ class InertialElement:
     """An `inertial` element.
 
     Args:
-        mass: kg.
+        mass: Mass, kg.
         origin: Frame at the centre of mass, in the link's.
         tensor: Inertia about the centre of mass along the axes of `origin`, kg m2. [3, 3].
     """

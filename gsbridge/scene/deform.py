@@ -75,7 +75,7 @@ def _heights(vertices: Array, low: float, high: float) -> tuple[Array, float, Ar
     The axis is upright, through the middle of the bounds of what stands in and above the range.
 
     Args:
-        vertices: m. [V, 3].
+        vertices: Vertices of the mesh, m. [V, 3].
         low, high: The range, as shares of the object's height.
 
     Returns:

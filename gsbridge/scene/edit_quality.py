@@ -136,7 +136,7 @@ def framed(camera: Camera, cam_from_table: Array, points: Array, size: int, marg
     Args:
         camera: Pinhole of the view.
         cam_from_table: Its pose. [4, 4].
-        points: m, table frame. [N, 3].
+        points: Points that the window shall hold, table frame, m. [N, 3].
         size: Edge of the window after scaling, px.
         margin: Free edge on each side, as a share of the window.
 

@@ -112,9 +112,9 @@ class Splats:
     """Arrays for one call of the rasteriser, world frame; the work space of a `Composition`, rewritten by its next pose.
 
     Args:
-        means: m. [N, 3] float32.
+        means: Centres, m. [N, 3] float32.
         quats: Unit wxyz. [N, 4] float32.
-        scales: m. [N, 3] float32.
+        scales: Standard deviations along the splat's axes, m. [N, 3] float32.
         opacities: 0..1. [N] float32.
         colours: sRGB 0..1. [N, 3] float32.
     """

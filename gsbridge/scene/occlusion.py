@@ -115,7 +115,7 @@ def transmittances(points: Array, spheres: Array, directions: Array, width: floa
     """Share of each direction's light that reaches each point; of several spheres in the way the one that hides most counts.
 
     Args:
-        points: m. [N, 3].
+        points: Points that light falls on, m. [N, 3].
         spheres: Centre and radius, m. [S, 4].
         directions: Unit vectors towards the light. [M, 3].
         width: Half angle of each direction's source, rad.

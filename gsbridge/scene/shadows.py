@@ -216,7 +216,7 @@ class Shadows:
             image: Encoded, changed in place. [H, W, 3] float32.
             depths, alphas: Alpha-weighted sum of camera z, m, and alpha, as the rasteriser gives them. [H, W] float32.
             camera: Pinhole.
-            cam_from_table: [4, 4].
+            cam_from_table: Pose of the camera. [4, 4].
             poses: `table_from_body` of the links and the object. [4, 4] each.
 
         Raises:

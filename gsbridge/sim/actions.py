@@ -65,7 +65,7 @@ class ToolTarget:
         scale: What an entry of 1 means.
         counted: Workspace that cuts positions and yaws, and counts.
         position: Tool point, table frame, m. [3].
-        yaw: rad.
+        yaw: Turn of the tool about the vertical, rad.
         aperture: Opening, m.
         saturated: Actions with an entry outside -1..1, which was cut.
     """
@@ -94,7 +94,7 @@ class ToolTarget:
 
         Args:
             position: Tool point, table frame, m. [3].
-            yaw: rad.
+            yaw: Turn of the tool about the vertical, rad.
             aperture: Opening, m.
         """
         self.position, self.yaw, self.aperture = np.array(position, dtype=np.float64), float(yaw), float(aperture)

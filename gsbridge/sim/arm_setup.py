@@ -200,7 +200,7 @@ def play_drives(a: np.record, measured: Array, step: float, out: Array) -> bool:
     Args:
         a: Record of the arm, as `gsbridge.sim.dynamics.joint_torques` has it; `rubs`, the largest dry friction, is filled.
         measured: True angles and speeds. [2, N + 1].
-        step: s.
+        step: Step of time, s.
         out: Row 1: torques asked; row 0: torques at the joints, overwritten. [2, N + 1].
 
     Returns:
@@ -250,7 +250,7 @@ def rub_joints(a: np.record, measured: Array, step: float, out: Array) -> None:
     Args:
         a: Record of the arm; `columns` holds what moves the joints and the unit matrix, `matrix` the inertia with armature.
         measured: True angles and speeds. [2, N + 1].
-        step: s.
+        step: Step of time, s.
         out: Row 0: torques for the engine, updated. [2, N + 1].
     """
     columns, inverse, speed, impulse, law = a.columns, a.inverse, a.speed, a.impulse, a.law

@@ -91,7 +91,7 @@ class ItemSetup:
             velocity: Velocity of the centre of mass, m/s. [3].
             spin: rad/s. [3].
             mass: Mass of the object, kg.
-            step: s.
+            step: Step of time, s.
         """
         f = self.figures
         linear = f["linear_damping"] * (1.0 + float(np.linalg.norm(velocity)))

@@ -88,7 +88,7 @@ def state_row(
 
     Args:
         tool, item: `table_from_tool`, `table_from_object`. [4, 4].
-        aperture: m.
+        aperture: Opening of the gripper, m.
         forces: Left pad, right pad, robot, object, N. [4].
         velocity, spin: Velocity and spin of the object's body frame. [3].
         clearance: m.

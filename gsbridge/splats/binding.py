@@ -84,7 +84,7 @@ class Binding:
     Args:
         kind: `games`, `soft`, `refined` or `unbound`.
         vertices: Rest position of the mesh, table frame, m. [V, 3] float64.
-        faces: [F, 3] int64.
+        faces: Numbers of the faces' vertices. [F, 3] int64.
         face_index: Face of each splat. [N] int64.
         band: Largest offset along the normal, m.
         parameters: Raw values: `colour` [N, 3] and `opacity` [N] (a logit); bound splats have `weights` [N, 3], `offset` [N]

@@ -35,7 +35,7 @@ class Focus:
 
     Args:
         centre: Table frame, m. [2].
-        side: m.
+        side: Edge of the square, m.
         gain: Factor on the pixels that the photos have of it.
     """
 

@@ -128,7 +128,7 @@ def _remesh(mesh: Mesh, edge: float, tolerance: float, chosen: Array | None = No
         mesh: Surface.
         edge: Edge length, m.
         tolerance: How far the new surface may stray from the old one, m.
-        chosen: [F] bool, or None for all.
+        chosen: Faces to work on, None for all. [F] bool.
         iterations: Rounds of splitting, collapsing, flipping and smoothing.
     """
     import pymeshlab

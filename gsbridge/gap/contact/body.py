@@ -46,7 +46,7 @@ class FreeBody:
     Args:
         source: File of the model, for messages.
         shapes: The body's `collision` elements, as in a URDF, with absolute paths of meshes.
-        mass: kg.
+        mass: Mass, kg.
         com: Centre of mass in the body frame, m. [3].
         inertia: About the centre of mass, along the axes of the body frame, kg m2. [3, 3].
         figures: Nominal contact, surface, losses and gravity, by the names of `gsbridge.gap.contact.setup`.

@@ -20,10 +20,10 @@ class Starts:
     """First states of N throws in the log's frame.
 
     Args:
-        position: m. [N, 3].
-        quat: wxyz. [N, 4].
-        velocity: m/s. [N, 3].
-        spin: rad/s. [N, 3].
+        position: First position of each throw, m. [N, 3].
+        quat: First orientation of each throw, wxyz. [N, 4].
+        velocity: First velocity of each throw, m/s. [N, 3].
+        spin: First angular velocity of each throw, rad/s. [N, 3].
         acceleration: Acceleration of the first stretch, m/s2. [N, 3].
         logged: Whether speeds come from the log rather than from the poses.
     """

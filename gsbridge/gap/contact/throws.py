@@ -35,7 +35,7 @@ class Throw:
 
     Args:
         name: Name for messages.
-        time: s, rising, from 0. [T].
+        time: Times of the samples, s, rising, from 0. [T].
         position: Position of the body frame's origin in the log's frame, m; z is up. [T, 3].
         quat: Attitude of the body frame in the log's frame, wxyz. [T, 4].
         velocity: Velocity at the first sample, log's frame, m/s, where it was logged. [3].

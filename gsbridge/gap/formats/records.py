@@ -37,7 +37,7 @@ class Record:
 
     Args:
         name: Name for messages and reports.
-        time: s, rising, from 0. [T].
+        time: Times of the samples, s, rising, from 0. [T].
         joints: Names of the mechanism's joints.
         commands: Commands by kind. Each [T, N].
         measured: Measurements by kind. Each [T, N]; `tool` [T, 3].

@@ -34,8 +34,8 @@ def full_camera(width: int, height: int) -> Camera:
     """The wrist camera's whole picture; the policy's square one is its middle.
 
     Args:
-        width: px, at least `height`.
-        height: px.
+        width: Width of a photo, px, at least `height`.
+        height: Height of a photo, px.
 
     Raises:
         InputError: The picture is higher than wide.

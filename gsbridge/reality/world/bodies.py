@@ -105,7 +105,7 @@ class TrueBody:
 
     Args:
         name: Name of the body.
-        mass: kg.
+        mass: Mass, kg.
         centre: Centre of mass. [3].
         inertia: About the centre of mass, kg m2. [3, 3].
         hull: Vertices of its convex hull. [H, 3].

@@ -158,7 +158,7 @@ class MirrorCamera:
 
         Args:
             camera: As for `light`.
-            cam_from_table: [4, 4].
+            cam_from_table: Pose of the camera. [4, 4].
             names: Bodies.
             samples: Samples per pixel.
 

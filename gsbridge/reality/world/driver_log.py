@@ -34,7 +34,7 @@ class DriverLog:
     """Rows of one episode.
 
     Args:
-        time: s; the episode begins at `WAIT`. [T].
+        time: Times of the rows, s; the episode begins at `WAIT`. [T].
         command: Set points sent to the joint controllers, rad. [T, N].
         command_velocity: Speeds sent with the commands, rad/s. [T, N].
         position: Measured angles, rad. [T, N].

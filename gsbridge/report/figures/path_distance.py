@@ -27,7 +27,7 @@ def resample(path: Array, spacing: float = SPACING) -> Array:
     """Points at equal distances along a path; its first alone where it is shorter than half of one.
 
     Args:
-        path: [N, D], N >= 1.
+        path: Points of the path, N >= 1. [N, D].
         spacing: Distance along the path, rounded so that it divides the length.
 
     Returns:
@@ -52,8 +52,8 @@ def warped_distance(one: Array, two: Array) -> float:
     """Smallest weighted mean distance of points matched in order; see the module.
 
     Args:
-        one: [N, D].
-        two: [M, D].
+        one: Points of the first path. [N, D].
+        two: Points of the second path. [M, D].
 
     Returns:
         In the unit of the points.

@@ -22,7 +22,7 @@ class Inertial:
     """Mass properties of a link.
 
     Args:
-        mass: kg.
+        mass: Mass, kg.
         centre: Centre of mass, link frame, m. [3].
         inertia: About the centre, link axes, kg m2. [3, 3].
     """

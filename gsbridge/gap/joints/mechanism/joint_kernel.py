@@ -103,7 +103,7 @@ def simulate(
         target, speed, extra: Commands of each step. [K, N].
         q0, v0: State at the start. [N].
         start: Time of the start since the record's begin, s.
-        step: s.
+        step: Step of time, s.
         every: Physics steps per control step.
         centred: Whether positions move with the mean of a step's two speeds, as under a constant torque, or with the new speed,
             as engines for games have it.

@@ -86,7 +86,7 @@ def advance(
         right: Torques, overwritten. [N].
         grip: Largest dry friction. [N].
         skew: More of it forwards, less backwards. [N].
-        step: s.
+        step: Step of time, s.
         v: Speeds, updated. [N].
         impulse: Impulses of the last step, the solver's start; updated. [N].
         factor, inverse: Overwritten. [N, N] each.
