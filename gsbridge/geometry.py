@@ -107,7 +107,7 @@ class Similarity:
         return Similarity(1.0 / self.scale, self.rotation.T, -self.rotation.T @ self.translation / self.scale)
 
     def compose(self, first: Similarity) -> Similarity:
-        """This similarity after `first`."""
+        """The similarity that applies `first`, then this one."""
         return Similarity(self.scale * first.scale, self.rotation @ first.rotation, self.apply(first.translation))
 
     def matrix(self) -> Array:

@@ -22,7 +22,7 @@ _FORM = (
 
 @dataclass(frozen=True)
 class KnownLength:
-    """A known length.
+    """A length in the scene that the user knows.
 
     Args:
         metres: The length, m.
@@ -34,7 +34,7 @@ class KnownLength:
 
     @classmethod
     def parse(cls, content: Mapping[str, Any]) -> KnownLength:
-        """Read the setting.
+        """Read the setting `known_length`.
 
         Raises:
             InputError: It has another form.

@@ -17,7 +17,7 @@ COLLISION_MARGIN = 1e-3
 """What Bullet's URDF reader adds all round to convex and concave meshes, m; no call changes it for the parts of a compound."""
 
 TIME_STEP = 1e-3
-"""s."""
+"""Step of the simulation, s."""
 
 
 def matrix_from_bullet(position: Array, quat_xyzw: Array) -> Array:

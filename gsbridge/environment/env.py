@@ -53,7 +53,7 @@ class Eye(Protocol):
         """Begin an episode; `seed` of what is random in its pictures."""
 
     def look(self, world: World) -> Array:
-        """uint8 [size, size, 3]."""
+        """Picture of the wrist camera. uint8 [size, size, 3]."""
 
 
 class DrawnEye:

@@ -108,7 +108,7 @@ class EnvironmentSettings:
 
     @property
     def time_out(self) -> int:
-        """Steps until time-out."""
+        """Steps after which an episode ends by itself."""
         return DEFAULT_STEPS[self.task] if self.max_steps is None else self.max_steps
 
     def action_scale(self) -> ActionScale:

@@ -26,7 +26,7 @@ class JointLoop:
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        """Worlds, cell and variant."""
+        """Section `loop` of the configuration: worlds, cell and variant."""
         loop: Mapping[str, Any] = self.plan.config["loop"]
         return loop
 

@@ -26,7 +26,7 @@ class Trial:
     seed: int
 
     def file(self, ending: str) -> str:
-        """Table, log or record."""
+        """Path of the trials' table, log or record."""
         return self.policy.trials(self.world, self.seed, ending)
 
 
@@ -138,7 +138,7 @@ class Tables:
         return names + (["behaviour_consistency"] if self.compared else [])
 
     def trials(self, policies: Sequence[Policy], worlds: Sequence[str], ending: str) -> list[str]:
-        """Files about trials.
+        """Paths of files about trials.
 
         Args:
             policies: Who is tried.

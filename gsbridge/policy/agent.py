@@ -44,7 +44,7 @@ class Choice:
 
 
 class Agent:
-    """See the module.
+    """Networks, losses and optimisers of one training; see the module.
 
     Args:
         settings: How it learns.
@@ -74,7 +74,7 @@ class Agent:
 
     @property
     def alpha(self) -> float:
-        """Temperature."""
+        """Temperature of the entropy."""
         return float(self.log_alpha.detach().exp())
 
     def act(self, sight: Sight, share: float) -> Choice:

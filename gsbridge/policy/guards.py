@@ -41,7 +41,7 @@ class End(StrEnum):
     STALLED = "stalled"
     """A step took far too long."""
     INTERRUPTED = "interrupted"
-    """Ctrl-C."""
+    """The user pressed Ctrl-C."""
     ERROR = "error"
     """Driver or policy raised an error."""
 

@@ -59,7 +59,7 @@ class Batch:
 
 
 class Replay:
-    """See the module.
+    """Replay buffer of transitions; see the module.
 
     Args:
         capacity: Slots.

@@ -50,7 +50,7 @@ class StartPose:
 
     @property
     def quadrant(self) -> int:
-        """1 to 4."""
+        """Quadrant of the pose, 1 to 4."""
         return QUADRANTS[self.index // PER_QUADRANT]
 
     def describe(self) -> str:

@@ -89,7 +89,7 @@ class _Episode:
 
 
 class Trainer:
-    """See the module.
+    """Runs one training; see the module.
 
     Args:
         environment: A `PickEnvironment`, wrapped or not.

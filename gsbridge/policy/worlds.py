@@ -139,7 +139,7 @@ class SimDriver(WorldDriver):
 
 @dataclass(frozen=True)
 class MirrorSetting:
-    """Which mirror.
+    """Choice of a mirror: its scenes and its seed.
 
     Args:
         item, background: Names of its object and table.

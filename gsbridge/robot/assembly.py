@@ -66,7 +66,7 @@ ARM_COLOURS: tuple[Colour, ...] = (_GREY, _GREY, _GREY, _ORANGE, _GREY, _GREY, _
 
 @dataclass(frozen=True)
 class RobotFiles:
-    """The robot on disk.
+    """Files of the robot that `build_robot` wrote.
 
     Args:
         folder: Folder of the description and its meshes.

@@ -167,7 +167,7 @@ class ClippedCommands:
     clipped: int = 0
 
     def clip(self, position: Array, yaw: float) -> tuple[Array, float]:
-        """`Workspace.clip`, counted. [3], rad."""
+        """Cut a command as `Workspace.clip` does, and count it. [3], rad."""
         inside, turn, cut = self.workspace.clip(position, yaw)
         self.commands += 1
         self.clipped += cut

@@ -243,7 +243,7 @@ def origin_element(transform: Array) -> ElementTree.Element:
 
 
 def inertial_element(inertia: Inertia) -> ElementTree.Element:
-    """`inertial` of a link."""
+    """The URDF element `inertial` of a link."""
     out = ElementTree.Element("inertial")
     ElementTree.SubElement(out, "origin", xyz=numbers(inertia.centre), rpy="0 0 0")
     ElementTree.SubElement(out, "mass", value=number(inertia.mass))

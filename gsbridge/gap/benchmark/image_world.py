@@ -116,7 +116,7 @@ class ImageWorld:
 
     @classmethod
     def draw(cls, seed: int, pictures: Sequence[Array] = ()) -> ImageWorld:
-        """A random world.
+        """Draw a random world.
 
         Args:
             seed: Seed of everything.

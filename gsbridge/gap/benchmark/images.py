@@ -108,7 +108,7 @@ def film(seed: int, photos: int, duration: float = 4.0, rounds: float = 0.0) -> 
 
 
 def image_site(seed: int, pictures: Sequence[Array] = (), *, camera: Camera = CAMERA, photos: int = 8) -> ImageSite:
-    """A site.
+    """World and camera of photo cases.
 
     Args:
         seed: Seed of the world and its films.

@@ -25,10 +25,10 @@ _LEVER = 0.2
 """Distance of the centre of mass from the axis, m."""
 
 SIGNED = ("torque_gain", "effort_offset", "link_mass", "gain_p", "gain_d", "encoder_offset", "encoder_scale", "cubic_spring")
-"""Hidden per joint, with either sign."""
+"""Effects that are hidden in one joint, with either sign."""
 
 POSITIVE = ("viscous", "coulomb", "armature", "spring", "quadratic_drag", "saturation", "patchy_friction", "shaking")
-"""Hidden per joint, positive."""
+"""Effects that are hidden in one joint, with a positive size."""
 
 UNKNOWN = ("cubic_spring", "shaking", "patchy_friction")
 """Effects that no catalogue of the diagnosis holds."""

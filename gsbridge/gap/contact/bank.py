@@ -40,7 +40,7 @@ class GridBank:
         return [match for match in self.matches if match.change > 3.0 * replay.noise.position]
 
     def unseen(self, replay: ThrowReplay) -> tuple[str, ...]:
-        """The others."""
+        """Names of the effects that do not show in these throws."""
         return tuple(sorted(set(self.names) - {match.effect.name for match in self.seen(replay)}))
 
 

@@ -21,7 +21,7 @@ SHORTEST = 0.1
 """Length of a throw, s."""
 
 _ROWS = 10
-"""Samples in a throw."""
+"""Fewest samples in a throw."""
 
 _UNIT_NORM = 0.05
 """Largest accepted difference of a quaternion's length from one."""
@@ -51,7 +51,7 @@ class Throw:
 
     @property
     def duration(self) -> float:
-        """s."""
+        """Length of the throw, s."""
         return float(self.time[-1])
 
 

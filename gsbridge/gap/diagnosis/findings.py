@@ -30,7 +30,7 @@ def _account_runs(diagnosis: Diagnosis) -> dict[str, int]:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """All about one case.
+    """Everything that was found about one case.
 
     Args:
         finding: Verdict and hypotheses.

@@ -47,7 +47,7 @@ class Stream:
 
     @property
     def kind(self) -> str:
-        """`states`, `array` or `flat`."""
+        """Kind of the messages: `states`, `array` or `flat`."""
         first = self.messages[0]
         if "name" in first and "position" in first:
             return "states"

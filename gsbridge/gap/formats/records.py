@@ -33,7 +33,7 @@ _DEGREES = 180 / np.pi
 
 @dataclass(frozen=True)
 class Record:
-    """One log.
+    """Commands and measurements of one log.
 
     Args:
         name: Name for messages and reports.
@@ -66,7 +66,7 @@ class Record:
 
     @property
     def duration(self) -> float:
-        """s."""
+        """Length of the record, s."""
         return float(self.time[-1])
 
     @property

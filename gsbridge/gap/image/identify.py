@@ -35,7 +35,7 @@ _BESIDE = 3
 
 
 class ImageIdentification:
-    """One diagnosis.
+    """One diagnosis of photos.
 
     Args:
         first: Views of `fit`.

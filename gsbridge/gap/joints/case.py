@@ -36,7 +36,7 @@ _SPARSE = 100.0
 
 @dataclass(frozen=True)
 class JointCase:
-    """A case, checked.
+    """A checked case about a mechanism.
 
     Args:
         model: The model file.

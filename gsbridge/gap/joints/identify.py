@@ -43,7 +43,7 @@ motion where this decides."""
 
 
 class JointIdentification:
-    """One diagnosis.
+    """One diagnosis of a mechanism.
 
     Args:
         first: Residuals on the record `fit`.

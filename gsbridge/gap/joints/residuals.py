@@ -102,7 +102,7 @@ class JointResiduals:
     def of(
         cls, mechanism: Mechanism, record: Record, effects: Sequence[Applied] = (), folder: str | Path | None = None
     ) -> JointResiduals:
-        """Look at a record.
+        """Residuals of a record, replayed from its measured first states.
 
         Args:
             mechanism: Simulates.

@@ -70,7 +70,7 @@ class Lens:
 
     @classmethod
     def of(cls, film: Camera) -> Lens:
-        """Lens of a camera."""
+        """Lens with the distortion of a camera."""
         rays = _undistorted_rays(film)
         focal = film.fx
         half = np.ceil(np.abs(rays * focal).reshape(-1, 2).max(0)) + _BORDER

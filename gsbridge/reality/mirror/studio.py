@@ -183,7 +183,7 @@ def _table_mesh(cell: float = 0.01) -> Mesh:
 
 
 def build_studio(scene: str, sheet: str, threads: int, seed: int) -> Studio:
-    """Build a set.
+    """Build the set of a film.
 
     Args:
         scene: One of `SCENES`.

@@ -40,7 +40,7 @@ _FONT: dict[Any, Any] = {"font.size": 9, "font.family": "DejaVu Sans", "axes.lin
 
 @dataclass(frozen=True)
 class Line:
-    """One policy.
+    """Trials of one policy, one line of the figure.
 
     Args:
         cell: What it learned.

@@ -43,7 +43,7 @@ DETAIL_ASPECT = 0.75
 
 @dataclass(frozen=True)
 class Column:
-    """One edit.
+    """One edit, a column of the figure.
 
     Args:
         title: Name of the column.

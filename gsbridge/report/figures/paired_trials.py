@@ -95,7 +95,7 @@ class Start:
 
     @property
     def label(self) -> str:
-        """`unseen 12`."""
+        """Name of the start pose for people, such as `unseen 12`."""
         return f"{self.pose_set} {self.index}"
 
     def succeeded(self) -> bool:
@@ -133,7 +133,7 @@ def trials_by_cell(
 
 
 def cell_name(cell: Cell) -> str:
-    """`cake on plate`."""
+    """Name of a cell for people, such as `cake on plate`."""
     return f"{cell.object} on {cell.background}".replace("_", " ")
 
 

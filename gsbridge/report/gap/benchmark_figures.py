@@ -51,7 +51,7 @@ _WRONG = LinearSegmentedColormap.from_list("wrong", ["#f6dcda", "#b3261e"])
 
 
 def tier_title(tier: str) -> str:
-    """A tier for people."""
+    """Name of a tier for people."""
     return TIERS.get(tier, tier.upper())
 
 

@@ -54,7 +54,7 @@ def data_uri(figure: Figure) -> str:
 
 
 def channel_name(channel: str) -> str:
-    """`position.axis` for people."""
+    """Name of a channel such as `position.axis` for people."""
     kind, _, joint = channel.partition(".")
     return f"{kind} of {joint}" if joint else kind
 

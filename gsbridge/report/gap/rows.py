@@ -18,7 +18,7 @@ COLUMNS = (
 
 
 def gap_row(case: str, findings: Mapping[str, Any]) -> dict[str, Any]:
-    """One case.
+    """Row of one case.
 
     Args:
         case: Name of the case.

@@ -89,7 +89,7 @@ class MechanismParts(Parts):
     """Sections about records of a mechanism; gaps are multiples of the noise."""
 
     def numbers(self, findings: Mapping[str, Any], judged: Mapping[str, Any], explained: bool) -> list[dict[str, str]]:
-        """Multiples of the noise."""
+        """Figures of the gap in multiples of the noise."""
         checked = findings["verify"]
         before = checked["before"] if checked else judged["before"]
         out = [_number(f"{plain(before)} ×", "the noise: gap before, on a record not fitted", "before")]
@@ -124,7 +124,7 @@ class ThrowParts(Parts):
     """Sections about throws; gaps are in millimetres."""
 
     def numbers(self, findings: Mapping[str, Any], judged: Mapping[str, Any], explained: bool) -> list[dict[str, str]]:
-        """Mean distances."""
+        """Figures of the gap as mean distances."""
         checked = findings["verify"]
         before = checked["before"] if checked else judged["before"]
         out = [_number(f"{before:.3g} mm", "mean distance before, on throws not fitted", "before")]

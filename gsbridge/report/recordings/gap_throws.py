@@ -37,7 +37,7 @@ SHOWN = 12
 """Throws in a recording, spread evenly over the order of their distances before."""
 
 PAUSE = 0.4
-"""Between two throws, s."""
+"""Pause between two throws, s."""
 
 _GHOST = [200, 206, 213]
 _PREFIX = {"measured": "", "nominal": "nominal_", "explained": "explained_"}

@@ -54,7 +54,7 @@ class Table:
 
 
 def markdown(table: Table) -> str:
-    """GitHub Markdown."""
+    """The table in GitHub's Markdown."""
     lines = [f"### {table.title}", "", _pipe(table.columns), "|" + "---|" * len(table.columns)]
     for index, row in enumerate(table.rows):
         lines.append(_pipe([f"**{text}**" if (index, k) in table.best and text else text for k, text in enumerate(row)]))
