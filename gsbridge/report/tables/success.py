@@ -70,9 +70,7 @@ def change(counts: Counts, cell: Cell, world: str, pose_set: str) -> float | Non
 
     Args:
         counts: Trials and successes.
-        cell: The cell.
-        world: The other world.
-        pose_set: Set of start poses.
+        cell, world, pose_set: The cell, the other world, and the set of start poses.
     """
     sim, real = counts.get((cell, STRICT_WORLD, pose_set)), counts.get((cell, world, pose_set))
     return None if sim is None or real is None else relative_change(sim.rate, real.rate)
@@ -82,10 +80,7 @@ def p_of_change(counts: Counts, cell: Cell, world: str, pose_set: str) -> float 
     """Fisher's p of the change of a cell from simulation to another world; None where it is not known.
 
     Args:
-        counts: Trials and successes.
-        cell: The cell.
-        world: The other world.
-        pose_set: Set of start poses.
+        counts, cell, world, pose_set: As for `change`.
     """
     sim, real = counts.get((cell, STRICT_WORLD, pose_set)), counts.get((cell, world, pose_set))
     if sim is None or real is None:
@@ -161,8 +156,7 @@ def standard_cells(rows: Sequence[Row], task: str, renderer: str = "gs") -> list
 
     Args:
         rows: Rows of a table of success.
-        task: Name of the task.
-        renderer: Renderer of the pictures that the policies learned from.
+        task, renderer: Name of the task, and renderer of the pictures that the policies learned from.
     """
     cells = dict.fromkeys(map(cell_in, rows))
     return [cell for cell in cells if (cell.task, cell.renderer, cell.variant) == (task, renderer, "default")]

@@ -49,8 +49,7 @@ class Workspace:
         """Make room for a number of splats and blocks.
 
         Args:
-            splats: Splats that may become visible.
-            rows, columns: Blocks of `layout.BLOCK` px in the image.
+            splats, rows, columns: Splats that may become visible; rows and columns of blocks in the image.
         """
         if len(self.sources) < splats:
             size = splats + splats // 8 + WIDTH
@@ -191,11 +190,7 @@ class Prepared:
         """Prepare splats, in any frame, for many renderings.
 
         Args:
-            means: Centres, m. [N, 3].
-            quats: Orientations wxyz, of any length but zero. [N, 4].
-            scales: Standard deviations along the splat's axes, m. [N, 3].
-            opacities: Opacity at the centre, 0..1. [N].
-            colours: RGB 0..1. [N, 3].
+            means, quats, scales, opacities, colours: Splats as in `render`.
         """
         arrays = _flat(means), _flat(quats), _flat(scales), _flat(opacities), _flat(colours)
         lanes = _aligned(len(arrays[3]) * LANES)
@@ -308,8 +303,7 @@ def render(
 
     Args:
         means, quats, scales, opacities, colours: Splats as in `gsbridge.splats.rasterize.rasterize`, but numpy arrays.
-        camera: Pinhole camera.
-        cam_from_table: Pose of the camera. [4, 4].
+        camera, cam_from_table: Pinhole camera, and its pose. [4, 4].
         background: Colour behind the splats, black when None. [3].
         near: Smallest camera z of a centre, m.
         threads: Threads; as many as the job may use when None.
@@ -334,15 +328,12 @@ def render_seen(
     """Image of some groups of splats, each in a frame of its own, without gradients.
 
     Args:
-        splats: All splats.
-        seen: Groups to draw, and the frame of each.
+        splats, seen: All splats; the groups of them to draw, with the frame of each.
         camera: Pinhole camera of the image's size; focal lengths and pose are those of `seen.views`.
-        background: Colour behind the splats. [3].
-        near: Smallest camera z of a centre, m.
-        threads: Threads; as many as the job may use when None.
+        background, near, threads: As in `render`.
 
     Returns:
-        As `render`: colour [H, W, 3], alpha [H, W], and the alpha-weighted sum of camera z, m. [H, W].
+        Colour, alpha and weighted camera z, as `render` does.
     """
     view = _View(camera, None, np.float32(near))
     return _render(splats, view, np.asarray(background, dtype=np.float32), threads, seen)
@@ -398,10 +389,7 @@ def rasterize(
 
     Args:
         means, quats, scales, opacities, colours: Splats, with gradients. [N, 3], [N, 4], [N, 3], [N], [N, 3].
-        camera: Pinhole camera.
-        cam_from_table: Pose of the camera. [4, 4].
-        background: Colour behind the splats, black when None. [3].
-        near: Smallest camera z of a centre, m.
+        camera, cam_from_table, background, near: As in `render`.
 
     Returns:
         Colours, alphas and depths, as in `gsbridge.splats.rasterize.Rendering`.
