@@ -1,6 +1,7 @@
 """The library's floors, and what may stand where."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -63,6 +64,12 @@ def test_no_import_closes_a_circle():
         seen.update(free)
         for name in free:
             del waiting[name]
+
+
+def test_the_page_of_the_architecture_tells_these_floors():
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8").split("## Floors")[1].split("## ")[0]
+    rows = [re.findall(r"`(\w+)`", line.split("|")[1]) for line in text.splitlines() if line.startswith("| `")]
+    assert [sorted(row) for row in reversed(rows)] == [sorted(floor) for floor in FLOORS]
 
 
 @pytest.mark.parametrize("room", ROOMS)
