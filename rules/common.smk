@@ -16,11 +16,11 @@ os.environ.update(PYTHONPATH=os.pathsep.join(filter(None, dict.fromkeys(searched
 
 from gsbridge.configuration.checks import check_asked, check_configuration
 from gsbridge.digests import code_digest, kernel_digest, script_digest
-from gsbridge.experiment.folder_dates import restore_folder_dates
 from gsbridge.experiment.loops import JointLoop, PictureLoop, closed_loops
 from gsbridge.experiment.plan import BINDINGS, Experiment
 from gsbridge.experiment.policies import ANY, policy_files
 from gsbridge.experiment.provenance import provenance, provenances
+from gsbridge.experiment.result_dates import restore_dates
 from gsbridge.experiment.tables import Tables
 from gsbridge.gap.formats.files import (
     case_files,
@@ -80,7 +80,7 @@ if workflow.is_main_process:
     check_contents(GAP["contents"], config["scenes"])
     for scene in PLAN.scenes:
         PLAN.scene_source(scene)
-    restore_folder_dates(Path.cwd())
+    restore_dates(Path.cwd())
     if PLAN.left_out:
         absent = ", ".join(PLAN.left_out)
         logger.warning(
@@ -118,7 +118,7 @@ def state_folder(script, wildcards, *key):
 
 
 def scene_source(wildcards):
-    """Files that a scene's keyframes are taken from; a folder's date changes with every copy, its listing does not."""
+    """Files that a scene's keyframes are taken from; a folder's date changes with every copy, its contents decide."""
     path = PLAN.scene_source(wildcards.scene)
     return ancient(path) if Path(path).is_dir() else path
 

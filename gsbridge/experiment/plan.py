@@ -11,6 +11,7 @@ from typing import Any
 
 from gsbridge.configuration.checks import check_capture
 from gsbridge.errors import InputError
+from gsbridge.experiment.capture_files import capture_files, content_digests
 from gsbridge.experiment.policies import Policy
 
 BINDINGS = ("games", "soft", "refined", "unbound")
@@ -152,13 +153,18 @@ class Experiment:
         kind, value = self.source(scene)
         return f"results/films/{value}" if kind == "film" else self.capture_path(value)
 
-    def source_listing(self, scene: str) -> list[tuple[str, int]]:
-        """Names and sizes (bytes) of the files of a capture that is a folder, whose date changes with every copy."""
+    def source_listing(self, scene: str) -> list[tuple[str, str]]:
+        """Names and digests of the files of a capture that is more than one file: a folder's date changes with every copy.
+
+        Raises:
+            InputError: So much lies there that this is no capture.
+        """
         kind, value = self.source(scene)
-        if kind == "film" or not (folder := self.working / self.capture_path(value)).is_dir():
+        if kind in ("film", "video"):
             return []
-        files = (path for path in folder.rglob("*") if path.is_file())
-        return sorted((str(path.relative_to(folder)), path.stat().st_size) for path in files)
+        path = self.working / self.capture_path(value)
+        folder = path if path.is_dir() else path.parent
+        return content_digests(capture_files(kind, path), folder, self.working / f"results/.state/captures/{scene}.json")
 
     # Cells
 

@@ -1,0 +1,58 @@
+"""Dates of results, which a copy, an archive or a clock may change."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+from pathlib import Path
+
+_STAMP = ".snakemake_timestamp"
+"""File in each folder that a job made, whose date is the folder's for snakemake."""
+
+
+def restore_dates(working: Path) -> list[str]:
+    """Date results to when they were made, so that a copy of finished ones reruns nothing.
+
+    Where the dates speak for a rerun, snakemake compares the contents of files; of folders it compares the date of a stamp
+    alone. The record of the job knows when that stamp was written, and as nothing but a job writes it, its date tells no more
+    than the record does. A file that is older than its job came from an archive that rounds dates, or from a machine with
+    another clock; it is dated forward, or it would seem older than the folders that it was made from. A file that is younger
+    may have been edited, and keeps its date.
+
+    Args:
+        working: Folder in which snakemake works: results and records lie below it.
+
+    Returns:
+        Results whose date was changed, as their records name them.
+    """
+    out, latest = [], 0.0
+    for record in (working / ".snakemake" / "metadata").rglob("*"):
+        if not record.is_file():
+            continue
+        try:
+            # Long names are split over folders, which begin with a sign of their own.
+            parts = record.relative_to(working / ".snakemake" / "metadata").parts
+            name = base64.urlsafe_b64decode("".join(part.removeprefix("@") for part in parts)).decode()
+            folder = (working / name).is_dir()
+            dated = working / name / _STAMP if folder else working / name
+            end, date = json.loads(record.read_text(encoding="utf-8"))["endtime"], dated.stat().st_mtime
+            latest = max(latest, end or 0.0)
+            if end is not None and (date < end - 1e-3 or (folder and date > end + 1e-3)):
+                os.utime(dated, (end, end))
+                out.append(name)
+        except (OSError, ValueError, KeyError):
+            # The result is gone or may not be written, or it is a record that snakemake will not read either.
+            continue
+    _date_measurements(working, latest)
+    return sorted(out)
+
+
+def _date_measurements(working: Path, latest: float) -> None:
+    """Date benchmarks, which have no record, so late that they never are the oldest file of a job, which counts."""
+    for path in (working / "results" / "benchmarks").rglob("*.jsonl"):
+        try:
+            if path.stat().st_mtime < latest:
+                os.utime(path, (latest, latest))
+        except OSError:
+            continue
