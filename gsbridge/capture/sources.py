@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from gsbridge.cameras import Camera
+from gsbridge.capture.known_views import KnownView, checked_view
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.geometry import Array
@@ -55,14 +56,6 @@ class Source:
 
 
 @dataclass(frozen=True)
-class KnownView:
-    """Camera and pose that came with a photo. `cam_from_world`: OpenCV axes, arbitrary unit. [4, 4]."""
-
-    camera: Camera
-    cam_from_world: Array
-
-
-@dataclass(frozen=True)
 class Photo:
     """A photo on disk; `known` where its camera and pose came with it, `time_s` where it is a film's frame."""
 
@@ -72,7 +65,7 @@ class Photo:
 
 
 class Video:
-    """Frames of a video file, decoded in order.
+    """Frames of a video file, decoded in order, and turned as the phone was held.
 
     Args:
         path: The video.
@@ -110,10 +103,15 @@ class Video:
                 ok, frame = capture.read()
                 if not ok:
                     return
-                yield index / self.fps, frame
+                yield self._time(index, capture.get(cv2.CAP_PROP_POS_MSEC) / 1000.0), frame
                 index += 1
         finally:
             capture.release()
+
+    def _time(self, index: int, stated: float) -> float:
+        """Time of a frame, s: its number over the frame rate, or the file's own where a phone changed its rate."""
+        even = index / self.fps
+        return stated if np.isfinite(stated) and abs(stated - even) > 0.5 / self.fps else even
 
     def check(self, decoded: int) -> None:
         """Refuse a video of which many frames are lost: a decoder skips damage without an error.
@@ -225,7 +223,7 @@ def read_colmap(model: Path, images: Path | None) -> list[Photo]:
     with refusing(model, "the COLMAP model is damaged", "Export it again, or reconstruct it again"):
         for image_id in reconstruction.reg_image_ids():
             image = reconstruction.image(image_id)
-            known = KnownView(camera_from_colmap(image.camera, model), pose_matrix(image))
+            known = checked_view(KnownView(camera_from_colmap(image.camera, model), pose_matrix(image)), model, image.name)
             photos.append(Photo(images / image.name, known=known))
     return _existing(sorted(photos, key=lambda photo: photo.path.name), model)
 
@@ -252,12 +250,15 @@ def read_nerfstudio(path: Path) -> tuple[list[Photo], list[str]]:
             matrix = np.array(frame["transform_matrix"], dtype=np.float64)
             if matrix.shape not in ((4, 4), (3, 4)) or not np.isfinite(matrix).all():
                 raise ValueError("a transform_matrix is no 4 x 4 matrix")
+            if len(matrix) == 4 and not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), atol=1e-6):
+                raise ValueError("the last row of a transform_matrix is not 0 0 0 1")
             world_from_cam = np.eye(4)
             world_from_cam[: len(matrix)] = matrix
             world_from_cam[:3, 1:3] *= -1.0
             camera = _nerfstudio_camera(path, {**content, **frame}, file)
-            photos.append(Photo(file, known=KnownView(camera, np.linalg.inv(world_from_cam))))
-    except (KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
+            known = checked_view(KnownView(camera, np.linalg.inv(world_from_cam)), path, file.name)
+            photos.append(Photo(file, known=known))
+    except (KeyError, TypeError, ValueError, OverflowError, np.linalg.LinAlgError) as error:
         raise InputError(path, f"the transforms file is damaged ({error})", "Export it again with ns-process-data") from error
     if absent and len(photos) < 3:
         total = len(photos) + len(absent)
