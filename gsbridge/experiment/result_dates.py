@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import os
+import time
 from pathlib import Path
 
 _STAMP = ".snakemake_timestamp"
@@ -18,7 +19,8 @@ def restore_dates(working: Path) -> list[str]:
     alone. The record of the job knows when that stamp was written, and as nothing but a job writes it, its date tells no more
     than the record does. A file that is older than its job came from an archive that rounds dates, or from a machine with
     another clock; it is dated forward, or it would seem older than the folders that it was made from. A file that is younger
-    may have been edited, and keeps its date.
+    may have been edited, and keeps its date. None is dated later than now, where a clock was ahead: whatever is made of it
+    would be older, which snakemake takes for an error.
 
     Args:
         working: Folder in which snakemake works: results and records lie below it.
@@ -26,7 +28,7 @@ def restore_dates(working: Path) -> list[str]:
     Returns:
         Results whose date was changed, as their records name them.
     """
-    out, latest = [], 0.0
+    out, latest, now = [], 0.0, time.time()
     for record in (working / ".snakemake" / "metadata").rglob("*"):
         if not record.is_file():
             continue
@@ -38,14 +40,29 @@ def restore_dates(working: Path) -> list[str]:
             dated = working / name / _STAMP if folder else working / name
             end, date = json.loads(record.read_text(encoding="utf-8"))["endtime"], dated.stat().st_mtime
             latest = max(latest, end or 0.0)
-            if end is not None and (date < end - 1e-3 or (folder and date > end + 1e-3)):
-                os.utime(dated, (end, end))
+            wanted = _wanted(date, end, now, folder)
+            if abs(wanted - date) > 1e-3:
+                os.utime(dated, (wanted, wanted))
                 out.append(name)
         except (OSError, ValueError, KeyError):
             # The result is gone or may not be written, or it is a record that snakemake will not read either.
             continue
     _date_measurements(working, latest)
     return sorted(out)
+
+
+def _wanted(date: float, end: float | None, now: float, folder: bool) -> float:
+    """Date that a result should have, s.
+
+    Args:
+        date: The one that it has.
+        end: When its job ended, as the record says; None where it does not.
+        now: The present.
+        folder: Whether it is a folder, whose date nobody but a job changes.
+    """
+    if end is None or end > now:
+        return min(date, now)
+    return end if folder else min(max(date, end), now)
 
 
 def _date_measurements(working: Path, latest: float) -> None:

@@ -4,6 +4,7 @@ import base64
 import json
 import os
 import shutil
+import time
 from pathlib import Path
 
 import pytest
@@ -213,6 +214,20 @@ def test_copied_folders_get_back_their_dates(tmp_path):
     os.utime(copy / "results/file.json", (end - 1, end - 1))
     assert restore_dates(copy) == ["results/file.json"]
     assert (copy / "results/file.json").stat().st_mtime == pytest.approx(end, abs=1e-3)
+
+
+def test_no_result_is_dated_later_than_now(tmp_path):
+    """A clock that was ahead: of a day from now are a file whose record is of today, and another with its record."""
+    now = time.time()
+    for name, end in (("results/a.json", now - 50), ("results/b.json", now + 86400)):
+        (tmp_path / "results").mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+        os.utime(tmp_path / name, (now + 86400, now + 86400))
+        write_record(tmp_path, name, end)
+    assert restore_dates(tmp_path) == ["results/a.json", "results/b.json"]
+    dates = [(tmp_path / name).stat().st_mtime for name in ("results/a.json", "results/b.json")]
+    assert all(now - 1e-3 <= date <= time.time() for date in dates)
+    assert restore_dates(tmp_path) == []
 
 
 def test_without_records_nothing_is_dated(tmp_path):

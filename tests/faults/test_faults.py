@@ -1,0 +1,151 @@
+"""Whatever happens to a run, the same command afterwards ends with the bytes of an undisturbed one.
+
+`GSBRIDGE_FAULTS=100` kills that many runs; by default there are few enough for every run of the tests.
+"""
+
+import contextlib
+import os
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import time
+
+import pytest
+
+from tests.faults.conftest import SCENES, Chain
+
+KILLS = int(os.environ.get("GSBRIDGE_FAULTS", "3"))
+IN_A_ROW = 5
+"""Most kills before a run may finish: a run must also survive the remains of several."""
+WAYS = {
+    # Power loss; the out-of-memory killer, whose victim's jobs work on; a scheduler's time limit; Ctrl-C.
+    "power": (signal.SIGKILL, True),
+    "memory": (signal.SIGKILL, False),
+    "term": (signal.SIGTERM, False),
+    "ctrl-c": (signal.SIGINT, True),
+}
+
+
+def stop(process: subprocess.Popen, how: str) -> None:
+    """Send a run its signal, alone or with all its jobs; it may have ended already."""
+    sent, group = WAYS[how]
+    with contextlib.suppress(ProcessLookupError):
+        (os.killpg if group else os.kill)(process.pid, sent)
+    process.wait(timeout=120)
+
+
+def test_a_run_killed_anywhere_goes_on_to_the_same_bytes(chain, undisturbed):
+    expected, seconds = undisturbed
+    draw = random.Random(20261124)
+    killed = 0
+    while killed < KILLS:
+        for _ in range(draw.randint(1, min(IN_A_ROW, KILLS - killed))):
+            process = chain.start()
+            time.sleep(draw.uniform(0, 1.1 * seconds))
+            stop(process, draw.choice(list(WAYS)))
+            killed += 1
+        assert chain.finish() == expected
+        assert not [path for path in chain.folder.rglob("*.part") if ".state" not in path.parts]
+        if draw.random() < 0.5:
+            chain.clear()
+        else:
+            # Half of them: the rest is as it was.
+            shutil.rmtree(chain.folder / "results/scenes" / draw.choice(SCENES))
+            (chain.folder / "results/digests.txt").unlink()
+
+
+@pytest.mark.parametrize("kilobytes", [1, 60])
+def test_after_a_full_disk_the_rest_is_made(chain, undisturbed, kilobytes):
+    """No file may grow beyond a limit: a job's output, its log or snakemake's own notes."""
+    limit = kilobytes * 1024
+    code = chain.run(prepare=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY)))
+    assert code != 0
+    assert chain.finish() == undisturbed[0]
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A disk of its own for a run, of eight megabytes."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=8m", "tmpfs", str(place)]
+    if os.geteuid() or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("no disk can be mounted here")
+    yield place
+    subprocess.run(["umount", "--lazy", str(place)], check=True)
+
+
+def test_a_disk_that_fills_up_is_named_and_more_room_is_enough(small_disk, undisturbed):
+    chain = Chain(small_disk / "run", small_disk.parent / "said")
+    room = small_disk / "filling"
+    with contextlib.suppress(OSError), room.open("wb", buffering=0) as file:
+        while True:
+            file.write(bytes(4096))
+    assert chain.run() != 0
+    assert "Traceback" not in chain.said(), chain.said()
+    room.unlink()
+    subprocess.run(["mount", "-o", "remount,size=64m", str(small_disk)], check=True)
+    assert chain.finish() == undisturbed[0]
+
+
+def test_results_that_may_not_be_written_end_in_one_line(small_disk, undisturbed):
+    chain = Chain(small_disk / "run", small_disk.parent / "said")
+    subprocess.run(["mount", "-o", "remount,size=64m,ro", str(small_disk)], check=True)
+    process = chain.start()
+    assert process.wait(timeout=300) != 0
+    said = chain.said()
+    assert "Read-only" in said
+    assert "Traceback" not in said
+    subprocess.run(["mount", "-o", "remount,rw", str(small_disk)], check=True)
+    assert chain.finish() == undisturbed[0]
+
+
+def test_of_two_runs_in_one_folder_one_is_refused_and_the_other_finishes(chain, undisturbed):
+    first, second = chain.start(), chain.start()
+    codes = sorted([first.wait(timeout=300), second.wait(timeout=300)])
+    assert codes in ([0, 1], [0, 0])
+    assert chain.finish() == undisturbed[0]
+
+
+def test_a_configuration_that_is_edited_meanwhile_counts_for_the_next_run(chain, undisturbed, tmp_path):
+    process = chain.start()
+    while not list(chain.folder.glob("results/logs/**/*.log")) and process.poll() is None:
+        time.sleep(0.02)
+    chain.config["capture"] = {**chain.config.get("capture", {}), "max_side": 64}
+    chain.write_config()
+    assert process.wait(timeout=300) == 0
+    assert chain.tree() == undisturbed[0]
+    edited = Chain(tmp_path / "edited")
+    edited.config["capture"] = chain.config["capture"]
+    edited.write_config()
+    assert chain.finish() == edited.finish() != undisturbed[0]
+
+
+def test_photos_that_are_exchanged_meanwhile_count_for_the_next_run(chain, undisturbed, tmp_path):
+    process = chain.start()
+    while not list(chain.folder.glob("results/logs/**/*.log")) and process.poll() is None:
+        time.sleep(0.02)
+    folders = [chain.folder / "captures" / name for name in ("cup", "jug")]
+    data = [path.read_bytes() for path in sorted(folders[1].iterdir())]
+    for path, content in zip(sorted(folders[0].iterdir()), data, strict=True):
+        path.write_bytes(content)
+    process.wait(timeout=300)
+    found = chain.finish()
+    start = "scenes/{}/capture/frames/"
+    cup, jug = ({name: data for name, data in found.items() if name.startswith(start.format(each))} for each in SCENES)
+    assert list(cup.values()) == list(jug.values())
+    assert len(cup) == len(data)
+
+
+def test_a_clock_that_was_ahead_makes_no_difference(chain, undisturbed):
+    """Results of a day to come, among others of today."""
+    assert chain.finish() == undisturbed[0]
+    ahead = time.time() + 86400
+    for number, path in enumerate(sorted((chain.folder / "results").rglob("*"))):
+        if number % 3:
+            os.utime(path, (ahead + number, ahead + number))
+    shutil.rmtree(chain.folder / "results/scenes/cup")
+    (chain.folder / "results/digests.txt").unlink()
+    assert chain.finish() == undisturbed[0]
