@@ -11,7 +11,7 @@ TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 TOY_POLICY := results/policies/grasp/small_cube+foam_pad/gs/default/seed1/policy.json
 SUPPORTED := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 13))
 
-.PHONY: help status dag tables toy study results results-page test test-unit test-gap test-rules test-toy test-captures test-fuzz lint format schema clean-toy setup
+.PHONY: help status dag tables toy study results results-page test test-unit test-gap test-rules test-toy test-captures test-fuzz test-faults gpu-check lint format schema clean-toy setup
 
 tables: $(INSTALLED)
 	$(SNAKEMAKE)
@@ -22,6 +22,7 @@ help:
 	@echo "make test     lint, types, unit, rule and end-to-end tests"
 	@echo "make status   what is left of make tables, about how long it takes, what is degraded and why"
 	@echo "make dag      the graph of rules as rules.svg (needs graphviz; rules.dot without it)"
+	@echo "make gpu-check what a GPU can do here: parity, speed, one object of the paper's budget"
 	@echo "make study    ways of learning compared, further worlds, the gap's blind cases: hours"
 	@echo "make results  measured figures against their floors: benchmarks/RESULTS.md"
 	@echo "make results-page  the same page without measuring: which recorded figures are of this tree, and which are stale"
@@ -54,7 +55,7 @@ test: lint
 	$(MAKE) --jobs=2 --output-sync=target test-toy test-captures
 
 test-unit: $(INSTALLED)
-	$(BIN)/python -m pytest --durations=10 tests/unit tests/fuzz --ignore-glob='*/test_gap_*'
+	$(BIN)/python -m pytest --durations=10 tests/unit tests/fuzz tests/faults --ignore-glob='*/test_gap_*'
 
 test-gap: $(INSTALLED)
 	$(BIN)/python -m pytest --durations=10 tests/unit/test_gap_*.py
@@ -71,6 +72,14 @@ test-captures: $(INSTALLED)
 # Broken and hostile files for every reader, fifty times as many as in the tests.
 test-fuzz: $(INSTALLED)
 	GSBRIDGE_FUZZ=10000 $(BIN)/python -m pytest tests/fuzz
+
+# A hundred kills of a small chain, full and read-only disks, two runs in one folder: some minutes.
+test-faults: $(INSTALLED)
+	GSBRIDGE_FAULTS=100 $(BIN)/python -m pytest tests/faults
+
+# All that needs a GPU, in one table; minutes. Uses the object of `make toy` where that was made.
+gpu-check: $(INSTALLED)
+	$(BIN)/python -m benchmarks.gpu_check
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
