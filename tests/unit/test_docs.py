@@ -2,10 +2,13 @@
 
 import ast
 import re
+import textwrap
 from functools import cache
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
+import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("benchmarks/*.md")])
@@ -14,6 +17,8 @@ SOURCE = re.compile(rf"`((?:{'|'.join(FOLDERS)})/[\w./-]*)`")
 """A file or folder of the project, as text names it; patterns such as `rules/*.smk` and commands are left aside."""
 DEFINED = re.compile(r"`(gsbridge(?:\.\w+)+)`")
 LINK = re.compile(r"\]\(([^()\s]+)\)")
+MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
+COMMANDS = ("board", "run", "run-policy", "status")
 RULES = "".join(path.read_text(encoding="utf-8") for path in ROOT.glob("rules/*.smk"))
 
 
@@ -58,6 +63,37 @@ def test_files_and_modules_that_are_named_are_there(page):
         assert (ROOT / path).exists() or f'"results/{path}"' in RULES, f"{page.name} names {path}"
     for name in DEFINED.findall(text):
         assert is_defined(name), f"{page.name} names {name}"
+
+
+BLOCK = re.compile(r"^( *)```(\w+)\n(.*?)^ *```", re.DOTALL | re.MULTILINE)
+BLOCKS = [
+    pytest.param(kind, textwrap.dedent(text), id=f"{page.name}-{number}-{kind}")
+    for page in PAGES
+    for number, (_, kind, text) in enumerate(BLOCK.findall(page.read_text(encoding="utf-8")))
+]
+
+
+@pytest.mark.parametrize(("kind", "text"), BLOCKS)
+def test_blocks_of_code_are_what_they_say(kind, text):
+    """Python, YAML and XML can be read; commands call targets of the Makefile, commands and profiles that there are."""
+    if kind == "python":
+        for node in ast.walk(ast.parse(text)) if not text.startswith("rule ") else ():
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("gsbridge"):
+                for alias in node.names:
+                    assert is_defined(f"{node.module}.{alias.name}"), f"{node.module} has no {alias.name}"
+    elif kind == "yaml":
+        list(yaml.safe_load_all(text))
+    elif kind == "sh":
+        for target in re.findall(r"^make (?!PYTHON)([\w-]+)", text, re.MULTILINE):
+            assert re.search(rf"^{target}:", MAKEFILE, re.MULTILINE), f"make has no target {target}"
+        for command in re.findall(r"^(?:\.venv/bin/)?gsbridge ([a-z-]+)", text, re.MULTILINE):
+            assert command in COMMANDS, f"gsbridge has no command {command}"
+        for profile in re.findall(r"profile (profiles/\w+)", text):
+            assert (ROOT / profile / "profile.yaml").is_file()
+    elif kind == "xml":
+        ElementTree.fromstring(text)
+    else:
+        assert kind == "csv", kind
 
 
 def is_defined(name):
