@@ -1,5 +1,8 @@
 """gsbridge: photos or a video in, a metric scene of mesh-bound Gaussians out. A table of contents; see rules/."""
 
+import os
+from pathlib import Path
+
 from gsbridge.configuration.files import check_files
 from gsbridge.configuration.whole import read_configuration
 from snakemake.utils import min_version
@@ -7,11 +10,13 @@ from snakemake.utils import min_version
 min_version("9.19")
 
 
+# Folder of this file, also where workflow/Snakefile includes it.
+ROOT = Path(os.path.abspath(workflow.current_basedir.get_path_or_uri(secret_free=True)))
 # Before snakemake reads them: it names no line.
-check_files([f"{workflow.basedir}/config.yaml", *workflow.configfiles])
+check_files([f"{ROOT}/config.yaml", *workflow.configfiles])
 
 
-configfile: f"{workflow.basedir}/config.yaml"
+configfile: f"{ROOT}/config.yaml"
 
 
 # With all defaults, and numbers for what came as text.

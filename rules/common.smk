@@ -8,7 +8,6 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-ROOT = Path(workflow.basedir)
 sys.path.insert(0, str(ROOT))
 # Jobs run the code that the digests tell about, whichever copy of the package is installed.
 searched = [str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
@@ -58,6 +57,9 @@ PROJECT_FILES = {
         and not Path(variant["model"]).is_absolute()
     ),
 }
+# Of jobs that use all there are. Snakemake cuts it to the cores of the machine; a cluster is asked for as many, whatever the
+# machine has on which the run was started.
+MANY_THREADS = 8
 # A case of one's own needs no entry: `--config gap_case=FILE`.
 OWN_CASE = config["gap_case"]
 GAP_CASES = {**GAP["cases"], **({case_name(OWN_CASE): OWN_CASE} if OWN_CASE else {})}
@@ -197,6 +199,11 @@ def film_state(wildcards):
 def splat_settings(wildcards):
     """Budget of a training: objects and backgrounds have their own."""
     return settings(f"{config['scenes'][wildcards.scene]['kind']}_splats")
+
+
+def splat_gpus(wildcards):
+    """GPUs of a training of splats."""
+    return int(splat_settings(wildcards)["backend"] == "cuda")
 
 
 def training_state(wildcards):

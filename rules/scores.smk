@@ -67,7 +67,7 @@ rule benchmark_rasterizer:
     conda:
         "../envs/splats.yaml"
     # Alone on the machine: the figures are times.
-    threads: workflow.cores
+    threads: MANY_THREADS
     resources:
         mem_mb=1000,
         runtime="60m",

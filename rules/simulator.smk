@@ -106,7 +106,7 @@ rule benchmark_environment:
     conda:
         "../envs/world.yaml"
     # Alone on the machine: the figures are times.
-    threads: workflow.cores
+    threads: MANY_THREADS
     resources:
         mem_mb=1000,
         runtime="60m",

@@ -45,6 +45,7 @@ rule train_splats:
     resources:
         mem_mb=3000,
         runtime="60m",
+        gpu=splat_gpus,
     params:
         code=script_digest("train_splats"),
         settings=splat_settings,
@@ -85,6 +86,7 @@ rule train_comparison:
     resources:
         mem_mb=3000,
         runtime="60m",
+        gpu=splat_gpus,
     params:
         code=script_digest("train_splats"),
         settings=splat_settings,

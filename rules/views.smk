@@ -155,7 +155,7 @@ rule photograph_views:
         background=one_of(FILMED.intersection(BACKGROUNDS)),
     conda:
         "../envs/world.yaml"
-    threads: workflow.cores
+    threads: MANY_THREADS
     resources:
         mem_mb=2500,
         runtime="60m",

@@ -62,11 +62,26 @@ def test_a_rules_log_and_benchmark_carry_its_name_and_its_wildcards(name):
     assert script is None or script[1] == {"train_comparison": "train_splats"}.get(name, name)
 
 
+def test_jobs_ask_for_what_they_use_wherever_the_run_was_started():
+    """On a cluster, the cores of the submitting host mean nothing, and a job without a GPU in its request gets none."""
+    assert not [name for name, text in rules().items() if "workflow.cores" in text]
+    assert {name for name, text in rules().items() if "gpu=" in text} == {"train_splats", "train_comparison", "train_policy"}
+
+
 @pytest.mark.parametrize("preset", ["toy", "desktop", "paper"])
 def test_every_preset_plans(snakemake, tmp_path, preset):
     plan = snakemake("--dry-run", "--directory", str(tmp_path), "--config", f"preset={preset}", "--", "results/tables").stdout
     for rule in ("film_scene", "reconstruct_cameras", "align_scene", "segment_object", "mesh_object", "train_splats"):
         assert rule in plan
+
+
+def test_the_catalogs_snakefile_is_the_same_workflow(snakemake, tmp_path):
+    """Planned beside one another: paths that depend on where the file lies would differ."""
+    call = ["--dry-run", "--directory", str(tmp_path), "--config", "preset=toy", "--", "results/scenes/small_cube/sfm/sfm.json"]
+    plans = [snakemake("--snakefile", str(ROOT / name), *call).stdout for name in ("Snakefile", "workflow/Snakefile")]
+    jobs = [sorted(line for line in plan.splitlines() if line.startswith(("Job ", "Reason", "    "))) for plan in plans]
+    assert len(jobs[0]) > 5
+    assert jobs[0] == jobs[1]
 
 
 def test_stages_can_be_asked_for_alone(snakemake, tmp_path):
