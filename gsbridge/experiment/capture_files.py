@@ -75,7 +75,7 @@ def content_digests(files: Iterable[Path], folder: Path, store: Path) -> list[tu
         # It only saves time: a folder that may not be written is no reason to stop.
         with contextlib.suppress(OSError):
             write_json(store, now)
-    return sorted((name, seen[2]) for name, seen in now.items())
+    return sorted((name, str(seen[2])) for name, seen in now.items())
 
 
 def _digest(file: Path) -> str:
