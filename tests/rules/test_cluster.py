@@ -1,0 +1,134 @@
+"""The first stages through a real SLURM of one node, which is started for them; a job that is cancelled is submitted again."""
+
+import importlib.util
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+DAEMONS = ("munged", "slurmctld", "slurmd")
+SETTINGS = "films={frames: 8, width: 160, height: 120, spp: 4, held_out_spp: 4}"
+CONFIGURATION = """\
+ClusterName=gsbridge
+SlurmctldHost={host}(127.0.0.1)
+SlurmctldPort={ports[0]}
+SlurmdPort={ports[1]}
+AuthType=auth/munge
+AuthInfo=socket={folder}/munge.socket
+SlurmUser=root
+SlurmdUser=root
+StateSaveLocation={folder}/state
+SlurmdSpoolDir={folder}/spool
+SlurmctldPidFile={folder}/slurmctld.pid
+SlurmdPidFile={folder}/slurmd.pid
+SlurmctldLogFile={folder}/slurmctld.log
+SlurmdLogFile={folder}/slurmd.log
+ProctrackType=proctrack/linuxproc
+TaskPlugin=task/none
+SelectType=select/cons_tres
+SelectTypeParameters=CR_Core_Memory
+ReturnToService=2
+MailProg=/bin/true
+NodeName={host} NodeAddr=127.0.0.1 CPUs={cpus} RealMemory=6000 State=UNKNOWN
+PartitionName=all Nodes=ALL Default=YES MaxTime=INFINITE State=UP
+"""
+
+
+def free_ports(count):
+    """Ports that nothing listens on."""
+    sockets = [socket.socket() for _ in range(count)]
+    for one in sockets:
+        one.bind(("127.0.0.1", 0))
+    ports = [one.getsockname()[1] for one in sockets]
+    for one in sockets:
+        one.close()
+    return ports
+
+
+@pytest.fixture
+def slurm(tmp_path_factory):
+    """Environment of commands that talk to a SLURM of this machine alone."""
+    missing = [name for name in DAEMONS if shutil.which(name) is None]
+    if missing or os.geteuid() or importlib.util.find_spec("snakemake_executor_plugin_slurm") is None:
+        pytest.skip("needs SLURM: root, Debian's slurm-wlm and munge, and the extra 'slurm'")
+    # Not below the folder of tests: the path of a socket has room for some hundred signs.
+    folder = tmp_path_factory.mktemp("slurm")
+    for name in ("state", "spool"):
+        (folder / name).mkdir()
+    folder.chmod(0o700)
+    (folder / "munge.key").write_bytes(os.urandom(128))
+    (folder / "munge.key").chmod(0o400)
+    host = socket.gethostname().split(".")[0]
+    (folder / "slurm.conf").write_text(
+        CONFIGURATION.format(host=host, ports=free_ports(2), folder=folder, cpus=os.cpu_count() or 1)
+    )
+    environment = {**os.environ, "SLURM_CONF": str(folder / "slurm.conf"), "PATH": f"{folder}/bin:{os.environ['PATH']}"}
+    # The plugin takes the name of the configuration, which lies where no command looks by itself, away from jobs.
+    (folder / "bin").mkdir()
+    (folder / "bin/srun").write_text(f'#!/bin/sh\nSLURM_CONF={folder}/slurm.conf exec {shutil.which("srun")} "$@"\n')
+    (folder / "bin/srun").chmod(0o755)
+    munge = {name: folder / f"munge.{name}" for name in ("socket", "key", "log", "pid", "seed")}
+    options = [f"--socket={munge['socket']}", f"--key-file={munge['key']}", f"--log-file={munge['log']}"]
+    options += [f"--pid-file={munge['pid']}", f"--seed-file={munge['seed']}"]
+    processes = []
+    try:
+        for command in (["munged", "--force", "--foreground", *options], ["slurmctld", "-D"], ["slurmd", "-D"]):
+            quiet = subprocess.DEVNULL
+            processes.append(subprocess.Popen(command, env=environment, stdout=quiet, stderr=quiet, start_new_session=True))
+            wait_for(lambda: munge["socket"].exists(), 30)
+        wait_for(lambda: "idle" in said(environment, "sinfo"), 60)
+        yield environment
+    finally:
+        said(environment, "scancel", "--user", "root")
+        for process in reversed(processes):
+            os.killpg(process.pid, signal.SIGTERM)
+            process.wait(timeout=30)
+
+
+def said(environment, *command):
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=False).stdout
+
+
+def wait_for(happened, seconds):
+    until = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < until, "it did not happen in time"
+        time.sleep(0.2)
+
+
+def test_the_first_stages_run_there_and_a_cancelled_job_is_submitted_again(slurm, tmp_path):
+    target = "results/scenes/small_cube/capture/keyframes.json"
+    command = [sys.executable, "-m", "snakemake", "--workflow-profile", str(ROOT / "profiles/slurm")]
+    # Of this SLURM, which is asked for two jobs, more often than one would ask that of others.
+    command += ["--directory", str(tmp_path / "run"), "--seconds-between-status-checks", "3"]
+    command += ["--config", SETTINGS, "--", target]
+    with (tmp_path / "said").open("w") as output:
+        process = subprocess.Popen(
+            command, cwd=ROOT, env=slurm, stdout=output, stderr=subprocess.STDOUT, start_new_session=True
+        )
+    try:
+        wait_for(lambda: process.poll() is not None or " R " in said(slurm, "squeue"), 240)
+        (number,) = re.findall(r"^ +(\d+) .* R ", said(slurm, "squeue"), re.MULTILINE)
+        asked = said(slurm, "scontrol", "show", "job", number)
+        said(slurm, "scancel", number)
+        assert process.wait(timeout=400) == 0, (tmp_path / "said").read_text()[-4000:]
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+    # What the rule states, and nothing of the machine on which the run was started.
+    assert "NumCPUs=1 " in asked
+    assert "mem=2500M" in asked
+    assert "TimeLimit=01:00:00" in asked
+    assert "gpu" not in asked
+    words = (tmp_path / "said").read_text()
+    assert words.count("has been submitted with SLURM jobid") == 3
+    assert "Trying to restart job" in words
+    assert (tmp_path / "run" / target).is_file()
