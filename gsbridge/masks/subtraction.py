@@ -13,29 +13,27 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from gsbridge.cameras import Camera, Views
+from gsbridge.cameras import Camera, View, Views
 from gsbridge.configuration.masks import MaskSettings
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8
 from gsbridge.masks import grabcut
 from gsbridge.masks.consistency import agreed_hull, outline
-from gsbridge.masks.flatness import fine_detail, table_homography
+from gsbridge.masks.flatness import fine_detail
 from gsbridge.masks.grabcut import Crop
+from gsbridge.masks.layers import MARGIN_PX, disc, free_of, grown, lay_on_table, median_layer
 from gsbridge.masks.prompt import Prompt
 
 _OTHERS = 24
 """Photos that the table is taken from; a median needs no more."""
 _NEEDED = 5
 """Photos that must show a spot of the table before its colour is believed."""
-_MARGIN_PX = 3
-"""Pixels this near to a mask may show the object: no evidence of the table."""
 _USUAL = 4.0
 """A pixel is strange from this many times the median difference of bare table on."""
 _LEAST_DIFFERENCE = 0.045
 """And from this difference on, 0..1 sRGB, lest sensor noise and interpolation count."""
 _MISPLACED_PX = 0.5
 """Error of pose and of linear interpolation that the pattern of the table may show."""
-_GAIN_PIXELS = 50
 _RIM = 0.15
 """Plain pixels are taken off to this depth, as a share of the object's size."""
 _WINDOW = 0.003
@@ -65,17 +63,13 @@ class Evidence:
     table: Array
 
 
-def disc(radius: int) -> Array:
-    """Round structuring element."""
-    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
-
-
 def compare_with_table(
     index: int,
     photos: Sequence[Array | None],
     masks: Sequence[Array],
     cameras: Sequence[Camera],
     poses: Sequence[Array],
+    free: Sequence[Array] | None = None,
 ) -> Evidence:
     """Compare one photo with the table behind it as the other photos show it, laid onto the plane z = 0.
 
@@ -88,25 +82,29 @@ def compare_with_table(
         masks: The object as known so far, of the photos' sizes. [h, w] bool each.
         cameras: Pinholes of the photos.
         poses: `cam_from_table`. [4, 4] each.
+        free: `free_of` each mask, where many photos are compared; None makes them.
     """
     photo = photos[index]
     assert photo is not None
     own = photo.astype(np.float32) / 255
-    away = cv2.dilate(masks[index].astype(np.uint8), disc(2 * _MARGIN_PX)) == 0
+    away = cv2.dilate(masks[index].astype(np.uint8), disc(2 * MARGIN_PX)) == 0
     others = [i for i, other in enumerate(photos) if other is not None and i != index]
     if len(others) > _OTHERS:
         others = [others[i] for i in np.linspace(0, len(others) - 1, _OTHERS).round().astype(int)]
-    laid = [_laid(index, i, photos[i], masks[i], cameras, poses, own, away) for i in others]
     nothing = np.zeros(away.shape, bool)
-    if len(laid) < _NEEDED:
+    if len(others) < _NEEDED:
         return Evidence(nothing, nothing, own)
-    near = cv2.dilate(masks[index].astype(np.uint8), disc(round(0.25 * np.sqrt(masks[index].sum())))) > 0
-    table, known = _median(laid, near, own)
+    free = [free_of(mask) for mask in masks] if free is None else free
+    laid = lay_on_table(index, others, photos, free, cameras, poses, away)
+    near = grown(masks[index], round(0.25 * np.sqrt(masks[index].sum())))
+    table, known = median_layer(laid, near, own, _NEEDED)
     if not known.any():
         return Evidence(nothing, nothing, own)
-    grey = cv2.GaussianBlur(table.mean(-1), (0, 0), 0.7)
+    grey = cv2.GaussianBlur((table[..., 0] + table[..., 1] + table[..., 2]) / 3, (0, 0), 0.7)
     slope = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.125), cv2.Sobel(grey, cv2.CV_32F, 0, 1, scale=0.125))
-    excess = np.maximum(np.abs(own - table).max(-1) - _MISPLACED_PX * slope, 0.0)
+    difference = np.abs(own - table)
+    largest = np.maximum(np.maximum(difference[..., 0], difference[..., 1]), difference[..., 2])
+    excess = np.maximum(largest - _MISPLACED_PX * slope, 0.0)
     bare = known & away
     usual = float(np.median(excess[bare])) if bare.any() else 0.0
     least = max(_USUAL * usual, _LEAST_DIFFERENCE)
@@ -115,44 +113,6 @@ def compare_with_table(
     strange = cv2.erode((known & (smooth > least)).astype(np.uint8), disc(1)) > 0
     plain = cv2.morphologyEx((known & (smooth < 0.5 * least)).astype(np.uint8), cv2.MORPH_OPEN, disc(1)) > 0
     return Evidence(strange, plain, table)
-
-
-def _median(laid: Sequence[Array], where: Array, fallback: Array) -> tuple[Array, Array]:
-    """Median of the layers at the pixels that enough of them show. -> [h, w, 3] (else `fallback`), [h, w] bool."""
-    stack = np.sort(np.stack([layer[where] for layer in laid]), axis=0)
-    count = np.isfinite(stack[..., 0]).sum(0)
-    # NaN are sorted to the end.
-    ranks = np.maximum((count - 1) // 2, 0), np.minimum(count // 2, len(stack) - 1)
-    low, high = (np.take_along_axis(stack, rank[None, :, None], axis=0)[0] for rank in ranks)
-    table, known = fallback.copy(), np.zeros(where.shape, bool)
-    known[where] = count >= _NEEDED
-    table[known] = (0.5 * (low + high))[count >= _NEEDED]
-    return table, known
-
-
-def _laid(
-    index: int,
-    other: int,
-    source: Array | None,
-    mask: Array,
-    cameras: Sequence[Camera],
-    poses: Sequence[Array],
-    own: Array,
-    away: Array,
-) -> Array:
-    """Another photo laid onto the table as photo `index` sees it; NaN where it does not show the table. [h, w, 3] float32."""
-    assert source is not None
-    onto = table_homography(cameras[index], poses[index], cameras[other], poses[other])
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    size = own.shape[1::-1]
-    shown = cv2.warpPerspective(source, onto, size, flags=flags).astype(np.float32) / 255
-    free = 1.0 - cv2.dilate(mask.astype(np.uint8), disc(_MARGIN_PX)).astype(np.float32)
-    bare = cv2.warpPerspective(free, onto, size, flags=flags) > 0.999
-    both = bare & away
-    if both.sum() >= _GAIN_PIXELS:
-        shown = shown * (np.median(own[both], axis=0) / np.maximum(np.median(shown[both], axis=0), 1e-3))
-    shown[~bare] = np.nan
-    return shown
 
 
 def amend(mask: Array, evidence: Evidence, allowed: Array | None = None) -> Array:
@@ -220,19 +180,16 @@ def open_windows(views: Views, masks: Sequence[Array], settings: MaskSettings, t
     Returns:
         [H, W] float32 each; the same where fewer than three photos see through the object.
     """
-    crops = [_round_mask(mask, round(1.5 * settings.crop_px), 1.0) for mask in masks]
     poses = [view.cam_from_table for view in views]
-    cameras = [view.camera if crop is None else crop.camera(view.camera) for view, crop in zip(views, crops, strict=True)]
-    photos = [
-        None if crop is None else crop.cut(read_image_u8(views.path(view))) for view, crop in zip(views, crops, strict=True)
-    ]
-    parts = [np.zeros((0, 0), bool) if crop is None else crop.cut(mask) > 0.5 for mask, crop in zip(masks, crops, strict=True)]
+    crops, cameras, photos, parts = _cut_round_masks(views, masks, round(1.5 * settings.crop_px), 1.0, threads)
+
+    free = [free_of(part) for part in parts]
 
     def look(index: int) -> Array:
         photo = photos[index]
         if photo is None:
             return parts[index]
-        return windows(parts[index], photo, compare_with_table(index, photos, parts, cameras, poses))
+        return windows(parts[index], photo, compare_with_table(index, photos, parts, cameras, poses, free))
 
     with ThreadPoolExecutor(threads) as pool:
         found = list(pool.map(look, range(len(views))))
@@ -247,12 +204,35 @@ def open_windows(views: Views, masks: Sequence[Array], settings: MaskSettings, t
     return out
 
 
-def _round_mask(mask: Array, longest: int, margin: float = 0.25) -> Crop | None:
+def _cut_round_masks(
+    views: Views, masks: Sequence[Array], longest: int, margin: float, threads: int
+) -> tuple[list[Crop | None], list[Camera], list[Array | None], list[Array]]:
+    """The part of each photo round its mask, at most `longest` px long.
+
+    Returns:
+        Crops; cameras of the parts; photos [h, w, 3] uint8; masks [h, w] bool. None, None and an empty mask where a mask is.
+    """
+
+    def cut(view: View, mask: Array) -> tuple[Crop | None, Camera, Array | None, Array]:
+        crop = _round_mask(mask, longest, margin)
+        if crop is None:
+            return None, view.camera, None, np.zeros((0, 0), bool)
+        photo = crop.cut(read_image_u8(views.path(view)))
+        return crop, crop.camera(view.camera), photo, crop.cut(mask) > 0.5
+
+    with ThreadPoolExecutor(threads) as pool:
+        found = list(pool.map(cut, views, masks))
+    crops, cameras, photos, parts = (list(column) for column in zip(*found, strict=True))
+    return crops, cameras, photos, parts
+
+
+def _round_mask(mask: Array, longest: int, margin: float) -> Crop | None:
     """The part of a photo round its mask, with a margin; None where the mask is empty."""
-    rows, columns = np.nonzero(mask > 0.5)
+    inside = mask > 0.5
+    rows, columns = np.flatnonzero(inside.any(1)), np.flatnonzero(inside.any(0))
     if len(rows) == 0:
         return None
-    corners = np.array([[columns.min(), rows.min()], [columns.max() + 1, rows.max() + 1]], float)
+    corners = np.array([[columns[0], rows[0]], [columns[-1] + 1, rows[-1] + 1]], float)
     return Crop.around(corners, mask.shape[::-1], longest, margin)
 
 
@@ -279,15 +259,12 @@ def subtract_table(views: Views, masks: Sequence[Array], prompt: Prompt, setting
 def _subtract_once(views: Views, masks: list[Array], prompt: Prompt, settings: MaskSettings, threads: int) -> list[Array]:
     """One round of `subtract_table`."""
     poses = [view.cam_from_table for view in views]
-    crops = [_round_mask(mask, settings.crop_px) for mask in masks]
-    cameras = [view.camera if crop is None else crop.camera(view.camera) for view, crop in zip(views, crops, strict=True)]
-    photos = [
-        None if crop is None else crop.cut(read_image_u8(views.path(view))) for view, crop in zip(views, crops, strict=True)
-    ]
-    parts = [np.zeros((0, 0), bool) if crop is None else crop.cut(mask) > 0.5 for mask, crop in zip(masks, crops, strict=True)]
+    crops, cameras, photos, parts = _cut_round_masks(views, masks, settings.crop_px, 0.25, threads)
+
+    free = [free_of(part) for part in parts]
 
     def compare(index: int) -> Evidence | None:
-        return None if crops[index] is None else compare_with_table(index, photos, parts, cameras, poses)
+        return None if crops[index] is None else compare_with_table(index, photos, parts, cameras, poses, free)
 
     def amended(index: int, allowed: Array | None = None) -> Array:
         view, crop, evidence = views[index], crops[index], found[index]

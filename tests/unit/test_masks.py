@@ -14,6 +14,7 @@ from gsbridge.images import read_image_u8, read_mask
 from gsbridge.masks import MaskSettings, flatness, grabcut, segment_object
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop, cut_out, tidy
 from gsbridge.masks.prompt import find_object, focus_point
+from gsbridge.masks.layers import Layers, median_colour, median_layer
 from gsbridge.masks.subtraction import amend, compare_with_table, open_windows, subtract_table
 from gsbridge.photogrammetry.sparse import SparsePoints, read_points
 
@@ -291,6 +292,26 @@ def test_windows_through_which_the_table_is_seen_are_opened(tmp_path):
     assert sum(((mask < 0.5) & hole).sum() for mask, hole in zip(opened, holes, strict=True)) > 0.7 * seen
     lost = sum(((mask < 0.5) & true).sum() for mask, true in zip(opened, scene.inside, strict=True))
     assert lost < 0.02 * sum(true.sum() for true in scene.inside)
+
+
+def test_medians_of_levels_are_those_of_numpy():
+    """Even and odd counts, pixels that few layers show, gains that differ: the same float32 to the bit."""
+    rng = np.random.default_rng(0)
+    shape, count = (40, 30), 7
+    photo = rng.integers(0, 256, (*shape, 3), dtype=np.uint8)
+    for where in (rng.random(shape) < 0.3, photo[..., 0] > 250, np.ones(shape, bool)):
+        np.testing.assert_array_equal(
+            median_colour(photo, where), np.median(photo[where].astype(np.float32) / 255, axis=0), strict=True
+        )
+    gains = rng.uniform(0.7, 1.4, (count, 1, 3)).astype(np.float32)
+    shown, bare = rng.integers(0, 256, (count, *shape, 3), dtype=np.uint8), rng.random((count, *shape)) < 0.6
+    layers = Layers(shown, bare, (np.arange(256, dtype=np.float32) / 255)[:, None] * gains)
+    values = np.where(bare[..., None], shown.astype(np.float32) / 255 * gains[:, None], np.nan)
+    where, fallback = rng.random(shape) < 0.8, np.full((*shape, 3), 2.0, np.float32)
+    table, known = median_layer(layers, where, fallback, 4)
+    np.testing.assert_array_equal(known, where & (bare.sum(0) >= 4))
+    np.testing.assert_array_equal(table[known], np.nanmedian(values[:, known], axis=0), strict=True)
+    assert (table[~known] == 2.0).all()
 
 
 def test_an_object_without_windows_keeps_its_masks(scene):
