@@ -13,8 +13,8 @@ from gsbridge.errors import InputError, StageError
 from gsbridge.images import read_image_u8, read_mask
 from gsbridge.masks import MaskSettings, flatness, grabcut, segment_object
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop, cut_out, tidy
-from gsbridge.masks.prompt import find_object, focus_point
 from gsbridge.masks.layers import Layers, median_colour, median_layer
+from gsbridge.masks.prompt import find_object, focus_point
 from gsbridge.masks.subtraction import amend, compare_with_table, open_windows, subtract_table
 from gsbridge.photogrammetry.sparse import SparsePoints, read_points
 
