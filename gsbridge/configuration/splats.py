@@ -12,8 +12,10 @@ from gsbridge.configuration.base import Number, OrNull, Positive, Settings, Shar
 class SplatSettings(Settings):
     """What a training of splats may cost and how it learns."""
 
-    max_splats: Whole = Field(default=12_000, ge=100, le=100_000_000)
-    """Upper limit of the number of splats."""
+    max_splats: Annotated[Whole, Field(ge=100, le=100_000_000)] | Literal["auto"] = 12_000
+    """Upper limit of the number of splats; `auto` follows the pixels and the texture that the photos show (docs/splats.md)."""
+    most_splats: Whole = Field(default=60_000, ge=100, le=100_000_000)
+    """Upper limit of what `max_splats: auto` chooses."""
     splats_per_face: Whole = Field(default=1, ge=1, le=100)
     """Splats on each face; the mesh is remeshed to meet the limit."""
     steps: Whole = Field(default=2000, ge=1, le=10_000_000)

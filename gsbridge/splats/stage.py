@@ -17,6 +17,7 @@ from gsbridge.errors import InputError, StageError
 from gsbridge.files import write_stage
 from gsbridge.meshes import Mesh, read_mesh
 from gsbridge.splats.binding import BINDINGS, Binding, create_binding, write_binding
+from gsbridge.splats.budget import choose_splats
 from gsbridge.splats.detail import Focus, edge_sizes
 from gsbridge.splats.evaluate import evaluate_cloud, write_pictures
 from gsbridge.splats.lpips import Lpips
@@ -83,7 +84,8 @@ def train_splats(
         targets = object_targets(views, masks_dir, settings.margin_px)
     else:
         targets = background_targets(views, surface_mesh)
-    faces = settings.max_splats // settings.splats_per_face
+    chosen = choose_splats(surface_mesh, targets, settings, kind=kind) if settings.max_splats == "auto" else None
+    faces = (chosen or int(settings.max_splats)) // settings.splats_per_face
     try:
         mesh = remesh_isotropic(
             surface_mesh,
@@ -110,7 +112,7 @@ def train_splats(
     if fitted is not None and fitted < MIN_TRAINING_PSNR:
         reasons.append(
             f"the splats reach {fitted:.1f} dB on their own training photos, {MIN_TRAINING_PSNR:g} are usual: there is more "
-            "detail than the budget holds, or its mesh or poses are off; raise max_splats and steps, and look at views/"
+            "detail than the budget holds, or its mesh or poses are off; look at views/, and try docs/splats.md#quality"
         )
     if metrics["held_out"]["full"]["views"] == 0:
         reasons.append("no view is held out: the metrics of the training views flatter the model")
@@ -123,6 +125,7 @@ def train_splats(
         kind=kind,
         surface=surface,
         splats=len(model),
+        **({} if chosen is None else {"chosen_splats": chosen}),
         faces=len(mesh.faces),
         steps=settings.steps,
         metrics=metrics,

@@ -90,7 +90,7 @@ def train(
     Raises:
         StageError: The loss became infinite or no number.
     """
-    photos = [_affordable(target, settings.max_pixels, kind) for target in targets if target.split == "train"]
+    photos = [target.affordable(settings.max_pixels, kind=kind) for target in targets if target.split == "train"]
     halves = [target.reduced(0.5, kind=kind) for target in photos] if settings.half_size > 0 else photos
     optimizer, starts = _optimizer(binding, rates)
     checkpoint = Path(state) / "checkpoint.pt"
@@ -124,12 +124,6 @@ def train(
         value.requires_grad_(False)
         value.grad = None
     return curve
-
-
-def _affordable(target: Target, max_pixels: int, kind: str) -> Target:
-    """The photo, reduced where it has more pixels than a training step may cost."""
-    pixels = target.camera.width * target.camera.height
-    return target.reduced(min(1.0, (max_pixels / pixels) ** 0.5), kind=kind)
 
 
 def _loss(

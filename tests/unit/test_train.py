@@ -164,7 +164,7 @@ def test_the_stage_leaves_its_files(scene):
     folder, views = scene
     out = folder / "out"
 
-    def run(kind, masks):
+    def run(kind, masks, settings=TINY):
         train_splats(
             views,
             masks,
@@ -173,7 +173,7 @@ def test_the_stage_leaves_its_files(scene):
             out / "binding.npz",
             out / "views",
             out / "splats.json",
-            TINY,
+            settings,
             "soft",
             seed=0,
             threads=1,
@@ -191,6 +191,9 @@ def test_the_stage_leaves_its_files(scene):
     assert [path.name for path in (out / "views").iterdir()] == record["pictures"]
     assert record["lpips_reason"]
     assert not (folder / "state").exists()
+    assert "chosen_splats" not in record
+    counted = run("object", folder / "masks", TINY.model_copy(update={"max_splats": "auto", "most_splats": 300}))
+    assert counted["splats"] <= counted["chosen_splats"] == 300
     background = run("background", None)
     assert background["metrics"]["held_out"]["masked"]["psnr"] > 12
     assert background["metrics"]["held_out"]["full"]["alpha_iou"] is None
