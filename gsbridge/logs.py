@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
+import math
 import os
 import sys
 import time
@@ -17,14 +19,9 @@ logger = logging.getLogger("gsbridge")
 
 T = TypeVar("T")
 
-_THREAD_VARIABLES = (
-    "OMP_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "NUMBA_NUM_THREADS",
-    "NUMEXPR_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-)
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
+_SINGLE_VARIABLES = ("MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMEXPR_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+"""Linear algebra stays on one thread: its matrices are small, and with more threads its sums round in another order."""
 
 _threads = 1
 
@@ -45,6 +42,8 @@ def start(threads: int, log: str | Path | None) -> None:
         # numba refuses to compile when its variable changes after it was loaded; it is limited by a call instead.
         if variable != "NUMBA_NUM_THREADS" or "numba" not in sys.modules:
             os.environ[variable] = str(_threads)
+    for variable in _SINGLE_VARIABLES:
+        os.environ[variable] = "1"
     # Waiting threads sleep: by default they spin, and on cores shared with other jobs that made two threads slower than one.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     _limit_loaded_libraries(_threads)
@@ -61,6 +60,18 @@ def start(threads: int, log: str | Path | None) -> None:
 def threads() -> int:
     """Threads this process may use, as given to `start` (1 before it is called)."""
     return _threads
+
+
+@contextlib.contextmanager
+def limited(count: int) -> Iterator[None]:
+    """Let this process use no more than `count` threads for the time being, as `threads` tells."""
+    global _threads
+    before = _threads
+    _threads = min(count, before)
+    try:
+        yield
+    finally:
+        _threads = before
 
 
 def _limit_loaded_libraries(count: int) -> None:
@@ -115,8 +126,7 @@ class Progress:
             return
         self._last = now
         rate = self.done / max(now - self._begin, 1e-9)
-        left = (self.total - self.done) / rate if rate > 0 else float("inf")
-        line = f"{self.label}: {self.done}/{self.total}, {rate:.3g}/s, {left:.0f} s left"
+        line = f"{self.label}: {self.done}/{self.total}, {rate:.3g}/s, {self._time(now)}"
         line = f"{line}, {note}" if note else line
         if not self._terminal:
             logger.info(line)
@@ -127,6 +137,19 @@ class Progress:
         if now - self._logged >= self._every_in_log or self.done >= self.total:
             self._logged = now
             _log_to_files(line)
+
+    def counted(self, items: Iterable[T]) -> Iterator[T]:
+        """Iterate over `items`, counting each once it was used."""
+        for item in items:
+            yield item
+            self.update()
+
+    def _time(self, now: float) -> str:
+        """Time left, rounded up; at the end the time that it took, since other work may follow."""
+        taken = now - self._begin
+        if self.done >= self.total:
+            return f"done in {taken:.0f} s"
+        return f"{math.ceil(taken * (self.total - self.done) / max(self.done, 1))} s left"
 
 
 def _log_to_files(line: str) -> None:
@@ -146,7 +169,4 @@ def track(items: Iterable[T], label: str, total: int | None = None) -> Iterator[
         total: Number of items; their length when None, which an iterator does not have.
     """
     count = total if total is not None else len(items)  # type: ignore[arg-type]
-    progress = Progress(count, label)
-    for item in items:
-        yield item
-        progress.update()
+    yield from Progress(count, label).counted(items)

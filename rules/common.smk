@@ -21,6 +21,8 @@ from gsbridge.experiment.policies import ANY, policy_files
 from gsbridge.experiment.provenance import provenance, provenances
 from gsbridge.experiment.result_dates import restore_dates
 from gsbridge.experiment.tables import Tables
+from gsbridge.experiment.threads import VARIABLE as THREADS_VARIABLE
+from gsbridge.experiment.threads import scene_threads
 from gsbridge.gap.formats.files import (
     case_files,
     case_model,
@@ -71,7 +73,11 @@ GAP_METHODS = [
     if name != "cma_es" or importlib.util.find_spec("cma")
 ]
 
+SCENE_THREADS = scene_threads(workflow.cores, sys.argv[1:], PLAN.scenes)
+
 if workflow.is_main_process:
+    # Its jobs see other targets than a person named, and must not share out the cores anew.
+    os.environ.update({THREADS_VARIABLE: str(SCENE_THREADS)})
     # A second of imports, which jobs need not pay again.
     from gsbridge.policy.plan import check_policies
 

@@ -15,7 +15,7 @@ rule segment_object:
         scene=one_of(OBJECTS),
     conda:
         "../envs/mesh.yaml"
-    threads: 1
+    threads: SCENE_THREADS
     resources:
         mem_mb=3000,
         runtime="20m",

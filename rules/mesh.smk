@@ -17,7 +17,7 @@ rule mesh_object:
         scene=one_of(OBJECTS),
     conda:
         "../envs/mesh.yaml"
-    threads: 1
+    threads: SCENE_THREADS
     resources:
         mem_mb=4000,
         runtime="30m",
@@ -49,7 +49,7 @@ rule mesh_background:
         scene=one_of(BACKGROUNDS),
     conda:
         "../envs/mesh.yaml"
-    threads: 1
+    threads: SCENE_THREADS
     resources:
         mem_mb=4000,
         runtime="30m",

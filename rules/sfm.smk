@@ -38,7 +38,7 @@ rule reconstruct_cameras:
         "results/benchmarks/reconstruct_cameras/{scene}.jsonl"
     conda:
         "../envs/capture.yaml"
-    threads: 1
+    threads: SCENE_THREADS
     resources:
         mem_mb=4000,
         runtime="60m",

@@ -7,7 +7,7 @@ rule compile_kernels:
         "results/benchmarks/compile_kernels/all.jsonl"
     conda:
         "../envs/splats.yaml"
-    threads: 1
+    threads: SCENE_THREADS
     resources:
         mem_mb=2000,
         runtime="10m",
@@ -41,7 +41,7 @@ rule train_splats:
         "results/benchmarks/train_splats/{scene}-{binding}.jsonl"
     conda:
         "../envs/splats.yaml"
-    threads: 1
+    threads: SCENE_THREADS
     resources:
         mem_mb=3000,
         runtime="60m",

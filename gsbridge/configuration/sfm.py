@@ -17,9 +17,11 @@ class SfmSettings(Settings):
     overlap: Whole = Field(default=10, ge=1, le=1000)
     """Number of neighbours that each frame of an ordered capture is matched with, besides the frames at distances of powers of
     two."""
+    neighbours_from: Whole = Field(default=40, ge=3)
+    """Fewest images of an unordered capture that are matched with their neighbours by name first, and exhaustively only where
+    one stays unregistered."""
     exhaustive_up_to: Whole = Field(default=150, ge=0)
-    """Most images of an ordered capture that are matched exhaustively, once matching neighbours has failed. Unordered captures
-    always are."""
+    """Most images of an ordered capture that are matched exhaustively, once matching neighbours has failed."""
     pass_share: Share = 0.95
     """Share of registered images from which the result passes."""
     degraded_share: Share = 0.6

@@ -106,7 +106,7 @@ def _grabcut_masks(
         None if crop is None else crop.cut(read_image_u8(views.path(view))) for view, crop in zip(views, crops, strict=True)
     ]
     flat = _flat_pixels(views, crops, photos, prompt, threads)
-    progress = Progress(len(views) * (1 + settings.passes), "masks")
+    progress = Progress(len(views) * (1 + settings.passes + settings.subtractions + 1), "masks")
 
     def cut(index: int, hull: Mesh | None, share: float) -> Array:
         view, crop, photo = views[index], crops[index], photos[index]
@@ -129,16 +129,12 @@ def _grabcut_masks(
         for number in range(1 + settings.passes):
             share = 0.12 / 1.6 ** max(number - 1, 0)
             jobs = [pool.submit(cut, index, hull, share) for index in range(len(views))]
-            found = []
-            for job in jobs:
-                found.append(job.result())
-                progress.update()
-            masks = found
+            masks = [job.result() for job in progress.counted(jobs)]
             # The first masks err in many views; later ones must agree better.
             vote = settings.hull_vote if number == 0 else settings.strict_vote
             hull = agreed_hull(views, masks, prompt, settings, vote, threads)
-    masks = subtract_table(views, masks, prompt, settings, threads)
-    masks = open_windows(views, masks, settings, threads)
+    masks = subtract_table(views, masks, prompt, settings, threads, progress)
+    masks = open_windows(views, masks, settings, threads, progress)
     return masks, agreed_hull(views, masks, prompt, settings, settings.strict_vote, threads)
 
 
@@ -206,6 +202,7 @@ def segment_object(
         hull = agreed_hull(views, masks, prompt, settings, settings.hull_vote, threads)
     else:
         masks, hull = _grabcut_masks(views, prompt, sparse, settings, seed, threads)
+    logger.info("finish the outlines of %d masks", len(masks))
     masks = _finished(views, masks, hull, threads)
     shares = [float((mask > 0.5).mean()) for mask in masks]
     agreement = []

@@ -17,6 +17,7 @@ from gsbridge.cameras import Camera, View, Views
 from gsbridge.configuration.masks import MaskSettings
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8
+from gsbridge.logs import Progress
 from gsbridge.masks import grabcut
 from gsbridge.masks.consistency import agreed_hull, outline
 from gsbridge.masks.flatness import fine_detail
@@ -166,7 +167,9 @@ def windows(mask: Array, photo: Array, evidence: Evidence) -> Array:
     return (cv2.dilate(found.astype(np.uint8), disc(1)) > 0) & mask & ~evidence.strange
 
 
-def open_windows(views: Views, masks: Sequence[Array], settings: MaskSettings, threads: int) -> list[Array]:
+def open_windows(
+    views: Views, masks: Sequence[Array], settings: MaskSettings, threads: int, progress: Progress | None = None
+) -> list[Array]:
     """Masks without the windows through which several photos see the table.
 
     What is seen through a window stands far behind the object, so wider parts of the photos are compared than for its outline.
@@ -176,6 +179,7 @@ def open_windows(views: Views, masks: Sequence[Array], settings: MaskSettings, t
         masks: The object, its windows filled. [H, W] float32 each.
         settings: See `MaskSettings`.
         threads: Threads to use.
+        progress: Counts each photo once.
 
     Returns:
         [H, W] float32 each; the same where fewer than three photos see through the object.
@@ -192,7 +196,8 @@ def open_windows(views: Views, masks: Sequence[Array], settings: MaskSettings, t
         return windows(parts[index], photo, compare_with_table(index, photos, parts, cameras, poses, free))
 
     with ThreadPoolExecutor(threads) as pool:
-        found = list(pool.map(look, range(len(views))))
+        looked = pool.map(look, range(len(views)))
+        found = list(looked if progress is None else progress.counted(looked))
     if sum(bool(part.any()) for part in found) < _WINDOW_VIEWS:
         return list(masks)
     out = []
@@ -236,7 +241,14 @@ def _round_mask(mask: Array, longest: int, margin: float) -> Crop | None:
     return Crop.around(corners, mask.shape[::-1], longest, margin)
 
 
-def subtract_table(views: Views, masks: Sequence[Array], prompt: Prompt, settings: MaskSettings, threads: int) -> list[Array]:
+def subtract_table(
+    views: Views,
+    masks: Sequence[Array],
+    prompt: Prompt,
+    settings: MaskSettings,
+    threads: int,
+    progress: Progress | None = None,
+) -> list[Array]:
     """Masks corrected by the bare table, where the views agree on the correction.
 
     Args:
@@ -245,6 +257,7 @@ def subtract_table(views: Views, masks: Sequence[Array], prompt: Prompt, setting
         prompt: What the sparse model says.
         settings: See `MaskSettings`.
         threads: Threads to use.
+        progress: Counts each photo once in every round.
 
     Returns:
         [H, W] float32 each.
@@ -252,11 +265,13 @@ def subtract_table(views: Views, masks: Sequence[Array], prompt: Prompt, setting
     masks = list(masks)
     for _ in range(settings.subtractions):
         # What one round finds no longer hides the table from the next.
-        masks = _subtract_once(views, masks, prompt, settings, threads)
+        masks = _subtract_once(views, masks, prompt, settings, threads, progress)
     return masks
 
 
-def _subtract_once(views: Views, masks: list[Array], prompt: Prompt, settings: MaskSettings, threads: int) -> list[Array]:
+def _subtract_once(
+    views: Views, masks: list[Array], prompt: Prompt, settings: MaskSettings, threads: int, progress: Progress | None
+) -> list[Array]:
     """One round of `subtract_table`."""
     poses = [view.cam_from_table for view in views]
     crops, cameras, photos, parts = _cut_round_masks(views, masks, settings.crop_px, 0.25, threads)
@@ -280,7 +295,8 @@ def _subtract_once(views: Views, masks: list[Array], prompt: Prompt, settings: M
         return amended(index, cv2.dilate(covered.astype(np.uint8), disc(width)) > 0)
 
     with ThreadPoolExecutor(threads) as pool:
-        found = list(pool.map(compare, range(len(views))))
+        compared = pool.map(compare, range(len(views)))
+        found = list(compared if progress is None else progress.counted(compared))
         # A shadow that moved, or a thing beside the object that did, is strange too, but nowhere in space.
         hull = agreed_hull(views, list(pool.map(amended, range(len(views)))), prompt, settings, _MAJORITY, threads)
         return list(pool.map(agreed, range(len(views))))

@@ -88,8 +88,8 @@ def bottom_samples(hull: Hull, spacing: float) -> tuple[Array, Array]:
     return points, np.tile([0.0, 0.0, -1.0], (len(points), 1))
 
 
-def poisson(points: Array, normals: Array, depth: int, threads: int) -> Mesh:
-    """Screened Poisson surface of oriented points.
+def poisson(points: Array, normals: Array, depth: int) -> Mesh:
+    """Screened Poisson surface of oriented points, on one thread: with more its sums end in another order each time.
 
     Args:
         points: Points. [N, 3].
@@ -103,7 +103,7 @@ def poisson(points: Array, normals: Array, depth: int, threads: int) -> Mesh:
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
     cloud.normals = open3d.utility.Vector3dVector(normals)
     surface, _ = open3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
-        cloud, depth=depth, scale=1.25, linear_fit=False, n_threads=threads
+        cloud, depth=depth, scale=1.25, linear_fit=False, n_threads=1
     )
     return Mesh(np.asarray(surface.vertices).copy(), np.asarray(surface.triangles).astype(np.int64))
 
@@ -139,7 +139,7 @@ def trimmed(hull: Hull, cloud: Cloud, views: Sequence[View]) -> Hull:
 
 
 def fuse(
-    hull: Hull, cloud: Cloud, views: Sequence[View], settings: MeshSettings, *, narrow: bool, seed: int, threads: int
+    hull: Hull, cloud: Cloud, views: Sequence[View], settings: MeshSettings, *, narrow: bool, seed: int
 ) -> tuple[Grid, Array, dict[str, Any]]:
     """Solid of an object as a signed distance.
 
@@ -150,7 +150,6 @@ def fuse(
         settings: See `MeshSettings`.
         narrow: The views show one side only.
         seed: Seed of the hull's samples.
-        threads: Threads to use.
 
     Returns:
         Grid, signed distance (positive inside, cut at the table) [nx, ny, nz], and figures: points from depth and hull, the
@@ -169,7 +168,7 @@ def fuse(
     figures = {"depth_points": len(cloud.points), "hull_points": int(needed.sum()), "hull_share": float(needed.mean())}
     upward = normals[:, 2] > 0.5
     figures["open_share"] = float(needed[upward].mean()) if upward.sum() > 0.02 * len(normals) else 0.0
-    surface = poisson(points, directions, settings.poisson_depth, threads)
+    surface = poisson(points, directions, settings.poisson_depth)
     low = np.array([*hull.mesh.vertices.min(0)[:2], 0.0])
     high = hull.mesh.vertices.max(0)
     step = float((high - low).max()) / settings.solid_voxels

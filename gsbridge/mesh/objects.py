@@ -76,7 +76,7 @@ def _solid(
         cloud, share = Cloud(points[above], normals[above], (), (), 0), float("nan")
     logger.info("mesh: %d depth points (%s), %.0f %% of the object's pixels confirmed", len(cloud.points), backend, 100 * share)
     hull, cavity = carved(hull, cloud, threads)
-    grid, field, figures = fuse(hull, cloud, views, settings, narrow=narrow, seed=seed, threads=threads)
+    grid, field, figures = fuse(hull, cloud, views, settings, narrow=narrow, seed=seed)
     figures |= {"backend": backend, "confirmed_share": share, "cavity_share": cavity}
     figures["lowered_share"] = 1.0 - float(hull.mesh.vertices[:, 2].max()) / top
     return grid, field, figures

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,9 @@ from gsbridge.configuration.sfm import SfmSettings
 from gsbridge.geometry import Array
 from gsbridge.logs import Progress
 from gsbridge.photogrammetry.colmap import colmap_params
+from gsbridge.sfm.matching import match
+from gsbridge.sfm.numbering import number_images
+from gsbridge.sfm.photos import Photos
 
 logger = logging.getLogger("gsbridge")
 
@@ -31,43 +34,14 @@ MIN_IMAGE_POINTS = 30
 
 
 @dataclass(frozen=True)
-class Photos:
-    """Input of a reconstruction.
-
-    Args:
-        folder: Folder of the images.
-        names: Images to use, in the order of the capture.
-        ordered: Neighbours in `names` are neighbours on the camera's path.
-        camera: Calibrated camera, kept fixed; None to find it.
-        focal_prior_px: Focal length from EXIF data, px.
-        size: Width and height, px.
-        other_sizes: Those of images that differ, by name: a camera of its own for each size.
-    """
-
-    folder: Path
-    names: list[str]
-    ordered: bool
-    camera: Camera | None
-    focal_prior_px: float | None
-    size: tuple[int, int]
-    other_sizes: Mapping[str, tuple[int, int]] = field(default_factory=dict)
-
-    def by_size(self) -> dict[tuple[int, int], list[str]]:
-        """Names of the images of each size, in order."""
-        out: dict[tuple[int, int], list[str]] = {}
-        for name in self.names:
-            out.setdefault(self.other_sizes.get(name, self.size), []).append(name)
-        return out
-
-
-@dataclass(frozen=True)
 class Attempt:
-    """One rung of the ladder."""
+    """One rung of the ladder. `enough`: share of registered images that ends the climb here; None: that to pass."""
 
     name: str
     exhaustive: bool
     relaxed: bool
     mapper: str = "incremental"
+    enough: float | None = None
 
 
 @dataclass
@@ -81,11 +55,22 @@ class Outcome:
 
 
 def ladder(photos: Photos, settings: SfmSettings) -> list[Attempt]:
-    """Attempts in order of cost and trust; the global mapper is last."""
-    sequential = photos.ordered and len(photos.names) > settings.overlap
+    """Attempts in order of cost and trust; the global mapper is last.
+
+    Names of photos mostly follow the way round the thing: where there are many, neighbours are tried before all pairs, which
+    are more than twice as many from 50 photos on. They need not be neighbours, so that no photo may be missing then.
+    """
+    count = len(photos.names)
+    if not photos.ordered:
+        # COLMAP's list of pairs ends a name at a blank.
+        listed = count >= settings.neighbours_from and not any(" " in name for name in photos.names)
+        near = [Attempt("neighbours", False, False, enough=1.0)] if listed else []
+        every = [Attempt("exhaustive", True, False), Attempt("exhaustive, relaxed", True, True)]
+        return [*near, *every, Attempt("global", True, False, "global")]
+    sequential = count > settings.overlap
     attempts = [Attempt("sequential" if sequential else "exhaustive", not sequential, False)]
     attempts.append(Attempt(f"{attempts[0].name}, relaxed", not sequential, True))
-    wide = sequential and len(photos.names) <= settings.exhaustive_up_to
+    wide = sequential and count <= settings.exhaustive_up_to
     if wide:
         attempts += [Attempt("exhaustive", True, False), Attempt("exhaustive, relaxed", True, True)]
     attempts.append(Attempt("global", wide or not sequential, False, "global"))
@@ -117,16 +102,18 @@ def map_photos(
     extract(database, photos, settings, threads)
     outcome = Outcome(None, "incremental", "", [])
     matched: set[bool] = set()
+    sufficient = settings.pass_share
     for attempt in ladder(photos, settings):
-        if outcome.model is not None and outcome.model.num_reg_images() >= settings.pass_share * len(photos.names):
+        if outcome.model is not None and outcome.model.num_reg_images() >= sufficient * len(photos.names):
             break
+        sufficient = settings.pass_share if attempt.enough is None else attempt.enough
         enough = outcome.model is not None and outcome.model.num_reg_images() >= settings.degraded_share * len(photos.names)
         if attempt.mapper == "global" and enough:
             break
         if attempt.exhaustive not in matched:
             match(database, photos, settings, seed, threads, exhaustive=attempt.exhaustive)
             matched.add(attempt.exhaustive)
-        model = _map(database, photos, attempt, workspace, seed, threads)
+        model = _map(database, photos, attempt, workspace, seed)
         count = 0 if model is None else model.num_reg_images()
         record: dict[str, Any] = {"attempt": attempt.name, "registered": count}
         outcome.tried.append(record)
@@ -184,58 +171,26 @@ def extract(database: Path, photos: Photos, settings: SfmSettings, threads: int,
             extraction_options=options,
             device=pycolmap.Device.cpu,
         )
+    if threads > 1:
+        number_images(database, [name for names in photos.by_size().values() for name in names])
 
 
-def match(database: Path, photos: Photos, settings: SfmSettings, seed: int, threads: int, *, exhaustive: bool) -> None:
-    """Match and verify pairs of images; pairs matched before are kept.
-
-    Args:
-        database: COLMAP's database with the features, which gets the matches.
-        photos: Images to use.
-        settings: See `SfmSettings`.
-        seed: Random seed of the verification.
-        threads: Threads to use.
-        exhaustive: Whether every pair is matched, instead of neighbours and powers of two.
-    """
-    logger.info("match images, %s", "exhaustive" if exhaustive else f"{settings.overlap} neighbours and powers of two")
-    matching = pycolmap.FeatureMatchingOptions()
-    matching.use_gpu = False
-    matching.num_threads = threads
-    verification = pycolmap.TwoViewGeometryOptions()
-    verification.ransac.random_seed = seed
-    if exhaustive:
-        pycolmap.match_exhaustive(
-            database, matching_options=matching, verification_options=verification, device=pycolmap.Device.cpu
-        )
-        return
-    pairing = pycolmap.SequentialPairingOptions()
-    pairing.overlap = settings.overlap
-    pairing.quadratic_overlap = True
-    pairing.num_threads = threads
-    pycolmap.match_sequential(
-        database,
-        matching_options=matching,
-        pairing_options=pairing,
-        verification_options=verification,
-        device=pycolmap.Device.cpu,
-    )
-
-
-def incremental_options(photos: Photos, seed: int, threads: int, *, relaxed: bool) -> pycolmap.IncrementalPipelineOptions:
+def incremental_options(photos: Photos, seed: int, *, relaxed: bool) -> pycolmap.IncrementalPipelineOptions:
     """Options of the incremental mapper.
+
+    The mapper runs on one thread, like every adjustment here: with more, Ceres adds up in the order in which they end.
 
     Args:
         photos: A calibrated camera in them is kept as it is.
         seed: Random seed.
-        threads: Threads to use.
         relaxed: Whether weaker pairs and poses are accepted.
     """
     options = pycolmap.IncrementalPipelineOptions()
-    options.num_threads = threads
+    options.num_threads = 1
     options.random_seed = seed
     options.mapper.random_seed = seed
     options.triangulation.random_seed = seed
-    options.mapper.num_threads = threads
+    options.mapper.num_threads = 1
     options.min_model_size = 3
     if photos.camera is not None:
         options.ba_refine_focal_length = False
@@ -252,19 +207,17 @@ def incremental_options(photos: Photos, seed: int, threads: int, *, relaxed: boo
     return options
 
 
-def _map(
-    database: Path, photos: Photos, attempt: Attempt, workspace: Path, seed: int, threads: int
-) -> pycolmap.Reconstruction | None:
+def _map(database: Path, photos: Photos, attempt: Attempt, workspace: Path, seed: int) -> pycolmap.Reconstruction | None:
     """Run one mapper; the model with most images, or None."""
     pycolmap.set_random_seed(seed)
     out = workspace / "models" / attempt.name.replace(", ", "_")
     out.mkdir(parents=True, exist_ok=True)
     if attempt.mapper == "global":
         options = pycolmap.GlobalPipelineOptions()
-        options.num_threads = threads
+        options.num_threads = 1
         options.random_seed = seed
         options.mapper.random_seed = seed
-        options.mapper.num_threads = threads
+        options.mapper.num_threads = 1
         options.mapper.global_positioning.use_gpu = False
         options.mapper.global_positioning.random_seed = seed
         options.mapper.rotation_averaging.random_seed = seed
@@ -279,7 +232,7 @@ def _map(
             database,
             photos.folder,
             out,
-            options=incremental_options(photos, seed, threads, relaxed=attempt.relaxed),
+            options=incremental_options(photos, seed, relaxed=attempt.relaxed),
             next_image_callback=lambda: progress.update() if progress.done < progress.total else None,
         )
     if not models:
@@ -325,22 +278,21 @@ def rematch(
     pycolmap.guided_geometric_verification(model, database, two_view_geometry_options=verification, num_threads=threads)
     out = workspace / "models" / "rematched"
     out.mkdir(parents=True, exist_ok=True)
-    options = incremental_options(photos, seed, threads, relaxed=False)
+    options = incremental_options(photos, seed, relaxed=False)
     fresh = pycolmap.triangulate_points(
         pycolmap.Reconstruction(model), database, photos.folder, out, clear_points=True, options=options
     )
     if fresh.num_points3D() < model.num_points3D():
         return model
-    adjust(fresh, threads, intrinsics=photos.camera is None)
+    adjust(fresh, intrinsics=photos.camera is None)
     return fresh
 
 
-def adjust(model: pycolmap.Reconstruction, threads: int, *, intrinsics: bool) -> None:
+def adjust(model: pycolmap.Reconstruction, *, intrinsics: bool) -> None:
     """Robust bundle adjustment of poses and points, in place.
 
     Args:
         model: Reconstruction, which is changed.
-        threads: Threads to use.
         intrinsics: Whether focal lengths and distortion are refined, too.
     """
     options = pycolmap.BundleAdjustmentOptions()
@@ -348,7 +300,7 @@ def adjust(model: pycolmap.Reconstruction, threads: int, *, intrinsics: bool) ->
     options.refine_focal_length = intrinsics
     options.refine_extra_params = intrinsics
     options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
-    options.ceres.solver_options.num_threads = threads
+    options.ceres.solver_options.num_threads = 1
     options.ceres.solver_options.max_num_iterations = 30
     options.ceres.solver_options.function_tolerance = 1e-6
     pycolmap.bundle_adjustment(model, options)
@@ -391,5 +343,5 @@ def triangulate_known(
     match(database_path, photos, settings, seed, threads, exhaustive=exhaustive)
     out = workspace / "models" / "known"
     out.mkdir(parents=True, exist_ok=True)
-    options = incremental_options(base, seed, threads, relaxed=False)
+    options = incremental_options(base, seed, relaxed=False)
     return pycolmap.triangulate_points(model, database_path, photos.folder, out, clear_points=True, options=options)

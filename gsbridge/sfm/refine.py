@@ -39,7 +39,7 @@ FLAT_SHARE = 0.03
 
 
 def refine_with_tags(
-    model: pycolmap.Reconstruction, raw_tags: Tags, board: Board, seed: int, threads: int
+    model: pycolmap.Reconstruction, raw_tags: Tags, board: Board, seed: int
 ) -> tuple[pycolmap.Reconstruction, dict[str, Any]]:
     """Adjust intrinsics, poses and points together with the tag corners, which stay at the printed layout.
 
@@ -52,7 +52,6 @@ def refine_with_tags(
         raw_tags: Corners in distorted pixels.
         board: Layout.
         seed: Random seed of the scale's error.
-        threads: Threads to use.
 
     Returns:
         The refined model, in metres and in the board's frame, and a record of what was done; the old model where the tags are
@@ -72,7 +71,7 @@ def refine_with_tags(
     metric.transform(pycolmap.Sim3d(fit.scale, pycolmap.Rotation3d(fit.rotation), fit.translation))
     joint, tag_points = _with_tag_points(metric, raw_tags, {i: layout[i] for i in ids})
     flat = is_flat(metric)
-    _adjust(joint, tag_points, threads, free=not flat and joint.num_reg_images() >= MIN_IMAGES_INTRINSICS)
+    _adjust(joint, tag_points, free=not flat and joint.num_reg_images() >= MIN_IMAGES_INTRINSICS)
     for point_id in tag_points:
         joint.delete_point3D(point_id)
     joint.update_point_3d_errors()
@@ -130,7 +129,7 @@ def _with_tag_points(
     return out, points
 
 
-def _adjust(model: pycolmap.Reconstruction, constant: list[int], threads: int, *, free: bool) -> None:
+def _adjust(model: pycolmap.Reconstruction, constant: list[int], *, free: bool) -> None:
     """Robust bundle adjustment with some points held, in place; the intrinsics move only where `free`."""
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False
@@ -138,7 +137,8 @@ def _adjust(model: pycolmap.Reconstruction, constant: list[int], threads: int, *
     options.refine_principal_point = free
     options.refine_extra_params = free
     options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
-    options.ceres.solver_options.num_threads = threads
+    # With more, Ceres adds up in the order in which they end.
+    options.ceres.solver_options.num_threads = 1
     options.ceres.solver_options.max_num_iterations = 50
     options.ceres.solver_options.function_tolerance = 1e-7
     config = pycolmap.BundleAdjustmentConfig()

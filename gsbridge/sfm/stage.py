@@ -18,7 +18,8 @@ from gsbridge.geometry import Array
 from gsbridge.photogrammetry.board import Board
 from gsbridge.photogrammetry.colmap import camera_from_colmap, pose_matrix, quiet
 from gsbridge.sfm import gates
-from gsbridge.sfm.mapping import Outcome, Photos, map_photos, rematch, triangulate_known
+from gsbridge.sfm.mapping import Outcome, map_photos, rematch, triangulate_known
+from gsbridge.sfm.photos import Photos
 from gsbridge.sfm.refine import refine_with_tags
 from gsbridge.sfm.tags import Tags, corner_points, find_all, layout_error
 from gsbridge.sfm.undistort import pinhole_of, undistort_photos, undistort_pixels, undistorted_model
@@ -79,7 +80,7 @@ def reconstruct(
             model = rematch(model, photos, workspace, seed, threads)
         refinement: dict[str, Any] = {"used": False}
         if settings.tag_refinement and board is not None and not known:
-            model, refinement = refine_with_tags(model, raw_tags, board, seed, threads)
+            model, refinement = refine_with_tags(model, raw_tags, board, seed)
             reasons += _doubts(refinement, camera)
     _write(
         model,
@@ -91,6 +92,7 @@ def reconstruct(
         refinement,
         settings,
         seed,
+        threads,
         (frames, out_model, out_images, out_json, out_tags),
     )
 
@@ -156,6 +158,7 @@ def _write(
     refinement: dict[str, Any],
     settings: SfmSettings,
     seed: int,
+    threads: int,
     paths: tuple[Path, Path, Path, Path, Path],
 ) -> None:
     """Write all outputs of the stage, the record last."""
@@ -175,7 +178,7 @@ def _write(
     undistorted = undistorted_model(model, pinholes)
     undistorted.update_point_3d_errors()
     with atomic_directory(out_images) as folder:
-        undistort_photos(frames, by_name, folder)
+        undistort_photos(frames, by_name, folder, threads)
     with atomic_directory(out_model) as folder:
         undistorted.write_binary(folder)
     write_json(out_tags, tags)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import cv2
@@ -96,16 +97,21 @@ def undistorted_model(model: pycolmap.Reconstruction, pinholes: dict[int, Camera
     return out
 
 
-def undistort_photos(frames: Path, names: dict[str, tuple[Camera, Camera]], out: Path) -> None:
+def undistort_photos(frames: Path, names: dict[str, tuple[Camera, Camera]], out: Path, threads: int) -> None:
     """Write undistorted photos.
 
     Args:
         frames: Folder of the photos as taken.
         names: Camera and pinhole by file name.
         out: Existing folder.
+        threads: Threads to use.
     """
     from gsbridge.images import read_image_u8, write_image
     from gsbridge.logs import track
 
-    for name, (camera, pinhole) in track(list(names.items()), "undistort photos"):
-        write_image(out / name, undistort_image(read_image_u8(frames / name), camera, pinhole))
+    def undistort(name: str) -> None:
+        write_image(out / name, undistort_image(read_image_u8(frames / name), *names[name]))
+
+    with ThreadPoolExecutor(threads) as pool:
+        for _ in track(pool.map(undistort, names), "undistort photos", len(names)):
+            pass

@@ -73,7 +73,8 @@ def train_splats(
         InputError: A setting or file cannot be used.
         StageError: There is nothing to train on, or the training failed.
     """
-    torch.set_num_threads(threads)
+    # The kernels share their work between threads to the bit; torch's sums would depend on how many there are.
+    torch.set_num_threads(1)
     if binding not in BINDINGS:
         raise InputError("splats: binding", f"{binding!r} is unknown", f"Use one of {', '.join(BINDINGS)}")
     lpips = Lpips(settings.lpips_weights) if settings.lpips_weights else None

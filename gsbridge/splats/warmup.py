@@ -5,13 +5,21 @@ from __future__ import annotations
 import numpy as np
 import torch
 
+from gsbridge import logs
 from gsbridge.cameras import Camera, look_at
 from gsbridge.splats.losses import l1_ssim
 from gsbridge.splats.rasterize import rasterize
 
 
 def compile_kernels() -> None:
-    """Take one training step on a handful of splats; numba compiles and caches every kernel on the way."""
+    """Compile and cache every kernel for one thread and, where the process may use more, for several."""
+    for count in sorted({1, logs.threads()}):
+        with logs.limited(count):
+            _step()
+
+
+def _step() -> None:
+    """Take one training step on a handful of splats; numba compiles every kernel on the way."""
     generator = torch.Generator().manual_seed(0)
     means = (0.1 * torch.rand(8, 3, generator=generator)).requires_grad_()
     quats = torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(8, 1).requires_grad_()

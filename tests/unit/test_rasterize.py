@@ -156,17 +156,18 @@ def test_no_splats_at_all() -> None:
     assert [tuple(gradient.shape) for gradient in gradients(empty, images)] == [(0, 3), (0, 4), (0, 3), (0,), (0, 3)]
 
 
-def test_two_threads_give_the_same_image_and_gradients(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("threads", [2, 3])
+def test_threads_give_the_same_image_and_gradients(threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To the last bit: bands of rows add up the gradients of a splat on their border in the order of one thread."""
     splats = make_splats(400, 6)
     one = draw(splats)
     again = draw(splats)
     first = gradients(splats, one)
     assert all(torch.equal(a, b) for a, b in zip(first, gradients(splats, again), strict=True))
-    monkeypatch.setattr(logs, "threads", lambda: 2)
-    two = draw(splats)
-    assert all(torch.equal(a, b) for a, b in zip(one, two, strict=True))
-    for a, b in zip(first, gradients(splats, two), strict=True):
-        assert float((a - b).norm() / a.norm()) < 1e-5  # sums of two halves round differently
+    monkeypatch.setattr(logs, "threads", lambda: threads)
+    more = draw(splats)
+    assert all(torch.equal(a, b) for a, b in zip(one, more, strict=True))
+    assert all(torch.equal(a, b) for a, b in zip(first, gradients(splats, more), strict=True))
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

@@ -18,7 +18,10 @@ from gsbridge.images import write_image
 from gsbridge.photogrammetry.colmap import camera_from_colmap, pose_matrix, quiet, read_model
 from gsbridge.sfm import gates
 from gsbridge.sfm.calibrate import MIN_VIEWS, calibrate_camera, solve
-from gsbridge.sfm.mapping import Outcome, Photos, drop_weak_images, ladder
+from gsbridge.sfm.mapping import Outcome, drop_weak_images, ladder
+from gsbridge.sfm.matching import ring
+from gsbridge.sfm.numbering import number_images
+from gsbridge.sfm.photos import Photos
 from gsbridge.sfm.refine import is_flat, refine_with_tags
 from gsbridge.sfm.undistort import pinhole_of, undistort_image, undistort_pixels, undistorted_model
 
@@ -127,7 +130,57 @@ def test_ladder_begins_cheap_and_ends_with_the_global_mapper() -> None:
     assert [a.exhaustive for a in film] == [False, False, True, True, True]
     assert [a.mapper for a in film] == ["incremental"] * 4 + ["global"]
     assert not [a for a in ladder(photos_of(400), SfmSettings()) if a.exhaustive]
-    assert all(a.exhaustive for a in ladder(photos_of(60, ordered=False), SfmSettings()))
+    assert all(a.exhaustive for a in ladder(photos_of(30, ordered=False), SfmSettings()))
+    many = ladder(photos_of(60, ordered=False), SfmSettings())
+    # Their names promise nothing: with one photo missing all pairs are tried.
+    assert [a.exhaustive for a in many] == [False, True, True, True]
+    assert many[0].enough == 1.0
+
+
+@pytest.mark.parametrize(("count", "overlap"), [(7, 10), (20, 3), (16, 4), (53, 10)])
+def test_neighbours_on_a_ring(count: int, overlap: int) -> None:
+    wanted = set()
+    for a in range(count):
+        for b in range(a + 1, count):
+            apart = min(b - a, count - (b - a))
+            if apart <= overlap or apart & (apart - 1) == 0:
+                wanted.add((names(count)[a], names(count)[b]))
+    pairs = ring(names(count), overlap)
+    assert len(pairs) == len(set(pairs))
+    assert set(pairs) == wanted
+
+
+def test_images_are_numbered_in_the_order_of_their_names(tmp_path: Path) -> None:
+    """As one thread would have numbered them, whichever was ready first; features stay with their image."""
+    path = tmp_path / "database.db"
+    order = ["b.png", "c.png", "a.png"]
+    database = pycolmap.Database.open(path)
+    camera = pycolmap.Camera(model="SIMPLE_RADIAL", width=64, height=48, params=[50.0, 32.0, 24.0, 0.0])
+    camera.camera_id = database.write_camera(camera)
+    rig = pycolmap.Rig()
+    rig.add_ref_sensor(camera.sensor_id)
+    rig.rig_id = database.write_rig(rig)
+    for index, name in enumerate(order):
+        image = pycolmap.Image(name=name, camera_id=camera.camera_id)
+        image.image_id = database.write_image(image)
+        frame = pycolmap.Frame()
+        frame.rig_id = rig.rig_id
+        frame.add_data_id(image.data_id)
+        database.write_frame(frame)
+        database.write_keypoints(image.image_id, np.full((2, 2), index, np.float32))
+    descriptors = pycolmap.FeatureDescriptors(data=np.zeros((2, 128), np.uint8))
+    for image in database.read_all_images():
+        database.write_descriptors(image.image_id, descriptors)
+    database.close()
+    number_images(path, sorted(order))
+    database = pycolmap.Database.open(path)
+    for number, name in enumerate(sorted(order), 1):
+        image = database.read_image_with_name(name)
+        assert (image.image_id, image.frame_id, image.camera_id) == (number, number, camera.camera_id)
+        assert (database.read_keypoints(number)[:, :2] == order.index(name)).all()
+        assert database.read_frame(number).rig_id == rig.rig_id
+    assert database.num_images() == database.num_frames() == database.num_descriptors() / 2 == 3
+    database.close()
 
 
 def outcome(registered: int, total: int) -> tuple[Outcome, Photos]:
@@ -186,7 +239,7 @@ def test_tags_mend_intrinsics_and_bring_metres() -> None:
     options.refine_focal_length = options.refine_extra_params = False
     pycolmap.bundle_adjustment(model, options)
     model = moved(model, AWAY)
-    refined, record = refine_with_tags(model, tags, BOARD, 0, 1)
+    refined, record = refine_with_tags(model, tags, BOARD, 0)
     assert record["used"]
     camera = camera_from_colmap(refined.cameras[1], "test")
     assert camera.cy == pytest.approx(LENS.cy, abs=0.9)
@@ -208,14 +261,14 @@ def test_a_bent_board_does_not_bend_the_model() -> None:
         for tag, corners in layout.items():
             lift = np.array([0.0, 0.0, 0.02 if tag % 4 == 0 else 0.0])
             tags[name][tag] = LENS.project(local(pose, corners + lift))
-    refined, record = refine_with_tags(model, tags, BOARD, 0, 1)
+    refined, record = refine_with_tags(model, tags, BOARD, 0)
     assert not record["used"]
     assert refined is model
 
 
 def test_too_few_tags_leave_the_model_as_it_is() -> None:
     model = model_of(LENS, POSES, cloud())
-    refined, record = refine_with_tags(model, {}, BOARD, 0, 1)
+    refined, record = refine_with_tags(model, {}, BOARD, 0)
     assert refined is model
     assert not record["used"]
 

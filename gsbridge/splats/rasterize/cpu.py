@@ -43,7 +43,10 @@ class Workspace:
     ends: Array = field(default_factory=lambda: np.empty(0, np.int32))
     entries: Array = field(default_factory=lambda: np.empty(0, np.int32))
     states: Array = field(default_factory=lambda: np.empty(0, np.float32))
-    sums: Array = field(default_factory=lambda: np.empty((1, 0), np.float32))
+    targets: Array = field(default_factory=lambda: np.empty(0, np.int32))
+    owners: Array = field(default_factory=lambda: np.empty(0, np.int32))
+    first_band: Array = field(default_factory=lambda: np.empty(0, np.int32))
+    sums: Array = field(default_factory=lambda: np.empty(0, np.float32))
 
     def fit(self, splats: int, rows: int, columns: int) -> None:
         """Make room for a number of splats and blocks.
@@ -75,11 +78,19 @@ class Workspace:
         if len(self.entries) < entries + 1:
             self.entries = np.empty(entries + entries // 4 + 1, np.int32)
 
-    def zero_sums(self, bands: int, visible: int) -> Array:
-        """Zeroed gradient sums. [bands, visible * RECORD]."""
-        if self.sums.size < bands * visible * RECORD:
-            self.sums = _aligned(bands * (visible + visible // 8) * RECORD).reshape(1, -1)
-        out = self.sums.reshape(-1)[: bands * visible * RECORD].reshape(bands, -1)
+    def fit_bands(self, visible: int) -> tuple[Array, Array, Array]:
+        """Arrays that `gradients.share_entries` fills."""
+        if len(self.targets) < len(self.entries):
+            self.targets, self.owners = (np.empty(len(self.entries), np.int32) for _ in range(2))
+        if len(self.first_band) < visible:
+            self.first_band = np.empty(visible + visible // 8, np.int32)
+        return self.first_band[:visible], self.targets, self.owners
+
+    def zero_sums(self, count: int) -> Array:
+        """Zeroed gradient sums. [count * RECORD]."""
+        if self.sums.size < count * RECORD:
+            self.sums = _aligned((count + count // 8) * RECORD)
+        out = self.sums[: count * RECORD]
         out.fill(0.0)
         return out
 
@@ -262,11 +273,14 @@ def _backward(
     """Gradients of means, quats, scales, opacities and colours."""
     if threads > 1:
         blending.use_threads(threads)
-        sums = space.zero_sums(threads, visible)
-        backward_kernels.sum_gradients_parallel(_blocks(space, view, background), gradients, sums)
+        blocks = _blocks(space, view, background)
+        first_band, targets, owners = space.fit_bands(visible)
+        own = backward_kernels.share_entries(blocks, threads, first_band, targets, owners)
+        sums = space.zero_sums(visible + own)
+        backward_kernels.sum_gradients_parallel(blocks, gradients, threads, targets, owners, own, sums)
     else:
-        sums = space.zero_sums(1, visible)
-        backward_kernels.sum_gradients(_blocks(space, view, background), gradients, sums[0])
+        sums = space.zero_sums(visible)
+        backward_kernels.sum_gradients(_blocks(space, view, background), gradients, sums)
     n = splats.count
     out = tuple(np.zeros(shape, np.float32) for shape in ((n, 3), (n, 4), (n, 3), (n,), (n, 3)))
     projection.project_backward(
@@ -280,7 +294,7 @@ def _backward(
         space.records,
         space.sources,
         visible,
-        sums[0],
+        sums,
         *(array.reshape(-1) for array in out),
     )
     return out

@@ -73,9 +73,10 @@ def _backward_block(
     states: Array,
     state: int,
     scratch: Array,
+    targets: Array,
     sums: Array,
 ) -> None:
-    """Add a block's gradient sums to those of its records; `scratch` holds the gradients of its pixels."""
+    """Add a block's gradient sums to those which `targets` names for its entries; `scratch` holds its pixels' gradients."""
     x_lanes, y_lanes, light0, light1 = pixels_of(row, column, width, height)
     constants = read_table(table)
     alpha_max, light_min = constants[7], constants[8]
@@ -91,7 +92,7 @@ def _backward_block(
         dy1 = dy0 + 2.0
         ahead = np.int64(at(entries, min(entry + AHEAD, last - 1))) * RECORD
         prefetch(records, ahead)
-        prefetch(sums, ahead)
+        prefetch(sums, np.int64(at(targets, min(entry + AHEAD, last - 1))) * RECORD)
         after = np.int64(at(entries, min(entry + 1, last - 1))) * RECORD
         next_dx, next_dy, next_raw0, next_raw1 = falloff(records, after, x_lanes, y_lanes, constants)
         alpha0 = select(light0 >= light_min, smaller(raw0, alpha_max), 0.0)
@@ -127,13 +128,16 @@ def _backward_block(
         blue = weight0 * load(scratch, 32) + weight1 * load(scratch, 40)
         depth = weight0 * load(scratch, 48) + weight1 * load(scratch, 56)
         others = sums_of_eight(blue, depth, blue, depth, blue, depth, blue, depth)
-        store(sums, base, load(sums, base) + moments)
-        store(sums, base + 8, load(sums, base + 8) + others)
+        into = np.int64(at(targets, entry)) * RECORD
+        store(sums, into, load(sums, into) + moments)
+        store(sums, into + 8, load(sums, into + 8) + others)
 
 
 @njit(error_model="numpy")
-def _backward_rows(blocks: tuple[Any, ...], gradients: tuple[Array, ...], first_row: int, last_row: int, sums: Array) -> None:
-    """Add the gradient sums of rows of blocks to the sums of the records, tile by tile."""
+def _backward_rows(
+    blocks: tuple[Any, ...], gradients: tuple[Array, ...], first_row: int, last_row: int, targets: Array, sums: Array
+) -> None:
+    """Add the gradient sums of rows of blocks to the sums that `targets` names, tile by tile."""
     table, records, entries, starts, ends, _, columns, width, height, background, states = blocks
     scratch = np.zeros(STATE, np.float32)
     for top in range(first_row, last_row, TILE):
@@ -158,6 +162,7 @@ def _backward_rows(blocks: tuple[Any, ...], gradients: tuple[Array, ...], first_
                             states,
                             state,
                             scratch,
+                            targets,
                             sums,
                         )
 
@@ -171,20 +176,76 @@ def sum_gradients(blocks: tuple[Any, ...], gradients: tuple[Array, ...], sums: A
         gradients: Gradients of the loss with respect to colours, alphas and depths.
         sums: Added to. [N * RECORD].
     """
-    _backward_rows(blocks, gradients, 0, blocks[5], sums)
+    _backward_rows(blocks, gradients, 0, blocks[5], blocks[2], sums)
+
+
+@njit(error_model="numpy")
+def share_entries(blocks: tuple[Any, ...], bands: int, first_band: Array, targets: Array, owners: Array) -> int:
+    """Sums for the entries of bands of rows that share none: those of a record belong to the first band which shows it.
+
+    In a later band each entry of such a record gets sums of its own. In the order of the blocks they are then added to the
+    record's, as one thread would have added them: float sums depend on their order.
+
+    Args:
+        blocks: As in `sum_gradients`.
+        bands: Number of bands.
+        first_band: Filled with the first band of each record, -1 where none shows it. [N] int32.
+        targets: Filled with the sums of each entry: N and more are sums of its own. [entries] int32.
+        owners: Filled with the records of the sums beyond N, in order. [entries] int32.
+
+    Returns:
+        Number of sums beyond N.
+    """
+    entries, starts, ends, rows, columns = blocks[2], blocks[3], blocks[4], blocks[5], blocks[6]
+    first_band[:] = -1
+    count = 0
+    for band in range(bands):
+        begin, end = _rows_of(band, bands, rows)
+        for top in range(begin, end, TILE):
+            for tile in range(0, columns, TILE):
+                for row in range(top, min(top + TILE, end)):
+                    for column in range(tile, min(tile + TILE, columns)):
+                        block = row * columns + column
+                        for entry in range(starts[block], ends[block]):
+                            record = entries[entry]
+                            if first_band[record] < 0:
+                                first_band[record] = band
+                            if first_band[record] == band:
+                                targets[entry] = record
+                            else:
+                                targets[entry] = len(first_band) + count
+                                owners[count] = record
+                                count += 1
+    return count
+
+
+@njit(error_model="numpy")
+def _rows_of(band: int, bands: int, rows: int) -> tuple[int, int]:
+    """Rows of blocks of a band: whole tiles, so that bands one after the other are the order of one thread."""
+    tiles = (rows + TILE - 1) // TILE
+    return TILE * (tiles * band // bands), min(rows, TILE * (tiles * (band + 1) // bands))
 
 
 @njit(error_model="numpy", parallel=True)
-def sum_gradients_parallel(blocks: tuple[Any, ...], gradients: tuple[Array, ...], parts: Array) -> None:
-    """`sum_gradients` in bands of rows, each with its own sums, added in the order of the bands: no race, no atomics.
+def sum_gradients_parallel(
+    blocks: tuple[Any, ...], gradients: tuple[Array, ...], bands: int, targets: Array, owners: Array, count: int, sums: Array
+) -> None:
+    """`sum_gradients` in bands of rows, the same to the last bit.
 
     Args:
-        blocks, gradients: As in `sum_gradients`.
-        parts: Sums of each band, zero on entry; the first holds the result. [bands, N * RECORD].
+        blocks: As in `sum_gradients`.
+        gradients: Likewise.
+        bands: As `share_entries` was called with.
+        targets: From `share_entries`.
+        owners: Likewise.
+        count: What it returned.
+        sums: Zero on entry; the first N hold the result. [(N + count) * RECORD].
     """
-    bands = len(parts)
     for band in prange(bands):
-        _backward_rows(blocks, gradients, blocks[5] * band // bands, blocks[5] * (band + 1) // bands, parts[band])
-    for band in range(1, bands):
-        for k in range(parts.shape[1]):
-            parts[0, k] += parts[band, k]
+        begin, end = _rows_of(band, bands, blocks[5])
+        _backward_rows(blocks, gradients, begin, end, targets, sums)
+    first = len(sums) // RECORD - count
+    for own in range(count):
+        into, base = np.int64(owners[own]) * RECORD, (first + own) * RECORD
+        for k in range(RECORD):
+            sums[into + k] += sums[base + k]
