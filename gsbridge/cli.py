@@ -51,6 +51,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(dest="command", required=True)
     _add_board(commands)
+    _add_masks(commands)
     _add_workflow(commands)
     _add_run_policy(commands)
     given = sys.argv[1:] if arguments is None else arguments
@@ -81,6 +82,29 @@ def _board(options: argparse.Namespace) -> int:
     if options.layout:
         write_board(options.layout, layout)
     print(f"{options.path}: print it at 100 % on {options.sheet.upper()} and check the ruler on it")
+    return 0
+
+
+def _add_masks(commands: Any) -> None:
+    masks = commands.add_parser("masks", help="write a sheet of photos on which pixels can be read, to help a scene's masks")
+    masks.add_argument("scene", metavar="SCENE", help="name of an object in config.yaml")
+    masks.add_argument("--results", type=Path, default=Path("results"), metavar="FOLDER", help="results of the workflow")
+    masks.add_argument("--config", type=Path, default=Path("config.yaml"), metavar="FILE", help="for points already given")
+    masks.add_argument("--photo", action="append", default=[], metavar="NAME", help="photo to show; may be repeated")
+    masks.add_argument("--out", type=Path, metavar="FILE", help="page to write (default: mask_sheet.html of the scene)")
+    masks.set_defaults(run=_masks)
+
+
+def _masks(options: argparse.Namespace) -> int:
+    from gsbridge.configuration.whole import read_configuration
+    from gsbridge.report.pages.mask_sheet import write_mask_sheet
+
+    scenes = read_configuration(yaml.safe_load(options.config.read_text(encoding="utf-8")))["scenes"]
+    points = scenes[options.scene]["masks"]["points"] if options.scene in scenes else []
+    folder = options.results / "scenes" / options.scene
+    out = options.out or folder / "mask_sheet.html"
+    count = write_mask_sheet(options.scene, folder, out, options.photo, points)
+    print(f"{out} shows {count} of the photos; write what you read into config.yaml, scenes: {options.scene}: masks: points")
     return 0
 
 

@@ -22,6 +22,7 @@ rule segment_object:
     params:
         code=script_digest("segment_object"),
         settings=settings("masks"),
+        points=lambda wildcards: config["scenes"][wildcards.scene]["masks"]["points"],
         seed=SEED,
     message:
         "Segment the object of {wildcards.scene}"

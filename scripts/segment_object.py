@@ -20,4 +20,5 @@ segment_object(
     settings=MaskSettings(**snakemake.params.settings),
     seed=snakemake.params.seed,
     threads=snakemake.threads,
+    points=snakemake.params.points,
 )

@@ -51,6 +51,18 @@ class KnownLength(Given):
     """Two points on the table, each as `[keyframe, u, v]`, in pixels of the files in `capture/frames` (docs/capture.md)."""
 
 
+MaskPoint = tuple[str, Number, Number, Literal["keep", "drop"]]
+"""Name of a photo, u, v, in pixels of the files in `sfm/images`, and whether the object is there."""
+
+
+class SceneMasks(Settings):
+    """What a person says about the masks of one scene."""
+
+    points: list[MaskPoint] = Field(default_factory=list)
+    """Pixels that belong to the object (`keep`) or do not (`drop`), each as `[photo, u, v, keep]`; read them off the sheet that
+    `gsbridge masks SCENE` writes (docs/masks.md)."""
+
+
 class Scene(Settings):
     """A capture of an object, or of an empty table."""
 
@@ -72,6 +84,8 @@ class Scene(Settings):
     up: OrNull[Literal["top", "right", "bottom", "left"]] = None
     """Side of the photos that is up in the scene. Set it when the photos are turned or upside down and the table is not found;
     null finds the side by itself."""
+    masks: SceneMasks = Field(default_factory=SceneMasks)
+    """Help with the masks, where they take the wrong thing."""
     density: Density = "wood"
     """Density for the mass, kg/m3, or a material's name (docs/assets.md)."""
     example: Switch = False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from gsbridge.cameras import View, Views
 from gsbridge.configuration.masks import MaskSettings
+from gsbridge.configuration.scenes import MaskPoint
 from gsbridge.errors import StageError
 from gsbridge.files import atomic_directory, write_stage
 from gsbridge.geometry import Array
@@ -19,6 +21,7 @@ from gsbridge.logs import Progress
 from gsbridge.masks import flatness, grabcut, sam2
 from gsbridge.masks.consistency import agreed_hull, outline, overlap, shrunk
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop
+from gsbridge.masks.hints import Hints, hinted, read_hints
 from gsbridge.masks.prompt import Prompt, find_object
 from gsbridge.masks.subtraction import open_windows, subtract_table
 from gsbridge.meshes import Mesh
@@ -27,10 +30,20 @@ from gsbridge.photogrammetry.sparse import SparsePoints, read_points
 
 logger = logging.getLogger("gsbridge")
 
+_HINT_RADIUS = 0.012
+"""A hint is sure of a disc of this radius, as a share of the longest side of what is cut."""
+
 
 def _pixels(view: View, points: Array) -> Array:
     """Pixels of table points in a view; NaN behind the camera. [N, 3] -> [N, 2]."""
     return view.camera.project(points @ view.cam_from_table[:3, :3].T + view.cam_from_table[:3, 3])
+
+
+def _stamp_hints(labels: Array, crop: Crop, hints: Hints) -> None:
+    """Write what a person said into GrabCut labels, in place. [h, w] uint8."""
+    radius = max(1, round(_HINT_RADIUS * max(crop.size)))
+    grabcut.stamp(labels, crop.pixels(hints.drop), radius, BACK)
+    grabcut.stamp(labels, crop.pixels(hints.keep), radius, FRONT)
 
 
 def _first_labels(view: View, index: int, crop: Crop, prompt: Prompt, sparse: SparsePoints) -> Array:
@@ -95,7 +108,13 @@ def _flat_pixels(
 
 
 def _grabcut_masks(
-    views: Views, prompt: Prompt, sparse: SparsePoints, settings: MaskSettings, seed: int, threads: int
+    views: Views,
+    prompt: Prompt,
+    sparse: SparsePoints,
+    hints: Sequence[Hints],
+    settings: MaskSettings,
+    seed: int,
+    threads: int,
 ) -> tuple[list[Array], Mesh]:
     """Masks of all views by GrabCut, hull, GrabCut within a band of the hull. -> list of [H, W] float32 0..1, last hull."""
     crops = [
@@ -119,6 +138,7 @@ def _grabcut_masks(
             covered = outline(hull, crop.camera(view.camera), view.cam_from_table)
             labels = _band_labels(covered, crop.cut(masks[index]) > 0.5, share * np.sqrt(max(covered.sum(), 1.0)))
         labels[flat[index] & ((labels == UNSURE_BACK) if hull is None else (labels != FRONT))] = BACK
+        _stamp_hints(labels, crop, hints[index])
         mask = grabcut.cut_out(photo, labels, settings.iterations, seed + index)
         mask = grabcut.tidy(mask, object_pixels)
         return crop.paste(mask, (view.camera.width, view.camera.height))
@@ -152,7 +172,7 @@ def _smoothed(mask: Array, hull: Array) -> Array:
     return opened | (filled & sure)
 
 
-def _finished(views: Views, masks: list[Array], hull: Mesh, threads: int) -> list[Array]:
+def _finished(views: Views, masks: list[Array], hull: Mesh, hints: Sequence[Hints], threads: int) -> list[Array]:
     """Masks with smooth outlines and, on them, the share of the object in each pixel. -> list of [H, W] float32."""
 
     def work(index: int) -> Array:
@@ -160,7 +180,10 @@ def _finished(views: Views, masks: list[Array], hull: Mesh, threads: int) -> lis
         if not (masks[index] > 0.5).any():
             return masks[index]
         covered = outline(hull, view.camera, view.cam_from_table)
-        smooth = _smoothed(masks[index], covered)
+        smooth = _smoothed(masks[index], covered).astype(np.uint8)
+        radius = max(1, round(_HINT_RADIUS * np.sqrt(smooth.sum())))
+        grabcut.stamp(smooth, hints[index].drop, radius, 0)
+        grabcut.stamp(smooth, hints[index].keep, radius, 1)
         return estimate_alpha(read_image_u8(views.path(view)), smooth.astype(np.float32))
 
     with ThreadPoolExecutor(threads) as pool:
@@ -175,6 +198,7 @@ def segment_object(
     settings: MaskSettings | None = None,
     seed: int = 0,
     threads: int = 1,
+    points: Sequence[MaskPoint] = (),
 ) -> None:
     """Cut the object out of every registered photo.
 
@@ -187,6 +211,7 @@ def segment_object(
         settings: See `MaskSettings`.
         seed: Random seed.
         threads: Threads to use.
+        points: What a person said about single pixels, see `SceneMasks`.
 
     Raises:
         InputError: A file or setting cannot be used.
@@ -197,13 +222,16 @@ def segment_object(
         raise StageError("masks", f"{len(views)} photos are registered, 3 are needed", "Film again with more overlap")
     sparse = read_points(points_npz)
     prompt = find_object(views, sparse, settings.height_share, settings.min_points)
+    hints = read_hints(points, list(views))
+    if points:
+        prompt = hinted(prompt, sparse, list(views), hints)
     if settings.backend == "sam2":
         masks = sam2.propagate(views, prompt, settings.sam2_weights, threads)
         hull = agreed_hull(views, masks, prompt, settings, settings.hull_vote, threads)
     else:
-        masks, hull = _grabcut_masks(views, prompt, sparse, settings, seed, threads)
+        masks, hull = _grabcut_masks(views, prompt, sparse, hints, settings, seed, threads)
     logger.info("finish the outlines of %d masks", len(masks))
-    masks = _finished(views, masks, hull, threads)
+    masks = _finished(views, masks, hull, hints, threads)
     shares = [float((mask > 0.5).mean()) for mask in masks]
     agreement = []
     for view, mask in zip(views, masks, strict=True):
@@ -237,6 +265,7 @@ def segment_object(
         },
         area={"mean": float(np.mean(shares)), "min": float(np.min(shares)), "max": float(np.max(shares))},
         consistency={"mean": mean, "min": float(np.min(agreement))},
+        **({"points": len(points)} if points else {}),
         box={"low": prompt.low, "high": prompt.high},
     )
     logger.info("masks: %d photos, object %.1f %% of the picture, consistency %.3f", len(views), 100 * np.mean(shares), mean)
