@@ -1,8 +1,10 @@
 """Carving against analytic solids."""
 
+import cv2
 import numpy as np
 import pytest
 import trimesh
+from scipy import ndimage
 from table_scene import CENTRE, RADIUS, cameras, trace
 
 from gsbridge.cameras import Camera
@@ -21,6 +23,21 @@ CAMERA = Camera(160, 120, 184.0, 184.0, 80.0, 60.0)
 
 def sphere_field(grid, centre, radius):
     return (radius - np.linalg.norm(grid.points() - centre, axis=1)).reshape(grid.shape)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_distances_are_exact_whatever_the_threads(threads):
+    """Not a bit off scipy's, which are roots of whole numbers; with cv2's own roots hulls differed by threads."""
+    rng = np.random.default_rng(0)
+    mask = ndimage.gaussian_filter(rng.random((311, 407)), 9) > 0.5
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(threads)
+    try:
+        found = signed_distances(mask)
+    finally:
+        cv2.setNumThreads(before)
+    within, beyond = (ndimage.distance_transform_edt(part).astype(np.float32) for part in (mask, ~mask))
+    np.testing.assert_array_equal(found, np.where(mask, within - np.float32(0.5), np.float32(0.5) - beyond), strict=True)
 
 
 def test_signed_distance_of_a_disc():
