@@ -163,6 +163,11 @@ def scene_mask_images(wildcards):
     return images if wildcards.scene in OBJECTS else []
 
 
+def scene_records(wildcards):
+    """Records of all stages of a scene, as far as its page shows them."""
+    return PLAN.page_records(wildcards.scene)
+
+
 def workspace_capture(wildcards):
     """Folder of the board capture that registers the workspace; nothing where its poses are typed."""
     kind, value = next(iter(config["workspace"]["source"].items()))

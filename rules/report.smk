@@ -213,8 +213,32 @@ rule draw_success:
         "../scripts/draw_success.py"
 
 
+rule report_scene:
+    input:
+        records=scene_records,
+    output:
+        report="results/scenes/{scene}/report.html",
+    log:
+        "results/logs/report_scene/{scene}.log",
+    benchmark:
+        "results/benchmarks/report_scene/{scene}.jsonl"
+    conda:
+        "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
+    params:
+        code=script_digest("report_scene"),
+        folder=lambda wildcards: f"results/scenes/{wildcards.scene}",
+    message:
+        "Write the page of {wildcards.scene}"
+    script:
+        "../scripts/report_scene.py"
+
+
 rule assemble_tables:
     input:
+        pages=collect("results/scenes/{scene}/report.html", scene=PLAN.scenes),
         rendering="results/rows/rendering.csv",
         timing="results/rows/timing.csv",
         policies=rows_of(TABLES.rows),

@@ -16,5 +16,6 @@ write_tables(
     preset=snakemake.params.preset,
     records=snakemake.input.records,
     policy_figures=snakemake.input.policy_figures,
+    scene_pages=snakemake.input.pages,
     films=list(zip(snakemake.params.films, snakemake.input.films, strict=True)),
 )

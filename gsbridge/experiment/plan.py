@@ -118,6 +118,13 @@ class Experiment:
         masks = [f"{scene}/masks/masks" for scene in self.scenes_of("object")]
         return [f"results/scenes/{name}.json" for name in (*early, *surfaces, *masks)]
 
+    def page_records(self, scene: str) -> list[str]:
+        """Records of a scene that its page shows, whether the preset has it or not; an asset where it becomes a body."""
+        kept = self.config["scenes"][scene]
+        stages = ["capture/keyframes", "sfm/sfm", "align/align", "mesh/mesh", "splats/soft/splats"]
+        stages += ["masks/masks"] * (kept["kind"] == "object") + ["asset/asset"] * kept["require_scale"]
+        return [f"results/scenes/{scene}/{stage}.json" for stage in stages]
+
     # Captures
 
     def capture_places(self, path: str) -> list[Path]:

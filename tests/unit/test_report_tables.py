@@ -189,7 +189,9 @@ def test_stage_records_fill_the_page(tmp_path: Path) -> None:
     paths = [scene / name for name in ("capture/keyframes.json", "sfm/sfm.json", "align/align.json")]
     table = stages_table(read_records(paths))
     assert table.rows == (("banana_photos", "16", "14 of 16", "0.67", "unknown", "0.500", "0.50", "–", "degraded"),)
-    write_tables([], [], tmp_path / "tables", records=paths)
-    page = (tmp_path / "tables" / "index.html").read_text()
+    out = tmp_path / "results" / "tables"
+    write_tables([], [], out, records=paths, scene_pages=[scene / "report.html"])
+    page = (out / "index.html").read_text()
+    assert '<a href="../scenes/banana_photos/report.html">banana_photos</a>' in page
     assert "sfm: 14 of 16 images registered" in page
     assert "align: no board" in page

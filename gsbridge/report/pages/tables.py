@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import os
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,6 +28,7 @@ from gsbridge.report.tables import rendering_rows as rendering_table
 from gsbridge.report.tables import timing as timing_table
 from gsbridge.report.tables.formats import Table, latex, markdown
 from gsbridge.report.tables.rendering import SceneLine, decibel, mean_gain, rendering_tables, scene_lines
+from gsbridge.report.tables.result_paths import scene_of
 from gsbridge.report.tables.rows import Row, number, read_rows
 from gsbridge.report.tables.stages import degraded_reasons, read_records, stages_table
 
@@ -151,6 +153,7 @@ def write_tables(
     records: Sequence[str | Path] = (),
     policy_figures: Sequence[str | Path] = (),
     films: Sequence[tuple[str, str | Path]] = (),
+    scene_pages: Sequence[str | Path] = (),
 ) -> None:
     """Write the folder of tables.
 
@@ -164,6 +167,7 @@ def write_tables(
             the rows' own reasons.
         policy_figures: Pictures for the page's part about policies, in their order.
         films: Title and file of films of trials; they become part of the page.
+        scene_pages: Pages of single scenes, `scenes/{scene}/report.html`, which the page links to.
 
     Raises:
         InputError: Rows, a figure or a film cannot be read.
@@ -194,6 +198,7 @@ def write_tables(
         mirror=by_origin["mirror"],
         real=by_origin["real"],
         stages=stages_table(known),
+        scene_pages={scene_of(path): os.path.relpath(path, out_dir) for path in scene_pages},
         degraded=degraded,
         times=stage_times(timing),
         others=others,
