@@ -55,7 +55,7 @@ def shift_only(binding: Binding, deformation: Deformation) -> Cloud:
     or stretch. Arguments and errors as in `deform`.
     """
     rest, moved = binding.evaluate(), deform(binding, deformation)
-    return Cloud(moved.means, rest.quats, rest.scales, rest.opacities, rest.colours)
+    return Cloud(moved.means, rest.quats, rest.scales, rest.opacities, rest.colours, rest.harmonics)
 
 
 def sequence(*deformations: Deformation) -> Deformation:

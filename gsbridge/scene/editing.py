@@ -1,8 +1,8 @@
 """Physics-driven editing of Gaussians: the splats of a background and of moving bodies in one set of arrays.
 
 A body at the pose (R, t) shows its splats at `R mean + t`, turned by `q_R * q` (Wu et al., RL-GSBridge, equation 3). The
-covariance `R S S^T R^T` follows from the orientation; sizes and opacities stay. Colour here is plain RGB: it has no direction,
-so nothing of it turns. Spherical harmonics of a higher degree would have to be rotated with the body, and are refused.
+covariance `R S S^T R^T` follows from the orientation; sizes and opacities stay. Plain RGB has no direction, so nothing of it
+turns; spherical harmonics turn with the body (`gsbridge.splats.harmonics`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gsbridge.geometry import Array
-from gsbridge.splats.cloud import Cloud
+from gsbridge.splats.cloud import FIELDS, Cloud
+from gsbridge.splats.harmonics import turned
 from gsbridge.splats.rasterize.lanes import WIDTH
 
 _RIGID = 1e-4
@@ -117,6 +118,7 @@ class Splats:
         scales: Standard deviations along the splat's axes, m. [N, 3] float32.
         opacities: 0..1. [N] float32.
         colours: sRGB 0..1. [N, 3] float32.
+        harmonics: How colours depend on the direction of view. [N, K, 3] float32.
     """
 
     means: Array
@@ -124,25 +126,25 @@ class Splats:
     scales: Array
     opacities: Array
     colours: Array
+    harmonics: Array
 
     def __len__(self) -> int:
         return len(self.means)
 
     def cloud(self) -> Cloud:
         """A copy that the next pose does not change."""
-        return Cloud(*(getattr(self, name).copy() for name in ("means", "quats", "scales", "opacities", "colours")))
+        return Cloud(*(getattr(self, name).copy() for name in FIELDS))
 
 
-def require_plain(clouds: Sequence[Cloud]) -> None:
-    """Make sure that colours have no direction.
+def require_clouds(clouds: Sequence[Cloud]) -> None:
+    """Make sure that a composition gets clouds.
 
     Raises:
         TypeError: Something is no `Cloud`.
     """
     for cloud in clouds:
         if not isinstance(cloud, Cloud):
-            kind = type(cloud).__name__
-            raise TypeError(f"a composition takes clouds of plain RGB, no {kind}: directional colour would have to turn too")
+            raise TypeError(f"a composition takes clouds, no {type(cloud).__name__}: what it holds has to turn with its body")
 
 
 class Composition:
@@ -156,12 +158,12 @@ class Composition:
         background: Splats of what never moves, world frame; None for nothing.
 
     Raises:
-        TypeError: Something is no `Cloud` of plain colours.
+        TypeError: Something is no `Cloud`.
     """
 
     def __init__(self, bodies: Mapping[str, Cloud], background: Cloud | None = None) -> None:
         clouds = ([] if background is None else [background]) + list(bodies.values())
-        require_plain(clouds)
+        require_clouds(clouds)
         self.names = tuple(bodies)
         self._index = {name: number for number, name in enumerate(self.names)}
         sizes = [len(cloud) for cloud in bodies.values()]
@@ -176,9 +178,11 @@ class Composition:
             np.zeros((room, 3), np.float32),
         )
         quats[:, 0] = 1.0
-        self.splats = Splats(means, quats, scales, opacities, colours)
+        terms = max((cloud.harmonics.shape[1] for cloud in clouds), default=0)
+        self.splats = Splats(means, quats, scales, opacities, colours, np.zeros((room, terms, 3), np.float32))
         self._rest_means = np.empty((self._count - static, 3), np.float32)
         self._rest_quats = np.empty((self._count - static, 4), np.float32)
+        self._rest_harmonics = np.zeros((self._count - static, terms, 3), np.float32)
         self._poses = np.tile(np.eye(4), (len(self.names), 1, 1))
         self._moved = np.zeros(len(self.names), np.bool_)
         if background is not None:
@@ -212,13 +216,16 @@ class Composition:
 
         Raises:
             KeyError: There is no such body.
-            ValueError: The number of splats differs.
+            ValueError: The number of splats differs, or their harmonics have a higher degree than any before.
         """
         part = self.part(name)
         if len(cloud) != part.stop - part.start:
             raise ValueError(f"{name} has {part.stop - part.start} splats; {len(cloud)} were given")
+        if cloud.harmonics.shape[1] > self._rest_harmonics.shape[1]:
+            raise ValueError(f"{name} came without harmonics of degree {cloud.sh_degree}; there is no room for them")
         static = int(self._starts[0])
         self._write(part, cloud)
+        self._rest_harmonics[part.start - static : part.stop - static] = self.splats.harmonics[part]
         self._rest_means[part.start - static : part.stop - static] = cloud.means
         self._rest_quats[part.start - static : part.stop - static] = cloud.quats
         self._moved[self._number(name)] = True
@@ -259,13 +266,20 @@ class Composition:
         return self._index[name]
 
     def _write(self, part: slice, cloud: Cloud) -> None:
-        for name in ("means", "quats", "scales", "opacities", "colours"):
+        for name in FIELDS[:-1]:
             getattr(self.splats, name)[part] = getattr(cloud, name)
+        terms = cloud.harmonics.shape[1]
+        self.splats.harmonics[part, :terms], self.splats.harmonics[part, terms:] = cloud.harmonics, 0.0
 
     def _update(self) -> None:
         """Write the splats of the bodies that moved."""
         splats = self.splats
+        moved = np.flatnonzero(self._moved) if splats.harmonics.shape[1] else ()
         bad = _move(self._poses, self._moved, self._starts, self._rest_means, self._rest_quats, splats.means, splats.quats)
         self._moved[:] = False
         if bad >= 0:
             raise ValueError(f"the pose of {self.names[bad]} is no finite rigid transform:\n{self._poses[bad]}")
+        for number in moved:
+            first, last = int(self._starts[number]), int(self._starts[number + 1])
+            rest = self._rest_harmonics[first - self._starts[0] : last - self._starts[0]]
+            splats.harmonics[first:last] = turned(rest, self._poses[number, :3, :3])

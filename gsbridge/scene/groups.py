@@ -1,8 +1,9 @@
 """A composition for one camera and many pictures: splats stay in the frames of their bodies, and only what is in view is drawn.
 
 It shows what `gsbridge.scene.editing.Composition` shows (Wu et al., RL-GSBridge, equation 3), but a body's pose becomes part of
-its view, so that no splat is written again. Splats are kept in groups of neighbours, and groups that lie outside the view are
-passed over, which changes nothing but the order of equal depths. The wrist camera has less than half of a scene in view.
+its view, so that no splat is written again, and colours with a direction are seen from where the camera is in the body's frame.
+Splats are kept in groups of neighbours, and groups that lie outside the view are passed over, which changes nothing but the
+order of equal depths. The wrist camera has less than half of a scene in view.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ import numpy as np
 
 from gsbridge.cameras import Camera
 from gsbridge.geometry import Array
-from gsbridge.scene.editing import is_rigid, require_plain
-from gsbridge.splats.cloud import Cloud, concatenate
+from gsbridge.scene.editing import is_rigid, require_clouds
+from gsbridge.splats.cloud import FIELDS, Cloud, concatenate
 from gsbridge.splats.rasterize.cpu import Prepared, Seen
 from gsbridge.splats.rasterize.layout import GROUP, NEAR
 
@@ -31,6 +32,9 @@ slope at the splat's centre, up to `layout.MARGIN` of the picture beyond the edg
 
 EDGE_PX = 3.0
 """Added round the picture for the blur of thin splats, px: `REACH` times its deviation of 0.55 px, and a pixel."""
+
+
+_NOTHING = Cloud(*(np.zeros((0, *tail)) for tail in ((3,), (4,), (3,), (), (3,))))
 
 
 @dataclass(frozen=True)
@@ -75,8 +79,7 @@ def _grouped(cloud: Cloud) -> tuple[Cloud, _Bounds]:
         bounds.reaches[number] = reaches[part].max()
     order = np.concatenate([np.zeros(0, np.int64), *parts])
     filling = -len(order) % GROUP
-    names = ("means", "quats", "scales", "opacities", "colours")
-    ordered = Cloud(*(getattr(cloud, name)[order] for name in names))
+    ordered = cloud.subset(order)
     if filling == 0:
         return ordered, bounds
     nothing = Cloud(
@@ -157,14 +160,15 @@ class GroupedComposition:
         background: Splats of what never moves, world frame; None for nothing.
 
     Raises:
-        TypeError: Something is no `Cloud` of plain colours.
+        TypeError: Something is no `Cloud`.
     """
 
     def __init__(self, bodies: Mapping[str, Cloud], background: Cloud | None = None) -> None:
         self.names = tuple(bodies)
         clouds = [*bodies.values(), *([] if background is None else [background])]
-        require_plain(clouds)
+        require_clouds(clouds)
         made = [_grouped(cloud) for cloud in clouds]
+        joined = concatenate([cloud for cloud, _ in made]) if made else _NOTHING
         self._shown = sum(map(len, clouds))
         # The background stands still as a body after all others.
         self._owners = np.concatenate([np.zeros(0, np.int64), *(np.full(len(b.balls), k) for k, (_, b) in enumerate(made))])
@@ -174,12 +178,7 @@ class GroupedComposition:
         )
         self._poses = np.tile(np.eye(4), (len(self.names) + 1, 1, 1))
         self._flat = self._poses[:-1].reshape(-1, 4)
-        self.splats = Prepared.of(
-            *(
-                np.concatenate([np.zeros((0, *tail)), *(getattr(cloud, name) for cloud, _ in made)]).astype(np.float32)
-                for name, tail in (("means", (3,)), ("quats", (4,)), ("scales", (3,)), ("opacities", ()), ("colours", (3,)))
-            )
-        )
+        self.splats = Prepared.of(*(getattr(joined, name) for name in FIELDS))
 
     def __len__(self) -> int:
         """Splats, without the filling."""

@@ -60,7 +60,7 @@ class Photographer:
         cloud = self.cloud
         colours, alphas, depths = cpu.render(
             cloud.means, cloud.quats, cloud.scales, cloud.opacities, cloud.colours, camera=camera,
-            cam_from_table=cam_from_world, background=self.background, threads=self.threads,
+            cam_from_table=cam_from_world, background=self.background, threads=self.threads, harmonics=cloud.harmonics,
         )  # fmt: skip
         return linear_from_srgb(np.clip(colours, 0.0, 1.0)), depths / np.maximum(alphas, np.float32(1e-6))
 

@@ -135,6 +135,7 @@ def draw(
         cam_from_table=cam_from_world,
         background=np.asarray(background, np.float32),
         threads=threads,
+        harmonics=splats.harmonics,
     )
 
 

@@ -9,6 +9,7 @@ from gsbridge.scene.groups import GroupedComposition
 from gsbridge.scene.light import WIDTH, SkyLight, directions
 from gsbridge.scene.occlusion import transmittances
 from gsbridge.scene.shadows import Shadows
+from gsbridge.scene.view import draw_seen
 from gsbridge.splats.cloud import Cloud
 
 
@@ -17,8 +18,9 @@ def compile_kernels() -> None:
     count, ball = len(directions()), np.array([[0.0, 0.0, 0.2, 0.05]])
     camera, pose = Camera(16, 16, 16.0, 16.0, 8.0, 8.0), look_at(np.array([0.0, -0.1, 0.5]), np.zeros(3))
     picture, flat = np.ones((16, 16, 3), np.float32), np.ones((16, 16), np.float32)
-    splat = Cloud(np.zeros((1, 3)), np.eye(4)[:1], np.full((1, 3), 0.01), np.ones(1), np.ones((1, 3)))
-    GroupedComposition({"object": splat}).see({"object": np.eye(4)}, camera, pose)
+    splat = Cloud(np.zeros((1, 3)), np.eye(4)[:1], np.full((1, 3), 0.01), np.ones(1), np.ones((1, 3)), np.zeros((1, 3, 3)))
+    grouped = GroupedComposition({"object": splat})
+    draw_seen(grouped.splats, grouped.see({"object": np.eye(4)}, camera, pose), camera, (0.0, 0.0, 0.0), 1)
     shadows = Shadows(SkyLight(0.0, np.full(count, 1.0 / count)), {"link": ball}, ("object", ball))
     shadows.dim(picture, 0.5 * flat, flat, camera, pose, {"link": np.eye(4), "object": np.eye(4)})
     transmittances(np.zeros((1, 3)), ball, directions(), WIDTH)

@@ -9,7 +9,8 @@ default), because that unit is arbitrary: with the released scales it is about 1
 
 Shape: the axes are (n, e1, e2), e1 from the face's centroid to its second corner and e2 across it in the face; the standard
 deviations (0, |e1| / 2, (v3 - centroid) . e2 / 2) times one learned factor. `refined` turns each splat freely in its face's
-frame and scales its axes one by one. Everything but `unbound` can be evaluated on a deformed mesh.
+frame and scales its axes one by one. Everything but `unbound` can be evaluated on a deformed mesh; harmonics, which are given
+in the frame of the rest mesh, turn there with the axes of their face.
 
 Source: Wu et al., RL-GSBridge, 2024, equations 1 and 2; Waczynska et al., GaMeS, 2024.
 """
@@ -26,9 +27,10 @@ from torch import Tensor
 
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
-from gsbridge.geometry import Array, quat_from_rotation
+from gsbridge.geometry import Array, quat_from_rotation, rotation_from_quat
 from gsbridge.meshes import Mesh
 from gsbridge.splats.cloud import Cloud
+from gsbridge.splats.harmonics import TERMS, turned
 
 BINDINGS = ("games", "soft", "refined", "unbound")
 
@@ -89,7 +91,7 @@ class Binding:
         band: Largest offset along the normal, m.
         parameters: Raw values: `colour` [N, 3] and `opacity` [N] (a logit); bound splats have `weights` [N, 3], `offset` [N]
             and `multiplier` [N]; refined also `turn` [N, 4] and `stretch` [N, 3] (logarithms); unbound has `means`, `quats`
-            and `stretch` (logarithms of the scales) instead of the binding.
+            and `stretch` (logarithms of the scales) instead of the binding. With a degree above 0, `harmonics` [N, K, 3] too.
     """
 
     kind: str
@@ -133,7 +135,7 @@ class Binding:
         return Shape(means, frames.quats, torch.cat([flat, frames.spreads * factor + 1e-8], dim=1))
 
     def evaluate(self, vertices: Array | None = None) -> Cloud:
-        """The splats on the rest mesh, or on a deformed one: centres, orientations and sizes follow its faces.
+        """The splats on the rest mesh, or on a deformed one: centres, orientations, sizes and harmonics follow its faces.
 
         Args:
             vertices: Deformed positions of the binding's own vertices, m; normals are computed anew. [V, 3].
@@ -146,7 +148,8 @@ class Binding:
         if vertices is not None and np.shape(vertices) != self.vertices.shape:
             raise ValueError(f"the deformed mesh must have {len(self.vertices)} vertices, not {len(vertices)}")
         with torch.no_grad():
-            shape = self.shape(self.frames(vertices))
+            frames = self.frames(vertices)
+            shape = self.shape(frames)
             quats = torch.nn.functional.normalize(shape.quats, dim=1)
             return Cloud(
                 shape.means.numpy(),
@@ -154,10 +157,21 @@ class Binding:
                 shape.scales.numpy(),
                 torch.sigmoid(self.parameters["opacity"]).numpy(),
                 self.parameters["colour"].clamp(0, 1).numpy(),
+                self._harmonics(None if vertices is None else frames),
             )
 
+    def _harmonics(self, deformed: Frames | None) -> Array:
+        """Harmonics on the rest mesh, or turned with the faces of a deformed one. [N, K, 3]."""
+        if "harmonics" not in self.parameters:
+            return np.zeros((len(self), 0, 3), np.float32)
+        harmonics = self.parameters["harmonics"].numpy()
+        if deformed is None:
+            return harmonics
+        before, after = (rotation_from_quat(frames.quats.numpy().astype(np.float64)) for frames in (self.frames(), deformed))
+        return turned(harmonics, after @ before.swapaxes(1, 2))
 
-def create_binding(kind: str, mesh: Mesh, splats_per_face: int, *, band: float, seed: int) -> Binding:
+
+def create_binding(kind: str, mesh: Mesh, splats_per_face: int, *, band: float, seed: int, sh_degree: int = 0) -> Binding:
     """Splats at their start: the same places, sizes, opacities and colours for every kind.
 
     Args:
@@ -166,6 +180,7 @@ def create_binding(kind: str, mesh: Mesh, splats_per_face: int, *, band: float, 
         splats_per_face: Splats on each face.
         band: Largest offset along the normal, m.
         seed: Seed of the places inside the faces.
+        sh_degree: Degree of the spherical harmonics, 0 to 3; they start at zero.
 
     Raises:
         ValueError: The kind is unknown, or the band is not positive.
@@ -196,6 +211,8 @@ def create_binding(kind: str, mesh: Mesh, splats_per_face: int, *, band: float, 
         for name in ("weights", "offset", "multiplier"):
             del parameters[name]
         parameters |= {"means": shape.means, "quats": shape.quats, "stretch": torch.log(scales.clamp_min(1e-8))}
+    if sh_degree > 0:
+        parameters["harmonics"] = torch.zeros(count, TERMS[sh_degree], 3)
     return Binding(kind, mesh.vertices, mesh.faces, face_index, band, parameters)
 
 

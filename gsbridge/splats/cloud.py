@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from gsbridge.geometry import Array, Similarity, quat_from_rotation, quat_multiply
+from gsbridge.splats.harmonics import degree_of, turned
 
 SH_C0 = 0.28209479177387814
 """Constant spherical harmonic, 1 / (2 sqrt(pi)): the 3DGS files store `(rgb - 0.5) / SH_C0`."""
 
+FIELDS = ("means", "quats", "scales", "opacities", "colours", "harmonics")
+"""Arrays of a `Cloud`, in the order in which it takes them."""
+
 
 @dataclass(frozen=True)
 class Cloud:
-    """Gaussians of view-independent colour, table frame.
+    """Gaussians, table frame.
 
     Args:
         means: Centres, m. [N, 3] float32.
         quats: Orientation of the axes, unit wxyz. [N, 4] float32.
         scales: Standard deviations along the axes, m. [N, 3] float32.
         opacities: 0..1. [N] float32.
-        colours: sRGB as in the photos, 0..1. [N, 3] float32.
+        colours: sRGB as in the photos, 0..1; with harmonics, the part without a direction. [N, 3] float32.
+        harmonics: How colours depend on the direction of view, in the frame of the cloud (`gsbridge.splats.harmonics`); K is 0,
+            3, 8 or 15. Left out, colours have no direction. [N, K, 3] float32.
     """
 
     means: Array
@@ -30,10 +36,15 @@ class Cloud:
     scales: Array
     opacities: Array
     colours: Array
+    harmonics: Array = field(default_factory=lambda: np.zeros((0, 0, 3), np.float32))
 
     def __post_init__(self) -> None:
         shapes = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "colours": (3,)}
         count = len(self.means)
+        if np.size(self.harmonics) == 0:
+            object.__setattr__(self, "harmonics", np.zeros((count, np.shape(self.harmonics)[1], 3), np.float32))
+        shapes["harmonics"] = (np.shape(self.harmonics)[1], 3)
+        degree_of(shapes["harmonics"][0])
         for name, tail in shapes.items():
             value = np.ascontiguousarray(getattr(self, name), dtype=np.float32)
             if value.shape != (count, *tail):
@@ -43,12 +54,17 @@ class Cloud:
     def __len__(self) -> int:
         return len(self.means)
 
+    @property
+    def sh_degree(self) -> int:
+        """Degree of the spherical harmonics; 0 where colours have no direction."""
+        return degree_of(self.harmonics.shape[1])
+
     def subset(self, keep: Array) -> Cloud:
         """The splats that an index or a truth value selects. [N] or [M]."""
-        return Cloud(self.means[keep], self.quats[keep], self.scales[keep], self.opacities[keep], self.colours[keep])
+        return Cloud(*(getattr(self, name)[keep] for name in FIELDS))
 
     def transformed(self, target_from_source: Similarity) -> Cloud:
-        """These splats in another frame, or moved: means, orientations and sizes follow.
+        """These splats in another frame, or moved: means, orientations, sizes and harmonics follow.
 
         Source: Wu et al., RL-GSBridge, equation 3, extended by the scale.
         """
@@ -60,6 +76,7 @@ class Cloud:
             self.scales * target_from_source.scale,
             self.opacities,
             self.colours,
+            turned(self.harmonics, target_from_source.rotation),
         )
 
     def bounds(self) -> tuple[Array, Array]:
@@ -68,12 +85,14 @@ class Cloud:
 
 
 def concatenate(clouds: Sequence[Cloud]) -> Cloud:
-    """All splats of several clouds in one, in the given order.
+    """All splats of several clouds in one, in the given order, with the harmonics of the one that has most.
 
     Raises:
         ValueError: No cloud was given.
     """
     if not clouds:
         raise ValueError("there is no cloud to join")
-    names = ("means", "quats", "scales", "opacities", "colours")
-    return Cloud(*(np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in names))
+    terms = max(cloud.harmonics.shape[1] for cloud in clouds)
+    parts = {name: [getattr(cloud, name) for cloud in clouds] for name in FIELDS}
+    parts["harmonics"] = [np.pad(rows, ((0, 0), (0, terms - rows.shape[1]), (0, 0))) for rows in parts["harmonics"]]
+    return Cloud(*(np.concatenate(parts[name]) for name in FIELDS))

@@ -41,6 +41,7 @@ def render_cloud(cloud: Cloud, camera: Camera, cam_from_table: Array) -> tuple[A
             *(torch.from_numpy(x) for x in (cloud.means, cloud.quats, cloud.scales, cloud.opacities, cloud.colours)),
             camera=camera,
             cam_from_table=cam_from_table,
+            harmonics=torch.from_numpy(cloud.harmonics),
         )
     return rendering.colours.numpy(), rendering.alphas.numpy()
 

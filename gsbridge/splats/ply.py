@@ -1,14 +1,14 @@
 """The standard 3DGS PLY file, which SuperSplat and other viewers open.
 
-Per splat, 32-bit little-endian: `x y z nx ny nz f_dc_0..2 opacity scale_0..2 rot_0..3`, where colour is the constant spherical
-harmonic, opacity a logit, scale a natural logarithm and rot a quaternion wxyz.
+Per splat, 32-bit little-endian: `x y z nx ny nz f_dc_0..2 f_rest_* opacity scale_0..2 rot_0..3`, where colour is the constant
+spherical harmonic, opacity a logit, scale a natural logarithm and rot a quaternion wxyz. `f_rest_*` are the K other harmonics
+(`gsbridge.splats.harmonics`), channel by channel: all of red, then green, then blue; degree 0 has none.
 
 Source: Kerbl et al., 3D Gaussian Splatting, 2023 (file layout of the reference implementation).
 """
 
 from __future__ import annotations
 
-import logging
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +17,15 @@ from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.geometry import Array
 from gsbridge.splats.cloud import SH_C0, Cloud
-
-logger = logging.getLogger("gsbridge")
+from gsbridge.splats.harmonics import TERMS
 
 PROPERTIES = (
     *("x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"),
     *("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
 )
+"""Of splats whose colours have no direction; `f_rest_*` stand before the opacity."""
+
+_OPACITY = PROPERTIES.index("opacity")
 
 SMALLEST_SCALE = 1e-9
 """Scales are stored as logarithms, so that zero is not possible, m."""
@@ -56,22 +58,29 @@ def write_ply(path: str | Path, cloud: Cloud) -> None:
         ValueError: A value is not finite.
     """
     opacity = np.clip(cloud.opacities.astype(np.float64), OPACITY_MARGIN, 1 - OPACITY_MARGIN)
-    table = np.zeros((len(cloud), len(PROPERTIES)), dtype="<f4")
+    rest = 3 * cloud.harmonics.shape[1]
+    names = (*PROPERTIES[:_OPACITY], *_rest_names(rest), *PROPERTIES[_OPACITY:])
+    table = np.zeros((len(cloud), len(names)), dtype="<f4")
     table[:, 0:3] = cloud.means
     table[:, 6:9] = (cloud.colours - 0.5) / SH_C0
-    table[:, 9] = np.log(opacity / (1 - opacity))
-    table[:, 10:13] = np.log(np.maximum(cloud.scales, SMALLEST_SCALE))
-    table[:, 13:17] = cloud.quats
+    table[:, 9 : 9 + rest] = cloud.harmonics.swapaxes(1, 2).reshape(len(cloud), rest)
+    table[:, 9 + rest] = np.log(opacity / (1 - opacity))
+    table[:, 10 + rest : 13 + rest] = np.log(np.maximum(cloud.scales, SMALLEST_SCALE))
+    table[:, 13 + rest :] = cloud.quats
     if not np.isfinite(table).all():
         raise ValueError("a splat holds a value that is not finite")
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(cloud)}"]
-    header += [f"property float {name}" for name in PROPERTIES]
+    header += [f"property float {name}" for name in names]
     with atomic_file(path) as temporary:
         temporary.write_bytes(("\n".join([*header, "end_header"]) + "\n").encode("ascii") + table.tobytes())
 
 
+def _rest_names(count: int) -> tuple[str, ...]:
+    return tuple(f"f_rest_{k}" for k in range(count))
+
+
 def read_ply(path: str | Path) -> Cloud:
-    """Read a cloud. Higher spherical harmonics (`f_rest_*`) are left out with a warning: colour here has no direction.
+    """Read a cloud.
 
     Raises:
         InputError: The file is missing, damaged, or no 3DGS PLY.
@@ -85,15 +94,20 @@ def read_ply(path: str | Path) -> Cloud:
     missing = [name for name in PROPERTIES if name not in (table.dtype.names or ()) and name not in ("nx", "ny", "nz")]
     if missing:
         raise InputError(source, f"the PLY is no Gaussian splat file: {', '.join(missing)} missing", _REMEDY)
-    if any(name.startswith("f_rest_") for name in table.dtype.names or ()):
-        logger.warning("%s: view-dependent colour (f_rest_*) is left out", source)
+    rest = {name for name in table.dtype.names or () if name.startswith("f_rest_")}
+    if len(rest) not in [3 * terms for terms in TERMS] or rest != set(_rest_names(len(rest))):
+        known = ", ".join(str(3 * terms) for terms in TERMS)
+        raise InputError(source, f"it has {len(rest)} f_rest_*; those of degree 0 to 3 are {known}, from f_rest_0 on", _REMEDY)
 
     def columns(*names: str) -> Array:
+        if not names:
+            return np.zeros((len(table), 0))
         return np.stack([table[name].astype(np.float64) for name in names], axis=-1)
 
     quats = columns("rot_0", "rot_1", "rot_2", "rot_3")
     length = np.linalg.norm(quats, axis=1, keepdims=True)
-    numbers = np.concatenate([columns(*PROPERTIES[:3], *PROPERTIES[6:13]), quats], axis=1)
+    harmonics = columns(*_rest_names(len(rest)))
+    numbers = np.concatenate([columns(*PROPERTIES[:3], *PROPERTIES[6:13]), quats, harmonics], axis=1)
     if not np.isfinite(numbers).all() or np.any(length == 0):
         raise InputError(source, "a splat holds a value that is no number", _REMEDY)
     return Cloud(
@@ -102,6 +116,7 @@ def read_ply(path: str | Path) -> Cloud:
         np.exp(np.clip(columns("scale_0", "scale_1", "scale_2"), -60, 60)),
         1 / (1 + np.exp(-np.clip(table["opacity"].astype(np.float64), -60, 60))),
         columns("f_dc_0", "f_dc_1", "f_dc_2") * SH_C0 + 0.5,
+        harmonics.reshape(len(table), 3, -1).swapaxes(1, 2),
     )
 
 

@@ -97,7 +97,8 @@ def train_splats(
         )
     except ValueError as error:
         raise StageError("splats", f"{mesh_path}: {error}", "Raise max_splats, or look at the mesh stage") from error
-    model = create_binding(binding, mesh, settings.splats_per_face, band=_band(settings, scene_unit), seed=seed)
+    band = _band(settings, scene_unit)
+    model = create_binding(binding, mesh, settings.splats_per_face, band=band, seed=seed, sh_degree=settings.sh_degree)
     logger.info("%s: %d splats on %d faces, %d photos", binding, len(model), len(mesh.faces), len(targets))
     curve = train(model, targets, settings, kind=kind, seed=seed, state=Path(state), inputs=_digest(mesh, targets))
     cloud = model.evaluate()
@@ -129,6 +130,8 @@ def train_splats(
         **({} if chosen is None else {"chosen_splats": chosen}),
         faces=len(mesh.faces),
         steps=settings.steps,
+        # Only what is not as usual is recorded.
+        **({"sh_degree": settings.sh_degree} if settings.sh_degree > 0 else {}),
         metrics=metrics,
         lpips_reason=None
         if lpips

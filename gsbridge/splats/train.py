@@ -47,6 +47,7 @@ class Rates:
         turn: Quaternion in the face's frame (`refined`), or free (`unbound`).
         stretch: Logarithm of each standard deviation (`refined`, `unbound`).
         means: Centre, m per step (`unbound`).
+        harmonics: Spherical harmonics of the colour beside the constant one.
     """
 
     weights: float = 0.01
@@ -57,6 +58,7 @@ class Rates:
     turn: float = 0.01
     stretch: float = 0.01
     means: float = 60e-6
+    harmonics: float = 0.005
 
 
 def train(
@@ -134,12 +136,14 @@ def _loss(
     # Parameters stay on the CPU: their arithmetic is small beside the rendering, wherever that runs.
     device = "cuda" if settings.backend == "cuda" else "cpu"
     splats = (*shape, torch.sigmoid(binding.parameters["opacity"]), binding.parameters["colour"])
+    harmonics = binding.parameters.get("harmonics")
     rendering = rasterize(
         *(item.to(device) for item in splats),
         camera=target.camera,
         cam_from_table=target.cam_from_table,
         background=behind.to(device),
         backend=settings.backend,
+        harmonics=harmonics if harmonics is None else harmonics.to(device),
     )
     colours = rendering.colours.cpu()
     photo = torch.as_tensor(target.photo).float().div_(255)
@@ -171,6 +175,7 @@ def _optimizer(binding: Binding, rates: Rates) -> tuple[torch.optim.Adam, list[f
         "quats": rates.turn,
         "stretch": rates.stretch,
         "means": rates.means,
+        "harmonics": rates.harmonics,
     }
     starts = [steps[name] for name in binding.parameters]
     groups = [

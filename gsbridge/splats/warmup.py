@@ -28,6 +28,7 @@ def _step() -> None:
     colours = torch.rand(8, 3, generator=generator).requires_grad_()
     camera = Camera(32, 32, 40.0, 40.0, 16.0, 16.0)
     pose = look_at(np.array([0.3, 0.3, 0.3]), np.array([0.05, 0.05, 0.05]))
-    rendering = rasterize(means, quats, scales, opacities, colours, camera=camera, cam_from_table=pose)
+    harmonics = torch.zeros(8, 3, 3, requires_grad=True)
+    rendering = rasterize(means, quats, scales, opacities, colours, camera=camera, cam_from_table=pose, harmonics=harmonics)
     loss = l1_ssim(rendering.colours, torch.zeros(32, 32, 3), weight=torch.ones(32, 32))
     (loss + rendering.alphas.mean() + rendering.depths.mean()).backward()

@@ -49,8 +49,36 @@ def test_extremes_stay_finite(tmp_path):
     assert (back.scales > 0).all()
 
 
-def test_higher_harmonics_and_other_elements_are_passed_over(tmp_path):
-    names = [*PROPERTIES[:9], "f_rest_0", *PROPERTIES[9:]]
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_harmonics_lie_channel_by_channel_before_the_opacity(tmp_path, degree):
+    terms, plain = (0, 3, 8, 15)[degree], random_cloud(20)
+    harmonics = np.random.default_rng(degree).normal(size=(20, terms, 3)).astype(np.float32)
+    cloud = Cloud(plain.means, plain.quats, plain.scales, plain.opacities, plain.colours, harmonics)
+    write_ply(tmp_path / "splats.ply", cloud)
+    data = trimesh.load(tmp_path / "splats.ply").metadata["_ply_raw"]["vertex"]["data"]
+    names = [f"f_rest_{k}" for k in range(3 * terms)]
+    assert data.dtype.names == (*PROPERTIES[:9], *names, *PROPERTIES[9:])
+    for channel in range(3):
+        for k in range(terms):
+            np.testing.assert_array_equal(data[f"f_rest_{channel * terms + k}"], harmonics[:, k, channel])
+    back = read_ply(tmp_path / "splats.ply")
+    np.testing.assert_array_equal(back.harmonics, harmonics)
+    np.testing.assert_allclose(back.opacities, cloud.opacities, rtol=2e-6)
+    assert back.sh_degree == degree
+
+
+def test_harmonics_of_no_degree_are_refused(tmp_path):
+    plain = random_cloud(3)
+    cloud = Cloud(plain.means, plain.quats, plain.scales, plain.opacities, plain.colours, np.ones((3, 3, 3)))
+    write_ply(tmp_path / "splats.ply", cloud)
+    content = (tmp_path / "splats.ply").read_bytes()
+    (tmp_path / "splats.ply").write_bytes(content.replace(b"f_rest_4", b"f_else_4"))
+    with pytest.raises(InputError, match="8 f_rest"):
+        read_ply(tmp_path / "splats.ply")
+
+
+def test_other_properties_and_elements_are_passed_over(tmp_path):
+    names = [*PROPERTIES[:9], "beauty", *PROPERTIES[9:]]
     header = "ply\nformat binary_little_endian 1.0\ncomment made elsewhere\nelement vertex 2\n"
     header += "".join(f"property float {name}\n" for name in names) + "element face 0\nproperty list uchar int vertex_indices\n"
     table = np.ones((2, len(names)), "<f4")

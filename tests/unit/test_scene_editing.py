@@ -148,15 +148,15 @@ def test_poses_that_are_not_rigid_move_nothing(bad):
     np.testing.assert_array_equal(composition.world_from_body("a"), np.eye(4))
 
 
-def test_unknown_bodies_and_directional_colour_are_refused():
+def test_unknown_bodies_and_other_splats_are_refused():
     composition = Composition({"a": make_cloud(4, 7)})
     with pytest.raises(KeyError, match="no body 'b'"):
         composition.pose({"b": np.eye(4)})
 
     class Harmonics:
-        """Splats of another program, with spherical harmonics."""
+        """Splats of another program."""
 
-    with pytest.raises(TypeError, match="plain RGB"):
+    with pytest.raises(TypeError, match="takes clouds"):
         Composition({"a": Harmonics()})
     with pytest.raises(ValueError, match="distortion"):
         render(composition, Camera(8, 8, 8, 8, 4, 4, (0.1, 0, 0, 0)), VIEW)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import torch
 
-from gsbridge.cameras import Camera
+from gsbridge.cameras import Camera, camera_centre
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 
@@ -47,8 +47,9 @@ def rasterize(
     background: torch.Tensor | None = None,
     backend: str = "cpu",
     near: float = 0.01,
+    harmonics: torch.Tensor | None = None,
 ) -> Rendering:
-    """Render splats; gradients flow to the five tensors, not to camera or background.
+    """Render splats; gradients flow to the tensors that make them, not to camera or background.
 
     Splats with a number that is not finite are left out.
 
@@ -63,6 +64,7 @@ def rasterize(
         background: Colour behind the splats, black when None. [3].
         backend: `cpu`, `cuda` or `reference`.
         near: Smallest camera z of a centre, m.
+        harmonics: How colours depend on the direction of view (`gsbridge.splats.harmonics`); None for not at all. [N, K, 3].
 
     Returns:
         Colour, alpha and depth images.
@@ -83,6 +85,12 @@ def rasterize(
             raise ValueError(f"{name} has shape {tuple(tensor.shape)}, expected {shape}")
     if not camera.is_pinhole:
         raise ValueError("the rasteriser needs a camera without distortion")
+    if harmonics is not None:
+        if harmonics.shape[:1] + harmonics.shape[2:] != (count, 3):
+            raise ValueError(f"harmonics has shape {tuple(harmonics.shape)}, expected {(count, 'K', 3)}")
+        from gsbridge.splats.rasterize.directional import view_colours
+
+        colours = view_colours(means, colours, harmonics, camera_centre(cam_from_table), kernels=backend == "cpu")
     arguments = (means, quats, scales, opacities, colours, camera, cam_from_table, background, near)
     if backend == "cpu":
         from gsbridge.splats.rasterize import cpu

@@ -15,9 +15,9 @@ import numpy as np
 import torch
 
 from gsbridge import logs
-from gsbridge.cameras import Camera
+from gsbridge.cameras import Camera, camera_centre
 from gsbridge.geometry import Array
-from gsbridge.splats.rasterize import binning, blending, preparing, projection
+from gsbridge.splats.rasterize import binning, blending, directional, preparing, projection
 from gsbridge.splats.rasterize import gradients as backward_kernels
 from gsbridge.splats.rasterize.lanes import WIDTH
 from gsbridge.splats.rasterize.layout import BLOCK, GROUP, LANES, NEAR, RECORD, STATE, TABLE
@@ -187,6 +187,9 @@ class Prepared:
         count: Splats.
         lanes: What `preparing.prepare` fills.
         means, quats, scales, opacities: What gradients go through. [N * 3], [N * 4], [N * 3], [N].
+        packed: Colours with a direction, as `directional.packed` gives them: each picture writes those that it sees into the
+            lanes. Empty where colours have none.
+        terms: Harmonics of each splat in it.
     """
 
     count: int
@@ -195,18 +198,26 @@ class Prepared:
     quats: Array
     scales: Array
     opacities: Array
+    packed: Array
+    terms: int
 
     @classmethod
-    def of(cls, means: Array, quats: Array, scales: Array, opacities: Array, colours: Array) -> Prepared:
+    def of(
+        cls, means: Array, quats: Array, scales: Array, opacities: Array, colours: Array, harmonics: Array | None = None
+    ) -> Prepared:
         """Prepare splats, in any frame, for many renderings.
 
         Args:
-            means, quats, scales, opacities, colours: Splats as in `render`.
+            means, quats, scales, opacities, colours, harmonics: Splats as in `render`.
         """
         arrays = _flat(means), _flat(quats), _flat(scales), _flat(opacities), _flat(colours)
         lanes = _aligned(len(arrays[3]) * LANES)
         preparing.prepare(*arrays, lanes)
-        return cls(len(means), lanes, *arrays[:4])
+        terms = 0 if harmonics is None else harmonics.shape[1]
+        packed = np.zeros(0, np.float32)
+        if harmonics is not None and terms > 0:
+            packed = directional.packed(arrays[4].reshape(-1, 3), _flat(harmonics).reshape(-1, terms, 3))
+        return cls(len(means), lanes, *arrays[:4], packed, terms)
 
 
 def _flat(array: Array) -> Array:
@@ -231,6 +242,9 @@ def _forward(
     space.fit(splats.count, view.rows, view.columns)
     if seen is None:
         seen = Seen.all(splats.count, view)
+    if splats.terms > 0:
+        frames = seen.views.reshape(-1)
+        directional.view_groups(splats.packed, splats.terms, splats.count, seen.groups, seen.owners, frames, splats.lanes)
     visible = projection.project(
         splats.lanes,
         splats.count,
@@ -312,6 +326,7 @@ def render(
     background: Array | None = None,
     near: float = NEAR,
     threads: int | None = None,
+    harmonics: Array | None = None,
 ) -> tuple[Array, Array, Array]:
     """Image of splats, without gradients.
 
@@ -321,12 +336,15 @@ def render(
         background: Colour behind the splats, black when None. [3].
         near: Smallest camera z of a centre, m.
         threads: Threads; as many as the job may use when None.
+        harmonics: How colours depend on the direction of view; None for not at all. [N, K, 3].
 
     Returns:
         Colour [H, W, 3], alpha [H, W], and the alpha-weighted sum of camera z, m. [H, W].
     """
     behind = np.zeros(3, np.float32) if background is None else np.asarray(background, dtype=np.float32)
     view = _View(camera, cam_from_table, np.float32(near))
+    if harmonics is not None:
+        colours = directional.viewed(means, colours, harmonics, camera_centre(cam_from_table))
     return _render(Prepared.of(means, quats, scales, opacities, colours), view, behind, threads, None)
 
 
