@@ -13,6 +13,7 @@ from gsbridge.geometry import Array, Similarity
 from gsbridge.meshes import read_mesh
 from gsbridge.splats.cloud import Cloud
 from gsbridge.splats.evaluate import evaluate_cloud
+from gsbridge.splats.exposure import from_record
 from gsbridge.splats.targets import background_targets, object_targets
 
 LOSS_DB = 0.05
@@ -58,7 +59,8 @@ def compare_with_photos(
     try:
         split = "held_out" if stored["metrics"]["held_out"]["masked"]["views"] else "train"
         before = stored["metrics"][split]["masked"]["psnr"]
-    except (KeyError, TypeError) as error:
+        exposures = from_record(stored.get("exposure"))
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError(photos.record, f"the record holds no metrics ({error})", "Run the splats stage again") from error
     if kind == "object":
         if photos.masks is None:
@@ -67,7 +69,8 @@ def compare_with_photos(
     else:
         targets = background_targets(photos.views, read_mesh(visual))
     back = cloud.transformed(Similarity.from_matrix(body_from_table).inverse())
-    found = evaluate_cloud(back, [target for target in targets if target.split == split], kind=kind)[split]["masked"]
+    chosen = [target for target in targets if target.split == split]
+    found = evaluate_cloud(back, chosen, kind=kind, exposures=exposures)[split]["masked"]
     return {
         "split": split,
         "views": found["views"],

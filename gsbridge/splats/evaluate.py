@@ -3,39 +3,47 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
-from gsbridge.cameras import Camera
+from gsbridge.cameras import Camera, camera_centre
 from gsbridge.files import atomic_directory
 from gsbridge.geometry import Array
 from gsbridge.images import SSIM_RADIUS, linear_from_srgb, srgb_from_linear, ssim_map, write_image
 from gsbridge.photogrammetry.matting import background_of
 from gsbridge.splats.cloud import Cloud
+from gsbridge.splats.exposure import Exposure, fitted
 from gsbridge.splats.lpips import Lpips
 from gsbridge.splats.rasterize import rasterize
+from gsbridge.splats.rasterize.directional import viewed
 from gsbridge.splats.targets import Target
 
 logger = logging.getLogger("gsbridge")
 
 SPLITS = ("train", "held_out")
 REGIONS = ("masked", "full")
+SURE = 0.95
+"""Alpha from which a pixel's colour tells the exposure of its photo."""
 AMPLIFIED = 5.0
 """Factor of the difference pictures."""
 
 
-def render_cloud(cloud: Cloud, camera: Camera, cam_from_table: Array) -> tuple[Array, Array]:
+def render_cloud(cloud: Cloud, camera: Camera, cam_from_table: Array, exposure: Exposure | None = None) -> tuple[Array, Array]:
     """Colour over black [H, W, 3] and alpha [H, W] of a cloud, float32.
 
     Args:
         cloud: The Gaussians, table frame.
         camera: Pinhole camera.
         cam_from_table: Pose of the camera. [4, 4].
+        exposure: Of the photo that is shown; None for that of the splats.
     """
+    if exposure is not None:
+        shown = viewed(cloud.means, cloud.colours, cloud.harmonics, camera_centre(cam_from_table))
+        cloud = Cloud(cloud.means, cloud.quats, cloud.scales, cloud.opacities, exposure.apply(shown))
     with torch.no_grad():
         rendering = rasterize(
             *(torch.from_numpy(x) for x in (cloud.means, cloud.quats, cloud.scales, cloud.opacities, cloud.colours)),
@@ -47,7 +55,12 @@ def render_cloud(cloud: Cloud, camera: Camera, cam_from_table: Array) -> tuple[A
 
 
 def evaluate_cloud(
-    cloud: Cloud, targets: Sequence[Target], *, kind: str, lpips: Lpips | None = None
+    cloud: Cloud,
+    targets: Sequence[Target],
+    *,
+    kind: str,
+    lpips: Lpips | None = None,
+    exposures: Mapping[str, Exposure] | None = None,
 ) -> dict[str, dict[str, dict[str, Any]]]:
     """Mean metrics over the views of each split and region.
 
@@ -61,13 +74,15 @@ def evaluate_cloud(
         targets: Photos of both splits.
         kind: `object` or `background`.
         lpips: Perceptual metric, where its weights are there.
+        exposures: Of the training photos, by name; each half of a held-out photo then gets what its other half tells. None
+            where all photos have one exposure.
 
     Returns:
         `[split][region]` with `views`, `psnr` (dB), `ssim`, `lpips`, `alpha_iou` (objects only); None where not measured.
     """
     rows: dict[tuple[str, str], list[tuple[float, ...]]] = {(split, region): [] for split in SPLITS for region in REGIONS}
     for target in targets:
-        for region, values in zip(REGIONS, _measure(cloud, target, kind, lpips), strict=True):
+        for region, values in zip(REGIONS, _measure(cloud, target, kind, lpips, exposures), strict=True):
             rows[target.split, region].append(values)
     names = ("psnr", "ssim", "lpips", "alpha_iou")
 
@@ -81,10 +96,48 @@ def evaluate_cloud(
     return {split: {region: mean(rows[split, region]) for region in REGIONS} for split in SPLITS}
 
 
-def _measure(cloud: Cloud, target: Target, kind: str, lpips: Lpips | None) -> list[tuple[float, ...]]:
+def _rendered(
+    cloud: Cloud, target: Target, camera: Camera, left: int, top: int, exposures: Mapping[str, Exposure] | None
+) -> tuple[Array, Array]:
+    """Colour over black and alpha of a target's view, in its exposure.
+
+    Args:
+        cloud: Splats.
+        target: Photo.
+        camera: Of the whole photo or of the target's part of it.
+        left, top: Where the part lies in that camera's image, px.
+        exposures: See `evaluate_cloud`.
+    """
+    pose = target.cam_from_table
+    if exposures is None:
+        return render_cloud(cloud, camera, pose)
+    if target.name in exposures:
+        return render_cloud(cloud, camera, pose, exposures[target.name])
+    colours, alphas = render_cloud(cloud, camera, pose)
+    height, width = target.photo.shape[:2]
+    part = np.s_[top : top + height, left : left + width]
+    share = alphas[part]
+    sure = (target.weight == 255) & (share > SURE)
+    # As many pixels left of the middle as right of it.
+    middle = int(np.median(np.nonzero(sure)[1])) + 1 if sure.any() else width // 2
+    columns = np.arange(width)
+    drawn = linear_from_srgb(np.clip(colours[part] / np.maximum(share, 1e-4)[..., None], 0, 1))
+    seen = linear_from_srgb(target.photo.astype(np.float32) / 255)
+    out = colours.copy()
+    for scored in (columns < middle, columns >= middle):
+        other = sure & ~scored
+        there = np.arange(camera.width) < left + middle
+        there = there if scored[0] else ~there
+        out[:, there] = render_cloud(cloud, camera, pose, fitted(drawn[other], seen[other]))[0][:, there]
+    return out, alphas
+
+
+def _measure(
+    cloud: Cloud, target: Target, kind: str, lpips: Lpips | None, exposures: Mapping[str, Exposure] | None
+) -> list[tuple[float, ...]]:
     """PSNR, SSIM, LPIPS and alpha IoU of one photo, masked and full."""
     whole = target.whole
-    colours, alphas = render_cloud(cloud, whole, target.cam_from_table)
+    colours, alphas = _rendered(cloud, target, whole, target.left, target.top, exposures)
     height, width = target.photo.shape[:2]
     part = np.s_[target.top : target.top + height, target.left : target.left + width]
     weight = np.zeros((whole.height, whole.width), np.float32)
@@ -149,7 +202,15 @@ def _window(used: Array, margin: int) -> tuple[slice, slice]:
     )
 
 
-def write_pictures(folder: str | Path, cloud: Cloud, targets: Sequence[Target], *, kind: str, count: int) -> list[str]:
+def write_pictures(
+    folder: str | Path,
+    cloud: Cloud,
+    targets: Sequence[Target],
+    *,
+    kind: str,
+    count: int,
+    exposures: Mapping[str, Exposure] | None = None,
+) -> list[str]:
     """Store photo, rendering and amplified difference side by side, for held-out views spread over the path.
 
     Args:
@@ -158,6 +219,7 @@ def write_pictures(folder: str | Path, cloud: Cloud, targets: Sequence[Target], 
         targets: Photos; where none is held out, training photos are shown.
         kind: `object` or `background`.
         count: Number of pictures.
+        exposures: See `evaluate_cloud`.
 
     Returns:
         File names.
@@ -167,7 +229,7 @@ def write_pictures(folder: str | Path, cloud: Cloud, targets: Sequence[Target], 
     names = []
     with atomic_directory(folder) as temporary:
         for target in chosen:
-            colours, alphas = render_cloud(cloud, target.camera, target.cam_from_table)
+            colours, alphas = _rendered(cloud, target, target.camera, 0, 0, exposures)
             weight = target.weight.astype(np.float32)[..., None] / 255
             photo = target.photo.astype(np.float32) / 255
             # Grey behind an object shows dark and light halos alike.

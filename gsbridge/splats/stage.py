@@ -20,6 +20,7 @@ from gsbridge.splats.binding import BINDINGS, Binding, create_binding, write_bin
 from gsbridge.splats.budget import choose_splats
 from gsbridge.splats.detail import Focus, edge_sizes
 from gsbridge.splats.evaluate import evaluate_cloud, write_pictures
+from gsbridge.splats.exposure import Exposures, to_record
 from gsbridge.splats.lpips import Lpips
 from gsbridge.splats.ply import write_ply
 from gsbridge.splats.remesh import remesh_isotropic
@@ -100,12 +101,15 @@ def train_splats(
     band = _band(settings, scene_unit)
     model = create_binding(binding, mesh, settings.splats_per_face, band=band, seed=seed, sh_degree=settings.sh_degree)
     logger.info("%s: %d splats on %d faces, %d photos", binding, len(model), len(mesh.faces), len(targets))
-    curve = train(model, targets, settings, kind=kind, seed=seed, state=Path(state), inputs=_digest(mesh, targets))
+    exposures = Exposures([t.name for t in targets if t.split == "train"]) if settings.exposure == "per_photo" else None
+    inputs = _digest(mesh, targets)
+    curve = train(model, targets, settings, kind=kind, seed=seed, state=Path(state), inputs=inputs, exposures=exposures)
     cloud = model.evaluate()
-    metrics = evaluate_cloud(cloud, targets, kind=kind, lpips=lpips)
+    found = None if exposures is None else exposures.found()
+    metrics = evaluate_cloud(cloud, targets, kind=kind, lpips=lpips, exposures=found)
     write_ply(out_ply, cloud)
     write_binding(out_binding, model)
-    pictures = write_pictures(out_views, cloud, targets, kind=kind, count=settings.pictures)
+    pictures = write_pictures(out_views, cloud, targets, kind=kind, count=settings.pictures, exposures=found)
     reasons = []
     if len(targets) < len(views):
         what = "an empty mask" if kind == "object" else "no pixel on the mesh"
@@ -132,6 +136,7 @@ def train_splats(
         steps=settings.steps,
         # Only what is not as usual is recorded.
         **({"sh_degree": settings.sh_degree} if settings.sh_degree > 0 else {}),
+        **({} if found is None else {"exposure": to_record(found)}),
         metrics=metrics,
         lpips_reason=None
         if lpips

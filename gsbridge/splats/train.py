@@ -21,8 +21,9 @@ from gsbridge.errors import StageError
 from gsbridge.files import atomic_file
 from gsbridge.logs import Progress
 from gsbridge.splats.binding import Binding
+from gsbridge.splats.exposure import Exposures
 from gsbridge.splats.losses import l1_ssim
-from gsbridge.splats.rasterize import rasterize
+from gsbridge.splats.rasterize import rasterize, seen_colours
 from gsbridge.splats.targets import Target
 
 logger = logging.getLogger("gsbridge")
@@ -48,6 +49,8 @@ class Rates:
         stretch: Logarithm of each standard deviation (`refined`, `unbound`).
         means: Centre, m per step (`unbound`).
         harmonics: Spherical harmonics of the colour beside the constant one.
+        exposure_gains: Logarithmic gains of a photo.
+        exposure_offsets: Offsets of a photo, linear light.
     """
 
     weights: float = 0.01
@@ -59,6 +62,8 @@ class Rates:
     stretch: float = 0.01
     means: float = 60e-6
     harmonics: float = 0.005
+    exposure_gains: float = 0.02
+    exposure_offsets: float = 0.001
 
 
 def train(
@@ -71,6 +76,7 @@ def train(
     state: Path,
     inputs: str = "",
     rates: Rates = Rates(),
+    exposures: Exposures | None = None,
 ) -> list[list[float]]:
     """Fit the binding's parameters to the training targets, in place.
 
@@ -85,6 +91,7 @@ def train(
         state: Folder of the checkpoint, one per training.
         inputs: Digest of what is trained on; a checkpoint of other inputs is not used.
         rates: Step sizes at the start.
+        exposures: Of the photos of the split `train`, in their order, fitted in place too; None for one exposure of all.
 
     Returns:
         Training curve: step, mean loss, mean PSNR (dB, over the pixels that count) since the point before. [[3], ...].
@@ -94,9 +101,10 @@ def train(
     """
     photos = [target.affordable(settings.max_pixels, kind=kind) for target in targets if target.split == "train"]
     halves = [target.reduced(0.5, kind=kind) for target in photos] if settings.half_size > 0 else photos
-    optimizer, starts = _optimizer(binding, rates)
+    learned = binding.parameters | ({} if exposures is None else exposures.parameters)
+    optimizer, starts = _optimizer(learned, binding.band, rates)
     checkpoint = Path(state) / "checkpoint.pt"
-    begin, curve, recent = _resume(checkpoint, binding, optimizer, inputs)
+    begin, curve, recent = _resume(checkpoint, learned, optimizer, inputs)
     frames = binding.frames()
     progress = Progress(settings.steps - begin, f"train {binding.kind}")
     for step in range(begin, settings.steps):
@@ -107,7 +115,7 @@ def train(
         for group, rate in zip(optimizer.param_groups, starts, strict=True):
             group["lr"] = rate * settings.decay ** (step / settings.steps)
         optimizer.zero_grad(set_to_none=True)
-        loss, error = _loss(binding, frames, target, behind, settings, kind)
+        loss, error = _loss(binding, frames, target, behind, settings, kind, exposures, index)
         loss.backward()
         optimizer.step()
         with torch.no_grad():
@@ -120,23 +128,34 @@ def train(
             curve.append([step + 1, float(mean_loss), float(-10 * np.log10(max(mean_error, 1e-12)))])
             recent.clear()
         if (step + 1) % CHECKPOINT_EVERY == 0:
-            _save(checkpoint, binding, optimizer, step + 1, curve, recent, inputs)
+            _save(checkpoint, learned, optimizer, step + 1, curve, recent, inputs)
         progress.update(f"loss {curve[-1][1]:.4f}" if curve else "")
-    for value in binding.parameters.values():
+    for value in learned.values():
         value.requires_grad_(False)
         value.grad = None
     return curve
 
 
 def _loss(
-    binding: Binding, frames: tuple[Tensor, ...], target: Target, behind: Tensor, settings: SplatSettings, kind: str
+    binding: Binding,
+    frames: tuple[Tensor, ...],
+    target: Target,
+    behind: Tensor,
+    settings: SplatSettings,
+    kind: str,
+    exposures: Exposures | None,
+    photo_number: int,
 ) -> tuple[Tensor, float]:
     """Loss of one photo, and the mean squared error of the pixels that count."""
     shape = binding.shape(frames)  # type: ignore[arg-type]
     # Parameters stay on the CPU: their arithmetic is small beside the rendering, wherever that runs.
     device = "cuda" if settings.backend == "cuda" else "cpu"
-    splats = (*shape, torch.sigmoid(binding.parameters["opacity"]), binding.parameters["colour"])
-    harmonics = binding.parameters.get("harmonics")
+    colour, harmonics = binding.parameters["colour"], binding.parameters.get("harmonics")
+    if exposures is not None:
+        if harmonics is not None:
+            colour, harmonics = seen_colours(shape.means, colour, harmonics, target.cam_from_table), None
+        colour = exposures.apply(colour, photo_number)
+    splats = (*shape, torch.sigmoid(binding.parameters["opacity"]), colour)
     rendering = rasterize(
         *(item.to(device) for item in splats),
         camera=target.camera,
@@ -159,15 +178,17 @@ def _loss(
         error = float((squared * weight).sum() / weight.sum().clamp_min(1e-6))
     if settings.offset_penalty > 0 and "offset" in binding.parameters:
         loss = loss + settings.offset_penalty * torch.tanh(binding.parameters["offset"]).square().mean()
+    if exposures is not None:
+        loss = loss + exposures.penalty()
     return loss, error
 
 
-def _optimizer(binding: Binding, rates: Rates) -> tuple[torch.optim.Adam, list[float]]:
+def _optimizer(learned: dict[str, Tensor], band: float, rates: Rates) -> tuple[torch.optim.Adam, list[float]]:
     """Adam over all parameters, and the step size of each group at the start."""
     steps = {
         "weights": rates.weights,
         # tanh has slope 1 / band at its centre in metres, so that this moves a splat by `rates.offset` per step.
-        "offset": rates.offset / binding.band,
+        "offset": rates.offset / band,
         "multiplier": rates.multiplier,
         "opacity": rates.opacity,
         "colour": rates.colour,
@@ -176,18 +197,19 @@ def _optimizer(binding: Binding, rates: Rates) -> tuple[torch.optim.Adam, list[f
         "stretch": rates.stretch,
         "means": rates.means,
         "harmonics": rates.harmonics,
+        "exposure_gains": rates.exposure_gains,
+        "exposure_offsets": rates.exposure_offsets,
     }
-    starts = [steps[name] for name in binding.parameters]
+    starts = [steps[name] for name in learned]
     groups = [
-        {"params": [value.requires_grad_(True)], "lr": rate}
-        for value, rate in zip(binding.parameters.values(), starts, strict=True)
+        {"params": [value.requires_grad_(True)], "lr": rate} for value, rate in zip(learned.values(), starts, strict=True)
     ]
     return torch.optim.Adam(groups, eps=1e-15, fused=True), starts
 
 
 def _save(
     path: Path,
-    binding: Binding,
+    learned: dict[str, Tensor],
     optimizer: torch.optim.Adam,
     step: int,
     curve: list[list[float]],
@@ -198,7 +220,7 @@ def _save(
     content = {
         "step": step,
         "inputs": inputs,
-        "parameters": {name: value.detach() for name, value in binding.parameters.items()},
+        "parameters": {name: value.detach() for name, value in learned.items()},
         "optimizer": optimizer.state_dict(),
         "curve": curve,
         "recent": recent,
@@ -211,17 +233,15 @@ def _save(
 
 
 def _resume(
-    path: Path, binding: Binding, optimizer: torch.optim.Adam, inputs: str
+    path: Path, learned: dict[str, Tensor], optimizer: torch.optim.Adam, inputs: str
 ) -> tuple[int, list[list[float]], list[list[float]]]:
-    """Step, curve and pending losses of a checkpoint, whose values go into binding and optimiser; nothing without one."""
+    """Step, curve and pending losses of a checkpoint, whose values are put in place; nothing without one."""
     if not path.is_file():
         return 0, [], []
     try:
         content = torch.load(path, weights_only=True)
         saved = content["parameters"]
-        fits = {name: value.shape for name, value in saved.items()} == {
-            name: value.shape for name, value in binding.parameters.items()
-        }
+        fits = {name: value.shape for name, value in saved.items()} == {name: value.shape for name, value in learned.items()}
         if not fits or content["inputs"] != inputs:
             raise ValueError("it belongs to another model")
         optimizer.load_state_dict(content["optimizer"])
@@ -229,7 +249,7 @@ def _resume(
         logger.warning("%s is not used (%s); training starts anew", path, error)
         return 0, [], []
     with torch.no_grad():
-        for name, value in binding.parameters.items():
+        for name, value in learned.items():
             value.copy_(saved[name])
     logger.info("training goes on from step %d", content["step"])
     return content["step"], content["curve"], content["recent"]

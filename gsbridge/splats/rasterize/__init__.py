@@ -88,9 +88,7 @@ def rasterize(
     if harmonics is not None:
         if harmonics.shape[:1] + harmonics.shape[2:] != (count, 3):
             raise ValueError(f"harmonics has shape {tuple(harmonics.shape)}, expected {(count, 'K', 3)}")
-        from gsbridge.splats.rasterize.directional import view_colours
-
-        colours = view_colours(means, colours, harmonics, camera_centre(cam_from_table), kernels=backend == "cpu")
+        colours = seen_colours(means, colours, harmonics, cam_from_table, kernels=backend == "cpu")
     arguments = (means, quats, scales, opacities, colours, camera, cam_from_table, background, near)
     if backend == "cpu":
         from gsbridge.splats.rasterize import cpu
@@ -105,3 +103,18 @@ def rasterize(
 
         return Rendering(*reference.rasterize(*arguments))
     raise InputError("splats.backend", f"unknown backend '{backend}'", f"Use one of {', '.join(BACKENDS)}")
+
+
+def seen_colours(
+    means: torch.Tensor, colours: torch.Tensor, harmonics: torch.Tensor, cam_from_table: Array, *, kernels: bool = True
+) -> torch.Tensor:
+    """Colours of splats as one camera sees them: what `rasterize` does first with harmonics. Differentiable.
+
+    Args:
+        means, colours, harmonics: As in `rasterize`.
+        cam_from_table: Pose of the camera. [4, 4].
+        kernels: Use the compiled kernels, on the processor; otherwise plain torch, on any device.
+    """
+    from gsbridge.splats.rasterize.directional import view_colours
+
+    return view_colours(means, colours, harmonics, camera_centre(cam_from_table), kernels=kernels)
