@@ -20,7 +20,7 @@ Density = Annotated[Number, Field(ge=5, le=25_000)] | Material
 class AssetSection(Settings):
     """How an object becomes a rigid body, whatever it is made of."""
 
-    binding: Literal["games", "soft", "refined", "unbound"] = "refined"
+    binding: Literal["games", "soft", "refined", "unbound", "games_vertices"] = "refined"
     """Binding of the splats that the bundle carries."""
     concavity: Positive = Field(default=0.005, le=1)
     """Dents up to this depth are filled by the convex hulls, m."""

@@ -43,12 +43,12 @@ class EpisodeSettings(Settings):
 
 
 class ComparisonSettings(Settings):
-    """Extra trainings of splats for the table, on the mirror's scenes."""
+    """Extra trainings of splats for the table."""
 
     seeds: Whole = Field(default=3, ge=1, le=20)
-    """Seeds of soft and GaMeS in the comparison, the main run's among them."""
+    """Seeds of soft and GaMeS, with vertices frozen and free, in the comparison; the main run's among them."""
     hull: Switch = True
-    """Whether both bindings are also trained on the visual hull, a poor mesh."""
+    """Whether soft and GaMeS are also trained on the visual hull of the mirror's objects, a poor mesh."""
 
 
 class EditingSettings(Settings):

@@ -14,7 +14,8 @@ from gsbridge.errors import InputError
 from gsbridge.experiment.capture_files import capture_files, content_digests
 from gsbridge.experiment.policies import Policy
 
-BINDINGS = ("games", "soft", "refined", "unbound")
+BINDINGS = ("games", "soft", "refined", "unbound", "games_vertices")
+"""The first three are what recordings show."""
 """Ways in which splats hold on to a mesh."""
 
 
@@ -222,13 +223,11 @@ class Experiment:
     # Trainings of splats
 
     def comparison_runs(self, scene: str) -> list[str]:
-        """Names of the extra trainings of a mirrored scene: more seeds, and the same bindings on the visual hull."""
-        if scene not in self.films:
-            return []
+        """Names of the extra trainings of a scene: more seeds, and of a mirrored object the same on its visual hull."""
         plan, first = self.settings("comparison"), self.config["seed"]
         seeds = range(first, first + plan["seeds"])
-        runs = [f"visual-{binding}-seed{seed}" for seed in seeds[1:] for binding in ("games", "soft")]
-        if plan["hull"] and scene in self.named("object"):
+        runs = [f"visual-{binding}-seed{seed}" for seed in seeds[1:] for binding in ("games", "soft", "games_vertices")]
+        if plan["hull"] and scene in self.named("object") and scene in self.films:
             runs += [f"hull-{binding}-seed{seed}" for seed in seeds for binding in ("games", "soft")]
         return runs
 

@@ -1,11 +1,12 @@
-"""How splats hang on a mesh: hard (GaMeS), soft (the paper's equation 2), refined, or not at all.
+"""How splats hang on a mesh: hard (GaMeS), with or without vertices that move, soft (the paper's equation 2), refined, or not.
 
 A bound splat belongs to one face with corners v1, v2, v3 and unit normal n. Its centre is
 
     w1 v1 + w2 v2 + w3 v3 + band * tanh(b) * n,    w = relu(a) / sum(relu(a)),
 
 with learned `a` and `b`. The paper bounds the offset by one unit of the reconstruction; here the band is metric (10 mm by
-default), because that unit is arbitrary: with the released scales it is about 100 mm. `games` keeps b = 0.
+default), because that unit is arbitrary: with the released scales it is about 100 mm. `games` keeps b = 0; so does
+`games_vertices`, whose training moves the mesh's vertices as well: once trained, it is `games` on a mesh of its own.
 
 Shape: the axes are (n, e1, e2), e1 from the face's centroid to its second corner and e2 across it in the face; the standard
 deviations (0, |e1| / 2, (v3 - centroid) . e2 / 2) times one learned factor. `refined` turns each splat freely in its face's
@@ -32,7 +33,7 @@ from gsbridge.meshes import Mesh
 from gsbridge.splats.cloud import Cloud
 from gsbridge.splats.harmonics import TERMS, turned
 
-BINDINGS = ("games", "soft", "refined", "unbound")
+BINDINGS = ("games", "soft", "refined", "unbound", "games_vertices")
 
 START_OPACITY = 0.5
 """The paper starts at 0.1 and trains 15 times as long."""
@@ -79,12 +80,43 @@ def face_frames(vertices: Array, faces: Array) -> Frames:
     return Frames(*(torch.as_tensor(x.astype(np.float32)) for x in (corners, normals, quats, spreads)))
 
 
+def moving_frames(vertices: Tensor, faces: Tensor) -> Frames:
+    """`face_frames` of vertices that are being trained: differentiable, and as precise as they are. [V, 3], [F, 3]."""
+    corners = vertices[faces]
+    first, second, third = corners.unbind(1)
+    normals = torch.nn.functional.normalize(torch.linalg.cross(second - first, third - first), dim=1, eps=1e-20)
+    along = second - corners.mean(1)
+    reach = along.norm(dim=1)
+    along = torch.nn.functional.normalize(along, dim=1, eps=1e-20)
+    across = torch.linalg.cross(normals, along)
+    spreads = torch.stack([reach, ((third - corners.mean(1)) * across).sum(1).abs()], dim=1) / 2
+    return Frames(corners, normals, _quats(torch.stack([normals, along, across], dim=-1)), spreads)
+
+
+def _quats(rotations: Tensor) -> Tensor:
+    """Quaternions wxyz of rotation matrices, differentiable. [N, 3, 3] -> [N, 4].
+
+    Source: Shepperd, J. Guidance 1(3), 1978: four ways to divide by a part of the quaternion, the largest one is safe.
+    """
+    (a, b, c), (d, e, f), (g, h, i) = (row.unbind(1) for row in rotations.unbind(1))
+    rows = [
+        [1 + a + e + i, h - f, c - g, d - b],
+        [h - f, 1 + a - e - i, b + d, c + g],
+        [c - g, b + d, 1 - a + e - i, f + h],
+        [d - b, c + g, f + h, 1 - a - e + i],
+    ]
+    # Row k is four times the quaternion times its part k.
+    table = torch.stack([torch.stack(row, 1) for row in rows], 1)
+    largest = table.diagonal(dim1=1, dim2=2).argmax(1)
+    return torch.nn.functional.normalize(table[torch.arange(len(table)), largest], dim=1, eps=1e-20)
+
+
 @dataclass
 class Binding:
     """Splats and how they hang on a mesh. The parameters are what training changes.
 
     Args:
-        kind: `games`, `soft`, `refined` or `unbound`.
+        kind: `games`, `games_vertices`, `soft`, `refined` or `unbound`.
         vertices: Rest position of the mesh, table frame, m. [V, 3] float64.
         faces: Numbers of the faces' vertices. [F, 3] int64.
         face_index: Face of each splat. [N] int64.
@@ -92,6 +124,7 @@ class Binding:
         parameters: Raw values: `colour` [N, 3] and `opacity` [N] (a logit); bound splats have `weights` [N, 3], `offset` [N]
             and `multiplier` [N]; refined also `turn` [N, 4] and `stretch` [N, 3] (logarithms); unbound has `means`, `quats`
             and `stretch` (logarithms of the scales) instead of the binding. With a degree above 0, `harmonics` [N, K, 3] too.
+            While vertices move, theirs are the `vertices` [V, 3], m, in the place of those above.
     """
 
     kind: str
@@ -106,9 +139,17 @@ class Binding:
 
     def frames(self, vertices: Array | None = None) -> Frames:
         """Frame of each splat's face, on the rest mesh or a deformed one. Rows follow the splats."""
-        frames = face_frames(self.vertices if vertices is None else vertices, self.faces)
+        if vertices is None and "vertices" in self.parameters:
+            frames = moving_frames(self.parameters["vertices"], torch.as_tensor(self.faces))
+        else:
+            frames = face_frames(self.vertices if vertices is None else vertices, self.faces)
         index = torch.as_tensor(self.face_index)
         return Frames(*(item[index] for item in frames))
+
+    def settle(self) -> None:
+        """Make the places to which a training moved the vertices the rest mesh; nothing where none can move."""
+        if "vertices" in self.parameters:
+            self.vertices = self.parameters.pop("vertices").detach().numpy().astype(np.float64)
 
     def offsets(self) -> Tensor:
         """Offset along the normal, m; zero for splats that have none. [N]."""
@@ -124,7 +165,7 @@ class Binding:
         weights = torch.relu(p["weights"]) + 1e-8
         weights = weights / weights.sum(1, keepdim=True)
         means = torch.bmm(weights[:, None, :], frames.corners)[:, 0]
-        if self.kind != "games":
+        if "offset" in p:
             means = means + self.offsets()[:, None] * frames.normals
         if self.kind == "refined":
             turn = torch.nn.functional.normalize(p["turn"], dim=1)
@@ -175,7 +216,7 @@ def create_binding(kind: str, mesh: Mesh, splats_per_face: int, *, band: float, 
     """Splats at their start: the same places, sizes, opacities and colours for every kind.
 
     Args:
-        kind: `games`, `soft`, `refined` or `unbound`.
+        kind: `games`, `games_vertices`, `soft`, `refined` or `unbound`.
         mesh: Evenly meshed surface, table frame, m.
         splats_per_face: Splats on each face.
         band: Largest offset along the normal, m.
@@ -198,7 +239,7 @@ def create_binding(kind: str, mesh: Mesh, splats_per_face: int, *, band: float, 
         "colour": torch.full((count, 3), 0.5),
     }
     start = Binding("soft", mesh.vertices, mesh.faces, face_index, band, parameters)
-    if kind == "games":
+    if kind in ("games", "games_vertices"):
         del parameters["offset"]
     elif kind == "refined":
         del parameters["multiplier"]
@@ -211,6 +252,8 @@ def create_binding(kind: str, mesh: Mesh, splats_per_face: int, *, band: float, 
         for name in ("weights", "offset", "multiplier"):
             del parameters[name]
         parameters |= {"means": shape.means, "quats": shape.quats, "stretch": torch.log(scales.clamp_min(1e-8))}
+    if kind == "games_vertices":
+        parameters["vertices"] = torch.as_tensor(mesh.vertices.astype(np.float32))
     if sh_degree > 0:
         parameters["harmonics"] = torch.zeros(count, TERMS[sh_degree], 3)
     return Binding(kind, mesh.vertices, mesh.faces, face_index, band, parameters)

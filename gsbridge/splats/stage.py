@@ -62,7 +62,7 @@ def train_splats(
         mesh_path: Surface to bind to, table frame, m.
         out_ply, out_binding, out_views, out_json: `splats.ply`, `binding.npz`, the folder `views/`, `splats.json`.
         settings: Budget and step sizes.
-        binding: `games`, `soft`, `refined` or `unbound`.
+        binding: One of `gsbridge.splats.binding.BINDINGS`.
         seed: Seed of places, order and colours.
         threads: Threads the job may use.
         state: Folder of the checkpoint; removed at the end.

@@ -48,6 +48,7 @@ class Rates:
         turn: Quaternion in the face's frame (`refined`), or free (`unbound`).
         stretch: Logarithm of each standard deviation (`refined`, `unbound`).
         means: Centre, m per step (`unbound`).
+        vertices: Vertex of the mesh, m per step (`games_vertices`).
         harmonics: Spherical harmonics of the colour beside the constant one.
         exposure_gains: Logarithmic gains of a photo.
         exposure_offsets: Offsets of a photo, linear light.
@@ -61,6 +62,7 @@ class Rates:
     turn: float = 0.01
     stretch: float = 0.01
     means: float = 60e-6
+    vertices: float = 60e-6
     harmonics: float = 0.005
     exposure_gains: float = 0.02
     exposure_offsets: float = 0.001
@@ -115,6 +117,8 @@ def train(
         for group, rate in zip(optimizer.param_groups, starts, strict=True):
             group["lr"] = rate * settings.decay ** (step / settings.steps)
         optimizer.zero_grad(set_to_none=True)
+        if "vertices" in binding.parameters:
+            frames = binding.frames()
         loss, error = _loss(binding, frames, target, behind, settings, kind, exposures, index)
         loss.backward()
         optimizer.step()
@@ -133,6 +137,7 @@ def train(
     for value in learned.values():
         value.requires_grad_(False)
         value.grad = None
+    binding.settle()
     return curve
 
 
@@ -196,6 +201,7 @@ def _optimizer(learned: dict[str, Tensor], band: float, rates: Rates) -> tuple[t
         "quats": rates.turn,
         "stretch": rates.stretch,
         "means": rates.means,
+        "vertices": rates.vertices,
         "harmonics": rates.harmonics,
         "exposure_gains": rates.exposure_gains,
         "exposure_offsets": rates.exposure_offsets,

@@ -8,7 +8,7 @@ import trimesh
 from gsbridge.errors import InputError
 from gsbridge.geometry import Similarity, rotation_from_quat
 from gsbridge.meshes import Mesh
-from gsbridge.splats.binding import BINDINGS, FLATNESS, create_binding, face_frames, read_binding, write_binding
+from gsbridge.splats.binding import BINDINGS, FLATNESS, create_binding, face_frames, moving_frames, read_binding, write_binding
 from gsbridge.splats.remesh import remesh_isotropic
 
 BOUND = [kind for kind in BINDINGS if kind != "unbound"]
@@ -24,7 +24,8 @@ def disturbed(kind: str, mesh: Mesh):
     binding = create_binding(kind, mesh, 2, band=0.01, seed=1)
     generator = torch.Generator().manual_seed(2)
     for name, value in binding.parameters.items():
-        value += 0.3 * torch.randn(value.shape, generator=generator) * (0.003 if name == "means" else 1)
+        value += 0.3 * torch.randn(value.shape, generator=generator) * {"means": 0.003, "vertices": 0.0}.get(name, 1)
+    binding.settle()
     return binding
 
 
@@ -104,6 +105,38 @@ def test_bending_the_mesh_turns_normals_and_offsets(kind):
     np.testing.assert_allclose(after[right, 0], 0.1 - before[right, 2], atol=1e-7)
     np.testing.assert_allclose(after[right, 1], before[right, 1], atol=1e-7)
     np.testing.assert_allclose(after[right, 2], before[right, 0] - 0.1, atol=1e-7)
+
+
+def test_moving_frames_are_the_frames_and_have_gradients():
+    mesh = sphere()
+    vertices, faces = torch.as_tensor(mesh.vertices), torch.as_tensor(mesh.faces)
+    for found, expected in zip(moving_frames(vertices, faces), face_frames(mesh.vertices, mesh.faces), strict=True):
+        # A quaternion and its opposite are one orientation.
+        sign = torch.sign((found * expected).sum(1, keepdim=True)) if found.shape[1:] == (4,) else 1.0
+        torch.testing.assert_close((found * sign).float(), expected, atol=1e-5, rtol=1e-5)
+    corner, one = 1000 * vertices[faces[7]], torch.tensor([[0, 1, 2]])
+
+    def shape(places):
+        # The sign of a quaternion may change with the way it is found, its products do not.
+        _, normals, quats, spreads = moving_frames(places, one)
+        return normals, quats[:, :, None] * quats[:, None], spreads
+
+    assert torch.autograd.gradcheck(shape, corner.requires_grad_())
+
+
+def test_vertices_move_until_they_settle(tmp_path):
+    mesh = sphere()
+    binding = create_binding("games_vertices", mesh, 2, band=0.01, seed=1)
+    with torch.no_grad():
+        binding.parameters["vertices"] *= 1.1
+    expected = create_binding("games", Mesh(1.1 * mesh.vertices, mesh.faces), 2, band=0.01, seed=1)
+    np.testing.assert_allclose(binding.evaluate().means, expected.evaluate().means, atol=1e-8)
+    binding.settle()
+    assert "vertices" not in binding.parameters
+    np.testing.assert_allclose(binding.vertices, 1.1 * mesh.vertices, rtol=1e-6)
+    np.testing.assert_allclose(covariances(binding.evaluate()), covariances(expected.evaluate()), atol=1e-9)
+    write_binding(tmp_path / "binding.npz", binding)
+    np.testing.assert_array_equal(read_binding(tmp_path / "binding.npz").vertices, binding.vertices)
 
 
 def test_stretching_the_mesh_stretches_the_splats():

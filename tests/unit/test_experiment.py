@@ -121,11 +121,11 @@ def test_a_capture_that_is_gone_is_named(plan):
         plan.scene_source("mug")
 
 
-def test_comparison_is_of_films_and_their_hulls(plan):
-    assert plan.comparison_runs("desk") == []
-    assert plan.comparison_runs("pad") == ["visual-games-seed4", "visual-soft-seed4"]
-    assert plan.comparison_runs("cube")[2:] == [f"hull-{way}-seed{seed}" for seed in (3, 4) for way in ("games", "soft")]
-    assert len(plan.splat_records) == 3 * 4 + 2 + 6
+def test_comparison_is_of_all_scenes_and_the_hulls_of_filmed_objects(plan):
+    seeds = ["visual-games-seed4", "visual-soft-seed4", "visual-games_vertices-seed4"]
+    assert plan.comparison_runs("desk") == plan.comparison_runs("pad") == seeds
+    assert plan.comparison_runs("cube")[3:] == [f"hull-{way}-seed{seed}" for seed in (3, 4) for way in ("games", "soft")]
+    assert len(plan.splat_records) == 3 * 5 + 3 * 3 + 4
 
 
 def test_controllers_are_tried_once_for_an_object_and_in_mirrors_where_it_was_filmed(plan):

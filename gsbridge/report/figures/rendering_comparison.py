@@ -26,7 +26,13 @@ from gsbridge.splats.evaluate import render_cloud
 from gsbridge.splats.ply import read_ply
 
 SHOWN = ("soft", "games", "refined")
-TITLES = {"soft": "soft (the paper's)", "games": "GaMeS (hard)", "refined": "refined (ours)", "unbound": "unbound"}
+TITLES = {
+    "soft": "soft (the paper's)",
+    "games": "GaMeS (hard)",
+    "games_vertices": "GaMeS, free vertices",
+    "refined": "refined (ours)",
+    "unbound": "unbound",
+}
 AMPLIFIED = 5.0
 """Factor of the difference pictures."""
 GREY = 0.5

@@ -80,6 +80,7 @@ def rendering_figures(rows: Sequence[Row]) -> dict[str, Figure]:
     add("soft_minus_games_hull_mean", objects, "soft", "games", statistics.fmean, "hull")
     add("soft_minus_games_backgrounds_min", backgrounds, "soft", "games", min, "visual")
     add("soft_minus_games_all_mean", mirror, "soft", "games", statistics.fmean, "visual")
+    add("soft_minus_games_vertices_all_mean", mirror, "soft", "games_vertices", statistics.fmean, "visual")
     add("refined_minus_soft_mean", mirror, "refined", "soft", statistics.fmean, "visual")
     add("unbound_minus_refined_mean", mirror, "unbound", "refined", statistics.fmean, "visual")
     add("unbound_minus_refined_max", mirror, "unbound", "refined", max, "visual")

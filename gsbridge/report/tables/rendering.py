@@ -11,7 +11,7 @@ from gsbridge.report.tables.paper import PAPER_NOTE, SUSPECT_NOTE, SUSPECT_SCENE
 from gsbridge.report.tables.rendering_rows import differences, mean_by_scene, values
 from gsbridge.report.tables.rows import Row, number
 
-SHOWN_BINDINGS = ("games", "soft", "refined", "unbound")
+SHOWN_BINDINGS = ("games", "games_vertices", "soft", "refined", "unbound")
 METRICS = ("psnr", "ssim", "lpips", "alpha_iou")
 
 
@@ -28,6 +28,7 @@ class SceneLine:
         gain: soft - GaMeS, mean over the seeds that both have, dB; None where one is missing.
         gain_range: Smallest and largest such difference over the seeds, where there are several.
         refined_gain: refined - soft likewise, dB.
+        moving_gain: soft - GaMeS whose vertices are free to move, likewise, dB.
         paper: {binding: {metric: value as printed}}.
         suspect: True where the paper's value is probably a slip.
         views: Number of views behind the means.
@@ -48,6 +49,7 @@ class SceneLine:
     suspect: bool = False
     views: int = 0
     ceiling: float | None = None
+    moving_gain: float | None = None
 
     @property
     def paper_gain(self) -> float | None:
@@ -72,6 +74,7 @@ def scene_lines(rows: Sequence[Row], *, split: str, region: str, surface: str = 
     fixed = {"split": split, "region": region, "surface": surface}
     chosen = [row for row in rows if all(row[name] == wanted for name, wanted in fixed.items())]
     gains, refined = differences(chosen, "soft", "games"), differences(chosen, "refined", "soft")
+    moving = differences(chosen, "soft", "games_vertices")
     means = {
         (binding, metric): mean_by_scene(values(chosen, metric, binding=binding))
         for binding in SHOWN_BINDINGS
@@ -99,6 +102,7 @@ def scene_lines(rows: Sequence[Row], *, split: str, region: str, surface: str = 
                 gain=statistics.fmean(found) if found else None,
                 gain_range=(min(found), max(found)) if len(found) > 1 else None,
                 refined_gain=statistics.fmean(steps) if steps else None,
+                moving_gain=statistics.fmean(moving[scene].values()) if moving.get(scene) else None,
                 paper=_paper(mine),
                 suspect=scene == SUSPECT_SCENE and scenes[scene]["origin"] == "mirror",
                 views=max((int(number(row["views"]) or 0) for row in mine), default=0),
@@ -128,11 +132,11 @@ def mean_gain(lines: Sequence[SceneLine]) -> float | None:
     return statistics.fmean(found) if found else None
 
 
-NAMES = {"games": "GaMeS", "soft": "soft", "refined": "refined", "unbound": "unbound"}
+NAMES = {"games": "GaMeS", "games_vertices": "GaMeS, free vertices", "soft": "soft", "refined": "refined", "unbound": "unbound"}
 MARK = "†"
 GAIN_NOTE = (
     "soft − GaMeS: same mesh, budget, learning rates, initialisation and seeds, offset frozen at 0 for GaMeS; mean over the "
-    "seeds that both have, the range over the seeds in brackets."
+    "seeds that both have, the range over the seeds in brackets. Free vertices: GaMeS whose training moves the mesh, too."
 )
 CEILING_NOTE = (
     "Noise ceiling: what the path tracer's own noise leaves of the PSNR of a perfect model, from two takes of one frame."
@@ -173,11 +177,13 @@ def quality_table(
         return None
     bindings = [binding for binding in SHOWN_BINDINGS if any(binding in line.metrics for line in lines)]
     with_paper = any(line.paper for line in lines)
+    with_moving = any(line.moving_gain is not None for line in lines)
     with_ceiling = any(line.ceiling is not None for line in lines)
     columns = [
         "scene",
         *(NAMES[b] for b in bindings),
         "soft − GaMeS",
+        *(["soft − GaMeS, free vertices"] if with_moving else []),
         *(["paper's gain"] if with_paper else []),
     ]
     columns += [*(["noise ceiling"] if with_ceiling else []), "soft SSIM", "alpha IoU", "views", "seeds", "status"]
@@ -194,6 +200,7 @@ def quality_table(
                 line.scene,
                 *(decibel(psnrs[b]) for b in bindings),
                 gain_text(line),
+                *([decibel(line.moving_gain, signed=True)] if with_moving else []),
                 *([paper] if with_paper else []),
                 *([decibel(line.ceiling)] if with_ceiling else []),
                 _three(soft.get("ssim")),

@@ -74,7 +74,7 @@ COLUMNS = (
 )
 """The columns that every reader may count on come first; `origin` and what follows explain them."""
 
-BINDINGS = ("games", "soft", "refined", "unbound")
+BINDINGS = ("games", "soft", "refined", "unbound", "games_vertices")
 SPLITS = ("held_out", "train")
 REGIONS = ("masked", "full")
 SURFACES = ("visual", "hull")
