@@ -69,19 +69,26 @@ class StageFiles:
         return cls(**named, item_colour=item_colour)
 
 
-def build_renderer(files: StageFiles, settings: EnvironmentSettings) -> Renderer:
+def build_renderer(files: StageFiles, settings: EnvironmentSettings, *, shaded_meshes: bool = False) -> Renderer:
     """The renderer that the settings ask for.
+
+    Args:
+        files: What it draws.
+        settings: Of the environment.
+        shaded_meshes: Meshes, too, are drawn with the shadows of robot and object; RL-sim's are not.
 
     Raises:
         InputError: A file is missing or of the wrong kind.
     """
     item, background = _asset(files.item, "object"), _asset(files.background, "background")
     camera = lens_of(files, settings).camera
+    shadows = None
+    if files.light is not None and (settings.renderer == "gs" or shaded_meshes):
+        shadows = LightFile.read(files.light).shadows(OBJECT, item)
     if settings.renderer == "gs":
         if files.robot_splats is None:
             raise InputError("robot splats", "the renderer 'gs' draws the robot as splats", "Give their folder")
         links = read_robot_splats(files.robot_splats)
-        shadows = None if files.light is None else LightFile.read(files.light).shadows(OBJECT, item)
         return GaussianRenderer(item.cloud(), background.cloud(), links, camera, surface=background.mesh(), shadows=shadows)
     return MeshRenderer(
         item.mesh(),
@@ -91,6 +98,7 @@ def build_renderer(files: StageFiles, settings: EnvironmentSettings) -> Renderer
         vertex_colours=settings.renderer == "mesh_vertex",
         item_colour=files.item_colour,
         background_colour=files.background_colour,
+        shadows=shadows,
     )
 
 

@@ -14,6 +14,8 @@ from gsbridge.geometry import Array
 from gsbridge.images import linear_from_srgb, srgb_from_linear
 from gsbridge.meshes import Mesh
 from gsbridge.scene.meshes import MeshComposition, uniform
+from gsbridge.scene.shadows import Shadows
+from gsbridge.scene.view import to_bytes
 
 
 def mean_mesh_colour(mesh: Mesh) -> Array:
@@ -41,6 +43,7 @@ class MeshRenderer:
         item_colour: That colour of the object, sRGB 0..1: the mean of its photos inside the mask
             (`gsbridge.scene.meshes.mean_colour`); None for the mesh's mean. [3].
         background_colour: Colour of the background's mesh. [3].
+        shadows: What dims the picture where robot and object stand in the light, as for splats; None for none, as in RL-sim.
     """
 
     def __init__(
@@ -53,8 +56,9 @@ class MeshRenderer:
         vertex_colours: bool = False,
         item_colour: Sequence[float] | None = None,
         background_colour: Sequence[float] | None = None,
+        shadows: Shadows | None = None,
     ) -> None:
-        self.camera = camera
+        self.camera, self.shadows = camera, shadows
         ground = mean_mesh_colour(background) if background_colour is None else np.asarray(background_colour, np.float64)
         if not vertex_colours:
             item = uniform(item, mean_mesh_colour(item) if item_colour is None else np.asarray(item_colour, np.float64))
@@ -76,7 +80,11 @@ class MeshRenderer:
     def render(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Array:
         """The picture; see `Renderer`. [H, W, 3] uint8."""
         self.pose(body_poses)
-        return self.composition.render(self.camera, cam_from_table, self.backdrop)
+        if self.shadows is None:
+            return self.composition.render(self.camera, cam_from_table, self.backdrop)
+        colours, alphas, depths = self.composition.draw(self.camera, cam_from_table, self.backdrop)
+        self.shadows.dim(colours, depths, alphas, self.camera, cam_from_table, body_poses)
+        return to_bytes(colours)
 
     def coverage(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> float:
         """Share of a view that meshes fill."""

@@ -23,7 +23,10 @@ from gsbridge.tasks.views import ViewState, write_states
 
 STATES = "states.json"
 UNSHADED = "gs_unshaded"
-"""Splats without the shadows of robot and object, to tell what these are worth."""
+"""Splats without the shadows of robot and object, as RL-sim's meshes are drawn."""
+
+SHADED = "_shaded"
+"""Ending of the names of meshes with those shadows, as splats are drawn."""
 
 SHARES = (0.35, 0.6, 0.8, 1.0)
 """Moments of a grasp, as shares of the steps until the object is held: one for each start pose in turn."""
@@ -58,6 +61,8 @@ def draw_views(
         StageError: No grasp holds the object.
     """
     renderers = {name: build_renderer(files, replace(settings, renderer=name)) for name in RENDERERS}
+    for name in ("mesh", "mesh_vertex"):
+        renderers[name + SHADED] = build_renderer(files, replace(settings, renderer=name), shaded_meshes=True)
     renderers[UNSHADED] = build_renderer(replace(files, light=None), replace(settings, renderer="gs"))
     environment = build_environment(files, replace(settings, renderer="mesh"))
     controller = build_controller(files.item, settings)

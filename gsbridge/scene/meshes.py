@@ -287,6 +287,30 @@ class MeshComposition:
         _resolve(image, samples, out)
         return out
 
+    def draw(
+        self, camera: Camera, cam_from_world: Array, background: Sequence[float] = (0.0, 0.0, 0.0), *, samples: int = SAMPLES
+    ) -> tuple[Array, Array, Array]:
+        """What `gsbridge.scene.view.draw` gives of splats: encoded colours, alpha and alpha-weighted sum of camera z, m.
+
+        Args:
+            camera, cam_from_world, background, samples: As in `render`.
+
+        Returns:
+            [H, W, 3], [H, W], [H, W] float32.
+
+        Raises:
+            ValueError: The camera has distortion.
+        """
+        image, inverse = self._samples(camera, cam_from_world, background, None, samples)
+        hit = inverse > 0
+        depth = np.where(hit, np.float32(1.0) / np.where(hit, inverse, np.float32(1.0)), np.float32(0.0))
+
+        def mean(values: Array) -> Array:
+            shape = (camera.height, samples, camera.width, samples, *values.shape[2:])
+            return np.ascontiguousarray(values.reshape(shape).mean((1, 3), dtype=np.float32))
+
+        return mean(image), mean(hit.astype(np.float32)), mean(depth)
+
     def coverage(self, camera: Camera, cam_from_world: Array, *, samples: int = SAMPLES) -> Array:
         """Share of each pixel's samples that meet a mesh, 0..1. [H, W].
 

@@ -13,7 +13,9 @@ from gsbridge.environment.robot_splats import link_meshes, read_robot_splats, ro
 from gsbridge.errors import InputError
 from gsbridge.meshes import Mesh
 from gsbridge.robot.nominal import base_from_table
+from gsbridge.scene.light import SkyLight, directions
 from gsbridge.scene.link_splats import splats_on_mesh
+from gsbridge.scene.shadows import Shadows
 
 EDGE = 0.06
 RED, BLUE = (0.8, 0.1, 0.1), (0.1, 0.2, 0.7)
@@ -162,3 +164,29 @@ def test_camera_is_the_mirror_s():
 
     assert mirror.FIELD_OF_VIEW == FIELD_OF_VIEW
     assert mirror.wrist_camera(128) == wrist_camera(128)
+
+
+def test_meshes_and_splats_stand_in_the_same_shadows(renderers, links):
+    """The share of light that is left on the table is the same, whoever draws it; without shadows nothing changes."""
+    count = len(directions())
+    light = SkyLight(0.2, np.full(count, 0.8 / count))
+    spheres = {name: np.array([[0.0, 0.0, 0.0, 0.03]]) for name in link_meshes(robot())}
+    shadows = Shadows(light, spheres, ("object", np.array([[0.0, 0.0, EDGE / 2, EDGE / 2]])))
+    cube, table = splats_on_mesh(CUBE, 600), splats_on_mesh(TABLE, 2500)
+    shaded = {
+        "gs": GaussianRenderer(cube, table, links, CAMERA, surface=None, shadows=shadows),
+        "mesh": MeshRenderer(CUBE, TABLE, link_meshes(robot()), CAMERA, shadows=shadows),
+    }
+    where, view = poses(0.03, 0.25)
+    plain = {name: renderers[name].render(where, view).astype(float) for name in shaded}
+    left = {name: (drawn.render(where, view) + 1.0) / (plain[name] + 1.0) for name, drawn in shaded.items()}
+    # The table is blue in both, away from edges that splats blur.
+    on_table = np.all([(picture[..., 2] > picture[..., 0] + 100) for picture in plain.values()], axis=0)
+    assert on_table.mean() > 0.2
+    assert left["mesh"][on_table, 2].min() < 0.95
+    assert np.abs(left["gs"] - left["mesh"])[on_table, 2].mean() < 0.02
+    assert (left["mesh"] <= 1.0).all()
+    everywhere = Shadows(SkyLight(1.0, np.zeros(count)), spheres, ("object", np.zeros((0, 4))))
+    lit = MeshRenderer(CUBE, TABLE, link_meshes(robot()), CAMERA, shadows=everywhere)
+    # Means of four samples round differently in one value or another.
+    np.testing.assert_allclose(lit.render(where, view), plain["mesh"], atol=1)

@@ -6,7 +6,7 @@ from test_report_score import FLOORS
 
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
-from gsbridge.report.figures.eye_in_hand import COLUMNS
+from gsbridge.report.figures.eye_in_hand import COLUMNS, RENDERERS
 from gsbridge.report.scores.measured_scenes import (
     environment_figures,
     eye_in_hand_figures,
@@ -38,13 +38,15 @@ def test_the_worst_set_counts_and_excess_contact_only_in_simulation():
 def test_lead_is_over_the_better_control():
     rows = [
         {"object": "cube", "background": "pad", "renderer": name, "views": "32", "psnr": str(value)}
-        for name, value in (("gs", 27.0), ("gs_unshaded", 25.5), ("mesh", 24.0), ("mesh_vertex", 22.5))
-    ]
+        for name, value in (("gs", 27.0), ("gs_unshaded", 25.5), ("mesh", 24.0), ("mesh_vertex", 22.5), ("mesh_shaded", 24.5),
+                            ("mesh_vertex_shaded", 25.0))
+    ]  # fmt: skip
     found = eye_in_hand_figures(rows)
     assert found["eye_in_hand_gs_min"]["value"] == 27.0
     assert found["eye_in_hand_lead_min"]["value"] == pytest.approx(3.0)
     assert found["eye_in_hand_lead_min"]["views"] == 32
     assert found["eye_in_hand_lead_unshaded_min"]["value"] == pytest.approx(1.5)
+    assert found["eye_in_hand_lead_shaded_min"]["value"] == pytest.approx(2.0)
     assert eye_in_hand_figures([]) == {}
 
 
@@ -90,7 +92,7 @@ def files(tmp_path):
         write_json(path, content)
     rows = [
         {"object": "cube", "background": "pad", "renderer": name, "views": 32, "psnr": 25.0, "psnr_min": 1.0, "psnr_max": 2.0}
-        for name in ("gs", "gs_unshaded", "mesh", "mesh_vertex")
+        for name in RENDERERS
     ]
     write_rows(tmp_path / "rows.csv", COLUMNS, rows)
     paths = {name: path for name, (path, _) in made.items()}

@@ -19,13 +19,16 @@ from gsbridge.geometry import Array
 from gsbridge.images import psnr, read_image
 from gsbridge.report.tables.rows import write_rows
 
-RENDERERS = ("gs", "gs_unshaded", "mesh_vertex", "mesh")
+RENDERERS = ("gs", "mesh_vertex_shaded", "mesh_shaded", "gs_unshaded", "mesh_vertex", "mesh")
+"""With shadows, then without: each half differs within itself in the renderer alone."""
 TITLES = {
     "photo": "mirror",
     "gs": "splats",
+    "mesh_vertex_shaded": "mesh, vertex colours",
+    "mesh_shaded": "mesh, one colour",
     "gs_unshaded": "splats, no shadows",
-    "mesh_vertex": "mesh, vertex colours",
-    "mesh": "mesh, one colour",
+    "mesh_vertex": "vertex colours, none",
+    "mesh": "one colour, none",
 }
 COLUMNS = ("object", "background", "renderer", "views", "psnr", "psnr_min", "psnr_max")
 SHOWN = 8

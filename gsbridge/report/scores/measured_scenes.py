@@ -226,7 +226,10 @@ def trial_figures(records: Sequence[tuple[str, Mapping[str, Any]]], world: str) 
 
 
 def eye_in_hand_figures(rows: Sequence[Row]) -> dict[str, Figure]:
-    """PSNR of splats against the mirror's pictures, and their lead over the better mesh control; meshes have no shadows."""
+    """PSNR of splats against the mirror's pictures, and their lead over the better mesh control.
+
+    Compared alike, both have the shadows of robot and object or both have none.
+    """
     psnr: dict[str, dict[str, float]] = {}
     for row in rows:
         psnr.setdefault(f"{row['object']}+{row['background']}", {})[row["renderer"]] = float(row["psnr"])
@@ -235,8 +238,9 @@ def eye_in_hand_figures(rows: Sequence[Row]) -> dict[str, Figure]:
     views = min(int(row["views"]) for row in rows)
     where = "results/rows/eye_in_hand.csv"
 
-    def lead(renderer: str) -> dict[str, float]:
-        return {p: found[renderer] - max(found["mesh"], found["mesh_vertex"]) for p, found in psnr.items() if renderer in found}
+    def lead(renderer: str, controls: tuple[str, str] = ("mesh", "mesh_vertex")) -> dict[str, float]:
+        named = {renderer, *controls}
+        return {p: found[renderer] - max(found[c] for c in controls) for p, found in psnr.items() if named <= set(found)}
 
     controls = {name: {pair: found[name] for pair, found in psnr.items()} for name in ("mesh_vertex", "mesh")}
     splats = {pair: found["gs"] for pair, found in psnr.items()}
@@ -244,6 +248,8 @@ def eye_in_hand_figures(rows: Sequence[Row]) -> dict[str, Figure]:
         "eye_in_hand_gs_min": over_scenes(splats, min, where, views=views, beside=controls),
         "eye_in_hand_lead_min": over_scenes(lead("gs"), min, where, views=views),
     }
+    if shaded := lead("gs", ("mesh_shaded", "mesh_vertex_shaded")):
+        out["eye_in_hand_lead_shaded_min"] = over_scenes(shaded, min, where, views=views)
     if unshaded := lead("gs_unshaded"):
         out["eye_in_hand_lead_unshaded_min"] = over_scenes(unshaded, min, where, views=views)
     return out
