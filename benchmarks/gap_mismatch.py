@@ -77,6 +77,10 @@ MISMATCHES: Mapping[str, tuple[str, float, float]] = {
 """Name in the catalogue that a person would give a law, and the range of its size."""
 
 FREE = ("white", "filtered", "coarse")
+"""Noises of cases in which nothing is hidden."""
+
+DRAWS, FREE_DRAWS = 3, 10
+"""Cases of each law that no catalogue has and of each noise beside an effect, and of each noise alone."""
 
 STEPS = {"soft": 2.5e-4, "stiff": 5e-5}
 
@@ -302,13 +306,17 @@ def orders(seed: int, engines: Sequence[str], sizes: Sequence[int]) -> list[Orde
             middle = {name: np.sqrt(np.prod(KINDS[name.split(":")[0]][:2])) * rng.uniform(0.8, 1.6) for name in names}
             add("pair", middle, names, engine)
         for law, (name, low, high) in MISMATCHES.items():
-            joint = str(rng.choice(JOINTS)) if name == "coulomb" else ""
-            label = f"{law}:{joint}" if joint else law
-            add("mismatch", {label: rng.uniform(low, high)}, [f"{name}:{joint}" if joint else name], engine)
+            for _ in range(DRAWS):
+                joint = str(rng.choice(JOINTS)) if name == "coulomb" else ""
+                label = f"{law}:{joint}" if joint else law
+                add("mismatch", {label: rng.uniform(low, high)}, [f"{name}:{joint}" if joint else name], engine)
         for noise in FREE:
-            add("free", {}, (), engine, noise)
-        add("noise", {"coulomb:shoulder": rng.uniform(0.3, 0.8)}, ["coulomb:shoulder"], engine, "filtered")
-        add("noise", {"command_delay": rng.uniform(0.01, 0.03)}, ["command_delay"], engine, "coarse")
+            for _ in range(FREE_DRAWS):
+                add("free", {}, (), engine, noise)
+        for _ in range(DRAWS):
+            joint = f"coulomb:{rng.choice(JOINTS)}"
+            add("noise", {joint: rng.uniform(0.3, 0.8)}, [joint], engine, "filtered")
+            add("noise", {"command_delay": rng.uniform(0.01, 0.03)}, ["command_delay"], engine, "coarse")
     return out
 
 
@@ -325,6 +333,17 @@ def outcome(order: Order, findings: Mapping[str, Any]) -> str:
         sets = [frozenset(item.split(" + ")) for item in findings["ambiguous"]]
         return "covered" if right in sets else "one_of_others"
     return "mute" if verdict == "none_of_the_known" else "missed"
+
+
+def held(order: Order, entries: Sequence[Mapping[str, Any]]) -> dict[str, bool]:
+    """Whether 90 % intervals of the account hold the truth, by effect, where an effect of one parameter is there as hidden."""
+    out = {}
+    for entry in entries:
+        rows = list(entry["parameters"].values())
+        if entry["label"] in order.hidden and len(rows) == 1:
+            low, high = rows[0]["interval90"]
+            out[entry["label"]] = low <= order.hidden[entry["label"]] <= high
+    return out
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -375,7 +394,9 @@ def run(drawn: Sequence[Order], kinds: Sequence[str] | None, folder: Path, seed:
             "right": order.right, "outcome": outcome(order, findings), "verdict": findings["verdict"],
             "said": [f"{e['name']}:{e['joint']}" if e.get("joint") else e["name"] for e in findings["effects"]],
             "ambiguous": findings["ambiguous"], "first": first and first["label"],
+            "first_verdict": first and first["verdict"],
             "first_right": first is not None and first["label"] in order.right, "explained": account["explained"],
+            "held": held(order, account["entries"]),
             "before": findings["select"]["before"], "after": findings["select"]["after"],
             "simulations": findings["simulations"]["case"], "seconds": time.perf_counter() - begin,
         }  # fmt: skip

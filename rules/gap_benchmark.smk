@@ -138,9 +138,33 @@ rule diagnose_real_logs:
         " --output {output.figures} > {log} 2>&1"
 
 
+rule diagnose_mismatched_laws:
+    output:
+        figures="results/benchmarks/gap_mismatch.json",
+    log:
+        "results/logs/diagnose_mismatched_laws.log",
+    benchmark:
+        "results/benchmarks/diagnose_mismatched_laws/all.jsonl"
+    conda:
+        "../envs/gap.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime="120m",
+    params:
+        code=code_digest("benchmarks.gap_mismatch"),
+        program=program("gap_mismatch"),
+        seal=os.environ.get("GSBRIDGE_SEAL", ""),
+    message:
+        "Diagnose an arm whose truth follows laws of its own (tier T6)"
+    shell:
+        "{params.program} --output {output.figures} > {log} 2>&1"
+
+
 rule score_gap:
     input:
         unpack(real_logs),
+        mismatch="results/benchmarks/gap_mismatch.json",
         floors=project_file("benchmarks/floors.yaml"),
         scores=collect(
             "results/gap-benchmark/{tier}/scores.json", tier=list(GAP["benchmark"])

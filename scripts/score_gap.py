@@ -11,7 +11,11 @@ if TYPE_CHECKING:
 
 start(snakemake.threads, snakemake.log[0])
 write_gap_figures(
-    snakemake.output.measured, snakemake.input.scores, preset=snakemake.params.preset, real=snakemake.input.get("real")
+    snakemake.output.measured,
+    snakemake.input.scores,
+    preset=snakemake.params.preset,
+    real=snakemake.input.get("real"),
+    mismatch=snakemake.input.mismatch,
 )
 write_scores(
     snakemake.input.floors,

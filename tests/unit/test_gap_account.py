@@ -21,9 +21,10 @@ from gsbridge.gap.joints.candidates import JointCandidate
 from gsbridge.gap.joints.case import read_joint_case
 from gsbridge.gap.joints.detect import joint_null
 from gsbridge.gap.joints.diagnose import JointAccount, diagnose_joints
-from gsbridge.gap.joints.fit import EffectFit, fit
+from gsbridge.gap.joints.fit import EffectFit, derivatives, fit
 from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
 from gsbridge.gap.joints.mechanism.replay import Mechanism
+from gsbridge.gap.joints.pooled import PooledResiduals, spread_of
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import Screen
 
@@ -161,8 +162,7 @@ def test_one_number_more_must_explain_more_than_what_remains():
     assert decide([simple, much], Rules(), 400.0).trials[0] is much
 
 
-@pytest.fixture(scope="module")
-def told(axis):
+def drifting(axis):
     """Latency and friction, and beside them a slow error of the model that no effect makes."""
     records = records_of(axis)
     effects = (Applied("command_delay", "", {"time": 0.02}), Applied("coulomb", "axis", {"torque": 0.6}))
@@ -172,6 +172,13 @@ def told(axis):
         drift = lfilter([np.sqrt(1 - 0.99**2)], [1, -0.99], rng.standard_normal((len(record.time) + 500, 1)), axis=0)[500:]
         measured = {**record.measured, "position": record.measured["position"] + 5 * SLOW * drift}
         records[role] = record.with_measured(measured)
+    return records
+
+
+@pytest.fixture(scope="module")
+def told(axis):
+    """The account of records that drift."""
+    records = drifting(axis)
     diagnosis = diagnose_joints(axis[0], records, axis[2] / "bank", seed=1)
     return diagnosis, JointAccount().findings_of(diagnosis, records, seed=1)
 
@@ -196,6 +203,47 @@ def test_an_account_tells_effects_in_order_with_their_shares(told):
     assert [e["name"] for e in found["amended"]] == [e["name"] for e in account["entries"]]
     assert [e.name for e in best_effects(found)] == [e["name"] for e in account["entries"]]
     assert found["verify"]["after"] < found["verify"]["before"]
+
+
+def test_an_account_stays_when_the_fitted_motions_change_places(axis, told):
+    """What else helps is fitted to both; what is named was fitted to one, of which little depends on which."""
+    _, found = told
+    records = drifting(axis)
+    turned = {"fit": records["select"], "select": records["fit"], "verify": records["verify"]}
+    other = JointAccount().findings_of(diagnose_joints(axis[0], turned, axis[2] / "bank", seed=1), turned, seed=1)
+    values = [
+        {entry["label"]: [row["value"] for row in entry["parameters"].values()] for entry in content["account"]["entries"]}
+        for content in (found, other)
+    ]
+    assert list(values[0])[:2] == list(values[1])[:2]
+    for label in list(values[0])[:2]:
+        assert values[0][label] == pytest.approx(values[1][label], rel=0.05)
+
+
+def test_spreads_hold_errors_that_last(axis):
+    """Parts of records that pull apart: as the curvature has it where noise is white, much wider where the model errs slowly."""
+    true, wide = Applied("command_delay", "", {"time": 0.02}), []
+    candidate = JointCandidate("command_delay")
+    for error in (0.0, 5 * SLOW):
+        records = simulated(axis, records_of(axis), (true,))
+        rng = np.random.default_rng(5)
+        for role, record in records.items():
+            drift = lfilter([np.sqrt(1 - 0.99**2)], [1, -0.99], rng.standard_normal((len(record.time), 1)), axis=0)
+            position = record.measured["position"] + error * drift
+            records[role] = record.with_measured({**record.measured, "position": position})
+        mechanism = Mechanism(axis[0])
+        views = tuple(JointResiduals.of(mechanism, records[role], (true,)) for role in ("fit", "select"))
+        both = PooledResiduals(views)
+        found = fit(both, [candidate], [{"time": 0.018}])
+        # Derivatives that are known spare differences, and change nothing.
+        known = derivatives(both, found)
+        again = fit(both, [candidate], [dict(found.values[0])], known=known)
+        assert again.values[0]["time"] == pytest.approx(found.values[0]["time"], abs=0.1 * float(found.deviations[0]))
+        plain = 1.0 / np.linalg.norm(known)
+        wide.append(float(spread_of(both, found)[0]) / plain)
+        assert abs(found.values[0]["time"] - 0.02) < 4.0 * float(spread_of(both, found)[0])
+    assert 0.99 < wide[0] < 1.6
+    assert wide[1] > 2.0 * wide[0]
 
 
 def test_a_doubtful_noise_is_told(told):

@@ -11,7 +11,7 @@ from gsbridge.gap.benchmark import campaign, chunks, score
 from gsbridge.gap.benchmark.baselines import METHODS
 from gsbridge.report.gap.benchmark_figures import confusion_cells
 from gsbridge.report.gap.benchmark_page import headline, write_gap_benchmark
-from gsbridge.report.scores.measured_gap import baseline_figures, gap_figures, pooled, real_figures
+from gsbridge.report.scores.measured_gap import baseline_figures, gap_figures, mismatch_figures, pooled, real_figures
 from gsbridge.report.scores.score import read_floors, score_figure
 
 FLOORS = Path(__file__).resolve().parents[2] / "benchmarks/floors.yaml"
@@ -55,6 +55,34 @@ def test_one_tier_of_one_way_makes_a_page(tmp_path):
     assert ">unmet<" not in text
 
 
+def mismatched(right=("lag",), outcome="right", first="lag", verdict="named", held=None):
+    """A line of `benchmarks/gap_mismatch.py`."""
+    return {
+        "kind": "single" if right else "free", "right": list(right), "outcome": outcome if right else "quiet",
+        "first_right": first in right, "first_verdict": verdict, "held": held or {},
+    }  # fmt: skip
+
+
+def test_laws_that_are_not_ours_are_counted_as_the_floors_want_it():
+    cases = [
+        mismatched(held={"lag": True}),
+        mismatched(outcome="wrong", first="clock_offset"),
+        mismatched(outcome="mute", verdict="likely, not proven", held={"lag": False}),
+        # What may as well be another effect is no right first line.
+        mismatched(outcome="covered", verdict="one of"),
+        mismatched(right=()),
+        {**mismatched(right=()), "outcome": "false_alarm"},
+    ]
+    found = {name: (figure["value"], figure["n"]) for name, figure in mismatch_figures({"cases": cases}).items()}
+    assert found == {
+        "gap_first_right_t6": (50.0, 4),
+        "gap_named_right_t6": (25.0, 4),
+        "gap_wrong_t6": (25.0, 4),
+        "gap_false_alarm_t6": (50.0, 2),
+        "gap_interval_coverage_t6": (50.0, 2),
+    }
+
+
 def test_every_floor_of_the_area_can_be_measured():
     floors = {name: entry for name, entry in read_floors(FLOORS).items() if entry["area"] == "gap"}
     tiers = {tier: tier_scores(tier) for tier in ("t0", "t1", "t2")}
@@ -67,6 +95,7 @@ def test_every_floor_of_the_area_can_be_measured():
         "verify": {"removed": 0.85},
     }
     measured = gap_figures(tiers) | real_figures({"tosses": tosses, "pendulum": {"verdict": "none_of_the_known"}})
+    measured |= mismatch_figures({"cases": [mismatched(held={"lag": k > 0}) for k in range(10)] + [mismatched(right=())] * 40})
     scores = {name: score_figure(entry, measured.get(name), "desktop") for name, entry in floors.items()}
     assert all(score["met"] for score in scores.values()), {n: s["reason"] for n, s in scores.items() if not s["met"]}
 

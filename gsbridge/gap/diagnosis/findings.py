@@ -64,14 +64,15 @@ class Diagnosis:
     def effects(self) -> tuple[Applied, ...]:
         """What may be added to the model: what was named, or the whole account, if it makes `verify` no worse.
 
-        An account without a name must close a good part of the gap there: little may be anything.
+        An account without a name must close a good part of the gap's squares there: little may be anything.
         """
         verdict, account = self.finding.verdict, self.account
         if self.verification is None or not self.verification.accepted or self.finding.best is None:
             return ()
         if account is None:
             return self.finding.best.fit.effects if verdict == "named" else ()
-        return account.effects if verdict in ("named", "ambiguous") or account.explained >= TRANSFERS else ()
+        squares = 1.0 - (1.0 - account.explained) ** 2
+        return account.effects if verdict in ("named", "ambiguous") or squares >= TRANSFERS else ()
 
 
 class Measured(Protocol):
@@ -202,12 +203,11 @@ class Account:
 
     def _account(self, diagnosis: Diagnosis, account: GapAccount) -> dict[str, Any]:
         """An account, line by line, and what remains."""
-        wide = max(1.0, diagnosis.finding.after)
         return {
             "entries": [
                 {
                     "label": str(entry.candidate),
-                    **self._described(entry.effect, _spans(entry.candidate, entry.effect, entry.deviations, wide)),
+                    **self._described(entry.effect, _spans(entry.candidate, entry.effect, entry.deviations, 1.0)),
                     "share": entry.share,
                     "verdict": entry.verdict,
                     "alternatives": list(entry.instead),

@@ -49,7 +49,8 @@ class Rules:
         budget: Simulations of one diagnosis, apart from the bank and the account.
         larger: By how much more each of several must explain than what remains: what is smaller than the model's own error
             is not named.
-        least: Share of the gap that a further entry of an account must close.
+        least: Share of the gap that each of several named effects must close.
+        worth: Share of the gap that an entry of an account must close.
         entries: Most entries of an account.
         account: Simulations of an account.
     """
@@ -68,8 +69,9 @@ class Rules:
     budget: int = 90
     larger: float = 3.0
     least: float = 0.01
-    entries: int = 12
-    account: int = 400
+    worth: float = 0.01
+    entries: int = 16
+    account: int = 1500
 
 
 @dataclass(frozen=True, order=True)
@@ -300,7 +302,7 @@ class AccountEntry:
     Args:
         candidate: The effect and its joint.
         effect: The effect with its parameters.
-        deviations: Standard deviations of these, in the order in which the effect lists them. [P].
+        deviations: Standard deviations of these, model errors included, in the order in which the effect lists them. [P].
         share: Share of the gap on `verify` that it closes after those before it; negative if it makes it worse.
         verdict: `NAMED`, `ONE_OF` or `LIKELY`.
         instead: What else could stand in its place.

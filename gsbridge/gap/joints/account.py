@@ -4,36 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
 from gsbridge.effects.registry import Applied
-from gsbridge.gap.diagnosis.results import LIKELY, NAMED, ONE_OF, AccountEntry, EffectFit, Finding, GapAccount, Hypothesis
+from gsbridge.gap.diagnosis.results import LIKELY, NAMED, ONE_OF, AccountEntry, Finding, GapAccount, Hypothesis
 from gsbridge.gap.joints.residual_map import map_residuals
 from gsbridge.gap.joints.residuals import JointResiduals
-from gsbridge.gap.joints.screen import Screen
+from gsbridge.gap.joints.widening import Widening
 
-_AS_GOOD = 0.9
-"""Share of what an entry explains that another effect must explain in its place to be one of those that could stand there."""
-
-_ALTERNATIVES = 6
+_RIVALS = 6
 """Of an entry, at most."""
 
 
-class Search(Protocol):
-    """What an account asks of a diagnosis: residuals and signatures."""
-
-    first: JointResiduals
-    second: JointResiduals
-    screen: Screen
-
-
-def account_of(search: Search, finding: Finding, whole: Hypothesis, third: JointResiduals) -> GapAccount:
+def account_of(search: Widening, finding: Finding, whole: Hypothesis, third: JointResiduals) -> GapAccount:
     """Take account of a gap.
 
     Args:
-        search: The diagnosis, whose records `fit` and `select` it has.
+        search: What grew the explanation on the records `fit` and `select`.
         finding: What it found.
         whole: The explanation with all effects that help.
         third: Residuals on the record `verify`.
@@ -45,7 +33,7 @@ def account_of(search: Search, finding: Finding, whole: Hypothesis, third: Joint
     entries = []
     for number, k in enumerate(order):
         candidate = whole.fit.who[k]
-        verdict, instead = _standing(search, finding, whole.fit, k)
+        verdict, instead = _standing(search, finding, whole, k)
         deviations = whole.fit.deviations[places[k] : places[k + 1]]
         share = float((sizes[number] - sizes[number + 1]) / gap)
         entries.append(AccountEntry(candidate, whole.fit.effects[k], deviations, share, verdict, instead))
@@ -64,27 +52,23 @@ def _size(view: JointResiduals, effects: Sequence[Applied]) -> float:
     return float(np.sqrt(max((view.residual(tuple(effects)) ** 2).sum() / view.freedom - 1.0, 0.0)))
 
 
-def _order(search: Search, whole: Hypothesis) -> list[int]:
-    """Places of the effects in the order in which they explain `select`, each beside those before it."""
+def _order(search: Widening, whole: Hypothesis) -> list[int]:
+    """Places of the effects in the order in which they explain `fit` and `select`, each beside those before it."""
     effects, out = whole.fit.effects, list[int]()
     while len(out) < len(effects) - 1:
         left = [k for k in range(len(effects)) if k not in out]
-        sizes = [_size(search.second, [effects[j] for j in (*out, k)]) for k in left]
+        sizes = [float((search.both.residual([effects[j] for j in (*out, k)]) ** 2).sum()) for k in left]
         out.append(left[int(np.argmin(sizes))])
     return [*out, *(k for k in range(len(effects)) if k not in out)]
 
 
-def _standing(search: Search, finding: Finding, fitted: EffectFit, k: int) -> tuple[str, tuple[str, ...]]:
+def _standing(search: Widening, finding: Finding, whole: Hypothesis, k: int) -> tuple[str, tuple[str, ...]]:
     """How sure an entry is, and what else could stand in its place."""
-    candidate = fitted.who[k]
-    proven = finding.best is not None and candidate in finding.best.fit.who
+    proven = finding.best is not None and whole.fit.who[k] in finding.best.fit.who
     if proven and finding.verdict == "named":
         return NAMED, ()
     if proven and finding.verdict == "ambiguous" and finding.best is not None:
         others = [name for name in finding.ambiguous if name != " + ".join(finding.best.names)]
-        return ONE_OF, tuple(others[:_ALTERNATIVES])
-    without = search.first.residual(tuple(e for j, e in enumerate(fitted.effects) if j != k))
-    explained = float((without**2).sum()) - fitted.chi2
-    alike = [m for m in search.screen.matches(without) if m.candidate not in fitted.who and m.bound >= _AS_GOOD * explained]
-    alike.sort(key=lambda match: -match.bound)
-    return (ONE_OF, tuple(str(m.candidate) for m in alike[:_ALTERNATIVES])) if alike else (LIKELY, ())
+        return ONE_OF, tuple(others[:_RIVALS])
+    alike = search.instead(whole, k)
+    return (ONE_OF, alike) if alike else (LIKELY, ())

@@ -71,12 +71,13 @@ def diagnose_joints(
         verification = verify(third, effects, np.random.default_rng(seed))
         said = finding.verdict in ("named", "ambiguous")
         finding = finding.refuted() if said and not verification.transfers(rules) else finding
-    whole, named = None, mechanism.runs - made - mechanism.shared
+    account, named = None, mechanism.runs - made - mechanism.shared
     if finding.best is not None and finding.verdict not in ("no_discrepancy", "not_enough_excitation"):
-        parts = (first, second, search.screen, search.rules, search.floor, search.plain_chi2)
-        whole = Widening(*parts, search.trial_of, search.remains).widen(finding)
-    account = None if whole is None else account_of(search, finding, whole, third)
-    if account is not None and finding.best is not None and len(account.entries) > len(finding.best.fit.who):
+        floors = (search.floor_first, search.floor)
+        wide = Widening(first, second, search.screen, search.rules, floors, search.remains)
+        whole = wide.widen(finding)
+        account = None if whole is None else account_of(wide, finding, whole, third)
+    if account is not None and finding.best is not None and not _same(account.effects, finding.best.fit.effects):
         verification = verify(third, account.effects, np.random.default_rng(seed))
     floor = {second.record.label(kind, k): float(s) for (kind, k), s in zip(second.channels, second.sigma, strict=True)}
     further = mechanism.runs - made - mechanism.shared - named
@@ -85,6 +86,11 @@ def diagnose_joints(
     return Diagnosis(
         finding, verification, floor, bank.runs, named, seconds, account=account, warnings=warnings, account_runs=further
     )
+
+
+def _same(some: Sequence[Applied], others: Sequence[Applied]) -> bool:
+    """Whether two lists hold the same effects with the same parameters."""
+    return len(some) == len(others) and all(effect in others for effect in some)
 
 
 def _warnings(finding: Finding, bank: SignatureBank, stated: bool) -> tuple[str, ...]:

@@ -9,12 +9,13 @@ Source: Broyden, Mathematics of Computation 19, 1965; Levenberg, Quarterly of Ap
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.results import Candidate, EffectFit
-from gsbridge.gap.joints.residuals import JointResiduals
+from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.screen import Screen
 from gsbridge.geometry import Array
 
@@ -41,10 +42,27 @@ _HIDDEN = 1e-2
 """Share of the strongest parameter's influence below which one does not show."""
 
 
+class Seen(Protocol):
+    """Records as a fit sees them; residuals and what is like them have any one shape."""
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """What replays them."""
+
+    def residual(self, effects: Sequence[Applied] = ()) -> Array:
+        """Measured less simulated, in units of the noise."""
+
+    def stepping(self) -> Array:
+        """What another step of time changes in the nominal replay."""
+
+    def stepping_beyond(self, effects: Sequence[Applied]) -> Array:
+        """What a vanishing step would change with effects, beyond that."""
+
+
 class _Problem:
     """Parameters of several candidates as one vector, with bounds and scales."""
 
-    def __init__(self, view: JointResiduals, who: Sequence[Candidate]) -> None:
+    def __init__(self, view: Seen, who: Sequence[Candidate]) -> None:
         self.view, self.who = view, tuple(who)
         parameters = [p for candidate in who for p in candidate.effect.parameters]
         self.cuts = np.cumsum([len(candidate.effect.parameters) for candidate in who])[:-1]
@@ -53,6 +71,8 @@ class _Problem:
         self.least = np.array([0.02 * p.typical if p.amplitude else 0.1 * (p.high - p.low) for p in parameters])
 
     def effects(self, vector: Array) -> tuple[Applied, ...]:
+        if not self.who:
+            return ()
         return tuple(c.from_vector(part) for c, part in zip(self.who, np.split(vector, self.cuts), strict=True))
 
     @property
@@ -101,12 +121,13 @@ class _Problem:
 
 
 def fit(
-    view: JointResiduals,
+    view: Seen,
     who: Sequence[Candidate],
     start: Sequence[dict[str, float]],
     bar: float = np.inf,
     screen: Screen | None = None,
     limit: float = np.inf,
+    known: Array | None = None,
 ) -> EffectFit:
     """Fit all parameters of some effects together.
 
@@ -117,15 +138,30 @@ def fit(
         bar: Squared residual that a rival has reached: a fit that is not on its way there is given up, unconverged.
         screen: Signatures on that record, for the first derivatives.
         limit: Simulations of the mechanism, those before included, at which a fit is given up, unconverged.
+        known: Derivatives by the parameters of the first candidates, near the start. [residuals, parameters].
     """
     problem = _Problem(view, who)
     x = np.concatenate([candidate.vector(values) for candidate, values in zip(who, start, strict=True)])
     r = problem.residual(x)
-    jacobian = _first(problem, x, r, start, screen)
-    return _descend(problem, x, r, jacobian, bar, fresh=screen is None, limit=limit)
+    if known is None:
+        jacobian = _first(problem, x, r, start, screen)
+    else:
+        more = [problem.difference(x, r, k)[:, None] for k in range(known.shape[1], len(x))]
+        jacobian = np.concatenate([known, *more], axis=1)
+    return _descend(problem, x, r, jacobian, bar, fresh=screen is None and known is None, limit=limit)
 
 
-def polish(view: JointResiduals, rough: EffectFit, limit: float = np.inf) -> EffectFit:
+def derivatives(view: Seen, fitted: EffectFit) -> Array:
+    """Derivatives of residuals by the parameters of a fit, where it ended, by differences. [residuals, parameters]."""
+    problem = _Problem(view, fitted.who)
+    x = np.concatenate([np.zeros(0), *(c.vector(values) for c, values in zip(fitted.who, fitted.values, strict=True))])
+    r, out = problem.residual(x), np.empty((view.residual().size, len(x)))
+    for k in range(len(x)):
+        out[:, k] = problem.difference(x, r, k)
+    return out
+
+
+def polish(view: Seen, rough: EffectFit, limit: float = np.inf) -> EffectFit:
     """Improve a fit: derivatives are taken anew where it ended, and at most a few steps more are made.
 
     Args:

@@ -23,9 +23,6 @@ logger = logging.getLogger("gsbridge")
 _RESERVE = 12
 """Simulations kept for the derivatives of the best explanation."""
 
-_ALONE = 0.95
-"""Share of the gap that a part of a set must close to be named without the rest of the set."""
-
 _AS_LITTLE, _LITTLE = 5.0, 0.01
 """Multiple of what the best explanation leaves, and share of the gap, up to which others leave as little: the model's error
 decides between them."""
@@ -40,6 +37,11 @@ _HUGE = 5.0
 _TOGETHER = 0.002
 """Probability below which channels do not move together by chance. Smaller than that of an alarm, since nothing else speaks for
 motion where this decides."""
+
+
+def _holds(trial: Hypothesis, who: Candidate) -> bool:
+    """Whether an explanation holds an effect, or one on the same joint that is the same with some amplitudes at zero."""
+    return any(other == who or (who.name in other.effect.contains and who.joint == other.joint) for other in trial.fit.who)
 
 
 class JointIdentification:
@@ -218,11 +220,19 @@ class JointIdentification:
         return [Mixture((*base.fit.who, m.candidate), (*base.fit.values, m.starts[0]), m.gain) for m in found]
 
     def _slim(self, trials: list[Hypothesis]) -> list[Hypothesis]:
-        """Leave out sets that are hardly better than one of their subsets."""
-        out = []
+        """Leave out sets that are hardly better than one of their subsets, or by less than a line of an account is worth.
+
+        What explains so little of a gap mends the law of what explains the rest.
+        """
+        out, gap = [], beyond_noise(self.plain_chi2, self.floor)
         for trial in trials:
             parts = [t for t in trials if set(t.fit.who) < set(trial.fit.who)]
-            if all(t.score - trial.score > self.rules.join * max(1.0, trial.chi2 / self.floor) for t in parts):
+            left = beyond_noise(trial.chi2, self.floor)
+            if all(
+                t.score - trial.score > self.rules.join * max(1.0, trial.chi2 / self.floor)
+                and beyond_noise(t.chi2, self.floor) - left >= self.rules.least * gap
+                for t in parts
+            ):
                 out.append(trial)
         return out
 
@@ -298,17 +308,19 @@ class JointIdentification:
             return None
         leaves = max(_AS_LITTLE * (1.0 - self._closed(best)), _LITTLE)
         good = [trial for trial in (*found.near, *trials) if 1.0 - self._closed(trial) <= leaves]
-        core = set(best.fit.who).intersection(*(trial.fit.who for trial in good))
+        core = {who for who in best.fit.who if all(_holds(trial, who) for trial in good)}
         if not core or core == set(best.fit.who):
             return None
         part = next((trial for trial in trials if set(trial.fit.who) == core), None)
         if part is None or part.fit.stopped or part.fit.blurred:
             return None
-        if min(self._closed(part), self._closed_first(part)) < _ALONE:
+        if min(self._closed(part), self._closed_first(part)) < self.rules.closure:
             return None
         if len(core) > 1 and not self._suffices(part, trials):
             return None
-        alone = decide([trial for trial in trials if len(trial.fit.who) <= len(core)], self.rules, self.floor)
+        # What holds one of them as a special case is no rival here: it is one of the ways to mend its law.
+        others = [t for t in trials if len(t.fit.who) <= len(core) and (t is part or not t.contains(part))]
+        alone = decide(others, self.rules, self.floor)
         sure = alone.trials[0] is part and not alone.near and alone.chances[0] >= self.rules.sure
         return part if sure else None
 

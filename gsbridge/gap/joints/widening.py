@@ -1,30 +1,78 @@
-"""An explanation that grows beyond what is sure: effect by effect, as long as each explains a part of the gap worth a line."""
+"""An explanation that grows beyond what is sure: effect by effect, as long as each explains a part of the gap worth a line.
+
+A name is fitted to one record and judged on another. An account has the third record to judge it, so that it is fitted to both of
+the others: one motion alone seldom parts friction, weight and lag, and what it cannot part it tells by chance.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from gsbridge.effects.joints.base import HOOKS
 from gsbridge.gap.diagnosis.closure import beyond_noise
 from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Finding, Hypothesis, Rules
-from gsbridge.gap.diagnosis.verdict import decide, transfer
-from gsbridge.gap.joints.fit import fit
+from gsbridge.gap.diagnosis.verdict import transfer
+from gsbridge.gap.joints.fit import derivatives, fit
+from gsbridge.gap.joints.pooled import PooledResiduals, spread_of
 from gsbridge.gap.joints.residuals import JointResiduals
-from gsbridge.gap.joints.screen import SETS, Screen, SignatureMatch
+from gsbridge.gap.joints.screen import Screen
+from gsbridge.geometry import Array
 
-_LOOKED, _OF_JOINT = 20, 4
-"""Candidates of which one simulation tells whether they help an account, and how many of them may act on one joint."""
+_FRESH = 8
+"""Candidates that are simulated anew beside each explanation, before one of them is fitted."""
 
-_NEARLY = 0.8
-"""Share of what an effect gains that a simpler one must gain to be told instead."""
+_FITTED = 3
+"""Of these, at most as many are fitted."""
 
-_MUCH = 0.95
-"""Share of what one account leaves that another must leave to be told instead."""
+_NEARLY, _ALIKE = 0.8, 0.95
+"""Shares of what an effect gains that a simpler one on the same joint must gain to be told instead, and that one which acts nearer
+to the command must."""
+
+_EACH = 0.25
+"""Part of what an effect must explain of all records that it must explain of each."""
+
+_AS_GOOD = 0.9
+"""Share of what an entry explains that another effect must explain in its place to be one of those that could stand there."""
+
+_ALTERNATIVES = 6
+"""Of an entry, at most."""
+
+_FACTORS = (0.1, 10.0)
+"""Multiples of the size at which a candidate was simulated that its size may be guessed to be."""
 
 
 @dataclass(frozen=True)
+class _Look:
+    """What a candidate changes beside some explanation.
+
+    Args:
+        candidate: Who.
+        values: Its parameters there.
+        change: In all records, in units of the noise. [sum of T C].
+    """
+
+    candidate: Candidate
+    values: dict[str, float]
+    change: Array
+
+    def guess(self, row: Array) -> tuple[float, float]:
+        """Factor that suits a residual best, and what the candidate then takes off its square. [sum of T C]."""
+        along, size = float(self.change @ row), float(self.change @ self.change)
+        if size <= 0.0:
+            return 1.0, 0.0
+        factor = 1.0 if self.candidate.effect.threshold else float(np.clip(along / size, *_FACTORS))
+        return factor, 2.0 * factor * along - factor**2 * size
+
+    def scaled(self, factor: float) -> dict[str, float]:
+        """Parameters times a factor."""
+        out: dict[str, float] = self.candidate.effect.scaled(self.values, factor)
+        return out
+
+
+@dataclass
 class Widening:
     """The search for all effects that explain a part of a gap.
 
@@ -33,9 +81,7 @@ class Widening:
         second: Residuals on the record `select`.
         screen: Signatures on `fit`.
         rules: Thresholds.
-        floor: What a perfect model would leave on `select`, chi squared.
-        plain_chi2: What the nominal model leaves there.
-        trial_of: Judges a fit on `select`.
+        floors: What a perfect model would leave on the two, chi squared.
         remains: Whether a hypothesis leaves more than noise.
     """
 
@@ -43,13 +89,16 @@ class Widening:
     second: JointResiduals
     screen: Screen
     rules: Rules
-    floor: float
-    plain_chi2: float
-    trial_of: Callable[[EffectFit], Hypothesis]
+    floors: tuple[float, float]
     remains: Callable[[Hypothesis], bool]
+    _looks: dict[Candidate, _Look] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.both = PooledResiduals((self.first, self.second))
+        self._end = self.both.mechanism.runs + self.rules.account
 
     def widen(self, finding: Finding) -> Hypothesis | None:
-        """An explanation with all effects that help: grown from what was found, by what helps on `select` most.
+        """An explanation with all effects that help: grown from what was named, or from nothing.
 
         Args:
             finding: Of `run`.
@@ -57,67 +106,139 @@ class Widening:
         Returns:
             The explanation, of as many effects as earn their place; None where nothing could be fitted.
         """
-        if finding.best is None or finding.best.fit.stopped:
+        if finding.best is None:
             return None
-        begins = [finding.best]
-        singles = [trial for trial, _ in finding.rivals if len(trial.fit.who) == 1]
-        if finding.verdict == "none_of_the_known" and singles and len(finding.best.fit.who) > 1:
-            begins = [decide(singles, self.rules, self.floor).trials[0], finding.best]
-        end, grown = self.first.mechanism.runs + self.rules.account, list[Hypothesis]()
-        for number, trial in enumerate(begins, 1):
-            grown.append(self._widened(trial, end - self.rules.account * (len(begins) - number) // len(begins)))
-        # What grew from one effect is told, unless what began as several leaves much less.
-        left = [beyond_noise(trial.chi2, self.floor) for trial in grown]
-        return grown[0] if len(grown) == 1 or left[1] > _MUCH * left[0] else grown[1]
-
-    def _widened(self, best: Hypothesis, end: int) -> Hypothesis:
-        """One explanation, grown until nothing helps or the simulations are spent."""
+        said = finding.verdict in ("named", "ambiguous")
+        if said and (finding.best.fit.stopped or not self.remains(finding.best)):
+            return _as_told(finding.best, finding)
+        nothing = self._judged(EffectFit((), (), float((self.both.residual() ** 2).sum()), True, np.zeros(0), 0.0, 0))
+        gaps = self._lengths(nothing)
+        best = grown = finding.best if said else nothing
         failed: set[Candidate] = set()
-        while len(best.fit.who) < self.rules.entries and self.remains(best):
-            before = best
-            for match in self._promising(best, failed):
-                if self.first.mechanism.runs >= end:
-                    return best
-                who, start = (*best.fit.who, match.candidate), (*best.fit.values, match.starts[0])
-                trial = self.trial_of(fit(self.first, who, start, np.inf, self.screen, end))
-                if self._earns(trial, best):
-                    best = trial
-                    break
-                failed.add(match.candidate)
-            if best is before:
+        while len(grown.fit.who) < self.rules.entries and (grown is nothing or self.remains(grown)):
+            grown = self._wider(best, gaps, failed)
+            if grown is best:
                 break
+            best = grown
+        if best is nothing or best is finding.best:
+            return _as_told(finding.best, finding)
+        return replace(best, fit=replace(best.fit, deviations=spread_of(self.both, best.fit)))
+
+    def instead(self, whole: Hypothesis, k: int) -> tuple[str, ...]:
+        """What else could stand in the place of one effect of an explanation, the likeliest first.
+
+        Args:
+            whole: The explanation.
+            k: Place of the effect.
+        """
+        others = tuple(effect for j, effect in enumerate(whole.fit.effects) if j != k)
+        row = self.both.residual(others)
+        explained = float((row**2).sum() - (self.both.residual(whole.fit.effects) ** 2).sum())
+        first = self.both.parts(row)[0]
+        matches = sorted(self.screen.matches(first), key=lambda match: -match.bound)
+        out: list[tuple[float, str]] = []
+        for match in [match for match in matches if match.candidate not in whole.fit.who][:_FRESH]:
+            changed = self.both.residual((*others, match.candidate.applied(match.starts[0])))
+            gain = _Look(match.candidate, match.starts[0], row - changed).guess(row)[1]
+            if gain >= _AS_GOOD * explained:
+                out.append((-gain, str(match.candidate)))
+        return tuple(name for _, name in sorted(out)[:_ALTERNATIVES])
+
+    def _wider(self, best: Hypothesis, gaps: list[float], failed: set[Candidate]) -> Hypothesis:
+        """An explanation with the effect more that helps most; the same one where none earns its place."""
+        looks, known = self._promising(best, failed), None
+        for look in looks:
+            if self.both.mechanism.runs >= self._end:
+                break
+            if known is None:
+                known = derivatives(self.both, best.fit)
+            who, start = (*best.fit.who, look.candidate), (*best.fit.values, look.values)
+            trial = self._judged(fit(self.both, who, start, limit=self._end, known=known))
+            if self._earns(trial, best, gaps):
+                return trial
+            failed.add(look.candidate)
         return best
 
-    def _promising(self, best: Hypothesis, failed: set[Candidate]) -> list[SignatureMatch]:
-        """Candidates that help on `select` as they start, the most helpful first: what fits one record alone is no cause."""
-        ranked = sorted(self.screen.matches(best.first), key=lambda match: -match.bound)
-        counts: dict[str, int] = {}
-        looked = []
-        for match in ranked:
-            joint = match.candidate.joint
-            if match.candidate in best.fit.who or match.candidate in failed or counts.get(joint, 0) >= _OF_JOINT:
-                continue
-            counts[joint] = counts.get(joint, 0) + 1
-            residual = self.second.residual((*best.fit.effects, match.candidate.applied(match.starts[0])))
-            looked.append((float((residual**2).sum()), match))
-            if len(looked) >= _LOOKED:
-                break
-        by_bound = [match for _, match in looked]
-        looked = sorted((item for item in looked if item[0] < best.chi2), key=lambda item: item[0])
-        # Those that do not help as they start may do so once all are fitted together.
-        out = [match for _, match in looked]
-        out = [*out, *(match for match in by_bound if not any(match is other for other in out))][:SETS]
-        for chi2, match in looked[1:]:
-            # What is the first one without some of its numbers, and does nearly as well, says as much with less.
-            first = looked[0][1].candidate
-            alike = match.candidate.joint == first.joint and match.candidate.name in first.effect.contains
-            if alike and best.chi2 - chi2 > _NEARLY * (best.chi2 - looked[0][0]):
-                out = [match, *(other for other in out if other is not match)]
-        return out
+    def _judged(self, fitted: EffectFit) -> Hypothesis:
+        residual = self.second.residual(fitted.effects)
+        return Hypothesis(fitted, residual, self.first.residual(fitted.effects), float((residual**2).sum()), 0.0)
 
-    def _earns(self, trial: Hypothesis, best: Hypothesis) -> bool:
-        """Whether one effect more explains a part of the gap on `select` worth a line, and by more than chance."""
-        before, after, gap = (beyond_noise(chi2, self.floor) for chi2 in (best.chi2, trial.chi2, self.plain_chi2))
-        if before - after < self.rules.least * gap or trial.fit.stopped:
+    def _lengths(self, trial: Hypothesis) -> list[float]:
+        """Residual of both records and of each beyond the noise."""
+        squares = [float((trial.first**2).sum()), float((trial.residual**2).sum())]
+        return [beyond_noise(a, b) for a, b in ((sum(squares), sum(self.floors)), *zip(squares, self.floors, strict=True))]
+
+    def _promising(self, best: Hypothesis, failed: set[Candidate]) -> list[_Look]:
+        """Candidates that help on all records as they start, the most helpful first, with parameters to start from."""
+        row = np.concatenate([best.first.ravel(), best.residual.ravel()])
+        starts = {m.candidate: m.starts[0] for m in self.screen.matches(best.first)}
+        for candidate, values in starts.items():
+            if candidate not in self._looks and self.both.mechanism.runs < self._end:
+                self._look(best, candidate, values)
+        stale = [look for who, look in self._looks.items() if who not in best.fit.who and who not in failed]
+        stale.sort(key=lambda look: -look.guess(row)[1])
+        found: list[tuple[float, _Look]] = []
+        for look in stale[:_FRESH]:
+            if self.both.mechanism.runs >= self._end:
+                break
+            fresh = self._look(best, look.candidate, look.scaled(look.guess(row)[0]))
+            factor, gain = fresh.guess(row)
+            parts = zip(self.both.parts(fresh.change), (best.first, best.residual), strict=True)
+            gains = [float((left**2).sum() - ((left - factor * part) ** 2).sum()) for part, left in parts]
+            if gain > 0.0 and min(gains) > -0.1 * gain:
+                found.append((gain, _Look(fresh.candidate, fresh.scaled(factor), fresh.change)))
+        found.sort(key=lambda item: -item[0])
+        return [look for _, look in _plainest_first(found)][:_FITTED]
+
+    def _look(self, best: Hypothesis, candidate: Candidate, values: dict[str, float]) -> _Look:
+        """Simulate a candidate beside an explanation."""
+        effects = best.fit.effects
+        change = self.both.residual(effects) - self.both.residual((*effects, candidate.applied(values)))
+        self._looks[candidate] = _Look(candidate, values, change.astype(np.float32))
+        return self._looks[candidate]
+
+    def _earns(self, trial: Hypothesis, best: Hypothesis, gaps: list[float]) -> bool:
+        """Whether one effect more explains a part of the gap worth a line, of each record, and by more than chance.
+
+        What one record alone shows may be anything that happened there.
+        """
+        if trial.fit.stopped:
             return False
-        return transfer(best.residual, trial.residual) > self.rules.deviations
+        before, after = self._lengths(best), self._lengths(trial)
+        shares = [(a - b) / max(gap, 1e-9) for a, b, gap in zip(before, after, gaps, strict=True)]
+        if shares[0] < self.rules.worth or min(shares[1:]) < _EACH * self.rules.worth:
+            return False
+        pairs = ((best.first, trial.first), (best.residual, trial.residual))
+        return min(transfer(*pair) for pair in pairs) > self.rules.deviations
+
+
+def _as_told(best: Hypothesis, finding: Finding) -> Hypothesis:
+    """What was found, with deviations as its own intervals have them: wider where more than noise is left."""
+    return replace(best, fit=replace(best.fit, deviations=max(1.0, finding.after) * best.fit.deviations))
+
+
+def _plainest_first(found: list[tuple[float, _Look]]) -> list[tuple[float, _Look]]:
+    """The same, the best one behind a plainer one that does about as well.
+
+    Plainer is what has fewer parameters on the same joint; or, of effects with as many that act on the same joints, what takes
+    hold nearer to the command, so that two that no motion tells apart are always told by the same name.
+    """
+    if not found:
+        return []
+    gain, best = found[0]
+
+    def order(look: _Look) -> tuple[int, int, str]:
+        effect = look.candidate.effect
+        return len(effect.parameters), HOOKS.index(effect.hook), effect.name
+
+    plain = [
+        item
+        for item in found[1:]
+        if item[1].candidate.joint == best.candidate.joint
+        and (
+            (item[0] > _NEARLY * gain and order(item[1])[0] < order(best)[0])
+            or (item[0] > _ALIKE * gain and order(item[1]) < order(best))
+        )
+    ]
+    head = min(plain, key=lambda item: order(item[1]), default=found[0])
+    return [head, *(item for item in found if item is not head)]

@@ -27,6 +27,11 @@ PHOTOS = "t4"
 
 REAL = "results/benchmarks/gap_measured.json"
 
+MISMATCH = "results/benchmarks/gap_mismatch.json"
+
+_SURE = ("named", "likely, not proven")
+"""Verdicts on the first line of an account that count for it."""
+
 _DYNAMIC = ("t1", "t2")
 """Tiers whose cases count for names and closures: those of arms, whose truths are engines."""
 
@@ -127,12 +132,36 @@ def real_figures(found: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     return out
 
 
+def mismatch_figures(found: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """How truths are told whose laws are not the diagnosis' own (tier T6), from `benchmarks/gap_mismatch.py`.
+
+    Args:
+        found: Its figures.
+    """
+    hidden = [row for row in found["cases"] if row["right"]]
+    free = [row for row in found["cases"] if not row["right"]]
+    counts = {
+        "gap_first_right_t6": (sum(row["first_right"] and row["first_verdict"] in _SURE for row in hidden), len(hidden)),
+        "gap_wrong_t6": (sum(row["outcome"] == "wrong" for row in hidden), len(hidden)),
+        "gap_false_alarm_t6": (sum(row["outcome"] == "false_alarm" for row in free), len(free)),
+    }
+    named = [row for row in hidden if row["kind"] == "single"]
+    counts["gap_named_right_t6"] = (sum(row["outcome"] == "right" for row in named), len(named))
+    truths = [held for row in hidden for held in row["held"].values()]
+    counts["gap_interval_coverage_t6"] = (sum(truths), len(truths))
+    return {name: {**_percent(_rate(good, total)), "where": MISMATCH} for name, (good, total) in counts.items() if total}
+
+
 def pooled(rates: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """A rate over the cases of several."""
     total = sum(rate["n"] for rate in rates)
     if not total:
         return {"value": None, "n": 0}
-    good = sum(round(rate["value"] * rate["n"]) for rate in rates if rate["n"])
+    return _rate(sum(round(rate["value"] * rate["n"]) for rate in rates if rate["n"]), total)
+
+
+def _rate(good: int, total: int) -> dict[str, Any]:
+    """A share with its interval."""
     low, high = wilson_interval(good, total)
     return {"value": good / total, "n": total, "ci95_low": low, "ci95_high": high}
 
@@ -149,7 +178,14 @@ def _plain(value: float | None, count: int) -> dict[str, Any]:
     return {"value": value, "n": count, "cases": count, "where": WHERE}
 
 
-def write_gap_figures(out: str | Path, scores: Sequence[str | Path], *, preset: str, real: str | Path | None = None) -> None:
+def write_gap_figures(
+    out: str | Path,
+    scores: Sequence[str | Path],
+    *,
+    preset: str,
+    real: str | Path | None = None,
+    mismatch: str | Path | None = None,
+) -> None:
     """Write the measured figures.
 
     Args:
@@ -157,9 +193,12 @@ def write_gap_figures(out: str | Path, scores: Sequence[str | Path], *, preset: 
         scores: `scores.json` of each tier.
         preset: Preset that they ran with.
         real: What was said about real logs; None where they are not on this machine.
+        mismatch: What was said about laws that are not the diagnosis' own; None where that did not run.
 
     Raises:
         InputError: A file is missing or damaged.
     """
-    figures = gap_figures(read_tiers(scores)) | ({} if real is None else real_figures(read_json(real)))
+    figures = gap_figures(read_tiers(scores))
+    figures |= {} if real is None else real_figures(read_json(real))
+    figures |= {} if mismatch is None else mismatch_figures(read_json(mismatch))
     write_json(out, {"preset": preset, "figures": figures})

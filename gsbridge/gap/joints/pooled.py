@@ -1,0 +1,81 @@
+"""Several records seen at once: their residuals side by side, so that one fit serves them all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gsbridge.effects.registry import Applied
+from gsbridge.gap.diagnosis.results import EffectFit
+from gsbridge.gap.joints.fit import derivatives
+from gsbridge.gap.joints.mechanism.replay import Mechanism
+from gsbridge.gap.joints.residuals import JointResiduals
+from gsbridge.geometry import Array
+
+
+@dataclass(frozen=True)
+class PooledResiduals:
+    """Records of one mechanism as one long row of residuals, in units of each channel's noise.
+
+    Args:
+        views: Of the records.
+    """
+
+    views: tuple[JointResiduals, ...]
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """What replays them."""
+        return self.views[0].mechanism
+
+    def residual(self, effects: Sequence[Applied] = ()) -> Array:
+        """Measured less simulated. [sum of T C]."""
+        return np.concatenate([view.residual(effects).ravel() for view in self.views])
+
+    def stepping(self) -> Array:
+        """What another step of time changes in the nominal replays. [sum of T C]."""
+        return np.concatenate([view.stepping().ravel() for view in self.views])
+
+    def stepping_beyond(self, effects: Sequence[Applied]) -> Array:
+        """What a vanishing step would change with effects, beyond that. [sum of T C]."""
+        return np.concatenate([view.stepping_beyond(effects).ravel() for view in self.views])
+
+    def parts(self, row: Array) -> list[Array]:
+        """A row cut into records. [sum of T C] -> [T, C] each."""
+        pieces = np.split(row, self.edges)
+        return [piece.reshape(len(view.record.time), -1) for piece, view in zip(pieces, self.views, strict=True)]
+
+    @property
+    def edges(self) -> Array:
+        """Where in a row one record ends and the next begins. [records - 1]."""
+        return np.cumsum([len(view.record.time) * len(view.channels) for view in self.views])[:-1]
+
+
+_MOMENTS = 25
+"""Parts of each record that are taken for independent of each other."""
+
+
+def spread_of(both: PooledResiduals, fitted: EffectFit) -> Array:
+    """Standard deviations of a fit's parameters, from how much the residuals of parts of the records pull them apart. [P].
+
+    Where a model errs, residuals are of one sign for long, and of another size where it moves otherwise: their curvature alone
+    is far too sure.
+
+    Args:
+        both: The records that it was fitted to.
+        fitted: The fit.
+
+    Source: White, Econometrica 50, 1982; in blocks of time after Newey and West, Econometrica 55, 1987.
+    """
+    jacobian, residual = derivatives(both, fitted), both.residual(fitted.effects)
+    scale = 1.0 / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    curvature = np.linalg.pinv((jacobian * scale).T @ (jacobian * scale), rcond=1e-10)
+    pulls = jacobian * scale * residual[:, None]
+    parts = []
+    for view, rows in zip(both.views, np.split(pulls, both.edges), strict=True):
+        length = max(1, len(view.record.time) // _MOMENTS) * len(view.channels)
+        parts += [rows[k : k + length].sum(axis=0) for k in range(0, len(rows), length)]
+    spread = curvature @ (np.stack(parts).T @ np.stack(parts)) @ curvature
+    return np.sqrt(np.maximum(np.diag(spread), np.diag(curvature))) * scale
