@@ -27,6 +27,7 @@ from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.pooled import PooledResiduals, spread_of
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import Screen
+from gsbridge.gap.joints.widening import strained
 
 SEED, COURSES = 40, 41
 
@@ -221,7 +222,7 @@ def test_an_account_stays_when_the_fitted_motions_change_places(axis, told):
 
 
 def test_spreads_hold_errors_that_last(axis):
-    """Parts of records that pull apart: as the curvature has it where noise is white, much wider where the model errs slowly."""
+    """Parts of records that pull apart: as the curvature has it where noise is white, wider where the model errs slowly."""
     true, wide = Applied("command_delay", "", {"time": 0.02}), []
     candidate = JointCandidate("command_delay")
     for error in (0.0, 5 * SLOW):
@@ -244,6 +245,31 @@ def test_spreads_hold_errors_that_last(axis):
         assert abs(found.values[0]["time"] - 0.02) < 4.0 * float(spread_of(both, found)[0])
     assert 0.99 < wide[0] < 1.6
     assert wide[1] > 2.0 * wide[0]
+
+
+def test_moments_of_something_else_pull_an_account_less(axis):
+    """A fifth of a record in which the arm leans on something: Huber's weights keep the estimate nearer to the truth."""
+    true, candidate = Applied("viscous", "axis", {"coefficient": 0.3}), JointCandidate("viscous", "axis")
+    records = simulated(axis, records_of(axis), (true,))
+    record = records["fit"]
+    rows = slice(len(record.time) // 5, 2 * len(record.time) // 5)
+    position = record.measured["position"].copy()
+    position[rows] += 0.02
+    views = [JointResiduals.of(Mechanism(axis[0]), record.with_measured({**record.measured, "position": position}), (true,))]
+    plain = PooledResiduals(tuple(views))
+    found = fit(plain, [candidate], [{"coefficient": 0.2}])
+    held = plain.robust(found.effects)
+    assert held.weights.min() < 0.5
+    assert held.weights.max() == 1.0
+    better = fit(held, [candidate], [dict(found.values[0])])
+    assert abs(better.values[0]["coefficient"] - 0.3) < 0.8 * abs(found.values[0]["coefficient"] - 0.3)
+
+
+@pytest.mark.parametrize(("angle", "taken"), [(0.1, True), (-0.276, False)])
+def test_what_would_have_to_be_very_large_is_something_else(angle, taken):
+    candidate = JointCandidate("encoder_offset", "axis")
+    fitted = EffectFit((candidate,), (candidate.applied({"angle": angle}),), 1.0, True, np.ones(1), 0.0, 1)
+    assert strained(fitted) == (not taken)
 
 
 def test_a_doubtful_noise_is_told(told):

@@ -321,7 +321,7 @@ class GapAccount:
     """All that explains a gap, and what remains.
 
     Args:
-        entries: Effects in the order in which they explain the gap on `select`.
+        entries: Effects in the order in which they explain the gap on `fit` and `select`.
         explained: Share of the gap on `verify` that they close together.
         channel, phase: Where most remains; empty where nothing stands out.
         left: Residual there, in units of the noise.

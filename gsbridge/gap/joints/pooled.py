@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
+_LARGE = 2.5
+"""Multiple of the median residual of a moment beyond which something else happened, perhaps."""
+
 
 @dataclass(frozen=True)
 class PooledResiduals:
@@ -21,9 +24,11 @@ class PooledResiduals:
 
     Args:
         views: Of the records.
+        weights: Factors of the residuals, at most 1; all 1 where there are none. [sum of T C].
     """
 
     views: tuple[JointResiduals, ...]
+    weights: Array | None = None
 
     @property
     def mechanism(self) -> Mechanism:
@@ -32,15 +37,34 @@ class PooledResiduals:
 
     def residual(self, effects: Sequence[Applied] = ()) -> Array:
         """Measured less simulated. [sum of T C]."""
-        return np.concatenate([view.residual(effects).ravel() for view in self.views])
+        return self._joined([view.residual(effects) for view in self.views])
 
     def stepping(self) -> Array:
         """What another step of time changes in the nominal replays. [sum of T C]."""
-        return np.concatenate([view.stepping().ravel() for view in self.views])
+        return self._joined([view.stepping() for view in self.views])
 
     def stepping_beyond(self, effects: Sequence[Applied]) -> Array:
         """What a vanishing step would change with effects, beyond that. [sum of T C]."""
-        return np.concatenate([view.stepping_beyond(effects).ravel() for view in self.views])
+        return self._joined([view.stepping_beyond(effects) for view in self.views])
+
+    def robust(self, effects: Sequence[Applied]) -> PooledResiduals:
+        """The same with moments in which much is left beside these effects held for less: an arm that leans on a table, a push.
+
+        A moment whose residual exceeds `_LARGE` times the median one counts as much as one of that size.
+
+        Source: Huber, Annals of Mathematical Statistics 35, 1964.
+        """
+        weights = []
+        for view in self.views:
+            residual = view.residual(effects)
+            size = np.linalg.norm(residual, axis=1, keepdims=True)
+            factor = np.sqrt(np.minimum(1.0, _LARGE * np.median(size) / np.maximum(size, 1e-300)))
+            weights.append(np.broadcast_to(factor, residual.shape))
+        return replace(self, weights=np.concatenate([part.ravel() for part in weights]))
+
+    def _joined(self, parts: Sequence[Array]) -> Array:
+        row = np.concatenate([part.ravel() for part in parts])
+        return row if self.weights is None else self.weights * row
 
     def parts(self, row: Array) -> list[Array]:
         """A row cut into records. [sum of T C] -> [T, C] each."""

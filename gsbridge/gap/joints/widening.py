@@ -1,7 +1,7 @@
 """An explanation that grows beyond what is sure: effect by effect, as long as each explains a part of the gap worth a line.
 
-A name is fitted to one record and judged on another. An account has the third record to judge it, so that it is fitted to both of
-the others: one motion alone seldom parts friction, weight and lag, and what it cannot part it tells by chance.
+A name is fitted to one record and judged on another. An account has the third record to judge it, so that it is fitted to both
+others: one motion alone seldom parts friction, weight and lag, and what it cannot part it tells by chance.
 """
 
 from __future__ import annotations
@@ -28,11 +28,14 @@ _FITTED = 3
 """Of these, at most as many are fitted."""
 
 _NEARLY, _ALIKE = 0.8, 0.95
-"""Shares of what an effect gains that a simpler one on the same joint must gain to be told instead, and that one which acts nearer
-to the command must."""
+"""Shares of what an effect gains that a simpler one on the same joint must gain to be told instead, and that one which acts
+nearer to the command must gain."""
 
 _EACH = 0.25
 """Part of what an effect must explain of all records that it must explain of each."""
+
+_STRAINED = 0.75
+"""Share of the largest size that makes sense, beyond which an effect is not taken into an account."""
 
 _AS_GOOD = 0.9
 """Share of what an entry explains that another effect must explain in its place to be one of those that could stand there."""
@@ -96,6 +99,7 @@ class Widening:
     def __post_init__(self) -> None:
         self.both = PooledResiduals((self.first, self.second))
         self._end = self.both.mechanism.runs + self.rules.account
+        self._nothing = self._judged(EffectFit((), (), float((self.both.residual() ** 2).sum()), True, np.zeros(0), 0.0, 0))
 
     def widen(self, finding: Finding) -> Hypothesis | None:
         """An explanation with all effects that help: grown from what was named, or from nothing.
@@ -111,12 +115,11 @@ class Widening:
         said = finding.verdict in ("named", "ambiguous")
         if said and (finding.best.fit.stopped or not self.remains(finding.best)):
             return _as_told(finding.best, finding)
-        nothing = self._judged(EffectFit((), (), float((self.both.residual() ** 2).sum()), True, np.zeros(0), 0.0, 0))
-        gaps = self._lengths(nothing)
+        nothing = self._nothing
         best = grown = finding.best if said else nothing
         failed: set[Candidate] = set()
         while len(grown.fit.who) < self.rules.entries and (grown is nothing or self.remains(grown)):
-            grown = self._wider(best, gaps, failed)
+            grown = self._wider(best, failed)
             if grown is best:
                 break
             best = grown
@@ -144,8 +147,9 @@ class Widening:
                 out.append((-gain, str(match.candidate)))
         return tuple(name for _, name in sorted(out)[:_ALTERNATIVES])
 
-    def _wider(self, best: Hypothesis, gaps: list[float], failed: set[Candidate]) -> Hypothesis:
+    def _wider(self, best: Hypothesis, failed: set[Candidate]) -> Hypothesis:
         """An explanation with the effect more that helps most; the same one where none earns its place."""
+        self.both = self.both.robust(best.fit.effects)
         looks, known = self._promising(best, failed), None
         for look in looks:
             if self.both.mechanism.runs >= self._end:
@@ -154,7 +158,7 @@ class Widening:
                 known = derivatives(self.both, best.fit)
             who, start = (*best.fit.who, look.candidate), (*best.fit.values, look.values)
             trial = self._judged(fit(self.both, who, start, limit=self._end, known=known))
-            if self._earns(trial, best, gaps):
+            if self._earns(trial, best):
                 return trial
             failed.add(look.candidate)
         return best
@@ -165,12 +169,12 @@ class Widening:
 
     def _lengths(self, trial: Hypothesis) -> list[float]:
         """Residual of both records and of each beyond the noise."""
-        squares = [float((trial.first**2).sum()), float((trial.residual**2).sum())]
+        squares = [float((part**2).sum()) for part in self.both.parts(self.both.residual(trial.fit.effects))]
         return [beyond_noise(a, b) for a, b in ((sum(squares), sum(self.floors)), *zip(squares, self.floors, strict=True))]
 
     def _promising(self, best: Hypothesis, failed: set[Candidate]) -> list[_Look]:
         """Candidates that help on all records as they start, the most helpful first, with parameters to start from."""
-        row = np.concatenate([best.first.ravel(), best.residual.ravel()])
+        row = self.both.residual(best.fit.effects)
         starts = {m.candidate: m.starts[0] for m in self.screen.matches(best.first)}
         for candidate, values in starts.items():
             if candidate not in self._looks and self.both.mechanism.runs < self._end:
@@ -183,7 +187,7 @@ class Widening:
                 break
             fresh = self._look(best, look.candidate, look.scaled(look.guess(row)[0]))
             factor, gain = fresh.guess(row)
-            parts = zip(self.both.parts(fresh.change), (best.first, best.residual), strict=True)
+            parts = zip(self.both.parts(fresh.change), self.both.parts(row), strict=True)
             gains = [float((left**2).sum() - ((left - factor * part) ** 2).sum()) for part, left in parts]
             if gain > 0.0 and min(gains) > -0.1 * gain:
                 found.append((gain, _Look(fresh.candidate, fresh.scaled(factor), fresh.change)))
@@ -197,19 +201,29 @@ class Widening:
         self._looks[candidate] = _Look(candidate, values, change.astype(np.float32))
         return self._looks[candidate]
 
-    def _earns(self, trial: Hypothesis, best: Hypothesis, gaps: list[float]) -> bool:
+    def _earns(self, trial: Hypothesis, best: Hypothesis) -> bool:
         """Whether one effect more explains a part of the gap worth a line, of each record, and by more than chance.
 
         What one record alone shows may be anything that happened there.
         """
-        if trial.fit.stopped:
+        if trial.fit.stopped or strained(trial.fit):
             return False
-        before, after = self._lengths(best), self._lengths(trial)
+        gaps, before, after = (self._lengths(fitted) for fitted in (self._nothing, best, trial))
         shares = [(a - b) / max(gap, 1e-9) for a, b, gap in zip(before, after, gaps, strict=True)]
         if shares[0] < self.rules.worth or min(shares[1:]) < _EACH * self.rules.worth:
             return False
         pairs = ((best.first, trial.first), (best.residual, trial.residual))
         return min(transfer(*pair) for pair in pairs) > self.rules.deviations
+
+
+def strained(fitted: EffectFit) -> bool:
+    """Whether the last effect has a size that hardly makes sense: it stands in for something else."""
+    candidate, values = fitted.who[-1], fitted.values[-1]
+    return any(
+        parameter.amplitude and bound != 0.0 and values[parameter.name] * np.sign(bound) > _STRAINED * abs(bound)
+        for parameter in candidate.effect.parameters
+        for bound in (parameter.low, parameter.high)
+    )
 
 
 def _as_told(best: Hypothesis, finding: Finding) -> Hypothesis:
