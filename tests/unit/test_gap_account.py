@@ -27,7 +27,7 @@ from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.pooled import PooledResiduals, spread_of
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import Screen
-from gsbridge.gap.joints.widening import strained
+from gsbridge.gap.joints.widening import Look, strained
 
 SEED, COURSES = 40, 41
 
@@ -263,6 +263,20 @@ def test_moments_of_something_else_pull_an_account_less(axis):
     assert held.weights.max() == 1.0
     better = fit(held, [candidate], [dict(found.values[0])])
     assert abs(better.values[0]["coefficient"] - 0.3) < 0.8 * abs(found.values[0]["coefficient"] - 0.3)
+
+
+def test_a_candidate_is_judged_by_what_a_fit_of_all_would_win():
+    rng = np.random.default_rng(2)
+    others = rng.normal(size=(200, 3))
+    change = others @ [1.0, -2.0, 0.5] + 0.3 * rng.normal(size=200)
+    wanted = 0.7 * change + rng.normal(size=200)
+    left = wanted - others @ np.linalg.lstsq(others, wanted, rcond=None)[0]
+    look = Look(JointCandidate("gain_p", "axis"), {"change": 0.1}, change).beside(np.linalg.qr(others)[0])
+    factor, gain = look.guess(left)
+    together = np.column_stack([others, change])
+    solved, squares, *_ = np.linalg.lstsq(together, wanted, rcond=None)
+    assert factor == pytest.approx(solved[-1], rel=1e-9)
+    assert gain == pytest.approx(float(left @ left) - float(squares[0]), rel=1e-9)
 
 
 @pytest.mark.parametrize(("angle", "taken"), [(0.1, True), (-0.276, False)])

@@ -48,7 +48,7 @@ _FACTORS = (0.1, 10.0)
 
 
 @dataclass(frozen=True)
-class _Look:
+class Look:
     """What a candidate changes beside some explanation.
 
     Args:
@@ -60,6 +60,14 @@ class _Look:
     candidate: Candidate
     values: dict[str, float]
     change: Array
+
+    def beside(self, basis: Array) -> Look:
+        """The same less what others would do in its place: what is left is what it alone explains.
+
+        Args:
+            basis: Orthonormal directions in which the residual moves with the parameters of others. [sum of T C, P].
+        """
+        return replace(self, change=self.change - basis @ (basis.T @ self.change))
 
     def guess(self, row: Array) -> tuple[float, float]:
         """Factor that suits a residual best, and what the candidate then takes off its square. [sum of T C]."""
@@ -94,7 +102,7 @@ class Widening:
     rules: Rules
     floors: tuple[float, float]
     remains: Callable[[Hypothesis], bool]
-    _looks: dict[Candidate, _Look] = field(default_factory=dict)
+    _looks: dict[Candidate, Look] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.both = PooledResiduals((self.first, self.second))
@@ -114,7 +122,7 @@ class Widening:
             return None
         said = finding.verdict in ("named", "ambiguous")
         if said and (finding.best.fit.stopped or not self.remains(finding.best)):
-            return _as_told(finding.best, finding)
+            return self._as_told(finding.best, finding)
         nothing = self._nothing
         best = grown = finding.best if said else nothing
         failed: set[Candidate] = set()
@@ -124,8 +132,15 @@ class Widening:
                 break
             best = grown
         if best is nothing or best is finding.best:
-            return _as_told(finding.best, finding)
+            return self._as_told(finding.best, finding)
         return replace(best, fit=replace(best.fit, deviations=spread_of(self.both, best.fit)))
+
+    def _as_told(self, best: Hypothesis, finding: Finding) -> Hypothesis:
+        """What was found, with deviations as its own intervals have them, or wider where the model errs."""
+        deviations = max(1.0, finding.after) * best.fit.deviations
+        if finding.something_remains and best.fit.converged:
+            deviations = np.maximum(deviations, spread_of(PooledResiduals((self.first,)), best.fit))
+        return replace(best, fit=replace(best.fit, deviations=deviations))
 
     def instead(self, whole: Hypothesis, k: int) -> tuple[str, ...]:
         """What else could stand in the place of one effect of an explanation, the likeliest first.
@@ -142,7 +157,7 @@ class Widening:
         out: list[tuple[float, str]] = []
         for match in [match for match in matches if match.candidate not in whole.fit.who][:_FRESH]:
             changed = self.both.residual((*others, match.candidate.applied(match.starts[0])))
-            gain = _Look(match.candidate, match.starts[0], row - changed).guess(row)[1]
+            gain = Look(match.candidate, match.starts[0], row - changed).guess(row)[1]
             if gain >= _AS_GOOD * explained:
                 out.append((-gain, str(match.candidate)))
         return tuple(name for _, name in sorted(out)[:_ALTERNATIVES])
@@ -150,12 +165,10 @@ class Widening:
     def _wider(self, best: Hypothesis, failed: set[Candidate]) -> Hypothesis:
         """An explanation with the effect more that helps most; the same one where none earns its place."""
         self.both = self.both.robust(best.fit.effects)
-        looks, known = self._promising(best, failed), None
-        for look in looks:
+        known = derivatives(self.both, best.fit)
+        for look in self._promising(best, failed, np.linalg.qr(known)[0]):
             if self.both.mechanism.runs >= self._end:
                 break
-            if known is None:
-                known = derivatives(self.both, best.fit)
             who, start = (*best.fit.who, look.candidate), (*best.fit.values, look.values)
             trial = self._judged(fit(self.both, who, start, limit=self._end, known=known))
             if self._earns(trial, best):
@@ -172,33 +185,37 @@ class Widening:
         squares = [float((part**2).sum()) for part in self.both.parts(self.both.residual(trial.fit.effects))]
         return [beyond_noise(a, b) for a, b in ((sum(squares), sum(self.floors)), *zip(squares, self.floors, strict=True))]
 
-    def _promising(self, best: Hypothesis, failed: set[Candidate]) -> list[_Look]:
-        """Candidates that help on all records as they start, the most helpful first, with parameters to start from."""
+    def _promising(self, best: Hypothesis, failed: set[Candidate], basis: Array) -> list[Look]:
+        """Candidates that help on all records as they start, the most helpful first, with parameters to start from.
+
+        They are judged by what the effects that are there already could not do in their place, since all are fitted anew with
+        them: a stiffer controller shows only once friction has grown with it.
+        """
         row = self.both.residual(best.fit.effects)
         starts = {m.candidate: m.starts[0] for m in self.screen.matches(best.first)}
         for candidate, values in starts.items():
             if candidate not in self._looks and self.both.mechanism.runs < self._end:
                 self._look(best, candidate, values)
         stale = [look for who, look in self._looks.items() if who not in best.fit.who and who not in failed]
-        stale.sort(key=lambda look: -look.guess(row)[1])
-        found: list[tuple[float, _Look]] = []
+        stale = sorted((look.beside(basis) for look in stale), key=lambda look: -look.guess(row)[1])
+        found: list[tuple[float, Look]] = []
         for look in stale[:_FRESH]:
             if self.both.mechanism.runs >= self._end:
                 break
-            fresh = self._look(best, look.candidate, look.scaled(look.guess(row)[0]))
+            fresh = self._look(best, look.candidate, look.scaled(look.guess(row)[0])).beside(basis)
             factor, gain = fresh.guess(row)
             parts = zip(self.both.parts(fresh.change), self.both.parts(row), strict=True)
             gains = [float((left**2).sum() - ((left - factor * part) ** 2).sum()) for part, left in parts]
             if gain > 0.0 and min(gains) > -0.1 * gain:
-                found.append((gain, _Look(fresh.candidate, fresh.scaled(factor), fresh.change)))
+                found.append((gain, Look(fresh.candidate, fresh.scaled(factor), fresh.change)))
         found.sort(key=lambda item: -item[0])
         return [look for _, look in _plainest_first(found)][:_FITTED]
 
-    def _look(self, best: Hypothesis, candidate: Candidate, values: dict[str, float]) -> _Look:
+    def _look(self, best: Hypothesis, candidate: Candidate, values: dict[str, float]) -> Look:
         """Simulate a candidate beside an explanation."""
         effects = best.fit.effects
         change = self.both.residual(effects) - self.both.residual((*effects, candidate.applied(values)))
-        self._looks[candidate] = _Look(candidate, values, change.astype(np.float32))
+        self._looks[candidate] = Look(candidate, values, change.astype(np.float32))
         return self._looks[candidate]
 
     def _earns(self, trial: Hypothesis, best: Hypothesis) -> bool:
@@ -226,12 +243,7 @@ def strained(fitted: EffectFit) -> bool:
     )
 
 
-def _as_told(best: Hypothesis, finding: Finding) -> Hypothesis:
-    """What was found, with deviations as its own intervals have them: wider where more than noise is left."""
-    return replace(best, fit=replace(best.fit, deviations=max(1.0, finding.after) * best.fit.deviations))
-
-
-def _plainest_first(found: list[tuple[float, _Look]]) -> list[tuple[float, _Look]]:
+def _plainest_first(found: list[tuple[float, Look]]) -> list[tuple[float, Look]]:
     """The same, the best one behind a plainer one that does about as well.
 
     Plainer is what has fewer parameters on the same joint; or, of effects with as many that act on the same joints, what takes
@@ -241,7 +253,7 @@ def _plainest_first(found: list[tuple[float, _Look]]) -> list[tuple[float, _Look
         return []
     gain, best = found[0]
 
-    def order(look: _Look) -> tuple[int, int, str]:
+    def order(look: Look) -> tuple[int, int, str]:
         effect = look.candidate.effect
         return len(effect.parameters), HOOKS.index(effect.hook), effect.name
 
