@@ -38,7 +38,8 @@ _STRAINED = 0.75
 """Share of the largest size that makes sense, beyond which an effect is not taken into an account."""
 
 _AS_GOOD = 0.9
-"""Share of what an entry explains that another effect must explain in its place to be one of those that could stand there."""
+"""Share of the length that an entry takes off the residual, which another effect must take off in its place to be one of those
+that could stand there."""
 
 _ALTERNATIVES = 6
 """Of an entry, at most."""
@@ -151,14 +152,23 @@ class Widening:
         """
         others = tuple(effect for j, effect in enumerate(whole.fit.effects) if j != k)
         row = self.both.residual(others)
-        explained = float((row**2).sum() - (self.both.residual(whole.fit.effects) ** 2).sum())
+        alone = float(np.linalg.norm(row))
+        explained = alone - float(np.linalg.norm(self.both.residual(whole.fit.effects)))
+        who = whole.fit.who[k]
         first = self.both.parts(row)[0]
         matches = sorted(self.screen.matches(first), key=lambda match: -match.bound)
         out: list[tuple[float, str]] = []
-        for match in [match for match in matches if match.candidate not in whole.fit.who][:_FRESH]:
+        # What holds the effect as a special case says the same and more.
+        rivals = [
+            match
+            for match in matches
+            if match.candidate not in whole.fit.who
+            and not (match.candidate.joint == who.joint and who.name in match.candidate.effect.contains)
+        ]
+        for match in rivals[:_FRESH]:
             changed = self.both.residual((*others, match.candidate.applied(match.starts[0])))
             gain = Look(match.candidate, match.starts[0], row - changed).guess(row)[1]
-            if gain >= _AS_GOOD * explained:
+            if alone - np.sqrt(max(alone**2 - gain, 0.0)) >= _AS_GOOD * explained:
                 out.append((-gain, str(match.candidate)))
         return tuple(name for _, name in sorted(out)[:_ALTERNATIVES])
 
