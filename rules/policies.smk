@@ -81,8 +81,6 @@ rule try_policy_in_mirror:
         weights=ANY.file("{seed}", "policy.safetensors"),
         training=ANY.file("{seed}", "training.json"),
         registration="results/workspace/registration.json",
-        item="results/scenes/{object}/asset/asset.json",
-        background="results/scenes/{background}/asset/asset.json",
     output:
         table=ANY.trials("{world}", "{seed}", "csv"),
         log=ANY.trials("{world}", "{seed}", "npz"),
@@ -107,7 +105,6 @@ rule try_policy_in_mirror:
         runtime="4h",
     params:
         code=script_digest("try_policy_in_mirror"),
-        image_size=lambda wildcards: policy_settings(wildcards)["image_size"],
         poses=settings("trials")["poses"],
         world=world_settings,
         sheet=settings("films")["sheet"],

@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING
 
 from gsbridge.environment.build import build_controller, plate_of
 from gsbridge.environment.settings import EnvironmentSettings
-from gsbridge.environment.trials import try_controller
 from gsbridge.logs import start
+from gsbridge.policy.arm_trials import try_controller_on_arm
 from gsbridge.reality.world.camera import Setting
 from gsbridge.reality.world.mirror import mirror_physics
 from gsbridge.registration.result import read_registration
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 start(snakemake.threads, snakemake.log[0])
 trials, item, background = snakemake.params.trials, snakemake.input.item, snakemake.input.background
 settings = EnvironmentSettings(task=snakemake.wildcards.task, image_size=64, plate=plate_of(item, background))
-try_controller(
+try_controller_on_arm(
     mirror_physics(
         Setting(snakemake.wildcards.object, snakemake.wildcards.background, seed=snakemake.params.seed),
         snakemake.params.seed,
         pieces=snakemake.params.pieces,
-        commanded_from=read_registration(snakemake.input.registration).base_from_table,
     ),
+    read_registration(snakemake.input.registration),
     build_controller(item, settings),
     settings,
     snakemake.output.record,

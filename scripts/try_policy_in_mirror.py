@@ -3,9 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gsbridge.environment.build import plate_of
 from gsbridge.environment.policy_trials import Place
-from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.logs import start
 from gsbridge.policy.trials import try_in_mirror
 from gsbridge.reality.world.camera import Setting
@@ -22,11 +20,6 @@ try_in_mirror(
     Setting(snakemake.wildcards.object, snakemake.wildcards.background, snakemake.params.sheet, seed),
     further_world(seed, world["seed"], world["hidden"], f"config: worlds.{snakemake.wildcards.world}"),
     snakemake.input.registration,
-    EnvironmentSettings(
-        task=snakemake.wildcards.task,
-        image_size=snakemake.params.image_size,
-        plate=plate_of(snakemake.input.item, snakemake.input.background),
-    ),
     Place(snakemake.output.table, snakemake.output.log, snakemake.output.record, snakemake.params.state),
     name=snakemake.wildcards.world,
     poses=snakemake.params.poses,

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import csv
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from gsbridge.files import atomic_file, read_json, write_json, write_stage
 from gsbridge.geometry import Array
 from gsbridge.logs import Progress
 from gsbridge.tasks.poses import POSE_SETS
+from gsbridge.tasks.state import State
 
 logger = logging.getLogger("gsbridge")
 
@@ -28,6 +29,10 @@ COLUMNS = (
     *("pose_set", "index", "quadrant", "x", "y", "yaw"),
     *("success", "success_tolerant", "failure", "steps", "clipped", "refused"),
 )
+
+
+Play = Callable[[str, int, int], tuple[Trial, TrialPath]]
+"""From the name of a set, the index of a pose in it and the number of the trial, its seed, to outcome and path."""
 
 
 @dataclass(frozen=True)
@@ -55,18 +60,47 @@ def try_policy(
     name: str,
     poses: int = POSES,
     reasons: Sequence[str] = (),
-    facts: Mapping[str, Any] | None = None,
 ) -> list[tuple[str, Trial]]:
-    """Let a policy act once from every start pose of both sets.
+    """Let a policy act in an environment once from every start pose of both sets.
 
     Args:
-        environment: Environment in any world.
+        environment: Environment in the simulated world.
         policy: From observations to actions.
         place: Where the outcome goes.
         name: The world's name, for the record.
         poses: Poses of each set, evenly over the quadrants.
         reasons: Why the outcome is degraded before any trial: the policy itself is.
-        facts: More for the record.
+
+    Returns:
+        Name of the set and outcome, by trial.
+
+    Raises:
+        InputError: Too many poses.
+    """
+
+    def play(pose_set: str, index: int, seed: int) -> tuple[Trial, TrialPath]:
+        return follow(environment, policy, pose_set, index, seed)
+
+    return run_trials(play, environment.settings.task, place, name=name, poses=poses, reasons=reasons)
+
+
+def run_trials(
+    play: Play,
+    task: str,
+    place: Place,
+    *,
+    name: str,
+    poses: int = POSES,
+    reasons: Sequence[str] = (),
+    facts: Callable[[], Mapping[str, Any]] | None = None,
+) -> list[tuple[str, Trial]]:
+    """Play one episode from every start pose of both sets, and write what came of it.
+
+    Args:
+        play: Plays an episode.
+        task: `grasp` or `pick_and_place`.
+        place, name, poses, reasons: See `try_policy`.
+        facts: More for the record; asked for when all trials are done.
 
     Returns:
         Name of the set and outcome, by trial.
@@ -81,7 +115,7 @@ def try_policy(
     for number, (pose_set, index) in enumerate(chosen):
         kept = _kept(state, pose_set, index)
         if kept is None:
-            kept = follow(environment, policy, pose_set, index, seed=number)
+            kept = play(pose_set, index, number)
             _keep(state, *kept)
         trial, path = kept
         done.append((pose_set, trial))
@@ -95,10 +129,10 @@ def try_policy(
         reasons=reasons,
         packages=("pybullet", "mujoco", "torch"),
         world=name,
-        task=environment.settings.task,
+        task=task,
         poses=poses,
         counts=counts,
-        **(facts or {}),
+        **(facts() if facts is not None else {}),
     )
     # The outcome stands: what a killed job would have gone on from is not needed any more.
     for file in state.glob("*"):
@@ -120,11 +154,11 @@ def follow(environment: PickEnvironment, policy: Policy, pose_set: str, index: i
     rows, jpegs, over = [], [], False
     while not over:
         action = np.asarray(policy(observation, info), dtype=np.float32)
-        rows.append((*_path(info), action))
+        rows.append((*path_row(state_of(info)), action))
         jpegs.append(encode(observation["image"]))
         observation, _, terminated, truncated, info = environment.step(action)
         over = terminated or truncated
-    rows.append((*_path(info), np.zeros_like(action)))
+    rows.append((*path_row(state_of(info)), np.zeros_like(action)))
     jpegs.append(encode(observation["image"]))
     columns = [np.stack(column) for column in zip(*rows, strict=True)]
     x, y, yaw = (float(value) for value in info["start_pose"])
@@ -153,9 +187,8 @@ def write_table(path: str | Path, trials: Sequence[tuple[str, Trial]]) -> None:
             writer.writerow((pose_set, trial.index, trial.quadrant, *start, *judged, trial.steps, trial.clipped, trial.refused))
 
 
-def _path(info: Mapping[str, Any]) -> tuple[Array, ...]:
-    """Columns of a log at one state, without the action."""
-    state = state_of(info)
+def path_row(state: State) -> tuple[Array, ...]:
+    """Columns of a log at one state of one world, without the action."""
     forces = np.array([*state.pad_forces[0], state.robot_contact[0], state.object_contact[0]])
     return (
         state.tool_position[0],

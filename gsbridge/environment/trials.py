@@ -125,6 +125,24 @@ def try_controller(
         for index in chosen:
             trials.append(run_trial(environment, lambda _, info: controller(state_of(info))[0], pose_set, index))
             progress.update()
+    write_trials(record, trials, settings.task, name=name, pose_set=pose_set)
+    return trials
+
+
+def write_trials(
+    record: str | Path, trials: Sequence[Trial], task: str, *, name: str, pose_set: str, facts: Mapping[str, Any] | None = None
+) -> None:
+    """Write how often a baseline controller succeeds.
+
+    Args:
+        record: Record of the stage, with every trial.
+        trials: Outcome of the trials, as many of each seed.
+        task: `grasp` or `pick_and_place`.
+        name: The world's name.
+        pose_set: `fixed` or `unseen`.
+        facts: More for the record.
+    """
+    seeds = list(dict.fromkeys(trial.seed for trial in trials))
     counts = {
         name: {str(seed): sum(getattr(trial, name) for trial in trials if trial.seed == seed) for seed in seeds}
         for name in ("success", "success_tolerant")
@@ -136,11 +154,11 @@ def try_controller(
         reasons=[f"{lost} of {len(trials)} trials failed: {', '.join(failures)}"] if lost else [],
         packages=("pybullet", "mujoco"),
         world=name,
-        task=settings.task,
+        task=task,
         pose_set=pose_set,
-        poses=len(chosen),
-        seeds=list(seeds),
+        poses=len({trial.index for trial in trials}),
+        seeds=seeds,
         counts=counts,
         trials=[{**asdict(trial), "quadrant": trial.quadrant} for trial in trials],
+        **(facts or {}),
     )
-    return trials

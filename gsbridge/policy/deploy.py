@@ -154,7 +154,7 @@ def _driver(wanted: Deployment, interface: PolicyInterface, registration: Regist
         )
     if wanted.driver == "mirror":
         mirror = MirrorSetting(item, background, wanted.seed, pieces=wanted.pieces)
-        return MirrorDriver(mirror, registration, interface.settings)
+        return MirrorDriver(mirror.build(), registration, interface.settings)
     if wanted.model is None:
         raise InputError("driver", "sim needs a model of the simulation", "Give --model, such as models/nominal.yaml")
     files = StageFiles(

@@ -12,7 +12,7 @@ import numpy as np
 from gsbridge.environment.proprioception import Reached
 from gsbridge.files import atomic_file, write_stage
 from gsbridge.geometry import Array
-from gsbridge.policy.export import ACTION_NAMES
+from gsbridge.policy.format import ACTION_NAMES
 from gsbridge.policy.guards import End
 
 COLUMNS = (

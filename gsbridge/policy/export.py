@@ -27,22 +27,12 @@ from gsbridge.environment.rendering import FIELD_OF_VIEW
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file, read_json, versions, write_json
 from gsbridge.geometry import Array
+from gsbridge.policy.format import ACTION_NAMES, CONTROL_HZ, FORMAT, PROPRIO_NAMES, SPEC, WEIGHTS
 from gsbridge.policy.networks import CHANNELS, HIDDEN, Actor
 from gsbridge.policy.observation import PICTURE_OFFSET, PICTURE_SCALE, actor_input
 from gsbridge.sim.actions import SIZE, TETHER
 from gsbridge.tasks.world import World
 
-FORMAT = 1
-WEIGHTS, SPEC = "policy.safetensors", "policy.json"
-PROPRIO_NAMES = (
-    *("tool_x", "tool_y", "tool_z", "tool_yaw_sine", "tool_yaw_cosine", "aperture"),
-    *("lag_x", "lag_y", "lag_z", "lag_yaw", "lag_aperture", "aperture_change"),
-)
-ACTION_NAMES = ("x", "y", "z", "yaw", "aperture")
-INPUTS, OUTPUTS = ("image", "proprio"), ("action",)
-"""Names in `policy.onnx`."""
-
-CONTROL_HZ = 20
 _AUXILIARY = "position."
 
 

@@ -13,7 +13,7 @@ from gsbridge.environment.rendering import wrist_camera
 from gsbridge.environment.settings import EnvironmentSettings, Plate
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array, rotation_angle
-from gsbridge.policy.export import SPEC
+from gsbridge.policy.format import SPEC
 from gsbridge.registration.result import Registration, pose_error
 from gsbridge.robot.assembly import check_rigid
 from gsbridge.robot.limits import Workspace

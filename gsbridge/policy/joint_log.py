@@ -16,15 +16,19 @@ from pathlib import Path
 
 import numpy as np
 
-from gsbridge.environment.env import PickEnvironment
-from gsbridge.environment.rendering import BlankRenderer
+from gsbridge.environment.rendering import wrist_camera
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.environment.trial_log import TrialPath, read_trial_log
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import atomic_file, write_stage
 from gsbridge.geometry import Array
+from gsbridge.policy.arm_trials import arm_setup, play_on_arm
+from gsbridge.policy.format import CONTROL_HZ
+from gsbridge.policy.interface import PolicyInterface
+from gsbridge.policy.worlds import MirrorDriver, world_seed
 from gsbridge.reality.world.driver_log import DriverLog, LoggedPhysics
-from gsbridge.reality.world.physics import CONTROL_HZ
+from gsbridge.registration.result import Registration
+from gsbridge.robot.limits import Workspace
 from gsbridge.tasks.outcome import Failure
 from gsbridge.tasks.views import ROLES
 
@@ -101,24 +105,29 @@ def choose_trials(table: str | Path, log: str | Path, period: float, count: int 
     return [ranked[place] for *_, place in sorted(order)[:count]]
 
 
-def repeat_trial(world: LoggedPhysics, settings: EnvironmentSettings, trial: Repeat) -> DriverLog:
+def repeat_trial(world: LoggedPhysics, registration: Registration, settings: EnvironmentSettings, trial: Repeat) -> DriverLog:
     """Carry out a trial's actions again.
 
     Args:
         world: The world in which it was tried.
+        registration: By which it was tried.
         settings: Settings of the environment.
         trial: The trial.
 
     Raises:
         StageError: The tool takes another way than it did.
     """
-    environment = PickEnvironment(world, settings, BlankRenderer(settings.image_size))
-    environment.reset(seed=trial.number, options={"pose_set": trial.path.pose_set, "index": trial.path.index})
-    tools = [world.state().tool_position[0]]
-    for action in trial.path.actions[:-1]:
-        environment.step(action)
-        tools.append(world.state().tool_position[0])
-    off = float(np.abs(np.array(tools) - trial.path.tool).max())
+    interface = PolicyInterface(
+        wrist_camera(settings.image_size), Workspace.around(), world.dimensions.stroke, settings, CONTROL_HZ
+    )
+    driver = MirrorDriver(world, registration, settings)
+    # The first answer is to the warm-up's empty observation.
+    actions = iter([np.zeros_like(trial.path.actions[0]), *trial.path.actions[:-1]])
+    _, path, _ = play_on_arm(
+        lambda observation, info: next(actions), arm_setup(driver, registration, interface), driver, trial.path.pose_set,
+        trial.path.index, world_seed(settings, trial.number), steps=len(trial.path) - 1,
+    )  # fmt: skip
+    off = float(np.abs(path.tool - trial.path.tool).max()) if len(path) == len(trial.path) else np.inf
     if off > SAME:
         raise StageError(
             "log_trials",
@@ -158,6 +167,7 @@ def log_trials(
     table: str | Path,
     log: str | Path,
     world: LoggedPhysics,
+    registration: Registration,
     settings: EnvironmentSettings,
     out: Mapping[str, str | Path],
     record: str | Path,
@@ -170,6 +180,7 @@ def log_trials(
         table: Trials of the policy in that world, CSV.
         log: Their log.
         world: The world in which they were made.
+        registration: By which they were made.
         settings: Settings of the environment.
         out: File of each role of `ROLES`.
         record: Record of the stage: which trials.
@@ -182,7 +193,7 @@ def log_trials(
     chosen = choose_trials(table, log, 1.0 / CONTROL_HZ, len(out))
     rows = []
     for (role, path), trial in zip(out.items(), chosen, strict=True):
-        found = repeat_trial(world, settings, trial)
+        found = repeat_trial(world, registration, settings, trial)
         write_driver_log(path, world.robot.record["arm_joints"], found)
         rows.append(
             {

@@ -27,7 +27,8 @@ from gsbridge.environment.proprioception import PROPRIO
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import atomic_file
 from gsbridge.geometry import Array
-from gsbridge.policy.export import INPUTS, OUTPUTS, Policy, load_policy
+from gsbridge.policy.export import Policy, load_policy
+from gsbridge.policy.format import INPUTS, OUTPUTS
 from gsbridge.policy.observation import PICTURE_OFFSET, PICTURE_SCALE
 from gsbridge.sim.actions import SIZE
 

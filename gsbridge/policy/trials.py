@@ -1,4 +1,6 @@
-"""Trials of a trained policy in the simulated world or in the mirror; see `gsbridge.environment.policy_trials`."""
+"""Trials of a trained policy: in the simulated world as it learned, in the mirror as on an arm; see
+`gsbridge.environment.policy_trials` and `gsbridge.policy.arm_trials`.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +9,13 @@ from pathlib import Path
 import torch
 
 from gsbridge.environment.build import StageFiles, build_environment
-from gsbridge.environment.env import PickEnvironment
-from gsbridge.environment.policy_trials import Place, try_policy
+from gsbridge.environment.policy_trials import Place, run_trials, try_policy
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.environment.trials import Trial
 from gsbridge.files import read_json
+from gsbridge.policy.arm_trials import ArmTrials
 from gsbridge.policy.export import Policy, load_policy
+from gsbridge.policy.interface import PolicyInterface
 from gsbridge.reality.world.camera import Setting
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.mirror import mirror_world
@@ -55,14 +58,13 @@ def try_in_mirror(
     setting: Setting,
     hidden: Hidden,
     registration: str | Path,
-    settings: EnvironmentSettings,
     place: Place,
     *,
     name: str,
     poses: int,
     pieces: str | Path,
 ) -> list[tuple[str, Trial]]:
-    """Let a policy act in a world of the mirror, through its own camera and commanded by the registered place of the table.
+    """Let a policy act in a world of the mirror by the path that an arm takes; an episode is what it was in the training.
 
     Args:
         policy: Folder of the policy.
@@ -70,19 +72,23 @@ def try_in_mirror(
         setting: What stands in the room.
         hidden: Hidden parameters of the world.
         registration: `registration.json`.
-        settings: Settings of the environment.
         place: Where the outcome goes.
         name: The world's name.
         poses: Start poses of each set.
         pieces: Folder that keeps convex pieces from run to run.
 
     Raises:
-        InputError: A file is missing or damaged.
+        InputError: A file is missing or damaged, or registration and policy do not belong together.
     """
     loaded = _load(policy)
-    commanded_from = read_registration(registration).base_from_table
-    world = mirror_world(setting, hidden, pieces=pieces, commanded_from=commanded_from)
-    return try_policy(PickEnvironment(world, settings), loaded, place, name=name, poses=poses, reasons=_reasons(training))
+    play = ArmTrials(
+        mirror_world(setting, hidden, pieces=pieces),
+        read_registration(registration),
+        PolicyInterface.of(loaded.spec),
+        loaded,
+    )
+    task = play.setup.interface.settings.task
+    return run_trials(play, task, place, name=name, poses=poses, reasons=_reasons(training), facts=play.facts)
 
 
 def _load(folder: str | Path) -> Policy:

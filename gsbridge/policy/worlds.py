@@ -1,12 +1,13 @@
 """Worlds driven like arms: the simulated one and the mirror behind `RobotDriver`.
 
-They measure joint angles and know the table by its registration, as a real arm does; the mirror's encoders have their noise.
-Privileged states serve one purpose only: the referee in place of a person.
+They measure joint angles and know the table by its registration, as a real arm does; the mirror's encoders have their noise and
+their offsets. Privileged states serve one purpose only: the referee in place of a person. The mirror is driven `Sealed`: what
+drives it has no way to ask where anything truly is.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -14,21 +15,22 @@ import numpy as np
 from gymnasium.utils import seeding
 
 from gsbridge.environment.build import StageFiles, build_renderer, build_world, camera_response
-from gsbridge.environment.env import DrawnEye, Eye, OwnEye, draw_episode, judge
+from gsbridge.environment.env import DrawnEye, Eye, draw_episode, judge
 from gsbridge.environment.rendering import wrist_camera
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.geometry import Array
 from gsbridge.policy.driver import Reading, tool_pose
-from gsbridge.policy.export import CONTROL_HZ
+from gsbridge.policy.format import CONTROL_HZ
 from gsbridge.policy.robot_trials import Verdict
-from gsbridge.reality.world.camera import Quality, Setting
+from gsbridge.reality.world.camera import Setting
 from gsbridge.reality.world.hidden import Hidden
-from gsbridge.reality.world.layout import true_base_from_table, true_robot
-from gsbridge.reality.world.mirror import build_mirror
+from gsbridge.reality.world.mirror import TRIAL, MirrorWorld, mirror_world
+from gsbridge.reality.world.physics import MirrorPhysics
 from gsbridge.registration.result import Registration
 from gsbridge.robot.gripper import GripperDimensions
 from gsbridge.robot.kinematics import Kinematics
 from gsbridge.tasks.outcome import Progress
+from gsbridge.tasks.state import State
 from gsbridge.tasks.world import World
 
 
@@ -43,21 +45,28 @@ class WorldDriver:
         commanded_from: `base_from_table` by which the world turns commands into postures. [4, 4].
         settings: Task and size of the pictures.
         control_hz: Steps of the world per second.
+        referee: Who judges; None for one that asks this world.
+
+    Attributes:
+        reading: The last measurement; None before the first of an episode.
     """
 
     def __init__(
         self,
-        world: World,
-        eye: Eye,
+        world: World | Sealed,
+        eye: Eye | Window | Dark,
         kinematics: Kinematics,
         dimensions: GripperDimensions,
         commanded_from: Array,
         settings: EnvironmentSettings,
         control_hz: float = CONTROL_HZ,
+        referee: Referee | None = None,
     ) -> None:
         self.world, self.eye, self.kinematics, self.dimensions = world, eye, kinematics, dimensions
         self.camera = wrist_camera(eye.size)
-        self.clock, self.referee = WorldClock(world, 1.0 / control_hz), Referee(world, settings)
+        self.clock = WorldClock(world, 1.0 / control_hz)
+        self.referee = Referee(world, settings) if referee is None else referee  # type: ignore[arg-type]  # none for a sealed one
+        self.reading: Reading | None = None
         self._table_from_base = np.linalg.inv(commanded_from)
         self._start: tuple[Array, int] = np.array([0.0, 0.265, 0.0]), 0
 
@@ -69,16 +78,18 @@ class WorldDriver:
         """Begin the episode: see `RobotDriver`."""
         self.world.reset(*self._start)
         self.eye.begin(self._start[1])
+        self.reading = None
         self.referee.begin()
 
     def measure(self) -> Reading:
         """See `RobotDriver`."""
         joints = self.world.joints()[0]
-        return Reading(tool_pose(self.kinematics, joints), float(self.dimensions.aperture(joints[-1])))
+        self.reading = Reading(tool_pose(self.kinematics, joints), float(self.dimensions.aperture(joints[-1])))
+        return self.reading
 
     def image(self) -> Array:
         """See `RobotDriver`."""
-        return self.eye.look(self.world)
+        return self.eye.look(self.world)  # type: ignore[arg-type]  # each world has the eye that fits it
 
     def command(self, base_from_tool: Array, aperture: float) -> bool:
         """See `RobotDriver`: worlds take the pose in their table's frame."""
@@ -105,7 +116,7 @@ class WorldClock:
         period: Time of one of its steps, s.
     """
 
-    def __init__(self, world: World, period: float) -> None:
+    def __init__(self, world: World | Sealed, period: float) -> None:
         self.world, self.period, self._count = world, period, 0
 
     def now(self) -> float:
@@ -137,6 +148,63 @@ class SimDriver(WorldDriver):
         super().__init__(world, eye, world.kinematics, world.dimensions, world.base_from_table, settings)
 
 
+class Sealed:
+    """A world as an arm and its camera show it: joints are measured, tool poses are commanded, time passes, pictures are taken.
+
+    Where tool, object and camera truly are, what touches what, and all that is hidden, is no part of it.
+
+    Args:
+        world: The world.
+    """
+
+    def __init__(self, world: MirrorWorld | MirrorPhysics) -> None:
+        self.reset, self.command, self.step, self.joints = world.reset, world.command, world.step, world.joints
+        if isinstance(world, MirrorWorld):
+            self.image = world.image
+        self._count = lambda: world.refused
+
+    @property
+    def refused(self) -> int:
+        """Commands out of reach in this episode."""
+        return self._count()
+
+
+class Window:
+    """Pictures of a world's own camera.
+
+    Args:
+        size: Edge of the picture, px.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+
+    def begin(self, seed: int) -> None:
+        """The world has its seed already."""
+
+    def look(self, world: Sealed) -> Array:
+        """uint8 [size, size, 3]."""
+        return world.image(self.size)
+
+
+class Dark:
+    """Black pictures, for what acts without looking: a path tracer takes its time.
+
+    Args:
+        size: Edge of the picture, px.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.size, self._picture = size, np.zeros((size, size, 3), np.uint8)
+
+    def begin(self, seed: int) -> None:
+        """There is nothing to begin."""
+
+    def look(self, world: Sealed) -> Array:
+        """uint8 [size, size, 3]."""
+        return self._picture
+
+
 @dataclass(frozen=True)
 class MirrorSetting:
     """Choice of a mirror: its scenes and its seed.
@@ -155,39 +223,44 @@ class MirrorSetting:
     seed: int = 0
     world_seed: int | None = None
     pieces: str | Path | None = None
-    samples: int = 32
+    samples: int = TRIAL.samples
     threads: int = 1
+
+    def build(self) -> MirrorWorld:
+        """The world, with pictures as those of trials.
+
+        Raises:
+            InputError: Unknown object or background.
+        """
+        hidden = Hidden.draw(self.seed if self.world_seed is None else self.world_seed)
+        setting, quality = Setting(self.item, self.background, seed=self.seed), replace(TRIAL, samples=self.samples)
+        with TemporaryDirectory() as folder:
+            pieces = Path(folder) if self.pieces is None else self.pieces
+            return mirror_world(setting, hidden, pieces=pieces, threads=self.threads, quality=quality)
 
 
 class MirrorDriver(WorldDriver):
     """The mirror as an arm: true table and camera, measured joints.
 
     Args:
-        mirror: Which mirror.
+        world: The mirror, or its physics alone for what acts without looking.
         registration: Where a person believes table and camera to be.
-        settings: Settings of the policy's environment: picture size.
-
-    Raises:
-        InputError: Unknown object or background.
+        settings: Settings of the policy's environment: task, picture size.
     """
 
-    def __init__(self, mirror: MirrorSetting, registration: Registration, settings: EnvironmentSettings) -> None:
-        hidden = Hidden.draw(mirror.seed if mirror.world_seed is None else mirror.world_seed)
-        with TemporaryDirectory() as folder:
-            world = build_mirror(
-                Setting(mirror.item, mirror.background, seed=mirror.seed),
-                true_robot(Path(folder) / "robot", hidden),
-                true_base_from_table(hidden),
-                hidden,
-                pieces=Path(folder) / "pieces" if mirror.pieces is None else mirror.pieces,
-                threads=mirror.threads,
-                quality=Quality(samples=mirror.samples),
-            )
-        physics = world.physics
+    def __init__(self, world: MirrorWorld | MirrorPhysics, registration: Registration, settings: EnvironmentSettings) -> None:
+        physics = world.physics if isinstance(world, MirrorWorld) else world
         # By the registered table in both directions: the pose that the runner asks for is the pose that the arm is sent to.
         physics.commanded_from = np.array(registration.base_from_table)
+        size = settings.image_size
         super().__init__(
-            world, OwnEye(settings.image_size), physics.kinematics, physics.dimensions, physics.commanded_from, settings
+            Sealed(world),
+            Window(size) if isinstance(world, MirrorWorld) else Dark(size),
+            physics.kinematics,
+            physics.dimensions,
+            physics.commanded_from,
+            settings,
+            referee=Referee(world, settings),
         )
 
 
@@ -197,19 +270,24 @@ class Referee:
     Args:
         world: The world.
         settings: Settings of the task.
+
+    Attributes:
+        states: True states of the episode, the first before any step.
     """
 
     def __init__(self, world: World, settings: EnvironmentSettings) -> None:
         self.world, self.rules = world, settings.rules()
+        self.states: list[State] = []
 
     def begin(self) -> None:
         """Begin an episode and judge its start."""
-        self._progress = Progress.start(1)
+        self._progress, self.states = Progress.start(1), []
         self()
 
     def __call__(self) -> bool:
         """Judge the state after a step; whether the episode is over."""
         state = self.world.state()
+        self.states.append(state)
         self._progress, self.outcome = judge(state, self._progress, self.rules)
         return bool(self.outcome.success_tolerant[0]) or not bool(state.finite()[0])
 
@@ -223,5 +301,10 @@ class Referee:
 
 def episode_seed(settings: EnvironmentSettings, index: int) -> int:
     """Seed of a trial's world, the same as in `gsbridge.environment.trials`."""
-    rng, _ = seeding.np_random(1000 * settings.pose_seed + index)
+    return world_seed(settings, 1000 * settings.pose_seed + index)
+
+
+def world_seed(settings: EnvironmentSettings, seed: int) -> int:
+    """Seed of what is random in an episode that `PickEnvironment.reset` would begin with `seed`."""
+    rng, _ = seeding.np_random(seed)
     return draw_episode(rng, settings.region())[1]

@@ -10,7 +10,8 @@ from onnx.reference import ReferenceEvaluator
 from gsbridge.environment.env import PROPRIO
 from gsbridge.errors import InputError, StageError
 from gsbridge.policy import onnx as module
-from gsbridge.policy.export import SPEC, load_policy, save_policy
+from gsbridge.policy.export import load_policy, save_policy
+from gsbridge.policy.format import SPEC
 from gsbridge.policy.networks import Actor
 from gsbridge.policy.onnx import MODEL, TOLERANCE, export_onnx, load_onnx
 

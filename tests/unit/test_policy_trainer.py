@@ -14,7 +14,8 @@ from gsbridge.configuration.policy import PolicySettings
 from gsbridge.errors import InputError
 from gsbridge.policy.curve import COLUMNS
 from gsbridge.policy.evaluation import evaluate_controller, evaluation_poses
-from gsbridge.policy.export import SPEC, WEIGHTS, load_policy
+from gsbridge.policy.export import load_policy
+from gsbridge.policy.format import SPEC, WEIGHTS
 from gsbridge.policy.trainer import CURVE, Trainer
 from gsbridge.tasks.poses import pose_set
 

@@ -126,7 +126,7 @@ def test_the_mirror_is_driven_by_what_was_registered(monkeypatch, tmp_path):
     believed = np.array(truth)
     believed[:3, 3] += [0.015, 0.0, 0.004]
     mirror = MirrorSetting("small_cube", "foam_pad", seed=3, pieces=tmp_path, samples=1)
-    driver = MirrorDriver(mirror, registered(believed), SETTINGS)
+    driver = MirrorDriver(mirror.build(), registered(believed), SETTINGS)
     driver.prepare([0.05, 0.3, 0.1], 1)
     found = PolicyInterface.of(spec())
     setup = Setup(found, driver, registered(believed), driver.clock, Limits(frozen=None))
@@ -137,7 +137,7 @@ def test_the_mirror_is_driven_by_what_was_registered(monkeypatch, tmp_path):
     place = np.linalg.inv(believed) @ driver.measure().base_from_tool
     wanted = [log.rows[-1][k] for k in (12, 13, 14)]
     np.testing.assert_allclose(place[:3, 3], wanted, atol=1.5e-3)
-    true = driver.world.state().tool_position[0]
+    true = driver.referee.world.state().tool_position[0]
     away = truth[:3, :3].T @ [0.015, 0.0, 0.004]
     np.testing.assert_allclose(true - wanted, away, atol=1.5e-3)
     # Encoders have noise: two readings differ, by less than a tenth of a millimetre.

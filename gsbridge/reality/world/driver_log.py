@@ -104,16 +104,13 @@ class LoggedPhysics(MirrorPhysics):
             self._sent = None
 
 
-def logged_physics(
-    setting: Setting, hidden: Hidden, *, pieces: str | Path, commanded_from: Array | None = None
-) -> LoggedPhysics:
+def logged_physics(setting: Setting, hidden: Hidden, *, pieces: str | Path) -> LoggedPhysics:
     """The mirror's physics with a log of the driver, and without a camera.
 
     Args:
         setting: What stands in the room.
         hidden: Hidden parameters.
         pieces: Folder that keeps convex pieces from run to run.
-        commanded_from: Registered `base_from_table`, by which commands become postures; None for the true one. [4, 4].
 
     Raises:
         InputError: Unknown object.
@@ -124,4 +121,4 @@ def logged_physics(
         stand = Stand(np.asarray(true_base_from_table(hidden)), PLATE_CENTRE_M if plated else None)
         body = None if setting.object is None else true_body(setting.object, setting.seed, hidden.mass, pieces)
         plate = plate_pieces(make_plate(setting.seed, _PLATE_DETAIL)[0]) if plated else None
-        return LoggedPhysics(robot, stand, body, hidden, plate, commanded_from=commanded_from)
+        return LoggedPhysics(robot, stand, body, hidden, plate)

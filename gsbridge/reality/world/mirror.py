@@ -68,21 +68,20 @@ class MirrorWorld:
         return self.camera.photo(wrist_camera(size), self.camera_pose(), self.quality, seed)
 
 
-def mirror_physics(setting: Setting, seed: int, *, pieces: str | Path, commanded_from: Array | None = None) -> MirrorPhysics:
+def mirror_physics(setting: Setting, seed: int, *, pieces: str | Path) -> MirrorPhysics:
     """The mirror's physics alone, for trials that need no picture.
 
     Args:
         setting: What stands in the room.
         seed: Seed of the hidden parameters.
         pieces: Folder that keeps convex pieces from run to run.
-        commanded_from: Registered `base_from_table`, by which commands become postures; None for the true one. [4, 4].
 
     Raises:
         InputError: Unknown object.
     """
     hidden = Hidden.draw(seed)
     with TemporaryDirectory() as folder:
-        return _physics(setting, true_robot(Path(folder) / "robot", hidden), hidden, pieces, commanded_from)
+        return _physics(setting, true_robot(Path(folder) / "robot", hidden), hidden, pieces)
 
 
 def mirror_world(
@@ -90,7 +89,6 @@ def mirror_world(
     hidden: Hidden,
     *,
     pieces: str | Path,
-    commanded_from: Array | None = None,
     threads: int = 1,
     quality: Quality | None = None,
 ) -> MirrorWorld:
@@ -100,7 +98,6 @@ def mirror_world(
         setting: What stands in the room.
         hidden: Hidden parameters: `Hidden.draw(seed)`, or see `gsbridge.reality.world.further`.
         pieces: Folder that keeps convex pieces from run to run.
-        commanded_from: Registered `base_from_table`, by which commands become postures; None for the true one. [4, 4].
         threads: Threads to render with.
         quality: Samples and depth of its pictures.
 
@@ -109,15 +106,13 @@ def mirror_world(
     """
     with TemporaryDirectory() as folder:
         robot = true_robot(Path(folder) / "robot", hidden)
-        physics = _physics(setting, robot, hidden, pieces, commanded_from)
+        physics = _physics(setting, robot, hidden, pieces)
         return MirrorWorld(physics, MirrorCamera(setting, robot, hidden, threads), quality)
 
 
-def _physics(
-    setting: Setting, robot: RobotFiles, hidden: Hidden, pieces: str | Path, commanded_from: Array | None
-) -> MirrorPhysics:
+def _physics(setting: Setting, robot: RobotFiles, hidden: Hidden, pieces: str | Path) -> MirrorPhysics:
     stand = _stand(true_base_from_table(hidden), setting)
-    return build_physics(robot, stand, setting.object, hidden, pieces=pieces, seed=setting.seed, commanded_from=commanded_from)
+    return build_physics(robot, stand, setting.object, hidden, pieces=pieces, seed=setting.seed)
 
 
 def _stand(base_from_table: Array, setting: Setting) -> Stand:

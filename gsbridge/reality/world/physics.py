@@ -43,10 +43,10 @@ class MirrorPhysics:
         body: The true object; None for a bare table (then `state` is not to be had).
         hidden: Hidden parameters.
         plate: Convex pieces of the plate.
-        commanded_from: `base_from_table` by which commands become postures: what whoever commands believes, from the
-            registration; None for the true one. [4, 4].
 
     Attributes:
+        commanded_from: `base_from_table` by which commands become postures: the true one, until whoever commands sets what the
+            registration made them believe. [4, 4].
         refused: Commands that no posture of the arm reaches; it then holds the nearest one it found.
     """
 
@@ -57,11 +57,9 @@ class MirrorPhysics:
         body: TrueBody | None,
         hidden: Hidden,
         plate: list[Array] | None = None,
-        *,
-        commanded_from: Array | None = None,
     ) -> None:
         self.robot, self.stand, self.body, self.hidden = robot, stand, body, hidden
-        self.commanded_from = stand.base_from_table if commanded_from is None else np.asarray(commanded_from, np.float64)
+        self.commanded_from = stand.base_from_table
         self.dimensions = robot.dimensions
         self.kinematics = Kinematics.read(robot.urdf)
         self.model = model = build_model(robot, stand, body, plate or [], hidden)
@@ -288,7 +286,6 @@ def build_physics(
     *,
     pieces: str | Path,
     seed: int,
-    commanded_from: Array | None = None,
 ) -> MirrorPhysics:
     """The mirror's physics around one of its objects.
 
@@ -299,11 +296,10 @@ def build_physics(
         hidden: Hidden parameters.
         pieces: Folder that keeps convex pieces from run to run.
         seed: Seed of the world's textures and shapes, as in its films.
-        commanded_from: See `MirrorPhysics`.
 
     Raises:
         InputError: Unknown object.
     """
     body = None if name is None else true_body(name, seed, hidden.mass, pieces)
     plate = None if stand.plate is None else plate_pieces(make_plate(seed, _PLATE_DETAIL)[0])
-    return MirrorPhysics(robot, stand, body, hidden, plate, commanded_from=commanded_from)
+    return MirrorPhysics(robot, stand, body, hidden, plate)

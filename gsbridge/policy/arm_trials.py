@@ -1,0 +1,199 @@
+"""Trials on an arm: every world but the simulated one is tried by the path that `gsbridge run-policy` takes.
+
+What acts sees pictures and what the arm measures: joint angles with their noise and offsets, turned into a tool pose by forward
+kinematics and into the table's frame by the registration; its commands go back the same way. Only the referee knows the truth:
+it judges, ends the episode at a success, and what it saw is the trial's log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from gsbridge.environment.controllers import GraspController
+from gsbridge.environment.policy_trials import path_row
+from gsbridge.environment.rendering import wrist_camera
+from gsbridge.environment.settings import EnvironmentSettings
+from gsbridge.environment.trial_log import TrialPath, encode
+from gsbridge.environment.trials import POSES, Trial, spread, write_trials
+from gsbridge.geometry import Array, quat_from_rotation
+from gsbridge.logs import Progress
+from gsbridge.policy.episode_log import EpisodeLog
+from gsbridge.policy.format import ACTION_NAMES, CONTROL_HZ
+from gsbridge.policy.guards import End, Limits
+from gsbridge.policy.interface import PolicyInterface
+from gsbridge.policy.runner import Policy, Setup, run_policy
+from gsbridge.policy.worlds import MirrorDriver, WorldDriver, episode_seed, world_seed
+from gsbridge.reality.world.mirror import MirrorWorld
+from gsbridge.reality.world.physics import MirrorPhysics
+from gsbridge.registration.result import Registration
+from gsbridge.robot.limits import Workspace
+from gsbridge.tasks.poses import pose_set as poses_of
+
+
+class ArmTrials:
+    """Plays trials of one policy on one world's arm; see `gsbridge.environment.policy_trials.run_trials`.
+
+    Args:
+        world: The mirror, or its physics alone.
+        registration: Where table and camera are believed to be.
+        interface: What the policy asks for.
+        policy: What acts.
+
+    Raises:
+        InputError: Registration, camera and policy do not belong together.
+
+    Attributes:
+        ends: How often episodes ended for each reason of `End`.
+    """
+
+    def __init__(
+        self, world: MirrorWorld | MirrorPhysics, registration: Registration, interface: PolicyInterface, policy: Policy
+    ) -> None:
+        self.driver, self.policy = MirrorDriver(world, registration, interface.settings), policy
+        self.setup = arm_setup(self.driver, registration, interface)
+        self.ends: dict[str, int] = {}
+
+    def __call__(self, pose_set: str, index: int, seed: int) -> tuple[Trial, TrialPath]:
+        """Play the trial that `PickEnvironment.reset` would begin with `seed`."""
+        trial, path, end = play_on_arm(
+            self.policy, self.setup, self.driver, pose_set, index, world_seed(self.setup.interface.settings, seed)
+        )
+        self.ends[end.value] = self.ends.get(end.value, 0) + 1
+        return trial, path
+
+    def facts(self) -> Mapping[str, object]:
+        """For the record: how episodes ended; trials that an earlier job finished are not counted."""
+        return {"ends": dict(sorted(self.ends.items()))}
+
+
+def arm_setup(driver: WorldDriver, registration: Registration, interface: PolicyInterface) -> Setup:
+    """How a world's arm is run: its time is its own, and a picture may stay the same where nothing is looked at."""
+    return Setup(interface, driver, registration, driver.clock, Limits(frozen=None))
+
+
+def play_on_arm(
+    policy: Policy, setup: Setup, driver: WorldDriver, pose_set: str, index: int, seed: int, *, steps: int | None = None
+) -> tuple[Trial, TrialPath, End]:
+    """One trial, until it ends.
+
+    Args:
+        policy: What acts.
+        setup: The arm, with the driver.
+        driver: The world.
+        pose_set: `fixed` or `unseen`.
+        index: Start pose in it.
+        seed: Of what is random in the world.
+        steps: See `run_policy`.
+
+    Returns:
+        Outcome, true path, and why the episode ended.
+
+    Raises:
+        InputError: See `run_policy`.
+    """
+    settings, referee = setup.interface.settings, driver.referee
+    start = poses_of(pose_set, settings.region(), settings.pose_seed)[index]
+    driver.prepare(start, seed)
+    log = run_policy(policy, setup, steps=steps, until=referee, log=EpisodeLog(keep_pictures=True))
+    if len(referee.states) <= log.steps:
+        # A guard ended the episode before the referee was asked.
+        referee()
+    verdict = referee.verdict
+    x, y, yaw = (float(value) for value in start)
+    trial = Trial(
+        settings.pose_seed, index, (x, y, yaw), verdict.success, verdict.success_tolerant, verdict.failure, log.steps,
+        log.refused, log.clipped,
+    )  # fmt: skip
+    return trial, _path(log, driver, pose_set, index), log.end
+
+
+def _path(log: EpisodeLog, driver: WorldDriver, pose_set: str, index: int) -> TrialPath:
+    """What the referee saw, and the pictures."""
+    states = driver.referee.states
+    columns = [np.stack(column) for column in zip(*(path_row(state) for state in states), strict=True)]
+    actions = np.zeros((len(states), len(ACTION_NAMES)), np.float32)
+    if log.rows:
+        actions[: log.steps] = np.stack([log.column(f"action_{name}") for name in ACTION_NAMES], axis=1)
+    pictures = log.pictures if len(log.pictures) == len(states) else [*log.pictures, driver.image()]
+    return TrialPath(pose_set, index, *columns, actions=actions, jpegs=tuple(map(encode, pictures)))  # type: ignore[misc,arg-type]  # one column for each field between
+
+
+class SeeingController:
+    """The baseline controller as what acts on an arm: it is told where the object is and what it touches, as by perfect eyes
+    and fingers; of its own arm it knows what is measured.
+
+    Args:
+        controller: The controller.
+        driver: The arm.
+        base_from_table: Registered place of the table. [4, 4].
+    """
+
+    def __init__(self, controller: GraspController, driver: WorldDriver, base_from_table: Array) -> None:
+        self.controller, self.driver = controller, driver
+        self._table_from_base = np.linalg.inv(base_from_table)
+
+    def __call__(self, observation: Mapping[str, Array], info: Mapping[str, object]) -> Array:
+        """The action. [5]."""
+        reading = self.driver.reading
+        if reading is None:  # asked before the episode begins
+            return np.zeros(len(ACTION_NAMES))
+        pose = self._table_from_base @ reading.base_from_tool
+        believed = replace(
+            self.driver.referee.states[-1],
+            tool_position=pose[None, :3, 3],
+            tool_quat=quat_from_rotation(pose[:3, :3])[None],
+            aperture=np.array([reading.aperture]),
+        )
+        return self.controller(believed)[0]
+
+
+def try_controller_on_arm(
+    world: MirrorPhysics,
+    registration: Registration,
+    controller: GraspController,
+    settings: EnvironmentSettings,
+    record: str | Path,
+    *,
+    name: str,
+    seeds: Sequence[int],
+    poses: int = POSES,
+    pose_set: str = "fixed",
+) -> list[Trial]:
+    """Let a baseline controller work on an arm without pictures, and write how often it succeeds.
+
+    Args:
+        world: The mirror's physics.
+        registration: Where the table is believed to be.
+        controller: Of the settings' task.
+        settings: Settings of the environment.
+        record: Record of the stage, with every trial.
+        name: The world's name, for the record.
+        seeds: Seeds of sets of start poses.
+        poses: Poses of each set, evenly over the quadrants.
+        pose_set: `fixed` or `unseen`.
+
+    Raises:
+        InputError: Too many poses.
+    """
+    trials: list[Trial] = []
+    ends: dict[str, int] = {}
+    chosen = spread(poses)
+    progress = Progress(len(seeds) * len(chosen), "trials")
+    for seed in seeds:
+        own = replace(settings, pose_seed=seed)
+        driver = MirrorDriver(world, registration, own)
+        camera = wrist_camera(own.image_size)
+        interface = PolicyInterface(camera, Workspace.around(), controller.stroke, own, CONTROL_HZ)
+        setup = arm_setup(driver, registration, interface)
+        acting = SeeingController(controller, driver, registration.base_from_table)
+        for index in chosen:
+            trial, _, end = play_on_arm(acting, setup, driver, pose_set, index, episode_seed(own, index))
+            trials.append(trial)
+            ends[end.value] = ends.get(end.value, 0) + 1
+            progress.update()
+    write_trials(record, trials, settings.task, name=name, pose_set=pose_set, facts={"ends": dict(sorted(ends.items()))})
+    return trials

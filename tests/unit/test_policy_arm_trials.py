@@ -1,0 +1,177 @@
+"""Trials on an arm: what acts knows its arm by encoders and registration alone, and errors of both are felt."""
+
+from dataclasses import replace
+from functools import cache
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+from robot_fixture import robot
+from scipy.spatial.transform import Rotation
+
+from gsbridge.environment.controllers import GraspController, Grip
+from gsbridge.environment.rendering import wrist_camera
+from gsbridge.environment.settings import EnvironmentSettings
+from gsbridge.files import read_json
+from gsbridge.meshes import Mesh
+from gsbridge.policy.arm_trials import ArmTrials, arm_setup, try_controller_on_arm
+from gsbridge.policy.format import CONTROL_HZ
+from gsbridge.policy.guards import End
+from gsbridge.policy.interface import PolicyInterface
+from gsbridge.policy.joint_log import Repeat, repeat_trial
+from gsbridge.policy.runner import run_policy
+from gsbridge.policy.worlds import MirrorDriver
+from gsbridge.reality.mirror.objects import make_object
+from gsbridge.reality.world.bodies import DENSITIES, body_of
+from gsbridge.reality.world.driver_log import LoggedPhysics
+from gsbridge.reality.world.hidden import Hidden
+from gsbridge.reality.world.model import Stand
+from gsbridge.reality.world.physics import MirrorPhysics
+from gsbridge.reality.world.pieces import convex_pieces
+from gsbridge.registration.result import Registration
+from gsbridge.robot import nominal
+from gsbridge.robot.limits import Workspace
+
+SETTINGS = EnvironmentSettings(image_size=64, hold_steps=3)
+EDGE = 0.058
+TRUTH = nominal.base_from_table()
+FOLDER = TemporaryDirectory(prefix="gsbridge-pieces-")
+ACTIONS = np.array([[0.4, -0.3, -0.6, 0.5, -0.2], [-0.2, 0.5, -0.4, 0.3, 0.1]])
+
+
+@cache
+def cube():
+    mesh, _ = make_object("small_cube", 0, 4.0)
+    return body_of("small_cube", mesh, DENSITIES["small_cube"], convex_pieces(Mesh(mesh.vertices, mesh.faces), FOLDER.name))
+
+
+def physics(kind=MirrorPhysics, **hidden):
+    return kind(robot(), Stand(TRUTH), cube(), Hidden(**{"encoder_noise": 3e-5, **hidden}))
+
+
+def registered(shift=(0.0, 0.0, 0.0), turn=(0.0, 0.0, 0.0)):
+    """The truth, moved along the table's axes, m, and turned by a rotation vector, degrees."""
+    error = np.eye(4)
+    error[:3, :3], error[:3, 3] = Rotation.from_rotvec(np.deg2rad(turn)).as_matrix(), shift
+    return Registration(TRUTH @ error, nominal.flange_from_camera())
+
+
+def interface(**settings):
+    return PolicyInterface(wrist_camera(64), Workspace.around(), 0.14, replace(SETTINGS, **settings), CONTROL_HZ)
+
+
+class Script:
+    """Acts without looking, and keeps what it was shown; the first call is the warm-up."""
+
+    def __init__(self):
+        self.seen = []
+
+    def __call__(self, observation, info):
+        assert not info
+        self.seen.append(np.array(observation["proprio"], np.float64))
+        return ACTIONS[len(self.seen) // 6 % 2]
+
+    def tool(self):
+        """Tool points that it was told, table frame. [steps, 3]."""
+        space = Workspace.around()
+        middle, half = (np.add(space.upper, space.lower) / 2, np.subtract(space.upper, space.lower) / 2)
+        return np.array(self.seen)[1:, :3] * half + middle
+
+
+def grasp_controller():
+    return GraspController(Grip((0.0, 0.0, 0.043), (0.0, np.pi / 2), EDGE, EDGE), SETTINGS.action_scale())
+
+
+@pytest.mark.parametrize(
+    ("shift", "turn"), [((0, 0, 0), (0, 0, 0)), ((0.003, -0.004, 0), (0, 0, 0)), ((0, 0, 0.005), (0.6, 0.0, 0.8))]
+)
+def test_an_error_of_the_registration_shows_in_what_a_policy_is_told(shift, turn):
+    script = Script()
+    chosen = registered(shift, turn)
+    trials = ArmTrials(physics(), chosen, interface(max_steps=20), script)
+    trial, path = trials("fixed", 3, 5)
+    assert trial.steps == 20
+    assert trials.facts() == {"ends": {"time_out": 1}}
+    # Through the base, which both share: the truth, seen from where the table is believed to be.
+    error = np.linalg.inv(chosen.base_from_table) @ TRUTH
+    believed = path.tool[:-1] @ error[:3, :3].T + error[:3, 3]
+    np.testing.assert_allclose(script.tool(), believed, atol=2e-4)
+    away = np.linalg.norm(script.tool() - path.tool[:-1], axis=1)
+    expected = np.linalg.norm(believed - path.tool[:-1], axis=1)
+    np.testing.assert_allclose(away, expected, atol=2e-4)
+    if any(shift):
+        assert away.min() > 2e-3
+    # Noise of the encoders is in it, and no more than that.
+    assert np.abs(script.tool() - believed).max() > 0
+
+
+def test_a_grasp_misses_by_the_error_of_the_registration():
+    """The controller is told where the object is: it goes there by its own measure, which lies 5 mm beside the truth."""
+    middles = []
+    for shift in ((0.0, 0.0, 0.0), (0.0, 0.005, 0.0)):
+        world = physics()
+        path = controller_path(world, registered(shift))
+        low = path.tool[:, 2].argmin()
+        middles.append(path.tool[low, :2] - path.object_position[0, :2])
+    assert np.linalg.norm(middles[0]) < 4e-3
+    np.testing.assert_allclose(middles[1] - middles[0], [0.0, 0.005], atol=1.5e-3)
+
+
+def controller_path(world, registration):
+    from gsbridge.policy.arm_trials import SeeingController, play_on_arm
+
+    driver = MirrorDriver(world, registration, SETTINGS)
+    acting = SeeingController(grasp_controller(), driver, registration.base_from_table)
+    setup = arm_setup(driver, registration, interface())
+    return play_on_arm(acting, setup, driver, "fixed", 9, 3)[1]
+
+
+class NoTruth(MirrorPhysics):
+    """A world that nobody can ask for the truth."""
+
+    def state(self):
+        raise AssertionError("the truth was asked for")
+
+    body_poses = camera_pose = state
+
+
+def test_a_trial_runs_to_the_bit_alike_where_there_is_no_truth():
+    logs = []
+    for kind in (MirrorPhysics, NoTruth):
+        driver = MirrorDriver(physics(kind), registered((0.002, 0.0, 0.001)), SETTINGS)
+        driver.prepare(np.array([0.02, 0.25, 0.3]), 7)
+        for name in ("state", "body_poses", "camera_pose", "physics", "hidden", "stand", "data", "model"):
+            assert not hasattr(driver.world, name), name
+        until = None
+        if kind is NoTruth:
+            driver.referee.begin = lambda: None
+        else:
+            until = driver.referee
+        chosen = arm_setup(driver, registered((0.002, 0.0, 0.001)), interface(max_steps=25))
+        script = Script()
+        log = run_policy(script, chosen, until=until)
+        assert log.end == End.TIME_OUT
+        logs.append((np.array(log.rows).tobytes(), np.array(script.seen).tobytes()))
+    assert logs[0] == logs[1]
+
+
+def test_a_controllers_trials_are_counted_and_resemble_those_by_the_truth(tmp_path):
+    record = tmp_path / "mirror.json"
+    trials = try_controller_on_arm(
+        physics(), registered(), grasp_controller(), SETTINGS, record, name="mirror", seeds=[0, 2], poses=4
+    )
+    content = read_json(record)
+    assert content["counts"]["success"] == {"0": 4, "2": 4}
+    assert content["ends"] == {"done": 8}
+    assert content["status"] == "pass"
+    assert all(20 < trial.steps < SETTINGS.time_out for trial in trials)
+
+
+def test_a_trial_that_is_repeated_for_its_log_takes_the_same_way():
+    hidden = {"latency": 0.03, "torque_noise": 0.1}
+    chosen = registered((0.0, 0.004, 0.0), (0.5, 0.0, 0.5))
+    trials = ArmTrials(physics(**hidden), chosen, interface(max_steps=30), Script())
+    _, path = trials("unseen", 4, 11)
+    log = repeat_trial(physics(LoggedPhysics, **hidden), chosen, SETTINGS, Repeat(11, False, path))
+    # Half a second before the first command and half a second after the last, at the rate of the physics.
+    assert len(log.time) == 500 + 30 * 50 + 500
