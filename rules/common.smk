@@ -305,10 +305,11 @@ def policy_state(wildcards):
 
 
 def world_settings(wildcards):
-    """Seed of a world of the mirror, the configuration's unless it names one, and its hidden changes."""
-    world = config["worlds"][wildcards.world]
-    seed = SEED if world["seed"] is None else world["seed"]
-    return {"seed": seed, "hidden": world["hidden"]}
+    """Seed of a world of the mirror, the configuration's unless it names one, its severity and its hidden changes."""
+    # The mirror itself is there for controllers whether or not policies are tried in it.
+    plain = {"seed": None, "severity": 0, "hidden": {}}
+    world = config["worlds"].get(wildcards.world, plain)
+    return {**world, "seed": SEED if world["seed"] is None else world["seed"]}
 
 
 def trial_state(world, wildcards, input):

@@ -37,14 +37,15 @@ rule try_controller_in_mirror:
         background="results/scenes/{background}/asset/asset.json",
         kernels=ancient("results/.state/compile_kernels.done"),
     output:
-        record="results/trials/{task}/{object}+{background}/mirror.json",
+        record="results/trials/{task}/{object}+{background}/{world}.json",
     log:
-        "results/logs/try_controller_in_mirror/{task}-{object}+{background}.log",
+        "results/logs/try_controller_in_mirror/{task}-{object}+{background}-{world}.log",
     benchmark:
-        "results/benchmarks/try_controller_in_mirror/{task}-{object}+{background}.jsonl"
+        "results/benchmarks/try_controller_in_mirror/{task}-{object}+{background}-{world}.jsonl"
     wildcard_constraints:
         object=one_of(FILMED.intersection(OBJECTS)),
         background=one_of(FILMED.intersection(BACKGROUNDS)),
+        world=one_of({"mirror", *config["worlds"]}),
     conda:
         "../envs/world.yaml"
     threads: 1
@@ -54,10 +55,11 @@ rule try_controller_in_mirror:
     params:
         code=script_digest("try_controller_in_mirror"),
         trials=settings("trials"),
+        world=world_settings,
         pieces="results/.state/pieces",
         seed=SEED,
     message:
-        "Try the controller in the mirror: {wildcards.task}, {wildcards.object} on {wildcards.background}"
+        "Try the controller in {wildcards.world}: {wildcards.task}, {wildcards.object} on {wildcards.background}"
     script:
         "../scripts/try_controller_in_mirror.py"
 

@@ -8,7 +8,7 @@ from gsbridge.logs import start
 from gsbridge.policy.joint_log import ROLES, log_trials
 from gsbridge.reality.world.camera import Setting
 from gsbridge.reality.world.driver_log import logged_physics
-from gsbridge.reality.world.further import further_world
+from gsbridge.reality.world.further import configured_world
 from gsbridge.registration.result import read_registration
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ log_trials(
     snakemake.input.log,
     logged_physics(
         Setting(cell["object"], cell["background"], snakemake.params.sheet, seed),
-        further_world(seed, world["seed"], world["hidden"], f"config: worlds.{snakemake.wildcards.world}"),
+        configured_world(seed, world, snakemake.wildcards.world),
         pieces=snakemake.params.pieces,
     ),
     read_registration(snakemake.input.registration),

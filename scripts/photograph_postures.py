@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from gsbridge.environment.postures import STATES
 from gsbridge.logs import start
 from gsbridge.reality.world.camera import Setting
-from gsbridge.reality.world.further import further_world
+from gsbridge.reality.world.further import configured_world
 from gsbridge.reality.world.views import Exposure, photograph_postures
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ asked, cell, world = snakemake.params, snakemake.params.cell, snakemake.params.w
 photograph_postures(
     Path(snakemake.input.views) / STATES,
     Setting(cell["object"], cell["background"], asked.sheet, asked.seed),
-    further_world(asked.seed, world["seed"], world["hidden"], f"config: worlds.{snakemake.wildcards.world}"),
+    configured_world(asked.seed, world, snakemake.wildcards.world),
     snakemake.output.photos,
     snakemake.output.record,
     Exposure(asked.pieces, asked.size, asked.samples, snakemake.threads, asked.first, snakemake.input.item),

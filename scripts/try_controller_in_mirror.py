@@ -7,6 +7,7 @@ from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.logs import start
 from gsbridge.policy.arm_trials import try_controller_on_arm
 from gsbridge.reality.world.camera import Setting
+from gsbridge.reality.world.further import configured_world
 from gsbridge.reality.world.mirror import mirror_physics
 from gsbridge.registration.result import read_registration
 
@@ -19,7 +20,7 @@ settings = EnvironmentSettings(task=snakemake.wildcards.task, image_size=64, pla
 try_controller_on_arm(
     mirror_physics(
         Setting(snakemake.wildcards.object, snakemake.wildcards.background, seed=snakemake.params.seed),
-        snakemake.params.seed,
+        configured_world(snakemake.params.seed, snakemake.params.world, snakemake.wildcards.world),
         pieces=snakemake.params.pieces,
     ),
     read_registration(snakemake.input.registration),
@@ -28,5 +29,5 @@ try_controller_on_arm(
     snakemake.output.record,
     seeds=range(trials["seeds"]),
     poses=trials["poses"],
-    name="mirror",
+    name=snakemake.wildcards.world,
 )

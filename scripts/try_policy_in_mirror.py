@@ -7,7 +7,7 @@ from gsbridge.environment.policy_trials import Place
 from gsbridge.logs import start
 from gsbridge.policy.trials import try_in_mirror
 from gsbridge.reality.world.camera import Setting
-from gsbridge.reality.world.further import further_world
+from gsbridge.reality.world.further import configured_world
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake
@@ -18,7 +18,7 @@ try_in_mirror(
     Path(snakemake.input.spec).parent,
     snakemake.input.training,
     Setting(snakemake.wildcards.object, snakemake.wildcards.background, snakemake.params.sheet, seed),
-    further_world(seed, world["seed"], world["hidden"], f"config: worlds.{snakemake.wildcards.world}"),
+    configured_world(seed, world, snakemake.wildcards.world),
     snakemake.input.registration,
     Place(snakemake.output.table, snakemake.output.log, snakemake.output.record, snakemake.params.state),
     name=snakemake.wildcards.world,

@@ -56,11 +56,25 @@ def _with_default(variants: dict[str, Variant]) -> dict[str, Variant]:
 Variants = Annotated[dict[Name, Variant], AfterValidator(_with_default)]
 
 
+Level = Annotated[Whole, Field(ge=0, le=4)]
+
+
+class Severity(Settings):
+    """How bad a day a world has."""
+
+    look: Level = 0
+    """Of camera, light, surfaces and surroundings."""
+    physics: Level = 0
+    """Of arm and object."""
+
+
 class World(Settings):
     """A mirror in which policies are judged. Table and camera stand where the configuration's seed puts them."""
 
     seed: OrNull[Annotated[Whole, Field(ge=0)]] = None
     """Seed of the hidden parameters that `hidden` does not set; null takes the configuration's seed."""
+    severity: Level | Severity = 0
+    """How bad a day it is, from 0 to 4 for both or for `look` and `physics` apart (docs/mirror.md)."""
     hidden: dict[str, Free] = Field(default={})
     """Hidden parameters that this world sets, by name (docs/mirror.md)."""
 

@@ -6,7 +6,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from robot_fixture import robot
+from robot_fixture import kinematics, robot
 from scipy.spatial.transform import Rotation
 
 from gsbridge.environment.controllers import GraspController, Grip
@@ -36,6 +36,7 @@ SETTINGS = EnvironmentSettings(image_size=64, hold_steps=3)
 EDGE = 0.058
 TRUTH = nominal.base_from_table()
 FOLDER = TemporaryDirectory(prefix="gsbridge-pieces-")
+REST = kinematics().rest
 ACTIONS = np.array([[0.4, -0.3, -0.6, 0.5, -0.2], [-0.2, 0.5, -0.4, 0.3, 0.1]])
 
 
@@ -103,6 +104,24 @@ def test_an_error_of_the_registration_shows_in_what_a_policy_is_told(shift, turn
         assert away.min() > 2e-3
     # Noise of the encoders is in it, and no more than that.
     assert np.abs(script.tool() - believed).max() > 0
+
+
+def test_offsets_of_the_encoders_show_in_the_truth_alone():
+    """What a policy is told is where it sent its arm; the arm stands as much beside it as the joints are off."""
+    offset = (0.002, -0.003, 0.001, 0.002, -0.002, 0.003, 0.0)
+    told, true = [], []
+    for hidden in ({}, {"encoder_offset": offset}):
+        script = Script()
+        _, path = ArmTrials(physics(**hidden), registered(), interface(max_steps=12), script)("fixed", 3, 5)
+        told.append(script.tool())
+        true.append(path.tool[:-1])
+    np.testing.assert_allclose(told[1], told[0], atol=4e-4)
+    away = true[1] - true[0]
+    assert np.linalg.norm(away, axis=1).min() > 2e-3
+    # To first order, as the arm's own Jacobian says at the start.
+    arm = physics()
+    step = [np.linalg.inv(TRUTH) @ arm.kinematics.fk(q, ["tool"])["tool"] for q in (REST, REST - np.array(offset))]
+    np.testing.assert_allclose(away[0], (step[1] - step[0])[:3, 3], atol=2e-4)
 
 
 def test_a_grasp_misses_by_the_error_of_the_registration():

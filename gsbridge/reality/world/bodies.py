@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -120,21 +120,26 @@ class TrueBody:
     pieces: list[Array]
 
 
-def true_body(name: str, seed: int, mass_factor: float, folder: str | Path) -> TrueBody:
-    """A true object, filled evenly.
+def true_body(
+    name: str, seed: int, mass_factor: float, folder: str | Path, aside: tuple[float, float] = (0.0, 0.0)
+) -> TrueBody:
+    """A true object, filled evenly but for a heavy side.
 
     Args:
         name: One of the mirror's objects.
         seed: Seed of the world's textures and shapes.
         mass_factor: Hidden factor on its mass.
         folder: Where convex pieces are kept.
+        aside: How far the centre of mass lies beside that of an even filling, share of the object's width along x and y.
 
     Raises:
         InputError: The name is unknown.
     """
     mesh, _ = body_mesh(name, seed, _MASS_DETAIL)
     coarse, _ = body_mesh(name, seed, _CONTACT_DETAIL)
-    return body_of(name, mesh, DENSITIES[name] * mass_factor, convex_pieces(Mesh(coarse.vertices, coarse.faces), folder))
+    even = body_of(name, mesh, DENSITIES[name] * mass_factor, convex_pieces(Mesh(coarse.vertices, coarse.faces), folder))
+    # The inertia about the centre stays: a heavy side of the same extent changes it by a few percent.
+    return replace(even, centre=even.centre + np.append(np.asarray(aside) * np.ptp(even.hull[:, :2], axis=0), 0.0))
 
 
 def body_of(name: str, mesh: Mesh, density: float, pieces: list[Array]) -> TrueBody:

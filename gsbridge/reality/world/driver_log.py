@@ -81,7 +81,7 @@ class LoggedPhysics(MirrorPhysics):
             STEP * np.arange(len(command)),
             command,
             speed,
-            position + self.hidden.encoder_noise * noise[0],
+            position + self._offset[:-1] + self.hidden.encoder_noise * noise[0],
             # The speed that the driver reports is as good as the one that `joints` tells.
             velocity + self.hidden.encoder_noise * CONTROL_HZ * noise[1],
             effort + self.hidden.torque_noise * noise[2],
@@ -119,6 +119,8 @@ def logged_physics(setting: Setting, hidden: Hidden, *, pieces: str | Path) -> L
         robot = true_robot(Path(folder) / "robot", hidden)
         plated = setting.background == "plate"
         stand = Stand(np.asarray(true_base_from_table(hidden)), PLATE_CENTRE_M if plated else None)
-        body = None if setting.object is None else true_body(setting.object, setting.seed, hidden.mass, pieces)
+        body = (
+            None if setting.object is None else true_body(setting.object, setting.seed, hidden.mass, pieces, hidden.object_com)
+        )
         plate = plate_pieces(make_plate(setting.seed, _PLATE_DETAIL)[0]) if plated else None
         return LoggedPhysics(robot, stand, body, hidden, plate)

@@ -57,6 +57,30 @@ class Hidden:
         tint: Factors of the camera on the encoded red, green and blue; no range draws it, worlds may set it.
         pedestal: What the camera adds to the encoded value, 0..1; likewise.
         vignette: Share of the light that the lens loses at the picture's corners, below 1; likewise.
+
+    What follows is drawn by severity alone (`gsbridge.reality.world.severity`), and docs/mirror.md tells what it means:
+
+        encoder_offset: By how much each joint measures more than its angle, rad.
+        gravity_error: Share of the robot's weight that is compensated too much.
+        latency_jitter: Most by which a command is later than `latency`, s.
+        lost_commands: Share of commands that never arrive.
+        object_com: Centre of mass beside its place along the object's x and y, share of its width.
+        exposure_time: How long a picture takes light, s.
+        readout: From the first row of a picture to the last, s.
+        auto_exposure, auto_balance: Shares of a difference from grey that the camera answers.
+        distortion: Radial distortion k1 beyond what is calibrated.
+        focal_error: Share by which the focal length is longer than calibrated.
+        compression: 100 less the quality of the pictures' JPEG; 0 for none.
+        dropped_frames: Share of pictures in whose place the last one comes again.
+        late_frames: Share of pictures that show the moment one step before.
+        light_hue: Log of red against green light, and of green against blue.
+        lamp_dim: Share of the lamp that is out.
+        window: Radiance of a window beside the table, of the lamp's.
+        window_heading: Direction in which the window lies, rad.
+        passer: Half the width of somebody who passes between lamp and table, m.
+        gloss_object, gloss_plate, gloss_robot, gloss_table: 0 matt to 1 wet.
+        clutter, cables, decoys: Counts of what lies about.
+        clutter_seed: Seed of where it lies.
     """
 
     mass: float = 1.0
@@ -89,6 +113,33 @@ class Hidden:
     tint: Triple = (1.0, 1.0, 1.0)
     pedestal: float = 0.0
     vignette: float = 0.0
+    encoder_offset: tuple[float, ...] = (0.0,) * 7
+    gravity_error: float = 0.0
+    latency_jitter: float = 0.0
+    lost_commands: float = 0.0
+    object_com: tuple[float, float] = (0.0, 0.0)
+    exposure_time: float = 0.0
+    readout: float = 0.0
+    auto_exposure: float = 0.0
+    auto_balance: float = 0.0
+    distortion: float = 0.0
+    focal_error: float = 0.0
+    compression: float = 0.0
+    dropped_frames: float = 0.0
+    late_frames: float = 0.0
+    light_hue: float = 0.0
+    lamp_dim: float = 0.0
+    window: float = 0.0
+    window_heading: float = 0.0
+    passer: float = 0.0
+    gloss_object: float = 0.0
+    gloss_plate: float = 0.0
+    gloss_robot: float = 0.0
+    gloss_table: float = 0.0
+    clutter: float = 0.0
+    cables: float = 0.0
+    decoys: float = 0.0
+    clutter_seed: float = 0.0
 
     def __post_init__(self) -> None:
         for item in dataclasses.fields(self):
@@ -96,6 +147,17 @@ class Hidden:
             object.__setattr__(self, item.name, value)
         if self.vignette >= 1.0:
             raise InputError("hidden parameters", f"'vignette' is {self.vignette!r}", "Give a share below 1")
+        for name in _SHARES:
+            if getattr(self, name) > 1.0:
+                raise InputError("hidden parameters", f"'{name}' is {getattr(self, name)!r}", "Give a share of 1 at most")
+        # A command belongs to one control period, and a picture to what has moved in it.
+        if self.latency_jitter > 0.05 or self.exposure_time + self.readout > 0.05 or self.compression > 99:
+            raise InputError(
+                "hidden parameters",
+                f"'latency_jitter' is {self.latency_jitter!r}, 'exposure_time' {self.exposure_time!r}, 'readout'"
+                f" {self.readout!r}, 'compression' {self.compression!r}",
+                "Give 0.05 s at most for the first, and for the next two together, and 99 at most for the last",
+            )
 
     @classmethod
     def draw(cls, seed: int, ranges: Ranges | None = None) -> Hidden:
@@ -177,6 +239,11 @@ class Ranges:
 
 _MAY_BE_NEGATIVE = (
     "camera_shift", "camera_turn", "table_shift", "table_turn", "light_turn", "light_rise", "pedestal",
+    "encoder_offset", "gravity_error", "object_com", "distortion", "focal_error", "light_hue", "window_heading",
+)  # fmt: skip
+_SHARES = (
+    "lost_commands", "auto_exposure", "auto_balance", "dropped_frames", "late_frames", "lamp_dim", "gloss_object", "gloss_plate",
+    "gloss_robot", "gloss_table",
 )  # fmt: skip
 _MUST_BE_POSITIVE = (
     "mass", "contact_time", "stiffness", "inertia", "grip_force", "light_power", "full_well", "exposure",

@@ -68,18 +68,17 @@ class MirrorWorld:
         return self.camera.photo(wrist_camera(size), self.camera_pose(), self.quality, seed)
 
 
-def mirror_physics(setting: Setting, seed: int, *, pieces: str | Path) -> MirrorPhysics:
+def mirror_physics(setting: Setting, hidden: Hidden, *, pieces: str | Path) -> MirrorPhysics:
     """The mirror's physics alone, for trials that need no picture.
 
     Args:
         setting: What stands in the room.
-        seed: Seed of the hidden parameters.
+        hidden: Hidden parameters.
         pieces: Folder that keeps convex pieces from run to run.
 
     Raises:
         InputError: Unknown object.
     """
-    hidden = Hidden.draw(seed)
     with TemporaryDirectory() as folder:
         return _physics(setting, true_robot(Path(folder) / "robot", hidden), hidden, pieces)
 

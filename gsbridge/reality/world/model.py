@@ -136,7 +136,7 @@ def _robot(spec: Any, robot: RobotFiles, stand: Stand, hidden: Hidden) -> None:
     for body in spec.bodies:
         if body.name == "world":
             continue
-        body.gravcomp = 1.0
+        body.gravcomp = 1.0 + hidden.gravity_error
         pad = body.name in record["gripper"]["pads"]
         for geom in list(body.geoms):
             if geom.contype == 0:  # drawn only

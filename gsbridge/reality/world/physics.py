@@ -78,7 +78,8 @@ class MirrorPhysics:
         self._pull = np.zeros(4)
         self.refused = 0
         self._period = round(1.0 / (CONTROL_HZ * STEP))
-        self._rng = np.random.default_rng(0)
+        self._offset = np.append(hidden.encoder_offset, 0.0)
+        self._rng, self._losses, self._delays = (np.random.default_rng(stream) for stream in range(3))
         self.place(self.kinematics.rest, self.dimensions.stroke)
 
     def reset(self, object_pose: Array, seed: int) -> None:
@@ -86,7 +87,7 @@ class MirrorPhysics:
         pose = np.asarray(object_pose, dtype=np.float64)
         if pose.shape != (3,) or not np.isfinite(pose).all():
             raise InputError("object pose", f"{object_pose} is no x, y, yaw", "Give three finite numbers")
-        self._rng = np.random.default_rng([seed, 1])
+        self._rng, self._losses, self._delays = (np.random.default_rng([seed, stream]) for stream in (1, 3, 4))
         self.refused = 0
         self.place(self.kinematics.rest, self.dimensions.stroke, pose)
         for _ in range(round(_SETTLE / STEP)):
@@ -110,13 +111,14 @@ class MirrorPhysics:
         model, data = self.model, self.data
         mujoco.mj_resetData(model, data)
         angle = float(self.dimensions.angle(aperture))
-        data.qpos[self._q[:-1]] = self.limits.clip(q)
+        # Whoever puts the arm somewhere does it by its encoders.
+        data.qpos[self._q[:-1]] = self.limits.clip(q) - self._offset[:-1]
         for address, factor in self._fingers.items():
             data.qpos[address] = factor * angle
         if self.body is not None:
             start = model.joint(OBJECT).qposadr[0]
             data.qpos[start : start + 7] = _free_joint((0.0, -3.0, 0.0) if object_pose is None else object_pose)
-        self._point = np.append(data.qpos[self._q[:-1]], aperture)
+        self._point = np.append(self.limits.clip(q), aperture)
         self._goal = self._point.copy()
         self._control(self._point, np.zeros(len(self._point)))
         if self.hidden.latency >= 0.5 * STEP:
@@ -127,6 +129,8 @@ class MirrorPhysics:
 
     def command(self, position: Array, yaw: float, aperture: float) -> None:
         """Set the target that `step` moves to and holds; one out of reach is approached as far as possible, and counted.
+
+        Some commands are lost by chance, and nobody is told.
 
         Args:
             position: Tool point, table frame, m. [3].
@@ -141,12 +145,15 @@ class MirrorPhysics:
             raise InputError(
                 "command", f"{position}, {yaw}, {aperture} is no finite target", "Check the policy's output for NaN"
             )
+        if self.hidden.lost_commands > 0.0 and self._losses.uniform() < self.hidden.lost_commands:
+            return
         found = self.kinematics.inverse(self.commanded_from @ tool_down(position, yaw), self._goal[:-1])
         self.refused += not found.converged
         self._goal = np.append(found.q, np.clip(aperture, 0.0, self.dimensions.stroke))
 
     def step(self) -> None:
-        """Advance one control period: the set point moves evenly, no faster than joints and gripper allow.
+        """Advance one control period: the set point moves evenly, no faster than joints and gripper allow. Where the command is
+        late by chance, the set point rests until then, and does not make up for it.
 
         The gripper's starts at the fingers, and lies beyond them only on the side to which they are to go: pads that press on
         something let go when told to, not when a set point deep inside the object has come back out.
@@ -162,19 +169,28 @@ class MirrorPhysics:
         opening = start[-1] + np.clip(self._goal[-1] - start[-1], -reach, reach)
         self._point = np.append(self.limits.follow(start[:-1], self._goal[:-1], seconds), opening)
         speed = (self._point - start) / seconds
+        late = self._lateness()
+        self._point = self._point - speed * late * STEP
         self._pull[:] = 0.0
         for number in range(self._period):
-            self._control(start + speed * (number + 1) * STEP, speed)
+            gone = number + 1 - late
+            self._control(start + speed * max(gone, 0) * STEP, speed * (gone > 0))
             mujoco.mj_step(self.model, self.data)
             self._feel()
         self._pull /= self._period
         # Poses that belong to the positions just reached; a step leaves those of its begin.
         mujoco.mj_kinematics(self.model, self.data)
 
+    def _lateness(self) -> int:
+        """Physics steps by which this period's command comes late by chance."""
+        if self.hidden.latency_jitter == 0.0:
+            return 0
+        return round(self._delays.uniform(0.0, self.hidden.latency_jitter) / STEP)
+
     def _control(self, point: Array, speed: Array) -> None:
-        """Hand a set point to the servos. [8], [8]: arm joints and aperture."""
+        """Hand a set point to the servos. [8], [8]: arm joints as their encoders see them, and aperture."""
         data, arm = self.data, len(point) - 1
-        data.ctrl[:arm] = point[:-1]
+        data.ctrl[:arm] = point[:-1] - self._offset[:-1]
         data.ctrl[arm : 2 * arm] = speed[:-1]
         data.ctrl[-1] = self.dimensions.angle(point[-1])
         # The motor's torque that presses the pads with the set force grows with the lever.
@@ -234,7 +250,7 @@ class MirrorPhysics:
         # Speed is the difference of two angles, so its noise is theirs over the time between.
         speed_noise = self.hidden.encoder_noise * CONTROL_HZ
         return (
-            self.data.qpos[self._q] + self.hidden.encoder_noise * noise[0],
+            self.data.qpos[self._q] + self._offset + self.hidden.encoder_noise * noise[0],
             self.data.qvel[self._v] + speed_noise * noise[1],
             self.data.qfrc_actuator[self._v] + self.hidden.torque_noise * noise[2],
         )
@@ -300,6 +316,6 @@ def build_physics(
     Raises:
         InputError: Unknown object.
     """
-    body = None if name is None else true_body(name, seed, hidden.mass, pieces)
+    body = None if name is None else true_body(name, seed, hidden.mass, pieces, hidden.object_com)
     plate = None if stand.plate is None else plate_pieces(make_plate(seed, _PLATE_DETAIL)[0])
     return MirrorPhysics(robot, stand, body, hidden, plate)
