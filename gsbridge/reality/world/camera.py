@@ -9,7 +9,7 @@ meshed at twice the spacing of the films, which is 1.2 mm and below one pixel of
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,10 @@ from gsbridge.reality.mirror import studio  # its private parts too: an edit the
 from gsbridge.reality.mirror.backgrounds import BACKGROUNDS, TABLE_CENTRE_M, TABLE_SIZE_M, make_plate, table_texture
 from gsbridge.reality.mirror.path_tracer import SCALAR, load_mitsuba
 from gsbridge.reality.world.bodies import shown_mesh
+from gsbridge.reality.world.electronics import LensError
 from gsbridge.reality.world.hidden import Hidden
+from gsbridge.reality.world.surfaces import coated, filled, painted
+from gsbridge.reality.world.surroundings import lying_about, window
 from gsbridge.robot.assembly import RobotFiles
 
 FIELD_OF_VIEW = np.deg2rad(42.5)
@@ -34,6 +37,8 @@ FIELD_OF_VIEW = np.deg2rad(42.5)
 _NEAR, _FAR = 0.01, 20.0
 _SHEET_PIXELS_PER_M = 2000.0
 _DETAIL = 2.0
+_GLOSSY_SHARE = 0.6
+"""Of the samples of direct light where there are highlights: each sends a second ray there."""
 _SAMPLERS = ("multijitter", "stratified", "independent")
 _COVERS = ("arm", "coloured", "hand")
 
@@ -108,10 +113,18 @@ class MirrorCamera:
         # At this camera's few pixels the other variant spends as long on preparing a picture as this one on tracing it.
         self._mi = mi = load_mitsuba(threads, SCALAR)
         self._moved: dict[str, Array] = {}
-        content = _room(mi, setting, hidden)
+        self._glossy = max(hidden.gloss_object, hidden.gloss_plate, hidden.gloss_robot, hidden.gloss_table) > 0.0
+        self._glossy = self._glossy or hidden.clutter > 0.0
+        self._lenses: dict[Camera, LensError] = {}
+        content, colours = _room(mi, setting, hidden), None
         shapes = {name: [_link(mi, mesh, colour, hidden) for mesh, colour in items] for name, items in robot.visuals().items()}
         if setting.object is not None:
-            shapes["object"] = [_object(mi, *shown_mesh(setting.object, setting.seed, _DETAIL))]
+            mesh, normals = shown_mesh(setting.object, setting.seed, _DETAIL)
+            shapes["object"] = [_object(mi, mesh, normals, hidden.gloss_object)]
+            colours = mesh.colours
+        if hidden.passer > 0.0:
+            shapes["passer"] = [_link(mi, _screen(hidden.passer), (0.3, 0.3, 0.35), hidden)]
+        content |= lying_about(mi, hidden, colours)
         for name, parts in shapes.items():
             group = f"group_{name}"
             content[group] = {"type": "shapegroup", **{f"part_{index}": part for index, part in enumerate(parts)}}
@@ -125,7 +138,7 @@ class MirrorCamera:
         self._scene = mi.load_dict(content)
         self._parameters = mi.traverse(self._scene)
         self._parameters.keep([f"body_{name}.to_world" for name in shapes])
-        self._sensors: dict[tuple[Camera, Quality], tuple[Any, Any]] = {}
+        self._sensors: dict[tuple[Camera, Quality, int, int], tuple[Any, Any]] = {}
         self._shapes = {shape.id(): index for index, shape in enumerate(self._scene.shapes())}
 
     def move(self, poses: Mapping[str, Array]) -> None:
@@ -140,7 +153,9 @@ class MirrorCamera:
                 self._parameters[f"body_{name}.to_world"] = self._mi.ScalarTransform4f(self._moved[name])
         self._parameters.update()
 
-    def light(self, camera: Camera, cam_from_table: Array, quality: Quality, seed: int) -> Array:
+    def light(
+        self, camera: Camera, cam_from_table: Array, quality: Quality, seed: int, rows: tuple[int, int] | None = None
+    ) -> Array:
         """Linear light that arrives at the sensor. [H, W, 3] float32.
 
         Args:
@@ -148,9 +163,12 @@ class MirrorCamera:
             cam_from_table: OpenCV axes. [4, 4].
             quality: Samples and depth.
             seed: Seed of the samples.
+            rows: The first row and the one behind the last, for a part of the picture; None for all of it.
         """
-        sensor = self._sensor(camera, cam_from_table, quality)
-        integrator = self._mi.load_dict(_integrator(quality.depth))
+        if self._glossy and quality.depth == 2:
+            quality = replace(quality, samples=max(1, round(_GLOSSY_SHARE * quality.samples)))
+        sensor = self._sensor(camera, cam_from_table, quality, rows)
+        integrator = self._mi.load_dict(_integrator(quality.depth, self._glossy))
         return np.array(self._mi.render(self._scene, sensor=sensor, integrator=integrator, seed=seed))[..., :3]
 
     def coverage(self, camera: Camera, cam_from_table: Array, names: tuple[str, ...], samples: int = 16) -> Array:
@@ -179,6 +197,14 @@ class MirrorCamera:
         step = fine.width // camera.width
         return hit.reshape(camera.height, step, camera.width, step).mean((1, 3))
 
+    def lens(self, camera: Camera) -> LensError | None:
+        """What calibration left of the lens's errors; None for nothing."""
+        if self.hidden.distortion == 0.0 and self.hidden.focal_error == 0.0:
+            return None
+        if camera not in self._lenses:
+            self._lenses[camera] = LensError(camera, self.hidden)
+        return self._lenses[camera]
+
     def photo(self, camera: Camera, cam_from_table: Array, quality: Quality, seed: int) -> Array:
         """Photo that the camera delivers.
 
@@ -193,9 +219,10 @@ class MirrorCamera:
         """
         return expose(self.light(camera, cam_from_table, quality, seed), self.hidden, np.random.default_rng([seed, 2]))
 
-    def _sensor(self, camera: Camera, cam_from_table: Array, quality: Quality) -> Any:
+    def _sensor(self, camera: Camera, cam_from_table: Array, quality: Quality, rows: tuple[int, int] | None = None) -> Any:
         """Mitsuba sensor at a pose; sensors of one kind are made once."""
-        mi, key = self._mi, (camera, quality)
+        mi, (top, bottom) = self._mi, rows or (0, camera.height)
+        key = camera, quality, top, bottom
         # Mitsuba looks along +z with x to the left and y up.
         to_world = mi.ScalarTransform4f(np.linalg.inv(cam_from_table) @ np.diag([-1.0, -1.0, 1.0, 1.0]))
         if key not in self._sensors:
@@ -211,6 +238,7 @@ class MirrorCamera:
                         "type": "hdrfilm",
                         "width": camera.width,
                         "height": camera.height,
+                        **({} if rows is None else _cropped(camera.width, *rows)),
                         "rfilter": {"type": "box"},
                         "pixel_format": "rgb",
                         "component_format": "float32",
@@ -225,11 +253,17 @@ class MirrorCamera:
         return sensor
 
 
-def _integrator(depth: int) -> dict[str, Any]:
+def _cropped(width: int, top: int, bottom: int) -> dict[str, int]:
+    """The part of a film from one row to another."""
+    return {"crop_offset_x": 0, "crop_offset_y": top, "crop_width": width, "crop_height": bottom - top}
+
+
+def _integrator(depth: int, glossy: bool) -> dict[str, Any]:
     """Mitsuba's integrator for paths up to a length."""
     if depth == 2:
-        # All surfaces are diffuse: rays that leave them at random find the lights less often than rays sent there.
-        return {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
+        # From diffuse surfaces, rays that leave at random find the lights less often than rays sent there; highlights are found
+        # by the former.
+        return {"type": "direct", "emitter_samples": 1, "bsdf_samples": int(glossy)}
     return {"type": "path", "max_depth": depth, "rr_depth": 8}
 
 
@@ -268,12 +302,18 @@ def _falloff(height: int, width: int, lost: float) -> Array:
 
 def _room(mi: Any, setting: Setting, hidden: Hidden) -> dict[str, Any]:
     """Table, board, plate, floor and light: the studio of the films, its light changed by the hidden parameters."""
-    aim = np.array(studio._LIGHT_AIM)
-    eye = aim + _swing(np.array(studio._LIGHT_EYE) - aim, hidden.light_turn, hidden.light_rise)
+    eye, aim = lamp_line(hidden)
     lamp = mi.ScalarTransform4f().look_at(origin=eye.tolist(), target=aim.tolist(), up=[0, 0, 1])
     power = hidden.light_power * np.array(hidden.light_cast)
+    if hidden.light_hue != 0.0:
+        power = power * np.exp([hidden.light_hue, 0.0, -hidden.light_hue])
     radiance = studio._LIGHT_RADIANCE * power * (1.03, 1.0, 0.95)
     sky = studio._SKY_RADIANCE * power * (0.95, 1.0, 1.08)
+    bulb = {
+        "type": "rectangle",
+        "to_world": lamp.scale([studio._LIGHT_HALF] * 3),
+        "emitter": {"type": "area", "radiance": {"type": "rgb", "value": ((1.0 - hidden.lamp_dim) * radiance).tolist()}},
+    }
     content: dict[str, Any] = {
         "type": "scene",
         "table": studio._picture(
@@ -284,21 +324,32 @@ def _room(mi: Any, setting: Setting, hidden: Hidden) -> dict[str, Any]:
             "to_world": mi.ScalarTransform4f().translate([0, 0, -0.75]).scale([3, 3, 1]),
             "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.22, 0.17, 0.13]}},
         },
-        "light": {
-            "type": "rectangle",
-            "to_world": lamp.scale([studio._LIGHT_HALF] * 3),
-            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": radiance.tolist()}},
-        },
+        **({"light": bulb} if hidden.lamp_dim < 1.0 else {}),
         "sky": {"type": "constant", "radiance": {"type": "rgb", "value": sky.tolist()}, "sampling_weight": 0.4},
+        **window(mi, hidden, float(studio._LIGHT_RADIANCE * hidden.light_power)),
     }
+    if hidden.gloss_table > 0.0:
+        content["table"]["bsdf"] = coated(content["table"]["bsdf"]["reflectance"], hidden.gloss_table)
     if setting.sheet is not None:
         board = standard_board(setting.sheet)
         paper = studio._INK + (studio._PAPER - studio._INK) * sheet_reflectance(board, _SHEET_PIXELS_PER_M)
         content["sheet"] = studio._picture(mi, np.repeat(paper[..., None], 3, axis=2), (0.0, 0.0), board.size, 0.0)
     if setting.background == "plate":
         plate, normals = make_plate(setting.seed)
-        content["plate"] = studio._painted_mesh(mi, "plate", *studio.placed(plate, normals, studio.PLATE_CENTRE_M, 0.0))
+        content["plate"] = painted(mi, "plate", *studio.placed(plate, normals, studio.PLATE_CENTRE_M, 0.0), hidden.gloss_plate)
     return content
+
+
+def lamp_line(hidden: Hidden) -> tuple[Array, Array]:
+    """Where the lamp is, and what it lights, m. [3], [3]."""
+    aim = np.array(studio._LIGHT_AIM)
+    return aim + _swing(np.array(studio._LIGHT_EYE) - aim, hidden.light_turn, hidden.light_rise), aim
+
+
+def _screen(half: float) -> Mesh:
+    """The screen that stands for a person, its own frame: `half` as wide, 0.6 m high, with two faces."""
+    corners = np.array([[-half, -0.3, 0.0], [half, -0.3, 0.0], [half, 0.3, 0.0], [-half, 0.3, 0.0]])
+    return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]]))
 
 
 def _swing(arm: Array, turn: float, rise: float) -> Array:
@@ -314,29 +365,18 @@ def _link(mi: Any, mesh: Mesh, colour: tuple[float, float, float], hidden: Hidde
     shade = hidden.robot_shade[_COVERS.index(group)]
     reflectance = np.clip(linear_from_srgb(np.array(colour)) * shade * hidden.robot_tint, 0.0, 0.9)
     properties = mi.Properties()
-    properties["mesh_bsdf"] = mi.load_dict({"type": "diffuse", "reflectance": {"type": "rgb", "value": reflectance.tolist()}})
-    return _filled(mi, mi.Mesh("link", len(mesh.vertices), len(mesh.faces), props=properties), mesh)
+    properties["mesh_bsdf"] = mi.load_dict(coated({"type": "rgb", "value": reflectance.tolist()}, hidden.gloss_robot))
+    return filled(mi, mi.Mesh("link", len(mesh.vertices), len(mesh.faces), props=properties), mesh)
 
 
-def _object(mi: Any, mesh: Mesh, normals: Array) -> Any:
+def _object(mi: Any, mesh: Mesh, normals: Array, gloss: float) -> Any:
     """Mitsuba mesh of the object, one colour per triangle.
 
     Colours at the vertices would be garbage on an instance: Mitsuba 3.9 looks for the place within the triangle with a point in
     the world's frame and vertices in the mesh's own. Triangles are half a pixel or less.
     """
     properties = mi.Properties()
-    properties["mesh_bsdf"] = mi.load_dict({"type": "diffuse", "reflectance": {"type": "mesh_attribute", "name": "face_color"}})
+    properties["mesh_bsdf"] = mi.load_dict(coated({"type": "mesh_attribute", "name": "face_color"}, gloss))
     shape = mi.Mesh("object", len(mesh.vertices), len(mesh.faces), has_vertex_normals=True, props=properties)
     shape.add_attribute("face_color", 3, np.asarray(mesh.colours)[mesh.faces].mean(1).astype(np.float32).ravel())
-    return _filled(mi, shape, mesh, normals)
-
-
-def _filled(mi: Any, shape: Any, mesh: Mesh, normals: Array | None = None) -> Any:
-    """A Mitsuba mesh with its vertices and triangles."""
-    parameters = mi.traverse(shape)
-    parameters["vertex_positions"] = np.asarray(mesh.vertices, dtype=np.float32).ravel()
-    if normals is not None:
-        parameters["vertex_normals"] = np.asarray(normals, dtype=np.float32).ravel()
-    parameters["faces"] = np.asarray(mesh.faces, dtype=np.uint32).ravel()
-    parameters.update()
-    return shape
+    return filled(mi, shape, mesh, normals)

@@ -1,7 +1,7 @@
 """Further worlds of the mirror: the same laboratory on another day, or with named hidden changes.
 
 The **laboratory** is where the table stands and how the wrist camera is mounted. It is drawn by the configuration's seed in
-every world, so that one registration holds for all of them; a world's own seed and severity draw everything else that is hidden.
+every world, so that one registration holds for all of them; a world's own seed and severity draw all else that is hidden.
 """
 
 from __future__ import annotations

@@ -242,8 +242,8 @@ _MAY_BE_NEGATIVE = (
     "encoder_offset", "gravity_error", "object_com", "distortion", "focal_error", "light_hue", "window_heading",
 )  # fmt: skip
 _SHARES = (
-    "lost_commands", "auto_exposure", "auto_balance", "dropped_frames", "late_frames", "lamp_dim", "gloss_object", "gloss_plate",
-    "gloss_robot", "gloss_table",
+    "lost_commands", "auto_exposure", "auto_balance", "dropped_frames", "late_frames", "lamp_dim", "gloss_object",
+    "gloss_plate", "gloss_robot", "gloss_table",
 )  # fmt: skip
 _MUST_BE_POSITIVE = (
     "mass", "contact_time", "stiffness", "inertia", "grip_force", "light_power", "full_well", "exposure",

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from gsbridge.cameras import Camera
 from gsbridge.geometry import Array
 from gsbridge.reality.mirror.backgrounds import PLATE_CENTRE_M
-from gsbridge.reality.world.camera import MirrorCamera, Quality, Setting, wrist_camera
+from gsbridge.reality.world.camera import MirrorCamera, Quality, Setting, expose, lamp_line, wrist_camera
+from gsbridge.reality.world.electronics import Electronics
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.layout import true_base_from_table, true_robot
 from gsbridge.reality.world.model import Stand
-from gsbridge.reality.world.physics import MirrorPhysics, build_physics
+from gsbridge.reality.world.physics import CONTROL_HZ, MirrorPhysics, build_physics
+from gsbridge.reality.world.shutter import moments
+from gsbridge.reality.world.surroundings import passer_pose
 from gsbridge.robot.assembly import RobotFiles
 
 TRIAL = Quality(samples=32, depth=2)
@@ -34,7 +40,8 @@ class MirrorWorld:
         # Physics as it stands; only what concerns pictures is added here.
         self.command, self.state, self.joints = physics.command, physics.state, physics.joints
         self.body_poses, self.camera_pose = physics.body_poses, physics.camera_pose
-        self._seed, self._steps = 0, 0
+        self._electronics = Electronics(camera.hidden, 1.0 / CONTROL_HZ)
+        self._begin(0, 0)
 
     @property
     def refused(self) -> int:
@@ -44,7 +51,7 @@ class MirrorWorld:
     def reset(self, object_pose: Array, seed: int) -> None:
         """Begin an episode: see `World.reset`."""
         self.physics.reset(object_pose, seed)
-        self._seed, self._steps = seed, 0
+        self._begin(seed, 0)
 
     def place(self, q: Array, aperture: float, object_pose: Array | None = None, number: int = 0) -> None:
         """Put everything somewhere at once: see `MirrorPhysics.place`.
@@ -54,7 +61,7 @@ class MirrorWorld:
             number: Pictures of different numbers differ in their noise.
         """
         self.physics.place(q, aperture, object_pose)
-        self._seed, self._steps = 0, number
+        self._begin(0, number)
 
     def step(self) -> None:
         """Advance one control period."""
@@ -63,9 +70,52 @@ class MirrorWorld:
 
     def image(self, size: int) -> Array:
         """What the wrist camera sees now; asked twice, it is the same picture. uint8 [size, size, 3]."""
-        self.camera.move(self.body_poses())
+        asked = size, self._steps
+        if asked not in self._shown:
+            self._shown = {asked: self._shoot(wrist_camera(size))}
+        return self._shown[asked].copy()
+
+    def _begin(self, seed: int, steps: int) -> None:
+        self._seed, self._steps = seed, steps
+        self._shown: dict[tuple[int, int], Array] = {}
+        self._electronics.begin(seed)
+
+    def _shoot(self, camera: Camera) -> Array:
+        """A picture of now."""
+        hidden, lens = self.camera.hidden, self.camera.lens(camera)
         seed = int(np.random.SeedSequence([self._seed, self._steps]).generate_state(1)[0])
-        return self.camera.photo(wrist_camera(size), self.camera_pose(), self.quality, seed)
+        pinhole = camera if lens is None else lens.wide
+        if hidden.exposure_time + hidden.readout > 0.0:
+            light = self._exposed(pinhole, seed)
+        else:
+            self._move(self.body_poses(), 0.0)
+            light = self.camera.light(pinhole, self.camera_pose(), self.quality, seed)
+        light = self._electronics.gained(light if lens is None else lens(light))
+        return self._electronics.delivered(expose(light, hidden, np.random.default_rng([seed, 2])))
+
+    def _exposed(self, camera: Camera, seed: int) -> Array:
+        """Light that each row takes in its own time, while arm and object move. [H, W, 3]."""
+        hidden = self.camera.hidden
+        parts = moments(hidden.exposure_time, hidden.readout, camera.height)
+        light = np.zeros((camera.height, camera.width, 3))
+        # As many rays as a picture of one moment has.
+        rays = sum(part.bottom - part.top for part in parts) / camera.height
+        quality = replace(self.quality, samples=max(1, round(self.quality.samples / rays)))
+        for number, part in enumerate(parts):
+            poses, pose = self.physics.moment(part.before)
+            self._move(poses, part.before)
+            rows = part.top, part.bottom
+            seen = self.camera.light(camera, pose, quality, (seed + number) % 2**32, rows)
+            light[part.top : part.bottom] += part.weights[:, None, None] * seen
+        return light
+
+    def _move(self, poses: Mapping[str, Array], before: float) -> None:
+        """Put bodies where they were a moment ago, s, and whoever passes."""
+        hidden = self.camera.hidden
+        if hidden.passer > 0.0:
+            seconds = self._steps / CONTROL_HZ - before
+            poses = {**poses, "passer": passer_pose(hidden, *lamp_line(hidden), self._seed, seconds)}
+        self.camera.move(poses)
 
 
 def mirror_physics(setting: Setting, hidden: Hidden, *, pieces: str | Path) -> MirrorPhysics:

@@ -78,6 +78,10 @@ class MirrorPhysics:
         self._pull = np.zeros(4)
         self.refused = 0
         self._period = round(1.0 / (CONTROL_HZ * STEP))
+        # What pictures that take their time have seen of this period; kept only where there are such.
+        self._trail: list[Array] = []
+        self._remembers = hidden.exposure_time + hidden.readout > 0.0
+        self._shade = mujoco.MjData(model)
         self._offset = np.append(hidden.encoder_offset, 0.0)
         self._rng, self._losses, self._delays = (np.random.default_rng(stream) for stream in range(3))
         self.place(self.kinematics.rest, self.dimensions.stroke)
@@ -110,6 +114,7 @@ class MirrorPhysics:
         """
         model, data = self.model, self.data
         mujoco.mj_resetData(model, data)
+        self._trail = []
         angle = float(self.dimensions.angle(aperture))
         # Whoever puts the arm somewhere does it by its encoders.
         data.qpos[self._q[:-1]] = self.limits.clip(q) - self._offset[:-1]
@@ -172,7 +177,10 @@ class MirrorPhysics:
         late = self._lateness()
         self._point = self._point - speed * late * STEP
         self._pull[:] = 0.0
+        self._trail = []
         for number in range(self._period):
+            if self._remembers:
+                self._trail.append(self.data.qpos.copy())
             gone = number + 1 - late
             self._control(start + speed * max(gone, 0) * STEP, speed * (gone > 0))
             mujoco.mj_step(self.model, self.data)
@@ -211,11 +219,11 @@ class MirrorPhysics:
         for row, pair in enumerate(_PAIRS):
             self._pull[row] += force[(pairs & pair) == pair].sum()
 
-    def _pose(self, body: int) -> Array:
+    def _pose(self, body: int, data: mujoco.MjData | None = None) -> Array:
         """table_from_body. [4, 4]."""
-        out = np.eye(4)
-        out[:3, :3] = self.data.xmat[body].reshape(3, 3)
-        out[:3, 3] = self.data.xpos[body]
+        out, data = np.eye(4), self.data if data is None else data
+        out[:3, :3] = data.xmat[body].reshape(3, 3)
+        out[:3, 3] = data.xpos[body]
         return out
 
     def state(self) -> State:
@@ -262,6 +270,20 @@ class MirrorPhysics:
     def camera_pose(self) -> Array:
         """True `cam_from_table` of the wrist camera. [4, 4]."""
         return np.linalg.inv(self._pose(self._links["camera"]))
+
+    def moment(self, before: float) -> tuple[Mapping[str, Array], Array]:
+        """As `body_poses` and `camera_pose`, a moment ago: within the last control period of a world whose pictures take time.
+
+        Args:
+            before: How long ago, s; where nothing has moved since the begin, it was as it is.
+        """
+        if not self._trail:
+            return self.body_poses(), self.camera_pose()
+        back = int(np.clip(round(before / STEP), 0, len(self._trail)))
+        self._shade.qpos[:] = self.data.qpos if back == 0 else self._trail[-back]
+        mujoco.mj_kinematics(self.model, self._shade)
+        poses = {name: self._pose(body, self._shade) for name, body in self._links.items()}
+        return poses, np.linalg.inv(poses["camera"])
 
 
 def _free_joint(pose: ArrayLike) -> Array:

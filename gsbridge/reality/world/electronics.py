@@ -1,0 +1,99 @@
+"""What a camera's electronics make of the light, from picture to picture: exposure and white balance that follow late, lens
+errors that calibration left, compression, pictures that are dropped or late.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from gsbridge.cameras import Camera
+from gsbridge.geometry import Array
+from gsbridge.reality.world.hidden import Hidden
+
+GREY, LAG = 0.18, 0.3
+"""Mean of linear light that the exposure aims at, and how late it and the white balance follow, s."""
+
+_GAINS = 0.25, 4.0
+
+
+class Electronics:
+    """One camera at work in an episode.
+
+    Args:
+        hidden: Parameters of the world.
+        period: Time from picture to picture, s.
+    """
+
+    def __init__(self, hidden: Hidden, period: float) -> None:
+        self.hidden, self._follow = hidden, 1.0 - np.exp(-period / LAG)
+        self.begin(0)
+
+    def begin(self, seed: int) -> None:
+        """Begin an episode: the camera has looked at its first picture for a while."""
+        self._rng, self._gains = np.random.default_rng([seed, 5]), None
+        self._taken: Array | None = None
+        self._given: Array | None = None
+
+    def gained(self, light: Array) -> Array:
+        """Light as the sensor's gains leave it; they follow it for the next picture. [H, W, 3]."""
+        hidden = self.hidden
+        if hidden.auto_exposure == 0.0 and hidden.auto_balance == 0.0:
+            return light
+        means = np.maximum(np.clip(light * hidden.exposure, 0.0, 1.0).mean((0, 1)), 1e-4)
+        exposure = (GREY / (means @ [0.2126, 0.7152, 0.0722])) ** hidden.auto_exposure
+        wanted = np.clip(exposure * (means[1] / means) ** hidden.auto_balance, *_GAINS)
+        now = wanted if self._gains is None else self._gains
+        self._gains = now + self._follow * (wanted - now)
+        return light * now
+
+    def delivered(self, picture: Array) -> Array:
+        """What arrives in place of the picture just taken. uint8 [H, W, 3]."""
+        hidden = self.hidden
+        if hidden.compression > 0.0:
+            picture = _compressed(picture, 100 - round(hidden.compression))
+        if hidden.dropped_frames == 0.0 and hidden.late_frames == 0.0:
+            return picture
+        late, dropped = self._rng.uniform(size=2) < (hidden.late_frames, hidden.dropped_frames)
+        before, self._taken = self._taken, picture
+        out = before if late and before is not None else picture
+        self._given = self._given if dropped and self._given is not None else out
+        return self._given
+
+
+def _compressed(picture: Array, quality: int) -> Array:
+    """The picture after JPEG. uint8 [H, W, 3]."""
+    done, content = cv2.imencode(".jpg", np.ascontiguousarray(picture[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, quality])
+    if not done:
+        raise ValueError("the picture cannot be encoded")
+    return np.ascontiguousarray(cv2.imdecode(content, cv2.IMREAD_COLOR)[..., ::-1])
+
+
+class LensError:
+    """A lens that differs from its calibration.
+
+    Args:
+        camera: As calibrated: pinhole, principal point in the middle.
+        hidden: `distortion` and `focal_error`.
+
+    Attributes:
+        wide: Pinhole whose picture holds all that the lens sees.
+    """
+
+    def __init__(self, camera: Camera, hidden: Hidden) -> None:
+        x, y = (np.mgrid[: camera.height, : camera.width][::-1].reshape(2, -1) + 0.5) - [[camera.cx], [camera.cy]]
+        bent = np.stack([x, y]) / (camera.fx * (1.0 + hidden.focal_error))
+        straight = bent
+        # The inverse of x (1 + k r2) by its fixed point; errors here are far below a pixel after a few turns.
+        for _ in range(20):
+            straight = bent / (1.0 + hidden.distortion * (straight**2).sum(0))
+        pixels = camera.fx * straight
+        edge = max(1, int(np.ceil(np.abs(pixels).max(1) - [camera.width / 2, camera.height / 2]).max()) + 1)
+        wide = camera.width + 2 * edge, camera.height + 2 * edge
+        self.wide = Camera(*wide, camera.fx, camera.fy, wide[0] / 2, wide[1] / 2)
+        # OpenCV counts pixels from their centres.
+        self._map = [(pixels[k] + wide[k] / 2 - 0.5).reshape(camera.height, camera.width).astype(np.float32) for k in (0, 1)]
+
+    def __call__(self, light: Array) -> Array:
+        """Light of the `wide` pinhole as the lens shows it. [H, W, 3]."""
+        return cv2.remap(np.ascontiguousarray(light, np.float32), *self._map, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

@@ -1,0 +1,157 @@
+"""What else is in the room: a window, things that lie about, and somebody who passes between lamp and table.
+
+Nothing of it is touched by the arm: clutter and cables lie beside the working area, decoys in it are flat.
+"""
+
+from __future__ import annotations
+
+import colorsys
+import zlib
+from typing import Any
+
+import numpy as np
+
+from gsbridge.geometry import Array
+from gsbridge.reality.mirror.backgrounds import WORK_CENTRE_M
+from gsbridge.reality.world.hidden import Hidden
+from gsbridge.reality.world.surfaces import coated
+from gsbridge.robot.nominal import base_from_table
+
+WINDOW_SIZE, WINDOW_AWAY, WINDOW_HEIGHT = (1.2, 1.0), 1.4, 0.65
+"""Width and height of a window, how far from the working area it is, and its middle over the table, m."""
+
+_DAYLIGHT = (0.92, 1.0, 1.12)
+_EDGE = (0.18, 0.30)
+"""Nearest and farthest from the middle of the working area that clutter lies, along x or y, whichever is farther, m: objects
+start within 0.15 or 0.165 of it, and the camera sees clutter at the edges of its pictures."""
+
+_FOOT = 0.18
+"""Room for the foot of the robot, m."""
+
+_CABLE, _LINKS = 0.0035, 24
+PASSING_SPEED, _PASSING_WAY = 0.8, 1.2
+"""Speed of somebody who passes, m/s, and how far from the lamp's line they come and go, m."""
+
+
+def window(mi: Any, hidden: Hidden, lamp: float) -> dict[str, Any]:
+    """The window, where there is one; `lamp` is the lamp's radiance."""
+    if hidden.window == 0.0:
+        return {}
+    toward = np.array([np.cos(hidden.window_heading), np.sin(hidden.window_heading), 0.0])
+    middle = np.array([*WORK_CENTRE_M, WINDOW_HEIGHT]) + WINDOW_AWAY * toward
+    facing = mi.ScalarTransform4f().look_at(origin=middle.tolist(), target=(middle - toward).tolist(), up=[0, 0, 1])
+    radiance = (hidden.window * lamp * np.array(_DAYLIGHT)).tolist()
+    return {
+        "window": {
+            "type": "rectangle",
+            "to_world": facing.scale([WINDOW_SIZE[0] / 2, WINDOW_SIZE[1] / 2, 1]),
+            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": radiance}},
+        }
+    }
+
+
+def lying_about(mi: Any, hidden: Hidden, colours: Array | None) -> dict[str, Any]:
+    """Clutter, cables and decoys. More of them are the same ones and others.
+
+    Args:
+        mi: Mitsuba.
+        hidden: How many, and the seed of where they lie.
+        colours: Colours of the object, linear, from which decoys take theirs; None for none. [N, 3].
+    """
+    content: dict[str, Any] = {}
+    seed = int(hidden.clutter_seed)
+    for kind, count in (("clutter", hidden.clutter), ("cable", hidden.cables), ("decoy", hidden.decoys)):
+        for number in range(int(count)):
+            rng = np.random.default_rng([seed, zlib.crc32(kind.encode()), number])
+            if kind == "clutter":
+                content[f"clutter_{number}"] = _thing(mi, rng)
+            elif kind == "cable":
+                content.update({f"cable_{number}_{k}": part for k, part in enumerate(_cable(mi, rng))})
+            elif colours is not None:
+                content.update({f"decoy_{number}_{k}": part for k, part in enumerate(_decoy(mi, rng, colours))})
+    return content
+
+
+def _beside(rng: np.random.Generator) -> Array:
+    """A place beside the working area, off the robot's foot. [2]."""
+    foot = np.linalg.inv(base_from_table())[:2, 3]
+    while True:
+        side, along = rng.integers(4), rng.uniform(-1.0, 1.0)
+        away = rng.uniform(*_EDGE)
+        corner = np.array([away, along * away]) if side % 2 else np.array([along * away, away])
+        place = np.array(WORK_CENTRE_M) + (corner if side < 2 else -corner)
+        if np.linalg.norm(place - foot) > _FOOT:
+            return place
+
+
+def _thing(mi: Any, rng: np.random.Generator) -> dict[str, Any]:
+    """A box, a can or a ball."""
+    x, y = _beside(rng)
+    wide, deep, high = rng.uniform(0.012, 0.032, 3)
+    colour = colorsys.hsv_to_rgb(rng.uniform(), rng.uniform(0.2, 0.95), rng.uniform(0.15, 0.8))
+    surface = coated({"type": "rgb", "value": list(colour)}, float(rng.choice([0.0, 0.5, 0.8])))
+    turn = float(np.degrees(rng.uniform(0, np.pi)))
+    kind = rng.choice(["cube", "cylinder", "sphere"])
+    if kind == "cube":
+        place = mi.ScalarTransform4f().translate([x, y, high]).rotate([0, 0, 1], turn).scale([wide, deep, high])
+        return {"type": "cube", "to_world": place, "bsdf": surface}
+    if kind == "sphere":
+        return {"type": "sphere", "center": [x, y, wide], "radius": wide, "bsdf": surface}
+    # A can that lies on its side: a standing one would need a lid.
+    along = high * np.array([np.cos(turn), np.sin(turn), 0.0])
+    middle = np.array([x, y, deep])
+    ends = {"p0": (middle - 1.5 * along).tolist(), "p1": (middle + 1.5 * along).tolist()}
+    return {"type": "cylinder", **ends, "radius": deep, "bsdf": {"type": "twosided", "bsdf": surface}}
+
+
+def _cable(mi: Any, rng: np.random.Generator) -> list[dict[str, Any]]:
+    """A cable that bends past the working area."""
+    start = rng.uniform(-np.pi, np.pi)
+    angles = start + np.linspace(0.0, rng.uniform(0.8, 1.6), _LINKS + 1)
+    away = 0.24 + 0.03 * np.sin(3.0 * angles + rng.uniform(0, 6)) + np.linspace(0.12, 0.0, _LINKS + 1)
+    points = np.c_[
+        WORK_CENTRE_M[0] + away * np.cos(angles), WORK_CENTRE_M[1] + away * np.sin(angles), np.full(_LINKS + 1, _CABLE)
+    ]
+    shade = float(rng.uniform(0.02, 0.3))
+    surface = coated({"type": "rgb", "value": [shade] * 3}, 0.3)
+    return [
+        {"type": "cylinder", "p0": a.tolist(), "p1": b.tolist(), "radius": _CABLE, "bsdf": surface}
+        for a, b in zip(points[:-1], points[1:], strict=True)
+    ]
+
+
+def _decoy(mi: Any, rng: np.random.Generator, colours: Array) -> list[dict[str, Any]]:
+    """A card of two of the object's colours, flat on the table inside the working area."""
+    x, y = np.array(WORK_CENTRE_M) + rng.uniform(-0.14, 0.14, 2)
+    half, turn = rng.uniform(0.018, 0.03), float(np.degrees(rng.uniform(0, np.pi)))
+    place = mi.ScalarTransform4f().translate([x, y, 0.0]).rotate([0, 0, 1], turn)
+    parts = []
+    for k, row in enumerate(rng.choice(len(colours), 2)):
+        to_world = place.translate([half * (k - 0.5), 0.0, 5e-4]).scale([half / 2, half, 5e-4])
+        surface = coated({"type": "rgb", "value": np.clip(colours[row], 0.0, 0.95).tolist()}, 0.0)
+        parts.append({"type": "cube", "to_world": to_world, "bsdf": surface})
+    return parts
+
+
+def passer_pose(hidden: Hidden, lamp: Array, aim: Array, seed: int, seconds: float, episode: float = 4.0) -> Array:
+    """Where somebody is who passes between lamp and table once in an episode. [4, 4].
+
+    Args:
+        hidden: Parameters of the world; nobody passes where `passer` is 0.
+        lamp: Where the lamp is, m. [3].
+        aim: What it lights, m. [3].
+        seed: The episode's; decides when and from which side.
+        seconds: Time since the episode began.
+        episode: How long episodes last, about, s.
+    """
+    rng = np.random.default_rng([seed, zlib.crc32(b"passer")])
+    crossing, side = rng.uniform(0.15, 0.7) * episode, rng.choice([-1.0, 1.0])
+    toward = lamp - aim
+    across = np.array([-toward[1], toward[0], 0.0]) / np.hypot(*toward[:2])
+    way = np.clip(PASSING_SPEED * (seconds - crossing), -_PASSING_WAY, _PASSING_WAY)
+    out = np.eye(4)
+    # The screen that stands for a person: upright, its face towards the lamp.
+    out[:3, 0], out[:3, 1] = across, [0.0, 0.0, 1.0]
+    out[:3, 2] = np.cross(out[:3, 0], out[:3, 1])
+    out[:3, 3] = aim + 0.55 * toward + side * way * across
+    return out
