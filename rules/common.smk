@@ -20,6 +20,7 @@ from gsbridge.experiment.plan import BINDINGS, Experiment
 from gsbridge.experiment.policies import ANY, policy_files
 from gsbridge.experiment.provenance import provenance, provenances
 from gsbridge.experiment.result_dates import restore_dates
+from gsbridge.experiment.severity_study import SeverityStudy
 from gsbridge.experiment.tables import Tables
 from gsbridge.experiment.threads import VARIABLE as THREADS_VARIABLE
 from gsbridge.experiment.threads import scene_threads
@@ -40,6 +41,7 @@ PLAN = Experiment(config, ROOT, Path.cwd())
 TABLES = Tables(PLAN)
 LOOP = JointLoop(PLAN)
 SIGHT = PictureLoop(PLAN)
+SEVERITY = SeverityStudy(PLAN, TABLES.seeds)
 GAP = PLAN.settings("gap")
 settings = PLAN.settings
 OBJECTS, BACKGROUNDS = PLAN.named("object"), PLAN.named("background")

@@ -51,3 +51,29 @@ rule write_further:
         "Compare policies in further worlds: {wildcards.table}"
     script:
         "../scripts/write_further.py"
+
+
+rule collect_severity:
+    input:
+        trials=lambda wildcards: SEVERITY.files(wildcards.who),
+    output:
+        rows="results/rows/severity_{who}.csv",
+        page="results/severity_{who}.md",
+    log:
+        "results/logs/collect_severity/{who}.log",
+    benchmark:
+        "results/benchmarks/collect_severity/{who}.jsonl"
+    wildcard_constraints:
+        who="controller|policies",
+    conda:
+        "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
+    params:
+        code=script_digest("collect_severity"),
+        sources=lambda wildcards: SEVERITY.sources(wildcards.who),
+    message:
+        "Compare successes at different severities: {wildcards.who}"
+    script:
+        "../scripts/collect_severity.py"

@@ -60,12 +60,12 @@ Level = Annotated[Whole, Field(ge=0, le=4)]
 
 
 class Severity(Settings):
-    """How bad a day a world has."""
+    """Severity of a world, look and physics apart."""
 
     look: Level = 0
-    """Of camera, light, surfaces and surroundings."""
+    """Severity of camera, light, surfaces and surroundings."""
     physics: Level = 0
-    """Of arm and object."""
+    """Severity of arm and object."""
 
 
 class World(Settings):
@@ -74,7 +74,7 @@ class World(Settings):
     seed: OrNull[Annotated[Whole, Field(ge=0)]] = None
     """Seed of the hidden parameters that `hidden` does not set; null takes the configuration's seed."""
     severity: Level | Severity = 0
-    """How bad a day it is, from 0 to 4 for both or for `look` and `physics` apart (docs/mirror.md)."""
+    """Severity of the world's surprises, from 0 to 4 for both or for `look` and `physics` apart (docs/mirror.md)."""
     hidden: dict[str, Free] = Field(default={})
     """Hidden parameters that this world sets, by name (docs/mirror.md)."""
 
@@ -108,6 +108,19 @@ class SightStudy(Settings):
     """Samples per pixel of the mirror's photos, at least."""
 
 
+class SeverityTrials(Settings):
+    """Trials in worlds of different severity, for `results/severity_controller.md` and `severity_policies.md`."""
+
+    cell: Work = Field(default_factory=lambda: Work(task="grasp", object="small_cube", background="foam_pad"))
+    """Task, object and background of the trials."""
+    renderers: Distinct[Literal["gs", "mesh", "mesh_vertex"]] = Field(default=["gs", "mesh"])
+    """Renderers that the policies learned with."""
+    variants: Names = Field(default=["default"])
+    """Names of the policies' variants."""
+    worlds: Names = Field(default=[])
+    """Names of the worlds."""
+
+
 class Study(Settings):
     """Comparison of ways of learning at equal numbers of environment steps."""
 
@@ -121,6 +134,8 @@ class Study(Settings):
     """Further worlds in which every policy that was trained on splats is tried."""
     sight: SightStudy = Field(default_factory=SightStudy)
     """Study of changes that only the camera sees (docs/gap_images.md)."""
+    severity: SeverityTrials = Field(default_factory=SeverityTrials)
+    """Trials that show success against severity (docs/mirror.md)."""
 
 
 class Loop(Settings):

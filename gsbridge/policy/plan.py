@@ -48,7 +48,8 @@ def check_policies(config: Mapping[str, Any], root: str | Path) -> None:
                     f"'{world}' is not configured",
                     f"Use one of: {', '.join(sorted(config['worlds']))}",
                 )
-    for place, section in (("study", config["study"]), ("study.sight", config["study"]["sight"])):
+    study = config["study"]
+    for place, section in (("study", study), ("study.sight", study["sight"]), ("study.severity", study["severity"])):
         for key in ("variants", "worlds"):
             for name in section[key]:
                 if name not in config[key]:

@@ -31,7 +31,8 @@ class Electronics:
 
     def begin(self, seed: int) -> None:
         """Begin an episode: the camera has looked at its first picture for a while."""
-        self._rng, self._gains = np.random.default_rng([seed, 5]), None
+        self._rng = np.random.default_rng([seed, 5])
+        self._gains: Array | None = None
         self._taken: Array | None = None
         self._given: Array | None = None
 
@@ -57,8 +58,9 @@ class Electronics:
         late, dropped = self._rng.uniform(size=2) < (hidden.late_frames, hidden.dropped_frames)
         before, self._taken = self._taken, picture
         out = before if late and before is not None else picture
-        self._given = self._given if dropped and self._given is not None else out
-        return self._given
+        given = self._given if dropped and self._given is not None else out
+        self._given = given
+        return given
 
 
 def _compressed(picture: Array, quality: int) -> Array:
@@ -66,7 +68,7 @@ def _compressed(picture: Array, quality: int) -> Array:
     done, content = cv2.imencode(".jpg", np.ascontiguousarray(picture[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not done:
         raise ValueError("the picture cannot be encoded")
-    return np.ascontiguousarray(cv2.imdecode(content, cv2.IMREAD_COLOR)[..., ::-1])
+    return np.ascontiguousarray(np.asarray(cv2.imdecode(content, cv2.IMREAD_COLOR))[..., ::-1])
 
 
 class LensError:
@@ -92,8 +94,11 @@ class LensError:
         wide = camera.width + 2 * edge, camera.height + 2 * edge
         self.wide = Camera(*wide, camera.fx, camera.fy, wide[0] / 2, wide[1] / 2)
         # OpenCV counts pixels from their centres.
-        self._map = [(pixels[k] + wide[k] / 2 - 0.5).reshape(camera.height, camera.width).astype(np.float32) for k in (0, 1)]
+        columns, rows = pixels + 0.5 * np.array([[wide[0]], [wide[1]]]) - 0.5
+        self._map_x = columns.reshape(camera.height, camera.width).astype(np.float32)
+        self._map_y = rows.reshape(camera.height, camera.width).astype(np.float32)
 
     def __call__(self, light: Array) -> Array:
         """Light of the `wide` pinhole as the lens shows it. [H, W, 3]."""
-        return cv2.remap(np.ascontiguousarray(light, np.float32), *self._map, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        light = np.ascontiguousarray(light, np.float32)
+        return cv2.remap(light, self._map_x, self._map_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

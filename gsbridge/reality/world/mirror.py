@@ -41,6 +41,8 @@ class MirrorWorld:
         self.command, self.state, self.joints = physics.command, physics.state, physics.joints
         self.body_poses, self.camera_pose = physics.body_poses, physics.camera_pose
         self._electronics = Electronics(camera.hidden, 1.0 / CONTROL_HZ)
+        # The picture of now, by its size and number.
+        self._shown: dict[tuple[int, int], Array] = {}
         self._begin(0, 0)
 
     @property
@@ -77,7 +79,7 @@ class MirrorWorld:
 
     def _begin(self, seed: int, steps: int) -> None:
         self._seed, self._steps = seed, steps
-        self._shown: dict[tuple[int, int], Array] = {}
+        self._shown = {}
         self._electronics.begin(seed)
 
     def _shoot(self, camera: Camera) -> Array:

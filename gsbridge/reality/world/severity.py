@@ -132,10 +132,10 @@ def _grown(line: Line, drawn: Hidden, seed: int, level: int) -> Any:
         heading, share = rng.uniform(-np.pi, np.pi), rng.uniform(0.5, 1.0)
         return share * size * np.cos(heading), share * size * np.sin(heading)
     count = len(before) if isinstance(before, tuple) else 1
-    share, sign = rng.uniform(0.5, 1.0, count), rng.choice([-1.0, 1.0], count)
+    shares, signs = rng.uniform(0.5, 1.0, count), rng.choice([-1.0, 1.0], count)
     if isinstance(before, tuple):
-        return tuple((sign * share * size).tolist())
-    share, sign = float(share[0]), float(sign[0])
+        return tuple((signs * shares * size).tolist())
+    share, sign = float(shares[0]), float(signs[0])
     match line.form:
         case "away":
             return before + np.copysign(share * size, before - getattr(Hidden, line.name))

@@ -1,0 +1,109 @@
+"""Success against severity: rows as CSV, and a table with a column for each world.
+
+Columns of the rows:
+
+| column | content |
+|---|---|
+| `who` | `controller` or `policy` |
+| `renderer`, `variant`, `training` | of a policy: what it saw as it learned, its way of learning, its seed |
+| `task`, `object`, `background` | what was to be done |
+| `world`, `seed`, `look`, `physics` | where: name, seed and severities of the world |
+| `trials`, `success` | counts; excess contact is forgiven, as in every world but the simulated one |
+| `rate`, `low`, `high` | share of successes, and Wilson's 95 % interval |
+| `steps` | median of the steps of all trials |
+| `failures` | reasons of the others, most frequent first |
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_file, read_json
+from gsbridge.report.tables.formats import Table, markdown
+from gsbridge.report.tables.rows import read_rows, write_rows
+from gsbridge.statistics import wilson_interval
+
+COLUMNS = (
+    *("who", "renderer", "variant", "training", "task", "object", "background", "world", "seed", "look", "physics"),
+    *("trials", "success", "rate", "low", "high", "steps", "failures"),
+)
+
+_NOTES = (
+    "Successes of trials, excess contact forgiven, with Wilson's 95 % interval; below, the median of the steps.",
+    "A column is a world; its severities of look and physics stand in its head (docs/mirror.md).",
+)
+
+
+def write_severity(rows_csv: str | Path, page: str | Path, sources: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Write rows and page.
+
+    Args:
+        rows_csv: The rows, see the module.
+        page: The table, Markdown.
+        sources: See `gsbridge.experiment.severity_study`.
+
+    Returns:
+        The rows.
+
+    Raises:
+        InputError: A file of trials is missing or damaged, or there is none.
+    """
+    if not sources:
+        raise InputError("config: study.severity.worlds", "no world is named", "Name worlds of different severity")
+    rows = [_row(source) for source in sources]
+    write_rows(rows_csv, COLUMNS, rows)
+    with atomic_file(page) as temporary:
+        temporary.write_text(f"# Success against severity\n\n{markdown(_table(rows))}", encoding="utf-8")
+    return rows
+
+
+def _row(source: Mapping[str, Any]) -> dict[str, Any]:
+    """One row, from one file of trials: the table of a policy's, or the record of a controller's."""
+    path = Path(source["file"])
+    if path.suffix == ".json":
+        try:
+            found = [(bool(t["success_tolerant"]), str(t["failure"]), int(t["steps"])) for t in read_json(path)["trials"]]
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(path, f"the trials are damaged ({error})", "Delete the file and run the rule again") from error
+    else:
+        needed = ("success_tolerant", "failure", "steps")
+        found = [(row["success_tolerant"] == "true", row["failure"], int(row["steps"])) for row in read_rows(path, needed)]
+    if not found:
+        raise InputError(path, "it holds no trials", "Delete the file and run the rule again")
+    success = sum(good for good, _, _ in found)
+    low, high = wilson_interval(success, len(found))
+    lost = Counter(failure for good, failure, _ in found if not good)
+    return {
+        **{key: value for key, value in source.items() if key != "file"},
+        "trials": len(found),
+        "success": success,
+        "rate": success / len(found),
+        "low": low,
+        "high": high,
+        "steps": float(np.median([steps for _, _, steps in found])),
+        "failures": ", ".join(f"{name} {count}" for name, count in sorted(lost.items(), key=lambda item: (-item[1], item[0]))),
+    }
+
+
+def _table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """A line for each who, a column for each world."""
+    worlds = list(dict.fromkeys((row["world"], row["look"], row["physics"]) for row in rows))
+    lines: dict[str, dict[str, str]] = {}
+    for row in rows:
+        learned = (f"{row[key]}" for key in ("renderer", "variant", "training") if key in row)
+        name = " ".join((row["who"], *learned))
+        share = f"{row['success']}/{row['trials']} ({100 * row['low']:.0f} to {100 * row['high']:.0f} %)"
+        lines.setdefault(name, {})[row["world"]] = f"{share}; {row['steps']:.0f}"
+    first = rows[0]
+    return Table(
+        f"{first['task'].replace('_', ' ').capitalize()}: {first['object']} on {first['background']}".replace("_", " "),
+        ("who", *(f"{world}: look {look}, physics {physics}" for world, look, physics in worlds)),
+        tuple((name, *(cells.get(world, "") for world, _, _ in worlds)) for name, cells in lines.items()),
+        _NOTES,
+    )
