@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
@@ -10,8 +11,10 @@ from robot_fixture import kinematics, robot
 from scipy.spatial.transform import Rotation
 
 from gsbridge.environment.controllers import GraspController, Grip
+from gsbridge.environment.policy_trials import Place, run_trials
 from gsbridge.environment.rendering import wrist_camera
 from gsbridge.environment.settings import EnvironmentSettings
+from gsbridge.environment.trial_log import read_trial_log
 from gsbridge.files import read_json
 from gsbridge.meshes import Mesh
 from gsbridge.policy.arm_trials import ArmTrials, arm_setup, try_controller_on_arm
@@ -22,12 +25,16 @@ from gsbridge.policy.joint_log import Repeat, repeat_trial
 from gsbridge.policy.runner import run_policy
 from gsbridge.policy.worlds import MirrorDriver
 from gsbridge.reality.mirror.objects import make_object
+from gsbridge.reality.world import camera as camera_module
 from gsbridge.reality.world.bodies import DENSITIES, body_of
+from gsbridge.reality.world.camera import Quality, Setting
 from gsbridge.reality.world.driver_log import LoggedPhysics
 from gsbridge.reality.world.hidden import Hidden
+from gsbridge.reality.world.mirror import build_mirror
 from gsbridge.reality.world.model import Stand
 from gsbridge.reality.world.physics import MirrorPhysics
 from gsbridge.reality.world.pieces import convex_pieces
+from gsbridge.reality.world.severity import Severity, worsened
 from gsbridge.registration.result import Registration
 from gsbridge.robot import nominal
 from gsbridge.robot.limits import Workspace
@@ -194,3 +201,26 @@ def test_a_trial_that_is_repeated_for_its_log_takes_the_same_way():
     log = repeat_trial(physics(LoggedPhysics, **hidden), chosen, SETTINGS, Repeat(11, False, path))
     # Half a second before the first command and half a second after the last, at the rate of the physics.
     assert len(log.time) == 500 + 30 * 50 + 500
+
+
+def test_a_policys_trials_on_a_bad_day_leave_table_log_and_record(tmp_path, monkeypatch):
+    monkeypatch.setattr(camera_module, "table_texture", lambda background, seed: np.full((10, 12, 3), 0.25, np.float32))
+    hidden = worsened(Hidden.draw(11), 11, Severity(4, 4))
+    world = build_mirror(
+        Setting("small_cube"), robot(), TRUTH, hidden, pieces=Path(FOLDER.name), quality=Quality(samples=1, depth=2)
+    )
+    script = Script()
+    play = ArmTrials(world, registered((0.002, 0.0, 0.0)), interface(max_steps=7), script)
+    place = Place(tmp_path / "trials.csv", tmp_path / "trials.npz", tmp_path / "trials.json", tmp_path / "state")
+    done = run_trials(play, "grasp", place, name="lab", poses=1, reasons=["policy: young"], facts=play.facts)
+    assert [(name, trial.steps, trial.success) for name, trial in done] == [("fixed", 7, False), ("unseen", 7, False)]
+    record = read_json(place.record)
+    assert record["ends"] == {"time_out": 2}
+    assert (record["world"], record["status"], record["reasons"]) == ("lab", "degraded", ["policy: young"])
+    first, _ = read_trial_log(place.log)
+    assert len(first) == 8
+    np.testing.assert_array_equal(first.actions[:7], ACTIONS[np.arange(2, 9) // 6 % 2].astype(np.float32))
+    # What moved is in the pictures, and what was measured lies beside the truth by offsets and registration.
+    assert (first.pictures()[-1] != first.pictures()[0]).any()
+    away = np.linalg.norm(script.tool()[:7] - first.tool[:-1], axis=1)
+    assert away.min() > 1e-3
