@@ -71,7 +71,16 @@ class ArmTrials:
 
 
 def arm_setup(driver: WorldDriver, registration: Registration, interface: PolicyInterface) -> Setup:
-    """How a world's arm is run: its time is its own, and a picture may stay the same where nothing is looked at."""
+    """Setup of a world's arm: its time is its own, and a picture may stay the same where nothing is looked at.
+
+    Args:
+        driver: The world as an arm.
+        registration: Where table and camera are believed to be.
+        interface: What the policy asks for.
+
+    Raises:
+        InputError: Registration, camera and policy do not belong together.
+    """
     return Setup(interface, driver, registration, driver.clock, Limits(frozen=None))
 
 

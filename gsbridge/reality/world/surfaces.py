@@ -17,7 +17,7 @@ _DIELECTRIC = 0.5
 
 
 def coated(colour: Any, gloss: float) -> dict[str, Any]:
-    """A surface of a colour.
+    """Description of a surface of a colour, for Mitsuba.
 
     Args:
         colour: Reflectance: a texture of Mitsuba's, or its description.
@@ -32,7 +32,15 @@ def coated(colour: Any, gloss: float) -> dict[str, Any]:
 
 
 def painted(mi: Any, name: str, mesh: Mesh, normals: Array, gloss: float) -> Any:
-    """A Mitsuba mesh with one colour per vertex, for what does not move."""
+    """A Mitsuba mesh with one colour per vertex, for what does not move.
+
+    Args:
+        mi: The Mitsuba module.
+        name: Name of the shape.
+        mesh: Mesh with linear colours, m.
+        normals: Normals of its vertices. [V, 3].
+        gloss: See `coated`.
+    """
     properties = mi.Properties()
     properties["mesh_bsdf"] = mi.load_dict(coated({"type": "mesh_attribute", "name": "vertex_color"}, gloss))
     shape = mi.Mesh(name, len(mesh.vertices), len(mesh.faces), has_vertex_normals=True, props=properties)
@@ -41,7 +49,14 @@ def painted(mi: Any, name: str, mesh: Mesh, normals: Array, gloss: float) -> Any
 
 
 def filled(mi: Any, shape: Any, mesh: Mesh, normals: Array | None = None) -> Any:
-    """A Mitsuba mesh with its vertices and triangles."""
+    """A Mitsuba mesh with its vertices and triangles.
+
+    Args:
+        mi: The Mitsuba module.
+        shape: The Mitsuba mesh, still empty.
+        mesh: Vertices and triangles, m.
+        normals: Normals of the vertices, [V, 3]; None for flat triangles.
+    """
     parameters = mi.traverse(shape)
     parameters["vertex_positions"] = np.asarray(mesh.vertices, dtype=np.float32).ravel()
     if normals is not None:

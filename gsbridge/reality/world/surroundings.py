@@ -34,7 +34,13 @@ PASSING_SPEED, _PASSING_WAY = 0.8, 1.2
 
 
 def window(mi: Any, hidden: Hidden, lamp: float) -> dict[str, Any]:
-    """The window, where there is one; `lamp` is the lamp's radiance."""
+    """Shape and light of the window, where there is one.
+
+    Args:
+        mi: The Mitsuba module.
+        hidden: Radiance and heading of the window.
+        lamp: Radiance of the lamp.
+    """
     if hidden.window == 0.0:
         return {}
     toward = np.array([np.cos(hidden.window_heading), np.sin(hidden.window_heading), 0.0])
@@ -54,7 +60,7 @@ def lying_about(mi: Any, hidden: Hidden, colours: Array | None) -> dict[str, Any
     """Clutter, cables and decoys. More of them are the same ones and others.
 
     Args:
-        mi: Mitsuba.
+        mi: The Mitsuba module.
         hidden: How many, and the seed of where they lie.
         colours: Colours of the object, linear, from which decoys take theirs; None for none. [N, 3].
     """
@@ -134,7 +140,7 @@ def _decoy(mi: Any, rng: np.random.Generator, colours: Array) -> list[dict[str, 
 
 
 def passer_pose(hidden: Hidden, lamp: Array, aim: Array, seed: int, seconds: float, episode: float = 4.0) -> Array:
-    """Where somebody is who passes between lamp and table once in an episode. [4, 4].
+    """Pose of somebody who passes between lamp and table once in an episode. [4, 4].
 
     Args:
         hidden: Parameters of the world; nobody passes where `passer` is 0.
