@@ -1,7 +1,6 @@
 """What rules look up: settings, scenes, policies, trials and cases, by wildcards; no rule stands here. See gsbridge/experiment."""
 
 import hashlib
-import importlib.util
 import os
 import shlex
 import sys
@@ -15,6 +14,7 @@ os.environ.update(PYTHONPATH=os.pathsep.join(filter(None, dict.fromkeys(searched
 
 from gsbridge.configuration.checks import check_asked, check_configuration
 from gsbridge.digests import code_digest, kernel_digest, script_digest
+from gsbridge.experiment.gap_benchmark import BenchmarkPlan
 from gsbridge.experiment.loops import JointLoop, PictureLoop, closed_loops
 from gsbridge.experiment.plan import BINDINGS, Experiment
 from gsbridge.experiment.policies import ANY, policy_files
@@ -68,13 +68,7 @@ MANY_THREADS = 8
 OWN_CASE = config["gap_case"]
 GAP_CASES = {**GAP["cases"], **({case_name(OWN_CASE): OWN_CASE} if OWN_CASE else {})}
 GAP_BANK = "results/.state/gap_bank"
-# The one way of naming that needs a package of its own; the page says what was left out.
-GAP_METHODS = [
-    name
-    for name in GAP["methods"]
-    if name != "cma_es" or importlib.util.find_spec("cma")
-]
-
+BENCHMARK = BenchmarkPlan(PLAN)
 SCENE_THREADS = scene_threads(workflow.cores, sys.argv[1:], PLAN.scenes)
 
 if workflow.is_main_process:
@@ -379,31 +373,6 @@ def gap_model(wildcards):
     if wildcards.case in LOOP.cases:
         return LOOP.model(wildcards.case)
     return PLAN.portable(case_model(gap_case(wildcards)))
-
-
-def gap_methods(tier):
-    """Ways of naming in one tier; CMA-ES on all parameters would draw every photo for every guess."""
-    return [name for name in GAP_METHODS if (tier, name) != ("t4", "cma_es")]
-
-
-def gap_contents(tier, kind):
-    """Folders of pictures that lie on the tables of a tier's worlds: photos of scenes, or renders of their splats."""
-    place = {"photos": "capture/frames", "renders": "splats/soft/views"}[kind]
-    scenes = [name for name in GAP["contents"][kind] if name in PLAN.scenes]
-    return [f"results/scenes/{name}/{place}" for name in scenes if tier == "t4"]
-
-
-def gap_chunks(wildcards):
-    """Findings of all ways of naming in one tier, a folder per chunk: those of a way lie side by side."""
-    folder, chunks = f"results/gap-benchmark/{wildcards.tier}/findings", GAP["chunks"]
-    methods = gap_methods(wildcards.tier)
-    return [f"{folder}/{name}-{chunk}" for name in methods for chunk in range(chunks)]
-
-
-def real_logs(wildcards):
-    """What is said about real logs, where GSBRIDGE_MEASURED names their folder."""
-    figures = "results/benchmarks/gap_measured.json"
-    return {"real": figures} if os.environ.get("GSBRIDGE_MEASURED") else {}
 
 
 wildcard_constraints:

@@ -1,7 +1,7 @@
 rule generate_gap_cases:
     input:
-        photos=lambda wildcards: gap_contents(wildcards.tier, "photos"),
-        renders=lambda wildcards: gap_contents(wildcards.tier, "renders"),
+        photos=lambda wildcards: BENCHMARK.contents(wildcards.tier, "photos"),
+        renders=lambda wildcards: BENCHMARK.contents(wildcards.tier, "renders"),
     output:
         cases=directory("results/gap-benchmark/{tier}/cases"),
         # Hashed in the cases' manifest before any diagnosis begins; read by the scoring rule alone.
@@ -58,7 +58,7 @@ rule score_gap_cases:
     input:
         cases="results/gap-benchmark/{tier}/cases",
         truths="results/truth/gap/{tier}",
-        findings=gap_chunks,
+        findings=lambda wildcards: BENCHMARK.findings(wildcards.tier),
     output:
         scores="results/gap-benchmark/{tier}/scores.json",
     log:
@@ -73,7 +73,7 @@ rule score_gap_cases:
         runtime="10m",
     params:
         code=script_digest("score_gap_cases"),
-        methods=lambda wildcards: gap_methods(wildcards.tier),
+        methods=lambda wildcards: BENCHMARK.methods(wildcards.tier),
         chunks=GAP["chunks"],
     message:
         "Score the findings of tier {wildcards.tier} against what was hidden"
@@ -83,7 +83,7 @@ rule score_gap_cases:
 
 rule report_gap_benchmark:
     input:
-        unpack(real_logs),
+        **BENCHMARK.real_logs,
         floors=project_file("benchmarks/floors.yaml"),
         scores=collect(
             "results/gap-benchmark/{tier}/scores.json", tier=list(GAP["benchmark"])
@@ -163,7 +163,7 @@ rule diagnose_mismatched_laws:
 
 rule score_gap:
     input:
-        unpack(real_logs),
+        **BENCHMARK.real_logs,
         mismatch="results/benchmarks/gap_mismatch.json",
         floors=project_file("benchmarks/floors.yaml"),
         scores=collect(

@@ -1,0 +1,53 @@
+"""What the benchmark of the gap consists of: ways of naming, pictures on its tables, and the findings of each tier."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from dataclasses import dataclass
+from typing import Any
+
+from gsbridge.experiment.plan import Experiment
+
+_PLACES = {"photos": "capture/frames", "renders": "splats/soft/views"}
+"""Where a scene keeps each kind of pictures."""
+
+
+@dataclass(frozen=True)
+class BenchmarkPlan:
+    """Paths and names of the benchmark, by tier.
+
+    Args:
+        plan: The experiment.
+    """
+
+    plan: Experiment
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The section `gap`."""
+        return self.plan.settings("gap")
+
+    def methods(self, tier: str) -> list[str]:
+        """Ways of naming in one tier.
+
+        CMA-ES needs a package of its own, and the page says where it was left out. On all parameters of pictures it would draw
+        every photo for every guess.
+        """
+        without = () if tier != "t4" and importlib.util.find_spec("cma") else ("cma_es",)
+        return [name for name in self.settings["methods"] if name not in without]
+
+    def contents(self, tier: str, kind: str) -> list[str]:
+        """Folders of pictures that lie on the tables of a tier's worlds: `photos` of scenes, or `renders` of their splats."""
+        scenes = [name for name in self.settings["contents"][kind] if name in self.plan.scenes]
+        return [f"results/scenes/{name}/{_PLACES[kind]}" for name in scenes if tier == "t4"]
+
+    def findings(self, tier: str) -> list[str]:
+        """Findings of all ways of naming in one tier, a folder per chunk: those of a way lie side by side."""
+        folder, chunks = f"results/gap-benchmark/{tier}/findings", self.settings["chunks"]
+        return [f"{folder}/{name}-{chunk}" for name in self.methods(tier) for chunk in range(chunks)]
+
+    @property
+    def real_logs(self) -> dict[str, str]:
+        """What is said about real logs, where GSBRIDGE_MEASURED names their folder."""
+        return {"real": "results/benchmarks/gap_measured.json"} if os.environ.get("GSBRIDGE_MEASURED") else {}
