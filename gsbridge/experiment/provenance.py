@@ -77,7 +77,7 @@ RULES: Mapping[str, tuple[str, ...]] = {
         "score_worlds",
     ),
     "study": (*_SCENES, *_OBJECTS, *_WORKSPACE, *_POLICIES, "collect_study", "score_study"),
-    "gap": (*_SCENES, "generate_gap_cases", "diagnose_gap_cases", "score_gap_cases", "score_gap"),
+    "gap": (*_SCENES, "generate_gap_cases", "diagnose_gap_cases", "score_gap_cases", "diagnose_mismatched_laws", "score_gap"),
     "loops": (
         *_SCENES,
         *_OBJECTS,
@@ -110,6 +110,7 @@ RULES: Mapping[str, tuple[str, ...]] = {
 _MODULES = {
     "benchmark_rasterizer": "benchmarks.rasterizer",
     "benchmark_environment": "benchmarks.environment",
+    "diagnose_mismatched_laws": "benchmarks.gap_mismatch",
     "train_comparison": "scripts.train_splats",
 }
 """Modules of the rules that do not run the script of their own name."""
