@@ -95,7 +95,6 @@ def poisson(points: Array, normals: Array, depth: int) -> Mesh:
         points: Points. [N, 3].
         normals: Their outward normals. [N, 3].
         depth: Depth of the octree.
-        threads: Threads to use.
 
     Source: Kazhdan, Hoppe, ACM TOG 32(3), 2013 (open3d's build).
     """

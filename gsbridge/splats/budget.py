@@ -61,7 +61,13 @@ def texture_width(targets: Sequence[Target]) -> float:
 
 
 def surface_pixels(mesh: Mesh, targets: Sequence[Target], seen: Array) -> float:
-    """Pixels that the seen faces [F] bool would have if each was looked at head-on from the distance of the photos."""
+    """Pixels that the surface would have if each of its faces was looked at head-on from the distance of the photos.
+
+    Args:
+        mesh: Surface, table frame, m.
+        targets: Photos.
+        seen: Faces that count. [F] bool.
+    """
     centroids, areas = mesh.corners().mean(1), mesh.areas()
     density, count = np.zeros(len(areas)), np.zeros(len(areas))
     for target in targets:

@@ -7,7 +7,7 @@ rows of blocks.
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -20,86 +20,8 @@ from gsbridge.geometry import Array
 from gsbridge.splats.rasterize import binning, blending, directional, preparing, projection
 from gsbridge.splats.rasterize import gradients as backward_kernels
 from gsbridge.splats.rasterize.lanes import WIDTH
-from gsbridge.splats.rasterize.layout import BLOCK, GROUP, LANES, NEAR, RECORD, STATE, TABLE
-
-_KEYS = 2 * 4096
-
-
-@dataclass
-class Workspace:
-    """Arrays of one rendering. They grow when needed and are never shared by two renderings that may still need gradients."""
-
-    records: Array = field(default_factory=lambda: np.empty(0, np.float32))
-    sources: Array = field(default_factory=lambda: np.empty(0, np.int32))
-    depths: Array = field(default_factory=lambda: np.empty(0, np.float32))
-    order: Array = field(default_factory=lambda: np.empty(0, np.int32))
-    pairs: Array = field(default_factory=lambda: np.empty(0, np.int64))
-    more_pairs: Array = field(default_factory=lambda: np.empty(0, np.int64))
-    boxes: Array = field(default_factory=lambda: np.empty(0, np.int64))
-    counts: Array = field(default_factory=lambda: np.empty(_KEYS, np.int32))
-    capacity: Array = field(default_factory=lambda: np.zeros(0, np.int32))
-    running: Array = field(default_factory=lambda: np.empty(0, np.int32))
-    starts: Array = field(default_factory=lambda: np.empty(0, np.int32))
-    ends: Array = field(default_factory=lambda: np.empty(0, np.int32))
-    entries: Array = field(default_factory=lambda: np.empty(0, np.int32))
-    states: Array = field(default_factory=lambda: np.empty(0, np.float32))
-    targets: Array = field(default_factory=lambda: np.empty(0, np.int32))
-    owners: Array = field(default_factory=lambda: np.empty(0, np.int32))
-    first_band: Array = field(default_factory=lambda: np.empty(0, np.int32))
-    sums: Array = field(default_factory=lambda: np.empty(0, np.float32))
-
-    def fit(self, splats: int, rows: int, columns: int) -> None:
-        """Make room for a number of splats and blocks.
-
-        Args:
-            splats, rows, columns: Splats that may become visible; rows and columns of blocks in the image.
-        """
-        if len(self.sources) < splats:
-            size = splats + splats // 8 + WIDTH
-            self.records = _aligned(size * RECORD)
-            self.depths = np.empty(size, np.float32)
-            self.sources, self.order = np.empty(size, np.int32), np.empty(size, np.int32)
-            self.pairs, self.more_pairs, self.boxes = (np.empty(size, np.int64) for _ in range(3))
-        if len(self.capacity) != (rows + 1) * (columns + 1) or len(self.running) != columns + 1:
-            self.capacity = np.zeros((rows + 1) * (columns + 1), np.int32)
-            self.running = np.empty(columns + 1, np.int32)
-            self.states = _aligned(rows * columns * STATE)
-            # A row of blocks more than there are: `fill` looks to the right and below before it knows that it need not.
-            self.starts, self.ends = (np.empty((rows + 1) * columns + 1, np.int32) for _ in range(2))
-
-    def fit_entries(self, entries: int) -> None:
-        """Make room for a number of entries in the lists.
-
-        Raises:
-            ValueError: More than an int32 can number.
-        """
-        if entries >= 2**31:
-            raise ValueError("the splats cover the image too many times over; are their scales in metres?")
-        if len(self.entries) < entries + 1:
-            self.entries = np.empty(entries + entries // 4 + 1, np.int32)
-
-    def fit_bands(self, visible: int) -> tuple[Array, Array, Array]:
-        """Arrays that `gradients.share_entries` fills."""
-        if len(self.targets) < len(self.entries):
-            self.targets, self.owners = (np.empty(len(self.entries), np.int32) for _ in range(2))
-        if len(self.first_band) < visible:
-            self.first_band = np.empty(visible + visible // 8, np.int32)
-        return self.first_band[:visible], self.targets, self.owners
-
-    def zero_sums(self, count: int) -> Array:
-        """Zeroed gradient sums. [count * RECORD]."""
-        if self.sums.size < count * RECORD:
-            self.sums = _aligned((count + count // 8) * RECORD)
-        out = self.sums[: count * RECORD]
-        out.fill(0.0)
-        return out
-
-
-def _aligned(size: int) -> Array:
-    """Uninitialised float32 array on a cache line's edge, so that each record is one line."""
-    raw = np.empty(4 * size + 64, np.uint8)
-    offset = -raw.ctypes.data % 64
-    return raw[offset : offset + 4 * size].view(np.float32)
+from gsbridge.splats.rasterize.layout import BLOCK, GROUP, LANES, NEAR, TABLE
+from gsbridge.splats.rasterize.workspace import Workspace, aligned
 
 
 class _Pool(threading.local):
@@ -211,7 +133,7 @@ class Prepared:
             means, quats, scales, opacities, colours, harmonics: Splats as in `render`.
         """
         arrays = _flat(means), _flat(quats), _flat(scales), _flat(opacities), _flat(colours)
-        lanes = _aligned(len(arrays[3]) * LANES)
+        lanes = aligned(len(arrays[3]) * LANES)
         preparing.prepare(*arrays, lanes)
         terms = 0 if harmonics is None else harmonics.shape[1]
         packed = np.zeros(0, np.float32)
