@@ -19,6 +19,9 @@ def number_images(database: Path, names: Sequence[str]) -> None:
     Args:
         database: Cameras, images, one frame for each, keypoints and descriptors; no matches yet.
         names: All its images.
+
+    Raises:
+        ValueError: The database lacks one of them.
     """
     fresh = database.with_suffix(".numbered")
     fresh.unlink(missing_ok=True)
@@ -31,7 +34,8 @@ def number_images(database: Path, names: Sequence[str]) -> None:
         rigs = {int(frame.frame_id): frame.rig_id for frame in source.read_all_frames()}
         for number, name in enumerate(names, 1):
             old = source.read_image_with_name(name)
-            assert old is not None
+            if old is None:
+                raise ValueError(f"the database holds no image {name}")
             image = pycolmap.Image(name=name, camera_id=old.camera_id, image_id=number)
             target.write_image(image, use_image_id=True)
             frame = pycolmap.Frame()
