@@ -45,7 +45,7 @@ SEVERITY = SeverityStudy(PLAN, TABLES.seeds)
 GAP = PLAN.settings("gap")
 settings = PLAN.settings
 OBJECTS, BACKGROUNDS = PLAN.named("object"), PLAN.named("background")
-FILMED = set(PLAN.films)
+FILMED, IN_MIRROR = set(PLAN.films), set(PLAN.in_mirror)
 EDITED = PLAN.edited
 # What a policy is named after in logs; its path has slashes instead.
 POLICY_ITEM = f"{ANY.item}-seed{{seed}}"
@@ -200,7 +200,8 @@ def film_settings(wildcards):
 
 def film_state(wildcards):
     """Where a film keeps its finished frames until it is whole."""
-    return state_folder("film_scene", wildcards, film_settings(wildcards), SEED)
+    take = config["scenes"][wildcards.scene]["take"]
+    return state_folder("film_scene", wildcards, film_settings(wildcards), SEED, take)
 
 
 def splat_settings(wildcards):

@@ -51,8 +51,8 @@ rule photograph_episode:
     benchmark:
         "results/benchmarks/photograph_episode/{object}+{background}.jsonl"
     wildcard_constraints:
-        object=one_of(FILMED.intersection(OBJECTS)),
-        background=one_of(FILMED.intersection(BACKGROUNDS)),
+        object=one_of(IN_MIRROR.intersection(OBJECTS)),
+        background=one_of(IN_MIRROR.intersection(BACKGROUNDS)),
     conda:
         "../envs/world.yaml"
     threads: MANY_THREADS

@@ -15,6 +15,8 @@ rule film_scene:
         runtime="60m",
     params:
         code=script_digest("film_scene"),
+        film=lambda wildcards: PLAN.source(wildcards.scene)[1],
+        take=lambda wildcards: config["scenes"][wildcards.scene]["take"],
         settings=film_settings,
         seed=SEED,
         state=film_state,

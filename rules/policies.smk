@@ -90,8 +90,8 @@ rule try_policy_in_mirror:
     benchmark:
         f"results/benchmarks/try_policy_in_mirror/{POLICY_ITEM}-{{world}}.jsonl"
     wildcard_constraints:
-        object=one_of(FILMED.intersection(OBJECTS)),
-        background=one_of(FILMED.intersection(BACKGROUNDS)),
+        object=one_of(IN_MIRROR.intersection(OBJECTS)),
+        background=one_of(IN_MIRROR.intersection(BACKGROUNDS)),
         renderer="gs|mesh|mesh_vertex",
         variant=one_of(config["variants"]),
         world=one_of(config["worlds"]),

@@ -116,6 +116,33 @@ rule score_real2sim:
         "../scripts/score_real2sim.py"
 
 
+rule score_shapes:
+    input:
+        floors=project_file("benchmarks/floors.yaml"),
+        scenes=collect("results/scores/scenes/{scene}.json", scene=config["shapes"]),
+    output:
+        measured="results/scores/measured/shapes.json",
+        scores="results/scores/shapes.json",
+    log:
+        "results/logs/score_shapes.log",
+    benchmark:
+        "results/benchmarks/score_shapes/all.jsonl"
+    conda:
+        "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
+    params:
+        code=script_digest("score_shapes"),
+        behind=provenance("shapes", config),
+        preset=config["preset"],
+        takes=[name for name in config["shapes"] if config["scenes"][name]["take"]],
+    message:
+        "Compare hollow, wide-footed, see-through and plain things with the floors"
+    script:
+        "../scripts/score_shapes.py"
+
+
 rule score_policies:
     input:
         floors=project_file("benchmarks/floors.yaml"),

@@ -43,8 +43,8 @@ rule try_controller_in_mirror:
     benchmark:
         "results/benchmarks/try_controller_in_mirror/{task}-{object}+{background}-{world}.jsonl"
     wildcard_constraints:
-        object=one_of(FILMED.intersection(OBJECTS)),
-        background=one_of(FILMED.intersection(BACKGROUNDS)),
+        object=one_of(IN_MIRROR.intersection(OBJECTS)),
+        background=one_of(IN_MIRROR.intersection(BACKGROUNDS)),
         world=one_of({"mirror", *config["worlds"]}),
     conda:
         "../envs/world.yaml"

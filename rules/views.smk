@@ -151,8 +151,8 @@ rule photograph_views:
     benchmark:
         "results/benchmarks/photograph_views/{object}+{background}.jsonl"
     wildcard_constraints:
-        object=one_of(FILMED.intersection(OBJECTS)),
-        background=one_of(FILMED.intersection(BACKGROUNDS)),
+        object=one_of(IN_MIRROR.intersection(OBJECTS)),
+        background=one_of(IN_MIRROR.intersection(BACKGROUNDS)),
     conda:
         "../envs/world.yaml"
     threads: MANY_THREADS

@@ -12,7 +12,8 @@ if TYPE_CHECKING:
 
 start(snakemake.threads, snakemake.log[0])
 film_scene(
-    scene=snakemake.wildcards.scene,
+    scene=snakemake.params.film,
+    take=snakemake.params.take,
     settings=FilmSettings(**snakemake.params.settings),
     out_frames=Path(snakemake.output.frames),
     out_json=Path(snakemake.output.film),

@@ -23,5 +23,7 @@ write_scene_score(
     visual=snakemake.input.visual,
     collision=snakemake.input.collision,
     true_mesh=Path(snakemake.input.truth) / "mesh.ply",
+    masks_json=snakemake.input.get("masks") or None,
+    mesh_json=snakemake.input.mesh,
     seed=snakemake.params.seed,
 )

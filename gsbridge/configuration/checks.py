@@ -70,6 +70,7 @@ def check_configuration(config: Mapping[str, Any]) -> None:
                     f"but the scene '{scene}' shows the {scenes[scene]['board']} one",
                     "Name scenes that show the same board, and give the camera that board",
                 )
+    _check_shapes(config.get("shapes", []), scenes)
     _check_weights(config)
 
 
@@ -125,14 +126,25 @@ def _check_edited(key: str, editing: Mapping[str, Any], scenes: Mapping[str, Map
 
 
 def _check_source(name: str, scene: Mapping[str, Any]) -> None:
-    """Refuse a film under another scene's name."""
-    film = scene["source"].get("film", name)
-    if film != name:
+    """Refuse a film under another scene's name, and a take of what the mirror does not film or walk round."""
+    film, take = scene["source"].get("film"), scene.get("take")
+    if take is not None and (film is None or scene["kind"] != "object"):
+        raise InputError(f"config: scenes.{name}.take", "only the mirror's films of objects have takes", "Remove it")
+    called = film if take is None else f"{film}_{take}"
+    if film is not None and called != name:
         raise InputError(
             f"config: scenes.{name}.source.film",
-            f"the film '{film}' can only be the scene '{film}': film and truth are kept under one name",
-            f"Name the scene '{film}'",
+            f"the film '{film}' can only be the scene '{called}': film and truth are kept under one name",
+            f"Name the scene '{called}'",
         )
+
+
+def _check_shapes(shapes: Sequence[str], scenes: Mapping[str, Mapping[str, Any]]) -> None:
+    """Refuse to score shapes that are not there, or have no truth."""
+    known = {name: None for name, scene in scenes.items() if scene["kind"] == "object" and "film" in scene["source"]}
+    for name in shapes:
+        if name not in known:
+            raise _unknown("config: shapes", name, known)
 
 
 def _check_camera(

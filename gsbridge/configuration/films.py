@@ -8,8 +8,13 @@ from pydantic import Field
 
 from gsbridge.configuration.base import Pixels, Samples, Settings, Sheet, Whole
 
-Film = Literal["small_cube", "cake", "banana", "bear", "foam_pad", "tablecloth", "plate", "dense_pan"]
+Film = Literal[
+    "small_cube", "cake", "banana", "bear", "mug", "bowl", "pot", "statue", "toy", "white_box",
+    "foam_pad", "tablecloth", "plate", "dense_pan",
+]  # fmt: skip
 """A scene that the mirror's film studio films."""
+Take = Literal["portrait", "turned", "one_height", "re_exposing"]
+"""Another way of filming: the phone held upright, pictures stored on their side, a walk at one height, automatic exposure."""
 Frames = Annotated[Whole, Field(ge=8, le=2000)]
 
 

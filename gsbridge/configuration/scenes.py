@@ -8,7 +8,7 @@ from pydantic import Field
 
 from gsbridge.configuration.asset import Density
 from gsbridge.configuration.base import ABSENT, Always, Given, Number, OneOf, OrNull, Settings, Sheet, Switch
-from gsbridge.configuration.films import Film
+from gsbridge.configuration.films import Film, Take
 
 
 class SharedCamera(Settings):
@@ -33,7 +33,8 @@ class Source(OneOf):
     nerfstudio: str = ABSENT
     """A nerfstudio `transforms.json`."""
     film: Film = ABSENT
-    """A scene that the mirror's film studio films; the scene must carry the same name."""
+    """A scene that the mirror's film studio films; the scene must carry the same name, with `_` and its `take` behind it where
+    it has one."""
 
 
 Point = tuple[str, Number, Number]
@@ -70,6 +71,9 @@ class Scene(Settings):
     """An object standing on a table, or the empty table."""
     source: Source
     """Where the photos come from; exactly one of the keys below."""
+    take: OrNull[Take] = None
+    """How the mirror films it: with the phone held upright, with pictures stored on their side, at one height only, or with
+    exposure and white balance left to the camera; null walks round it with the phone level, ever higher, exposure locked."""
     camera: OrNull[str] = None
     """Name of a shared camera; null calibrates from this capture alone."""
     board: OrNull[Sheet] = None

@@ -28,7 +28,7 @@ from gsbridge.configuration.scenes import Scene, SharedCamera, Workspace
 from gsbridge.configuration.sfm import SfmSettings
 from gsbridge.configuration.splats import SplatSettings
 
-Area = Literal["real2sim", "simulator", "policies", "worlds", "study", "gap", "loops"]
+Area = Literal["real2sim", "shapes", "simulator", "policies", "worlds", "study", "gap", "loops"]
 
 
 class Sections(Settings):
@@ -126,6 +126,9 @@ class Configuration(Sections):
     """Comparison of ways of learning at equal numbers of environment steps."""
     loop: Loop = Field(default_factory=Loop)
     """The demonstration of the closed loop (docs/gap_loop.md)."""
+    shapes: Distinct[str] = Field(default=[])
+    """The mirror's objects, beside those of the presets, whose masks and meshes the area `shapes` of `benchmarks/RESULTS.md`
+    measures."""
     areas: Distinct[Area] = Field(default_factory=lambda: list(get_args(Area)), min_length=1)
     """Areas that `make results` measures anew for `benchmarks/RESULTS.md`; figures of the other areas stay as they were
     recorded last."""

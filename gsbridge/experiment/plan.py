@@ -53,6 +53,11 @@ class Experiment:
         """Names of the scenes that the mirror's film studio films."""
         return [name for name, scene in self.config["scenes"].items() if "film" in scene["source"]]
 
+    @cached_property
+    def in_mirror(self) -> list[str]:
+        """Names of those whose object or table stands in the mirror's world: another take of an object is no other object."""
+        return [name for name in self.films if self.config["scenes"][name].get("take") is None]
+
     def source(self, scene: str) -> tuple[str, str]:
         """Kind of a scene's source and its value: the name of a film, or a path."""
         kind, value = next(iter(self.config["scenes"][scene]["source"].items()))
@@ -152,14 +157,14 @@ class Experiment:
         """
         kind, value = self.source(scene)
         if kind == "film":
-            return f"results/films/{value}/film.json"
+            return f"results/films/{scene}/film.json"
         check_capture(scene, self.config["scenes"][scene]["source"], self.capture_places(value))
         return self.capture_path(value)
 
     def source_path(self, scene: str) -> str:
         """The source as the keyframe stage takes it: a film's folder, or the capture itself."""
         kind, value = self.source(scene)
-        return f"results/films/{value}" if kind == "film" else self.capture_path(value)
+        return f"results/films/{scene}" if kind == "film" else self.capture_path(value)
 
     def source_listing(self, scene: str) -> list[tuple[str, str]]:
         """Names and digests of the files of a capture that is more than one file: a folder's date changes with every copy.
@@ -192,8 +197,8 @@ class Experiment:
         return [pair for pair in self.pairs if set(pair.split("+")) <= set(self.scenes)]
 
     def both_filmed(self, pairs: Iterable[str]) -> list[str]:
-        """The `object+background` pairs of which the mirror films both scenes."""
-        return [pair for pair in pairs if set(pair.split("+")) <= set(self.films)]
+        """The `object+background` pairs of which the mirror's world holds both scenes."""
+        return [pair for pair in pairs if set(pair.split("+")) <= set(self.in_mirror)]
 
     def first_asset(self, kind: str) -> str:
         """Asset of the first cell's object or background, on which the simulator as such is measured.

@@ -43,6 +43,15 @@ RULES: Mapping[str, tuple[str, ...]] = {
         "benchmark_rasterizer",
         "score_real2sim",
     ),
+    "shapes": (
+        "film_scene",
+        "select_keyframes",
+        "reconstruct_cameras",
+        "align_scene",
+        *_OBJECTS,
+        "score_scene",
+        "score_shapes",
+    ),
     "simulator": (
         *_SCENES,
         *_OBJECTS,

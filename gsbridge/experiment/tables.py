@@ -61,7 +61,7 @@ class Tables:
 
     def pictured_worlds(self, policy: Policy) -> list[str]:
         """Worlds that pictures show side by side: simulation, and the first mirror where it films both scenes."""
-        return self.worlds[: 2 if policy.scenes <= set(self.plan.films) else 1]
+        return self.worlds[: 2 if policy.scenes <= set(self.plan.in_mirror) else 1]
 
     def pictured(self, policy: Policy) -> list[Trial]:
         """Trials that pictures of a policy show, in the order of their files."""
@@ -148,7 +148,7 @@ class Tables:
         Returns:
             Paths, by policy, world and seed.
         """
-        filmed = set(self.plan.films)
+        filmed = set(self.plan.in_mirror)
         return [
             policy.trials(world, seed, ending)
             for policy in policies

@@ -59,13 +59,27 @@ def choose_others(centres: Array, target: Array) -> list[list[int]]:
     return out
 
 
-def fine_detail(photo: Array) -> Array:
-    """Grey photo without its smooth shading and without single-pixel noise. [h, w, 3] uint8 -> [h, w] float32.
+def fine_detail(photo: Array, patch: Array | None = None) -> Array:
+    """Grey photo without its smooth shading and without single-pixel noise.
 
     Shading and contact shadows are alike on object and table; only detail tells them apart.
+
+    Args:
+        photo: RGB. [h, w, 3] uint8.
+        patch: Pixels that alone count, so that what lies beside them leaves no trace; None for all. [h, w] bool.
+
+    Returns:
+        Some thousandths, 0 beside the patch. [h, w] float32.
     """
     grey = cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255.0
-    return cv2.GaussianBlur(grey, (0, 0), 0.8) - cv2.GaussianBlur(grey, (0, 0), 4.0)
+    if patch is None:
+        return cv2.GaussianBlur(grey, (0, 0), 0.8) - cv2.GaussianBlur(grey, (0, 0), 4.0)
+    weight = patch.astype(np.float32)
+    fine, coarse = (
+        cv2.GaussianBlur(grey * weight, (0, 0), sigma) / np.maximum(cv2.GaussianBlur(weight, (0, 0), sigma), 1e-6)
+        for sigma in (0.8, 4.0)
+    )
+    return np.where(patch, fine - coarse, 0.0).astype(np.float32)
 
 
 def _moments(image: Array) -> tuple[Array, Array]:

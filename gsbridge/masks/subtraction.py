@@ -35,13 +35,15 @@ _LEAST_DIFFERENCE = 0.045
 """And from this difference on, 0..1 sRGB, lest sensor noise and interpolation count."""
 _MISPLACED_PX = 0.5
 """Error of pose and of linear interpolation that the pattern of the table may show."""
+_BESIDE = 0.1
+"""How far beyond its sparse points an object may touch the table, as a share of its size."""
 _RIM = 0.15
 """Plain pixels are taken off to this depth, as a share of the object's size."""
 _WINDOW = 0.003
 """Smallest share of a mask that a window takes; smaller patches of the table's colour are the object's own marks."""
-_WINDOW_MATCH = 0.7
+_WINDOW_MATCH = 0.75
 """Least correlation of a window's pattern with the table behind it: a plain patch may have the table's colour by chance."""
-_WINDOW_TEXTURE = 0.008
+_WINDOW_TEXTURE = 0.005
 """Least standard deviation of that pattern, 0..1."""
 _WINDOW_VIEWS = 3
 """Views that must see through before any window is believed."""
@@ -57,11 +59,13 @@ class Evidence:
         strange: The pixel does not have the table's colour of that spot. [h, w] bool.
         plain: It has, clearly. [h, w] bool. Neither where too few photos see the spot.
         table: The bare table, RGB 0..1, where it is known; the photo elsewhere. [h, w, 3].
+        foot: Its line of sight meets the table where the object may stand, and no photo shows that spot bare. [h, w] bool.
     """
 
     strange: Array
     plain: Array
     table: Array
+    foot: Array
 
 
 def compare_with_table(
@@ -71,6 +75,7 @@ def compare_with_table(
     cameras: Sequence[Camera],
     poses: Sequence[Array],
     free: Sequence[Array] | None = None,
+    ground: Array | None = None,
 ) -> Evidence:
     """Compare one photo with the table behind it as the other photos show it, laid onto the plane z = 0.
 
@@ -84,6 +89,8 @@ def compare_with_table(
         cameras: Pinholes of the photos.
         poses: `cam_from_table`. [4, 4] each.
         free: `free_of` each mask, where many photos are compared; None makes them.
+        ground: Convex outline of the ground on which the object may stand, on the table; None where that does not matter.
+            [K, 2].
     """
     photo = photos[index]
     assert photo is not None
@@ -94,13 +101,13 @@ def compare_with_table(
         others = [others[i] for i in np.linspace(0, len(others) - 1, _OTHERS).round().astype(int)]
     nothing = np.zeros(away.shape, bool)
     if len(others) < _NEEDED:
-        return Evidence(nothing, nothing, own)
+        return Evidence(nothing, nothing, own, nothing)
     free = [free_of(mask) for mask in masks] if free is None else free
     laid = lay_on_table(index, others, photos, free, cameras, poses, away)
     near = grown(masks[index], round(0.25 * np.sqrt(masks[index].sum())))
     table, known = median_layer(laid, near, own, _NEEDED)
     if not known.any():
-        return Evidence(nothing, nothing, own)
+        return Evidence(nothing, nothing, own, nothing)
     grey = cv2.GaussianBlur((table[..., 0] + table[..., 1] + table[..., 2]) / 3, (0, 0), 0.7)
     slope = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.125), cv2.Sobel(grey, cv2.CV_32F, 0, 1, scale=0.125))
     difference = np.abs(own - table)
@@ -113,11 +120,37 @@ def compare_with_table(
     # Pixels on the outline are of both: they are strange, but not yet the object.
     strange = cv2.erode((known & (smooth > least)).astype(np.uint8), disc(1)) > 0
     plain = cv2.morphologyEx((known & (smooth < 0.5 * least)).astype(np.uint8), cv2.MORPH_OPEN, disc(1)) > 0
-    return Evidence(strange, plain, table)
+    foot = nothing
+    if ground is not None:
+        unseen = (_over(ground, cameras[index], poses[index]) & near & ~plain) | masks[index]
+        # Right beside a mask nothing counts as bare; that margin is no foot.
+        foot = (cv2.erode(unseen.astype(np.uint8), disc(MARGIN_PX)) > 0) & ~masks[index]
+    return Evidence(strange, plain, table, foot)
+
+
+def ground_of(points: Array) -> Array:
+    """Convex outline of the ground on which an object may stand. [N, 3] sparse points of it -> [K, 2], on the table."""
+    corners = cv2.convexHull(np.ascontiguousarray(points[:, :2], dtype=np.float32))[:, 0].astype(np.float64)
+    reach = _BESIDE * float(np.ptp(points, axis=0).max())
+    angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    wider = (corners[:, None] + reach * np.stack([np.cos(angle), np.sin(angle)], axis=-1)).reshape(-1, 2)
+    return np.asarray(cv2.convexHull(wider.astype(np.float32))[:, 0], dtype=np.float64)
+
+
+def _over(ground: Array, camera: Camera, pose: Array) -> Array:
+    """Pixels whose line of sight meets the table within an outline; none where it reaches behind the camera. -> [h, w] bool."""
+    out = np.zeros((camera.height, camera.width), np.uint8)
+    pixels = camera.project(np.c_[ground, np.zeros(len(ground))] @ pose[:3, :3].T + pose[:3, 3])
+    if np.isfinite(pixels).all():
+        cv2.fillConvexPoly(out, cv2.convexHull(np.rint(pixels - 0.5).astype(np.int32)), 1)
+    return out > 0
 
 
 def amend(mask: Array, evidence: Evidence, allowed: Array | None = None) -> Array:
-    """A mask with what the bare table says: strange patches beside it are added, plain rims taken off.
+    """A mask with what the bare table says: strange patches beside it are added, and its foot; plain rims are taken off.
+
+    Whoever looks at the ground under an object sees the object. A dark foot on a dark table is as little strange as the
+    table, but no photo shows the table where it stands.
 
     Args:
         mask: The object so far. [h, w] bool.
@@ -128,6 +161,7 @@ def amend(mask: Array, evidence: Evidence, allowed: Array | None = None) -> Arra
         [h, w] bool; may hold patches apart from the object.
     """
     added = cv2.morphologyEx((evidence.strange & ~mask).astype(np.uint8), cv2.MORPH_OPEN, disc(1)) > 0
+    added |= cv2.morphologyEx((evidence.foot | mask).astype(np.uint8), cv2.MORPH_OPEN, disc(2)) > 0
     if allowed is not None:
         added &= allowed
     depth = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
@@ -155,11 +189,13 @@ def windows(mask: Array, photo: Array, evidence: Evidence) -> Array:
     # Where a rim turns away from the light it takes on any table's brightness: such ribbons are no windows.
     core = cv2.morphologyEx(same, cv2.MORPH_OPEN, disc(max(2, round(0.02 * np.sqrt(mask.sum())))))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(core, connectivity=4)
-    own, behind = fine_detail(photo), fine_detail(np.clip(255 * evidence.table, 0, 255).astype(np.uint8))
+    behind = np.clip(255 * evidence.table, 0, 255).astype(np.uint8)
     for label in range(1, count):
         if stats[label, cv2.CC_STAT_AREA] > _WINDOW * mask.sum():
             patch = labels == label
-            a, b = own[patch] - own[patch].mean(), behind[patch] - behind[patch].mean()
+            # The window's frame stands out in the photo alone; without it a faint pattern is enough.
+            a, b = (fine_detail(picture, patch)[patch] for picture in (photo, behind))
+            a, b = a - a.mean(), b - b.mean()
             spread = float(a.std() * b.std())
             if min(a.std(), b.std()) > _WINDOW_TEXTURE and float((a * b).mean()) > _WINDOW_MATCH * spread:
                 found |= (cv2.dilate(patch.astype(np.uint8), disc(3)) > 0) & (same > 0)
@@ -276,10 +312,11 @@ def _subtract_once(
     poses = [view.cam_from_table for view in views]
     crops, cameras, photos, parts = _cut_round_masks(views, masks, settings.crop_px, 0.25, threads)
 
+    ground = ground_of(prompt.points)
     free = [free_of(part) for part in parts]
 
     def compare(index: int) -> Evidence | None:
-        return None if crops[index] is None else compare_with_table(index, photos, parts, cameras, poses, free)
+        return None if crops[index] is None else compare_with_table(index, photos, parts, cameras, poses, free, ground)
 
     def amended(index: int, allowed: Array | None = None) -> Array:
         view, crop, evidence = views[index], crops[index], found[index]

@@ -13,12 +13,14 @@ from dataclasses import replace
 import cv2
 import numpy as np
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from gsbridge.cameras import View
 from gsbridge.geometry import Array
 from gsbridge.kernels import njit
 from gsbridge.mesh.depth import Cloud
 from gsbridge.mesh.hull import Hull
+from gsbridge.meshes import Mesh
 from gsbridge.photogrammetry.carving import largest_component, mesh_depth, mesh_of_field
 
 _VIEWS = 3
@@ -31,6 +33,8 @@ _LOWER = 0.03
 """Share of the hull's size from which on a lower top is taken; less is the outlines' noise."""
 _MEASURED = 0.2
 """Share of the lines of sight into the part above that must end there, measured, for it to stay: a dome with a pattern."""
+_NEAR = 0.035
+"""Surface this near to a measured point counts as measured, as a share of the object's size: gaps in it are filled."""
 _OUTLINE_WIDTH = 320
 """Masks are shrunk to this width for the height that the outlines need, px."""
 
@@ -213,3 +217,23 @@ def carved(hull: Hull, cloud: Cloud, threads: int) -> tuple[Hull, float]:
     # Depth maps end in ragged borders; steps finer than two voxels are their noise.
     left = ndimage.gaussian_filter(np.clip(left, -4 * hull.grid.spacing, 4 * hull.grid.spacing), 0.8)
     return _rebuilt(hull, np.minimum(hull.uncut, left).astype(np.float32)), share
+
+
+def guessed_share(mesh: Mesh, points: Array) -> float:
+    """Share of the surface that faces upward near which nothing was measured: the bottom of a deep cup, say.
+
+    Lines of sight that end on the far wall of a cup prove the space before them empty, and leave a heap on its bottom.
+
+    Args:
+        mesh: An object, standing on z = 0.
+        points: Measured points. [N, 3].
+    """
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    middles, areas = mesh.corners().mean(1), mesh.areas()
+    upward = (mesh.normals()[:, 2] > 0.5) & (middles[:, 2] > _LOWER * size)
+    if not upward.any():
+        return 0.0
+    if len(points) == 0:
+        return 1.0
+    far = cKDTree(points).query(middles[upward])[0] > _NEAR * size
+    return float(areas[upward][far].sum() / areas[upward].sum())

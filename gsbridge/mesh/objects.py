@@ -20,7 +20,7 @@ from gsbridge.images import read_image
 from gsbridge.mesh.backends import choose_backend, external_points
 from gsbridge.mesh.depth import Cloud, depth_cloud
 from gsbridge.mesh.fuse import fuse, vertex_colours
-from gsbridge.mesh.hollow import carved, lowered
+from gsbridge.mesh.hollow import carved, guessed_share, lowered
 from gsbridge.mesh.hull import Hull, build_hull, read_masks
 from gsbridge.mesh.repair import closed_surface, depth_inside
 from gsbridge.meshes import Mesh, write_mesh
@@ -36,6 +36,8 @@ _DISAGREE = 0.1
 """Share by which mesh and measured points may differ: in height, and of points that lie off the mesh."""
 _UNSEEN = 0.5
 """Share of the upward surface without depth above which its shape is a guess."""
+_GUESSED = 0.15
+"""Share of the upward surface far from all measured points above which the bottom of an opening is a guess."""
 _FEW_POINTS = 30
 """Points below which they say nothing about a mesh."""
 
@@ -57,8 +59,8 @@ def _solid(
     narrow: bool,
     seed: int,
     threads: int,
-) -> tuple[Grid, Array, dict[str, Any]]:
-    """Signed distance of the object by the chosen depth backend, and figures."""
+) -> tuple[Grid, Array, dict[str, Any], Array]:
+    """Signed distance of the object by the chosen depth backend, figures, and the measured points [N, 3]."""
     backend = choose_backend(settings.backend)
     top = float(hull.mesh.vertices[:, 2].max())
     if backend == "sweep":
@@ -79,10 +81,10 @@ def _solid(
     grid, field, figures = fuse(hull, cloud, views, settings, narrow=narrow, seed=seed)
     figures |= {"backend": backend, "confirmed_share": share, "cavity_share": cavity}
     figures["lowered_share"] = 1.0 - float(hull.mesh.vertices[:, 2].max()) / top
-    return grid, field, figures
+    return grid, field, figures, cloud.points
 
 
-def doubts(mesh: Mesh, members: Array, open_share: float, cavity_share: float) -> list[str]:
+def doubts(mesh: Mesh, members: Array, open_share: float, cavity_share: float, guessed: float = 0.0) -> list[str]:
     """Why a closed mesh may be wrong: where it and the measured points of the object disagree, and where none are.
 
     Args:
@@ -90,11 +92,17 @@ def doubts(mesh: Mesh, members: Array, open_share: float, cavity_share: float) -
         members: Sparse points of what stands there. [K, 3].
         open_share: Share of the upward surface without depth, 0..1.
         cavity_share: Share of the hull's volume that measured depth has emptied.
+        guessed: Share of the upward surface near which nothing was measured, 0..1.
 
     Returns:
         One reason for each disagreement; none for a mesh to be trusted.
     """
     reasons = []
+    if open_share <= _UNSEEN and cavity_share and guessed > _GUESSED:
+        reasons.append(
+            f"nothing was measured near {100 * guessed:.0f} % of the surface that faces upward: the bottom of its opening is "
+            "unseen and a guess; film from higher up as well"
+        )
     if open_share > _UNSEEN:
         where = "the bottom of its opening is unseen and a guess" if cavity_share else "whether it is open there is unknown"
         reasons.append(
@@ -166,7 +174,7 @@ def mesh_object(
     )
     coverage = azimuth_coverage(views, 0.5 * (hull.mesh.vertices.min(0) + hull.mesh.vertices.max(0)))
     narrow = coverage < _FULL_ORBIT_DEG
-    grid, field, figures = _solid(views, masks, hull, sparse, settings, narrow, seed, threads)
+    grid, field, figures, measured = _solid(views, masks, hull, sparse, settings, narrow, seed, threads)
     visual = closed_surface(grid, field, settings.faces)
     collision = closed_surface(hull.grid, hull.field, settings.collision_faces)
     reasons = []
@@ -187,7 +195,8 @@ def mesh_object(
     focus = 0.5 * (visual.vertices.min(0) + visual.vertices.max(0))
     distance = float(np.median([np.linalg.norm(view.centre - focus) for view in views]))
     members = sparse[find_standing(sparse, focus, distance).members]
-    reasons += doubts(visual, members, figures["open_share"], figures["cavity_share"])
+    figures["guessed_share"] = guessed_share(visual, measured)
+    reasons += doubts(visual, members, figures["open_share"], figures["cavity_share"], figures["guessed_share"])
     photos, small = [], []
     for view in views:
         camera = view.camera.scaled(min(1.0, settings.image_width / view.camera.width))

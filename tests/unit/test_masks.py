@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from scipy import ndimage
-from solid_scene import around, gate, solid_scene
+from solid_scene import around, gate, solid_scene, statue, traced
 from table_scene import CENTRE, RADIUS, ball_scene
 
 from gsbridge.cameras import Camera, View, Views
@@ -15,7 +15,7 @@ from gsbridge.masks import MaskSettings, flatness, grabcut, segment_object
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop, cut_out, tidy
 from gsbridge.masks.layers import Layers, median_colour, median_layer
 from gsbridge.masks.prompt import find_object, focus_point
-from gsbridge.masks.subtraction import amend, compare_with_table, open_windows, subtract_table
+from gsbridge.masks.subtraction import amend, compare_with_table, ground_of, open_windows, subtract_table
 from gsbridge.photogrammetry.sparse import SparsePoints, read_points
 
 SMALL = MaskSettings(crop_px=160, hull_voxels=48, iterations=2, passes=1)
@@ -254,6 +254,31 @@ def test_subtraction_completes_masks(scene, cut_short):
 
     assert np.mean(overlaps(masks)) < 0.9
     assert np.mean(overlaps(subtract_table(scene.views, masks, prompt, SMALL, 2))) > 0.93
+
+
+def test_the_ground_under_an_object_shows_its_foot(tmp_path):
+    """Masks that miss the side of a plinth, whatever its colour: no photo shows the table where it stands."""
+    camera = Camera(256, 192, 220.0, 220.0, 128.0, 96.0)
+    views = around(camera, 24, (25.0, 40.0), np.array([0.0, 0.0, 0.03]))
+    scene = solid_scene(tmp_path, statue, views)
+    masks = []
+    for view, inside in zip(scene.views, scene.inside, strict=True):
+        masks.append(inside & (traced(view, statue)[0][..., 2] > 0.0155))
+    photos = [read_image_u8(scene.views.path(view)) for view in scene.views]
+    cameras, poses = [view.camera for view in scene.views], [view.cam_from_table for view in scene.views]
+    ground = ground_of(np.array([[x, y, z] for x in (-0.039, 0.039) for y in (-0.039, 0.039) for z in (0.015, 0.1)]))
+    found = missing = wrong = more = 0
+    for index in range(0, len(masks), 4):
+        mask, true = masks[index], scene.inside[index]
+        foot = compare_with_table(index, photos, masks, cameras, poses, ground=ground).foot
+        assert not compare_with_table(index, photos, masks, cameras, poses).foot.any()
+        found, missing = found + (foot & true).sum(), missing + (true & ~mask).sum()
+        wrong += (foot & ~true).sum()
+        more += compare_with_table(index, photos, scene.inside, cameras, poses, ground=ground).foot.sum()
+    print(found, missing, wrong, more)
+    assert found > 0.5 * missing
+    assert wrong < 0.02 * missing
+    assert more < 0.05 * missing
 
 
 def test_bumps_of_the_table_do_not_join_the_object(scene):

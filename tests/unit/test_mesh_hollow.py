@@ -7,7 +7,7 @@ from solid_scene import POT_HEIGHT, around, filled_pot, pot, statue, traced
 
 from gsbridge.cameras import Camera
 from gsbridge.mesh.depth import Cloud
-from gsbridge.mesh.hollow import carved, lowered, needed_height
+from gsbridge.mesh.hollow import carved, guessed_share, lowered, needed_height
 from gsbridge.mesh.hull import build_hull
 from gsbridge.mesh.objects import doubts
 from gsbridge.meshes import Mesh
@@ -60,6 +60,32 @@ def test_depth_empties_the_pot_as_far_as_it_is_seen(one_height):
     # From 38 degrees a line of sight over the near rim meets the far wall about half way down.
     inner = (np.hypot(x, y) < 0.02) & (z > 0.038) & (z < POT_HEIGHT)
     assert (left.field[inner] > 0).mean() < 0.02
+
+
+def cup(p):
+    """Signed distance of a deep cup, 85 mm tall, 60 mm wide inside, 79 mm deep, m. [N, 3] -> [N]."""
+    rho, z = np.hypot(p[:, 0], p[:, 1]), p[:, 2]
+    outside = np.maximum(np.maximum(rho - 0.034, z - 0.085), -z)
+    return np.maximum(outside, -np.maximum(rho - 0.030, 0.006 - z))
+
+
+def test_a_bottom_that_nobody_saw_is_a_guess():
+    """From 45 degrees the far wall is seen 60 mm deep, and the middle of the opening 30 mm deep."""
+    views, masks, hull, cloud = look(cup, (30.0, 45.0))
+    left, share = carved(lowered(hull, views, masks, lambda: cloud), cloud, threads=1)
+    guessed = guessed_share(left.mesh, cloud.points)
+    assert share > 0.2
+    assert guessed > 0.3
+    (floor,) = doubts(left.mesh, cloud.points[:5], 0.1, share, guessed)
+    assert "unseen and a guess" in floor
+    assert doubts(left.mesh, cloud.points[:5], 0.1, 0.0, guessed) == []
+    assert guessed_share(left.mesh, np.zeros((0, 3))) == 1.0
+
+
+def test_a_bottom_that_was_seen_is_no_guess():
+    views, masks, hull, cloud = look(pot, (38.0, 65.0))
+    left, _ = carved(lowered(hull, views, masks, lambda: cloud), cloud, threads=1)
+    assert guessed_share(left.mesh, cloud.points) < 0.1
 
 
 def test_a_full_pot_stays_full():

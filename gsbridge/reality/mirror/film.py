@@ -9,14 +9,15 @@ from __future__ import annotations
 import itertools
 import shutil
 import zlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gsbridge.cameras import Camera, split_of
-from gsbridge.configuration.films import FilmSettings
+from gsbridge.configuration.films import FilmSettings, Take
+from gsbridge.errors import InputError
 from gsbridge.files import atomic_directory, write_json, write_stage
 from gsbridge.geometry import Array
 from gsbridge.images import psnr, read_image, srgb_from_linear, write_image
@@ -24,10 +25,11 @@ from gsbridge.logs import Progress
 from gsbridge.meshes import Mesh, write_mesh
 from gsbridge.photogrammetry.board import standard_board
 from gsbridge.reality.mirror.backgrounds import TABLE_SIZE_M
-from gsbridge.reality.mirror.lens import Lens, phone
-from gsbridge.reality.mirror.path import background_path, object_path, pan_path
+from gsbridge.reality.mirror.lens import Lens
+from gsbridge.reality.mirror.path import background_path, pan_path
 from gsbridge.reality.mirror.path_tracer import variant
 from gsbridge.reality.mirror.studio import SCENES, Studio, build_studio
+from gsbridge.reality.mirror.takes import take_camera, take_gains, take_path
 
 DENSE = "dense_pan"
 """The film that tests keyframing: video rate, known motion, known blur."""
@@ -38,11 +40,12 @@ _VIDEO_FRAMES_PER_KEYFRAME = 12
 
 @dataclass(frozen=True)
 class _Shot:
-    """One frame to take: a pose, or several that blur into one, and its samples per pixel."""
+    """One frame to take: a pose, or several that blur into one, its samples per pixel, and its exposure."""
 
     name: str
     poses: Array
     spp: int
+    gain: Array = field(default_factory=lambda: np.ones(3))
 
 
 def film_scene(
@@ -55,6 +58,7 @@ def film_scene(
     state: Path,
     threads: int,
     seed: int,
+    take: Take | None = None,
 ) -> None:
     """Film one scene of the mirror.
 
@@ -68,12 +72,15 @@ def film_scene(
             code, because frames found there are taken as they are.
         threads: Threads to render with.
         seed: Seed of the world (textures: the same in all films of one seed) and of this film's path and noise.
+        take: How an object is filmed; None for the plain walk.
 
     Raises:
-        InputError: Unknown scene.
+        InputError: Unknown scene, or a take of what is no object.
     """
+    if take is not None and (scene == DENSE or SCENES.get(scene, (None,))[0] is None):
+        raise InputError("mirror", f"the scene '{scene}' has no takes", "Remove the take, or name an object's scene")
     studio = build_studio(scene, settings.sheet, threads, seed)
-    lens = Lens.of(phone(settings.width, settings.height))
+    lens = Lens.of(take_camera(take, settings.width, settings.height))
     path_rng = np.random.default_rng([seed, zlib.crc32(scene.encode())])
     height = float(studio.truth.vertices[:, 2].max())
     extra: dict[str, Any] = {}
@@ -81,10 +88,13 @@ def film_scene(
         shots, extra = _dense_shots(settings, lens.film, height, path_rng)
     else:
         poses = (
-            object_path(settings.frames, height, path_rng) if SCENES[scene][0] else background_path(settings.frames, path_rng)
+            take_path(take, settings.frames, height, path_rng)
+            if SCENES[scene][0]
+            else background_path(settings.frames, path_rng)
         )
+        gains = take_gains(take, settings.frames, path_rng)
         shots = [
-            _Shot(f"{k:04d}.png", pose[None], settings.held_out_spp if split_of(k) == "held_out" else settings.spp)
+            _Shot(f"{k:04d}.png", pose[None], settings.held_out_spp if split_of(k) == "held_out" else settings.spp, gains[k])
             for k, pose in enumerate(poses)
         ]
     progress = Progress(len(shots), f"film {scene}")
@@ -92,6 +102,8 @@ def film_scene(
         _take(studio, lens, shot, state, frame_seed=seed * 100_003 + number)
         progress.update(shot.name)
     ceilings = {} if scene == DENSE else _ceilings(studio, lens, shots, state, settings, seed)
+    if take == "re_exposing":
+        extra = {"gain": [shot.gain.tolist() for shot in shots]}
     _deliver(scene, settings, lens.film, shots, extra, ceilings, studio.truth, out_frames, out_json, out_truth, state, seed)
 
 
@@ -103,7 +115,7 @@ def _take(studio: Studio, lens: Lens, shot: _Shot, state: Path, frame_seed: int)
     parts = [studio.render(lens.pinhole, pose, shot.spp, frame_seed * 16 + k) for k, pose in enumerate(shot.poses)]
     covers = [studio.coverage(lens.pinhole, pose) for pose in shot.poses]
     write_image(mask, np.clip(lens.warp(np.mean(covers, axis=0)), 0, 1))
-    write_image(photo, lens.expose(np.mean(parts, axis=0), np.random.default_rng(frame_seed)))
+    write_image(photo, lens.expose(np.mean(parts, axis=0), np.random.default_rng(frame_seed), shot.gain))
 
 
 def _ceilings(

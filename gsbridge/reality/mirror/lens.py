@@ -87,8 +87,17 @@ class Lens:
             np.ascontiguousarray(rendering, dtype=np.float32), self.x, self.y, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_REFLECT
         )
 
-    def expose(self, rendering: Array, rng: np.random.Generator) -> Array:
-        """8-bit photo of a rendering: warp in linear light, sRGB encoding, sensor noise. [h, w, 3] -> [H, W, 3] uint8."""
-        encoded = srgb_from_linear(np.clip(self.warp(rendering), 0, 1))
+    def expose(self, rendering: Array, rng: np.random.Generator, gain: Array | float = 1.0) -> Array:
+        """8-bit photo of a rendering: warp in linear light, exposure, sRGB encoding, sensor noise.
+
+        Args:
+            rendering: Linear light. [h, w, 3].
+            rng: Random numbers of the noise.
+            gain: Factor of the exposure on each channel. [3] or a number.
+
+        Returns:
+            [H, W, 3] uint8.
+        """
+        encoded = srgb_from_linear(np.clip(gain * self.warp(rendering), 0, 1))
         noisy = encoded + SENSOR_NOISE * rng.standard_normal(encoded.shape, dtype=np.float32)
         return np.rint(np.clip(noisy, 0, 1) * 255).astype(np.uint8)

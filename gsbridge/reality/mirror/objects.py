@@ -1,4 +1,4 @@
-"""The mirror's objects: shapes as signed distances, meshed finely, painted per vertex.
+"""The mirror's objects by name, and those that are solid: signed distances, meshed finely, painted per vertex.
 
 Each maker works in the object's own frame: metres, z up, resting on z = 0, footprint centre at the origin, front towards -y.
 Signed distances are in millimetres inside this module, because the shapes' sizes are. No mark is finer than about 2 mm: a frame
@@ -7,73 +7,15 @@ of 640 px shows 1 mm per pixel at half a metre, and what is smaller only turns i
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
-from skimage.measure import marching_cubes
 
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.meshes import Mesh
+from gsbridge.reality.mirror.ornaments import make_statue, make_toy, make_white_box
+from gsbridge.reality.mirror.solids import ellipsoid, merge, mesh_of
 from gsbridge.reality.mirror.textures import blend, cells, octaves, paint_strokes, pick, step, value_noise
-
-Distance = Callable[[Array], Array]
-
-
-def _ellipsoid(p: Array, centre: tuple[float, float, float], radii: tuple[float, float, float], tilt: float = 0.0) -> Array:
-    """Approximate signed distance to an ellipsoid, turned by `tilt` about y. [N, 3] -> [N]. Source: Quilez, "Ellipsoid"."""
-    q = p - np.array(centre)
-    if tilt:
-        c, s = np.cos(tilt), np.sin(tilt)
-        q = np.stack([c * q[:, 0] - s * q[:, 2], q[:, 1], s * q[:, 0] + c * q[:, 2]], axis=-1)
-    r = np.array(radii)
-    k0 = np.linalg.norm(q / r, axis=-1)
-    k1 = np.linalg.norm(q / r**2, axis=-1)
-    return k0 * (k0 - 1) / np.maximum(k1, 1e-9)
-
-
-def _merge(*distances: Array, soft: float = 4.0) -> Array:
-    """Union with rounded seams of about `soft` mm. Source: Quilez, polynomial smooth minimum."""
-    total = distances[0]
-    for other in distances[1:]:
-        h = np.maximum(soft - np.abs(total - other), 0) / soft
-        total = np.minimum(total, other) - h * h * soft / 4
-    return total
-
-
-def mesh_of(distance: Distance, low: tuple[float, ...], high: tuple[float, ...], cell: float) -> tuple[Array, Array, Array]:
-    """Watertight mesh of a signed distance, cut flat at z = 0.
-
-    Args:
-        distance: Signed distance, mm, negative inside. [N, 3] -> [N].
-        low, high: Box to search, mm.
-        cell: Grid spacing, mm.
-
-    Returns:
-        Vertices [V, 3] and outward normals [V, 3] (m), faces [F, 3].
-    """
-    # The grid is shifted by an odd fraction, so that no plane of a shape falls on grid points (degenerate triangles).
-    axes = [np.arange(a - 2 * cell - 0.37 * cell, b + 2 * cell, cell) for a, b in zip(low, high, strict=True)]
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    field = np.concatenate(
-        [np.maximum(distance(part), -part[:, 2]) for part in np.array_split(grid, max(1, len(grid) // 400_000))]
-    )
-    field = field.reshape([len(axis) for axis in axes])
-    vertices, faces, _, _ = marching_cubes(field.astype(np.float32), 0.0, spacing=(cell,) * 3, gradient_direction="ascent")
-    vertices = (vertices + [axis[0] for axis in axes]) * 1e-3
-    mesh = Mesh(vertices.astype(np.float64), faces.astype(np.int64))
-    if mesh.volume() < 0:
-        mesh = Mesh(mesh.vertices, mesh.faces[:, ::-1])
-    return mesh.vertices, _vertex_normals(mesh), mesh.faces
-
-
-def _vertex_normals(mesh: Mesh) -> Array:
-    """Area-weighted vertex normals. [V, 3]."""
-    weighted = mesh.normals() * mesh.areas()[:, None]
-    total = np.zeros_like(mesh.vertices)
-    for corner in range(3):
-        np.add.at(total, mesh.faces[:, corner], weighted)
-    return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-30)
+from gsbridge.reality.mirror.vessels import make_bowl, make_mug, make_pot
 
 
 def _small_cube(seed: int, detail: float) -> tuple[Array, Array, Array, Array]:
@@ -122,9 +64,9 @@ def _cake(seed: int, detail: float) -> tuple[Array, Array, Array, Array]:
         layers = 0.7 * np.cos(p[:, 2] * 2 * np.pi / 15.0)
         q = np.stack([rho - (52.6 + frosted + layers * (frosted < 0.8) - 4), np.abs(p[:, 2] - 26) - (26 - 4)], axis=-1)
         body = np.linalg.norm(np.maximum(q, 0), axis=-1) + np.minimum(q.max(-1), 0) - 4
-        parts = [_ellipsoid(p, berry, (7.2, 7.2, 7.6)) for berry in berries]
-        swirl = _ellipsoid(p, (0, 0, 52), (13, 13, 7.6)) + 0.8 * np.cos(5 * np.arctan2(p[:, 1], p[:, 0]) + 0.55 * rho)
-        return _merge(body, swirl, *parts, soft=1.5)
+        parts = [ellipsoid(p, berry, (7.2, 7.2, 7.6)) for berry in berries]
+        swirl = ellipsoid(p, (0, 0, 52), (13, 13, 7.6)) + 0.8 * np.cos(5 * np.arctan2(p[:, 1], p[:, 0]) + 0.55 * rho)
+        return merge(body, swirl, *parts, soft=1.5)
 
     v, n, f = mesh_of(distance, (-56, -56, 0), (56, 56, 61), 0.7 * detail)
     mm = v * 1e3
@@ -241,23 +183,23 @@ def _bear(seed: int, detail: float) -> tuple[Array, Array, Array, Array]:
     def parts(p: Array) -> dict[str, Array]:
         scarf = np.hypot(np.hypot(p[:, 0], p[:, 1] + 1) - 22.5, p[:, 2] - 67 - 0.12 * p[:, 1]) - 6.0
         return {
-            "body": _ellipsoid(p, (0, 2, 38), (34, 29, 42)),
-            "head": _ellipsoid(p, (0, -4, 90), (30, 27, 26)),
-            "ears": np.minimum(_ellipsoid(p, (-23, -1, 109), (11.5, 7, 11.5)), _ellipsoid(p, (23, -1, 109), (11.5, 7, 11.5))),
-            "muzzle": _ellipsoid(p, (0, -27, 83), (14.5, 12, 11.5)),
-            "nose": _ellipsoid(p, (0, -38, 87.5), (5.5, 4, 4.0)),
-            "eyes": np.minimum(*(_ellipsoid(p, eye, (4.2, 3.4, 4.2)) for eye in _BEAR_EYES)),
+            "body": ellipsoid(p, (0, 2, 38), (34, 29, 42)),
+            "head": ellipsoid(p, (0, -4, 90), (30, 27, 26)),
+            "ears": np.minimum(ellipsoid(p, (-23, -1, 109), (11.5, 7, 11.5)), ellipsoid(p, (23, -1, 109), (11.5, 7, 11.5))),
+            "muzzle": ellipsoid(p, (0, -27, 83), (14.5, 12, 11.5)),
+            "nose": ellipsoid(p, (0, -38, 87.5), (5.5, 4, 4.0)),
+            "eyes": np.minimum(*(ellipsoid(p, eye, (4.2, 3.4, 4.2)) for eye in _BEAR_EYES)),
             "arms": np.minimum(
-                _ellipsoid(p, (-35, -12, 48), (10.5, 12, 24), 0.45), _ellipsoid(p, (35, -12, 48), (10.5, 12, 24), -0.45)
+                ellipsoid(p, (-35, -12, 48), (10.5, 12, 24), 0.45), ellipsoid(p, (35, -12, 48), (10.5, 12, 24), -0.45)
             ),
-            "legs": np.minimum(_ellipsoid(p, (-23, -30, 15), (15, 29, 16)), _ellipsoid(p, (23, -30, 15), (15, 29, 16))),
-            "scarf": np.minimum(scarf, _ellipsoid(p, (9, -29, 52), (6.5, 4.5, 17), 0.25)),
+            "legs": np.minimum(ellipsoid(p, (-23, -30, 15), (15, 29, 16)), ellipsoid(p, (23, -30, 15), (15, 29, 16))),
+            "scarf": np.minimum(scarf, ellipsoid(p, (9, -29, 52), (6.5, 4.5, 17), 0.25)),
         }
 
     def distance(p: Array) -> Array:
         d = parts(p)
-        fur = _merge(d["body"], d["head"], d["ears"], d["arms"], d["legs"], d["muzzle"], soft=5.0)
-        return _merge(fur, d["nose"], d["eyes"], d["scarf"], soft=1.2)
+        fur = merge(d["body"], d["head"], d["ears"], d["arms"], d["legs"], d["muzzle"], soft=5.0)
+        return merge(fur, d["nose"], d["eyes"], d["scarf"], soft=1.2)
 
     v, n, f = mesh_of(distance, (-50, -62, 0), (50, 34, 122), 0.7 * detail)
     mm = v * 1e3
@@ -305,7 +247,18 @@ def _bear(seed: int, detail: float) -> tuple[Array, Array, Array, Array]:
     return v, n, f, colours
 
 
-_MAKERS = {"small_cube": _small_cube, "cake": _cake, "banana": _banana, "bear": _bear}
+_MAKERS = {
+    "small_cube": _small_cube,
+    "cake": _cake,
+    "banana": _banana,
+    "bear": _bear,
+    "mug": make_mug,
+    "bowl": make_bowl,
+    "pot": make_pot,
+    "statue": make_statue,
+    "toy": make_toy,
+    "white_box": make_white_box,
+}
 
 OBJECTS = tuple(_MAKERS)
 """Names of the objects."""

@@ -50,20 +50,24 @@ def _ring(azimuth: Array, elevation: Array, distance: Array) -> Array:
     )
 
 
-def object_path(frames: int, height: float, rng: np.random.Generator) -> Array:
-    """1.25 orbits about the object and the board, elevation 28 to 55 degrees, 0.39 to 0.42 m away.
+def object_path(
+    frames: int, height: float, rng: np.random.Generator, elevation_deg: tuple[float, float] = (28.0, 55.0)
+) -> Array:
+    """1.25 orbits about the object and the board, 0.39 to 0.42 m away.
 
     Args:
         frames: Number of frames.
         height: Height of the object, m.
         rng: Random numbers.
+        elevation_deg: First and last elevation of the camera.
 
     Returns:
         cam_from_table. [frames, 4, 4].
     """
     t = np.linspace(0, 1, frames)
     azimuth = rng.uniform(0, 2 * np.pi) + 2 * np.pi * 1.25 * t
-    elevation = np.radians(28 + 27 * t)
+    first, last = elevation_deg
+    elevation = np.radians(first + (last - first) * t)
     distance = 0.405 + 0.015 * np.sin(2 * np.pi * 2.3 * t + rng.uniform(0, 6))
     target = np.tile([OBJECT_SPOT_M[0], 0.66 * OBJECT_SPOT_M[1], 0.35 * height], (frames, 1))
     return _poses(t, rng, target + _ring(azimuth, elevation, distance), target, 0.007)

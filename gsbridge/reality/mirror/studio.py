@@ -40,6 +40,12 @@ SCENES: dict[str, tuple[str | None, str, float]] = {
     "foam_pad": (None, "foam_pad", 0.0),
     "tablecloth": (None, "tablecloth", 0.0),
     "plate": (None, "plate", 0.0),
+    "mug": ("mug", "foam_pad", -35.0),
+    "bowl": ("bowl", "tablecloth", 0.0),
+    "pot": ("pot", "foam_pad", 0.0),
+    "statue": ("statue", "tablecloth", 20.0),
+    "toy": ("toy", "foam_pad", -25.0),
+    "white_box": ("white_box", "tablecloth", 30.0),
     "dense_pan": ("small_cube", "foam_pad", 24.0),
 }
 """The films of the studio."""

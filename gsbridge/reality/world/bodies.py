@@ -18,8 +18,19 @@ from gsbridge.reality.mirror.studio import SCENES, placed
 from gsbridge.reality.world.pieces import convex_pieces
 from gsbridge.robot.links import convex_hull
 
-DENSITIES = {"small_cube": 600.0, "cake": 350.0, "banana": 950.0, "bear": 120.0}
-"""Bulk densities of the true objects before the hidden factor, kg/m3: wood, sponge cake, fruit, plush."""
+DENSITIES = {
+    "small_cube": 600.0,  # wood
+    "cake": 350.0,  # sponge cake
+    "banana": 950.0,  # fruit
+    "bear": 120.0,  # plush
+    "mug": 2300.0,  # stoneware
+    "bowl": 2300.0,
+    "pot": 1900.0,  # terracotta
+    "statue": 2600.0,  # marble
+    "toy": 950.0,  # plastic
+    "white_box": 150.0,  # an empty box of cardboard
+}
+"""Bulk densities of the true objects before the hidden factor, kg/m3; those of vessels are of their walls."""
 
 _CONTACT_DETAIL, _MASS_DETAIL = 4.0, 2.0
 """Spacing of the meshes behind contact and mass, of that in films: vertices lie on the surface, so few suffice."""

@@ -9,7 +9,7 @@ from typing import Any
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file, read_json
 
-AREAS = ("real2sim", "simulator", "policies", "worlds", "study", "gap", "loops")
+AREAS = ("real2sim", "shapes", "simulator", "policies", "worlds", "study", "gap", "loops")
 """Areas of the figures, in the page's order."""
 
 NAMED = 6

@@ -22,6 +22,7 @@ from gsbridge.geometry import Array, align_similarity
 from gsbridge.images import read_mask
 from gsbridge.libraries import import_open3d
 from gsbridge.meshes import Mesh, read_mesh
+from gsbridge.report.scores.shape import hole_scores, shape_scores, wrong_and_pass
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,7 @@ def _tilt_deg(normal: Array) -> float:
 
 
 def mask_scores(masks: Path, true_masks: Path, views: Sequence[View], camera: Camera) -> dict[str, Any]:
-    """IoU of the masks with the true ones, over all registered views.
+    """IoU of the masks with the true ones, and the share of the holes that they leave open, over all registered views.
 
     Args:
         masks: Folder of estimated masks, undistorted pixels.
@@ -153,6 +154,7 @@ def mask_scores(masks: Path, true_masks: Path, views: Sequence[View], camera: Ca
         camera: Estimated camera of the film, with distortion.
     """
     found = {}
+    pairs = []
     for view in views:
         name = f"{Path(view.name).stem}.png"
         true = undistort_mask(read_mask(true_masks / name), camera, view.camera)
@@ -160,12 +162,14 @@ def mask_scores(masks: Path, true_masks: Path, views: Sequence[View], camera: Ca
         if mask.shape != true.shape:
             raise InputError(masks / name, "the mask has another size than its view", "Run the masks stage again")
         found[view.name] = mask_iou(mask, true)
+        pairs.append((mask, true))
     worst = min(found, key=found.__getitem__)
     return {
         "mask_iou_mean": float(np.mean(list(found.values()))),
         "mask_iou_min": found[worst],
         "mask_worst": worst,
         "masks": len(found),
+        **hole_scores(pairs),
     }
 
 
@@ -222,7 +226,7 @@ def chamfer(mesh: Mesh, reference: Mesh, *, above: float = ABOVE_M, samples: int
 
 
 def mesh_scores(visual: Path, collision: Path, true_mesh: Path, seed: int) -> dict[str, Any]:
-    """Chamfer distances of both meshes of an object, and whether they are closed.
+    """Chamfer distances of both meshes of an object, what those forgive, and whether the meshes are closed.
 
     Args:
         visual: File of the mesh that is drawn.
@@ -241,6 +245,7 @@ def mesh_scores(visual: Path, collision: Path, true_mesh: Path, seed: int) -> di
             out |= {f"{name}_{key}": value for key, value in chamfer(mesh, reference, seed=seed).items()}
         except ValueError as error:
             raise InputError(path, str(error), "Look at the mesh, then run the mesh stage again") from error
+        out |= shape_scores(name, mesh, reference)
         out[f"{name}_watertight"] = mesh.is_watertight()
     return out
 
@@ -277,6 +282,8 @@ def score_scene(
     visual: str | Path | None = None,
     collision: str | Path | None = None,
     true_mesh: str | Path | None = None,
+    masks_json: str | Path | None = None,
+    mesh_json: str | Path | None = None,
     seed: int = 0,
 ) -> dict[str, Any]:
     """Score one scene of the mirror against its truth.
@@ -290,6 +297,7 @@ def score_scene(
         truth_json: True cameras and poses.
         masks, true_masks: Folders of estimated and true masks; None leaves them out.
         visual, collision, true_mesh: Meshes; None leaves them out.
+        masks_json, mesh_json: Records of an object's stages, with their status; None where `wrong_and_pass` is not asked for.
         seed: Seed of the surface samples.
 
     Returns:
@@ -318,6 +326,11 @@ def score_scene(
         out |= mesh_scores(Path(visual), Path(collision), Path(true_mesh), seed)
     if kind == "background" and visual is not None and true_mesh is not None:
         out |= table_scores(Path(visual), Path(true_mesh))
+    if kind == "object" and masks_json is not None and mesh_json is not None:
+        records = {"masks": read_json(masks_json), "mesh": read_json(mesh_json)}
+        out |= {f"{stage}_status": content["status"] for stage, content in records.items()}
+        out["reasons"] = [reason for content in records.values() for reason in content["reasons"]]
+        out["wrong_and_pass"] = wrong_and_pass(out, out["masks_status"], out["mesh_status"])
     return out
 
 

@@ -1,0 +1,132 @@
+"""Scores of what a distance between surfaces hides: how deep a vessel is, what can be seen through, what is missing at an end.
+
+A mean distance forgives a mug that is filled and a statue that has lost its plinth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from scipy import ndimage
+from skimage.morphology import reconstruction
+
+from gsbridge.geometry import Array
+from gsbridge.libraries import import_open3d
+from gsbridge.meshes import Mesh
+
+CELL_M = 0.001
+"""Spacing of the heights that cavities are measured on."""
+_DEEPEST = 90
+"""Percentile of the depths of a cavity that counts as its depth: a single needle is none."""
+_CAVITY_M = 0.010
+"""Dents of less depth are no cavities."""
+_LEAST_HOLE = 16
+"""Fewer pixels are an outline's raggedness rather than a hole."""
+WRONG_M = 0.005
+"""A mesh that is off by more is wrong."""
+WRONG_IOU = 0.85
+"""A mask that overlaps less with the true one is wrong."""
+
+
+def heights_from_above(mesh: Mesh, low: Array, high: Array) -> Array:
+    """Height of the first surface from above on a grid of `CELL_M`, 0 where there is none. -> [nx, ny], m.
+
+    Args:
+        mesh: A surface above the table, z up, m.
+        low, high: Corners of the area. [2] each.
+    """
+    open3d = import_open3d()
+    scene = open3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
+    # Off the grid by an odd fraction, lest rays run along walls.
+    x, y = (np.arange(a, b, CELL_M) + 0.37 * CELL_M for a, b in zip(low, high, strict=True))
+    top = float(mesh.vertices[:, 2].max()) + 0.1
+    grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+    rays = np.zeros((*grid.shape[:2], 6), np.float32)
+    rays[..., :2], rays[..., 2], rays[..., 5] = grid, top, -1.0
+    hit = scene.cast_rays(rays, nthreads=1)["t_hit"].numpy()
+    return np.where(np.isfinite(hit), np.maximum(top - hit, 0.0), 0.0)
+
+
+def cavity_depth(mesh: Mesh) -> float:
+    """Depth to which water would stand in an object on the table, m; 0 for one that holds none.
+
+    What shows the table from above, as within a ring that lies there, lets all water out.
+    """
+    low, high = mesh.vertices[:, :2].min(0) - 3 * CELL_M, mesh.vertices[:, :2].max(0) + 3 * CELL_M
+    heights = heights_from_above(mesh, low, high)
+    # Water stands as high as the lowest way out: fill from above, held up only where it can run off.
+    start = np.where(heights > 0, heights.max(), 0.0)
+    depth = reconstruction(start, heights, method="erosion") - heights
+    labels, count = ndimage.label(depth > 0.5 * _CAVITY_M)
+    if count == 0:
+        return 0.0
+    volumes = ndimage.sum_labels(depth, labels, np.arange(1, count + 1))
+    found = float(np.percentile(depth[labels == 1 + int(np.argmax(volumes))], _DEEPEST))
+    return found if found > _CAVITY_M else 0.0
+
+
+def shape_scores(name: str, mesh: Mesh, reference: Mesh) -> dict[str, float]:
+    """Scores of one mesh of an object.
+
+    Args:
+        name: `visual` or `collision`, the beginning of the keys.
+        mesh, reference: Estimated and true surface, table frame, m.
+
+    Returns:
+        `{name}_extent_mm`: largest displacement of a side of the bounding box, but for the one on the table. Where the true
+        object has a cavity also `cavity_mm`, its true depth, and `{name}_cavity_error_mm`, found less true.
+    """
+    sides = [mesh.vertices.min(0)[:2] - reference.vertices.min(0)[:2], mesh.vertices.max(0) - reference.vertices.max(0)]
+    out = {f"{name}_extent_mm": 1e3 * float(np.abs(np.concatenate(sides)).max())}
+    true = cavity_depth(reference)
+    if true > 0:
+        out |= {"cavity_mm": 1e3 * true, f"{name}_cavity_error_mm": 1e3 * (cavity_depth(mesh) - true)}
+    return out
+
+
+def hole_pixels(mask: Array) -> Array:
+    """Pixels of the holes in a true mask, cut at 0.5. [H, W] -> [H, W] bool."""
+    solid = np.asarray(mask) >= 0.5
+    labels, count = ndimage.label(ndimage.binary_fill_holes(solid) & ~solid)
+    sizes = ndimage.sum_labels(np.ones(labels.shape), labels, np.arange(1, count + 1))
+    return np.isin(labels, 1 + np.flatnonzero(np.atleast_1d(sizes) >= _LEAST_HOLE))
+
+
+def hole_scores(pairs: Iterable[tuple[Array, Array]]) -> dict[str, Any]:
+    """How many pixels of the holes of true masks are open in the masks found.
+
+    Args:
+        pairs: Found and true mask of each view, 0..1. [H, W] each.
+
+    Returns:
+        `holes`: pixels of true holes over all views; `holes_found`: share of them that is open, absent where there are none.
+    """
+    total = found = 0
+    for mask, true in pairs:
+        holes = hole_pixels(true)
+        total += int(holes.sum())
+        found += int((holes & (np.asarray(mask) < 0.5)).sum())
+    return {"holes": total} | ({"holes_found": found / total} if total else {})
+
+
+def wrong_and_pass(scores: Mapping[str, Any], masks_status: str, mesh_status: str) -> list[str]:
+    """What of an object is wrong though its stage says `pass`; none for an object that is right, or known to be degraded.
+
+    Args:
+        scores: Scores of the scene.
+        masks_status, mesh_status: What the stages' records say.
+
+    Returns:
+        One line for each wrong figure.
+    """
+    out = []
+    if masks_status == "pass" and scores["mask_iou_mean"] < WRONG_IOU:
+        out.append(f"mask IoU {scores['mask_iou_mean']:.3f}")
+    for key in sorted(scores):
+        measured = key.endswith(("_chamfer_mm", "_extent_mm", "_cavity_error_mm"))
+        if mesh_status == "pass" and measured and abs(scores[key]) > 1e3 * WRONG_M:
+            out.append(f"{key} {scores[key]:.1f}")
+    return out
