@@ -338,13 +338,13 @@ def outcome(order: Order, findings: Mapping[str, Any]) -> str:
 def held(order: Order, entries: Sequence[Mapping[str, Any]]) -> dict[str, bool]:
     """Whether 90 % intervals of the account hold the truth, by effect, where an effect of one parameter is there as hidden."""
     out = {}
-    # A filter that takes the newest command is half a period ahead of one that draws lines between commands.
-    true = {name: value - (0.5 * PERIOD if name == "lag" else 0.0) for name, value in order.hidden.items()}
+    # A filter that takes the newest command for the whole period delays slow motion by a little less than its time constant.
+    true = {name: PERIOD / np.expm1(PERIOD / value) if name == "lag" else value for name, value in order.hidden.items()}
     for entry in entries:
         rows = list(entry["parameters"].values())
         if entry["label"] in true and len(rows) == 1:
             low, high = rows[0]["interval90"]
-            out[entry["label"]] = low <= true[entry["label"]] <= high
+            out[entry["label"]] = bool(low <= true[entry["label"]] <= high)
     return out
 
 
