@@ -104,12 +104,12 @@ def test_the_call_of_the_docs_is_understood():
 @pytest.mark.parametrize(
     ("section", "value", "said"),
     [
-        ("editing", {"azimuth_deg": "abc"}, "editing.azimuth_deg: 'abc' is no number. Direction from which it is seen"),
+        ("editing", {"azimuth_deg": "abc"}, "editing.azimuth_deg: 'abc' is no number. Direction from which the object is seen"),
         ("editing", {"size": "400.5"}, "editing.size: '400.5' is no integer"),
         ("editing", {"size": True}, "editing.size: True is no integer"),
         ("editing", {"azimuth_deg": False}, "editing.azimuth_deg: False is no number"),
         ("editing", {"azimuth_deg": "nan"}, "editing.azimuth_deg: nan is no finite number"),
-        ("comparison", {"hull": "perhaps"}, "comparison.hull: 'perhaps' is no boolean. Also bind both"),
+        ("comparison", {"hull": "perhaps"}, "comparison.hull: 'perhaps' is no boolean. Whether soft and GaMeS"),
         ("comparison", {"hull": 1}, "comparison.hull: 1 is no boolean"),
         ("grasp_policy", {"image_size": "100"}, "grasp_policy.image_size: '100' is not possible. Give one of: 64, 128"),
         ("grasp_policy", {"eval_poses": 30}, "grasp_policy.eval_poses: 30 is no multiple of 4. Start poses"),
@@ -118,7 +118,7 @@ def test_the_call_of_the_docs_is_understood():
         ("object_splats", {"offset_band": 2}, "object_splats.offset_band: 2 is greater than the maximum of 1. Largest offset"),
         ("object_splats", {"focus_centre": [0, 1, 2]}, "object_splats.focus_centre"),
         ("object_splats", {"focus_centre": ["a", 1]}, "object_splats.focus_centre.0: 'a' is no number. Middle of that square"),
-        ("mesh", {"table_size": [0, 1]}, "mesh.table_size.0: 0 is not above 0. Width and depth"),
+        ("mesh", {"table_size": [0, 1]}, "mesh.table_size.0: 0 is not above 0. Largest width and depth"),
         ("align", {"require_scale": True}, "align: 'require_scale' is no key"),
         ("asset", {"density": 3}, "asset: 'density' is no key"),
         ("cells", {"task": "grasp"}, "cells: {'task': 'grasp'} is no list"),
