@@ -27,8 +27,8 @@ TITLES = {
     "mesh_vertex_shaded": "mesh, vertex colours",
     "mesh_shaded": "mesh, one colour",
     "gs_unshaded": "splats, no shadows",
-    "mesh_vertex": "vertex colours, none",
-    "mesh": "one colour, none",
+    "mesh_vertex": "mesh, vertex colours,\nno shadows",
+    "mesh": "mesh, one colour,\nno shadows",
 }
 COLUMNS = ("object", "background", "renderer", "views", "psnr", "psnr_min", "psnr_max")
 SHOWN = 8
