@@ -201,7 +201,7 @@ def test_direct_light_is_what_paths_of_that_length_bring(monkeypatch):
     camera.move(poses)
     lens = wrist_camera(32)
     direct = camera.light(lens, cam_from_table, Quality(256, 2), 1)
-    monkeypatch.setattr(module, "_integrator", lambda depth: {"type": "path", "max_depth": depth})
+    monkeypatch.setattr(module, "_integrator", lambda depth, glossy: {"type": "path", "max_depth": depth})
     paths = camera.light(lens, cam_from_table, Quality(256, 2), 2)
     # The noise of either is a few per cent of a pixel; that of the mean vanishes.
     assert direct.mean() == pytest.approx(paths.mean(), rel=0.01)
