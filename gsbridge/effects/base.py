@@ -20,6 +20,7 @@ class Parameter:
         typical: A size at which to begin looking.
         amplitude: Whether the effect vanishes as this goes to zero with the other amplitudes; others are shapes.
         meaning: What it means, in words.
+        per_angle: Whether it counts per turn of a joint, though its unit does not say so.
     """
 
     name: str
@@ -29,6 +30,7 @@ class Parameter:
     typical: float
     amplitude: bool
     meaning: str
+    per_angle: bool = False
 
 
 class Effect(ABC):

@@ -147,7 +147,7 @@ def test_short_record_is_refused(tmp_path):
 def test_amperes_need_a_gain(tmp_path):
     columns = renamed(table(), "effort.axis [N m]", "effort.axis [A]", 10.0)
     assert "amperes" in refused(tmp_path, columns)
-    record = read_record(written(tmp_path, columns), Layout(("axis",), torque_per_ampere=0.1))
+    record = read_record(written(tmp_path, columns), Layout(("axis",), torque_per_ampere={"axis": 0.1}))
     np.testing.assert_allclose(record.measured["effort"][:, 0], table()["effort.axis [N m]"], atol=1e-9)
 
 

@@ -58,6 +58,7 @@ class JointEffect(Effect):
         blends: Whether adding signatures of different shape parameters gives those in between.
         threshold: Whether nothing shows below some size, so that signatures do not simply grow with it.
         cost: `sim` if it needs a simulation of its own, `post` if it changes logs only.
+        turns: Whether it needs a joint that turns, and has no meaning at one that slides.
     """
 
     scope: ClassVar[str] = "joint"
@@ -66,6 +67,7 @@ class JointEffect(Effect):
     threshold: ClassVar[bool] = False
     sizes: ClassVar[tuple[float, ...]] = (1.0, 6.0, 40.0)
     cost: ClassVar[str] = "sim"
+    turns: ClassVar[bool] = False
 
     @abstractmethod
     def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:

@@ -15,6 +15,7 @@ class Eccentricity(FigureEffect):
     )
     figures = {"sine": "eccentric_sine", "cosine": "eccentric_cosine"}  # noqa: RUF012
     sizes = (1.0,)
+    turns = True
     signature = "position error once per turn"
     confused_with = ("encoder_scale", "encoder_offset", "ripple")
     tell_apart = "turn far; the effort hardly shows it"

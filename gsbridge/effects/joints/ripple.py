@@ -12,7 +12,7 @@ class Ripple(FigureEffect):
     parameters = (
         Parameter("sine", "N m", -20.0, 20.0, 0.1, True, "sine part over the joint's angle"),
         Parameter("cosine", "N m", -20.0, 20.0, 0.1, True, "cosine part"),
-        Parameter("waves", "", 2.0, 40.0, 8.0, False, "per turn"),
+        Parameter("waves", "", 2.0, 40.0, 8.0, False, "per turn", per_angle=True),
     )
     figures = {"sine": "ripple_sine", "cosine": "ripple_cosine", "waves": "ripple_waves"}  # noqa: RUF012
     blends = False

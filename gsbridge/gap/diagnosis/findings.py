@@ -181,19 +181,22 @@ class Account:
             return []
         intervals = diagnosis.intervals or _by_deviations(diagnosis.finding)
         figures = diagnosis.figures or (None,) * len(intervals)
-        return [self._described(*row) for row in zip(best.fit.effects, intervals, figures, strict=True)]
+        return [self._described(*row) for row in zip(best.fit.who, best.fit.effects, intervals, figures, strict=True)]
 
     def _described(
         self,
+        candidate: Candidate,
         applied: Applied,
         spans: Mapping[str, tuple[float, float]],
         figures: Mapping[str, tuple[float, float]] | None = None,
     ) -> dict[str, Any]:
         """One effect with units, 90 % intervals, and what the model's own figures were and become."""
-        effect, rows = self.effects[applied.name], {}
+        effect, rows = candidate.effect, {}
         for parameter in effect.parameters:
             row = {"value": applied.parameters[parameter.name], "unit": self.unit_of(parameter)}
             rows[parameter.name] = row | {"interval90": list(spans[parameter.name])}
+            called = candidate.called(parameter.name)
+            rows[parameter.name] |= {} if called == parameter.name else {"called": called}
             if figures:
                 was, becomes = figures[parameter.name]
                 rows[parameter.name] |= {"was": was, "becomes": becomes}
@@ -207,7 +210,9 @@ class Account:
             "entries": [
                 {
                     "label": str(entry.candidate),
-                    **self._described(entry.effect, _spans(entry.candidate, entry.effect, entry.deviations, 1.0)),
+                    **self._described(
+                        entry.candidate, entry.effect, _spans(entry.candidate, entry.effect, entry.deviations, 1.0)
+                    ),
                     "share": entry.share,
                     "verdict": entry.verdict,
                     "alternatives": list(entry.instead),
@@ -282,7 +287,7 @@ class Account:
     def lacks(self, item: Mapping[str, Any]) -> str:
         """One effect that the model lacks, with its figures; an entry of `describe`."""
         figures = ", ".join(
-            f"{name} {_rounded(row['value'], row['interval90'])} {row['unit']}".rstrip()
+            f"{row.get('called', name)} {_rounded(row['value'], row['interval90'])} {row['unit']}".rstrip()
             for name, row in item["parameters"].items()
         )
         who = f"Joint '{item['joint']}'" if item["joint"] else "The model"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -46,14 +46,14 @@ class Columns:
         source: File of the table, for messages.
         names: Our name of a column to that of the file; others keep our name.
         units: Our name of a column, or its kind alone, to its unit; for files whose headers state none.
-        gain: N m per ampere, for efforts in amperes.
+        gains: N m (of joints that slide: N) per ampere by joint, for efforts in amperes.
     """
 
     table: pd.DataFrame
     source: Path
     names: Mapping[str, str]
     units: Mapping[str, str]
-    gain: float | None = None
+    gains: Mapping[str, float] = field(default_factory=dict)
 
     def get(self, ours: str, dimension: str) -> Array | None:
         """Values in SI units; None where there is no such column. [T].
@@ -79,7 +79,7 @@ class Columns:
                 self.source, f"the column '{theirs}' holds no number in data row {bad[0] + 1} ({len(bad)} such rows)",
                 "Remove or mend these rows; gaps in time are allowed",
             )  # fmt: skip
-        return values * factor_to_si(stated, dimension, self.source, theirs, self.gain)
+        return values * factor_to_si(stated, dimension, self.source, theirs, self.gains.get(ours.partition(".")[2]))
 
     def need(self, ours: str, dimension: str) -> Array:
         """`get` of a column that must be there. [T].

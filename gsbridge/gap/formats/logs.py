@@ -5,11 +5,8 @@ Every format becomes a table with our columns, and that is read and checked by o
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-
-import pandas as pd
 
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.lerobot import read_lerobot
@@ -34,15 +31,13 @@ def read_log(path: str | Path, layout: Layout) -> Record:
         InputError: As `read_record`; the part is missing or ambiguous, or an optional package is not installed.
     """
     file, part = split_part(path)
-    reader: Callable[[Path, str, tuple[str, ...]], tuple[pd.DataFrame, str]]
     if file.suffix == ".mcap":
-        reader = read_mcap
+        table, digest = read_mcap(file, part, layout.joints, layout.sliding)
     elif file.is_dir():
-        reader = read_lerobot
+        table, digest = read_lerobot(file, part, layout.joints)
     elif part:
         raise InputError(path, "only data sets and MCAP files have parts", "Leave out what stands behind '#'")
     else:
         return read_record(file, layout)
-    table, digest = reader(file, part, layout.joints)
     record = record_of(table, Path(path), layout, digest=digest)
     return replace(record, name=f"{file.stem}#{part}" if part else file.stem)

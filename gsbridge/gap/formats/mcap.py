@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import importlib
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,8 +23,16 @@ from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.reading import refusing, regular_file
 
-UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m"}
-"""Units of the joint states of ROS."""
+UNITS = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "effort": ("N m", "N")}
+"""Units of the joint states of ROS: at joints that turn, and at those that slide."""
+
+
+@dataclass(frozen=True)
+class _Joints:
+    """Joints of a mechanism, and those of them that slide."""
+
+    names: tuple[str, ...]
+    sliding: Collection[str]
 
 
 @dataclass
@@ -54,13 +62,14 @@ class Stream:
         return "array" if isinstance(first.get("data"), (list, tuple)) else "flat"
 
 
-def read_mcap(path: Path, part: str, joints: tuple[str, ...]) -> tuple[pd.DataFrame, str]:
+def read_mcap(path: Path, part: str, joints: tuple[str, ...], sliding: Collection[str] = ()) -> tuple[pd.DataFrame, str]:
     """The joints' log as a table.
 
     Args:
         path: The file.
         part: `TOPIC` of the measurements, or `TOPIC,COMMANDS`; may be empty where one topic alone can be meant.
         joints: Joints of the mechanism.
+        sliding: Those of them that slide.
 
     Returns:
         Columns `time [s]`, `position.joint` and so on with units where the messages have them; commands as they were last sent
@@ -71,10 +80,10 @@ def read_mcap(path: Path, part: str, joints: tuple[str, ...]) -> tuple[pd.DataFr
     """
     streams = _streams(path)
     with refusing(path, "its messages do not fit together", "Log the same joints in every message"):
-        return _table(streams, path, part, joints), hashlib.sha256(path.read_bytes()).hexdigest()
+        return _table(streams, path, part, _Joints(joints, sliding)), hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _table(streams: Mapping[str, Stream], path: Path, part: str, joints: tuple[str, ...]) -> pd.DataFrame:
+def _table(streams: Mapping[str, Stream], path: Path, part: str, joints: _Joints) -> pd.DataFrame:
     """The joints' log from the topics that are meant; see `read_mcap`."""
     wanted = [name for name in part.split(",") if name]
     for name in wanted:
@@ -183,7 +192,7 @@ def _stamp(content: Mapping[str, Any]) -> float | None:
     return seconds if seconds > 0 else None
 
 
-def _columns(stream: Stream, joints: tuple[str, ...], role: str, path: Path) -> dict[str, Array]:
+def _columns(stream: Stream, joints: _Joints, role: str, path: Path) -> dict[str, Array]:
     """Columns of one topic.
 
     Args:
@@ -203,18 +212,18 @@ def _columns(stream: Stream, joints: tuple[str, ...], role: str, path: Path) -> 
         return columns if clock else {**out, **columns}
     if stream.kind == "array":
         rows = [m["data"] for m in stream.messages]
-        if any(len(row) != len(joints) for row in rows):
+        if any(len(row) != len(joints.names) for row in rows):
             raise InputError(
-                path, f"'{stream.topic}' holds {len(rows[0])} numbers for {len(joints)} joints", "Name another topic"
+                path, f"'{stream.topic}' holds {len(rows[0])} numbers for {len(joints.names)} joints", "Name another topic"
             )
         kind = "command" if role == "command" else "position"
         table = np.array(rows, dtype=np.float64)
-        return {**out, **{f"{kind}.{joint}": column for joint, column in zip(joints, table.T, strict=True)}}
+        return {**out, **{f"{kind}.{joint}": column for joint, column in zip(joints.names, table.T, strict=True)}}
     names = [str(name) for name in stream.messages[0]["name"]]
-    for kind, unit in UNITS.items():
+    for kind, units in UNITS.items():
         if len(stream.messages[0].get(kind) or []) != len(names):
             continue
-        for joint in joints:
+        for joint in joints.names:
             if joint not in names:
                 raise InputError(path, f"'{stream.topic}' has no joint '{joint}'", f"It has: {', '.join(names)}")
             column = np.array([_number(m[kind][list(m["name"]).index(joint)]) for m in stream.messages])
@@ -223,7 +232,7 @@ def _columns(stream: Stream, joints: tuple[str, ...], role: str, path: Path) -> 
                 if role == "command"
                 else kind
             )
-            out[f"{ours}.{joint}" + (f" [{unit}]" if stream.ros else "")] = column
+            out[f"{ours}.{joint}" + (f" [{units[joint in joints.sliding]}]" if stream.ros else "")] = column
     return out
 
 

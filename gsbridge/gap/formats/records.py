@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -12,13 +12,14 @@ import pandas as pd
 
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.columns import Columns, read_table
+from gsbridge.gap.formats.units import SLIDING
 from gsbridge.geometry import Array
 
 SHORTEST = 2.0
 """Shortest record of a driven mechanism, s: less holds too little excitation to tell effects apart."""
 
 COMMANDS = {"command": "angle", "command_velocity": "angular speed", "feedforward": "torque"}
-"""Kinds of command columns, each per joint, and their dimension. In torque mode `command` is a torque."""
+"""Kinds of command columns, each per joint, and their dimension at a joint that turns. In torque mode `command` is a torque."""
 
 MEASURED = {"position": "angle", "velocity": "angular speed", "effort": "torque"}
 """Kinds of measured columns, each per joint."""
@@ -29,6 +30,7 @@ TOOL = "tool"
 AXES = ("x", "y", "z")
 
 _DEGREES = 180 / np.pi
+_MILLIMETRES = 1e3
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,7 @@ class Record:
             motion differ beyond the noise. Each [N].
         digest: SHA-256 of the file, or of the arrays.
         torque_commands: Whether `command` is a torque.
+        sliding: Those of the joints that slide, whose figures are in metres and newtons.
     """
 
     name: str
@@ -59,6 +62,7 @@ class Record:
     digest: str = ""
     torque_commands: bool = False
     tolerance: Mapping[str, Array] = field(default_factory=dict)
+    sliding: tuple[str, ...] = ()
 
     def label(self, kind: str, number: int) -> str:
         """Name of a channel: `position.joint`, or `tool.x`."""
@@ -95,14 +99,16 @@ class Layout:
         torque_mode: Whether the commands are torques.
         columns: Our name of a column to that of the file, e.g. `position.axis` to `enc_1 [deg]`; others keep our name.
         units: Our name of a column, or its kind alone, to its unit; for files whose headers state none.
-        torque_per_ampere: Gain of efforts logged in amperes, N m/A.
+        torque_per_ampere: Gain of efforts logged in amperes by joint, N m/A, at a joint that slides N/A.
+        sliding: Those of the joints that slide instead of turning.
     """
 
     joints: tuple[str, ...]
     torque_mode: bool = False
     columns: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
-    torque_per_ampere: float | None = None
+    torque_per_ampere: Mapping[str, float] = field(default_factory=dict)
+    sliding: tuple[str, ...] = ()
 
 
 def read_record(path: str | Path, layout: Layout) -> Record:
@@ -134,11 +140,11 @@ def record_of(table: pd.DataFrame, path: Path, layout: Layout, *, digest: str) -
     commands, measured = {}, {}
     for kind, dimension in COMMANDS.items():
         dimension = "torque" if layout.torque_mode and kind == "command" else dimension
-        found = _per_joint(kind, dimension, layout.joints, columns)
+        found = _per_joint(kind, dimension, layout.joints, columns, layout.sliding)
         if found is not None:
             commands[kind] = found
     for kind, dimension in MEASURED.items():
-        found = _per_joint(kind, dimension, layout.joints, columns)
+        found = _per_joint(kind, dimension, layout.joints, columns, layout.sliding)
         if found is not None:
             measured[kind] = found
     tool = _per_joint(TOOL, "length", AXES, columns)
@@ -147,16 +153,27 @@ def record_of(table: pd.DataFrame, path: Path, layout: Layout, *, digest: str) -
     elif "position" not in measured:
         columns.need(f"position.{layout.joints[0]}", "angle")
     record = Record(
-        path.stem, time - time[0], layout.joints, commands, measured, digest=digest, torque_commands=layout.torque_mode
-    )
+        path.stem, time - time[0], layout.joints, commands, measured, digest=digest, torque_commands=layout.torque_mode,
+        sliding=layout.sliding,
+    )  # fmt: skip
     check_clock(record, path)
     check_degrees(record, path)
     return replace(record, quantum={kind: quantum_of(values) for kind, values in measured.items()})
 
 
-def _per_joint(kind: str, dimension: str, joints: Sequence[str], columns: Columns) -> Array | None:
-    """Columns `kind.joint` of all joints, or None if there is none of the kind."""
-    found = {joint: columns.get(f"{kind}.{joint}", dimension) for joint in joints}
+def _per_joint(
+    kind: str, dimension: str, joints: Sequence[str], columns: Columns, sliding: Collection[str] = ()
+) -> Array | None:
+    """Columns `kind.joint` of all joints, or None if there is none of the kind.
+
+    Args:
+        kind: Of the columns.
+        dimension: Of joints that turn.
+        joints: All of them.
+        columns: The file's.
+        sliding: Those of the joints that slide.
+    """
+    found = {joint: columns.get(f"{kind}.{joint}", SLIDING[dimension] if joint in sliding else dimension) for joint in joints}
     if all(values is None for values in found.values()):
         return None
     stated = []
@@ -195,7 +212,7 @@ def check_clock(record: Record, source: str | Path) -> None:
 
 
 def check_degrees(record: Record, source: str | Path, limits: Array | None = None) -> None:
-    """Refuse angles that are evidently degrees although radians are stated, or the reverse.
+    """Refuse angles that are evidently degrees although radians are stated, or the reverse; of joints that slide, millimetres.
 
     The slope of one channel against another that must agree tells it: speeds against the derivative of positions, positions
     against commands, and positions against the joints' limits.
@@ -203,7 +220,7 @@ def check_degrees(record: Record, source: str | Path, limits: Array | None = Non
     Args:
         record: The record.
         source: File of the record.
-        limits: Lower and upper limits of the joints, rad. [N, 2].
+        limits: Lower and upper limits of the joints, rad or m. [N, 2].
 
     Raises:
         InputError: Angles are evidently in another unit than stated.
@@ -212,6 +229,11 @@ def check_degrees(record: Record, source: str | Path, limits: Array | None = Non
     if position is None:
         return
     for k, joint in enumerate(record.joints):
+        slides = joint in record.sliding
+        wrong, right, times, unit = (
+            ("millimetres", "metres", _MILLIMETRES, "m") if slides else ("degrees", "radians", _DEGREES, "rad")
+        )
+        units = ("[mm]", "[mm/s]") if slides else ("[deg]", "[deg/s]")
         pairs = {}
         if "velocity" in record.measured:
             # Coarse differences: noise of the positions must not hide the slope.
@@ -222,18 +244,19 @@ def check_degrees(record: Record, source: str | Path, limits: Array | None = Non
             pairs["command"] = (record.commands["command"][:, k], position[:, k])
         for kind, (values, against) in pairs.items():
             slope = _slope(values, against)
-            for factor, text in ((_DEGREES, "degrees"), (1 / _DEGREES, "radians where the positions are degrees")):
+            for factor, text in ((times, wrong), (1 / times, f"{right} where the positions are {wrong}")):
                 if slope is not None and abs(np.log(slope / factor)) < 0.35:
                     raise InputError(
                         source, f"joint '{joint}': '{kind}' is {slope:.3g} times what the positions say: it looks like {text}",
-                        "State the unit that was logged, e.g. [deg] or [deg/s]",
+                        f"State the unit that was logged, e.g. {units[0]} or {units[1]}",
                     )  # fmt: skip
         if limits is not None and np.isfinite(limits[k]).all() and limits[k, 1] > limits[k, 0]:
             reach = np.abs(position[:, k]).max()
-            if reach > 1.5 * np.abs(limits[k]).max() and reach / _DEGREES <= np.abs(limits[k]).max():
+            if reach > 1.5 * np.abs(limits[k]).max() and reach / times <= np.abs(limits[k]).max():
                 raise InputError(
-                    source, f"joint '{joint}' is logged up to {reach:.3g} rad, its limit is {np.abs(limits[k]).max():.3g} rad: "
-                    "it looks like degrees", "State the unit that was logged, e.g. [deg]",
+                    source, f"joint '{joint}' is logged up to {reach:.3g} {unit}, its limit is "
+                    f"{np.abs(limits[k]).max():.3g} {unit}: it looks like {wrong}",
+                    f"State the unit that was logged, e.g. {units[0]}",
                 )  # fmt: skip
 
 
@@ -251,6 +274,8 @@ def doubtful_degrees(record: Record, limits: Array | None = None) -> list[str]:
         return []
     out = []
     for k, joint in enumerate(record.joints):
+        if joint in record.sliding:
+            continue
         bounded = limits is not None and np.isfinite(limits[k]).all() and limits[k, 1] > limits[k, 0]
         reach = float(np.ptp(position[:, k]))
         if not bounded and reach > 4 * np.pi:

@@ -13,11 +13,15 @@ FACTORS: dict[str, dict[str, float]] = {
     "angle": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180},
     "angular speed": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": math.pi / 180, "rpm": math.pi / 30},
     "torque": {"N m": 1.0, "Nm": 1.0, "mNm": 1e-3, "A": math.nan},
-    "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
+    "force": {"N": 1.0, "kN": 1e3, "mN": 1e-3, "A": math.nan},
+    "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6},
     "speed": {"m/s": 1.0, "mm/s": 1e-3},
     "number": {"": 1.0, "1": 1.0},
 }
-"""Factor to SI of each unit, by dimension. Amperes become torque only with a gain, which the case has to state."""
+"""Factor to SI of each unit, by dimension. Amperes become torque or force only with a gain, which the case has to state."""
+
+SLIDING = {"angle": "length", "angular speed": "speed", "torque": "force"}
+"""Dimension at a joint that slides of each that belongs to one that turns."""
 
 _HEADER = re.compile(r"^\s*(?P<name>[^\[\]]+?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*$")
 
@@ -39,7 +43,7 @@ def factor_to_si(unit: str | None, dimension: str, source: str | Path, column: s
         dimension: A key of `FACTORS`.
         source: The file, for messages.
         column: The column, for messages.
-        gain: N m per ampere, for efforts in amperes.
+        gain: N m or N per ampere, for efforts in amperes.
 
     Raises:
         InputError: No unit, an unknown one, or amperes without a gain.
@@ -57,7 +61,7 @@ def factor_to_si(unit: str | None, dimension: str, source: str | Path, column: s
             raise InputError(
                 source,
                 f"the effort '{column}' is in amperes and no gain is known",
-                "State 'torque_per_ampere' (N m/A) in the case, or leave the column out",
+                f"State 'torque_per_ampere' ({'N m' if dimension == 'torque' else 'N'}/A) in the case, or leave the column out",
             )
         return gain
     return known[unit]

@@ -16,7 +16,6 @@ from gsbridge.digests import code_digest
 from gsbridge.effects.registry import Applied
 from gsbridge.files import atomic_file
 from gsbridge.gap.diagnosis.results import Candidate
-from gsbridge.gap.joints.candidates import JointCandidate
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
@@ -159,7 +158,7 @@ def signature_bank(view: JointResiduals, who: Sequence[Candidate], folder: str |
     path = Path(folder) / f"{key.hexdigest()[:32]}.npz"
     if path.exists():
         try:
-            return _read(path)
+            return _read(path, who)
         except (OSError, ValueError, KeyError, zipfile.BadZipFile):
             path.unlink()
     # Made with the noise of the step, so that a bank does not depend on which case came first.
@@ -175,12 +174,12 @@ def signature_bank(view: JointResiduals, who: Sequence[Candidate], folder: str |
     return bank
 
 
-def _read(path: Path) -> SignatureBank:
+def _read(path: Path, who: Sequence[Candidate]) -> SignatureBank:
+    known = {(candidate.name, candidate.joint): candidate for candidate in who}
     with np.load(path) as data:
         labels, changes = json.loads(str(data["labels"])), data["changes"]
         found = tuple(
-            Signature(JointCandidate(name, joint), values, change)
-            for (name, joint, values), change in zip(labels, changes, strict=True)
+            Signature(known[name, joint], values, change) for (name, joint, values), change in zip(labels, changes, strict=True)
         )
-        diverged = tuple(JointCandidate(*names) for names in json.loads(str(data["diverged"])))
+        diverged = tuple(known[name, joint] for name, joint in json.loads(str(data["diverged"])))
         return SignatureBank(found, int(data["runs"]), diverged)

@@ -3,18 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from gsbridge.effects.joints import JOINT_EFFECTS
+from gsbridge.effects.joints.base import JointEffect
+from gsbridge.effects.joints.sliding import SLIDING_EFFECTS, WORDS
 from gsbridge.gap.diagnosis.results import Candidate
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 
 
 @dataclass(frozen=True, order=True)
 class JointCandidate(Candidate):
-    """An effect of a joint, or of the whole mechanism, that may be missing."""
+    """An effect of a joint, or of the whole mechanism, that may be missing.
+
+    Args:
+        slides: Whether the joint slides, so that the effect's figures are in metres and newtons.
+    """
 
     registry = JOINT_EFFECTS
+    slides: bool = field(default=False, compare=False)
+
+    @property
+    def effect(self) -> JointEffect:
+        """Its entry in the registry of what the joint does."""
+        return (SLIDING_EFFECTS if self.slides else JOINT_EFFECTS).effect(self.name)
+
+    def called(self, parameter: str) -> str:
+        """A parameter's name in sentences: what is a torque at a joint that turns is a force at one that slides."""
+        return WORDS.get(parameter, parameter) if self.slides else parameter
 
 
 def candidates(system: MechanismModel, names: Collection[str] | None = None) -> tuple[JointCandidate, ...]:
@@ -24,5 +40,6 @@ def candidates(system: MechanismModel, names: Collection[str] | None = None) -> 
         if system.controller.mode not in effect.modes or (names is not None and name not in names):
             continue
         joints = system.joints if effect.scope == "joint" else ("",)
-        out += [JointCandidate(name, joint) for joint in joints]
+        sliding = set(system.sliding)
+        out += [JointCandidate(name, joint, joint in sliding) for joint in joints if not (effect.turns and joint in sliding)]
     return tuple(out)

@@ -70,20 +70,17 @@ def _joint_case(path: Path) -> JointCase:
         raise InputError(path, "'model' is no file name", "Write 'model: arm.yaml'; see docs/gap.md")
     model = path.parent / content["model"]
     system = read_mechanism_model(model)
-    gain = content.get("torque_per_ampere")
+    gains = _gains(content.get("torque_per_ampere"), system.joints, path)
     reasons = []
-    if gain is not None:
-        if len(system.joints) > 1:
-            raise InputError(
-                path, "efforts in amperes are understood for a single axis only", "Convert them to N m, or leave them out"
-            )
+    if gains:
         reasons.append("efforts come from currents by a stated gain, which scales every torque found")
     layout = Layout(
         system.joints,
         system.controller.mode == "torque",
         dict(content.get("columns") or {}),
         dict(content.get("units") or {}),
-        gain,
+        gains,
+        system.sliding,
     )
     names = read_names(content.get("effects"), path, JOINT_EFFECTS, BODY_EFFECTS)
     records = {}
@@ -112,6 +109,26 @@ def _joint_case(path: Path) -> JointCase:
         reasons.append(f"only {slowest:.3g} samples per second are logged: what is faster than a few of them cannot be told")
     reasons += doubtful_degrees(records["fit"], system.limits)
     return JointCase(model, system, records, names, (*reasons, *split))
+
+
+def _gains(stated: Any, joints: tuple[str, ...], source: Path) -> dict[str, float]:
+    """Torque per ampere of each joint that has one: as a number for all, a list in the joints' order, or by joint's name.
+
+    Raises:
+        InputError: It is none of these, a joint is unknown, or a gain is no number.
+    """
+    if stated is None:
+        return {}
+    gains = stated if isinstance(stated, Mapping) else dict.fromkeys(joints, stated)
+    if isinstance(stated, list):
+        gains = dict(zip(joints, stated, strict=False))
+    numbers = all(isinstance(gain, (int, float)) and not isinstance(gain, bool) and gain != 0 for gain in gains.values())
+    if not numbers or set(gains) - set(joints) or (isinstance(stated, list) and len(stated) != len(joints)):
+        names = ", ".join(joints)
+        raise InputError(
+            source, f"'torque_per_ampere' is {stated!r}", f"Give one number for all, a list, or one by joint, of {names}"
+        )
+    return {str(joint): float(gain) for joint, gain in gains.items()}
 
 
 def _check(record: Record, system: MechanismModel, source: Path, content: Mapping[str, Any]) -> Record:

@@ -71,7 +71,8 @@ class JointBackend(CaseBackend):
     def about(self) -> dict[str, Any]:
         """Content of `records.json`."""
         system, parts = self.case.system, {role: _about(item) for role, item in self.case.records.items()}
-        return self.described(system.digest(), system.controller.mode, parts, system.joints)
+        sliding: dict[str, Any] = {"sliding": list(system.sliding)} if system.sliding else {}
+        return self.described(system.digest(), system.controller.mode, parts, system.joints, **sliding)
 
     def compare(self) -> dict[str, Any]:
         """Residuals of every channel under the model as it is, and a map of where they show: `comparison.json`."""

@@ -29,6 +29,10 @@ ROWS = 14
 """Channels of the map and of the bars, at most; the largest are shown."""
 
 UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m", "tool": "m"}
+"""Of channels, by kind."""
+
+SLIDING_UNITS = {"position": "m", "velocity": "m/s", "effort": "N"}
+"""Of channels of joints that slide."""
 
 _INK, _SOFT = "#1d2733", "#5b6b7b"
 _HEAT = LinearSegmentedColormap.from_list("gap", ["#f3f6f9", "#f5d9ad", "#d9822b", "#8c2f08"])
@@ -53,6 +57,11 @@ def data_uri(figure: Figure) -> str:
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
 
 
+def channel_units(about: Mapping[str, Any]) -> dict[str, str]:
+    """Units of channels: by kind, and by name for joints that slide, which `records.json` lists."""
+    return UNITS | {f"{kind}.{joint}": unit for joint in about.get("sliding", ()) for kind, unit in SLIDING_UNITS.items()}
+
+
 def channel_name(channel: str) -> str:
     """Name of a channel such as `position.axis` for people."""
     kind, _, joint = channel.partition(".")
@@ -75,7 +84,7 @@ def draw_residuals(
             `gsbridge.gap.workflow`.
         role: Record.
         channels: Names of the columns.
-        units: Unit of each kind of channel, for the right axis.
+        units: Unit of each kind of channel, or of a channel alone, for the right axis.
 
     Returns:
         A PNG as data URI.
@@ -100,7 +109,7 @@ def draw_residuals(
             axis.margins(x=0.005)
             sigma = float(series[f"{role}/sigma"][column])
             beside = axis.secondary_yaxis("right", functions=(lambda y, s=sigma: y * s, lambda y, s=sigma: y / s))
-            beside.set_ylabel(units.get(name.split(".")[0], ""))
+            beside.set_ylabel(units.get(name, units.get(name.split(".")[0], "")))
             beside.spines["right"].set_visible(False)
         axes[-1, 0].set_xlabel("time, s")
         lines, labels = axes[0, 0].get_legend_handles_labels()

@@ -9,7 +9,7 @@ from typing import Any
 
 from gsbridge.files import read_json
 from gsbridge.gap.image.case import PHOTOS
-from gsbridge.report.gap.figures import UNITS, channel_name, draw_where
+from gsbridge.report.gap.figures import channel_name, channel_units, draw_where
 from gsbridge.report.gap.picture_page import write_sight_report
 from gsbridge.report.gap.sections import JUDGED, MECHANISM, THROWS, Parts, read_series
 from gsbridge.report.gap.text import (
@@ -76,7 +76,7 @@ def write_gap_report(case: str, files: CaseFiles, out: str | Path) -> None:
         **head(findings),
         numbers=parts.numbers(findings, replays["records"][JUDGED], explained),
         steps=next_steps(findings, about, screening, case),
-        **parts.pictures(findings, series, replays["records"][JUDGED], explained),
+        **parts.pictures(findings, series, replays["records"][JUDGED], explained, channel_units(about)),
         found_title="What was found" if findings["amended"] else "The best explanation, which was not adopted",
         effects=effect_rows(findings, parts.whole),
         account=account_rows(findings, parts.whole),
@@ -95,7 +95,7 @@ def write_gap_report(case: str, files: CaseFiles, out: str | Path) -> None:
         unseen=", ".join(effect_title(name) for name in screening["unseen"]),
         logs=parts.logs,
         roles=list(comparison["records"]),
-        noise=_noise(comparison),
+        noise=_noise(comparison, about),
         noise_note=parts.noise_note,
         records=_records(about),
         provenance=_provenance(findings, about, screening),
@@ -167,14 +167,14 @@ def _rivals_text(findings: Mapping[str, Any], parts: Parts) -> str:
     return f"{text} There is no other that came near."
 
 
-def _noise(comparison: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _noise(comparison: Mapping[str, Any], about: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Noise and gap of each channel."""
-    records = comparison["records"]
+    records, units = comparison["records"], channel_units(about)
     return [
         {
             "channel": channel_name(name),
             "sigma": f"{sigma:.3g}",
-            "unit": UNITS.get(name.split(".")[0], "m"),
+            "unit": units.get(name, units.get(name.split(".")[0], "m")),
             "gaps": [f"{item['channels'][name]:.3g}" if name in item["channels"] else "–" for item in records.values()],
         }
         for name, sigma in records["select"]["noise"].items()

@@ -70,7 +70,12 @@ class Parts(ABC):
 
     @abstractmethod
     def pictures(
-        self, findings: Mapping[str, Any], series: Mapping[str, Array], judged: Mapping[str, Any], explained: bool
+        self,
+        findings: Mapping[str, Any],
+        series: Mapping[str, Array],
+        judged: Mapping[str, Any],
+        explained: bool,
+        units: Mapping[str, str],
     ) -> dict[str, str]:
         """Draw the two figures of before and after.
 
@@ -79,6 +84,7 @@ class Parts(ABC):
             series: What `read_series` gave.
             judged: What `replays.json` says about the record `JUDGED`.
             explained: Whether an explanation was found, so that there is an after.
+            units: Unit of each kind of channel, or of a channel alone.
 
         Returns:
             The figures and their words, by the names that the page's template asks for.
@@ -99,7 +105,12 @@ class MechanismParts(Parts):
         return [*out, _number(f"{findings['p_value']:.2g}", "p: chance of such residuals without any gap")]
 
     def pictures(
-        self, findings: Mapping[str, Any], series: Mapping[str, Array], judged: Mapping[str, Any], explained: bool
+        self,
+        findings: Mapping[str, Any],
+        series: Mapping[str, Array],
+        judged: Mapping[str, Any],
+        explained: bool,
+        units: Mapping[str, str],
     ) -> dict[str, str]:
         """Residuals over time, and of every channel."""
         pairs = _channel_pairs(series, judged["channels"])
@@ -109,7 +120,7 @@ class MechanismParts(Parts):
         else:
             text += " The grey band is noise."
         return {
-            "residuals": draw_residuals(series, JUDGED, judged["channels"]),
+            "residuals": draw_residuals(series, JUDGED, judged["channels"], units),
             "residuals_text": text,
             "residuals_alt": "residuals before and after over time",
             "channels": draw_channels(pairs, explained),
@@ -135,7 +146,12 @@ class ThrowParts(Parts):
         return [*out, _number(f"{findings['p_value']:.2g}", "p: chance of such distances without any gap")]
 
     def pictures(
-        self, findings: Mapping[str, Any], series: Mapping[str, Array], judged: Mapping[str, Any], explained: bool
+        self,
+        findings: Mapping[str, Any],
+        series: Mapping[str, Array],
+        judged: Mapping[str, Any],
+        explained: bool,
+        units: Mapping[str, str],
     ) -> dict[str, str]:
         """Distances over time with some paths, and the distance of every throw."""
         number, floor = series[f"{JUDGED}/throw"].astype(int), _floor(findings)

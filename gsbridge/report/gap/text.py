@@ -57,7 +57,7 @@ def effect_rows(findings: Mapping[str, Any], whole: str) -> list[dict[str, str]]
         {
             "title": item["title"] if number == 0 else "",
             "joint": (item["joint"] or whole) if number == 0 else "",
-            "parameter": name.replace("_", " "),
+            "parameter": row.get("called", name).replace("_", " "),
             "value": f"{row['value']:.4g}",
             "interval": f"{row['interval90'][0]:.4g} to {row['interval90'][1]:.4g}",
             "unit": row["unit"] or "–",

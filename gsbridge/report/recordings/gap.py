@@ -15,7 +15,7 @@ from gsbridge.gap.contact.body import is_body
 from gsbridge.gap.image.case import PHOTOS
 from gsbridge.gap.joints.mechanism.chain import Chain
 from gsbridge.gap.joints.mechanism.inertials import Skeleton
-from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
+from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel, read_mechanism_model
 from gsbridge.geometry import Array
 from gsbridge.report.gap.sections import JUDGED, read_series
 from gsbridge.report.recordings.gap_photos import record_photos
@@ -35,8 +35,8 @@ def record_gap(
     """Record the motion of the record `verify`; throws and pictures as `gap_throws` and `gap_photos` beside this module do.
 
     Entities on the timeline `time` (s): `{way}/mechanism` and, grey, `{way}/measured` for each way of `WAYS`, with deviations
-    from the measured motion enlarged; `plots/position/{joint}/{way}`, rad; `plots/residual/{channel}/before` and `/after`, in
-    units of the noise; `summary`.
+    from the measured motion enlarged; `plots/position/{joint}/{way}`, rad or m; `plots/residual/{channel}/before` and
+    `/after`, in units of the noise; `summary`.
 
     Args:
         model: The model.
@@ -71,7 +71,7 @@ def record_gap(
     enlarged = f"Deviations from the {known} motion are drawn {factor:g} times as large." if factor > 1 else ""
     time = motion[f"{JUDGED}/time"]
     ways = {**WAYS, "measured": known.capitalize()}
-    with recording(out, "gap", case, _layout(tuple(positions), system.joints, rows["channels"], factor, ways)) as stream:
+    with recording(out, "gap", case, _layout(tuple(positions), _with_units(system), rows["channels"], factor, ways)) as stream:
         stream.log("summary", rr.TextDocument(summary(found, enlarged), media_type="text/markdown"), static=True)
         _log_curves(stream, system.joints, rows["channels"], time, positions, residuals)
         _log_motion(stream, chain, centres, time, positions, factor)
@@ -162,16 +162,24 @@ def _log_curves(
             stream.send_columns(entity, times, rr.Scalars.columns(scalars=column.astype(np.float64)))
 
 
+def _with_units(system: MechanismModel) -> dict[str, str]:
+    """Unit of each joint's position."""
+    return {joint: "m" if joint in system.sliding else "rad" for joint in system.joints}
+
+
 def _layout(
-    ways: tuple[str, ...], joints: tuple[str, ...], channels: list[str], factor: float, titles: Mapping[str, str]
+    ways: tuple[str, ...], joints: Mapping[str, str], channels: list[str], factor: float, titles: Mapping[str, str]
 ) -> rrb.Container:
-    """Mechanisms side by side above, curves below."""
+    """Mechanisms side by side above, curves below; `joints` with the units of their positions."""
     enlarged = f", deviation × {factor:g}" if factor > 1 else ""
     spaces = [
         rrb.Spatial3DView(origin=way, name=titles[way] + ("" if way == "measured" else enlarged), contents="$origin/**")
         for way in ways
     ]
-    plots = [rrb.TimeSeriesView(origin=f"plots/position/{joint}", name=f"Position of {joint}, rad") for joint in joints]
+    plots = [
+        rrb.TimeSeriesView(origin=f"plots/position/{joint}", name=f"Position of {joint}, {unit}")
+        for joint, unit in joints.items()
+    ]
     plots += [rrb.TimeSeriesView(origin=f"plots/residual/{name}", name=f"Residual of {name}, × noise") for name in channels]
     return rrb.Vertical(
         rrb.Horizontal(*spaces, rrb.TextDocumentView(origin="summary", name="Finding")), rrb.Grid(*plots), row_shares=[2, 3]

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from gsbridge.effects.joints import JOINT_EFFECTS
+from gsbridge.effects.joints.sliding import SLIDING_EFFECTS
 from gsbridge.effects.registry import Applied, read_effects
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.yaml_file import read_yaml
@@ -73,6 +74,7 @@ class MechanismModel:
         effects: What was added.
         centred: Whether positions move with the mean of a step's two speeds instead of the new one.
         tool: Link whose place `tool` columns are; empty for none.
+        sliding: Those of the joints that slide instead of turning: wherever a unit has rad or N m, theirs has m or N.
     """
 
     urdf: Path
@@ -87,6 +89,7 @@ class MechanismModel:
     effects: tuple[Applied, ...] = ()
     centred: bool = True
     tool: str = ""
+    sliding: tuple[str, ...] = ()
 
     @property
     def time_step(self) -> float:
@@ -218,15 +221,31 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
     tool = content.get("tool") or ""
     if tool and tool not in description.links:
         raise InputError(source, f"the URDF has no link '{tool}'", f"It has: {', '.join(description.links)}")
-    effects = read_effects(content.get("effects") or [], source, JOINT_EFFECTS, joints=joints)
+    sliding = tuple(name for name in joints if moving[name].kind == "prismatic")
+    effects = _read_effects(content.get("effects") or [], source, joints, sliding)
     gravity = np.asarray(content.get("gravity", [0.0, 0.0, -9.81]), dtype=np.float64)
     own = [moving[name].damping for name in joints], [moving[name].friction for name in joints]
     return MechanismModel(
         urdf, joints, gravity, controller,
         row(content.get("viscous", own[0]), "viscous", 0.0), row(content.get("coulomb", own[1]), "coulomb", 0.0),
         row(content.get("armature"), "armature", 0.0), limits, physics, effects,
-        scheme == "centred", tool,
+        scheme == "centred", tool, sliding,
     )  # fmt: skip
+
+
+def _read_effects(items: Any, source: str | Path, joints: tuple[str, ...], sliding: tuple[str, ...]) -> tuple[Applied, ...]:
+    """Check the list of effects; figures at joints that slide are in metres and newtons.
+
+    Raises:
+        InputError: As `gsbridge.effects.registry.read_effects`.
+    """
+    if not isinstance(items, list):
+        return read_effects(items, source, JOINT_EFFECTS, joints=joints)
+    out: tuple[Applied, ...] = ()
+    for item in items:
+        slides = isinstance(item, Mapping) and item.get("joint") in sliding
+        out += read_effects([item], source, SLIDING_EFFECTS if slides else JOINT_EFFECTS, joints=joints)
+    return out
 
 
 def _check_keys(content: Any, known: tuple[str, ...], needed: tuple[str, ...], source: str | Path, prefix: str) -> None:
