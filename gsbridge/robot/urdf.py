@@ -15,6 +15,9 @@ from gsbridge.geometry import Array
 from gsbridge.robot.links import Inertia, Joint, rotation_from_rpy
 
 KINDS = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
+WORLD = "world"
+"""Link that files may leave out."""
+
 _MEND = "Correct the URDF, or export it again"
 _INDEFINITE = 1e-9
 """Share of its trace by which rounding may make an eigenvalue of an inertia negative."""
@@ -119,6 +122,20 @@ def read_description(path: str | Path) -> Description:
         raise InputError(source, "the URDF does not exist or cannot be read", "Check the path, or build the robot") from error
     except (ElementTree.ParseError, LookupError, ValueError) as error:
         raise InputError(source, f"this is no valid XML ({error})", "Export the URDF, or build the robot, again") from error
+    return description_of(root, source)
+
+
+def description_of(root: ElementTree.Element, source: str | Path) -> Description:
+    """A description from the root element of a URDF, which is tidied: plain tags, and the link `world` where joints name it.
+
+    Args:
+        root: The element.
+        source: Its file, for messages.
+
+    Raises:
+        InputError: As `read_description`.
+    """
+    _tidy(root)
     if root.tag != "robot":
         raise InputError(source, "this is no URDF: its root is no <robot>", "Export the URDF again")
     try:
@@ -135,6 +152,20 @@ def read_description(path: str | Path) -> Description:
     except _DamageError as error:
         raise InputError(source, str(error), _MEND) from error
     return Description(root, links, base, ordered, origins, inertials)
+
+
+def _tidy(root: ElementTree.Element) -> None:
+    """Take off name spaces, and add the link `world` where a joint hangs on it and no link is called so.
+
+    Published files do both: some tools know the world without being told.
+    """
+    for element in root.iter():
+        if isinstance(element.tag, str):
+            element.tag = element.tag.rpartition("}")[2]
+    links = {link.get("name") for link in root.findall("link")}
+    parents = {parent.get("link") for parent in root.findall("joint/parent")}
+    if WORLD in parents - links:
+        root.insert(0, ElementTree.Element("link", name=WORLD))
 
 
 def read_urdf(path: str | Path) -> Tree:
@@ -160,6 +191,7 @@ def collision_meshes(path: str | Path) -> list[Path]:
         root = ElementTree.parse(path).getroot()
     except (OSError, ElementTree.ParseError):
         return []
+    _tidy(root)
     names = [mesh.attrib.get("filename", "") for mesh in root.iterfind("link/collision/geometry/mesh")]
     return [Path(path).parent / name.removeprefix("package://") for name in names if name]
 

@@ -226,7 +226,7 @@ BODY = """<link name="tip2"><inertial><origin xyz="0 0 0.1"/><mass value="%s"/>
         ('lower="-1"', 'lower="abc"', 'joint b: lower="abc" is no number'),
         ('upper="1"', 'upper="nan"', 'joint b: upper="nan" is no number'),
         ('<child link="tip2"/>', "", "joint c lacks <child link=>"),
-        ('<parent link="ground"/>', '<parent link="world"/>', "parent of joint a, 'world', is not there"),
+        ('<parent link="ground"/>', '<parent link="wall"/>', "parent of joint a, 'wall', is not there"),
         ('<parent link="tip"/>', '<parent link="tip2"/>', "no tree: joint c hangs on itself"),
         ("</robot>", '<link name="ground"/></robot>', "'ground' is there twice as a link"),
         ('name="c" type="fixed"', 'name="b" type="fixed"', "'b' is there twice as a joint"),

@@ -27,8 +27,8 @@ def amend_model(model: str | Path, findings: Mapping[str, Any], out: str | Path)
     """
     model, out = Path(model), Path(out)
     content = read_yaml(model, "model", "docs/gap.md")
-    if "urdf" in content:
-        content["urdf"] = os.path.relpath((model.parent / content["urdf"]).resolve(), out.resolve().parent)
+    for key in content.keys() & {"urdf", "mjcf"}:
+        content[key] = os.path.relpath((model.parent / content[key]).resolve(), out.resolve().parent)
     content["effects"] = [*(content.get("effects") or []), *(dict(effect) for effect in findings["amended"])]
     evidence = {
         "sentence": findings["sentence"],

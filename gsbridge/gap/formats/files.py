@@ -9,6 +9,7 @@ from pathlib import Path
 
 from gsbridge.errors import InputError
 from gsbridge.reading import files_below, load_yaml
+from gsbridge.robot.mjcf_files import mjcf_files
 from gsbridge.robot.urdf import collision_meshes
 
 _NUMBERS = (".csv", ".parquet", ".json", ".jsonl")
@@ -65,6 +66,9 @@ def case_files(case: str | Path) -> list[Path]:
     urdf = case_content(model).get("urdf")
     if isinstance(urdf, str):
         found += [model.parent / urdf, *collision_meshes(model.parent / urdf)]
+    mjcf = case_content(model).get("mjcf")
+    if isinstance(mjcf, str):
+        found += [model.parent / mjcf, *mjcf_files(model.parent / mjcf)]
     photos = [case.parent / name for name in _values(content.get("photos")) if isinstance(name, str)]
     return [file for paths, kinds in ((found, _NUMBERS), (photos, _PHOTOS)) for path in paths for file in _inside(path, kinds)]
 

@@ -13,8 +13,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gsbridge.errors import InputError
+from gsbridge.gap.joints.mechanism.description import read_mechanism_description
 from gsbridge.geometry import Array
-from gsbridge.robot.urdf import Description, InertialElement, Origin, read_description
+from gsbridge.robot.urdf import Description, InertialElement, Origin
 
 
 @dataclass
@@ -76,7 +77,7 @@ class Skeleton:
         Raises:
             InputError: The description cannot be used, or a moved link has no mass properties.
         """
-        description = read_description(urdf)
+        description = read_mechanism_description(urdf)
         root = description.root
         moved = {joint.name: joint.child for joint in description.joints}
         inertials = {name: _in_link_frame(element) for name, element in description.inertials.items()}

@@ -16,9 +16,9 @@ from gsbridge.effects.joints.sliding import SLIDING_EFFECTS
 from gsbridge.effects.registry import Applied, read_effects
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.yaml_file import read_yaml
+from gsbridge.gap.joints.mechanism.description import description_bytes, read_mechanism_description, stated_besides
 from gsbridge.geometry import Array
 from gsbridge.reading import refusing
-from gsbridge.robot.urdf import read_description
 
 MODES = ("torque", "pd", "position", "free")
 """How a mechanism is driven: by logged torques; by position and speed errors; by a servo known only by its bandwidth; not at
@@ -62,7 +62,7 @@ class MechanismModel:
     """A mechanism as it is simulated.
 
     Args:
-        urdf: Description of the mechanism.
+        urdf: Description of the mechanism, a URDF or an MJCF.
         joints: Driven and logged joints, in the order of the records. All others are held.
         gravity: Acceleration in the base frame, m/s2. [3].
         controller: How it is driven.
@@ -113,7 +113,7 @@ class MechanismModel:
         figures += [[effect.record() for effect in self.effects]]
         figures += [self.tool] if self.tool else []
         text = json.dumps([item.tolist() if isinstance(item, np.ndarray) else item for item in figures])
-        return hashlib.sha256(self.urdf.read_bytes() + text.encode()).hexdigest()
+        return hashlib.sha256(description_bytes(self.urdf) + text.encode()).hexdigest()
 
 
 def read_mechanism_model(path: str | Path) -> MechanismModel:
@@ -129,6 +129,7 @@ def read_mechanism_model(path: str | Path) -> MechanismModel:
 
 _KEYS = (
     "urdf",
+    "mjcf",
     "joints",
     "gravity",
     "controller",
@@ -165,23 +166,29 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
     Raises:
         InputError: As `read_mechanism_model`.
     """
-    _check_keys(content, _KEYS, ("urdf", "controller"), source, "")
+    described = "mjcf" if isinstance(content, Mapping) and "mjcf" in content else "urdf"
+    _check_keys(content, _KEYS, (described, "controller"), source, "")
+    if "urdf" in content and "mjcf" in content:
+        raise InputError(source, "it names both a URDF and an MJCF", "Keep one of them")
     given = content["controller"]
     _check_keys(given, _CONTROL, ("mode",), source, "controller.")
     mode = given["mode"]
     if mode not in MODES:
         raise InputError(source, f"controller.mode is '{mode}'", f"Use one of {', '.join(MODES)}")
-    urdf = folder / content["urdf"]
-    description = read_description(urdf)
+    urdf = folder / content[described]
+    description = read_mechanism_description(urdf)
+    besides = stated_besides(description)
     # In the file's order, which is that of the records where the model names no joints.
     by_name = {joint.name: joint for joint in description.joints if joint.kind in ("revolute", "continuous", "prismatic")}
     moving = {name: by_name[name] for name in description.origins if name in by_name}
     joints = tuple(content.get("joints") or moving)
     unknown = [name for name in joints if name not in moving]
     if unknown:
-        raise InputError(source, f"the URDF has no moving joint '{unknown[0]}'", f"It has: {', '.join(moving) or 'none'}")
+        raise InputError(
+            source, f"the {described.upper()} has no moving joint '{unknown[0]}'", f"It has: {', '.join(moving) or 'none'}"
+        )
     if not joints:
-        raise InputError(urdf, "the URDF has no moving joint", "Give the URDF of a mechanism")
+        raise InputError(urdf, f"the {described.upper()} has no moving joint", "Give that of a mechanism")
     count = len(joints)
 
     def row(values: Any, key: str, default: float) -> Array:
@@ -220,15 +227,17 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
         raise InputError(source, f"velocity_reference is '{controller.velocity_reference}'", "Use zero or derivative")
     tool = content.get("tool") or ""
     if tool and tool not in description.links:
-        raise InputError(source, f"the URDF has no link '{tool}'", f"It has: {', '.join(description.links)}")
+        raise InputError(source, f"the {described.upper()} has no link '{tool}'", f"It has: {', '.join(description.links)}")
     sliding = tuple(name for name in joints if moving[name].kind == "prismatic")
     effects = _read_effects(content.get("effects") or [], source, joints, sliding)
-    gravity = np.asarray(content.get("gravity", [0.0, 0.0, -9.81]), dtype=np.float64)
+    usual = [0.0, 0.0, -9.81] if besides.gravity is None else besides.gravity
+    gravity = np.asarray(content.get("gravity", usual), dtype=np.float64)
+    rotors = [besides.armature.get(name, 0.0) for name in joints]
     own = [moving[name].damping for name in joints], [moving[name].friction for name in joints]
     return MechanismModel(
         urdf, joints, gravity, controller,
         row(content.get("viscous", own[0]), "viscous", 0.0), row(content.get("coulomb", own[1]), "coulomb", 0.0),
-        row(content.get("armature"), "armature", 0.0), limits, physics, effects,
+        row(content.get("armature", rotors), "armature", 0.0), limits, physics, effects,
         scheme == "centred", tool, sliding,
     )  # fmt: skip
 

@@ -1,0 +1,57 @@
+"""What a model's mechanism is described by: a URDF, or an MJCF of MuJoCo."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from gsbridge.geometry import Array
+from gsbridge.robot.mjcf import description_of_mjcf, is_mjcf
+from gsbridge.robot.urdf import Description, description_of, read_description
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What MJCF says besides, and URDF cannot.
+
+    Args:
+        gravity: Acceleration in the base frame, m/s2; None where nothing is said. [3].
+        armature: Inertia of rotor and gear by joint, kg m2 (of joints that slide kg).
+    """
+
+    gravity: Array | None
+    armature: dict[str, float]
+
+
+def read_mechanism_description(path: str | Path) -> Description:
+    """Read a description of either kind.
+
+    Raises:
+        InputError: As `gsbridge.robot.urdf.read_description` and `gsbridge.robot.mjcf.description_of_mjcf`.
+    """
+    return description_of(description_of_mjcf(path), path) if _is_mjcf(path) else read_description(path)
+
+
+def stated_besides(description: Description) -> Stated:
+    """What a description says that URDF cannot."""
+    root = description.root
+    gravity = root.get("gravity")
+    losses = {str(joint.get("name")): joint.find("dynamics") for joint in root.findall("joint")}
+    armature = {name: float(element.get("armature", 0.0)) for name, element in losses.items() if element is not None}
+    return Stated(None if gravity is None else np.array([float(value) for value in gravity.split()]), armature)
+
+
+def description_bytes(path: Path) -> bytes:
+    """All that a description says, for digests: of MJCF what MuJoCo makes of it, since it may include other files."""
+    return ElementTree.tostring(description_of_mjcf(path)) if _is_mjcf(path) else path.read_bytes()
+
+
+def _is_mjcf(path: str | Path) -> bool:
+    """Whether a file is MJCF; what cannot be read is left to the reader of URDFs to refuse."""
+    try:
+        return is_mjcf(ElementTree.parse(path).getroot())
+    except (OSError, ElementTree.ParseError, LookupError, ValueError):
+        return False

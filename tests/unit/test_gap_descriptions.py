@@ -1,0 +1,131 @@
+"""Mechanisms that others have published: URDFs that hang on a world without a link, and MJCF against MuJoCo itself."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import yaml
+
+from gsbridge.errors import InputError
+from gsbridge.gap.formats.files import case_files
+from gsbridge.gap.joints.mechanism.chain import Chain
+from gsbridge.gap.joints.mechanism.dynamics import bias, inertia, place, spread
+from gsbridge.gap.joints.mechanism.inertials import Skeleton
+from gsbridge.gap.joints.mechanism.joint_kernel import LOADS
+from gsbridge.gap.joints.mechanism.mechanism_model import parse_mechanism_model, read_mechanism_model
+
+INERTIAL = '<inertial><mass value="1"/><origin xyz="0 0 -0.3"/><inertia ixx="0.1" iyy="0.1" izz="0.1"/></inertial>'
+HANGING = f"""<robot xmlns="https://drake.mit.edu" name="pendulum">
+<joint name="weld" type="fixed"><parent link="world"/><child link="base"/><axis xyz="0 0 0"/></joint>
+<link name="base"/><link name="rod">{INERTIAL}</link>
+<joint name="hinge" type="revolute"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/>
+<limit lower="0" upper="0" effort="0" velocity="0"/><dynamics damping="0.1"/></joint>
+<transmission type="SimpleTransmission" name="t"><actuator name="e"/><joint name="hinge"/></transmission></robot>"""
+
+ARM = """<mujoco model="arm"><compiler angle="degree" autolimits="true"/><option gravity="0.5 0 -9.7"/>
+<include file="defaults.xml"/>
+<worldbody><body name="column" pos="0.1 0 0.2" quat="0.96 0.1 0.2 0.05">
+  <inertial pos="0.01 0.02 0.1" mass="3" diaginertia="0.03 0.02 0.01" quat="0.9 0.1 0.3 0.2"/>
+  <joint name="lift" type="slide" axis="0 0.2 1" range="-0.2 0.3" damping="4" ref="0.05"/>
+  <joint name="turn" axis="0.1 0 1" pos="0.05 0.02 0" range="-90 90" frictionloss="0.3" armature="0.02" ref="20"/>
+  <body name="plate" pos="0.1 0 0.3"><inertial pos="0 0 0.05" mass="0.5" diaginertia="0.001 0.001 0.001"/>
+    <body name="arm" pos="0.2 0.1 0" euler="10 20 30"><geom type="capsule" size="0.03" fromto="0 0 0 0.4 0 0"/>
+      <joint name="elbow" axis="0 1 0" pos="-0.02 0 0.01"/></body></body>
+  </body></worldbody>
+<actuator><motor joint="elbow" gear="20"/></actuator></mujoco>"""
+DEFAULTS = '<mujocoinclude><default><geom density="800"/></default></mujocoinclude>'
+
+
+def write(folder: Path, text: str, name: str = "arm.xml") -> Path:
+    (folder / name).write_text(text)
+    (folder / "defaults.xml").write_text(DEFAULTS)
+    key = "mjcf" if name.endswith(".xml") else "urdf"
+    (folder / "model.yaml").write_text(yaml.safe_dump({key: name, "controller": {"mode": "free"}}))
+    return folder / "model.yaml"
+
+
+def test_a_world_that_has_no_link_and_a_name_space(tmp_path):
+    system = read_mechanism_model(write(tmp_path, HANGING, "pendulum.urdf"))
+    assert system.joints == ("hinge",)
+    assert system.viscous == [0.1]
+    skeleton = Skeleton.read(system.urdf, system.joints)
+    assert skeleton.description.base == "world"
+    # What is written out again is whole: engines want every link.
+    skeleton.write(tmp_path / "plain.urdf", skeleton.inertials)
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "plain.urdf")).njnt == 1
+
+
+def test_only_the_world_may_be_left_out(tmp_path):
+    with pytest.raises(InputError, match="'wall', is not there"):
+        read_mechanism_model(write(tmp_path, HANGING.replace('link="world"', 'link="wall"'), "pendulum.urdf"))
+
+
+def test_mjcf_has_the_dynamics_of_mujoco(tmp_path):
+    """Inertia and bias forces at random states, several joints on a body, anchors, references and turned frames included."""
+    system = read_mechanism_model(write(tmp_path, ARM))
+    assert system.joints == ("lift", "turn", "elbow")
+    assert system.sliding == ("lift",)
+    np.testing.assert_allclose(system.gravity, [0.5, 0.0, -9.7])
+    np.testing.assert_allclose(system.viscous, [4.0, 0.0, 0.0])
+    np.testing.assert_allclose(system.coulomb, [0.0, 0.3, 0.0])
+    np.testing.assert_allclose(system.armature, [0.0, 0.02, 0.0])
+    np.testing.assert_allclose(system.limits[:2], [[-0.2, 0.3], [-np.pi / 2, np.pi / 2]])
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    skeleton = Skeleton.read(system.urdf, system.joints)
+    chain = Chain.of(skeleton, system.joints)
+    bodies, count = chain.bodies(skeleton.inertials), len(system.joints)
+    np.testing.assert_array_equal(chain.order, np.arange(count))
+    for _ in range(5):
+        data.qpos[:], data.qvel[:] = rng.uniform(-1, 1, count), rng.uniform(-2, 2, count)
+        mujoco.mj_forward(model, data)
+        theirs = np.zeros((count, count))
+        mujoco.mj_fullM(model, data, theirs)
+        turn, origin, axis = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3))
+        screws, loads, work = np.empty((count, 6)), np.empty((count, LOADS)), np.empty((count, 18))
+        ours, hold = np.empty((count, count)), np.empty(count)
+        place(chain.parents, chain.fixed, chain.axes, chain.slides, data.qpos.copy(), turn, origin, axis)
+        spread(chain.slides, bodies, turn, origin, axis, screws, loads)
+        # The inertia's kernel sums loads up in place, as a replay does it.
+        bias(chain.parents, screws, loads, system.gravity, data.qvel.copy(), work, hold)
+        inertia(chain.parents, screws, loads, ours)
+        np.testing.assert_allclose(ours + np.diag(system.armature), theirs, atol=1e-9)
+        np.testing.assert_allclose(hold, data.qfrc_bias, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('axis="0 1 0" pos="-0.02 0 0.01"/>', 'type="ball"/>', "'elbow' is a ball joint"),
+        ('pos="-0.02 0 0.01"/>', 'stiffness="3"/>', r"'elbow' has a spring \(stiffness 3\).*effect 'spring'"),
+        ("<actuator>", '<equality><joint joint1="turn" joint2="elbow"/></equality><actuator>', "constraints of <equality>"),
+        (
+            "<actuator>",
+            '<tendon><fixed name="t"><joint joint="turn" coef="1"/></fixed></tendon><actuator>',
+            "has 1 tendons.*take them out",
+        ),
+        ("<worldbody>", "<worldbody><oops/>", "MuJoCo cannot read it"),
+    ],
+)
+def test_what_no_tree_of_hinges_and_slides_can_say_is_refused(tmp_path, old, new, said):
+    text = ARM.replace(old, new)
+    assert text != ARM
+    with pytest.raises(InputError, match=said) as error:
+        read_mechanism_model(write(tmp_path, text))
+    assert "\n" not in str(error.value)
+
+
+def test_a_model_has_one_description(tmp_path):
+    write(tmp_path, ARM)
+    with pytest.raises(InputError, match="both a URDF and an MJCF"):
+        parse_mechanism_model({"urdf": "a.urdf", "mjcf": "arm.xml", "controller": {"mode": "free"}}, tmp_path)
+
+
+def test_what_an_mjcf_includes_is_watched_and_counts(tmp_path):
+    model = write(tmp_path, ARM)
+    (tmp_path / "case.yaml").write_text("model: model.yaml\nrecords: {}\n")
+    assert tmp_path / "defaults.xml" in case_files(tmp_path / "case.yaml")
+    before = read_mechanism_model(model).digest()
+    (tmp_path / "defaults.xml").write_text(DEFAULTS.replace("800", "900"))
+    assert read_mechanism_model(model).digest() != before
