@@ -76,6 +76,10 @@ class Effect(ABC):
             None if self.amendable else f"A policy cannot learn with this in simulation, since {self.reason}. {self.instead}."
         )
 
+    def called(self, parameter: str) -> str:
+        """A parameter's name in sentences."""
+        return parameter
+
     def directions(self) -> tuple[dict[str, float], ...]:
         """Parameter sets of typical size whose multiples are looked at first; both signs where both make sense."""
         out = []

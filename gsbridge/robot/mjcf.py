@@ -7,6 +7,7 @@ Source: https://mujoco.readthedocs.io/en/stable/XMLreference.html
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -17,6 +18,8 @@ from scipy.spatial.transform import Rotation
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.robot.links import Inertia, inertial_element, number, numbers, origin_element, translation
+
+logger = logging.getLogger("gsbridge")
 
 _KINDS = {int(mujoco.mjtJoint.mjJNT_HINGE): "revolute", int(mujoco.mjtJoint.mjJNT_SLIDE): "prismatic"}
 _LOOSE = {int(mujoco.mjtJoint.mjJNT_FREE): "free", int(mujoco.mjtJoint.mjJNT_BALL): "ball"}
@@ -36,10 +39,14 @@ def description_of_mjcf(path: str | Path) -> ElementTree.Element:
     Raises:
         InputError: MuJoCo cannot read the file, or it holds what a tree of links on hinges and slides cannot say.
     """
+    # Otherwise MuJoCo writes its warnings into a file in whatever folder one is.
+    mujoco.set_mju_user_warning(lambda message: logger.warning("%s: %s", path, message))
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(path, f"MuJoCo cannot read it ({' '.join(str(error).split())})", "Correct the MJCF") from error
+    finally:
+        mujoco.set_mju_user_warning(None)
     _refuse(model, path)
     root = ElementTree.Element("robot", name=Path(path).stem, gravity=numbers(model.opt.gravity))
     # Where each body's own frame is, seen from the link that stands for it: links begin at their joint's anchor.

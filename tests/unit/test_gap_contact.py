@@ -1,5 +1,7 @@
 """Throws from files, their first states, searches, and verdicts about them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
@@ -103,6 +105,15 @@ def test_throws_survive_their_file(tmp_path):
         for key in ("time", "position", "velocity", "spin"):
             assert np.allclose(getattr(one, key), getattr(other, key), atol=1e-12)
         assert np.allclose(np.abs((one.quat * other.quat).sum(axis=1)), 1.0)
+
+
+def test_throws_keep_their_own_numbers(tmp_path):
+    throws, _ = ballistic(3)
+    named = Throws(tuple(replace(throw, name=name) for throw, name in zip(throws.items, ("12", "7", "41"), strict=True)))
+    write_throws(tmp_path / "throws.csv", named)
+    back = read_throws(tmp_path / "throws.csv")
+    assert [throw.name for throw in back.items] == ["12", "7", "41"]
+    assert np.allclose(back.items[2].position, throws.items[2].position)
 
 
 def test_a_folder_holds_one_throw_per_file_in_the_order_of_their_numbers(tmp_path):

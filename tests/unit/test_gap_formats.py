@@ -92,9 +92,35 @@ def test_bad_data_sets_are_refused_in_one_sentence(tmp_path, spoil, part, said):
     assert "\n" not in str(error.value)
 
 
+def write_folder(folder, bag):
+    folder.mkdir()
+    (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: {}")
+    (folder / bag).write_bytes(b"")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda folder: folder / "log.mat", r"file of MATLAB, which is not read.*writetable"),
+        (
+            lambda folder: folder / "log.bag",
+            r"ROS 1, which is.*rosbags-convert --src log\.bag --dst log --dst-storage mcap",
+        ),
+        (lambda folder: folder / "day" / "log.db3", r"SQLite, which is not read.*--src day --dst day_mcap --dst-storage mcap"),
+        (lambda folder: write_folder(folder / "run", "run_0.db3"), r"SQLite.*--src run --dst run_mcap"),
+        (lambda folder: write_folder(folder / "run", "run_0.mcap"), r"folder of a bag of ROS 2.*run_0\.mcap#TOPIC,COMMANDS"),
+    ],
+)
+def test_logs_that_are_not_read_say_how_to_convert_them(tmp_path, make, said):
+    with pytest.raises(InputError, match=said) as error:
+        read_log(make(tmp_path), SI)
+    assert "\n" not in str(error.value)
+
+
 def test_units_of_a_data_set_must_be_stated(tmp_path):
     folder = write_lerobot(tmp_path / "set")
-    with pytest.raises(InputError, match="has no unit") as error:
+    with pytest.raises(InputError, match=r"no unit\. State it in the case, as 'units: \{command: \.\.\.\}'") as error:
         read_log(f"{folder}#0", Layout(JOINTS))
     assert error.value.source == f"{folder}#0"
 

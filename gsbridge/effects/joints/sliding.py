@@ -64,7 +64,12 @@ def _sliding(kind: type[JointEffect]) -> type[JointEffect]:
         """Those of a joint that turns, at the wheel."""
         return tuple({name: _at(value, factors[name]) for name, value in row.items()} for row in turning.directions())
 
-    return type(f"Sliding{kind.__name__}", (kind,), {"parameters": parameters, "directions": directions})
+    def called(_: JointEffect, parameter: str) -> str:
+        """What is a torque at a joint that turns is a force here."""
+        return WORDS.get(parameter, parameter)
+
+    changed = {"parameters": parameters, "directions": directions, "called": called}
+    return type(f"Sliding{kind.__name__}", (kind,), changed)
 
 
 SLIDING_EFFECTS: Registry[JointEffect] = Registry(

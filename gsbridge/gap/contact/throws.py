@@ -176,13 +176,21 @@ def _check_clock(time: Array, source: Path, name: str) -> None:
         )  # fmt: skip
 
 
+def _numbers(throws: Throws) -> list[int]:
+    """A number for each throw: its own, or its place."""
+    own = [str(throw.name) for throw in throws.items]
+    different = len(set(own)) == len(own) and all(name.isdecimal() for name in own)
+    return [int(name) for name in own] if different else list(range(len(own)))
+
+
 def write_throws(path: str | Path, throws: Throws) -> None:
     """Write throws as one CSV file in the layout that `read_throws` takes.
 
-    Speeds are those of the first sample in all rows, since only the first counts.
+    Speeds are those of the first sample in all rows, since only the first counts. Throws keep their numbers where their names
+    are different numbers; others are counted.
     """
     frames = []
-    for number, throw in enumerate(throws.items):
+    for number, throw in zip(_numbers(throws), throws.items, strict=True):
         table = {"throw": np.full(len(throw.time), number), "time [s]": throw.time}
         table |= {f"position.{axis} [m]": throw.position[:, k] for k, axis in enumerate(_AXES)}
         table |= {f"orientation.{axis}": throw.quat[:, k] for k, axis in enumerate("w" + _AXES)}

@@ -108,7 +108,8 @@ class ThrowBackend(CaseBackend):
         Returns:
             Of all samples, throw after throw, `{role}/{what}`: number of the throw, time (s), position (m) and attitude (wxyz)
             as measured, nominal and explained, distances before and after (m), without `explained` and `after` where there are
-            no effects; and `replays.json`: mean distances before and after, and a map of what remains.
+            no effects; and `replays.json`: mean distances before and after, the throws' own numbers, and a map of what
+            remains.
         """
         arrays: dict[str, Array] = {}
         rows, runs = {}, 0.0
@@ -131,6 +132,7 @@ class ThrowBackend(CaseBackend):
                 "before": 1e3 * float(replay.errors().mean()),
                 "after": 1e3 * float(replay.errors(effects).mean()),
                 "channels": list(CHANNELS),
+                "throws": [throw.name for throw in throws.items],
                 "phases": [replay.phases(), replay.phases(effects)],
                 "remains": _map(replay, effects).record(),
             }

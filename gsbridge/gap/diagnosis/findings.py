@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from gsbridge.effects.base import Parameter
+from gsbridge.effects.base import Effect, Parameter
 from gsbridge.effects.registry import Applied, Registry
 from gsbridge.gap.diagnosis.results import TRANSFERS, AccountEntry, Candidate, Finding, GapAccount, Rules, Verification
 from gsbridge.geometry import Array
@@ -181,21 +181,23 @@ class Account:
             return []
         intervals = diagnosis.intervals or _by_deviations(diagnosis.finding)
         figures = diagnosis.figures or (None,) * len(intervals)
-        return [self._described(*row) for row in zip(best.fit.who, best.fit.effects, intervals, figures, strict=True)]
+        return [
+            self._described(*row) for row in zip(self.effects_of(best.fit), best.fit.effects, intervals, figures, strict=True)
+        ]
 
     def _described(
         self,
-        candidate: Candidate,
+        effect: Effect,
         applied: Applied,
         spans: Mapping[str, tuple[float, float]],
         figures: Mapping[str, tuple[float, float]] | None = None,
     ) -> dict[str, Any]:
         """One effect with units, 90 % intervals, and what the model's own figures were and become."""
-        effect, rows = candidate.effect, {}
+        rows: dict[str, dict[str, Any]] = {}
         for parameter in effect.parameters:
             row = {"value": applied.parameters[parameter.name], "unit": self.unit_of(parameter)}
             rows[parameter.name] = row | {"interval90": list(spans[parameter.name])}
-            called = candidate.called(parameter.name)
+            called = effect.called(parameter.name)
             rows[parameter.name] |= {} if called == parameter.name else {"called": called}
             if figures:
                 was, becomes = figures[parameter.name]
@@ -211,7 +213,7 @@ class Account:
                 {
                     "label": str(entry.candidate),
                     **self._described(
-                        entry.candidate, entry.effect, _spans(entry.candidate, entry.effect, entry.deviations, 1.0)
+                        entry.candidate.effect, entry.effect, _spans(entry.candidate, entry.effect, entry.deviations, 1.0)
                     ),
                     "share": entry.share,
                     "verdict": entry.verdict,
@@ -227,6 +229,10 @@ class Account:
                 "unit": self.unit,
             },
         }
+
+    def effects_of(self, fit: Any) -> list[Effect]:
+        """Entries of the catalogue for the effects of a fit."""
+        return [self.effects[applied.name] for applied in fit.effects]
 
     def unit_of(self, parameter: Parameter) -> str:
         """Unit of a parameter as findings have it."""

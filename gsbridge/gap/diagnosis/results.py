@@ -87,10 +87,6 @@ class Candidate:
         """The effect's entry in the registry."""
         return self.registry.effect(self.name)
 
-    def called(self, parameter: str) -> str:
-        """A parameter's name in sentences."""
-        return parameter
-
     def applied(self, values: Mapping[str, float]) -> Applied:
         """The effect with these parameters."""
         return Applied(self.name, self.joint, dict(values))

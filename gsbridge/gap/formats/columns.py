@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from gsbridge.errors import InputError
-from gsbridge.gap.formats.units import factor_to_si, split_header
+from gsbridge.gap.formats.units import HEADER, factor_to_si, split_header
 from gsbridge.geometry import Array
 from gsbridge.reading import refusing, regular_file
 
@@ -47,6 +47,7 @@ class Columns:
         names: Our name of a column to that of the file; others keep our name.
         units: Our name of a column, or its kind alone, to its unit; for files whose headers state none.
         gains: N m (of joints that slide: N) per ampere by joint, for efforts in amperes.
+        headers: Whether the file is a table with headers that can be written; others leave units to the case.
     """
 
     table: pd.DataFrame
@@ -54,6 +55,7 @@ class Columns:
     names: Mapping[str, str]
     units: Mapping[str, str]
     gains: Mapping[str, float] = field(default_factory=dict)
+    headers: bool = True
 
     def get(self, ours: str, dimension: str) -> Array | None:
         """Values in SI units; None where there is no such column. [T].
@@ -79,7 +81,9 @@ class Columns:
                 self.source, f"the column '{theirs}' holds no number in data row {bad[0] + 1} ({len(bad)} such rows)",
                 "Remove or mend these rows; gaps in time are allowed",
             )  # fmt: skip
-        return values * factor_to_si(stated, dimension, self.source, theirs, self.gains.get(ours.partition(".")[2]))
+        kind, _, joint = ours.partition(".")
+        where = HEADER if self.headers else f"State it in the case, as 'units: {{{kind}: ...}}'"
+        return values * factor_to_si(stated, dimension, self.source, theirs, self.gains.get(joint), where)
 
     def need(self, ours: str, dimension: str) -> Array:
         """`get` of a column that must be there. [T].

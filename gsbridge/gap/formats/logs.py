@@ -5,6 +5,7 @@ Every format becomes a table with our columns, and that is read and checked by o
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,30 @@ from gsbridge.errors import InputError
 from gsbridge.gap.formats.lerobot import read_lerobot
 from gsbridge.gap.formats.mcap import read_mcap
 from gsbridge.gap.formats.records import Layout, Record, read_record, record_of
+
+OTHERS: Mapping[str, tuple[str, str]] = {
+    ".mat": ("a file of MATLAB", "Write it as CSV there: writetable(array2table([t q], 'VariableNames', names), 'log.csv')"),
+    ".bag": ("a bag of ROS 1", "Convert it: pip install rosbags; rosbags-convert --src {0} --dst {1} --dst-storage mcap"),
+    ".db3": ("a bag of ROS 2 in SQLite", "Convert its folder: rosbags-convert --src {2} --dst {2}_mcap --dst-storage mcap"),
+}
+"""Logs that are not read, by the ending of their names: what they are, and how to make of them what is."""
+
+
+def _refuse_others(file: Path) -> None:
+    """Refuse logs of formats that are not read, and bags that are named by their folder.
+
+    Raises:
+        InputError: It is one of these, with the way to convert it.
+    """
+    bag = sorted(file.glob("*.mcap")) + sorted(file.glob("*.db3")) if (file / "metadata.yaml").is_file() else []
+    if bag and bag[0].suffix == ".mcap":
+        raise InputError(file, "this is the folder of a bag of ROS 2", f"Name the file in it: {bag[0].name}#TOPIC,COMMANDS")
+    named = bag[0] if bag else file
+    if named.suffix.lower() in OTHERS:
+        what, way = OTHERS[named.suffix.lower()]
+        raise InputError(
+            file, f"this is {what}, which is not read", way.format(named.name, named.stem, named.parent.name or ".")
+        )
 
 
 def split_part(path: str | Path) -> tuple[Path, str]:
@@ -31,6 +56,7 @@ def read_log(path: str | Path, layout: Layout) -> Record:
         InputError: As `read_record`; the part is missing or ambiguous, or an optional package is not installed.
     """
     file, part = split_part(path)
+    _refuse_others(file)
     if file.suffix == ".mcap":
         table, digest = read_mcap(file, part, layout.joints, layout.sliding)
     elif file.is_dir():
@@ -39,5 +65,5 @@ def read_log(path: str | Path, layout: Layout) -> Record:
         raise InputError(path, "only data sets and MCAP files have parts", "Leave out what stands behind '#'")
     else:
         return read_record(file, layout)
-    record = record_of(table, Path(path), layout, digest=digest)
+    record = record_of(table, Path(path), layout, digest=digest, headers=False)
     return replace(record, name=f"{file.stem}#{part}" if part else file.stem)

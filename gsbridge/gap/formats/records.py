@@ -123,7 +123,7 @@ def read_record(path: str | Path, layout: Layout) -> Record:
     return record_of(table, path, layout, digest=hashlib.sha256(data).hexdigest())
 
 
-def record_of(table: pd.DataFrame, path: Path, layout: Layout, *, digest: str) -> Record:
+def record_of(table: pd.DataFrame, path: Path, layout: Layout, *, digest: str, headers: bool = True) -> Record:
     """A record from a table with our columns, or with those that the layout names.
 
     Args:
@@ -131,11 +131,12 @@ def record_of(table: pd.DataFrame, path: Path, layout: Layout, *, digest: str) -
         path: Where it comes from, for its name and for errors.
         layout: How its columns are called.
         digest: SHA-256 of the file.
+        headers: Whether the file is a table whose headers can state units.
 
     Raises:
         InputError: As `read_record`.
     """
-    columns = Columns(table, path, layout.columns, layout.units, layout.torque_per_ampere)
+    columns = Columns(table, path, layout.columns, layout.units, layout.torque_per_ampere, headers)
     time = columns.need("time", "time")
     commands, measured = {}, {}
     for kind, dimension in COMMANDS.items():

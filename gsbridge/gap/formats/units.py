@@ -23,6 +23,9 @@ FACTORS: dict[str, dict[str, float]] = {
 SLIDING = {"angle": "length", "angular speed": "speed", "torque": "force"}
 """Dimension at a joint that slides of each that belongs to one that turns."""
 
+HEADER = "Write it into the header"
+"""Where a table states its units."""
+
 _HEADER = re.compile(r"^\s*(?P<name>[^\[\]]+?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*$")
 
 
@@ -35,7 +38,9 @@ def split_header(header: str) -> tuple[str, str | None]:
     return found["name"], None if unit is None else unit.strip()
 
 
-def factor_to_si(unit: str | None, dimension: str, source: str | Path, column: str, gain: float | None = None) -> float:
+def factor_to_si(
+    unit: str | None, dimension: str, source: str | Path, column: str, gain: float | None = None, where: str = HEADER
+) -> float:
     """Factor by which a column is multiplied.
 
     Args:
@@ -44,6 +49,7 @@ def factor_to_si(unit: str | None, dimension: str, source: str | Path, column: s
         source: The file, for messages.
         column: The column, for messages.
         gain: N m or N per ampere, for efforts in amperes.
+        where: Where a unit can be stated that the file lacks, for messages.
 
     Raises:
         InputError: No unit, an unknown one, or amperes without a gain.
@@ -53,7 +59,7 @@ def factor_to_si(unit: str | None, dimension: str, source: str | Path, column: s
     if unit is None:
         if dimension == "number":
             return 1.0
-        raise InputError(source, f"the column '{column}' has no unit", f"Write it into the header, one of {names}")
+        raise InputError(source, f"the column '{column}' has no unit", f"{where}, one of {names}")
     if unit not in known:
         raise InputError(source, f"the column '{column}' has the unit [{unit}], which is no {dimension}", f"Use {names}")
     if unit == "A":

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.joints.base import JointEffect
-from gsbridge.effects.joints.sliding import SLIDING_EFFECTS, WORDS
+from gsbridge.effects.joints.sliding import SLIDING_EFFECTS
 from gsbridge.gap.diagnosis.results import Candidate
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 
@@ -27,10 +27,6 @@ class JointCandidate(Candidate):
     def effect(self) -> JointEffect:
         """Its entry in the registry of what the joint does."""
         return (SLIDING_EFFECTS if self.slides else JOINT_EFFECTS).effect(self.name)
-
-    def called(self, parameter: str) -> str:
-        """A parameter's name in sentences: what is a torque at a joint that turns is a force at one that slides."""
-        return WORDS.get(parameter, parameter) if self.slides else parameter
 
 
 def candidates(system: MechanismModel, names: Collection[str] | None = None) -> tuple[JointCandidate, ...]:

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from gsbridge.effects.base import Effect
 from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.findings import Account, Diagnosis
-from gsbridge.gap.diagnosis.results import ROLES, Finding, Rules, Verification
+from gsbridge.gap.diagnosis.results import ROLES, EffectFit, Finding, Rules, Verification
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.account import account_of
 from gsbridge.gap.joints.bank import SignatureBank, signature_bank
@@ -35,6 +36,10 @@ class JointAccount(Account):
     """Puts findings about a mechanism into words and figures."""
 
     effects = JOINT_EFFECTS
+
+    def effects_of(self, fit: EffectFit) -> list[Effect]:
+        """As they are at their joints, which turn or slide."""
+        return [candidate.effect for candidate in fit.who]
 
 
 def diagnose_joints(

@@ -240,7 +240,7 @@ _BAND = (0.1, 0.9)
 """Shares of the throws between which a band lies."""
 
 
-def draw_throws(series: Mapping[str, Array], role: str, floor: float | None) -> str:
+def draw_throws(series: Mapping[str, Array], role: str, floor: float | None, names: Sequence[str]) -> str:
     """Distances over time, and some throws seen from above.
 
     Args:
@@ -248,6 +248,7 @@ def draw_throws(series: Mapping[str, Array], role: str, floor: float | None) -> 
             something was fitted; see `gsbridge.gap.contact.workflow`.
         role: Whose throws.
         floor: What noise and chaos explain, mean over throws, mm; None where it is not known.
+        names: Of the throws, as the user's file has them.
 
     Returns:
         A PNG as data URI.
@@ -269,7 +270,7 @@ def draw_throws(series: Mapping[str, Array], role: str, floor: float | None) -> 
         axis.margins(x=0.005)
         axis.set_ylim(bottom=0)
         above.legend(loc="outside upper center", ncols=3, frameon=False)
-        _draw_paths(below.subplots(2, PATHS // 2), series, role)
+        _draw_paths(below.subplots(2, PATHS // 2), series, role, names)
         below.suptitle("Seen from above: throws from small to large distance, in metres", x=0.01, ha="left", fontsize=11)
         return data_uri(figure)
 
@@ -289,7 +290,7 @@ def _spread(axis: Axes, time: Array, distance: Array, colour: str, text: str) ->
     axis.plot(middle, mean, color=colour, linewidth=2.0, label=text)
 
 
-def _draw_paths(axes: Array, series: Mapping[str, Array], role: str) -> None:
+def _draw_paths(axes: Array, series: Mapping[str, Array], role: str, names: Sequence[str]) -> None:
     """Paths of some throws, spread evenly over the order of their distances before."""
     number = series[f"{role}/throw"].astype(int)
     sizes = np.bincount(number, weights=series[f"{role}/before"]) / np.bincount(number)
@@ -304,7 +305,7 @@ def _draw_paths(axes: Array, series: Mapping[str, Array], role: str) -> None:
                 axis.plot(path[rows, 0], path[rows, 1], color=colour, linestyle=style, linewidth=1.8)
                 axis.scatter(*path[rows, :2][-1], color=colour, s=22, zorder=3)
         axis.set_aspect("equal", adjustable="datalim")
-        axis.set_title(f"throw {throw + 1}: {1e3 * sizes[throw]:.3g} mm before", fontsize=9.5, loc="left")
+        axis.set_title(f"throw {names[throw]}: {1e3 * sizes[throw]:.3g} mm before", fontsize=9.5, loc="left")
         axis.tick_params(labelsize=8)
         axis.locator_params(nbins=4)
         axis.margins(0.12)

@@ -166,7 +166,7 @@ class ThrowParts(Parts):
         if explained:
             text += f" Blue is {_model(findings)}."
         return {
-            "residuals": draw_throws(series, JUDGED, floor),
+            "residuals": draw_throws(series, JUDGED, floor, judged["throws"]),
             "residuals_text": text,
             "residuals_alt": "distance over time before and after, and paths seen from above",
             "channels": draw_each(sizes[0], sizes[1] if explained else None, floor),
