@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -91,8 +92,12 @@ class Expectation:
         """Expected photos of a camera that did not move, with a lens as sharp; they tell the grain. [N, H, W, 3] float32."""
         still = replace(how, mount=np.eye(4), focal=1.0, distortion=np.zeros(2), delay=0.0, row_time=0.0, exposure_time=0.0)
         still = replace(still, blur=0.0)
-        light = linear_from_srgb(self.pairs.before.astype(np.float32))
-        return np.stack([develop(light[n], self._frame(n, still), still) for n in range(len(self.pairs))])
+        return np.stack([develop(self._before[n], self._frame(n, still), still) for n in range(len(self.pairs))])
+
+    @cached_property
+    def _before(self) -> Array:
+        """Linear light of the earlier photos with their noise. [N, H, W, 3]."""
+        return linear_from_srgb(self.pairs.before.astype(np.float32))
 
     def _frame(self, n: int, how: Shooting) -> Frame:
         pairs = self.pairs

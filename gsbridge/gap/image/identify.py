@@ -54,7 +54,7 @@ class ImageIdentification:
         seed: int = 0,
     ) -> None:
         self.first, self.second = first, second
-        self.rough = ImageResiduals(first.pairs, first.noise, grain=False, height=_COARSE)
+        self.rough = ImageResiduals(first.pairs, first.noise, grain=False, height=_COARSE, expectation=first.expectation)
         self.who, self._all = tuple(c for c in who if first.tells(c)), tuple(who)
         self.rules, rng = rules or Rules(), np.random.default_rng(seed)
         self.null_first, self.null = ImageNull.of(first, rng), ImageNull.of(second, rng)
@@ -89,7 +89,7 @@ class ImageIdentification:
 
     def _used(self) -> int:
         """Sets of pictures so far."""
-        return sum(view.expectation.pictures for view in (self.first, self.second, self.rough))
+        return sum(view.expectation.pictures for view in (self.first, self.second))
 
     def _fitted(self, who: Sequence[Candidate], starts: Sequence[dict[str, float]]) -> Hypothesis | None:
         """A trial of some effects; None where the fit did not converge."""

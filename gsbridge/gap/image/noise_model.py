@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -68,13 +69,18 @@ class Flats:
         levels = np.einsum("nlhw,nhwc->nlc", masks.astype(np.float32), pictures) / np.maximum(counts, 1)[..., None]
         return cls(masks, levels.astype(np.float64), counts)
 
+    @cached_property
+    def _places(self) -> dict[tuple[int, int], Array]:
+        """Numbers of the pixels of every photo and class that has enough: a fit asks for grain at every step."""
+        return {(int(n), int(k)): np.flatnonzero(self.masks[n, k]) for n, k in np.argwhere(self.counts >= ENOUGH)}
+
     def variances(self, pictures: Array) -> Array:
         """Grain in every class, robust against what is no grain. [N, H, W, 3] -> [N, L, 3]."""
         fine = np.stack([cv2.filter2D(image, -1, _SECOND, borderType=cv2.BORDER_REPLICATE) for image in pictures])
         out = np.full((*self.counts.shape, 3), np.nan)
         for n, k in np.argwhere(self.counts >= ENOUGH):
             # A third of the way between robust and efficient: squares beyond three rough deviations are left out.
-            square = fine[n][self.masks[n, k]].astype(np.float64) ** 2
+            square = fine[n].reshape(-1, 3)[self._places[n, k]].astype(np.float64) ** 2
             rough = 2.198 * np.median(square, axis=0)
             inside = square <= 9.0 * rough
             out[n, k] = (square * inside).sum(axis=0) / np.maximum(inside.sum(axis=0), 1) / 0.9733

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -37,6 +38,9 @@ _OUTLIER = 4.0
 
 _NEAR = 5
 """Pixels as compared, on either side, over which noise is taken to be alike."""
+
+_KEPT = 64
+"""Residuals that are kept."""
 
 _CLEAR = 5.0
 """Deviations by which later photos must be noisier to count as noisier."""
@@ -117,15 +121,25 @@ class ImageResiduals:
         noise: Noise of one photo.
         grain: Whether the photos' grain is compared, too: means of several photos have less.
         height: Rows, about, at which they are compared: few, to find what moved far; their noise is then not that of blocks.
+        expectation: Of the same earlier photos, where there is one: taking their noise off costs more than anything else.
 
     Attributes:
         shape: Photos, rows, columns as they are compared.
         mask: Where they are. [N, h, w].
     """
 
-    def __init__(self, pairs: Pairs, noise: PhotoNoise, *, grain: bool = True, height: int = HEIGHT) -> None:
+    def __init__(
+        self,
+        pairs: Pairs,
+        noise: PhotoNoise,
+        *,
+        grain: bool = True,
+        height: int = HEIGHT,
+        expectation: Expectation | None = None,
+    ) -> None:
         self.pairs, self.noise, self._grainy = pairs, noise, grain
-        self.expectation = Expectation(pairs)
+        self.expectation = expectation or Expectation(pairs)
+        self._known: OrderedDict[tuple[object, ...], Array] = OrderedDict()
         self.size = shrinking(pairs, height)
         self.after = shrunk(pairs.after, self.size)
         self.mask = compared(pairs, height)
@@ -140,6 +154,16 @@ class ImageResiduals:
 
     def residual(self, effects: Sequence[Applied] = ()) -> Array:
         """Later photos less expected ones, a row per line of a photo, then the grain of every photo. [N * h + N, 3 * w]."""
+        # A fit asks for the same effects again where it takes derivatives and where it ends.
+        key = tuple((effect.name, *sorted(effect.parameters.items())) for effect in effects)
+        if key not in self._known:
+            self._known[key] = self._residual(effects)
+            self._known[key].flags.writeable = False
+            if len(self._known) > _KEPT:
+                self._known.popitem(last=False)
+        return self._known[key]
+
+    def _residual(self, effects: Sequence[Applied]) -> Array:
         how = shooting(effects)
         apart = (self.after - shrunk(self.expectation.photos(how), self.size)) * self._weights
         shown = shrunk(self.expectation.shown(how).astype(np.float32), self.size) >= 1.0
@@ -182,7 +206,8 @@ class ImageResiduals:
 
     def quiet(self) -> ImageResiduals:
         """Residuals of these views with nothing changed; see `Pairs.quiet`."""
-        return ImageResiduals(self.pairs.quiet(), self.noise, grain=self.pairs.repeats == 1)
+        grainy = self.pairs.repeats == 1
+        return ImageResiduals(self.pairs.quiet(), self.noise, grain=grainy, expectation=self.expectation)
 
     @cached_property
     def _flats(self) -> Flats:
@@ -208,6 +233,11 @@ class ImageResiduals:
     def _grain(self) -> Array:
         return self._flats.variances(self.pairs.after.astype(np.float32))
 
+    @cached_property
+    def _still(self) -> Array:
+        """Grain that is expected without any change of light or sensor. [N, L, 3]."""
+        return self._flats.variances(self.expectation.flat(shooting()))
+
     def _local(self, apart: Array, variance: Array) -> Array:
         """Variance of the noise in multiples of what its brightness says, where photos of one day tell: in shades that flicker
         a little, on things that shine. [N, h, w, 1]."""
@@ -229,7 +259,11 @@ class ImageResiduals:
 
     def _rough(self, how: Shooting) -> Array:
         """Logarithm of the later photos' grain over the expected one, in deviations; 0 where it is not measured. [N, L, 3]."""
-        expected = self._flats.variances(self.expectation.flat(how))
+        if not self._grainy:
+            return np.zeros((*self._spread.shape, 3))
+        # What moves the picture alone leaves the grain of a camera that did not move as it was.
+        still = not (how.light or how.sensor or how.softness)
+        expected = self._still if still else self._flats.variances(self.expectation.flat(how))
         expected = expected + how.read_variance + how.shot_variance * np.clip(self._flats.levels, 0.0, 1.0)
         ratio = np.nan_to_num(np.log(self._grain) - np.log(expected))
         return ratio / self._spread[..., None]
