@@ -57,6 +57,13 @@ def test_every_effect_says_what_it_is(place, name):
     assert (effect.advice or "").endswith(f"{effect.instead}." if effect.reason else "")
 
 
+def test_the_page_lists_what_the_simulation_cannot_play():
+    page = (Path(digests.PACKAGE).parent / "docs" / "gap.md").read_text(encoding="utf-8")
+    table = page.split("### What the simulation's model can hold")[1].split("## Verdicts")[0]
+    rows = [tuple(cell.strip() for cell in line.split("|")[1:4]) for line in table.splitlines() if line.startswith("| `")]
+    assert rows == [(f"`{name}`", one.reason, one.instead) for name, one in JOINT_EFFECTS.items() if not one.amendable]
+
+
 class Haze(ImageEffect):
     """White light that is added."""
 
