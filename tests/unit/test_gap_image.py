@@ -16,7 +16,7 @@ from gsbridge.gap.image.diagnose import UNSTEADY, ImageAccount, diagnose_images,
 from gsbridge.gap.image.expect import Expectation
 from gsbridge.gap.image.model import ImageCandidate, image_candidates, shooting
 from gsbridge.gap.image.noise_model import Flats
-from gsbridge.gap.image.null import ImageNull
+from gsbridge.gap.image.null import SCALES, ImageNull, _blocks
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.gap.image.residuals import ImageResiduals, compared, learn_noise
 from gsbridge.gap.image.screen import gains_of
@@ -181,6 +181,27 @@ def test_effect_free_photos_raise_no_alarm(site):
 def test_unsteady_light_is_told(site):
     pairs = {role: replace(views, again=np.clip(views.again * 1.05, 0, 1)) for role, views in hidden_case(site, {}).items()}
     assert unsteady(pairs) == (UNSTEADY,)
+
+
+def test_sums_over_blocks_are_those_of_every_block_by_itself():
+    """Of a size that no scale divides."""
+    values = np.random.default_rng(0).normal(size=(2, 21, 35, 3))
+    for scale, found in zip(SCALES, _blocks(values), strict=True):
+        for row, column in np.ndindex(found.shape[1:3]):
+            block = values[:, row * scale : (row + 1) * scale, column * scale : (column + 1) * scale]
+            np.testing.assert_allclose(found[:, row, column], block.sum(axis=(1, 2)), atol=1e-12)
+
+
+def test_residuals_are_kept_and_what_moves_the_picture_leaves_its_grain(fine):
+    """A residual that was asked for before is the same array, and equals one of a fresh view."""
+    pairs = hidden_case(fine, {"extrinsics": 0.005})["fit"]
+    view = ImageResiduals(pairs, learn_noise([pairs]))
+    moved = (Applied("extrinsics", "", {p.name: 0.002 for p in IMAGE_EFFECTS["extrinsics"].parameters}),)
+    assert view.residual(moved) is view.residual(moved)
+    again = ImageResiduals(pairs, view.noise, expectation=view.expectation)
+    np.testing.assert_array_equal(again.residual(moved), ImageResiduals(pairs, view.noise).residual(moved))
+    expected = view._flats.variances(view.expectation.flat(shooting(moved)))
+    np.testing.assert_array_equal(view._still, expected)
 
 
 def test_exposure_is_named_with_its_size(site):

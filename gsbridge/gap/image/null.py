@@ -12,7 +12,7 @@ from gsbridge.gap.image.residuals import ImageResiduals
 from gsbridge.geometry import Array
 
 SCALES = (1, 2, 4, 8, 16)
-"""Edges of blocks, pixels as compared."""
+"""Edges of blocks, pixels as compared: each twice the one before, whose blocks it joins."""
 
 REPLICATES = 199
 
@@ -23,7 +23,17 @@ _FILLED = 0.5
 """Share of a block that must be compared for its mean to count."""
 
 
-def sums(view: ImageResiduals, table: Array) -> Array:
+Filled = tuple[list[Array], list[Array]]
+"""Pixels that are compared in each block, by scale: of single photos, and of what all have in common."""
+
+
+def filled_blocks(view: ImageResiduals) -> Filled:
+    """How far blocks are filled, which is the same for all residuals of a view."""
+    count = view.mask.sum(axis=0)[None, ..., None]
+    return _blocks(view.mask[..., None]), _blocks((count > 0).astype(np.float32))
+
+
+def sums(view: ImageResiduals, table: Array, filled: Filled | None = None) -> Array:
     """Squares of a residual and of its means over blocks, of each photo and of what all have in common. [K].
 
     Every colour by itself and their sum, at every scale; then the grain: of classes, of their means over photos, of all.
@@ -31,17 +41,17 @@ def sums(view: ImageResiduals, table: Array) -> Array:
     Args:
         view: Whose residual.
         table: Residuals, as from `ImageResiduals.residual`.
+        filled: What `filled_blocks` gave, where it is known.
     """
-    white, mask = view.pictures(table), view.mask[..., None]
+    white = view.pictures(table)
     # Most effects stay where they are in the image, or change all of it.
     count = view.mask.sum(axis=0)[None, ..., None]
     common = white.sum(axis=0)[None] / np.sqrt(np.maximum(count, 1.0))
     out = []
-    for values, weight in ((white, mask), (common, (count > 0).astype(np.float32))):
+    for values, weights in zip((white, common), filled or filled_blocks(view), strict=True):
         values = np.concatenate([values, values.sum(axis=-1, keepdims=True) / np.sqrt(3.0)], axis=-1)
-        for scale in SCALES:
-            total, filled = _blocks(values, scale), _blocks(weight, scale)
-            means = np.where(filled >= _FILLED * scale**2, total / np.sqrt(np.maximum(filled, 1.0)), 0.0)
+        for scale, total, weight in zip(SCALES, _blocks(values), weights, strict=True):
+            means = np.where(weight >= _FILLED * scale**2, total / np.sqrt(np.maximum(weight, 1.0)), 0.0)
             out.append((means.astype(np.float64) ** 2).sum(axis=(0, 1, 2)))
     grain = view.grains(table).astype(np.float64)
     measured = np.maximum((grain != 0).sum(axis=0), 1)
@@ -50,13 +60,16 @@ def sums(view: ImageResiduals, table: Array) -> Array:
     return np.concatenate(out)
 
 
-def _blocks(values: Array, scale: int) -> Array:
-    """Sums over blocks; the image is filled up with zeros. [N, h, w, C] -> [N, h / scale, w / scale, C]."""
-    count, height, width, colours = values.shape
-    tall, wide = -height % scale, -width % scale
-    filled = np.pad(values, ((0, 0), (0, tall), (0, wide), (0, 0)))
-    parts = filled.reshape(count, (height + tall) // scale, scale, (width + wide) // scale, scale, colours)
-    return parts.sum(axis=(2, 4))
+def _blocks(values: Array) -> list[Array]:
+    """Sums over blocks of each of `SCALES`; the image is filled up with zeros. [N, h, w, C] -> [N, h / scale, w / scale, C]."""
+    out = [values]
+    for _ in SCALES[1:]:
+        values = out[-1]
+        odd = [(0, 0), (0, values.shape[1] % 2), (0, values.shape[2] % 2), (0, 0)]
+        values = np.pad(values, odd) if values.shape[1] % 2 or values.shape[2] % 2 else values
+        values = values[:, 0::2] + values[:, 1::2]
+        out.append(values[:, :, 0::2] + values[:, :, 1::2])
+    return out
 
 
 @dataclass(frozen=True)
@@ -80,12 +93,13 @@ class ImageNull:
         """
         # What photos of one day differ by, with signs drawn anew: outliers of the noise stay, and what lies together does not.
         usual, grain, drawn = view.usual(), view.grains(view.residual()) != 0, []
+        filled = filled_blocks(view)
         for _ in range(replicates):
             size = np.sqrt(np.maximum(1.0 + _UNSURE * rng.standard_normal(usual.shape[-1]), 0.0)).astype(np.float32)
             # One sign for all colours of a pixel: what makes one of them brighter often does so to all.
             white = usual * rng.choice(np.array((-1.0, 1.0), np.float32), (*usual.shape[:-1], 1)) * size
             rough = rng.standard_normal(grain.shape).astype(np.float32) * grain
-            drawn.append(sums(view, np.concatenate([white.reshape(-1, grain.shape[1]), rough])))
+            drawn.append(sums(view, np.concatenate([white.reshape(-1, grain.shape[1]), rough]), filled))
         return cls(np.stack(drawn))
 
     def p_value(self, view: ImageResiduals, table: Array) -> float:
