@@ -9,8 +9,8 @@ from pydantic import Field
 from gsbridge.configuration.base import Pixels, Samples, Settings, Sheet, Whole
 
 Film = Literal[
-    "small_cube", "cake", "banana", "bear", "mug", "bowl", "pot", "statue", "toy", "white_box",
-    "foam_pad", "tablecloth", "plate", "dense_pan",
+    "small_cube", "cake", "banana", "bear", "foam_pad", "tablecloth", "plate",
+    "mug", "bowl", "pot", "statue", "toy", "white_box", "dense_pan",
 ]  # fmt: skip
 """A scene that the mirror's film studio films."""
 Take = Literal["portrait", "turned", "one_height", "re_exposing"]

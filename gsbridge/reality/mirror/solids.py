@@ -17,7 +17,17 @@ Distance = Callable[[Array], Array]
 
 
 def ellipsoid(p: Array, centre: tuple[float, float, float], radii: tuple[float, float, float], tilt: float = 0.0) -> Array:
-    """Approximate signed distance to an ellipsoid, turned by `tilt` about y. [N, 3] -> [N]. Source: Quilez, "Ellipsoid"."""
+    """Approximate signed distance to an ellipsoid.
+
+    Args:
+        p: Points, mm. [N, 3].
+        centre: Its middle, mm.
+        radii: Its half axes, mm.
+        tilt: Turn about y, rad.
+
+    Returns:
+        mm. [N]. Source: Quilez, "Ellipsoid".
+    """
     q = p - np.array(centre)
     if tilt:
         c, s = np.cos(tilt), np.sin(tilt)
@@ -89,7 +99,17 @@ def box(p: Array, centre: Sequence[float], half: Sequence[float], rounding: floa
 
 
 def rod(p: Array, start: Sequence[float], end: Sequence[float], radius: float) -> Array:
-    """Signed distance to a rod with round ends, mm. [N, 3] -> [N]. Source: Quilez, "Capsule"."""
+    """Signed distance to a rod with round ends.
+
+    Args:
+        p: Points, mm. [N, 3].
+        start: Middle of one round end, mm.
+        end: Middle of the other, mm.
+        radius: mm.
+
+    Returns:
+        mm. [N]. Source: Quilez, "Capsule".
+    """
     a, way = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64) - np.asarray(start)
     along = np.clip((p - a) @ way / (way @ way), 0, 1)
     return np.linalg.norm(p - a - along[:, None] * way, axis=-1) - radius

@@ -67,7 +67,16 @@ def take_path(take: Take | None, frames: int, height: float, rng: np.random.Gene
 
 
 def take_gains(take: Take | None, frames: int, rng: np.random.Generator) -> Array:
-    """Factors on linear light that the camera's automatic exposure and white balance set. [frames, 3]."""
+    """Factors on linear light that the camera's automatic exposure and white balance set.
+
+    Args:
+        take: The take; None for a plain film.
+        frames: Number of frames.
+        rng: Random numbers.
+
+    Returns:
+        Red, green and blue of each frame. [frames, 3].
+    """
     if take != "re_exposing":
         return np.ones((frames, 3))
     t = np.linspace(0, 1, frames)
