@@ -173,7 +173,7 @@ def _run_policy(options: argparse.Namespace) -> int:
     # More threads would only wait for each other in a network this small, and their imports must come after.
     start(1, None)
     from gsbridge.policy.deploy import Deployment, deploy
-    from gsbridge.policy.guards import End
+    from gsbridge.policy.safety import End
 
     wanted = Deployment(
         policy=options.policy, driver=options.driver, registration=options.registration, options=_options(options.option),

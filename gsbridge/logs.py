@@ -99,7 +99,7 @@ def _log_exception(kind: type[BaseException], value: BaseException, trace: Trace
         logger.critical("unexpected error", exc_info=(kind, value, trace))
 
 
-class Progress:
+class ProgressLog:
     """Count of done items with a rate and the time left: one live line on a terminal, plain lines in a log.
 
     Args:
@@ -161,7 +161,7 @@ def _log_to_files(line: str) -> None:
 
 
 def track(items: Iterable[T], label: str, total: int | None = None) -> Iterator[T]:
-    """Iterate over `items` with a `Progress` line.
+    """Iterate over `items` with a `ProgressLog` line.
 
     Args:
         items: What to iterate over.
@@ -169,4 +169,4 @@ def track(items: Iterable[T], label: str, total: int | None = None) -> Iterator[
         total: Number of items; their length when None, which an iterator does not have.
     """
     count = total if total is not None else len(items)  # type: ignore[arg-type]
-    yield from Progress(count, label).counted(items)
+    yield from ProgressLog(count, label).counted(items)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from gsbridge.logs import start
 from gsbridge.report.figures.paired_trials import TrialFiles
 from gsbridge.report.figures.trial_films import write_trial_film
-from gsbridge.report.tables.result_paths import Cell
+from gsbridge.report.tables.result_paths import CellPaths
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 start(snakemake.threads, snakemake.log[0])
 files = zip(snakemake.params.worlds, snakemake.params.seeds, snakemake.input.tables, snakemake.input.logs, strict=True)
 write_trial_film(
-    Cell(**dict(snakemake.wildcards.items())),
+    CellPaths(**dict(snakemake.wildcards.items())),
     [TrialFiles(*file) for file in files],
     snakemake.output.film,
 )

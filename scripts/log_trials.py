@@ -8,7 +8,7 @@ from gsbridge.logs import start
 from gsbridge.policy.joint_log import ROLES, log_trials
 from gsbridge.reality.world.camera import Setting
 from gsbridge.reality.world.driver_log import logged_physics
-from gsbridge.reality.world.further import configured_world
+from gsbridge.reality.world.world_variants import configured_world
 from gsbridge.registration.result import read_registration
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from gsbridge.logs import start
 from gsbridge.reality.world.camera import Setting
 from gsbridge.reality.world.episode import photograph_episode
-from gsbridge.reality.world.views import Exposure
+from gsbridge.reality.world.views import SensorExposure
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake
@@ -18,6 +18,8 @@ photograph_episode(
     snakemake.params.seed,
     snakemake.output.photos,
     snakemake.output.record,
-    Exposure(snakemake.params.pieces, settings["size"], settings["samples"], snakemake.threads, item=snakemake.input.item),
+    SensorExposure(
+        snakemake.params.pieces, settings["size"], settings["samples"], snakemake.threads, item=snakemake.input.item
+    ),
     every=settings["every"],
 )

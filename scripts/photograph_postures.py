@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 from gsbridge.environment.postures import STATES
 from gsbridge.logs import start
 from gsbridge.reality.world.camera import Setting
-from gsbridge.reality.world.further import configured_world
-from gsbridge.reality.world.views import Exposure, photograph_postures
+from gsbridge.reality.world.views import SensorExposure, photograph_postures
+from gsbridge.reality.world.world_variants import configured_world
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake
@@ -20,7 +20,7 @@ photograph_postures(
     configured_world(asked.seed, world, snakemake.wildcards.world),
     snakemake.output.photos,
     snakemake.output.record,
-    Exposure(asked.pieces, asked.size, asked.samples, snakemake.threads, asked.first, snakemake.input.item),
+    SensorExposure(asked.pieces, asked.size, asked.samples, snakemake.threads, asked.first, snakemake.input.item),
     shots=asked.shots,
     seed=world["seed"],
 )

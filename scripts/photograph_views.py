@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
 from gsbridge.reality.world.camera import Setting
-from gsbridge.reality.world.views import Exposure, photograph_states
+from gsbridge.reality.world.views import SensorExposure, photograph_states
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake
@@ -18,5 +18,7 @@ photograph_states(
     snakemake.params.seed,
     snakemake.output.photos,
     snakemake.output.record,
-    Exposure(snakemake.params.pieces, settings["size"], settings["samples"], snakemake.threads, item=snakemake.input.item),
+    SensorExposure(
+        snakemake.params.pieces, settings["size"], settings["samples"], snakemake.threads, item=snakemake.input.item
+    ),
 )

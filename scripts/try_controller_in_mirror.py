@@ -7,8 +7,8 @@ from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.logs import start
 from gsbridge.policy.arm_trials import try_controller_on_arm
 from gsbridge.reality.world.camera import Setting
-from gsbridge.reality.world.further import configured_world
 from gsbridge.reality.world.mirror import mirror_physics
+from gsbridge.reality.world.world_variants import configured_world
 from gsbridge.registration.result import read_registration
 
 if TYPE_CHECKING:

@@ -3,11 +3,11 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gsbridge.environment.policy_trials import Place
+from gsbridge.environment.policy_trials import TrialPlace
 from gsbridge.logs import start
 from gsbridge.policy.trials import try_in_mirror
 from gsbridge.reality.world.camera import Setting
-from gsbridge.reality.world.further import configured_world
+from gsbridge.reality.world.world_variants import configured_world
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake
@@ -20,7 +20,7 @@ try_in_mirror(
     Setting(snakemake.wildcards.object, snakemake.wildcards.background, snakemake.params.sheet, seed),
     configured_world(seed, world, snakemake.wildcards.world),
     snakemake.input.registration,
-    Place(snakemake.output.table, snakemake.output.log, snakemake.output.record, snakemake.params.state),
+    TrialPlace(snakemake.output.table, snakemake.output.log, snakemake.output.record, snakemake.params.state),
     name=snakemake.wildcards.world,
     poses=snakemake.params.poses,
     pieces=snakemake.params.pieces,

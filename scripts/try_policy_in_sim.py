@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from gsbridge.cameras import read_views
 from gsbridge.environment.build import StageFiles, plate_of
-from gsbridge.environment.policy_trials import Place
+from gsbridge.environment.policy_trials import TrialPlace
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.logs import start
 from gsbridge.policy.trials import try_in_sim
@@ -29,6 +29,6 @@ try_in_sim(
         renderer=snakemake.wildcards.renderer,
         plate=plate_of(item, snakemake.input.background),
     ),
-    Place(snakemake.output.table, snakemake.output.log, snakemake.output.record, snakemake.params.state),
+    TrialPlace(snakemake.output.table, snakemake.output.log, snakemake.output.record, snakemake.params.state),
     poses=snakemake.params.poses,
 )

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from gsbridge.geometry import Array
-from gsbridge.logs import Progress
+from gsbridge.logs import ProgressLog
 
 WIDTH = 640
 """Width at which frames are judged, px: one floor of sharpness then holds for every camera."""
@@ -74,7 +74,7 @@ def measure(frames: Iterable[tuple[float, Array]]) -> tuple[list[FrameMotion], t
     Returns:
         The judgement of each frame; height and width of the images, px.
     """
-    progress = Progress(max(1, getattr(frames, "declared", 0)), "measure motion")
+    progress = ProgressLog(max(1, getattr(frames, "declared", 0)), "measure motion")
     motions: list[FrameMotion] = []
     size = (0, 0)
     anchor: Array | None = None

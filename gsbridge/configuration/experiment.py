@@ -25,7 +25,7 @@ class Work(Settings):
     """Scene of the table."""
 
 
-class Cell(Work):
+class CellSettings(Work):
     """A policy to be trained and judged."""
 
     renderer: Literal["gs", "mesh", "mesh_vertex"] = "gs"
@@ -68,7 +68,7 @@ class Severity(Settings):
     """Severity of arm and object."""
 
 
-class World(Settings):
+class WorldSettings(Settings):
     """A mirror in which policies are judged. Table and camera stand where the configuration's seed puts them."""
 
     seed: OrNull[Annotated[Whole, Field(ge=0)]] = None
@@ -85,7 +85,7 @@ def _no_other_world(name: str) -> str:
     return name
 
 
-Worlds = dict[Annotated[Name, AfterValidator(_no_other_world)], World]
+Worlds = dict[Annotated[Name, AfterValidator(_no_other_world)], WorldSettings]
 
 
 class SightStudy(Settings):

@@ -21,7 +21,7 @@ class SharedCamera(Settings):
     """Sheet of the board in these scenes."""
 
 
-class Source(OneOf):
+class SourceSettings(OneOf):
     """Where the photos of a scene come from."""
 
     video: str = ABSENT
@@ -41,7 +41,7 @@ Point = tuple[str, Number, Number]
 """Name of a keyframe, u, v, in pixels of the files in `capture/frames`."""
 
 
-class KnownLength(Given):
+class KnownLengthSettings(Given):
     """A length that gives the scale where no board was filmed; it belongs to `object` or `between`."""
 
     metres: Number = Field(gt=0.0001, lt=100)
@@ -69,7 +69,7 @@ class Scene(Settings):
 
     kind: Literal["object", "background"]
     """An object standing on a table, or the empty table."""
-    source: Source
+    source: SourceSettings
     """Where the photos come from; exactly one of the keys below."""
     take: OrNull[Take] = None
     """How the mirror films it: with the phone held upright, with pictures stored on their side, at one height only, or with
@@ -80,7 +80,7 @@ class Scene(Settings):
     """Sheet of the printed board; null where none was laid out."""
     require_scale: Switch = False
     """Stop when the metric scale cannot be found, instead of going on degraded."""
-    known_length: OrNull[KnownLength] = None
+    known_length: OrNull[KnownLengthSettings] = None
     """A length that gives the scale where no board was filmed."""
     metres_per_unit: OrNull[Number] = Field(default=None, gt=0)
     """Length of one unit of a `colmap` or `nerfstudio` source, m, where its poses are metric (ARKit, Polycam and Record3D: 1).
@@ -130,7 +130,7 @@ class WorkspaceSource(OneOf):
     """Poses typed by hand. The result is then degraded."""
 
 
-class Workspace(Settings):
+class WorkspaceSettings(Settings):
     """Where the table stands before the robot, and where the wrist camera sits."""
 
     source: WorkspaceSource = Field(default_factory=lambda: WorkspaceSource(mirror=True))

@@ -11,7 +11,17 @@ from gsbridge.configuration.align import AlignSection
 from gsbridge.configuration.asset import AssetSection
 from gsbridge.configuration.base import Distinct, Given, Name, OrNull, Settings, Whole, checked, override, plain
 from gsbridge.configuration.capture import KeyframeSettings
-from gsbridge.configuration.experiment import Cell, GapBenchmark, GapSettings, Loop, Study, Variant, Variants, World, Worlds
+from gsbridge.configuration.experiment import (
+    CellSettings,
+    GapBenchmark,
+    GapSettings,
+    Loop,
+    Study,
+    Variant,
+    Variants,
+    Worlds,
+    WorldSettings,
+)
 from gsbridge.configuration.films import BoardFilmSettings, DenseFilmSettings, FilmSettings
 from gsbridge.configuration.masks import MaskSettings
 from gsbridge.configuration.measuring import (
@@ -24,7 +34,7 @@ from gsbridge.configuration.measuring import (
 from gsbridge.configuration.mesh import MeshSettings
 from gsbridge.configuration.policy import PolicySettings
 from gsbridge.configuration.registration import RegistrationSettings
-from gsbridge.configuration.scenes import Scene, SharedCamera, Workspace
+from gsbridge.configuration.scenes import Scene, SharedCamera, WorkspaceSettings
 from gsbridge.configuration.sfm import SfmSettings
 from gsbridge.configuration.splats import SplatSettings
 
@@ -81,7 +91,7 @@ class _PresetHead(Given):
 
     scenes: Distinct[str] = Field(min_length=1)
     """Scenes that this preset runs."""
-    cells: list[Cell] = Field(default=[])
+    cells: list[CellSettings] = Field(default=[])
     """Cells of this preset, in place of the configuration's."""
 
 
@@ -113,14 +123,14 @@ class Configuration(Sections):
     """Cameras that several captures share."""
     scenes: dict[Name, Scene] = Field(min_length=1)
     """The captures, by name."""
-    workspace: Workspace = Field(default_factory=Workspace)
+    workspace: WorkspaceSettings = Field(default_factory=WorkspaceSettings)
     """Source of the registration: where the table stands before the robot, and where the wrist camera sits
     (docs/registration.md)."""
-    cells: list[Cell] = Field(default=[])
+    cells: list[CellSettings] = Field(default=[])
     """Policies to train; each learns a task with one object on one background."""
     variants: Variants = Field(default_factory=lambda: {"default": Variant()})
     """Ways of learning that are compared with the paper's, by name."""
-    worlds: Worlds = Field(default_factory=lambda: {"mirror": World()})
+    worlds: Worlds = Field(default_factory=lambda: {"mirror": WorldSettings()})
     """Mirrors, by name, in which policies are judged besides the simulation (docs/mirror.md)."""
     study: Study = Field(default_factory=Study)
     """Comparison of ways of learning at equal numbers of environment steps."""

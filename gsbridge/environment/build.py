@@ -14,7 +14,7 @@ from gsbridge.asset.bundle import Asset, read_asset
 from gsbridge.environment.controllers import GraspController, PlaceController, grip_of, stable_gain
 from gsbridge.environment.env import PickEnvironment
 from gsbridge.environment.gaussian_renderer import OBJECT, GaussianRenderer
-from gsbridge.environment.lens import Lens
+from gsbridge.environment.lens import WristLens
 from gsbridge.environment.light import LightFile
 from gsbridge.environment.mesh_renderer import MeshRenderer
 from gsbridge.environment.photometry import Photometry, read_photometry
@@ -27,7 +27,7 @@ from gsbridge.geometry import Array
 from gsbridge.robot.assembly import RobotFiles
 from gsbridge.sim.camera import CameraResponse
 from gsbridge.sim.engine import Item
-from gsbridge.sim.model import Camera, read_model
+from gsbridge.sim.model import CameraModel, read_model
 from gsbridge.sim.world import SimWorld
 from gsbridge.tasks.place import Place
 
@@ -115,12 +115,12 @@ def build_environment(files: StageFiles, settings: EnvironmentSettings) -> PickE
     return PickEnvironment(world, settings, renderer, stroke=stroke, response=response, lens=lens)
 
 
-def lens_of(files: StageFiles, settings: EnvironmentSettings) -> Lens:
+def lens_of(files: StageFiles, settings: EnvironmentSettings) -> WristLens:
     """Effects of the model on the pictures, as a lens."""
-    return Lens(read_model(files.model).effects_on("camera"), wrist_camera(settings.image_size))
+    return WristLens(read_model(files.model).effects_on("camera"), wrist_camera(settings.image_size))
 
 
-def camera_response(files: StageFiles) -> Camera:
+def camera_response(files: StageFiles) -> CameraModel:
     """What the wrist camera makes of a rendered picture: as it was calibrated, and the model's changes on top."""
     return _photometry(files).response.after(read_model(files.model).camera)
 

@@ -124,7 +124,7 @@ def grip_of(points: Array, centre: Array | Sequence[float] | None = None, *, tol
 
 
 @dataclass(frozen=True)
-class Reach:
+class ReachController:
     """Relation of tool and object in N worlds; the common part of both controllers.
 
     Args:
@@ -177,7 +177,7 @@ class GraspController:
         up[:, 2] = self._towards(self.lift - state.object_clearance, self.scale.position)
         return _packed(np.where(reach.held[:, None], up, motion), np.where(reach.held, -1.0, opening))
 
-    def _reach(self, state: State) -> Reach:
+    def _reach(self, state: State) -> ReachController:
         turn = rotation_from_quat(state.object_quat)
         tool = rotation_from_quat(state.tool_quat)
         point = state.object_position + turn @ [self.grip.centre[0], self.grip.centre[1], 0.0]
@@ -190,14 +190,14 @@ class GraspController:
         choices = np.concatenate([inside, inside - np.pi, inside + np.pi], axis=1)
         away = np.where(np.abs(choices) <= 0.5 * np.pi + 0.05, choices - yaw[:, None], np.inf)
         nearest = np.take_along_axis(away, np.abs(away).argmin(1)[:, None], axis=1)[:, 0]
-        return Reach(
+        return ReachController(
             point[:, :2] - state.tool_position[:, :2],
             nearest,
             state.tool_position[:, 2] - (state.object_clearance + self.grip.centre[2]),
             state.gripped(self.firm),
         )
 
-    def _approach(self, state: State, reach: Reach) -> tuple[Array, Array]:
+    def _approach(self, state: State, reach: ReachController) -> tuple[Array, Array]:
         """Motion [N, 4] and opening [N] while nothing is held: over the object, down, close; up again from an empty grip."""
         free = min(self.grip.width + self.opening, self.stroke)
         distance = np.hypot(*reach.offset.T)

@@ -12,7 +12,7 @@ import numpy as np
 
 from gsbridge.cameras import Camera
 from gsbridge.effects.images import IMAGE_EFFECTS
-from gsbridge.effects.images.shooting import Frame, Shooting
+from gsbridge.effects.images.camera_pipeline import CameraFrame, Shooting
 from gsbridge.effects.registry import Applied
 from gsbridge.geometry import Array
 from gsbridge.images import linear_from_srgb, to_u8
@@ -21,7 +21,7 @@ from gsbridge.scene.photograph import develop, with_noise
 _LIGHT = linear_from_srgb(np.arange(256, dtype=np.float32) / np.float32(255.0))
 
 
-class Lens:
+class WristLens:
     """The wrist camera as a model's effects change it.
 
     Args:
@@ -51,7 +51,7 @@ class Lens:
             rng: Random numbers for the noise; none are drawn where there is no noise.
         """
         if self._develops:
-            frame = Frame(self.nominal, 0.0, np.zeros(image.shape[:2], np.float32), cam_from_table)
+            frame = CameraFrame(self.nominal, 0.0, np.zeros(image.shape[:2], np.float32), cam_from_table)
             values = develop(_LIGHT[image], frame, self.how)
         elif self._noisy:
             values = image.astype(np.float32) / np.float32(255.0)

@@ -16,7 +16,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_stage
 from gsbridge.geometry import Array
 from gsbridge.images import linear_from_srgb, read_image, read_mask, srgb_from_linear
-from gsbridge.logs import Progress
+from gsbridge.logs import ProgressLog
 from gsbridge.robot.assembly import RobotFiles
 from gsbridge.scene.editing import Composition
 from gsbridge.scene.light import WIDTH, SkyLight, directions, fit_light
@@ -129,7 +129,7 @@ def _places(item: Asset, views: Views, masks: Path, background: Asset) -> tuple[
     seen: list[Array] = []
     points: list[Array] = []
     chosen = list(views)[::_EVERY_VIEW]
-    progress = Progress(len(chosen), "photos")
+    progress = ProgressLog(len(chosen), "photos")
     for view in chosen:
         before, after, where = _compared(view, views.path(view), masks, floor, table_from_body[:2, 3])
         drawn.append(before)

@@ -15,11 +15,11 @@ import numpy as np
 
 from gsbridge.environment.env import PickEnvironment, state_of
 from gsbridge.environment.trial_log import TrialPath, encode, read_trial_log, write_trial_log
-from gsbridge.environment.trials import POSES, Policy, Trial, spread
+from gsbridge.environment.trials import POSES, Policy, TrialResult, spread
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file, read_json, write_json, write_stage
 from gsbridge.geometry import Array
-from gsbridge.logs import Progress
+from gsbridge.logs import ProgressLog
 from gsbridge.tasks.poses import POSE_SETS
 from gsbridge.tasks.state import State
 
@@ -31,12 +31,12 @@ COLUMNS = (
 )
 
 
-Play = Callable[[str, int, int], tuple[Trial, TrialPath]]
+Play = Callable[[str, int, int], tuple[TrialResult, TrialPath]]
 """From the name of a set, the index of a pose in it and the number of the trial, its seed, to outcome and path."""
 
 
 @dataclass(frozen=True)
-class Place:
+class TrialPlace:
     """Files that the outcome of trials is written to.
 
     Args:
@@ -55,12 +55,12 @@ class Place:
 def try_policy(
     environment: PickEnvironment,
     policy: Policy,
-    place: Place,
+    place: TrialPlace,
     *,
     name: str,
     poses: int = POSES,
     reasons: Sequence[str] = (),
-) -> list[tuple[str, Trial]]:
+) -> list[tuple[str, TrialResult]]:
     """Let a policy act in an environment once from every start pose of both sets.
 
     Args:
@@ -78,7 +78,7 @@ def try_policy(
         InputError: Too many poses.
     """
 
-    def play(pose_set: str, index: int, seed: int) -> tuple[Trial, TrialPath]:
+    def play(pose_set: str, index: int, seed: int) -> tuple[TrialResult, TrialPath]:
         return follow(environment, policy, pose_set, index, seed)
 
     return run_trials(play, environment.settings.task, place, name=name, poses=poses, reasons=reasons)
@@ -87,13 +87,13 @@ def try_policy(
 def run_trials(
     play: Play,
     task: str,
-    place: Place,
+    place: TrialPlace,
     *,
     name: str,
     poses: int = POSES,
     reasons: Sequence[str] = (),
     facts: Callable[[], Mapping[str, Any]] | None = None,
-) -> list[tuple[str, Trial]]:
+) -> list[tuple[str, TrialResult]]:
     """Play one episode from every start pose of both sets, and write what came of it.
 
     Args:
@@ -110,7 +110,7 @@ def run_trials(
     """
     chosen = [(pose_set, index) for pose_set in POSE_SETS for index in spread(poses)]
     state = Path(place.state)
-    progress = Progress(len(chosen), f"trials in {name}")
+    progress = ProgressLog(len(chosen), f"trials in {name}")
     done, paths = [], []
     for number, (pose_set, index) in enumerate(chosen):
         kept = _kept(state, pose_set, index)
@@ -140,7 +140,7 @@ def run_trials(
     return done
 
 
-def follow(environment: PickEnvironment, policy: Policy, pose_set: str, index: int, seed: int) -> tuple[Trial, TrialPath]:
+def follow(environment: PickEnvironment, policy: Policy, pose_set: str, index: int, seed: int) -> tuple[TrialResult, TrialPath]:
     """One episode, until it ends, with its path and pictures.
 
     Args:
@@ -162,7 +162,7 @@ def follow(environment: PickEnvironment, policy: Policy, pose_set: str, index: i
     jpegs.append(encode(observation["image"]))
     columns = [np.stack(column) for column in zip(*rows, strict=True)]
     x, y, yaw = (float(value) for value in info["start_pose"])
-    trial = Trial(
+    trial = TrialResult(
         environment.settings.pose_seed,
         index,
         (x, y, yaw),
@@ -176,7 +176,7 @@ def follow(environment: PickEnvironment, policy: Policy, pose_set: str, index: i
     return trial, TrialPath(pose_set, index, *columns, jpegs=tuple(jpegs))  # type: ignore[misc,arg-type]  # one column for each field between
 
 
-def write_table(path: str | Path, trials: Sequence[tuple[str, Trial]]) -> None:
+def write_table(path: str | Path, trials: Sequence[tuple[str, TrialResult]]) -> None:
     """Write the rows of trials, whole or not at all."""
     with atomic_file(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -200,7 +200,7 @@ def path_row(state: State) -> tuple[Array, ...]:
     )
 
 
-def _counts(trials: Sequence[Trial]) -> dict[str, Any]:
+def _counts(trials: Sequence[TrialResult]) -> dict[str, Any]:
     failures = sorted({trial.failure for trial in trials if not trial.success})
     return {
         "trials": len(trials),
@@ -214,21 +214,21 @@ def _word(value: bool) -> str:
     return "true" if value else "false"
 
 
-def _keep(state: Path, trial: Trial, path: TrialPath) -> None:
+def _keep(state: Path, trial: TrialResult, path: TrialPath) -> None:
     """Keep a finished trial; the outcome comes last and makes it count."""
     stem = state / f"{path.pose_set}-{path.index:02d}"
     write_trial_log(stem.with_suffix(".npz"), [path])
     write_json(stem.with_suffix(".json"), {**trial.__dict__})
 
 
-def _kept(state: Path, pose_set: str, index: int) -> tuple[Trial, TrialPath] | None:
+def _kept(state: Path, pose_set: str, index: int) -> tuple[TrialResult, TrialPath] | None:
     """A trial that an earlier job finished."""
     stem = state / f"{pose_set}-{index:02d}"
     if not stem.with_suffix(".json").is_file():
         return None
     content = read_json(stem.with_suffix(".json"))
     try:
-        trial = Trial(**{**content, "start": tuple(content["start"])})
+        trial = TrialResult(**{**content, "start": tuple(content["start"])})
     except (KeyError, TypeError) as error:
         raise InputError(stem.with_suffix(".json"), f"the trial is damaged ({error})", f"Delete the folder {state}") from error
     return trial, read_trial_log(stem.with_suffix(".npz"))[0]

@@ -19,7 +19,7 @@ from gsbridge.environment.views import SHARES, STATES, moment_of
 from gsbridge.errors import StageError
 from gsbridge.files import atomic_directory, write_json, write_stage
 from gsbridge.images import write_image
-from gsbridge.logs import Progress
+from gsbridge.logs import ProgressLog
 from gsbridge.tasks.views import DEPTHS, ROLES, VIEWS, write_states
 
 _SOLID = 0.9
@@ -47,7 +47,7 @@ def draw_postures(
     """
     renderer = cast(GaussianRenderer, build_renderer(files, settings))
     environment, controller = build_environment(files, settings), build_controller(files.item, settings)
-    progress, states, views, depths, held = Progress(count, "postures"), [], [], [], 0
+    progress, states, views, depths, held = ProgressLog(count, "postures"), [], [], [], 0
     with atomic_directory(out) as folder:
         for start in range(count):
             _, info = environment.reset(seed=seed + start)

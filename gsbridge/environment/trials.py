@@ -14,7 +14,7 @@ from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.errors import InputError
 from gsbridge.files import write_stage
 from gsbridge.geometry import Array
-from gsbridge.logs import Progress
+from gsbridge.logs import ProgressLog
 from gsbridge.tasks.poses import PER_QUADRANT, QUADRANTS
 from gsbridge.tasks.world import World
 
@@ -25,7 +25,7 @@ Policy = Callable[[Mapping[str, Array], Mapping[str, Any]], Array]
 
 
 @dataclass(frozen=True)
-class Trial:
+class TrialResult:
     """One episode from one start pose.
 
     Args:
@@ -67,7 +67,7 @@ def spread(count: int) -> list[int]:
     return [(POSES * k) // count for k in range(count)]
 
 
-def run_trial(environment: PickEnvironment, policy: Policy, pose_set: str, index: int) -> Trial:
+def run_trial(environment: PickEnvironment, policy: Policy, pose_set: str, index: int) -> TrialResult:
     """One episode, until it ends; its random numbers come from the index and the settings' seed of poses.
 
     Args:
@@ -84,7 +84,7 @@ def run_trial(environment: PickEnvironment, policy: Policy, pose_set: str, index
         ended = terminated or truncated
     refused, clipped = int(info["refused"]), int(info["clipped"])
     x, y, yaw = (float(value) for value in info["start_pose"])
-    return Trial(
+    return TrialResult(
         seed, index, (x, y, yaw), info["success"], info["success_tolerant"], info["failure"], info["steps"], refused, clipped
     )
 
@@ -99,7 +99,7 @@ def try_controller(
     seeds: Sequence[int],
     poses: int = POSES,
     pose_set: str = "fixed",
-) -> list[Trial]:
+) -> list[TrialResult]:
     """Let a baseline controller work without pictures, and write how often it succeeds.
 
     Args:
@@ -115,9 +115,9 @@ def try_controller(
     Raises:
         InputError: Too many poses.
     """
-    trials: list[Trial] = []
+    trials: list[TrialResult] = []
     chosen = spread(poses)
-    progress = Progress(len(seeds) * len(chosen), "trials")
+    progress = ProgressLog(len(seeds) * len(chosen), "trials")
     for seed in seeds:
         environment = PickEnvironment(
             world, replace(settings, pose_seed=seed), BlankRenderer(settings.image_size), stroke=controller.stroke
@@ -130,7 +130,13 @@ def try_controller(
 
 
 def write_trials(
-    record: str | Path, trials: Sequence[Trial], task: str, *, name: str, pose_set: str, facts: Mapping[str, Any] | None = None
+    record: str | Path,
+    trials: Sequence[TrialResult],
+    task: str,
+    *,
+    name: str,
+    pose_set: str,
+    facts: Mapping[str, Any] | None = None,
 ) -> None:
     """Write how often a baseline controller succeeds.
 

@@ -17,7 +17,7 @@ from gsbridge.errors import StageError
 from gsbridge.files import atomic_directory, write_stage
 from gsbridge.geometry import Array
 from gsbridge.images import write_image
-from gsbridge.logs import Progress
+from gsbridge.logs import ProgressLog
 from gsbridge.sim.camera import respond
 from gsbridge.tasks.views import ViewState, write_states
 
@@ -68,7 +68,7 @@ def draw_views(
     controller = build_controller(files.item, settings)
     # As the camera was calibrated; the model's noise would only blur the comparison.
     response, rng = replace(camera_response(files), shot_noise=0.0, read_noise=0.0), np.random.default_rng(0)
-    progress = Progress(count, "views")
+    progress = ProgressLog(count, "views")
     states: list[ViewState] = []
     coverage, held = [], 0
     splats = renderers["gs"]

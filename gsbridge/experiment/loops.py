@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from gsbridge.experiment.plan import Experiment
-from gsbridge.experiment.policies import Policy
+from gsbridge.experiment.policies import PolicyFiles
 
 ROLES = ("fit", "select", "verify")
 """Roles of a case's records: to fit, to choose among fits, and to verify the choice."""
@@ -55,9 +55,9 @@ class JointLoop:
         """Whether a variant learns with what was found."""
         return bool(self.settings["variant"] != "default")
 
-    def policy(self, variant: str) -> Policy:
+    def policy(self, variant: str) -> PolicyFiles:
         """The policy of the cell that learned in one way."""
-        return Policy.of(self.cell, variant)
+        return PolicyFiles.of(self.cell, variant)
 
     def trials(self, world: str, ending: str, variant: str = "default") -> str:
         """Path of a file about the trials in one world.
@@ -145,9 +145,9 @@ class PictureLoop:
         after = [(variant, place) for world, variants in amended for variant in variants for place in ("sim", world)]
         return [{"variant": variant, "world": world} for variant, world in before + after]
 
-    def policy(self, variant: str) -> Policy:
+    def policy(self, variant: str) -> PolicyFiles:
         """The policy of the cell that learned in one way."""
-        return Policy.of(self.cell, variant)
+        return PolicyFiles.of(self.cell, variant)
 
     @property
     def tables(self) -> list[str]:

@@ -12,7 +12,7 @@ from typing import Any
 from gsbridge.configuration.checks import check_capture
 from gsbridge.errors import InputError
 from gsbridge.experiment.capture_files import capture_files, content_digests
-from gsbridge.experiment.policies import Policy
+from gsbridge.experiment.policies import PolicyFiles
 
 BINDINGS = ("games", "soft", "refined", "unbound", "games_vertices")
 """The first three are what recordings show."""
@@ -189,7 +189,7 @@ class Experiment:
     @property
     def pairs(self) -> list[str]:
         """Each `object+background` of the cells, once."""
-        return sorted({Policy.of(cell).pair for cell in self.cells})
+        return sorted({PolicyFiles.of(cell).pair for cell in self.cells})
 
     @property
     def preset_pairs(self) -> list[str]:
@@ -220,7 +220,7 @@ class Experiment:
 
         A controller sees no picture: the first background is enough for each object and task.
         """
-        first = {(cell["task"], cell["object"]): Policy.of(cell) for cell in reversed(self.cells)}
+        first = {(cell["task"], cell["object"]): PolicyFiles.of(cell) for cell in reversed(self.cells)}
         chosen = sorted(f"{policy.task}/{policy.pair}" for policy in first.values())
         filmed = self.both_filmed(trial.split("/")[1] for trial in chosen)
         return [f"results/trials/{trial}/{world}.json" for trial in chosen if world == "sim" or trial.split("/")[1] in filmed]

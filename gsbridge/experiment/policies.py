@@ -11,7 +11,7 @@ _TRAINED = {"gs": "", "mesh": ", RL-sim", "mesh_vertex": ", RL-sim (vertex colou
 
 
 @dataclass(frozen=True)
-class Policy:
+class PolicyFiles:
     """A policy, of any seed.
 
     Args:
@@ -29,7 +29,7 @@ class Policy:
     variant: str = "default"
 
     @classmethod
-    def of(cls, cell: Mapping[str, Any], variant: str = "default") -> Policy:
+    def of(cls, cell: Mapping[str, Any], variant: str = "default") -> PolicyFiles:
         """The policy of a cell of the configuration, which may name a renderer."""
         return cls(cell["task"], cell["object"], cell["background"], cell.get("renderer", "gs"), variant)
 
@@ -74,11 +74,11 @@ class Policy:
         return f"results/trials/{self.place}/{world}/seed{seed}.{ending}"
 
 
-ANY = Policy("{task}", "{object}", "{background}", "{renderer}", "{variant}")
+ANY = PolicyFiles("{task}", "{object}", "{background}", "{renderer}", "{variant}")
 """Any policy: its paths are patterns, whose wildcards are named in braces."""
 
 
-def policy_files(policies: Iterable[Policy], seeds: Iterable[int], name: str) -> list[str]:
+def policy_files(policies: Iterable[PolicyFiles], seeds: Iterable[int], name: str) -> list[str]:
     """Path of one file of each policy and seed.
 
     Args:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gsbridge.experiment.plan import Experiment
-from gsbridge.experiment.policies import Policy
+from gsbridge.experiment.policies import PolicyFiles
 
 CONTROLLER, POLICIES = "controller", "policies"
 
@@ -41,7 +41,7 @@ class SeverityStudy:
             ]
         return [
             {
-                "file": Policy.of({**cell, "renderer": renderer}, variant).trials(world["world"], seed, "csv"),
+                "file": PolicyFiles.of({**cell, "renderer": renderer}, variant).trials(world["world"], seed, "csv"),
                 "who": "policy",
                 "renderer": renderer,
                 "variant": variant,

@@ -8,11 +8,11 @@ from functools import cached_property
 from typing import Any
 
 from gsbridge.experiment.plan import Experiment
-from gsbridge.experiment.policies import Policy, policy_files
+from gsbridge.experiment.policies import PolicyFiles, policy_files
 
 
 @dataclass(frozen=True)
-class Trial:
+class TrialFiles:
     """The trials of one policy in one world.
 
     Args:
@@ -21,7 +21,7 @@ class Trial:
         seed: Seed of the training.
     """
 
-    policy: Policy
+    policy: PolicyFiles
     world: str
     seed: int
 
@@ -41,9 +41,9 @@ class Tables:
     plan: Experiment
 
     @cached_property
-    def policies(self) -> list[Policy]:
+    def policies(self) -> list[PolicyFiles]:
         """Policies that the preset trains: one for each cell whose scenes run here."""
-        every = (Policy.of(cell) for cell in self.plan.cells)
+        every = (PolicyFiles.of(cell) for cell in self.plan.cells)
         return [policy for policy in every if policy.scenes <= set(self.plan.scenes)]
 
     @cached_property
@@ -59,16 +59,16 @@ class Tables:
 
     # Pictures of trials
 
-    def pictured_worlds(self, policy: Policy) -> list[str]:
+    def pictured_worlds(self, policy: PolicyFiles) -> list[str]:
         """Worlds that pictures show side by side: simulation, and the first mirror where it films both scenes."""
         return self.worlds[: 2 if policy.scenes <= set(self.plan.in_mirror) else 1]
 
-    def pictured(self, policy: Policy) -> list[Trial]:
+    def pictured(self, policy: PolicyFiles) -> list[TrialFiles]:
         """Trials that pictures of a policy show, in the order of their files."""
-        return [Trial(policy, world, seed) for seed in self.seeds for world in self.pictured_worlds(policy)]
+        return [TrialFiles(policy, world, seed) for seed in self.seeds for world in self.pictured_worlds(policy)]
 
     @property
-    def compared(self) -> list[Trial]:
+    def compared(self) -> list[TrialFiles]:
         """Trials that behaviour is compared in: those of policies with a second world."""
         both = (policy for policy in self.policies if len(self.pictured_worlds(policy)) > 1)
         return [trial for policy in both for trial in self.pictured(policy)]
@@ -95,13 +95,13 @@ class Tables:
 
     # Tables of successes
 
-    def shown(self, table: str) -> list[Policy]:
+    def shown(self, table: str) -> list[PolicyFiles]:
         """Policies that a table shows; those trained on a mesh stand beside the splats of the same cell."""
         if table == "worlds":
             return [policy for policy in self.policies if policy.renderer == "gs"]
         if table == "sight":
             study = self.plan.config["study"]
-            return [Policy.of(study["cell"], variant) for variant in study["sight"]["variants"]]
+            return [PolicyFiles.of(study["cell"], variant) for variant in study["sight"]["variants"]]
         task = "pick_and_place" if table == "pick_and_place" else "grasp"
         chosen = [policy for policy in self.policies if policy.task == task]
         if table != "renderer_contrast":
@@ -137,7 +137,7 @@ class Tables:
         names = ["success_rates", "learning_curves"] if self.policies else []
         return names + (["behaviour_consistency"] if self.compared else [])
 
-    def trials(self, policies: Sequence[Policy], worlds: Sequence[str], ending: str) -> list[str]:
+    def trials(self, policies: Sequence[PolicyFiles], worlds: Sequence[str], ending: str) -> list[str]:
         """Paths of files about trials.
 
         Args:
@@ -173,9 +173,9 @@ class Tables:
         names = [f"{scene}/{stage}" for scene in scenes for stage in stages] + [f"{scene}/masks/masks" for scene in masked]
         return [f"results/scenes/{name}.json" for name in names]
 
-    def robot_trials(self, policies: Sequence[Policy]) -> dict[str, str]:
+    def robot_trials(self, policies: Sequence[PolicyFiles]) -> dict[str, str]:
         """A user's own trials of policies on a robot: CSV file by the place of its policy."""
-        measured = {Policy.of(cell).place: cell["robot_trials"] for cell in self.plan.cells if cell["robot_trials"]}
+        measured = {PolicyFiles.of(cell).place: cell["robot_trials"] for cell in self.plan.cells if cell["robot_trials"]}
         places = [policy.place for policy in policies if policy.place in measured]
         return {place: self.plan.capture_path(measured[place]) for place in places}
 
@@ -188,7 +188,7 @@ class Tables:
     def study_files(self, ending: str, *, trials: bool) -> list[str]:
         """Files of every variant and seed of the study: of trainings, or of trials in simulation."""
         study: Mapping[str, Any] = self.plan.config["study"]
-        policies = [Policy.of(study["cell"], variant) for variant in study["variants"]]
+        policies = [PolicyFiles.of(study["cell"], variant) for variant in study["variants"]]
         first = self.plan.config["seed"]
         seeds = range(first, first + study["seeds"])
         if not trials:

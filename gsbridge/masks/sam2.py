@@ -19,7 +19,7 @@ from gsbridge.cameras import View, Views
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8
-from gsbridge.logs import Progress
+from gsbridge.logs import ProgressLog
 from gsbridge.masks.prompt import Prompt
 
 _MEAN = np.array([0.485, 0.456, 0.406], np.float32)
@@ -146,7 +146,7 @@ def propagate(views: Views, prompt: Prompt, weights: str | Path | None, threads:
         dtype=torch.float32,
     )
     slot = session.obj_id_to_idx(1)
-    progress = Progress(len(order), "masks (SAM 2)")
+    progress = ProgressLog(len(order), "masks (SAM 2)")
     soft: dict[int, Array] = {}
     with torch.inference_mode():
         prompted = []

@@ -17,7 +17,7 @@ from gsbridge.errors import StageError
 from gsbridge.files import atomic_directory, write_stage
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8, write_image
-from gsbridge.logs import Progress
+from gsbridge.logs import ProgressLog
 from gsbridge.masks import flatness, grabcut, sam2
 from gsbridge.masks.consistency import agreed_hull, outline, overlap, shrunk
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop
@@ -125,7 +125,7 @@ def _grabcut_masks(
         None if crop is None else crop.cut(read_image_u8(views.path(view))) for view, crop in zip(views, crops, strict=True)
     ]
     flat = _flat_pixels(views, crops, photos, prompt, threads)
-    progress = Progress(len(views) * (1 + settings.passes + settings.subtractions + 1), "masks")
+    progress = ProgressLog(len(views) * (1 + settings.passes + settings.subtractions + 1), "masks")
 
     def cut(index: int, hull: Mesh | None, share: float) -> Array:
         view, crop, photo = views[index], crops[index], photos[index]

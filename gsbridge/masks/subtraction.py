@@ -17,7 +17,7 @@ from gsbridge.cameras import Camera, View, Views
 from gsbridge.configuration.masks import MaskSettings
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8
-from gsbridge.logs import Progress
+from gsbridge.logs import ProgressLog
 from gsbridge.masks import grabcut
 from gsbridge.masks.consistency import agreed_hull, outline
 from gsbridge.masks.flatness import fine_detail
@@ -204,7 +204,7 @@ def windows(mask: Array, photo: Array, evidence: Evidence) -> Array:
 
 
 def open_windows(
-    views: Views, masks: Sequence[Array], settings: MaskSettings, threads: int, progress: Progress | None = None
+    views: Views, masks: Sequence[Array], settings: MaskSettings, threads: int, progress: ProgressLog | None = None
 ) -> list[Array]:
     """Masks without the windows through which several photos see the table.
 
@@ -283,7 +283,7 @@ def subtract_table(
     prompt: Prompt,
     settings: MaskSettings,
     threads: int,
-    progress: Progress | None = None,
+    progress: ProgressLog | None = None,
 ) -> list[Array]:
     """Masks corrected by the bare table, where the views agree on the correction.
 
@@ -306,7 +306,7 @@ def subtract_table(
 
 
 def _subtract_once(
-    views: Views, masks: list[Array], prompt: Prompt, settings: MaskSettings, threads: int, progress: Progress | None
+    views: Views, masks: list[Array], prompt: Prompt, settings: MaskSettings, threads: int, progress: ProgressLog | None
 ) -> list[Array]:
     """One round of `subtract_table`."""
     poses = [view.cam_from_table for view in views]

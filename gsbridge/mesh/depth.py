@@ -13,7 +13,7 @@ from gsbridge.cameras import Camera, View, Views
 from gsbridge.configuration.mesh import MeshSettings
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8
-from gsbridge.logs import Progress
+from gsbridge.logs import ProgressLog
 from gsbridge.mesh.hull import Hull
 from gsbridge.mesh.stereo import confirm, patch_match
 from gsbridge.photogrammetry.carving import mesh_depth
@@ -34,7 +34,7 @@ _TOLERANCE = 0.006
 
 
 @dataclass(frozen=True)
-class Cloud:
+class DepthCloud:
     """Points on the object's surface.
 
     Args:
@@ -147,7 +147,9 @@ def _normals_of_depth(depth: Array, camera: Camera) -> Array:
     return np.where(np.isfinite(normals).all(-1, keepdims=True), normals, np.array([0.0, 0.0, -1.0])).astype(np.float32)
 
 
-def depth_cloud(views: Views, masks: Sequence[Array], hull: Hull, settings: MeshSettings, seed: int, threads: int) -> Cloud:
+def depth_cloud(
+    views: Views, masks: Sequence[Array], hull: Hull, settings: MeshSettings, seed: int, threads: int
+) -> DepthCloud:
     """Points on the object from depth maps that agree.
 
     Args:
@@ -162,7 +164,7 @@ def depth_cloud(views: Views, masks: Sequence[Array], hull: Hull, settings: Mesh
     middle = 0.5 * (hull.mesh.vertices.min(0) + hull.mesh.vertices.max(0))
     sources = rank_sources([photo.view for photo in photos], middle, settings.sources)
     lattice = [_lattice_camera(photo.view.camera, stride) for photo in photos]
-    progress = Progress(len(photos), "depth maps")
+    progress = ProgressLog(len(photos), "depth maps")
 
     def work(index: int) -> tuple[Array, Array]:
         photo, camera = photos[index], lattice[index]
@@ -238,7 +240,7 @@ def _merge(
     middle: Array,
     settings: MeshSettings,
     tried: int,
-) -> Cloud:
+) -> DepthCloud:
     """Keep depths that other maps confirm, as points with normals."""
     stride = settings.stride
     neighbours = rank_sources([photo.view for photo in photos], middle, 2 * settings.sources)
@@ -267,7 +269,7 @@ def _merge(
     views = tuple(replace(photo.view, camera=camera) for photo, camera in zip(photos, lattice, strict=True))
     cloud = np.concatenate(points) if points else np.zeros((0, 6))
     kept, normals = _oriented(cloud)
-    return Cloud(kept, normals, tuple(confirmed), views, tried, tuple(kept_depths))
+    return DepthCloud(kept, normals, tuple(confirmed), views, tried, tuple(kept_depths))
 
 
 def _oriented(cloud: Array) -> tuple[Array, Array]:

@@ -14,7 +14,7 @@ from gsbridge.cameras import View
 from gsbridge.configuration.mesh import MeshSettings
 from gsbridge.geometry import Array
 from gsbridge.libraries import import_open3d
-from gsbridge.mesh.depth import Cloud
+from gsbridge.mesh.depth import DepthCloud
 from gsbridge.mesh.hull import Hull
 from gsbridge.mesh.repair import signed_field
 from gsbridge.meshes import Mesh
@@ -46,7 +46,7 @@ def surface_samples(mesh: Mesh, spacing: float, seed: int) -> tuple[Array, Array
     return points, mesh.normals()[picked]
 
 
-def unexplained(points: Array, hull: Hull, cloud: Cloud, spacing: float) -> Array:
+def unexplained(points: Array, hull: Hull, cloud: DepthCloud, spacing: float) -> Array:
     """Hull points that no confirmed depth replaces. [N, 3] -> [N] bool.
 
     A hull point that a view sees where that view has a confirmed depth is either confirmed or, in a hollow, refuted by it; it
@@ -107,7 +107,7 @@ def poisson(points: Array, normals: Array, depth: int) -> Mesh:
     return Mesh(np.asarray(surface.vertices).copy(), np.asarray(surface.triangles).astype(np.int64))
 
 
-def trimmed(hull: Hull, cloud: Cloud, views: Sequence[View]) -> Hull:
+def trimmed(hull: Hull, cloud: DepthCloud, views: Sequence[View]) -> Hull:
     """Hull of an object that was seen from one side only, without the far ends of its viewing cones.
 
     The unseen side is unknown; the trimmed hull is as deep as it is wide, and no higher than the measured points.
@@ -138,7 +138,7 @@ def trimmed(hull: Hull, cloud: Cloud, views: Sequence[View]) -> Hull:
 
 
 def fuse(
-    hull: Hull, cloud: Cloud, views: Sequence[View], settings: MeshSettings, *, narrow: bool, seed: int
+    hull: Hull, cloud: DepthCloud, views: Sequence[View], settings: MeshSettings, *, narrow: bool, seed: int
 ) -> tuple[Grid, Array, dict[str, Any]]:
     """Solid of an object as a signed distance.
 

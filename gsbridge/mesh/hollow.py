@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from gsbridge.cameras import View
 from gsbridge.geometry import Array
 from gsbridge.kernels import njit
-from gsbridge.mesh.depth import Cloud
+from gsbridge.mesh.depth import DepthCloud
 from gsbridge.mesh.hull import Hull
 from gsbridge.meshes import Mesh
 from gsbridge.photogrammetry.carving import largest_component, mesh_depth, mesh_of_field
@@ -158,7 +158,7 @@ def needed_height(hull: Hull, views: Sequence[View], masks: Sequence[Array]) -> 
     return min(top, high + float(np.median(blur)))
 
 
-def lowered(hull: Hull, views: Sequence[View], masks: Sequence[Array], measure: Callable[[], Cloud]) -> Hull:
+def lowered(hull: Hull, views: Sequence[View], masks: Sequence[Array], measure: Callable[[], DepthCloud]) -> Hull:
     """A hull without a top that neither the outlines nor measured points need; the same object where there is none.
 
     Matches on a top that is not there are chance, and they hide what lies below: it goes before depth is measured in earnest.
@@ -176,7 +176,7 @@ def lowered(hull: Hull, views: Sequence[View], masks: Sequence[Array], measure: 
     return _rebuilt(hull, np.minimum(hull.uncut, (height - hull.grid.axis(2)[None, None, :]).astype(np.float32)))
 
 
-def _measured_above(hull: Hull, cloud: Cloud, height: float) -> float:
+def _measured_above(hull: Hull, cloud: DepthCloud, height: float) -> float:
     """Share of the lines of sight that enter a hull above a height and were measured to end above it."""
     slack = _LOWER * hull.size
     entered = ended = 0
@@ -198,7 +198,7 @@ def _rebuilt(hull: Hull, uncut: Array) -> Hull:
     return hull if mesh is None else replace(hull, field=field, uncut=uncut, mesh=mesh)
 
 
-def carved(hull: Hull, cloud: Cloud, threads: int) -> tuple[Hull, float]:
+def carved(hull: Hull, cloud: DepthCloud, threads: int) -> tuple[Hull, float]:
     """A hull without the space that depth proves empty.
 
     Args:

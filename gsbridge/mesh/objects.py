@@ -18,7 +18,7 @@ from gsbridge.files import write_stage
 from gsbridge.geometry import Array
 from gsbridge.images import read_image
 from gsbridge.mesh.backends import choose_backend, external_points
-from gsbridge.mesh.depth import Cloud, depth_cloud
+from gsbridge.mesh.depth import DepthCloud, depth_cloud
 from gsbridge.mesh.fuse import fuse, vertex_colours
 from gsbridge.mesh.hollow import carved, guessed_share, lowered
 from gsbridge.mesh.hull import Hull, build_hull, read_masks
@@ -75,7 +75,7 @@ def _solid(
         points, normals = external_points(backend, views, masks, sparse[inside], threads)
         above = points[:, 2] > 0.5 * hull.grid.spacing
         # These points were checked by their program; near ones stand in for the pixel-wise test of hull samples.
-        cloud, share = Cloud(points[above], normals[above], (), (), 0), float("nan")
+        cloud, share = DepthCloud(points[above], normals[above], (), (), 0), float("nan")
     logger.info("mesh: %d depth points (%s), %.0f %% of the object's pixels confirmed", len(cloud.points), backend, 100 * share)
     hull, cavity = carved(hull, cloud, threads)
     grid, field, figures = fuse(hull, cloud, views, settings, narrow=narrow, seed=seed)

@@ -18,14 +18,14 @@ from gsbridge.environment.policy_trials import path_row
 from gsbridge.environment.rendering import wrist_camera
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.environment.trial_log import TrialPath, encode
-from gsbridge.environment.trials import POSES, Trial, spread, write_trials
+from gsbridge.environment.trials import POSES, TrialResult, spread, write_trials
 from gsbridge.geometry import Array, quat_from_rotation
-from gsbridge.logs import Progress
+from gsbridge.logs import ProgressLog
 from gsbridge.policy.episode_log import EpisodeLog
 from gsbridge.policy.format import ACTION_NAMES, CONTROL_HZ
-from gsbridge.policy.guards import End, Limits
 from gsbridge.policy.interface import PolicyInterface
 from gsbridge.policy.runner import Policy, Setup, run_policy
+from gsbridge.policy.safety import End, Limits
 from gsbridge.policy.worlds import MirrorDriver, WorldDriver, episode_seed, world_seed
 from gsbridge.reality.world.mirror import MirrorWorld
 from gsbridge.reality.world.physics import MirrorPhysics
@@ -57,7 +57,7 @@ class ArmTrials:
         self.setup = arm_setup(self.driver, registration, interface)
         self.ends: dict[str, int] = {}
 
-    def __call__(self, pose_set: str, index: int, seed: int) -> tuple[Trial, TrialPath]:
+    def __call__(self, pose_set: str, index: int, seed: int) -> tuple[TrialResult, TrialPath]:
         """Play the trial that `PickEnvironment.reset` would begin with `seed`."""
         trial, path, end = play_on_arm(
             self.policy, self.setup, self.driver, pose_set, index, world_seed(self.setup.interface.settings, seed)
@@ -86,7 +86,7 @@ def arm_setup(driver: WorldDriver, registration: Registration, interface: Policy
 
 def play_on_arm(
     policy: Policy, setup: Setup, driver: WorldDriver, pose_set: str, index: int, seed: int, *, steps: int | None = None
-) -> tuple[Trial, TrialPath, End]:
+) -> tuple[TrialResult, TrialPath, End]:
     """One trial, until it ends.
 
     Args:
@@ -113,7 +113,7 @@ def play_on_arm(
         referee()
     verdict = referee.verdict
     x, y, yaw = (float(value) for value in start)
-    trial = Trial(
+    trial = TrialResult(
         settings.pose_seed, index, (x, y, yaw), verdict.success, verdict.success_tolerant, verdict.failure, log.steps,
         log.refused, log.clipped,
     )  # fmt: skip
@@ -171,7 +171,7 @@ def try_controller_on_arm(
     seeds: Sequence[int],
     poses: int = POSES,
     pose_set: str = "fixed",
-) -> list[Trial]:
+) -> list[TrialResult]:
     """Let a baseline controller work on an arm without pictures, and write how often it succeeds.
 
     Args:
@@ -188,10 +188,10 @@ def try_controller_on_arm(
     Raises:
         InputError: Too many poses.
     """
-    trials: list[Trial] = []
+    trials: list[TrialResult] = []
     ends: dict[str, int] = {}
     chosen = spread(poses)
-    progress = Progress(len(seeds) * len(chosen), "trials")
+    progress = ProgressLog(len(seeds) * len(chosen), "trials")
     for seed in seeds:
         own = replace(settings, pose_seed=seed)
         driver = MirrorDriver(world, registration, own)

@@ -62,7 +62,7 @@ class Meter:
         return out
 
 
-class Clock:
+class TrainingClock:
     """CPU seconds of this process by part of the work, and seconds that passed in all parts but evaluation.
 
     Args:

@@ -13,11 +13,11 @@ from gsbridge.errors import InputError
 from gsbridge.policy.driver import RobotDriver, WallClock, load_driver
 from gsbridge.policy.episode_log import EpisodeLog
 from gsbridge.policy.export import Policy, load_policy
-from gsbridge.policy.guards import Limits
 from gsbridge.policy.interface import PolicyInterface
 from gsbridge.policy.onnx import OnnxPolicy, load_onnx
 from gsbridge.policy.robot_trials import Person, StartPose, TrialFile, Verdict, start_poses, still_to_try
 from gsbridge.policy.runner import Setup
+from gsbridge.policy.safety import Limits
 from gsbridge.policy.session import Operator, Plan, WorldOperator, run_session
 from gsbridge.policy.worlds import MirrorDriver, MirrorSetting, SimDriver, WorldDriver
 from gsbridge.registration.result import Registration, read_registration

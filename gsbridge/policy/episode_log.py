@@ -13,7 +13,7 @@ from gsbridge.environment.proprioception import Reached
 from gsbridge.files import atomic_file, write_stage
 from gsbridge.geometry import Array
 from gsbridge.policy.format import ACTION_NAMES
-from gsbridge.policy.guards import End
+from gsbridge.policy.safety import End
 
 COLUMNS = (
     *("step", "time_s"),

@@ -56,7 +56,7 @@ Controller = Callable[[State], Array]
 
 
 @dataclass(frozen=True)
-class Frame:
+class ObservedFrame:
     """Place and sizes that the privileged vector is measured from.
 
     Args:
@@ -72,7 +72,7 @@ class Frame:
     needed_steps: int = 1
 
     @classmethod
-    def of(cls, environment: PickEnvironment) -> Frame:
+    def of(cls, environment: PickEnvironment) -> ObservedFrame:
         """The frame of an environment."""
         settings = environment.settings
         plate = None if settings.plate is None else (settings.plate.x, settings.plate.y)
@@ -105,11 +105,11 @@ class Observer:
     """Makes a `Sight` of what an environment tells.
 
     Args:
-        frame: See `Frame`.
+        frame: See `ObservedFrame`.
         controller: Labels states; None for none.
     """
 
-    def __init__(self, frame: Frame, controller: Controller | None = None) -> None:
+    def __init__(self, frame: ObservedFrame, controller: Controller | None = None) -> None:
         self.frame, self.controller = frame, controller
 
     def __call__(self, observation: Mapping[str, Array], info: Mapping[str, Any]) -> Sight:
@@ -127,13 +127,13 @@ class Observer:
         )
 
 
-def privileged(state: State, proprio: Array, frame: Frame, memory: Array | None = None) -> Array:
+def privileged(state: State, proprio: Array, frame: ObservedFrame, memory: Array | None = None) -> Array:
     """Privileged vectors of N worlds, which the critics see; see the module.
 
     Args:
         state: N worlds.
         proprio: Proprioception of N worlds. [N, 12].
-        frame: See `Frame`.
+        frame: See `ObservedFrame`.
         memory: What the task remembers: steps for which the goal has been met, and excess contact, 0 or 1, [N, 2]; None for
             zeros.
 

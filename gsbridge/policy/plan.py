@@ -10,7 +10,7 @@ from gsbridge.configuration.base import checked
 from gsbridge.configuration.policy import PolicySettings
 from gsbridge.environment.settings import TASKS
 from gsbridge.errors import InputError
-from gsbridge.reality.world.further import further_world
+from gsbridge.reality.world.world_variants import further_world
 
 AMENDED = "results/loop/model.yaml"
 """Simulation model that the loop amends."""

@@ -17,9 +17,9 @@ from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.policy.driver import Clock, RobotDriver, WallClock
 from gsbridge.policy.episode_log import EpisodeLog
-from gsbridge.policy.guards import End, Guard, Limits
 from gsbridge.policy.interface import PolicyInterface
 from gsbridge.policy.rectify import Rectifier
+from gsbridge.policy.safety import End, Guard, Limits
 from gsbridge.registration.result import Registration
 from gsbridge.robot.reach import tool_down
 

@@ -20,13 +20,13 @@ import torch
 from gsbridge.configuration.policy import PolicySettings
 from gsbridge.environment.env import PickEnvironment
 from gsbridge.errors import InputError
-from gsbridge.logs import Progress
+from gsbridge.logs import ProgressLog
 from gsbridge.policy.agent import Agent
 from gsbridge.policy.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
-from gsbridge.policy.curve import LEARNED, Clock, Meter, Row, evaluation_row, write_curve
+from gsbridge.policy.curve import LEARNED, Meter, Row, TrainingClock, evaluation_row, write_curve
 from gsbridge.policy.evaluation import bare, episode_seed, evaluate, evaluate_controller, evaluation_poses
 from gsbridge.policy.export import Policy, describe, save_policy
-from gsbridge.policy.observation import Controller, Frame, Observer, Sight
+from gsbridge.policy.observation import Controller, ObservedFrame, Observer, Sight
 from gsbridge.policy.replay import Replay
 from gsbridge.policy.rollouts import Rollouts
 
@@ -131,11 +131,11 @@ class Trainer:
         self.state = None if state is None else Path(state)
         self.key = {"settings": settings.model_dump(), "environment": asdict(inside.settings), "seed": seed, **(key or {})}
         self.agent = Agent(settings, seed, settings.device)
-        self.observer = Observer(Frame.of(inside), controller if settings.has_controller else None)
+        self.observer = Observer(ObservedFrame.of(inside), controller if settings.has_controller else None)
         self.replay = Replay(settings.replay_capacity, settings.image_size)
         self.rng = np.random.default_rng([seed, 4])
         self.at = _Counters(next_eval=settings.eval_every)
-        self.clock, self.meter = Clock(), Meter()
+        self.clock, self.meter = TrainingClock(), Meter()
         self.poses = evaluation_poses(inside.region, settings.eval_poses, seed)
         self.best = copy.deepcopy(self.agent.averaged.state_dict())
 
@@ -148,7 +148,7 @@ class Trainer:
         out, settings = Path(out), self.settings
         if not self._resume() and self.controller is not None:
             self.at.controller = evaluate_controller(self.environment, self.controller, self.poses, self.seed).rate
-        progress = Progress(settings.steps, f"train {settings.algo}")
+        progress = ProgressLog(settings.steps, f"train {settings.algo}")
         progress.update(count=min(self.at.step, settings.steps))
         while not self._done():
             before = self.at.step
@@ -342,7 +342,7 @@ class Trainer:
             return False
         run = dict(checkpoint.run)
         try:
-            self.clock = Clock(run.pop("seconds"), run.pop("wall"))
+            self.clock = TrainingClock(run.pop("seconds"), run.pop("wall"))
             self.rng.bit_generator.state = run.pop("rng")
             # JSON knows no NaN.
             self.at = _Counters(**{**run, "controller": np.nan if run["controller"] is None else run["controller"]})

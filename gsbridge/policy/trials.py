@@ -9,9 +9,9 @@ from pathlib import Path
 import torch
 
 from gsbridge.environment.build import StageFiles, build_environment
-from gsbridge.environment.policy_trials import Place, run_trials, try_policy
+from gsbridge.environment.policy_trials import TrialPlace, run_trials, try_policy
 from gsbridge.environment.settings import EnvironmentSettings
-from gsbridge.environment.trials import Trial
+from gsbridge.environment.trials import TrialResult
 from gsbridge.files import read_json
 from gsbridge.policy.arm_trials import ArmTrials
 from gsbridge.policy.export import Policy, load_policy
@@ -27,10 +27,10 @@ def try_in_sim(
     training: str | Path,
     files: StageFiles,
     settings: EnvironmentSettings,
-    place: Place,
+    place: TrialPlace,
     *,
     poses: int,
-) -> list[tuple[str, Trial]]:
+) -> list[tuple[str, TrialResult]]:
     """Let a policy act in the world that it was trained in.
 
     Args:
@@ -58,12 +58,12 @@ def try_in_mirror(
     setting: Setting,
     hidden: Hidden,
     registration: str | Path,
-    place: Place,
+    place: TrialPlace,
     *,
     name: str,
     poses: int,
     pieces: str | Path,
-) -> list[tuple[str, Trial]]:
+) -> list[tuple[str, TrialResult]]:
     """Let a policy act in a world of the mirror by the path that an arm takes; an episode is what it was in the training.
 
     Args:

@@ -22,7 +22,7 @@ _FAR_PX = 1e3
 
 
 @dataclass(frozen=True)
-class Views:
+class RegistrationViews:
     """All sightings in flat arrays.
 
     Args:
@@ -42,7 +42,7 @@ class Views:
     pose: Array
 
     @classmethod
-    def of(cls, camera: Camera, base_from_flange: Array, sightings: Sequence[Sighting]) -> Views:
+    def of(cls, camera: Camera, base_from_flange: Array, sightings: Sequence[Sighting]) -> RegistrationViews:
         """Views from one sighting per pose.
 
         Args:
@@ -62,11 +62,11 @@ class Views:
     def __len__(self) -> int:
         return len(self.base_from_flange)
 
-    def only(self, keep: Array) -> Views:
+    def only(self, keep: Array) -> RegistrationViews:
         """The views of some poses. keep: bool [N]."""
         rows = keep[self.pose]
         number = np.cumsum(keep) - 1
-        return Views(
+        return RegistrationViews(
             self.camera,
             self.base_from_flange[keep],
             self.cam_from_board[keep],
@@ -111,7 +111,7 @@ def moved(start: HandEye, step: Array) -> HandEye:
     return out
 
 
-def predict(views: Views, found: HandEye) -> Array:
+def predict(views: RegistrationViews, found: HandEye) -> Array:
     """Pixels at which the corners should be seen; NaN behind the camera. [K, 2]."""
     cam_from_base = np.linalg.inv(views.base_from_flange @ found.flange_from_camera)
     base = found.scale * views.points @ found.base_from_board[:3, :3].T + found.base_from_board[:3, 3]
@@ -119,7 +119,7 @@ def predict(views: Views, found: HandEye) -> Array:
     return views.camera.project(local)
 
 
-def fit_views(views: Views, start: HandEye, *, with_scale: bool) -> Fit:
+def fit_views(views: RegistrationViews, start: HandEye, *, with_scale: bool) -> Fit:
     """Least reprojection error over all corners, outliers damped.
 
     Args:
@@ -143,13 +143,13 @@ def fit_views(views: Views, start: HandEye, *, with_scale: bool) -> Fit:
     return Fit(moved(start, result.x), covariance, errors)
 
 
-def pose_rms(views: Views, fit: Fit) -> Array:
+def pose_rms(views: RegistrationViews, fit: Fit) -> Array:
     """Reprojection error of each pose, px. [N]."""
     squares = np.bincount(views.pose, (fit.residuals**2).sum(1), len(views))
     return np.sqrt(squares / np.bincount(views.pose, minlength=len(views)))
 
 
-def consistent(views: Views, start: HandEye, *, with_scale: bool, floor_px: float, least: int) -> tuple[Fit, Array]:
+def consistent(views: RegistrationViews, start: HandEye, *, with_scale: bool, floor_px: float, least: int) -> tuple[Fit, Array]:
     """Fit, leaving out poses that contradict the others: a photo beside the wrong line, an arm that still moved.
 
     Args:
@@ -188,7 +188,7 @@ class LeftOut:
     covariance: Array
 
 
-def leave_one_out(views: Views, fit: Fit, *, with_scale: bool) -> LeftOut:
+def leave_one_out(views: RegistrationViews, fit: Fit, *, with_scale: bool) -> LeftOut:
     """Fit again without each pose in turn.
 
     Args:

@@ -19,7 +19,7 @@ from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8
 from gsbridge.photogrammetry.board import Board, find_tags
 from gsbridge.registration.capture import ARM_CSV, CAMERA_JSON, BoardCapture, read_board_capture
-from gsbridge.registration.fit import LeftOut, Views, consistent, leave_one_out, pose_rms
+from gsbridge.registration.fit import LeftOut, RegistrationViews, consistent, leave_one_out, pose_rms
 from gsbridge.registration.handeye import start_hand_eye, turn_spread_deg
 from gsbridge.registration.sightings import MIN_TAGS, Sighting, sight_board
 from gsbridge.registration.typed import typed_pose
@@ -90,7 +90,7 @@ def register(
     seen = _see(read_board_capture(capture), board, settings)
     _require(len(seen.names), len(seen.left_out), settings, "show the board")
     _require_turns(seen.base_from_flange, settings)
-    views = Views.of(seen.camera, seen.base_from_flange, seen.sightings)
+    views = RegistrationViews.of(seen.camera, seen.base_from_flange, seen.sightings)
     free = scale == "robot"
     begin = start_hand_eye(views.base_from_flange, views.cam_from_board, with_scale=free, seed=seed)
     fit, kept = consistent(views, begin, with_scale=free, floor_px=_FLOOR_PX, least=_FEWEST)

@@ -20,7 +20,7 @@ import numpy as np
 
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
-from gsbridge.robot.links import Colour, Joint, Link, Part, box, cylinder_points, hull, solid_inertia, translation
+from gsbridge.robot.links import Colour, Joint, Link, LinkPart, box, cylinder_points, hull, solid_inertia, translation
 
 BODY: Colour = (0.13, 0.13, 0.14)
 BAR: Colour = (0.28, 0.28, 0.30)
@@ -196,7 +196,7 @@ def gripper_links(dimensions: GripperDimensions, parent: str, parent_from_grippe
     return links, joints
 
 
-def _palm(d: GripperDimensions) -> tuple[Part, ...]:
+def _palm(d: GripperDimensions) -> tuple[LinkPart, ...]:
     """Coupling plate and body, tapered towards the knuckles so that the wrist camera looks past it."""
     low, high = d.coupling, d.coupling + d.knuckle_z + 0.008
     wide, deep = d.knuckle_y + 0.012, 0.0375
@@ -209,7 +209,7 @@ def _palm(d: GripperDimensions) -> tuple[Part, ...]:
     )
 
 
-def _bar(d: GripperDimensions) -> tuple[Part, ...]:
+def _bar(d: GripperDimensions) -> tuple[LinkPart, ...]:
     """A bar from the knuckle (origin) to the upper pivot, with rounded ends, 20 mm wide and 8 mm thick."""
     half = np.linspace(0.0, np.pi, 9)
     radius = 0.004
@@ -220,7 +220,7 @@ def _bar(d: GripperDimensions) -> tuple[Part, ...]:
     return (hull(points, BAR),)
 
 
-def _tip(d: GripperDimensions, inward: float) -> tuple[Part, ...]:
+def _tip(d: GripperDimensions, inward: float) -> tuple[LinkPart, ...]:
     """Fingertip with its pad; `inward` is the sign of y towards the other finger. Origin: the upper pivot."""
     thickness, width, length = d.pad_size
     back = d.pad_inset - thickness

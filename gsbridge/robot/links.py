@@ -16,7 +16,7 @@ Colour = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Part:
+class LinkPart:
     """One convex solid of a link.
 
     Args:
@@ -58,7 +58,7 @@ class Link:
     """A rigid link: its name, its parts and its mass properties."""
 
     name: str
-    parts: tuple[Part, ...] = ()
+    parts: tuple[LinkPart, ...] = ()
     inertia: Inertia = NO_INERTIA
 
 
@@ -112,7 +112,7 @@ def translation(x: float, y: float, z: float) -> Array:
     return out
 
 
-def box(extents: Sequence[float], centre: Sequence[float], colour: Colour) -> Part:
+def box(extents: Sequence[float], centre: Sequence[float], colour: Colour) -> LinkPart:
     """A box along the link's axes.
 
     Args:
@@ -122,12 +122,12 @@ def box(extents: Sequence[float], centre: Sequence[float], colour: Colour) -> Pa
     """
     solid = trimesh.creation.box(extents=extents)
     mesh = Mesh(np.asarray(solid.vertices) + np.asarray(centre, dtype=np.float64), np.asarray(solid.faces, dtype=np.int64))
-    return Part(mesh, colour, (float(extents[0]), float(extents[1]), float(extents[2])))
+    return LinkPart(mesh, colour, (float(extents[0]), float(extents[1]), float(extents[2])))
 
 
-def hull(points: Array, colour: Colour) -> Part:
+def hull(points: Array, colour: Colour) -> LinkPart:
     """The convex hull of points. [N, 3]."""
-    return Part(convex_hull(points), colour)
+    return LinkPart(convex_hull(points), colour)
 
 
 def convex_hull(points: Array) -> Mesh:
@@ -174,7 +174,7 @@ def cylinder_points(radius: float, low: float, high: float, sides: int = 32) -> 
     return np.concatenate([np.c_[ring, np.full(sides, low)], np.c_[ring, np.full(sides, high)]])
 
 
-def solid_inertia(parts: Sequence[Part], density: float) -> Inertia:
+def solid_inertia(parts: Sequence[LinkPart], density: float) -> Inertia:
     """Mass properties of touching solid parts of one density.
 
     Args:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import ive
 
 from gsbridge.cameras import Camera
-from gsbridge.effects.images.shooting import Frame, Shooting
+from gsbridge.effects.images.camera_pipeline import CameraFrame, Shooting
 from gsbridge.geometry import Array
 from gsbridge.images import linear_from_srgb, srgb_from_linear
 from gsbridge.scene.track import Track
@@ -91,7 +91,7 @@ class Photographer:
 
     def _photo(self, track: Track, time: float, shooting: Shooting) -> Array:
         light, depths, pose = self._exposed(track, time, shooting)
-        frame = Frame(self.camera, time, depths, pose)
+        frame = CameraFrame(self.camera, time, depths, pose)
         return develop(light, frame, shooting)
 
     def _exposed(self, track: Track, time: float, shooting: Shooting) -> tuple[Array, Array, Array]:
@@ -143,7 +143,7 @@ class Photographer:
         return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
 
 
-def develop(light: Array, frame: Frame, shooting: Shooting) -> Array:
+def develop(light: Array, frame: CameraFrame, shooting: Shooting) -> Array:
     """Make an encoded photo without noise from linear light, as lens, light and sensor do.
 
     Args:

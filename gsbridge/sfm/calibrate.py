@@ -14,7 +14,7 @@ from gsbridge.errors import InputError, StageError
 from gsbridge.files import read_json, write_stage
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8
-from gsbridge.logs import Progress
+from gsbridge.logs import ProgressLog
 from gsbridge.photogrammetry.board import Board, find_tags
 
 logger = logging.getLogger("gsbridge")
@@ -102,7 +102,7 @@ def _find_matches(keyframe_folders: Sequence[tuple[Path, Path]], board: Board) -
     matches: list[Match] = []
     size: tuple[int, int] | None = None
     names = [(Path(folder), [frame["name"] for frame in read_json(record)["frames"]]) for folder, record in keyframe_folders]
-    progress = Progress(sum(len(frames) for _, frames in names), "find the board")
+    progress = ProgressLog(sum(len(frames) for _, frames in names), "find the board")
     for folder, frames in names:
         for name in frames:
             image = read_image_u8(folder / name)

@@ -9,7 +9,7 @@ from gsbridge.errors import StageError
 from gsbridge.geometry import Array
 from gsbridge.photogrammetry.board import Board
 from gsbridge.photogrammetry.colmap import camera_from_colmap, pose_matrix
-from gsbridge.sfm.mapping import Outcome
+from gsbridge.sfm.mapping import MappingOutcome
 from gsbridge.sfm.photos import Photos
 from gsbridge.sfm.tags import MAX_LAYOUT_ERROR, MIN_TAGS, Tags, corner_points, layout_error
 from gsbridge.sfm.undistort import undistort_pixels
@@ -78,7 +78,7 @@ def advice(names: list[str], registered: set[str], ordered: bool) -> str:
     return f"Without a pose: {where}; {how}; a board or a patterned cloth on the table gives features to hold on to"
 
 
-def check(outcome: Outcome, photos: Photos, settings: SfmSettings, stage: str) -> list[str]:
+def check(outcome: MappingOutcome, photos: Photos, settings: SfmSettings, stage: str) -> list[str]:
     """Apply the gates on the share of registered images.
 
     Args:

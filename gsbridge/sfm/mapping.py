@@ -15,7 +15,7 @@ import pycolmap
 from gsbridge.cameras import Camera
 from gsbridge.configuration.sfm import SfmSettings
 from gsbridge.geometry import Array
-from gsbridge.logs import Progress
+from gsbridge.logs import ProgressLog
 from gsbridge.photogrammetry.colmap import colmap_params
 from gsbridge.sfm.matching import match
 from gsbridge.sfm.numbering import number_images
@@ -45,7 +45,7 @@ class Attempt:
 
 
 @dataclass
-class Outcome:
+class MappingOutcome:
     """Best model so far. `tried`: what was tried, with the images registered by each."""
 
     model: pycolmap.Reconstruction | None
@@ -84,7 +84,7 @@ def map_photos(
     seed: int,
     threads: int,
     confirm: Callable[[pycolmap.Reconstruction], str | None],
-) -> Outcome:
+) -> MappingOutcome:
     """Climb the ladder until enough images register.
 
     Args:
@@ -100,7 +100,7 @@ def map_photos(
     """
     database = workspace / "database.db"
     extract(database, photos, settings, threads)
-    outcome = Outcome(None, "incremental", "", [])
+    outcome = MappingOutcome(None, "incremental", "", [])
     matched: set[bool] = set()
     sufficient = settings.pass_share
     for attempt in ladder(photos, settings):
@@ -227,7 +227,7 @@ def _map(database: Path, photos: Photos, attempt: Attempt, workspace: Path, seed
             options.mapper.bundle_adjustment.refine_extra_params = False
         models = pycolmap.global_mapping(database, photos.folder, out, options=options)
     else:
-        progress = Progress(len(photos.names), "register images")
+        progress = ProgressLog(len(photos.names), "register images")
         models = pycolmap.incremental_mapping(
             database,
             photos.folder,

@@ -18,7 +18,7 @@ from gsbridge.geometry import Array
 from gsbridge.photogrammetry.board import Board
 from gsbridge.photogrammetry.colmap import camera_from_colmap, pose_matrix, quiet
 from gsbridge.sfm import gates
-from gsbridge.sfm.mapping import Outcome, map_photos, rematch, triangulate_known
+from gsbridge.sfm.mapping import MappingOutcome, map_photos, rematch, triangulate_known
 from gsbridge.sfm.photos import Photos
 from gsbridge.sfm.refine import refine_with_tags
 from gsbridge.sfm.tags import Tags, corner_points, find_all, layout_error
@@ -69,7 +69,9 @@ def reconstruct(
     raw_tags = find_all(frames, photos.names, board) if board is not None else {name: {} for name in photos.names}
     with quiet(workspace / "colmap.log"):
         if known:
-            outcome = Outcome(triangulate_known(photos, known, settings, workspace, seed, threads), "known", "known poses", [])
+            outcome = MappingOutcome(
+                triangulate_known(photos, known, settings, workspace, seed, threads), "known", "known poses", []
+            )
         else:
             outcome = map_photos(photos, settings, workspace, seed, threads, lambda model: gates.doubt(model, raw_tags, board))
         stage = f"sfm of {keyframes_json.parent.parent.name}"
@@ -150,7 +152,7 @@ def pinhole_poses(model: pycolmap.Reconstruction) -> dict[str, tuple[Camera, Arr
 
 def _write(
     model: pycolmap.Reconstruction,
-    outcome: Outcome,
+    outcome: MappingOutcome,
     photos: Photos,
     raw_tags: Tags,
     board: Board | None,

@@ -9,7 +9,7 @@ import numpy as np
 
 from gsbridge.geometry import Array
 from gsbridge.images import linear_from_srgb, srgb_from_linear
-from gsbridge.sim.model import Camera
+from gsbridge.sim.model import CameraModel
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class CameraResponse:
     gamma: float = 1.0
     black_level: float = 0.0
 
-    def after(self, model: Camera) -> Camera:
+    def after(self, model: CameraModel) -> CameraModel:
         """The model's camera with this response in it; what the model changes comes on top."""
         return replace(
             model,
@@ -59,7 +59,7 @@ class CameraResponse:
         return srgb_from_linear(np.clip(linear_from_srgb(value) / self.gains, 0.0, 1.0))
 
 
-def respond(image: Array, camera: Camera, rng: np.random.Generator) -> Array:
+def respond(image: Array, camera: CameraModel, rng: np.random.Generator) -> Array:
     """Apply the camera's response to an image.
 
     Args:
@@ -80,18 +80,18 @@ def respond(image: Array, camera: Camera, rng: np.random.Generator) -> Array:
 
 
 @lru_cache(maxsize=16)
-def _tables(camera: Camera) -> tuple[Array, Array, bool]:
+def _tables(camera: CameraModel) -> tuple[Array, Array, bool]:
     """Light, and without noise the delivered byte, for every byte of a picture, [256, 3] each; whether it is the same byte."""
     linear = linear_from_srgb(np.arange(256) / 255.0)[:, None] * _of(camera).gains
     table = _encode(linear, camera)
     return linear, table, bool((table == np.arange(256)[:, None]).all())
 
 
-def _encode(linear: Array, camera: Camera) -> Array:
+def _encode(linear: Array, camera: CameraModel) -> Array:
     """Linear light to 8 bits; clamped before it is stored, so that bright pixels never wrap around."""
     return np.rint(255.0 * np.clip(_of(camera).encode(linear), 0.0, 1.0)).astype(np.uint8)
 
 
-def _of(camera: Camera) -> CameraResponse:
+def _of(camera: CameraModel) -> CameraResponse:
     """The response in a model's camera, its noise aside."""
     return CameraResponse(camera.gain, camera.red_gain, camera.blue_gain, camera.gamma, camera.black_level)

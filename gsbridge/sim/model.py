@@ -142,7 +142,7 @@ class Object:
 
 
 @dataclass(frozen=True)
-class Camera:
+class CameraModel:
     """Response of the wrist camera to the scene's light.
 
     Args:
@@ -185,7 +185,7 @@ class Model:
     gripper: Gripper
     contact: Contact
     object: Object
-    camera: Camera
+    camera: CameraModel
     effects: tuple[Applied, ...] = ()
 
     def effects_on(self, *scopes: str) -> tuple[Applied, ...]:

@@ -45,7 +45,7 @@ REFINED_FLATNESS = 0.1
 """Standard deviation along the normal at the start of `refined`, as a part of the smaller one in the face."""
 
 
-class Shape(NamedTuple):
+class SplatShape(NamedTuple):
     """Geometry of all splats: means [N, 3] m, quats [N, 4] wxyz, scales [N, 3] m."""
 
     means: Tensor
@@ -157,11 +157,11 @@ class Binding:
             return torch.zeros(len(self))
         return self.band * torch.tanh(self.parameters["offset"])
 
-    def shape(self, frames: Frames) -> Shape:
+    def shape(self, frames: Frames) -> SplatShape:
         """Geometry of the splats in given face frames; differentiable with respect to the parameters."""
         p = self.parameters
         if self.kind == "unbound":
-            return Shape(p["means"], p["quats"], torch.exp(p["stretch"]))
+            return SplatShape(p["means"], p["quats"], torch.exp(p["stretch"]))
         weights = torch.relu(p["weights"]) + 1e-8
         weights = weights / weights.sum(1, keepdim=True)
         means = torch.bmm(weights[:, None, :], frames.corners)[:, 0]
@@ -170,10 +170,10 @@ class Binding:
         if self.kind == "refined":
             turn = torch.nn.functional.normalize(p["turn"], dim=1)
             spreads = torch.cat([frames.spreads.amin(1, keepdim=True) * REFINED_FLATNESS, frames.spreads], dim=1)
-            return Shape(means, _multiply(frames.quats, turn), spreads * torch.exp(p["stretch"]))
+            return SplatShape(means, _multiply(frames.quats, turn), spreads * torch.exp(p["stretch"]))
         factor = torch.relu(p["multiplier"])[:, None]
         flat = torch.full_like(factor, FLATNESS)
-        return Shape(means, frames.quats, torch.cat([flat, frames.spreads * factor + 1e-8], dim=1))
+        return SplatShape(means, frames.quats, torch.cat([flat, frames.spreads * factor + 1e-8], dim=1))
 
     def evaluate(self, vertices: Array | None = None) -> Cloud:
         """The splats on the rest mesh, or on a deformed one: centres, orientations, sizes and harmonics follow its faces.

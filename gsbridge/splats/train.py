@@ -19,7 +19,7 @@ from torch import Tensor
 from gsbridge.configuration.splats import SplatSettings
 from gsbridge.errors import StageError
 from gsbridge.files import atomic_file
-from gsbridge.logs import Progress
+from gsbridge.logs import ProgressLog
 from gsbridge.splats.binding import Binding
 from gsbridge.splats.exposure import Exposures
 from gsbridge.splats.losses import l1_ssim
@@ -108,7 +108,7 @@ def train(
     checkpoint = Path(state) / "checkpoint.pt"
     begin, curve, recent = _resume(checkpoint, learned, optimizer, inputs)
     frames = binding.frames()
-    progress = Progress(settings.steps - begin, f"train {binding.kind}")
+    progress = ProgressLog(settings.steps - begin, f"train {binding.kind}")
     for step in range(begin, settings.steps):
         order = np.random.default_rng([seed, 1, step // len(photos)]).permutation(len(photos))
         index = order[step % len(photos)]

@@ -11,10 +11,10 @@ from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.files import write_json
 from gsbridge.policy.driver import Reading
 from gsbridge.policy.export import describe, save_policy
-from gsbridge.policy.guards import Limits
 from gsbridge.policy.interface import PolicyInterface
 from gsbridge.policy.networks import Actor
 from gsbridge.policy.runner import Setup
+from gsbridge.policy.safety import Limits
 from gsbridge.policy.worlds import WorldClock
 from gsbridge.registration.result import Registration
 from gsbridge.robot import nominal

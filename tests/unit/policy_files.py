@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from gsbridge.files import write_json
-from gsbridge.report.tables.result_paths import Cell
+from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.report.tables.rows import write_rows
 from gsbridge.report.tables.success_rows import TRIAL_COLUMNS
 
@@ -47,14 +47,14 @@ def trial_rows(successes: Mapping[str, int], *, count: int = 32, failure: str = 
     return rows
 
 
-def path_of(root: Path, folder: str, cell: Cell) -> Path:
+def path_of(root: Path, folder: str, cell: CellPaths) -> Path:
     """Folder of a cell's policies or trials."""
     pair = f"{cell.object}+{cell.background}"
     return root / "results" / folder / cell.task / pair / cell.renderer / cell.variant
 
 
 def write_trials(
-    root: Path, cell: Cell, world: str, rows: Sequence[Mapping], *, seed: int = 1, reasons: Sequence[str] = ()
+    root: Path, cell: CellPaths, world: str, rows: Sequence[Mapping], *, seed: int = 1, reasons: Sequence[str] = ()
 ) -> Path:
     """A trial file and its record."""
     path = path_of(root, "trials", cell) / world / f"seed{seed}.csv"
@@ -65,7 +65,7 @@ def write_trials(
 
 
 def write_policy(
-    root: Path, cell: Cell, success: Sequence[float], *, seed: int = 1, seconds: float = 60.0, **more: object
+    root: Path, cell: CellPaths, success: Sequence[float], *, seed: int = 1, seconds: float = 60.0, **more: object
 ) -> tuple[Path, Path]:
     """A policy's record and learning curve: an evaluation every 1000 steps, each part of the work takes `seconds` between."""
     folder = path_of(root, "policies", cell) / f"seed{seed}"

@@ -6,7 +6,7 @@ from environment_fixture import GRIP, HandWorld
 from gsbridge.environment.controllers import GraspController
 from gsbridge.environment.env import PickEnvironment
 from gsbridge.environment.settings import EnvironmentSettings
-from gsbridge.policy.observation import Frame, Observer
+from gsbridge.policy.observation import ObservedFrame, Observer
 
 HALF = 0.029
 CONTROLLER = GraspController(GRIP)
@@ -41,4 +41,4 @@ def blob_environment(**settings) -> PickEnvironment:
 
 
 def blob_observer(environment: PickEnvironment) -> Observer:
-    return Observer(Frame.of(environment), CONTROLLER)
+    return Observer(ObservedFrame.of(environment), CONTROLLER)

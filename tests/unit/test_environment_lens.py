@@ -11,7 +11,7 @@ from gsbridge.cameras import Camera
 from gsbridge.effects.images import IMAGE_EFFECTS
 from gsbridge.effects.registry import Applied
 from gsbridge.environment.env import DrawnEye
-from gsbridge.environment.lens import Lens
+from gsbridge.environment.lens import WristLens
 from gsbridge.errors import InputError
 from gsbridge.images import linear_from_srgb
 from gsbridge.sim.camera import respond
@@ -45,11 +45,11 @@ class Renderer:
 
 def lens(name, **values):
     full = {p.name: 0.0 if p.amplitude else p.typical for p in IMAGE_EFFECTS[name].parameters} | values
-    return Lens([Applied(name, "", full)], CAMERA)
+    return WristLens([Applied(name, "", full)], CAMERA)
 
 
 def test_without_effects_nothing_changes():
-    plain = Lens([], CAMERA)
+    plain = WristLens([], CAMERA)
     assert plain.photo(IMAGE, np.eye(4), RNG) is IMAGE
     assert plain.camera == CAMERA
     pose = np.linalg.qr(RNG.normal(size=(4, 4)))[0]

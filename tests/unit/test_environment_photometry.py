@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from robot_fixture import robot
 
-from gsbridge.cameras import Camera
+from gsbridge.cameras import CameraModel
 from gsbridge.environment.photometry import calibrate_wrist_camera, fit_response, read_photometry
 from gsbridge.environment.robot_splats import link_meshes
 from gsbridge.errors import InputError
@@ -19,7 +19,7 @@ from gsbridge.robot.nominal import base_from_table, flange_from_camera
 from gsbridge.robot.reach import tool_down
 from gsbridge.scene.meshes import MeshComposition
 from gsbridge.sim.camera import CameraResponse, respond
-from gsbridge.sim.model import Camera as ModelCamera
+from gsbridge.sim.model import CameraModel as ModelCamera
 from gsbridge.splats.cloud import Cloud
 from gsbridge.splats.ply import write_ply
 
@@ -75,7 +75,7 @@ def table(folder):
 def photographs(folder, cloud, colours):
     """A board capture: the closed hand over the table, the camera's response applied. Drawn by another renderer."""
     kinematics = Kinematics.read(robot().urdf, robot().record["rest_posture"])
-    camera = Camera(320, 240, 300.0, 300.0, 160.0, 120.0)
+    camera = CameraModel(320, 240, 300.0, 300.0, 160.0, 120.0)
     # The table as a fine mesh with a colour per square, so that the photos do not come from the splats' own renderer.
     square = 0.005
     corners = cloud.means[:, None] + 0.5 * square * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])

@@ -10,7 +10,7 @@ from environment_fixture import GRIP, HandWorld
 from gsbridge.environment.biased import BiasedController
 from gsbridge.environment.controllers import GraspController
 from gsbridge.environment.env import PickEnvironment, state_of
-from gsbridge.environment.policy_trials import COLUMNS, Place, follow, try_policy
+from gsbridge.environment.policy_trials import COLUMNS, TrialPlace, follow, try_policy
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.environment.trial_log import decode, encode, read_trial_log, write_trial_log
 from gsbridge.errors import InputError
@@ -25,7 +25,7 @@ def act(observation, info):
 
 
 def place(folder):
-    return Place(folder / "trials.csv", folder / "trials.npz", folder / "trials.json", folder / "state")
+    return TrialPlace(folder / "trials.csv", folder / "trials.npz", folder / "trials.json", folder / "state")
 
 
 def environment(**changes):

@@ -12,7 +12,7 @@ import pytest
 from gsbridge.errors import InputError
 from gsbridge.experiment.loops import JointLoop, PictureLoop, closed_loops
 from gsbridge.experiment.plan import Experiment
-from gsbridge.experiment.policies import ANY, Policy, policy_files
+from gsbridge.experiment.policies import ANY, PolicyFiles, policy_files
 from gsbridge.experiment.result_dates import restore_dates
 from gsbridge.experiment.tables import Tables
 
@@ -77,7 +77,7 @@ def plan(config, tmp_path, monkeypatch):
 
 
 def test_paths_of_a_policy_name_all_that_it_is():
-    policy = Policy("pick_and_place", "cake", "plate", "mesh", "other")
+    policy = PolicyFiles("pick_and_place", "cake", "plate", "mesh", "other")
     assert policy.file(2, "policy.json") == "results/policies/pick_and_place/cake+plate/mesh/other/seed2/policy.json"
     assert policy.trials("sim", 2, "csv") == "results/trials/pick_and_place/cake+plate/mesh/other/sim/seed2.csv"
     assert policy.item == "pick_and_place-cake+plate-mesh-other"
@@ -86,7 +86,7 @@ def test_paths_of_a_policy_name_all_that_it_is():
 
 
 def test_any_policys_paths_become_each_ones():
-    policy = Policy("grasp", "cube", "pad", "gs", "default")
+    policy = PolicyFiles("grasp", "cube", "pad", "gs", "default")
     wildcards = {"task": "grasp", "object": "cube", "background": "pad", "renderer": "gs", "variant": "default"}
     assert ANY.file("{seed}", "a.json").format(**wildcards, seed=7) == policy.file(7, "a.json")
     assert ANY.trials("{world}", "{seed}", "csv").format(**wildcards, seed=7, world="sim") == policy.trials("sim", 7, "csv")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gsbridge.cameras import Camera
-from gsbridge.effects.images.shooting import Shooting
+from gsbridge.effects.images.camera_pipeline import Shooting
 from gsbridge.gap.image.expect import Expectation
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.gap.image.visibility import off_steps, seen_from

@@ -13,7 +13,7 @@ from sim_fixture import NOMINAL, cube, model
 from gsbridge.cameras import Camera
 from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import read_effects
-from gsbridge.environment.lens import Lens
+from gsbridge.environment.lens import WristLens
 from gsbridge.environment.trial_log import TrialPath, write_trial_log
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import read_json, write_json
@@ -339,7 +339,7 @@ def test_arm_object_and_camera_may_be_amended_in_any_order(tmp_path):
     assert parse_model(again) == amended
     image = np.full((8, 8, 3), 128, np.uint8)
     camera = Camera(8, 8, 10.0, 10.0, 4.0, 4.0)
-    seen = Lens(amended.effects_on("camera"), camera).photo(image, np.eye(4), np.random.default_rng(0))
+    seen = WristLens(amended.effects_on("camera"), camera).photo(image, np.eye(4), np.random.default_rng(0))
     assert (seen < image).all()
     ways = []
     for played in (parse_model(yaml.safe_load(NOMINAL.read_text())), amended):

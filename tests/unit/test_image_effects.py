@@ -6,7 +6,7 @@ from image_scene import CAMERA, dots, scene, track
 
 from gsbridge.cameras import Camera, look_at
 from gsbridge.effects.images import IMAGE_EFFECTS, base
-from gsbridge.effects.images.shooting import Shooting
+from gsbridge.effects.images.camera_pipeline import Shooting
 from gsbridge.errors import InputError
 from gsbridge.images import linear_from_srgb, srgb_from_linear
 from gsbridge.scene.photograph import Photographer, softened, with_noise

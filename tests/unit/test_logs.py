@@ -17,7 +17,7 @@ def clock(monkeypatch):
 
 def test_progress_never_says_that_nothing_is_left_before_the_end(clock, caplog):
     caplog.set_level(logging.INFO)
-    progress = logs.Progress(1000, "work", every_s=0.0)
+    progress = logs.ProgressLog(1000, "work", every_s=0.0)
     clock[0] = 100.0
     progress.update(count=999)
     assert caplog.messages[-1] == "work: 999/1000, 9.99/s, 1 s left"
@@ -28,7 +28,7 @@ def test_progress_never_says_that_nothing_is_left_before_the_end(clock, caplog):
 
 def test_counted_items_come_back_in_order(clock, caplog):
     caplog.set_level(logging.INFO)
-    progress = logs.Progress(4, "work", every_s=0.0)
+    progress = logs.ProgressLog(4, "work", every_s=0.0)
     assert list(progress.counted("ab")) == ["a", "b"]
     assert progress.done == 2
     assert list(logs.track([3, 2, 1], "other")) == [3, 2, 1]

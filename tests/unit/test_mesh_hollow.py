@@ -6,7 +6,7 @@ import trimesh
 from solid_scene import POT_HEIGHT, around, filled_pot, pot, statue, traced
 
 from gsbridge.cameras import Camera
-from gsbridge.mesh.depth import Cloud
+from gsbridge.mesh.depth import DepthCloud
 from gsbridge.mesh.hollow import carved, guessed_share, lowered, needed_height
 from gsbridge.mesh.hull import build_hull
 from gsbridge.mesh.objects import doubts
@@ -23,7 +23,7 @@ def look(solid, lifts_deg, count=18):
     masks = [on.astype(np.float32) for _, _, on in seen]
     depths = tuple(np.where(on, depth, 0.0).astype(np.float32) for _, depth, on in seen)
     points = np.concatenate([at[on] for at, _, on in seen])[::7]
-    cloud = Cloud(points, np.zeros_like(points), tuple(depth > 0 for depth in depths), tuple(views), 1, depths)
+    cloud = DepthCloud(points, np.zeros_like(points), tuple(depth > 0 for depth in depths), tuple(views), 1, depths)
     return views, masks, build_hull(views, masks, vote=0.95, voxels=64, width=200, threads=1), cloud
 
 
@@ -34,7 +34,7 @@ def one_height():
 
 def blind(cloud):
     """The same views where nothing was measured."""
-    return Cloud(cloud.points[:0], cloud.points[:0], (), cloud.views, 1, tuple(0 * depth for depth in cloud.depths))
+    return DepthCloud(cloud.points[:0], cloud.points[:0], (), cloud.views, 1, tuple(0 * depth for depth in cloud.depths))
 
 
 def test_outlines_from_one_height_leave_a_cone_that_goes(one_height):

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from gsbridge.images import srgb_from_linear
-from gsbridge.reality.mirror.lens import SENSOR_NOISE, Lens, phone
+from gsbridge.reality.mirror.lens import SENSOR_NOISE, PhoneLens, phone
 
 
 def test_phone_keeps_its_field_of_view_at_every_size():
@@ -18,7 +18,7 @@ def test_phone_keeps_its_field_of_view_at_every_size():
 
 
 def test_warp_is_the_projection_of_opencv():
-    lens = Lens.of(phone(640, 480))
+    lens = PhoneLens.of(phone(640, 480))
     film, pinhole = lens.film, lens.pinhole
     rays = np.stack(
         [(lens.x + 0.5 - pinhole.cx) / pinhole.fx, (lens.y + 0.5 - pinhole.cy) / pinhole.fy, np.ones_like(lens.x)], axis=-1
@@ -35,7 +35,7 @@ def test_warp_is_the_projection_of_opencv():
 
 
 def test_warp_keeps_a_linear_ramp_and_stays_inside():
-    lens = Lens.of(phone(320, 240))
+    lens = PhoneLens.of(phone(320, 240))
     h, w = lens.pinhole.height, lens.pinhole.width
     assert lens.x.min() > 4
     assert lens.y.min() > 4
@@ -46,7 +46,7 @@ def test_warp_keeps_a_linear_ramp_and_stays_inside():
 
 
 def test_exposure_encodes_and_adds_the_stated_noise():
-    lens = Lens.of(phone(320, 240))
+    lens = PhoneLens.of(phone(320, 240))
     grey = np.full((lens.pinhole.height, lens.pinhole.width, 3), 0.2, np.float32)
     photo = lens.expose(grey, np.random.default_rng(1))
     assert photo.dtype == np.uint8

@@ -9,7 +9,7 @@ from gsbridge.cameras import camera_centre
 from gsbridge.configuration.films import FilmSettings
 from gsbridge.errors import InputError
 from gsbridge.reality.mirror.film import DENSE, film_scene
-from gsbridge.reality.mirror.lens import Lens, phone
+from gsbridge.reality.mirror.lens import PhoneLens, phone
 from gsbridge.reality.mirror.takes import take_camera, take_gains, take_path
 
 HEIGHT = 0.09
@@ -63,7 +63,7 @@ def test_exposures_change_and_stay_within_what_a_phone_does():
 
 
 def test_exposure_scales_linear_light():
-    lens = Lens.of(phone(64, 48))
+    lens = PhoneLens.of(phone(64, 48))
     grey = np.full((lens.pinhole.height, lens.pinhole.width, 3), 0.2, np.float32)
     photo = lens.expose(grey, np.random.default_rng(0), np.array([1.0, 0.5, 2.0])).astype(float) / 255
     linear = np.where(photo <= 0.04045, photo / 12.92, ((photo + 0.055) / 1.055) ** 2.4).mean((0, 1))

@@ -11,7 +11,7 @@ from robot_fixture import kinematics, robot
 from scipy.spatial.transform import Rotation
 
 from gsbridge.environment.controllers import GraspController, Grip
-from gsbridge.environment.policy_trials import Place, run_trials
+from gsbridge.environment.policy_trials import TrialPlace, run_trials
 from gsbridge.environment.rendering import wrist_camera
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.environment.trial_log import read_trial_log
@@ -19,10 +19,10 @@ from gsbridge.files import read_json
 from gsbridge.meshes import Mesh
 from gsbridge.policy.arm_trials import ArmTrials, arm_setup, try_controller_on_arm
 from gsbridge.policy.format import CONTROL_HZ
-from gsbridge.policy.guards import End
 from gsbridge.policy.interface import PolicyInterface
 from gsbridge.policy.joint_log import Repeat, repeat_trial
 from gsbridge.policy.runner import run_policy
+from gsbridge.policy.safety import End
 from gsbridge.policy.worlds import MirrorDriver
 from gsbridge.reality.mirror.objects import make_object
 from gsbridge.reality.world import camera as camera_module
@@ -211,7 +211,7 @@ def test_a_policys_trials_on_a_bad_day_leave_table_log_and_record(tmp_path, monk
     )
     script = Script()
     play = ArmTrials(world, registered((0.002, 0.0, 0.0)), interface(max_steps=7), script)
-    place = Place(tmp_path / "trials.csv", tmp_path / "trials.npz", tmp_path / "trials.json", tmp_path / "state")
+    place = TrialPlace(tmp_path / "trials.csv", tmp_path / "trials.npz", tmp_path / "trials.json", tmp_path / "state")
     done = run_trials(play, "grasp", place, name="lab", poses=1, reasons=["policy: young"], facts=play.facts)
     assert [(name, trial.steps, trial.success) for name, trial in done] == [("fixed", 7, False), ("unseen", 7, False)]
     record = read_json(place.record)

@@ -12,7 +12,7 @@ from gsbridge.configuration.policy import PolicySettings
 from gsbridge.errors import InputError
 from gsbridge.policy.augment import Augmentation, Augmenter, Jitter, colour_maps
 from gsbridge.policy.networks import LOG_STD, Actor, Critics, SoftArgmax
-from gsbridge.policy.observation import PRIVILEGED, Frame, actor_input, picture, position_label, privileged
+from gsbridge.policy.observation import PRIVILEGED, ObservedFrame, actor_input, picture, position_label, privileged
 
 
 def state(**values):
@@ -27,7 +27,7 @@ def test_privileged_vector_by_its_table():
         tool=np.array([0.03, 0.295, 0.15]), yaw=0.4, aperture=0.07, cube=np.array([-0.03, 0.265, 0.05]), cube_yaw=-0.3
     )
     proprio = np.arange(12, dtype=np.float32)[None] / 10
-    frame = Frame((0.0, 0.265), 0.14, (0.02, 0.285), 4)
+    frame = ObservedFrame((0.0, 0.265), 0.14, (0.02, 0.285), 4)
     (vector,) = privileged(world, proprio, frame, np.array([[3.0, 1.0]]))
     expected = [
         *(0.2, 0.2, 1.0, np.sin(0.4), np.cos(0.4), 0.5, 0, 0),
@@ -47,14 +47,14 @@ def test_position_label_is_in_the_tools_yaw():
 
 def test_a_broken_world_gives_finite_vectors():
     world = state(broken=True)
-    assert np.isfinite(privileged(world, np.zeros((1, 12)), Frame((0, 0), 0.14))).all()
+    assert np.isfinite(privileged(world, np.zeros((1, 12)), ObservedFrame((0, 0), 0.14))).all()
     assert np.isfinite(position_label(world)).all()
 
 
 def test_observer_labels_with_the_controller_and_knows_the_tasks_memory():
     environment = blob_environment(task="pick_and_place", plate=PLATE)
     observer = blob_observer(environment)
-    assert observer.frame == Frame((0.0, 0.265), 0.14, (PLATE.x, PLATE.y), environment.rules.settle_steps)
+    assert observer.frame == ObservedFrame((0.0, 0.265), 0.14, (PLATE.x, PLATE.y), environment.rules.settle_steps)
     observation, info = environment.reset(seed=0)
     info["terms"] = {**info["terms"], "streak": 2.0, "excess": 1.0}
     sight = observer(observation, info)

@@ -12,8 +12,8 @@ from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.policy.episode_log import COLUMNS as STEPS
 from gsbridge.policy.episode_log import EpisodeLog
-from gsbridge.policy.guards import End
 from gsbridge.policy.robot_trials import COLUMNS, Person, StartPose, TrialFile, Verdict, start_poses, still_to_try
+from gsbridge.policy.safety import End
 from gsbridge.policy.session import Plan, run_session
 from gsbridge.tasks.poses import pose_set
 

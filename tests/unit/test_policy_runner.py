@@ -12,9 +12,9 @@ from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.errors import InputError
 from gsbridge.policy.driver import Reading
 from gsbridge.policy.episode_log import EpisodeLog
-from gsbridge.policy.guards import End, Limits
 from gsbridge.policy.interface import PolicyInterface
 from gsbridge.policy.runner import Setup, run_policy
+from gsbridge.policy.safety import End, Limits
 from gsbridge.policy.worlds import WorldClock
 from gsbridge.robot import nominal
 

@@ -12,10 +12,10 @@ from gsbridge.environment.rendering import wrist_camera
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.policy.episode_log import EpisodeLog
 from gsbridge.policy.export import _robot
-from gsbridge.policy.guards import End, Limits
 from gsbridge.policy.interface import PolicyInterface
 from gsbridge.policy.robot_trials import StartPose
 from gsbridge.policy.runner import Setup, run_policy
+from gsbridge.policy.safety import End, Limits
 from gsbridge.policy.session import WorldOperator
 from gsbridge.policy.worlds import MirrorDriver, MirrorSetting, WorldDriver
 from gsbridge.reality.world import camera as camera_module
@@ -23,7 +23,7 @@ from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.layout import true_base_from_table
 from gsbridge.registration.result import Registration
 from gsbridge.robot import nominal
-from gsbridge.sim.model import Camera as Response
+from gsbridge.sim.model import CameraModel as Response
 
 SETTINGS = EnvironmentSettings(image_size=64, hold_steps=3)
 EDGE = 0.058

@@ -6,7 +6,7 @@ from board_sight import BOARD, CAMERA, shifted, sight, table_from_cameras
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gsbridge.registration.fit import Views, consistent, fit_views, leave_one_out, moved
+from gsbridge.registration.fit import RegistrationViews, consistent, fit_views, leave_one_out, moved
 from gsbridge.registration.handeye import HandEye, closed_form, start_hand_eye, turn_spread_deg
 from gsbridge.registration.result import pose_error
 from gsbridge.registration.sightings import sight_board
@@ -14,7 +14,7 @@ from gsbridge.registration.sightings import sight_board
 
 def views_of(capture):
     found = [sight_board(tags, BOARD, CAMERA, 1.5) for tags in capture.tags]
-    return Views.of(CAMERA, capture.base_from_flange, found)
+    return RegistrationViews.of(CAMERA, capture.base_from_flange, found)
 
 
 def errors(found, capture):

@@ -11,10 +11,10 @@ from gsbridge.errors import InputError
 from gsbridge.report.figures.behaviour import COLUMNS, most_typical, write_behaviour
 from gsbridge.report.figures.behaviour_drawing import picked, spread_starts
 from gsbridge.report.figures.paired_trials import failures_first, read_starts, trials_by_cell
-from gsbridge.report.tables.result_paths import Cell
+from gsbridge.report.tables.result_paths import CellPaths
 
-CELL = Cell("grasp", "mug", "table")
-MESH = Cell("grasp", "mug", "table", "mesh")
+CELL = CellPaths("grasp", "mug", "table")
+MESH = CellPaths("grasp", "mug", "table", "mesh")
 FAILED = {("fixed", 8): "not_grasped", ("unseen", 24): "dropped"}
 
 

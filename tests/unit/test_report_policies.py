@@ -21,7 +21,7 @@ from gsbridge.report.scores.results_page import AREAS, write_results_page
 from gsbridge.report.scores.score import read_floors, write_scores
 from gsbridge.report.tables.failures import write_failure_rows
 from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SCENARIOS, PAPER_SUCCESS
-from gsbridge.report.tables.result_paths import Cell
+from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.report.tables.rows import read_rows
 from gsbridge.report.tables.success import overviews, p_text, percent, read_counts, standard_cells, success_tables
 from gsbridge.report.tables.success_rows import write_success_rows
@@ -31,12 +31,12 @@ from gsbridge.report.tables.world_variants import write_further
 BEHIND = {"code": {"score_policies": "1"}, "settings": {}}
 FLOORS = Path(__file__).parents[2] / "benchmarks" / "floors.yaml"
 MESHES = [cell for cell in PAPER_SUCCESS if cell.renderer == "mesh"]
-PLACE = Cell("pick_and_place", "cake", "plate")
+PLACE = CellPaths("pick_and_place", "cake", "plate")
 
 
 def paper_run(root: Path, worlds: tuple[str, ...] = ("mirror",)) -> dict[str, Path]:
     """The rows of a run whose every cell succeeds as often as the paper's: the second world stands for its robot."""
-    trials: dict[Cell, list[Path]] = {}
+    trials: dict[CellPaths, list[Path]] = {}
     for cell, paper in PAPER_SUCCESS.items():
         for world in ("sim", *worlds):
             count = paper.sim if world == "sim" else paper.real
@@ -177,7 +177,7 @@ def test_page_tells_of_policies_first(run, tmp_path):
 
 
 def test_one_cell_that_succeeds_everywhere_is_told_without_averages(tmp_path):
-    cell = Cell("grasp", "small_cube", "foam_pad")
+    cell = CellPaths("grasp", "small_cube", "foam_pad")
     trials = [write_trials(tmp_path, cell, world, trial_rows({"unseen": 32})) for world in ("sim", "mirror")]
     write_success_rows(tmp_path / "grasping.csv", trials)
     write_tables([tmp_path / "grasping.csv"], [], tmp_path / "tables", preset="toy")

@@ -8,10 +8,10 @@ from gsbridge.report.figures.paired_trials import failures_first, read_starts
 from gsbridge.report.recordings import trials as module
 from gsbridge.report.recordings.recording import read_recording
 from gsbridge.report.recordings.trials import hand_lines, record_trials
-from gsbridge.report.tables.result_paths import Cell
+from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.splats.cloud import Cloud
 
-CELL = Cell("grasp", "mug", "table")
+CELL = CellPaths("grasp", "mug", "table")
 FAILED = {("unseen", 16): "not_grasped"}
 
 

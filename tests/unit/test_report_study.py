@@ -8,12 +8,12 @@ from scipy.stats import binomtest
 from gsbridge.errors import InputError
 from gsbridge.report.figures.study import write_study
 from gsbridge.report.scores.measured_policies import study_figures
-from gsbridge.report.tables.result_paths import Cell
+from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.report.tables.rows import read_rows
 
 
 def cell(variant):
-    return Cell("grasp", "bear", "foam_pad", variant=variant)
+    return CellPaths("grasp", "bear", "foam_pad", variant=variant)
 
 
 def policies(folder, variant, successes, *, offset=0.0, evaluations=3, algo="sacwb"):

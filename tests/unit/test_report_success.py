@@ -11,12 +11,12 @@ from gsbridge.errors import InputError
 from gsbridge.files import write_json
 from gsbridge.report.tables.failures import QUADRANT_TITLES, failure_rows, failures_table, write_failure_rows
 from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SCENARIOS, PAPER_SUCCESS
-from gsbridge.report.tables.result_paths import Cell, cell_of, seed_of
+from gsbridge.report.tables.result_paths import CellPaths, cell_of, seed_of
 from gsbridge.report.tables.rows import read_rows
 from gsbridge.report.tables.success_rows import read_trial_files, read_trials, success_rows, write_success_rows
 
-CUBE = Cell("grasp", "small_cube", "tablecloth")
-PLACE = Cell("pick_and_place", "cake", "plate")
+CUBE = CellPaths("grasp", "small_cube", "tablecloth")
+PLACE = CellPaths("pick_and_place", "cake", "plate")
 
 
 def test_trials_are_read_whole(tmp_path):
@@ -83,7 +83,7 @@ def test_missing_and_binary_files_are_named(tmp_path):
 def test_places_tell_the_cell():
     path = "a/trials/b/trials/grasp/small_cube+tablecloth/mesh/tint/mirror_2/seed12.csv"
     cell, rest = cell_of(path, "trials")
-    assert cell == Cell("grasp", "small_cube", "tablecloth", "mesh", "tint")
+    assert cell == CellPaths("grasp", "small_cube", "tablecloth", "mesh", "tint")
     assert (rest[0], seed_of(rest[1], path)) == ("mirror_2", 12)
     for wrong in ("trials/grasp/cube/gs/default/sim/seed1.csv", "trials/grasp/seed1.csv", "policies/a/b+c/gs/default/s.csv"):
         with pytest.raises(InputError, match="cell cannot be told"):

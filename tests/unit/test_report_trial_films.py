@@ -20,9 +20,9 @@ from gsbridge.report.figures.trial_films import (
     film_frames,
     write_trial_film,
 )
-from gsbridge.report.tables.result_paths import Cell
+from gsbridge.report.tables.result_paths import CellPaths
 
-CELL = Cell("grasp", "mug", "table")
+CELL = CellPaths("grasp", "mug", "table")
 FAILED = {("fixed", 8): "not_grasped", ("unseen", 24): "dropped"}
 
 

@@ -18,7 +18,7 @@ from gsbridge.images import write_image
 from gsbridge.photogrammetry.colmap import camera_from_colmap, pose_matrix, quiet, read_model
 from gsbridge.sfm import gates
 from gsbridge.sfm.calibrate import MIN_VIEWS, calibrate_camera, solve
-from gsbridge.sfm.mapping import Outcome, drop_weak_images, ladder
+from gsbridge.sfm.mapping import MappingOutcome, drop_weak_images, ladder
 from gsbridge.sfm.matching import ring
 from gsbridge.sfm.numbering import number_images
 from gsbridge.sfm.photos import Photos
@@ -183,9 +183,9 @@ def test_images_are_numbered_in_the_order_of_their_names(tmp_path: Path) -> None
     database.close()
 
 
-def outcome(registered: int, total: int) -> tuple[Outcome, Photos]:
+def outcome(registered: int, total: int) -> tuple[MappingOutcome, Photos]:
     model = model_of(LENS, orbit(total)[:registered], cloud()) if registered else None
-    return Outcome(model, "incremental", "sequential", []), photos_of(total)
+    return MappingOutcome(model, "incremental", "sequential", []), photos_of(total)
 
 
 def test_gate_passes_degrades_and_fails() -> None:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from gsbridge.errors import InputError
-from gsbridge.reality.world.further import LABORATORY, further_world
 from gsbridge.reality.world.hidden import Hidden, Ranges
+from gsbridge.reality.world.world_variants import LABORATORY, further_world
 
 NAMES = [item.name for item in dataclasses.fields(Ranges)]
 

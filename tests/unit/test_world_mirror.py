@@ -15,7 +15,7 @@ from gsbridge.reality.world.camera import Quality, Setting, wrist_camera
 from gsbridge.reality.world.episode import photograph_episode
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.mirror import build_mirror
-from gsbridge.reality.world.views import Exposure, photograph_states
+from gsbridge.reality.world.views import SensorExposure, photograph_states
 from gsbridge.robot.nominal import base_from_table
 from gsbridge.tasks.views import ViewState, write_states
 from gsbridge.tasks.world import SeeingWorld
@@ -57,7 +57,7 @@ def test_an_episode_is_photographed_at_every_second_state_and_the_last(tmp_path,
     write_states(tmp_path / "states.json", states, "fixed")
     photograph_episode(
         tmp_path / "states.json", Setting("small_cube", sheet=None), 2, tmp_path / "mirror", tmp_path / "mirror.json",
-        Exposure(tmp_path / "pieces", 32, 36), every=2,
+        SensorExposure(tmp_path / "pieces", 32, 36), every=2,
     )  # fmt: skip
     names = sorted(path.name for path in (tmp_path / "mirror").iterdir())
     assert names == ["0000.png", "0002.png", "0004.png", "0005.png"]
@@ -80,7 +80,7 @@ def test_the_true_object_is_put_where_the_reconstructed_one_stands(tmp_path, mon
     for name, body_from_table in (("same", true), ("beside", beside @ true)):
         # Of an asset, only its frame is asked for.
         monkeypatch.setattr(views, "read_asset", lambda path, pose=body_from_table: SimpleNamespace(body_from_table=pose))
-        exposure = Exposure(tmp_path / "pieces", 64, 36, item="asset.json")
+        exposure = SensorExposure(tmp_path / "pieces", 64, 36, item="asset.json")
         photograph_states(
             tmp_path / "states.json", Setting("small_cube", sheet=None), 2, tmp_path / name, tmp_path / f"{name}.json", exposure
         )

@@ -12,11 +12,11 @@ from gsbridge.errors import InputError
 from gsbridge.meshes import Mesh
 from gsbridge.reality.mirror.objects import make_object
 from gsbridge.reality.world.bodies import true_body
-from gsbridge.reality.world.further import LABORATORY, configured_world, further_world
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.model import Stand
 from gsbridge.reality.world.physics import MirrorPhysics
 from gsbridge.reality.world.severity import LINES, WORST, Severity, worsened
+from gsbridge.reality.world.world_variants import LABORATORY, configured_world, further_world
 from gsbridge.robot.nominal import base_from_table
 
 LEVELS = range(WORST + 1)

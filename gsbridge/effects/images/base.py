@@ -8,7 +8,7 @@ from itertools import product
 from typing import ClassVar
 
 from gsbridge.effects.base import Effect, Parameter
-from gsbridge.effects.images.shooting import Shooting
+from gsbridge.effects.images.camera_pipeline import Shooting
 
 __all__ = ["HOOKS", "ImageEffect", "Parameter"]
 

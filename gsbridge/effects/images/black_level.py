@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from gsbridge.effects.images.base import ImageEffect, Parameter
-from gsbridge.effects.images.shooting import OFFSET, Shooting
+from gsbridge.effects.images.camera_pipeline import OFFSET, Shooting
 
 
 class BlackLevel(ImageEffect):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from gsbridge.effects.images.base import ImageEffect, Parameter
-from gsbridge.effects.images.shooting import Shooting
+from gsbridge.effects.images.camera_pipeline import Shooting
 
 
 class Defocus(ImageEffect):

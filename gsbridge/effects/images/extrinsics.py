@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gsbridge.effects.images.base import ImageEffect, Parameter
-from gsbridge.effects.images.shooting import Shooting
+from gsbridge.effects.images.camera_pipeline import Shooting
 
 _TURNS = (-0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15)
 """Turns to begin with, rad: steps of a few centimetres where a wrist camera looks."""

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from gsbridge.effects.images.base import ImageEffect, Parameter
-from gsbridge.effects.images.shooting import GAIN, Frame, Shooting
+from gsbridge.effects.images.camera_pipeline import GAIN, CameraFrame, Shooting
 from gsbridge.geometry import Array
 
 
@@ -37,7 +37,7 @@ class Flicker(ImageEffect):
         sine, cosine, readout = values["sine"], values["cosine"], values["readout"]
         pace = 2.0 * np.pi * values["frequency"]
 
-        def vary(light: Array, frame: Frame) -> Array:
+        def vary(light: Array, frame: CameraFrame) -> Array:
             height = frame.camera.height
             phase = pace * (frame.time + (np.arange(height) + 0.5 - 0.5 * height) * readout)
             gain = 1.0 + sine * np.sin(phase) + cosine * np.cos(phase)

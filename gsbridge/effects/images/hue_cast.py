@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from gsbridge.effects.images.base import ImageEffect, Parameter
-from gsbridge.effects.images.shooting import SURFACE, Frame, Shooting
+from gsbridge.effects.images.camera_pipeline import SURFACE, CameraFrame, Shooting
 from gsbridge.geometry import Array
 
 
@@ -36,7 +36,7 @@ class HueCast(ImageEffect):
         colour = np.array([values["red"], values["green"], values["blue"]], np.float32)
         x, y, radius = values["x"], values["y"], values["radius"]
 
-        def shine(light: Array, frame: Frame) -> Array:
+        def shine(light: Array, frame: CameraFrame) -> Array:
             across, down = frame.plane
             spot = np.exp(-0.5 * ((across - x) ** 2 + (down - y) ** 2) / radius**2).astype(np.float32)
             return light * (1.0 + spot[..., None] * colour)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from gsbridge.effects.images.base import ImageEffect, Parameter
-from gsbridge.effects.images.shooting import COLOUR, Shooting
+from gsbridge.effects.images.camera_pipeline import COLOUR, Shooting
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 """Shares of red, green and blue in the brightness of linear light (Rec. 709)."""

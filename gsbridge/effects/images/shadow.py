@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from gsbridge.effects.images.base import ImageEffect, Parameter
-from gsbridge.effects.images.shooting import SURFACE, Frame, Shooting
+from gsbridge.effects.images.camera_pipeline import SURFACE, CameraFrame, Shooting
 from gsbridge.geometry import Array
 
 
@@ -40,7 +40,7 @@ class Shadow(ImageEffect):
         strength, x, y = values["strength"], values["x"], values["y"]
         radius, edge = values["radius"], values["radius"] * values["softness"]
 
-        def darken(light: Array, frame: Frame) -> Array:
+        def darken(light: Array, frame: CameraFrame) -> Array:
             points = frame.points
             inside = (radius - np.hypot(points[..., 0] - x, points[..., 1] - y)) / edge
             shade = strength / (1.0 + np.exp(-np.clip(2.0 * inside, -40.0, 40.0)))

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from gsbridge.effects.images.base import ImageEffect, Parameter
-from gsbridge.effects.images.shooting import LENS, Frame, Shooting
+from gsbridge.effects.images.camera_pipeline import LENS, CameraFrame, Shooting
 from gsbridge.geometry import Array
 
 
@@ -30,7 +30,7 @@ class Vignetting(ImageEffect):
         """Divide the light by a function of the radius."""
         strength, x, y = np.float32(values["strength"]), values["x"], values["y"]
 
-        def darken(light: Array, frame: Frame) -> Array:
+        def darken(light: Array, frame: CameraFrame) -> Array:
             across, down = frame.plane
             square = ((across - x) ** 2 + (down - y) ** 2).astype(np.float32)
             return light / ((1.0 + strength * square) ** 2)[..., None]

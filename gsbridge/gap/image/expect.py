@@ -15,7 +15,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from gsbridge.effects.images.shooting import Frame, Shooting
+from gsbridge.effects.images.camera_pipeline import CameraFrame, Shooting
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.gap.image.visibility import off_steps, seen_from
 from gsbridge.geometry import Array
@@ -99,10 +99,10 @@ class Expectation:
         """Linear light of the earlier photos with their noise. [N, H, W, 3]."""
         return linear_from_srgb(self.pairs.before.astype(np.float32))
 
-    def _frame(self, n: int, how: Shooting) -> Frame:
+    def _frame(self, n: int, how: Shooting) -> CameraFrame:
         pairs = self.pairs
         time = 0.0 if pairs.times is None else float(pairs.times[n])
-        return Frame(pairs.camera, time, self.depths[n], how.mount @ pairs.poses[n])
+        return CameraFrame(pairs.camera, time, self.depths[n], how.mount @ pairs.poses[n])
 
     def _seen(self, how: Shooting) -> tuple[Array, Array]:
         """Linear light that reaches the sensor, and where the earlier photo has it. [N, H, W, 3], [N, H, W]."""

@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from gsbridge.effects.images import IMAGE_EFFECTS
-from gsbridge.effects.images.shooting import Shooting
+from gsbridge.effects.images.camera_pipeline import Shooting
 from gsbridge.effects.registry import Applied, read_effects
 from gsbridge.gap.diagnosis.results import Candidate
 

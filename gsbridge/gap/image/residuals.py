@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from scipy.optimize import nnls
 
-from gsbridge.effects.images.shooting import Shooting
+from gsbridge.effects.images.camera_pipeline import Shooting
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.results import Candidate
 from gsbridge.gap.image.expect import Expectation

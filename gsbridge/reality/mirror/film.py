@@ -21,11 +21,11 @@ from gsbridge.errors import InputError
 from gsbridge.files import atomic_directory, write_json, write_stage
 from gsbridge.geometry import Array
 from gsbridge.images import psnr, read_image, srgb_from_linear, write_image
-from gsbridge.logs import Progress
+from gsbridge.logs import ProgressLog
 from gsbridge.meshes import Mesh, write_mesh
 from gsbridge.photogrammetry.board import standard_board
 from gsbridge.reality.mirror.backgrounds import TABLE_SIZE_M
-from gsbridge.reality.mirror.lens import Lens
+from gsbridge.reality.mirror.lens import PhoneLens
 from gsbridge.reality.mirror.path import background_path, pan_path
 from gsbridge.reality.mirror.path_tracer import variant
 from gsbridge.reality.mirror.studio import SCENES, Studio, build_studio
@@ -80,7 +80,7 @@ def film_scene(
     if take is not None and (scene == DENSE or SCENES.get(scene, (None,))[0] is None):
         raise InputError("mirror", f"the scene '{scene}' has no takes", "Remove the take, or name an object's scene")
     studio = build_studio(scene, settings.sheet, threads, seed)
-    lens = Lens.of(take_camera(take, settings.width, settings.height))
+    lens = PhoneLens.of(take_camera(take, settings.width, settings.height))
     path_rng = np.random.default_rng([seed, zlib.crc32(scene.encode())])
     height = float(studio.truth.vertices[:, 2].max())
     extra: dict[str, Any] = {}
@@ -97,7 +97,7 @@ def film_scene(
             _Shot(f"{k:04d}.png", pose[None], settings.held_out_spp if split_of(k) == "held_out" else settings.spp, gains[k])
             for k, pose in enumerate(poses)
         ]
-    progress = Progress(len(shots), f"film {scene}")
+    progress = ProgressLog(len(shots), f"film {scene}")
     for number, shot in enumerate(shots):
         _take(studio, lens, shot, state, frame_seed=seed * 100_003 + number)
         progress.update(shot.name)
@@ -107,7 +107,7 @@ def film_scene(
     _deliver(scene, settings, lens.film, shots, extra, ceilings, studio.truth, out_frames, out_json, out_truth, state, seed)
 
 
-def _take(studio: Studio, lens: Lens, shot: _Shot, state: Path, frame_seed: int) -> None:
+def _take(studio: Studio, lens: PhoneLens, shot: _Shot, state: Path, frame_seed: int) -> None:
     """Render one frame and its mask into the state folder, unless they are there."""
     photo, mask = state / "frames" / shot.name, state / "masks" / shot.name
     if photo.is_file() and mask.is_file():
@@ -119,7 +119,7 @@ def _take(studio: Studio, lens: Lens, shot: _Shot, state: Path, frame_seed: int)
 
 
 def _ceilings(
-    studio: Studio, lens: Lens, shots: list[_Shot], state: Path, settings: FilmSettings, seed: int
+    studio: Studio, lens: PhoneLens, shots: list[_Shot], state: Path, settings: FilmSettings, seed: int
 ) -> dict[str, dict[str, float]]:
     """PSNR that a perfect model reaches against the photos, by samples per pixel, in dB.
 

@@ -54,7 +54,7 @@ def _undistorted_rays(film: Camera) -> Array:
 
 
 @dataclass(frozen=True)
-class Lens:
+class PhoneLens:
     """Warp of a centred pinhole rendering to the film of a distorted camera.
 
     Args:
@@ -69,7 +69,7 @@ class Lens:
     y: Array
 
     @classmethod
-    def of(cls, film: Camera) -> Lens:
+    def of(cls, film: Camera) -> PhoneLens:
         """Lens with the distortion of a camera."""
         rays = _undistorted_rays(film)
         focal = film.fx

@@ -16,7 +16,7 @@ from gsbridge.configuration.films import BoardFilmSettings
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_directory, write_json
 from gsbridge.images import write_image
-from gsbridge.logs import Progress
+from gsbridge.logs import ProgressLog
 from gsbridge.photogrammetry.board import Board
 from gsbridge.reality.world.camera import FIELD_OF_VIEW, MirrorCamera, Quality, Setting
 from gsbridge.reality.world.hidden import Hidden
@@ -80,7 +80,7 @@ def film_board(
         physics.kinematics, base_from_table(), flange_from_camera(), camera, board, count=settings.poses, seed=seed
     )
     quality = Quality(samples=settings.spp)
-    progress = Progress(len(wanted), "film the board")
+    progress = ProgressLog(len(wanted), "film the board")
     with atomic_directory(out_capture) as place:
         names, measured = [], []
         for index, q in enumerate(wanted):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from gsbridge.reality.world.camera import Setting
 from gsbridge.reality.world.hidden import Hidden
-from gsbridge.reality.world.views import Exposure, take_photos
+from gsbridge.reality.world.views import SensorExposure, take_photos
 from gsbridge.tasks.views import read_states
 
 
@@ -16,7 +16,7 @@ def photograph_episode(
     hidden_seed: int,
     out: str | Path,
     record: str | Path,
-    exposure: Exposure,
+    exposure: SensorExposure,
     *,
     every: int = 1,
 ) -> None:

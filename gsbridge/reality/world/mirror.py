@@ -147,7 +147,7 @@ def mirror_world(
 
     Args:
         setting: What stands in the room.
-        hidden: Hidden parameters: `Hidden.draw(seed)`, or see `gsbridge.reality.world.further`.
+        hidden: Hidden parameters: `Hidden.draw(seed)`, or see `gsbridge.reality.world.world_variants`.
         pieces: Folder that keeps convex pieces from run to run.
         threads: Threads to render with.
         quality: Samples and depth of its pictures.

@@ -13,7 +13,7 @@ import numpy as np
 from gsbridge.asset.bundle import read_asset
 from gsbridge.files import atomic_directory, write_stage
 from gsbridge.images import write_image
-from gsbridge.logs import Progress
+from gsbridge.logs import ProgressLog
 from gsbridge.reality.world.bodies import true_from_body
 from gsbridge.reality.world.camera import Quality, Setting
 from gsbridge.reality.world.hidden import Hidden
@@ -23,7 +23,7 @@ from gsbridge.tasks.views import ViewState, read_states, whole_pose
 
 
 @dataclass(frozen=True)
-class Exposure:
+class SensorExposure:
     """Settings of the mirror's photos.
 
     Args:
@@ -44,7 +44,7 @@ class Exposure:
 
 
 def photograph_states(
-    states: str | Path, setting: Setting, hidden_seed: int, out: str | Path, record: str | Path, exposure: Exposure
+    states: str | Path, setting: Setting, hidden_seed: int, out: str | Path, record: str | Path, exposure: SensorExposure
 ) -> None:
     """Photograph the true object at given states; arm joints are set, the camera is where it truly sits.
 
@@ -69,7 +69,7 @@ def photograph_postures(
     hidden: Hidden,
     out: str | Path,
     record: str | Path,
-    exposure: Exposure,
+    exposure: SensorExposure,
     *,
     shots: int = 1,
     seed: int,
@@ -96,7 +96,7 @@ def take_photos(
     hidden: Hidden,
     out: str | Path,
     record: str | Path,
-    exposure: Exposure,
+    exposure: SensorExposure,
     **numbers: Any,
 ) -> None:
     """Photograph states, each under its file name; each photo has noise of its own.
@@ -110,7 +110,7 @@ def take_photos(
     Raises:
         InputError: Object or background are unknown, a pose makes no sense, or the asset cannot be read.
     """
-    progress, body_from_true = Progress(len(chosen), "photos"), np.eye(4)
+    progress, body_from_true = ProgressLog(len(chosen), "photos"), np.eye(4)
     if exposure.item is not None and setting.object is not None:
         seen = read_asset(exposure.item).body_from_table
         body_from_true = np.linalg.inv(true_from_body(setting.object, setting.seed, seen))

@@ -13,7 +13,7 @@ from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.report.figures.behaviour_drawing import Block, Line, write_behaviour_figure
 from gsbridge.report.figures.paired_trials import SIM, Start, TrialFiles, read_starts
-from gsbridge.report.tables.result_paths import Cell
+from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.report.tables.rows import write_rows
 from gsbridge.tasks.poses import POSE_SETS
 
@@ -34,7 +34,7 @@ class Behaviour:
         starts: All its start poses, of all seeds.
     """
 
-    cell: Cell
+    cell: CellPaths
     starts: tuple[Start, ...]
 
     @property
@@ -48,7 +48,7 @@ class Behaviour:
         return {world: np.array([start.distance_mm(world) for start in self.starts]) for world in self.worlds}
 
 
-def write_behaviour(policies: Sequence[tuple[Cell, Sequence[TrialFiles]]], figure: str | Path, rows: str | Path) -> None:
+def write_behaviour(policies: Sequence[tuple[CellPaths, Sequence[TrialFiles]]], figure: str | Path, rows: str | Path) -> None:
     """Compare the hand's paths of all policies: rows for each, and the paper's figure.
 
     The figure shows the cells that were learned from meshes too beside what was learned from splats; without any, the first

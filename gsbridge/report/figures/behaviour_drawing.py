@@ -24,7 +24,7 @@ from gsbridge.files import atomic_file
 from gsbridge.geometry import Array
 from gsbridge.report.figures.legend import legend_above
 from gsbridge.report.figures.paired_trials import SIM, STEP_S, Start, cell_name
-from gsbridge.report.tables.result_paths import Cell
+from gsbridge.report.tables.result_paths import CellPaths
 
 SHOWN = 8
 """Pictures of a strip, and start poses whose paths are drawn."""
@@ -48,7 +48,7 @@ class Line:
         distances_mm: Distance between the paths from each start pose, mm. [N].
     """
 
-    cell: Cell
+    cell: CellPaths
     starts: Sequence[Start]
     distances_mm: Array
 
@@ -284,7 +284,7 @@ def _draw_distances(part: SubFigure, lines: Sequence[Line], world: str) -> None:
     legend_above(part, handles, [str(handle.get_label()) for handle in handles], 8)
 
 
-def _policy_name(cell: Cell) -> str:
+def _policy_name(cell: CellPaths) -> str:
     task = "" if cell.task == "grasp" else f"{cell.task.replace('_', ' ')}, "
     more = {"gs": "", "mesh": ", RL-sim", "mesh_vertex": ", RL-sim (vertex colours)"}.get(cell.renderer, f", {cell.renderer}")
     return task + cell_name(cell) + more + ("" if cell.variant == "default" else f", {cell.variant}")

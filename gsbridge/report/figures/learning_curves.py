@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.report.figures.legend import legend_above
-from gsbridge.report.tables.result_paths import Cell, cell_of
+from gsbridge.report.tables.result_paths import CellPaths, cell_of
 from gsbridge.report.tables.rows import Row, number, read_rows
 from gsbridge.report.tables.success import RENDERER_TITLES, cell_title
 from gsbridge.report.tables.success_rows import cell_order
@@ -41,10 +41,10 @@ def write_learning_curves(curves: Sequence[str | Path], out: str | Path) -> None
     """
     if not curves:
         raise InputError(out, "there is no learning curve", "Name a cell in the configuration")
-    panels: dict[Cell, list[tuple[Cell, list[Row]]]] = {}
+    panels: dict[CellPaths, list[tuple[CellPaths, list[Row]]]] = {}
     for path in curves:
         cell, _ = cell_of(path, "policies")
-        panels.setdefault(Cell(cell.task, cell.object, cell.background), []).append((cell, _read(path)))
+        panels.setdefault(CellPaths(cell.task, cell.object, cell.background), []).append((cell, _read(path)))
     places = sorted(panels, key=cell_order)
     columns = min(PER_LINE, len(places))
     lines = -(-len(places) // columns)
@@ -89,7 +89,7 @@ def _read(path: str | Path) -> list[Row]:
     return rows
 
 
-def _draw(axis: Axes, place: Cell, curves: Sequence[tuple[Cell, list[Row]]]) -> None:
+def _draw(axis: Axes, place: CellPaths, curves: Sequence[tuple[CellPaths, list[Row]]]) -> None:
     """Fill one panel."""
     for cell, rows in curves:
         steps = [float(row["step"]) / 1000 for row in rows]

@@ -13,7 +13,7 @@ from gsbridge.environment.trial_log import TrialPath, read_trial_log
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.report.figures.path_distance import path_distance
-from gsbridge.report.tables.result_paths import Cell
+from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.report.tables.rows import Row, read_rows
 
 COLUMNS = ("pose_set", "index", "quadrant", "x", "y", "yaw", "success", "success_tolerant", "failure", "steps")
@@ -113,7 +113,7 @@ def trials_by_cell(
     seeds: Sequence[int],
     tables: Sequence[str | Path],
     logs: Sequence[str | Path],
-) -> list[tuple[Cell, list[TrialFiles]]]:
+) -> list[tuple[CellPaths, list[TrialFiles]]]:
     """Group files of trials by their policy. The lists have one entry per file each, in the same order.
 
     Args:
@@ -126,13 +126,13 @@ def trials_by_cell(
     Returns:
         Cells in the order of their first file, each with its files.
     """
-    out: dict[Cell, list[TrialFiles]] = {}
+    out: dict[CellPaths, list[TrialFiles]] = {}
     for cell, world, seed, table, log in zip(cells, worlds, seeds, tables, logs, strict=True):
-        out.setdefault(Cell(**cell), []).append(TrialFiles(world, seed, table, log))
+        out.setdefault(CellPaths(**cell), []).append(TrialFiles(world, seed, table, log))
     return list(out.items())
 
 
-def cell_name(cell: Cell) -> str:
+def cell_name(cell: CellPaths) -> str:
     """Name of a cell for people, such as `cake on plate`."""
     return f"{cell.object} on {cell.background}".replace("_", " ")
 

@@ -9,7 +9,7 @@ from typing import Any
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file, read_json
 from gsbridge.report.tables.formats import Table, markdown
-from gsbridge.report.tables.result_paths import Cell, cell_of, seed_of
+from gsbridge.report.tables.result_paths import CellPaths, cell_of, seed_of
 from gsbridge.report.tables.rows import write_rows
 from gsbridge.report.tables.success_rows import read_trials
 from gsbridge.statistics import wilson_interval
@@ -34,7 +34,7 @@ def write_study(trainings: Sequence[str | Path], trials: Sequence[str | Path], r
     Raises:
         InputError: A file is damaged, or policies of one study had unequal numbers of steps.
     """
-    groups: dict[Cell, list[dict[str, Any]]] = {}
+    groups: dict[CellPaths, list[dict[str, Any]]] = {}
     for training, table in zip(trainings, trials, strict=True):
         cell, rest = cell_of(training, "policies")
         groups.setdefault(cell, []).append(_policy(training, table, seed_of(rest[0], training)))
@@ -67,7 +67,7 @@ def _policy(training: str | Path, table: str | Path, seed: int) -> dict[str, Any
         raise InputError(training, f"the record of the training is damaged ({error!r})", "Train the policy again") from error
 
 
-def _row(cell: Cell, policies: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def _row(cell: CellPaths, policies: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Row of one variant: the seeds' trials counted together."""
     count = sum(policy["trials"] for policy in policies)
     good = sum(policy["successes"] for policy in policies)

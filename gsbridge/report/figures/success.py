@@ -16,7 +16,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.report.figures.legend import legend_above
 from gsbridge.report.tables.paper import PAPER_SUCCESS
-from gsbridge.report.tables.result_paths import Cell
+from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.report.tables.rows import read_rows
 from gsbridge.report.tables.success import MIRROR, POSE_TITLES, Counts, cell_title, pose_sets_in, read_counts, worlds_in
 from gsbridge.report.tables.success_rows import COLUMNS, ROBOT, STRICT_WORLD, cell_order
@@ -60,7 +60,7 @@ def write_success_figure(rows_csv: Sequence[str | Path], out: str | Path) -> Non
     plt.close(figure)
 
 
-def _draw(axis: Axes, cells: Sequence[Cell], counts: Counts, pose_set: str) -> None:
+def _draw(axis: Axes, cells: Sequence[CellPaths], counts: Counts, pose_set: str) -> None:
     """Fill the panel of one set of start poses."""
     worlds = worlds_in(counts)
     for index, world in enumerate(worlds):

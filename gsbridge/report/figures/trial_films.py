@@ -15,7 +15,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.geometry import Array
 from gsbridge.report.figures.paired_trials import STEP_S, Start, TrialFiles, Tried, cell_name, failures_first, read_starts
-from gsbridge.report.tables.result_paths import Cell
+from gsbridge.report.tables.result_paths import CellPaths
 
 MOST_FAILURES = 4
 EVERY = 2
@@ -32,7 +32,7 @@ PAPER, INK, SOFT = (251, 252, 253), (29, 39, 51), (91, 107, 123)
 RUNNING, WON, LOST = (203, 211, 219), (44, 122, 75), (190, 44, 52)
 
 
-def write_trial_film(cell: Cell, files: Sequence[TrialFiles], out: str | Path) -> None:
+def write_trial_film(cell: CellPaths, files: Sequence[TrialFiles], out: str | Path) -> None:
     """Write the film of one policy: failures first, then a success of each quadrant.
 
     Args:
@@ -145,7 +145,7 @@ def _write_caption(draw: ImageDraw.ImageDraw, start: Start, left: int, top: int)
         draw.text(at, text, fill=WON if success else LOST, font=_font(12))
 
 
-def _rates(starts: Sequence[Start], cell: Cell) -> str:
+def _rates(starts: Sequence[Start], cell: CellPaths) -> str:
     """Successes of all trials, beside how the policy was trained."""
     counts = {world: sum(start.trials[world].success for start in starts) for world in starts[0].trials}
     trained = {"gs": "splats", "mesh": "a mesh", "mesh_vertex": "a mesh with vertex colours"}.get(cell.renderer, cell.renderer)

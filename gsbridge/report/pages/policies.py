@@ -13,7 +13,7 @@ from gsbridge.report.tables import success_rows as success_table
 from gsbridge.report.tables import training as training_table
 from gsbridge.report.tables.formats import Table
 from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SCENARIOS
-from gsbridge.report.tables.result_paths import Cell
+from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.report.tables.rows import Row, read_rows
 from gsbridge.report.tables.success import (
     MIRROR,
@@ -184,14 +184,14 @@ def policy_headline(rows: PolicyRows) -> list[str]:
     return out
 
 
-def _views(rows: Sequence[Row], cells: Sequence[Cell]) -> dict[str, Overview]:
+def _views(rows: Sequence[Row], cells: Sequence[CellPaths]) -> dict[str, Overview]:
     """Overview of each world, from unseen start poses where there are some."""
     found = overviews(read_counts(rows), cells)
     chosen = found[-1].pose_set if found else ""
     return {view.world: view for view in found if view.pose_set == chosen}
 
 
-def _means(task: str, cells: Sequence[Cell], views: Mapping[str, Overview]) -> str:
+def _means(task: str, cells: Sequence[CellPaths], views: Mapping[str, Overview]) -> str:
     """Mean success in simulation and the other worlds."""
     sim = views[STRICT_WORLD]
     parts = [f"{percent(sim.mean)} of the trials succeed in simulation"]
@@ -205,7 +205,7 @@ def _means(task: str, cells: Sequence[Cell], views: Mapping[str, Overview]) -> s
     return f"{text}{beside}."
 
 
-def _drops(cells: Sequence[Cell], mirror: Overview) -> list[str]:
+def _drops(cells: Sequence[CellPaths], mirror: Overview) -> list[str]:
     """Mean relative drops to the mirror."""
     drop, count = mirror.drop()
     if drop is None:
@@ -226,7 +226,7 @@ def _falls(drop: float) -> str:
     return f"{'drops' if drop >= 0 else 'rises'} by {percent(abs(drop))}"
 
 
-def _cells(cells: Sequence[Cell]) -> str:
+def _cells(cells: Sequence[CellPaths]) -> str:
     """`8 cells`, or the one there is by its name."""
     return cell_title(cells[0]) if len(cells) == 1 else f"{len(cells)} cells"
 

@@ -13,7 +13,7 @@ from gsbridge.asset.bundle import read_asset
 from gsbridge.geometry import Array
 from gsbridge.report.figures.paired_trials import SIM, STEP_S, Start, TrialFiles, Tried, cell_name, failures_first, read_starts
 from gsbridge.report.recordings.recording import log_centres, log_scene_axes, recording
-from gsbridge.report.tables.result_paths import Cell
+from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.tasks.episode import FORCES
 
 ACTIONS = ("x", "y", "z", "turn", "opening")
@@ -33,7 +33,9 @@ EYE_M, TARGET_M = (0.55, -0.35, 0.50), (0.0, 0.26, 0.08)
 """Points where the viewer first stands and looks at; table frame, m. Objects start round x = 0, y = 0.265."""
 
 
-def record_trials(cell: Cell, files: Sequence[TrialFiles], item: str | Path, background: str | Path, out: str | Path) -> None:
+def record_trials(
+    cell: CellPaths, files: Sequence[TrialFiles], item: str | Path, background: str | Path, out: str | Path
+) -> None:
     """Record all trials of one policy on the timelines `time` (s, one trial after the other) and `trial` (its number).
 
     Entities, for each world: `{world}/table/object` (transform) with `/centres`, `{world}/table/background/centres`,
@@ -219,7 +221,7 @@ def _outcome(start: Start, number: int) -> str:
     return "\n".join(lines)
 
 
-def _list(cell: Cell, starts: Sequence[Start], begins: Array) -> str:
+def _list(cell: CellPaths, starts: Sequence[Start], begins: Array) -> str:
     """All trials, Markdown."""
     worlds = list(starts[0].trials)
     wins = [f"{_title(world)} {sum(start.trials[world].success for start in starts)}" for world in worlds]

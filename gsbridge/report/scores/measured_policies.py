@@ -19,7 +19,7 @@ from gsbridge.report.scores.score import Figure, over_scenes, single, success_ra
 from gsbridge.report.tables import success_rows as success_table
 from gsbridge.report.tables import training as training_table
 from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SCENARIOS, PAPER_SUCCESS
-from gsbridge.report.tables.result_paths import Cell
+from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.report.tables.rows import Row, read_rows
 from gsbridge.report.tables.success import Counts, Overview, overviews, read_counts, standard_cells
 from gsbridge.report.tables.success_rows import STRICT_WORLD, cell_in
@@ -38,7 +38,7 @@ CORES = 2
 """Wall times count on so many cores at most."""
 
 
-def _name(cell: Cell) -> str:
+def _name(cell: CellPaths) -> str:
     return f"{cell.object}+{cell.background}"
 
 
@@ -56,7 +56,7 @@ def mean_figure(view: Overview, counts: Counts, where: str) -> Figure:
     return {**figure, **interval, **_counted(list(view.rates), counts, view)}
 
 
-def drop_figure(view: Overview, counts: Counts, cells: Sequence[Cell], where: str) -> Figure | None:
+def drop_figure(view: Overview, counts: Counts, cells: Sequence[CellPaths], where: str) -> Figure | None:
     """Mean relative drop of cells from simulation to a world, percent; None where no cell has one.
 
     Args:
@@ -72,7 +72,7 @@ def drop_figure(view: Overview, counts: Counts, cells: Sequence[Cell], where: st
     return {**over_scenes(drops, statistics.fmean, where), **_counted(list(found), counts, view)}
 
 
-def _counted(cells: Sequence[Cell], counts: Counts, view: Overview) -> dict[str, int]:
+def _counted(cells: Sequence[CellPaths], counts: Counts, view: Overview) -> dict[str, int]:
     """How much is behind a figure."""
     found = [counts[cell, view.world, view.pose_set] for cell in cells]
     sim = [counts[cell, STRICT_WORLD, view.pose_set] for cell in cells if (cell, STRICT_WORLD, view.pose_set) in counts]

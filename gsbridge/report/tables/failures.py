@@ -11,7 +11,7 @@ import numpy as np
 from gsbridge.report.tables.formats import Table
 from gsbridge.report.tables.rows import Row, write_rows
 from gsbridge.report.tables.success import RENDERER_TITLES, cell_title
-from gsbridge.report.tables.success_rows import CELL_COLUMNS, TrialFile, cell_in, read_trial_files, row_order
+from gsbridge.report.tables.success_rows import CELL_COLUMNS, ReadTrials, cell_in, read_trial_files, row_order
 from gsbridge.tasks.outcome import Failure
 from gsbridge.tasks.poses import POSE_SETS, QUADRANTS
 
@@ -24,7 +24,7 @@ ORDER = (*Failure, UNKNOWN)
 QUADRANT_TITLES = ("far right", "far left", "near right", "near left")
 
 
-def failure_rows(files: Sequence[TrialFile]) -> list[dict[str, Any]]:
+def failure_rows(files: Sequence[ReadTrials]) -> list[dict[str, Any]]:
     """One row per outcome that occurred, all seeds together."""
     counts: dict[tuple[Any, ...], Any] = {}
     for file in files:

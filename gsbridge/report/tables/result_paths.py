@@ -42,7 +42,7 @@ def is_main_run(path: str | Path) -> bool:
 
 
 @dataclass(frozen=True)
-class Cell:
+class CellPaths:
     """Task, scenes and way of training of a policy: one point of the experiment, without its seed.
 
     Args:
@@ -59,7 +59,7 @@ class Cell:
     variant: str = "default"
 
 
-def cell_of(path: str | Path, folder: str) -> tuple[Cell, tuple[str, ...]]:
+def cell_of(path: str | Path, folder: str) -> tuple[CellPaths, tuple[str, ...]]:
     """Cell that a file below `{folder}/{task}/{object}+{background}/{renderer}/{variant}/` belongs to.
 
     Args:
@@ -79,7 +79,7 @@ def cell_of(path: str | Path, folder: str) -> tuple[Cell, tuple[str, ...]]:
         rule = f"{folder}/<task>/<object>+<background>/<renderer>/<variant>/"
         raise InputError(path, "the cell cannot be told from this path", f"Keep the file below {rule}")
     item, _, background = pair.partition("+")
-    return Cell(task, item, background, renderer, variant), parts[found[-1] + 5 :]
+    return CellPaths(task, item, background, renderer, variant), parts[found[-1] + 5 :]
 
 
 def seed_of(name: str, path: str | Path) -> int:

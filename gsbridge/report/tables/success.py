@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from gsbridge.report.tables.formats import Table
 from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SCENARIOS, PAPER_SUCCESS, PAPER_SUCCESS_NOTE
-from gsbridge.report.tables.result_paths import Cell
+from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.report.tables.rows import Row
 from gsbridge.report.tables.statistics import (
     fisher_p,
@@ -42,7 +42,7 @@ class Count:
         return wilson_interval(self.successes, self.trials)
 
 
-Counts = dict[tuple[Cell, str, str], Count]
+Counts = dict[tuple[CellPaths, str, str], Count]
 """Trials and successes by cell, world and set of start poses."""
 
 
@@ -65,7 +65,7 @@ def pose_sets_in(counts: Counts) -> list[str]:
     return [pose_set for pose_set in POSE_SETS if pose_set in found]
 
 
-def change(counts: Counts, cell: Cell, world: str, pose_set: str) -> float | None:
+def change(counts: Counts, cell: CellPaths, world: str, pose_set: str) -> float | None:
     """Relative change of a cell from simulation to another world; None where it is not known.
 
     Args:
@@ -76,7 +76,7 @@ def change(counts: Counts, cell: Cell, world: str, pose_set: str) -> float | Non
     return None if sim is None or real is None else relative_change(sim.rate, real.rate)
 
 
-def p_of_change(counts: Counts, cell: Cell, world: str, pose_set: str) -> float | None:
+def p_of_change(counts: Counts, cell: CellPaths, world: str, pose_set: str) -> float | None:
     """Fisher's p of the change of a cell from simulation to another world; None where it is not known.
 
     Args:
@@ -103,9 +103,9 @@ class Overview:
 
     world: str
     pose_set: str
-    rates: Mapping[Cell, float]
+    rates: Mapping[CellPaths, float]
     total: Count
-    changes: Mapping[Cell, float]
+    changes: Mapping[CellPaths, float]
     correlation: float | None
     violation: float | None
 
@@ -114,13 +114,13 @@ class Overview:
         """Mean success over the cells, each counting the same."""
         return statistics.fmean(self.rates.values())
 
-    def drop(self, cells: Sequence[Cell] | None = None) -> tuple[float | None, int]:
+    def drop(self, cells: Sequence[CellPaths] | None = None) -> tuple[float | None, int]:
         """Mean relative drop over cells (None: all), and the number of those that it is taken over."""
         found = [value for cell, value in self.changes.items() if cells is None or cell in cells]
         return mean_relative_drop(found), len(found)
 
 
-def overviews(counts: Counts, cells: Sequence[Cell]) -> list[Overview]:
+def overviews(counts: Counts, cells: Sequence[CellPaths]) -> list[Overview]:
     """One overview per set of poses and world, over those of the cells that were tried there."""
     out = []
     for pose_set in pose_sets_in(counts):
@@ -151,7 +151,7 @@ def overviews(counts: Counts, cells: Sequence[Cell]) -> list[Overview]:
     return out
 
 
-def standard_cells(rows: Sequence[Row], task: str, renderer: str = "gs") -> list[Cell]:
+def standard_cells(rows: Sequence[Row], task: str, renderer: str = "gs") -> list[CellPaths]:
     """Cells of a task that were trained the paper's way on one renderer's pictures, in the rows' order.
 
     Args:
@@ -162,19 +162,19 @@ def standard_cells(rows: Sequence[Row], task: str, renderer: str = "gs") -> list
     return [cell for cell in cells if (cell.task, cell.renderer, cell.variant) == (task, renderer, "default")]
 
 
-def paper_mean(cells: Sequence[Cell], world: str) -> float | None:
+def paper_mean(cells: Sequence[CellPaths], world: str) -> float | None:
     """Mean of the paper's success rates over cells, if it has them all; 0..1."""
     known = [PAPER_SUCCESS[cell].rate(world) for cell in cells if cell in PAPER_SUCCESS]
     return statistics.fmean(known) if known and len(known) == len(cells) else None
 
 
-def paper_change(cell: Cell) -> float | None:
+def paper_change(cell: CellPaths) -> float | None:
     """The paper's relative change of a cell, from its simulation to its robot."""
     paper = PAPER_SUCCESS.get(cell)
     return None if paper is None else relative_change(paper.rate(STRICT_WORLD), paper.rate(ROBOT))
 
 
-def paper_drop(cells: Sequence[Cell] = PAPER_SCENARIOS) -> float | None:
+def paper_drop(cells: Sequence[CellPaths] = PAPER_SCENARIOS) -> float | None:
     """The paper's mean relative drop over cells, if it has them all."""
     return mean_relative_drop([paper_change(cell) for cell in cells])
 
@@ -231,7 +231,7 @@ def p_text(value: float | None) -> str:
     return f"{value:.2f}" if value >= 0.095 else f"{value:.3f}" if value >= 0.001 else f"{value:.0e}"
 
 
-def cell_title(cell: Cell) -> str:
+def cell_title(cell: CellPaths) -> str:
     """`cake on foam pad`, with the variant where it is not the paper's."""
     text = f"{cell.object} on {cell.background}".replace("_", " ")
     return text if cell.variant == "default" else f"{text} ({cell.variant})"
@@ -279,9 +279,9 @@ def success_table(
     return Table(title, tuple(columns), tuple(body), status=tuple(status[cell] for cell in cells))
 
 
-def _status(rows: Sequence[Row]) -> dict[Cell, str]:
+def _status(rows: Sequence[Row]) -> dict[CellPaths, str]:
     """Worst status of each cell's rows."""
-    out: dict[Cell, str] = {}
+    out: dict[CellPaths, str] = {}
     for row in rows:
         cell = cell_in(row)
         out[cell] = "degraded" if "degraded" in (row["status"], out.get(cell)) else row["status"]

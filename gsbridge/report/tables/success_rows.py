@@ -15,7 +15,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.geometry import Array
 from gsbridge.report.tables.paper import PAPER_SUCCESS
-from gsbridge.report.tables.result_paths import Cell, cell_of, seed_of
+from gsbridge.report.tables.result_paths import CellPaths, cell_of, seed_of
 from gsbridge.report.tables.rows import Row, read_rows, write_rows
 from gsbridge.report.tables.stages import degraded_reasons, read_records
 from gsbridge.report.tables.statistics import fisher_p, relative_change
@@ -154,7 +154,7 @@ ROBOT = "robot"
 
 
 @dataclass(frozen=True)
-class TrialFile:
+class ReadTrials:
     """Trials of one policy in one world.
 
     Args:
@@ -165,7 +165,7 @@ class TrialFile:
         reasons: Why the trials, or the policy, are no clean pass.
     """
 
-    cell: Cell
+    cell: CellPaths
     world: str
     seed: int
     trials: Trials
@@ -178,7 +178,7 @@ def read_trial_files(
     robot: Mapping[str, str | Path] | None = None,
     policies: Sequence[str | Path] = (),
     records: Sequence[str | Path] = (),
-) -> list[TrialFile]:
+) -> list[ReadTrials]:
     """Read trials and what is known to be wrong with them.
 
     Args:
@@ -205,13 +205,13 @@ def read_trial_files(
         # A record of trials repeats why its policy is degraded.
         repeated = {reason.replace("training: ", "trials: policy: ", 1) for reason in own}
         reasons = (*own, *(reason for reason in _reasons(path.with_suffix(".json"), "trials") if reason not in repeated))
-        out.append(TrialFile(cell, rest[0], seed, read_trials(path), (*_scene_reasons(cell, before), *reasons)))
+        out.append(ReadTrials(cell, rest[0], seed, read_trials(path), (*_scene_reasons(cell, before), *reasons)))
     for name, path in (robot or {}).items():
         cell, _ = cell_of(Path("trials", name, ROBOT, "seed0.csv"), "trials")
         every = [doubts for (other, _), doubts in trained.items() if other == cell]
         # Which seed drove the robot is not written down: a reservation about one is a reservation about the trials.
         reasons = tuple(dict.fromkeys(reason for doubts in every for reason in doubts))
-        out.append(TrialFile(cell, ROBOT, 0, read_trials(path), (*_scene_reasons(cell, before), *reasons)))
+        out.append(ReadTrials(cell, ROBOT, 0, read_trials(path), (*_scene_reasons(cell, before), *reasons)))
     return out
 
 
@@ -223,18 +223,18 @@ def _reasons(path: str | Path, stage: str) -> tuple[str, ...]:
     return tuple(f"{stage}: {reason}" for reason in record.get("reasons") or ["no reason is written down"])
 
 
-def _scene_reasons(cell: Cell, before: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+def _scene_reasons(cell: CellPaths, before: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
     """What is wrong with a cell's two scenes."""
     return tuple(f"{scene}: {reason}" for scene in (cell.object, cell.background) for reason in before.get(scene, ()))
 
 
-def success_rows(files: Sequence[TrialFile]) -> list[dict[str, Any]]:
+def success_rows(files: Sequence[ReadTrials]) -> list[dict[str, Any]]:
     """Rows of a success table; seeds of a training pool their trials.
 
     Raises:
         InputError: A seed stands twice in a cell and world.
     """
-    groups: dict[tuple[Cell, str], list[TrialFile]] = {}
+    groups: dict[tuple[CellPaths, str], list[ReadTrials]] = {}
     for file in files:
         group = groups.setdefault((file.cell, file.world), [])
         if any(other.seed == file.seed for other in group):
@@ -272,7 +272,7 @@ def success_rows(files: Sequence[TrialFile]) -> list[dict[str, Any]]:
     return sorted(rows, key=row_order)
 
 
-def _count(group: Sequence[TrialFile], world: str, pose_set: str) -> dict[str, int]:
+def _count(group: Sequence[ReadTrials], world: str, pose_set: str) -> dict[str, int]:
     """Trials and successes of all seeds in one set of poses."""
     found = [trials for file in group if len(trials := file.trials.of(pose_set))]
 
@@ -293,7 +293,7 @@ def _p(value: float) -> str:
     return f"{value:.4g}"
 
 
-def _name(cell: Cell) -> str:
+def _name(cell: CellPaths) -> str:
     """A cell as in paths."""
     return f"{cell.task}/{cell.object}+{cell.background}/{cell.renderer}/{cell.variant}"
 
@@ -302,7 +302,7 @@ def row_order(row: Mapping[str, Any]) -> tuple[Any, ...]:
     """Sort key of rows with the columns of a cell: the paper's order; simulation, mirrors, robot; fixed poses first."""
     world = row.get("world", "")
     return (
-        *cell_order(Cell(*(row[name] for name in CELL_COLUMNS))),
+        *cell_order(CellPaths(*(row[name] for name in CELL_COLUMNS))),
         world != STRICT_WORLD,
         world == ROBOT,
         world,
@@ -310,10 +310,10 @@ def row_order(row: Mapping[str, Any]) -> tuple[Any, ...]:
     )
 
 
-def cell_order(cell: Cell) -> tuple[Any, ...]:
+def cell_order(cell: CellPaths) -> tuple[Any, ...]:
     """Sort key of cells: the paper's first and in its order, then by name; RL-sim behind the splats of the same cell."""
     known = list(PAPER_SUCCESS)
-    place = Cell(cell.task, cell.object, cell.background)
+    place = CellPaths(cell.task, cell.object, cell.background)
     return (
         _index(TASKS, cell.task),
         _index(known, place),
@@ -341,11 +341,11 @@ def write_success_rows(out_csv: str | Path, paths: Sequence[str | Path], **more:
     write_rows(out_csv, COLUMNS, success_rows(read_trial_files(paths, **more)))
 
 
-def cell_in(row: Mapping[str, str]) -> Cell:
+def cell_in(row: Mapping[str, str]) -> CellPaths:
     """The cell of a row."""
-    return Cell(*(row[name] for name in CELL_COLUMNS))
+    return CellPaths(*(row[name] for name in CELL_COLUMNS))
 
 
-def cells_in(rows: Iterable[Mapping[str, str]]) -> list[Cell]:
+def cells_in(rows: Iterable[Mapping[str, str]]) -> list[CellPaths]:
     """The cells of rows, each once, in their order."""
     return list(dict.fromkeys(map(cell_in, rows)))

@@ -16,7 +16,7 @@ from gsbridge.geometry import Array
 
 
 @dataclass(frozen=True)
-class Frame:
+class CameraFrame:
     """A photo's camera, time, depths and pose, which steps on its light may use.
 
     Args:
@@ -45,7 +45,7 @@ class Frame:
         return (rays - self.cam_from_world[:3, 3]) @ self.cam_from_world[:3, :3]
 
 
-Step = Callable[[Array, Frame], Array]
+Step = Callable[[Array, CameraFrame], Array]
 """Takes linear light of a photo and gives it back changed. [H, W, 3] float32."""
 
 SURFACE, LENS, GAIN, COLOUR = range(4)
