@@ -95,9 +95,9 @@ def test_meshing_matches_the_volume_of_a_cut_sphere():
     assert np.einsum("ij,ij->i", radial, normals[upper]).min() > 0.95
 
 
-@pytest.mark.parametrize(("name", "thinnest", "thickest"), [("mug", 3.5, 8.0), ("bowl", 3.5, 12.0), ("pot", 3.5, 8.0)])
+@pytest.mark.parametrize(("name", "thinnest", "thickest"), [("mug", 3.5, 8.0), ("bowl", 3.5, 12.0), ("pot", 3.5, 12.0)])
 def test_walls_of_vessels_are_thin_and_closed(name, thinnest, thickest):
-    """Rays from the axis outwards cross one wall, at all heights above the bottom."""
+    """Rays from the axis outwards cross one wall, at all heights above the bottom; sloping walls and collars are thicker."""
     mesh, _ = make_object(name, 1, detail=2.0)
     open3d = import_open3d()
     scene = open3d.t.geometry.RaycastingScene(nthreads=1)
