@@ -125,7 +125,18 @@ def edges():
     files = {name: digests.module_file(name) for name in MODULES}
     files |= {f"scripts.{name}": ROOT / "scripts" / f"{name}.py" for name in SCRIPTS}
     files |= {f"benchmarks.{name}": ROOT / "benchmarks" / f"{name}.py" for name in PROGRAMS}
-    return {name: imports_of(compile(path.read_text(encoding="utf-8"), name, "exec")) for name, path in files.items()}
+    found = {name: imports_of(compile(path.read_text(encoding="utf-8"), name, "exec")) for name, path in files.items()}
+    # What the root package offers to other programs, it loads when it is asked; nothing of ours asks, as the next test says.
+    return {**found, "gsbridge": set()}
+
+
+def test_code_of_ours_imports_names_from_the_modules_that_define_them():
+    """Through the names that the root package offers to other programs, an import would not show what it reaches."""
+    for path in (path for folder in digests.FOLLOWED for path in (ROOT / folder).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module == "gsbridge":
+                names = {alias.name for alias in node.names} - {"__version__"}
+                assert all(digests.module_file(f"gsbridge.{name}") for name in names), path
 
 
 def test_every_edit_of_the_library_changes_exactly_the_rules_that_reach_it(edges, monkeypatch):
@@ -194,8 +205,8 @@ def test_nothing_is_read_or_imported_by_a_way_that_imports_do_not_show():
     """Data of the library lies in its packages' folders, and modules of ours are imported by statements."""
     # To find the checkout, and to name the file of a line in a log.
     places = {"gsbridge/digests.py", "gsbridge/logs.py"}
-    # Optional packages of others, and a user's own driver.
-    imports = {"gsbridge/policy/driver.py", "gsbridge/gap/formats/mcap.py", "gsbridge/masks/sam2.py"}
+    # Names for other programs, optional packages of others, and a user's own driver.
+    imports = {"gsbridge/__init__.py", "gsbridge/policy/driver.py", "gsbridge/gap/formats/mcap.py", "gsbridge/masks/sam2.py"}
     for path in ROOT.glob("gsbridge/**/*.py"):
         name, text = str(path.relative_to(ROOT)), path.read_text(encoding="utf-8")
         assert not re.search(r"(?<!Path\()__file__|__file__\)(?!\.parent\b(?!\.parent))", text) or name in places, name
