@@ -69,7 +69,10 @@ OWN_CASE = config["gap_case"]
 GAP_CASES = {**GAP["cases"], **({case_name(OWN_CASE): OWN_CASE} if OWN_CASE else {})}
 GAP_BANK = "results/.state/gap_bank"
 BENCHMARK = BenchmarkPlan(PLAN)
-SCENE_THREADS = scene_threads(workflow.cores, sys.argv[1:], PLAN.scenes)
+# On a cluster nobody says how many cores there are, and `workflow.cores` would be refused.
+SCENE_THREADS = scene_threads(
+    workflow.resource_settings.cores, sys.argv[1:], PLAN.scenes
+)
 
 if workflow.is_main_process:
     # Its jobs see other targets than a person named, and must not share out the cores anew.

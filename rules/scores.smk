@@ -119,7 +119,7 @@ rule score_real2sim:
 rule score_shapes:
     input:
         floors=project_file("benchmarks/floors.yaml"),
-        scenes=collect("results/scores/scenes/{scene}.json", scene=config["shapes"]),
+        scenes=collect("results/scores/scenes/{scene}.json", scene=PLAN.shapes),
     output:
         measured="results/scores/measured/shapes.json",
         scores="results/scores/shapes.json",
@@ -136,7 +136,7 @@ rule score_shapes:
         code=script_digest("score_shapes"),
         behind=provenance("shapes", config),
         preset=config["preset"],
-        takes=[name for name in config["shapes"] if config["scenes"][name]["take"]],
+        takes=[name for name in PLAN.shapes if config["scenes"][name]["take"]],
     message:
         "Compare hollow, wide-footed, see-through and plain things with the floors"
     script:

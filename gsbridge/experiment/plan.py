@@ -111,6 +111,11 @@ class Experiment:
         return [name for name, label in self.labels.items() if label["origin"] == origin]
 
     @property
+    def shapes(self) -> list[str]:
+        """Scenes of the area `shapes` whose truth the mirror knows: one that was given a capture of its own has none."""
+        return [name for name in self.config["shapes"] if "film" in self.config["scenes"][name]["source"]]
+
+    @property
     def edited(self) -> str:
         """Object of the figure of non-rigid edits: the configured one, or the first that runs here."""
         objects = self.scenes_of("object") or self.named("object")

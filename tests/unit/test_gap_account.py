@@ -241,8 +241,8 @@ def test_spreads_hold_errors_that_last(axis):
         again = fit(both, [candidate], [dict(found.values[0])], known=known)
         assert again.values[0]["time"] == pytest.approx(found.values[0]["time"], abs=0.1 * float(found.deviations[0]))
         plain = 1.0 / np.linalg.norm(known)
-        wide.append(float(spread_of(both, found)[0]) / plain)
-        assert abs(found.values[0]["time"] - 0.02) < 4.0 * float(spread_of(both, found)[0])
+        wide.append(float(spread_of(both, found.effects, known)[0]) / plain)
+        assert abs(found.values[0]["time"] - 0.02) < 4.0 * float(spread_of(both, found.effects, known)[0])
     assert 0.99 < wide[0] < 1.6
     assert wide[1] > 2.0 * wide[0]
 

@@ -4,20 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.results import LIKELY, NAMED, ONE_OF, AccountEntry, Finding, GapAccount, Hypothesis
+from gsbridge.gap.joints.pooled import PooledResiduals
 from gsbridge.gap.joints.residual_map import map_residuals
 from gsbridge.gap.joints.residuals import JointResiduals
-from gsbridge.gap.joints.widening import Widening
 
 _RIVALS = 6
-"""Of an entry, at most."""
+"""Largest number of effects that are told as what could stand in an entry's place."""
 
 
-def account_of(search: Widening, finding: Finding, whole: Hypothesis, third: JointResiduals) -> GapAccount:
+class Search(Protocol):
+    """What an account asks of what grew the explanation."""
+
+    @property
+    def both(self) -> PooledResiduals:
+        """Residuals on the records `fit` and `select`."""
+
+    def instead(self, whole: Hypothesis, k: int) -> tuple[str, ...]:
+        """Names of the effects that explain as much in the place of the effect number `k`."""
+
+
+def account_of(search: Search, finding: Finding, whole: Hypothesis, third: JointResiduals) -> GapAccount:
     """Take account of a gap.
 
     Args:
@@ -52,7 +64,7 @@ def _size(view: JointResiduals, effects: Sequence[Applied]) -> float:
     return float(np.sqrt(max((view.residual(tuple(effects)) ** 2).sum() / view.freedom - 1.0, 0.0)))
 
 
-def _order(search: Widening, whole: Hypothesis) -> list[int]:
+def _order(search: Search, whole: Hypothesis) -> list[int]:
     """Places of the effects in the order in which they explain `fit` and `select`, each beside those before it."""
     effects, out = whole.fit.effects, list[int]()
     while len(out) < len(effects) - 1:
@@ -62,7 +74,7 @@ def _order(search: Widening, whole: Hypothesis) -> list[int]:
     return [*out, *(k for k in range(len(effects)) if k not in out)]
 
 
-def _standing(search: Widening, finding: Finding, whole: Hypothesis, k: int) -> tuple[str, tuple[str, ...]]:
+def _standing(search: Search, finding: Finding, whole: Hypothesis, k: int) -> tuple[str, tuple[str, ...]]:
     """How sure an entry is, and what else could stand in its place."""
     proven = finding.best is not None and whole.fit.who[k] in finding.best.fit.who
     if proven and finding.verdict == "named":

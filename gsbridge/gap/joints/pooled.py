@@ -8,8 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gsbridge.effects.registry import Applied
-from gsbridge.gap.diagnosis.results import EffectFit
-from gsbridge.gap.joints.fit import derivatives
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
@@ -81,7 +79,7 @@ _MOMENTS = 25
 """Parts of each record that are taken for independent of each other."""
 
 
-def spread_of(both: PooledResiduals, fitted: EffectFit) -> Array:
+def spread_of(both: PooledResiduals, effects: Sequence[Applied], jacobian: Array) -> Array:
     """Standard deviations of a fit's parameters, from how much the residuals of parts of the records pull them apart. [P].
 
     Where a model errs, residuals are of one sign for long, and of another size where it moves otherwise: their curvature alone
@@ -89,11 +87,12 @@ def spread_of(both: PooledResiduals, fitted: EffectFit) -> Array:
 
     Args:
         both: The records that it was fitted to.
-        fitted: The fit.
+        effects: What was fitted, with its parameters.
+        jacobian: Derivatives of the residuals by these parameters. [sum of T C, P].
 
     Source: White, Econometrica 50, 1982; in blocks of time after Newey and West, Econometrica 55, 1987.
     """
-    jacobian, residual = derivatives(both, fitted), both.residual(fitted.effects)
+    residual = both.residual(effects)
     scale = 1.0 / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
     curvature = np.linalg.pinv((jacobian * scale).T @ (jacobian * scale), rcond=1e-10)
     pulls = jacobian * scale * residual[:, None]

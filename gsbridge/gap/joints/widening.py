@@ -134,13 +134,13 @@ class Widening:
             best = grown
         if best is nothing or best is finding.best:
             return self._as_told(finding.best, finding)
-        return replace(best, fit=replace(best.fit, deviations=spread_of(self.both, best.fit)))
+        return replace(best, fit=replace(best.fit, deviations=_spread(self.both, best.fit)))
 
     def _as_told(self, best: Hypothesis, finding: Finding) -> Hypothesis:
         """What was found, with deviations as its own intervals have them, or wider where the model errs."""
         deviations = max(1.0, finding.after) * best.fit.deviations
         if finding.something_remains and best.fit.converged:
-            deviations = np.maximum(deviations, spread_of(PooledResiduals((self.first,)), best.fit))
+            deviations = np.maximum(deviations, _spread(PooledResiduals((self.first,)), best.fit))
         return replace(best, fit=replace(best.fit, deviations=deviations))
 
     def instead(self, whole: Hypothesis, k: int) -> tuple[str, ...]:
@@ -278,3 +278,8 @@ def _plainest_first(found: list[tuple[float, Look]]) -> list[tuple[float, Look]]
     ]
     head = min(plain, key=lambda item: order(item[1]), default=found[0])
     return [head, *(item for item in found if item is not head)]
+
+
+def _spread(both: PooledResiduals, fitted: EffectFit) -> Array:
+    """Standard deviations of a fit's parameters that know of model errors. [P]."""
+    return spread_of(both, fitted.effects, derivatives(both, fitted))
