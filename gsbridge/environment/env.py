@@ -34,7 +34,7 @@ from gsbridge.geometry import Array
 from gsbridge.robot.limits import Workspace
 from gsbridge.sim.actions import SIZE, ToolTarget
 from gsbridge.sim.camera import respond
-from gsbridge.sim.model import CameraModel as Response
+from gsbridge.sim.model import CameraModel
 from gsbridge.tasks import grasp, place
 from gsbridge.tasks.outcome import Outcome, Progress
 from gsbridge.tasks.poses import POSE_SETS, StartRegion, pose_set
@@ -65,7 +65,7 @@ class DrawnEye:
         lens: What the model's effects change; None for none.
     """
 
-    def __init__(self, renderer: Renderer, response: Response | None = None, lens: WristLens | None = None) -> None:
+    def __init__(self, renderer: Renderer, response: CameraModel | None = None, lens: WristLens | None = None) -> None:
         self.renderer, self.response, self.lens, self.size = renderer, response, lens, renderer.camera.width
         self._rng = np.random.default_rng(0)
 
@@ -126,7 +126,7 @@ class PickEnvironment(gymnasium.Env):
         *,
         stroke: float = 0.14,
         workspace: Workspace | None = None,
-        response: Response | None = None,
+        response: CameraModel | None = None,
         lens: WristLens | None = None,
     ) -> None:
         self.world, self.settings = world, settings
@@ -302,7 +302,7 @@ def state_of(info: Mapping[str, Any]) -> State:
     return State(**values)
 
 
-def _eye(world: World, renderer: Renderer | None, response: Response | None, lens: WristLens | None, size: int) -> Eye:
+def _eye(world: World, renderer: Renderer | None, response: CameraModel | None, lens: WristLens | None, size: int) -> Eye:
     """The eye that a world is seen with."""
     if renderer is None:
         if not hasattr(world, "image"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from robot_fixture import robot
 
-from gsbridge.cameras import CameraModel
+from gsbridge.cameras import Camera
 from gsbridge.environment.photometry import calibrate_wrist_camera, fit_response, read_photometry
 from gsbridge.environment.robot_splats import link_meshes
 from gsbridge.errors import InputError
@@ -19,12 +19,12 @@ from gsbridge.robot.nominal import base_from_table, flange_from_camera
 from gsbridge.robot.reach import tool_down
 from gsbridge.scene.meshes import MeshComposition
 from gsbridge.sim.camera import CameraResponse, respond
-from gsbridge.sim.model import CameraModel as ModelCamera
+from gsbridge.sim.model import CameraModel
 from gsbridge.splats.cloud import Cloud
 from gsbridge.splats.ply import write_ply
 
 TRUE = CameraResponse(gain=0.8, red_gain=1.15, blue_gain=0.9, gamma=1.1, black_level=0.02)
-NEUTRAL = ModelCamera(1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
+NEUTRAL = CameraModel(1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0)
 
 
 def test_fit_finds_the_response_through_shadows_and_noise():
@@ -48,7 +48,7 @@ def test_the_models_camera_does_the_same():
     image = np.random.default_rng(2).integers(0, 256, (20, 20, 3), dtype=np.uint8)
     drawn = respond(image, TRUE.after(NEUTRAL), np.random.default_rng(0))
     np.testing.assert_allclose(drawn / 255.0, np.clip(TRUE.apply(image / 255.0), 0, 1), atol=0.003)
-    brighter = TRUE.after(ModelCamera(2.0, 1.0, 1.0, 1.0, 0.1, 0.0, 0.05))
+    brighter = TRUE.after(CameraModel(2.0, 1.0, 1.0, 1.0, 0.1, 0.0, 0.05))
     assert (brighter.gain, brighter.black_level, brighter.read_noise) == pytest.approx((1.6, 0.12, 0.05))
 
 
@@ -75,7 +75,7 @@ def table(folder):
 def photographs(folder, cloud, colours):
     """A board capture: the closed hand over the table, the camera's response applied. Drawn by another renderer."""
     kinematics = Kinematics.read(robot().urdf, robot().record["rest_posture"])
-    camera = CameraModel(320, 240, 300.0, 300.0, 160.0, 120.0)
+    camera = Camera(320, 240, 300.0, 300.0, 160.0, 120.0)
     # The table as a fine mesh with a colour per square, so that the photos do not come from the splats' own renderer.
     square = 0.005
     corners = cloud.means[:, None] + 0.5 * square * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])

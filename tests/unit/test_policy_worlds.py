@@ -23,7 +23,7 @@ from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.layout import true_base_from_table
 from gsbridge.registration.result import Registration
 from gsbridge.robot import nominal
-from gsbridge.sim.model import CameraModel as Response
+from gsbridge.sim.model import CameraModel
 
 SETTINGS = EnvironmentSettings(image_size=64, hold_steps=3)
 EDGE = 0.058
@@ -47,7 +47,7 @@ def registered(base_from_table):
 
 def test_the_same_episode_as_in_the_environment():
     """A grasp with contact, noise of the sensor, and the trial's own seed: as `gsbridge.environment.trials` runs it."""
-    response = Response(1.1, 1.0, 0.9, 1.0, 0.0, 0.0, 0.02)
+    response = CameraModel(1.1, 1.0, 0.9, 1.0, 0.0, 0.0, 0.02)
     env = PickEnvironment(world(), SETTINGS, PlaceRenderer(), response=response)
     controller = GraspController(Grip((0.0, 0.0, 0.043), (0.0, np.pi / 2), EDGE, EDGE), SETTINGS.action_scale())
     observation, info = env.reset(seed=9, options={"pose_set": "fixed", "index": 9})
