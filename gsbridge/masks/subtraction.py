@@ -35,6 +35,9 @@ _LEAST_DIFFERENCE = 0.045
 """And from this difference on, 0..1 sRGB, lest sensor noise and interpolation count."""
 _MISPLACED_PX = 0.5
 """Error of pose and of linear interpolation that the pattern of the table may show."""
+_LOW, _ENOUGH, _WIDER = 0.35, 20, 1.5
+"""A foot is below this share of the height; the fewest points of foot and of body; and how much larger its outline must be."""
+
 _BESIDE = 0.1
 """How far beyond its sparse points an object may touch the table, as a share of its size."""
 _RIM = 0.15
@@ -135,6 +138,18 @@ def ground_of(points: Array) -> Array:
     angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
     wider = (corners[:, None] + reach * np.stack([np.cos(angle), np.sin(angle)], axis=-1)).reshape(-1, 2)
     return np.asarray(cv2.convexHull(wider.astype(np.float32))[:, 0], dtype=np.float64)
+
+
+def stands_wide(points: Array) -> bool:
+    """Whether an object's foot is wider than what stands on it, by its sparse points. [N, 3].
+
+    Only then is the ground that no photo shows surely the object's: under what hangs over, as under a ball, it is hidden, too.
+    """
+    low = points[:, 2] < _LOW * points[:, 2].max()
+    if min(np.count_nonzero(low), np.count_nonzero(~low)) < _ENOUGH:
+        return False
+    foot, body = (cv2.contourArea(cv2.convexHull(part[:, :2].astype(np.float32))) for part in (points[low], points[~low]))
+    return bool(foot > _WIDER * body)
 
 
 def _over(ground: Array, camera: Camera, pose: Array) -> Array:
@@ -312,7 +327,7 @@ def _subtract_once(
     poses = [view.cam_from_table for view in views]
     crops, cameras, photos, parts = _cut_round_masks(views, masks, settings.crop_px, 0.25, threads)
 
-    ground = ground_of(prompt.points)
+    ground = ground_of(prompt.points) if stands_wide(prompt.points) else None
     free = [free_of(part) for part in parts]
 
     def compare(index: int) -> Evidence | None:

@@ -15,7 +15,7 @@ from gsbridge.masks import MaskSettings, flatness, grabcut, segment_object
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop, cut_out, tidy
 from gsbridge.masks.layers import Layers, median_colour, median_layer
 from gsbridge.masks.prompt import find_object, focus_point
-from gsbridge.masks.subtraction import amend, compare_with_table, ground_of, open_windows, subtract_table
+from gsbridge.masks.subtraction import amend, compare_with_table, ground_of, open_windows, stands_wide, subtract_table
 from gsbridge.photogrammetry.sparse import SparsePoints, read_points
 
 SMALL = MaskSettings(crop_px=160, hull_voxels=48, iterations=2, passes=1)
@@ -279,6 +279,19 @@ def test_the_ground_under_an_object_shows_its_foot(tmp_path):
     assert found > 0.5 * missing
     assert wrong < 0.02 * missing
     assert more < 0.05 * missing
+
+
+def test_only_a_foot_wider_than_its_body_is_told_by_the_ground():
+    rng = np.random.default_rng(0)
+    ball = rng.normal(size=(400, 3))
+    ball = 0.03 * ball / np.linalg.norm(ball, axis=1, keepdims=True) + [0.0, 0.0, 0.03]
+    plinth = np.c_[rng.uniform(-0.04, 0.04, (200, 2)), rng.uniform(0.006, 0.02, 200)]
+    neck = np.c_[rng.uniform(-0.012, 0.012, (200, 2)), rng.uniform(0.02, 0.1, 200)]
+    box = np.c_[rng.uniform(-0.03, 0.03, (400, 2)), rng.uniform(0.006, 0.08, 400)]
+    assert stands_wide(np.concatenate([plinth, neck]))
+    assert not stands_wide(ball[ball[:, 2] > 0.006])
+    assert not stands_wide(box)
+    assert not stands_wide(plinth[:10])
 
 
 def test_bumps_of_the_table_do_not_join_the_object(scene):

@@ -17,6 +17,7 @@ CONFIG = {
         "worlds": ["late"],
         "cell": {"task": "grasp", "object": "cake", "background": "foam_pad"},
         "sight": {"variants": ["bc"], "worlds": ["mirror"], "reference": "mirror", "amended": {"late": ["seen"]}},
+        "severity": {"variants": ["default"], "worlds": ["mirror"]},
     },
     "scenes": {"cake": {}, "foam_pad": {}},
     "loop": {
