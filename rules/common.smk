@@ -22,7 +22,6 @@ from gsbridge.experiment.provenance import provenance, provenances
 from gsbridge.experiment.result_dates import restore_dates
 from gsbridge.experiment.severity_study import SeverityStudy
 from gsbridge.experiment.tables import Tables
-from gsbridge.experiment.threads import VARIABLE as THREADS_VARIABLE
 from gsbridge.experiment.threads import scene_threads
 from gsbridge.gap.formats.files import (
     case_files,
@@ -69,14 +68,9 @@ OWN_CASE = config["gap_case"]
 GAP_CASES = {**GAP["cases"], **({case_name(OWN_CASE): OWN_CASE} if OWN_CASE else {})}
 GAP_BANK = "results/.state/gap_bank"
 BENCHMARK = BenchmarkPlan(PLAN)
-# On a cluster nobody says how many cores there are, and `workflow.cores` would be refused.
-SCENE_THREADS = scene_threads(
-    workflow.resource_settings.cores, sys.argv[1:], PLAN.scenes
-)
+SCENE_THREADS = scene_threads()
 
 if workflow.is_main_process:
-    # Its jobs see other targets than a person named, and must not share out the cores anew.
-    os.environ.update({THREADS_VARIABLE: str(SCENE_THREADS)})
     # A second of imports, which jobs need not pay again.
     from gsbridge.policy.plan import check_policies
 
