@@ -20,7 +20,7 @@ LARGEST_TEXT = 16 * 2**20
 """Largest size of a YAML file, bytes. The longest that gsbridge writes has some kilobytes."""
 
 MOST_YAML_NODES = 200_000
-"""Most values of a YAML file once its aliases are written out: some hundred bytes of aliases can stand for billions."""
+"""Largest number of values of a YAML file with its aliases written out: some hundred bytes can stand for billions."""
 
 DEEPEST_YAML = 60
 MOST_FILES = 20_000

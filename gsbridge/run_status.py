@@ -1,4 +1,4 @@
-"""Where a run stands: which stages are degraded and why, which jobs are left, and about how long they will take."""
+"""Progress of a run: stages that are degraded and why, jobs that are left, and about how long they will take."""
 
 from __future__ import annotations
 

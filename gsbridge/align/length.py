@@ -88,7 +88,7 @@ def scale_from_length(
 
 
 def table_point(pixel: Array, camera: Camera, cam_from_table: Array) -> Array:
-    """Where the ray through a pixel meets the plane z = 0 of the table.
+    """Point at which the ray through a pixel meets the plane z = 0 of the table.
 
     Args:
         pixel: Position in the photo as taken, px. [2].

@@ -61,7 +61,7 @@ class Plane:
 
 
 def attention(cam_from_world: Array, up: str | None = None) -> Attention:
-    """Where a set of cameras looks.
+    """Point that a set of cameras looks at, with its distance and the direction that is up.
 
     Args:
         cam_from_world: Poses. [N, 4, 4].

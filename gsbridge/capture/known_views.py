@@ -17,7 +17,7 @@ _REMEDY = "Export it again, or take the photos alone as `images:`"
 _LARGEST_SIDE = 100_000
 _LARGEST_DISTORTION = 100.0
 _SKEW = 1e-2
-"""By how much a rotation may differ from one. Files round to five digits or so; a scale or a shear shows in the first two."""
+"""Largest deviation of a stated rotation from one. Files round to some five digits; scale and shear show in the first two."""
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,7 @@ def _distinct(values: list[T]) -> list[T]:
 
 
 def _numbers(value: Any) -> Any:
-    """The same with numbers for texts that are numbers, in lists and blocks of keys, too."""
+    """The settings with numbers for texts that are numbers, in lists and blocks of keys, too."""
     if isinstance(value, dict):
         return {key: _numbers(item) for key, item in value.items()}
     if isinstance(value, list):

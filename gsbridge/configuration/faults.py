@@ -116,7 +116,7 @@ def explain(model: type[BaseModel], error: ValidationError, source: str) -> Inpu
 
 
 def _most_telling(faults: list[tuple[_Place, ErrorDetails]]) -> tuple[_Place, ErrorDetails]:
-    """Of alternatives that all do not fit, the one that was meant: one of the words for a text, else the number."""
+    """Choose the alternative that the user meant where none fits: one of the words for a text, else the number."""
     words = [fault for fault in faults if fault[1]["type"] == "literal_error" and isinstance(fault[1]["input"], str)]
     return (words or faults)[0]
 

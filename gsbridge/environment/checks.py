@@ -49,7 +49,7 @@ def trajectory(environment: PickEnvironment, controller: GraspController, seed: 
 
 
 def repetitions(files: StageFiles, seed: int) -> list[Array]:
-    """One episode over and over: first, at once again, after it was broken off, after another one, and in a new world.
+    """Play one episode several times: first, at once again, after it was broken off, after another one, and in a new world.
 
     Bullet remembers whom a body touched: the worst is an object that starts where it was, or is still in the hand.
     """

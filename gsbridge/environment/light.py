@@ -42,7 +42,7 @@ _LIT = 0.3
 _SHADED = 0.9
 _EXPLAINED = 0.9
 _SCATTER = 0.15
-"""At places that see less of the sky than `_SHADED`, the light must leave less than `_EXPLAINED` of the error; all places may
+"""Where a place sees less of the sky than `_SHADED`, the light must leave less than `_EXPLAINED` of the error; all places may
 scatter by `_SCATTER`, of 1: the mirror's films scatter by 0.05, and by 0.26 round the splats of another table."""
 
 _DARK = 0.03

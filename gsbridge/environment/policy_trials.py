@@ -32,7 +32,8 @@ COLUMNS = (
 
 
 Play = Callable[[str, int, int], tuple[TrialResult, TrialPath]]
-"""From the name of a set, the index of a pose in it and the number of the trial, its seed, to outcome and path."""
+"""Function that plays one trial: from the name of a pose set, the index of a pose in it and the trial's number, which is its
+seed, to outcome and path."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +142,7 @@ def run_trials(
 
 
 def follow(environment: PickEnvironment, policy: Policy, pose_set: str, index: int, seed: int) -> tuple[TrialResult, TrialPath]:
-    """One episode, until it ends, with its path and pictures.
+    """Play one episode until it ends, and keep its path and pictures.
 
     Args:
         environment: Environment in any world.

@@ -68,7 +68,7 @@ def spread(count: int) -> list[int]:
 
 
 def run_trial(environment: PickEnvironment, policy: Policy, pose_set: str, index: int) -> TrialResult:
-    """One episode, until it ends; its random numbers come from the index and the settings' seed of poses.
+    """Play one episode until it ends. Its random numbers come from the index and the settings' seed of poses.
 
     Args:
         environment: World to run the episode in; it is reset.

@@ -10,7 +10,7 @@ from typing import Any
 from gsbridge.experiment.plan import Experiment
 
 _PLACES = {"photos": "capture/frames", "renders": "splats/soft/views"}
-"""Where a scene keeps each kind of pictures."""
+"""Folder in which a scene keeps each kind of pictures."""
 
 
 @dataclass(frozen=True)

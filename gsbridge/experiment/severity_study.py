@@ -56,7 +56,7 @@ class SeverityStudy:
         ]
 
     def files(self, who: str) -> list[str]:
-        """Those files."""
+        """Files of trials that `sources` lists."""
         return [source["file"] for source in self.sources(who)]
 
     def _world(self, name: str) -> dict[str, Any]:

@@ -32,7 +32,7 @@ _NEEDED = 5
 _USUAL = 4.0
 """A pixel is strange from this many times the median difference of bare table on."""
 _LEAST_DIFFERENCE = 0.045
-"""And from this difference on, 0..1 sRGB, lest sensor noise and interpolation count."""
+"""Smallest difference that counts, 0..1 sRGB; below it sensor noise and interpolation decide."""
 _MISPLACED_PX = 0.5
 """Error of pose and of linear interpolation that the pattern of the table may show."""
 _LOW, _ENOUGH, _WIDER = 0.35, 20, 1.5
@@ -323,7 +323,7 @@ def subtract_table(
 def _subtract_once(
     views: Views, masks: list[Array], prompt: Prompt, settings: MaskSettings, threads: int, progress: ProgressLog | None
 ) -> list[Array]:
-    """One round of `subtract_table`."""
+    """Run one round of `subtract_table`."""
     poses = [view.cam_from_table for view in views]
     crops, cameras, photos, parts = _cut_round_masks(views, masks, settings.crop_px, 0.25, threads)
 

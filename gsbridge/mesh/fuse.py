@@ -1,4 +1,4 @@
-"""One closed surface from confirmed depth, the hull where depth is missing, and the table below."""
+"""Fuse one closed surface from confirmed depth, the hull where depth is missing, and the table below."""
 
 from __future__ import annotations
 

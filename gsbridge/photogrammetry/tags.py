@@ -61,7 +61,7 @@ def corner_points(tags: Tags, poses: Mapping[str, tuple[Camera, Array]]) -> dict
 
 
 def _corner(pixels: list[Array], cameras: list[tuple[Camera, Array]]) -> Array | None:
-    """One corner from its pixels in several views."""
+    """Triangulate one corner from its pixels in several views."""
     rays = []
     for pixel, (camera, pose) in zip(pixels, cameras, strict=True):
         direction = pose[:3, :3].T @ np.array([(pixel[0] - camera.cx) / camera.fx, (pixel[1] - camera.cy) / camera.fy, 1.0])

@@ -122,7 +122,7 @@ class Agent:
         return float(self.critics.least(self._stack([sight], "privileged"), self._distribution([sight]).mode))
 
     def update(self, batch: Batch, share: float) -> dict[str, float]:
-        """One gradient step of everything that the algorithm learns.
+        """Take one gradient step of everything that the algorithm learns.
 
         Args:
             batch: Transitions; the actor learns from the first `actor_batch` of them.
@@ -254,7 +254,7 @@ class Agent:
         return self.actor(picture(self._stack(sights, "image")), self._stack(sights, "proprio"))[0]
 
     def _stack(self, sights: Sequence[Sight], name: str) -> Tensor:
-        """One field of some states, where the networks are. [B, ...]."""
+        """One field of some states, on the networks' device. [B, ...]."""
         return torch.from_numpy(np.stack([getattr(sight, name) for sight in sights])).to(self.device)
 
 
@@ -266,7 +266,7 @@ def _follow(slow: torch.nn.Module, fast: torch.nn.Module, share: float) -> None:
 
 
 def _step(optimiser: torch.optim.Optimizer, loss: Tensor) -> None:
-    """One gradient step of the parameters of one optimiser; what else the loss touches gets no gradient kept."""
+    """Take one gradient step with one optimiser. Gradients of anything else that the loss touches are dropped."""
     parameters = [parameter for group in optimiser.param_groups for parameter in group["params"]]
     for parameter, gradient in zip(parameters, torch.autograd.grad(loss, parameters, allow_unused=True), strict=True):
         parameter.grad = gradient

@@ -66,7 +66,7 @@ class ArmTrials:
         return trial, path
 
     def facts(self) -> Mapping[str, object]:
-        """For the record: how episodes ended; trials that an earlier job finished are not counted."""
+        """Count for the record how episodes ended; trials that an earlier job finished are not counted."""
         return {"ends": dict(sorted(self.ends.items()))}
 
 
@@ -87,7 +87,7 @@ def arm_setup(driver: WorldDriver, registration: Registration, interface: Policy
 def play_on_arm(
     policy: Policy, setup: Setup, driver: WorldDriver, pose_set: str, index: int, seed: int, *, steps: int | None = None
 ) -> tuple[TrialResult, TrialPath, End]:
-    """One trial, until it ends.
+    """Play one trial until it ends.
 
     Args:
         policy: What acts.

@@ -82,7 +82,7 @@ class EpisodeLog:
         self.worst_late_s = max(self.worst_late_s, float(late_s))
 
     def column(self, name: str) -> Array:
-        """One column. [steps]."""
+        """Values of one column of the log. [steps]."""
         return np.array([row[COLUMNS.index(name)] for row in self.rows])
 
 

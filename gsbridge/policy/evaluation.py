@@ -88,7 +88,7 @@ def evaluation_poses(region: StartRegion, count: int, seed: int, draw: int = 0) 
 def evaluate(
     environment: gymnasium.Env, policy: Policy, poses: Array, seed: int, gamma: float, value: Value | None = None
 ) -> Evaluation:
-    """One episode from each pose.
+    """Play one episode from each pose.
 
     Args:
         environment: A `PickEnvironment`, wrapped or not.
@@ -115,7 +115,7 @@ def evaluate(
 
 
 def evaluate_controller(environment: gymnasium.Env, controller: Controller, poses: Array, seed: int) -> Evaluation:
-    """One episode of a baseline controller from each pose, without drawing pictures that it does not look at.
+    """Play one episode of a baseline controller from each pose, without drawing the pictures, which it does not use.
 
     Args:
         environment: A `PickEnvironment`, wrapped or not.

@@ -116,7 +116,7 @@ def describe(environment: PickEnvironment, settings: PolicySettings) -> dict[str
 
 
 def _robot(world: World) -> dict[str, Any] | None:
-    """Where arm, camera and table of the training are; None for a world without an arm."""
+    """Poses of arm, camera and table in the training; None for a world without an arm."""
     kinematics, base_from_table = getattr(world, "kinematics", None), getattr(world, "base_from_table", None)
     if kinematics is None or base_from_table is None:
         return None

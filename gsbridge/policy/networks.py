@@ -147,7 +147,7 @@ class Actor(nn.Module):
 
 
 class Critics(nn.Module):
-    """Two action values of the privileged vector.
+    """Estimate two action values from the privileged vector.
 
     Args:
         bounded: Squash them to 0..1.

@@ -169,7 +169,7 @@ def privileged(state: State, proprio: Array, frame: ObservedFrame, memory: Array
 
 
 def position_label(state: State) -> Array:
-    """Where the object is from the tool, in the tool's yaw; see the module. float32 [N, 3]."""
+    """Position of the object relative to the tool, in the frame of the tool's yaw; see the module. float32 [N, 3]."""
     tool = rotation_from_quat(state.tool_quat)
     yaw = np.arctan2(tool[:, 1, 0], tool[:, 0, 0])
     away = state.object_position - state.tool_position

@@ -139,7 +139,7 @@ class Person:
         return Verdict(False, True, Failure.EXCESS_CONTACT.value) if pressed == "y" else Verdict(True, True)
 
     def _choose(self, question: str, letters: str) -> str:
-        """One of some letters."""
+        """Ask until the answer begins with one of some letters; return that letter."""
         while True:
             answer = self.ask(question).strip().lower()[:1]
             if answer and answer in letters:

@@ -85,7 +85,7 @@ def _one(observations: Mapping[str, Array], infos: Mapping[str, Any], number: in
 
 
 def _row(table: Mapping[str, Any], number: int) -> dict[str, Any]:
-    """One environment's entries of a table of gymnasium's, without the columns that say who has an entry."""
+    """Select one environment's entries of gymnasium's `info` table, without the columns that say who has an entry."""
     return {
         name: _row(values, number) if isinstance(values, Mapping) else values[number]
         for name, values in table.items()

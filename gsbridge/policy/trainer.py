@@ -61,7 +61,7 @@ class Training:
 
 @dataclass
 class _Counters:
-    """Where a training stands; everything that is not in agent or buffer."""
+    """Progress of a training: everything that is not in agent or buffer."""
 
     step: int = 0
     episode: int = 0

@@ -120,7 +120,7 @@ def predict(views: RegistrationViews, found: HandEye) -> Array:
 
 
 def fit_views(views: RegistrationViews, start: HandEye, *, with_scale: bool) -> Fit:
-    """Least reprojection error over all corners, outliers damped.
+    """Minimise the reprojection error over all corners with a robust loss.
 
     Args:
         views: The sightings.

@@ -183,7 +183,7 @@ def tool_jacobian(axes: Array, nodes: Array, poses: Array, tool: int, out: Array
 
 @njit(nogil=True)
 def damped_step(jacobian: Array, error: Array, pull: Array, free: Array, damping: float, step: Array) -> None:
-    """One joint step: towards the target by damped least squares, along `pull` where that leaves the tool in place.
+    """Take one joint step: towards the target by damped least squares, and along `pull` where that leaves the tool in place.
 
     Args:
         jacobian: Weighted Jacobian. [6, N].

@@ -105,7 +105,7 @@ def _refuse(model: mujoco.MjModel, path: str | Path) -> None:
 
 
 def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, k: int, what: str) -> str:
-    """Of a body or a joint; its number where it has none."""
+    """Name of a body or a joint; its number where it has none."""
     return mujoco.mj_id2name(model, kind, k) or f"{what}_{k}"
 
 
@@ -117,7 +117,7 @@ def _pose(place: Array, quaternion: Array) -> Array:
 
 
 def _zero(model: mujoco.MjModel, j: int) -> Array:
-    """From where a joint reads zero to where the file has drawn it, which is at `ref`. [4, 4]."""
+    """Motion of a joint from its reading of zero to the pose in the file, which is at `ref`. [4, 4]."""
     back, axis = -float(model.qpos0[model.jnt_qposadr[j]]), model.jnt_axis[j]
     if _KINDS[int(model.jnt_type[j])] == "prismatic":
         return translation(*(back * axis))

@@ -1,4 +1,4 @@
-"""Where the robot stands and where its camera sits when nothing was registered yet: the layout every default assumes."""
+"""Nominal poses of the robot and its camera, which every default assumes until a registration exists."""
 
 from __future__ import annotations
 

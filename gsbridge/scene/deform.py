@@ -59,7 +59,7 @@ def shift_only(binding: Binding, deformation: Deformation) -> Cloud:
 
 
 def sequence(*deformations: Deformation) -> Deformation:
-    """One deformation after the other, the first one first."""
+    """Return the deformation that applies several, the first one first."""
 
     def apply(vertices: Array) -> Array:
         for deformation in deformations:

@@ -195,7 +195,7 @@ class Composition:
         return self._count
 
     def part(self, name: str) -> slice:
-        """Where the splats of a body lie in the arrays.
+        """Range of the arrays that holds the splats of a body.
 
         Raises:
             KeyError: There is no such body.

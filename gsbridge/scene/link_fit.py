@@ -17,7 +17,7 @@ from gsbridge.splats.cloud import Cloud
 from gsbridge.splats.rasterize import rasterize
 
 STEPS = 250
-"""One random view each."""
+"""Optimisation steps; each looks at one random view."""
 
 HOLES = 3.0
 """A hole counts as much as this many times the same light outside the silhouette: what shines through is of another colour.

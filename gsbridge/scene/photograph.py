@@ -128,7 +128,7 @@ class Photographer:
         return camera.cropped(-pad, -pad, camera.width + 2 * pad, camera.height + 2 * pad), pad
 
     def _shutter(self, track: Track, time: float, shooting: Shooting, camera: Camera) -> tuple[Array, Array]:
-        """One moment: all rows at once, or strips of rows one after the other."""
+        """Render one moment: all rows at once, or strips of rows one after the other."""
         if not shooting.row_time:
             self.pictures += 1
             return self.draw(camera, shooting.mount @ track.at(np.array([time]))[0])

@@ -75,7 +75,7 @@ def _points(depths: Array, alphas: Array, lens: Array, table_from_cam: Array, st
 
 @njit(error_model="numpy", fastmath=True)
 def _widen(points: Array, tones: Array, kinds: Array, step: int, out: Array) -> None:
-    """For each row of grid points, what the point to the left of every pixel of a row, and the one to the right, know.
+    """Interpolate each row of grid points to pixels: the values of the points to the left and to the right of every pixel.
 
     -> out [rows, 2, 4, W]: height, what the robot leaves, what robot and object leave, 1 on the object.
     """

@@ -35,7 +35,7 @@ MIN_IMAGE_POINTS = 30
 
 @dataclass(frozen=True)
 class Attempt:
-    """One rung of the ladder. `enough`: share of registered images that ends the climb here; None: that to pass."""
+    """One attempt of the ladder. `enough`: share of registered images that ends it here; None: the share that passes."""
 
     name: str
     exhaustive: bool

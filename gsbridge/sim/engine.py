@@ -27,10 +27,10 @@ TABLE_SIZE = (0.90, 1.20, 0.05)
 """Size of the table's slab, x, y, thickness, m; its top is z = 0."""
 
 SOLVER_ITERATIONS = 30
-"""Most iterations; free motion converges in a few. A gripped object never does: Bullet starts every step from nothing. A step
-takes time in proportion. What is left over lets it creep, which the anchors of `Engine._set_contacts` bring back: without them
-an object slips in the hand while it is lifted, and with 20 iterations a cube whose faces are not quite parallel slips in spite
-of them."""
+"""Largest number of solver iterations. Free motion converges in a few; a gripped object never does, since Bullet starts every
+step from nothing. A step takes time in proportion. What is left over lets it creep, which the anchors of `Engine._set_contacts`
+bring back: without them an object slips in the hand while it is lifted, and with 20 iterations a cube whose faces are not quite
+parallel slips in spite of them."""
 
 _FIXED, _MOVING = (2, ~2), (1, -1)
 """Bullet's own collision groups, and those that each meets: what does not move meets only what does."""

@@ -64,7 +64,7 @@ class Cloud:
         return Cloud(*(getattr(self, name)[keep] for name in FIELDS))
 
     def transformed(self, target_from_source: Similarity) -> Cloud:
-        """These splats in another frame, or moved: means, orientations, sizes and harmonics follow.
+        """Return the splats in another frame, or moved: means, orientations, sizes and harmonics follow.
 
         Source: Wu et al., RL-GSBridge, equation 3, extended by the scale.
         """

@@ -34,7 +34,7 @@ FEWEST = 50
 
 @dataclass(frozen=True)
 class Exposure:
-    """One photo's.
+    """Exposure of one photo.
 
     Args:
         gains: Factors on linear light. [3].
@@ -98,7 +98,7 @@ class Exposures:
         return PENALTY["gains"] * gains.square().mean() + PENALTY["offsets"] * offsets.square().mean()
 
     def found(self) -> dict[str, Exposure]:
-        """By photo."""
+        """Exposures by photo."""
         with torch.no_grad():
             gains, offsets = (values.numpy().astype(np.float64) for values in self._all())
         return {name: Exposure(np.exp(gains[k]), offsets[k]) for k, name in enumerate(self.names)}
@@ -122,7 +122,7 @@ def fitted(drawn: Array, seen: Array) -> Exposure:
 
 
 def to_record(exposures: Mapping[str, Exposure]) -> dict[str, Any]:
-    """As a stage's record holds them."""
+    """Exposures in the form that a stage's record holds."""
     return {
         "held_out": "each half of a held-out photo is scored with the exposure that was fitted to its other half",
         "photos": {name: {"gains": e.gains.tolist(), "offsets": e.offsets.tolist()} for name, e in exposures.items()},

@@ -23,7 +23,7 @@ PROPERTIES = (
     *("x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"),
     *("scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"),
 )
-"""Of splats whose colours have no direction; `f_rest_*` stand before the opacity."""
+"""Properties of splats whose colours have no direction; otherwise `f_rest_*` stand before the opacity."""
 
 _OPACITY = PROPERTIES.index("opacity")
 

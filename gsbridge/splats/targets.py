@@ -69,7 +69,7 @@ class Target:
         return Target(self.name, self.split, camera, self.cam_from_table, photo, to_u8(weight), unedited, 0, 0, camera)
 
     def affordable(self, max_pixels: int, *, kind: str) -> Target:
-        """The same part, reduced where it has more pixels than a training step may cost; `kind` as in `reduced`."""
+        """Reduce a part where it has more pixels than a training step may cost; `kind` as in `reduced`."""
         return self.reduced(min(1.0, (max_pixels / (self.camera.width * self.camera.height)) ** 0.5), kind=kind)
 
 

@@ -24,7 +24,7 @@ class Failure(StrEnum):
     DROPPED = "dropped"
     """It was lifted and then lost."""
     TIME_OUT = "time_out"
-    """On the right way, but not done in time."""
+    """The robot was on the right way, but out of time."""
     PUSHED_AWAY = "pushed_away"
     """It left the area in which the robot can work."""
     NOT_RELEASED = "not_released"

@@ -61,7 +61,7 @@ def _sliding(kind: type[JointEffect]) -> type[JointEffect]:
     )
 
     def directions(_: JointEffect) -> tuple[dict[str, float], ...]:
-        """Those of a joint that turns, at the wheel."""
+        """The parameters of the same effect at a joint that turns, at its wheel."""
         return tuple({name: _at(value, factors[name]) for name, value in row.items()} for row in turning.directions())
 
     def called(_: JointEffect, parameter: str) -> str:

@@ -41,7 +41,7 @@ _SPREAD = 0.3
 
 
 def available(method: str) -> str | None:
-    """None, or why a method cannot run here."""
+    """Reason why a method cannot run here, or None."""
     if method == "cma_es" and importlib.util.find_spec("cma") is None:
         return "CMA-ES needs the package 'cma', which is not installed"
     return None

@@ -76,7 +76,7 @@ class JudgedCase:
 
     @property
     def outcome(self) -> str:
-        """One of `OUTCOMES`; where the catalogue lacks what is hidden, only abstaining is right."""
+        """The outcome, one of `OUTCOMES`. Where the catalogue lacks what is hidden, only abstaining is right."""
         silent = self.verdict in ("no_discrepancy", "not_enough_excitation")
         if not self.hidden:
             return "quiet" if silent else "false_alarm"

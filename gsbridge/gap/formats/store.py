@@ -53,7 +53,7 @@ def load_records(path: str | Path) -> dict[str, Record]:
 
 
 def _record(role: str, plain: Mapping[str, Any], data: Mapping[str, Array]) -> Record:
-    """One record from its plain fields and its arrays."""
+    """Build one record from its plain fields and its arrays."""
     values: dict[str, Any] = {}
     for item in fields(Record):
         stored = plain.get(item.name)

@@ -24,7 +24,7 @@ SLIDING = {"angle": "length", "angular speed": "speed", "torque": "force"}
 """Dimension at a joint that slides of each that belongs to one that turns."""
 
 HEADER = "Write it into the header"
-"""Where a table states its units."""
+"""Place at which a table states its units."""
 
 _HEADER = re.compile(r"^\s*(?P<name>[^\[\]]+?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*$")
 

@@ -127,7 +127,7 @@ class ImageIdentification:
         return out
 
     def _start(self, match: ImageMatch) -> dict[str, float]:
-        """Where a fit begins: where the signature says, or far away if that explains more on few rows."""
+        """Where a fit begins: the signature's parameters, or distant ones if these explain more on few rows."""
         none = {parameter.name: 0.0 for parameter in match.candidate.effect.parameters}
         starts = [match.start, *(none | dict(values) for values in match.candidate.effect.far)]
         if len(starts) == 1:

@@ -105,7 +105,7 @@ def shrunk(photos: Array, size: int) -> Array:
 
 
 def compared(pairs: Pairs, height: int = HEIGHT) -> Array:
-    """Where photos are compared: off the border, off steps of depth, and where the depth is known. [N, h, w], 0 or 1."""
+    """Pixels that are compared: away from the border and from steps of depth, with known depth. [N, h, w], 0 or 1."""
     size, border = shrinking(pairs, height), max(1, round(_BORDER * pairs.camera.width))
     kept = np.stack([off_steps(depth) for depth in pairs.depths])
     kept[:, :border] = kept[:, -border:] = False

@@ -166,7 +166,7 @@ def _check(record: Record, system: MechanismModel, source: Path, content: Mappin
 
 
 def _scatter(record: Record, again: Record, source: Path) -> dict[str, Array]:
-    """By how much two records of one motion differ beyond the noise, for one of them, by kind. Each [N].
+    """Difference of two records of one motion beyond the noise, per record, by kind of channel. Each [N].
 
     Raises:
         InputError: They are not of one motion.

@@ -36,7 +36,7 @@ _DRAWS = 20000
 
 @dataclass(frozen=True)
 class _Pair:
-    """Two spectra of one stretch that motion makes equal.
+    """Two spectra of one stretch of time, which motion makes equal.
 
     Args:
         joint: Number of the joint.

@@ -61,7 +61,7 @@ class JointNull:
     share: float
 
     def statistic(self, residual: Array) -> float:
-        """One figure of a residual: its largest excess among scales and channels, in spreads of the replicates."""
+        """Largest excess of a residual among scales and channels, in standard deviations of the replicates."""
         return float(((excess(residual) - self._middle) / self._spread).max())
 
     @property

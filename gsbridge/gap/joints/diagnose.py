@@ -38,7 +38,7 @@ class JointAccount(Account):
     effects = JOINT_EFFECTS
 
     def effects_of(self, fit: EffectFit) -> list[Effect]:
-        """As they are at their joints, which turn or slide."""
+        """Effects as they act at their joints, which turn or slide."""
         return [candidate.effect for candidate in fit.who]
 
 

@@ -33,7 +33,7 @@ def white_noise(values: Array) -> Array:
 
 
 def pooled(estimates: Sequence[Array]) -> list[Array]:
-    """One noise for all records, channel by channel, where their estimates agree; each its own where they do not. [C] each."""
+    """Noise per record and channel: one estimate where the records agree, each record's own where they do not. [C] each."""
     table = np.stack(estimates)
     same = table.max(axis=0) < _ALIKE * table.min(axis=0)
     return [np.where(same, np.sqrt((table**2).mean(axis=0)), row) for row in table]

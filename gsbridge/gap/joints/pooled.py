@@ -46,7 +46,7 @@ class PooledResiduals:
         return self._joined([view.stepping_beyond(effects) for view in self.views])
 
     def robust(self, effects: Sequence[Applied]) -> PooledResiduals:
-        """The same with moments in which much is left beside these effects held for less: an arm that leans on a table, a push.
+        """Residuals with less weight for moments that these effects leave unexplained: an arm that leans on a table, a push.
 
         A moment whose residual exceeds `_LARGE` times the median one counts as much as one of that size.
 
@@ -71,7 +71,7 @@ class PooledResiduals:
 
     @property
     def edges(self) -> Array:
-        """Where in a row one record ends and the next begins. [records - 1]."""
+        """Indices at which one record ends and the next begins in a stacked residual. [records - 1]."""
         return np.cumsum([len(view.record.time) * len(view.channels) for view in self.views])[:-1]
 
 

@@ -25,7 +25,7 @@ _FRESH = 8
 """Candidates that are simulated anew beside each explanation, before one of them is fitted."""
 
 _FITTED = 3
-"""Of these, at most as many are fitted."""
+"""Largest number of candidate effects that are fitted in one round."""
 
 _NEARLY, _ALIKE = 0.8, 0.95
 """Shares of what an effect gains that a simpler one on the same joint must gain to be told instead, and that one which acts
@@ -42,7 +42,7 @@ _AS_GOOD = 0.9
 that could stand there."""
 
 _ALTERNATIVES = 6
-"""Of an entry, at most."""
+"""Largest number of alternatives that an entry of the account lists."""
 
 _FACTORS = (0.1, 10.0)
 """Multiples of the size at which a candidate was simulated that its size may be guessed to be."""
@@ -63,7 +63,7 @@ class Look:
     change: Array
 
     def beside(self, basis: Array) -> Look:
-        """The same less what others would do in its place: what is left is what it alone explains.
+        """Return the change without its part that others could make in its place: what it alone explains.
 
         Args:
             basis: Orthonormal directions in which the residual moves with the parameters of others. [sum of T C, P].
@@ -254,7 +254,7 @@ def strained(fitted: EffectFit) -> bool:
 
 
 def _plainest_first(found: list[tuple[float, Look]]) -> list[tuple[float, Look]]:
-    """The same, the best one behind a plainer one that does about as well.
+    """Candidates in order of merit, with the best one behind a plainer one that does about as well.
 
     Plainer is what has fewer parameters on the same joint; or, of effects with as many that act on the same joints, what takes
     hold nearer to the command, so that two that no motion tells apart are always told by the same name.

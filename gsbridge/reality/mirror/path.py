@@ -11,7 +11,7 @@ from gsbridge.geometry import Array
 from gsbridge.reality.mirror.backgrounds import WORK_CENTRE_M
 
 OBJECT_SPOT_M = (0.0, 0.185)
-"""Where objects stand while they are filmed, table frame, m."""
+"""Position of objects while they are filmed, table frame, m."""
 
 
 def _sway(rng: np.random.Generator, count: int) -> Callable[[Array], Array]:

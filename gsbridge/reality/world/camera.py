@@ -38,7 +38,7 @@ _NEAR, _FAR = 0.01, 20.0
 _SHEET_PIXELS_PER_M = 2000.0
 _DETAIL = 2.0
 _GLOSSY_SHARE = 0.6
-"""Of the samples of direct light where there are highlights: each sends a second ray there."""
+"""Share of the camera's samples that are traced where there are highlights, since each of them sends a second ray."""
 _SAMPLERS = ("multijitter", "stratified", "independent")
 _COVERS = ("arm", "coloured", "hand")
 
@@ -341,7 +341,7 @@ def _room(mi: Any, setting: Setting, hidden: Hidden) -> dict[str, Any]:
 
 
 def lamp_line(hidden: Hidden) -> tuple[Array, Array]:
-    """Where the lamp is, and what it lights, m. [3], [3]."""
+    """Position of the lamp and the point that it lights, m. [3], [3]."""
     aim = np.array(studio._LIGHT_AIM)
     return aim + _swing(np.array(studio._LIGHT_EYE) - aim, hidden.light_turn, hidden.light_rise), aim
 

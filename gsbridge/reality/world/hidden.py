@@ -251,7 +251,7 @@ _MUST_BE_POSITIVE = (
 
 
 def _checked(name: str, value: Any, default: Any) -> Value:
-    """One value in its field's form.
+    """Check one value and convert it to the type of its field.
 
     Raises:
         InputError: Not a number, not finite, wrong count, or a sign that makes no sense.

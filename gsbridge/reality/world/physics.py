@@ -272,7 +272,7 @@ class MirrorPhysics:
         return np.linalg.inv(self._pose(self._links["camera"]))
 
     def moment(self, before: float) -> tuple[Mapping[str, Array], Array]:
-        """As `body_poses` and `camera_pose`, a moment ago: within the last control period of a world whose pictures take time.
+        """Poses as in `body_poses` and `camera_pose` at an earlier moment of the last control period, since pictures take time.
 
         Args:
             before: How long ago, s; where nothing has moved since the begin, it was as it is.

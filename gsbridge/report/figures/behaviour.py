@@ -123,7 +123,7 @@ def _shown(found: Sequence[Behaviour]) -> list[list[Behaviour]]:
 
 
 def _block(members: Sequence[Behaviour], world: str) -> Block:
-    """One cell: all its renderers at the same start pose, where they were tried from the same ones."""
+    """Draw one cell: all its renderers from the same start pose, where they share one."""
     keys = [[(start.seed, start.pose_set, start.index) for start in member.starts] for member in members]
     same = all(key == keys[0] for key in keys)
     values = [member.distances_mm[world] for member in members]

@@ -140,7 +140,7 @@ def write_editing(scene: str | Path, figure: str | Path, record: str | Path, set
 
 
 def _reasons(soft: Mapping[str, EditQuality]) -> list[str]:
-    """Where soft splats do not follow an edit."""
+    """Splats of the soft binding that do not follow an edit."""
     rest = soft[REST]
     reasons = []
     for title, found in soft.items():

@@ -20,7 +20,7 @@ from gsbridge.images import psnr, read_image
 from gsbridge.report.tables.rows import write_rows
 
 RENDERERS = ("gs", "mesh_vertex_shaded", "mesh_shaded", "gs_unshaded", "mesh_vertex", "mesh")
-"""With shadows, then without: each half differs within itself in the renderer alone."""
+"""Renderers with shadows, then without. Within each half they differ in the renderer alone."""
 TITLES = {
     "photo": "mirror",
     "gs": "splats",

@@ -29,10 +29,10 @@ ROWS = 14
 """Channels of the map and of the bars, at most; the largest are shown."""
 
 UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m", "tool": "m"}
-"""Of channels, by kind."""
+"""Units of channels, by kind."""
 
 SLIDING_UNITS = {"position": "m", "velocity": "m/s", "effort": "N"}
-"""Of channels of joints that slide."""
+"""Units of channels of joints that slide."""
 
 _INK, _SOFT = "#1d2733", "#5b6b7b"
 _HEAT = LinearSegmentedColormap.from_list("gap", ["#f3f6f9", "#f5d9ad", "#d9822b", "#8c2f08"])

@@ -203,7 +203,7 @@ def _joints(names: list[str]) -> str:
 
 
 def _provenance(findings: Mapping[str, Any], about: Mapping[str, Any], screening: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Where the figures come from."""
+    """Sources of the page's figures."""
     runs = findings["simulations"]
     return [
         ("model", f"{Path(about['model']).name}, SHA-256 {about['model_digest']}"),

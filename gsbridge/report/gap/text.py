@@ -85,7 +85,7 @@ def effect_notes(findings: Mapping[str, Any]) -> list[str]:
 
 
 def most(found: Mapping[str, Any], unit: str = "noise") -> str | None:
-    """Where a map is darkest among its marked cells, in words; None where nothing is marked.
+    """Name the darkest of a map's marked cells in words; None where nothing is marked.
 
     Args:
         found: The map.

@@ -158,7 +158,7 @@ def _log_series(stream: rr.RecordingStream) -> None:
 
 
 def _log_bodies(stream: rr.RecordingStream, episode: Episode, step: int, links: tuple[str, ...]) -> None:
-    """Where everything that is drawn stands now."""
+    """Log the poses of everything that is drawn, at this step."""
     for name in (OBJECT, *links):
         pose = episode.body(name)[step]
         entity = "table/object" if name == OBJECT else f"table/robot/{name}"

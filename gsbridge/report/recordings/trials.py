@@ -145,7 +145,7 @@ def _log_overview(stream: rr.RecordingStream, start: Start, number: int) -> None
 
 
 def _log_trial(stream: rr.RecordingStream, start: Start, number: int, begin: float) -> None:
-    """One trial; a world that is done earlier stands still."""
+    """Record one trial; a world that ends earlier stands still."""
     stream.set_time("trial", sequence=number)
     stream.set_time("time", duration=begin)
     stream.log("outcome", rr.TextDocument(_outcome(start, number), media_type="text/markdown"))
@@ -204,7 +204,7 @@ def _send_curves(stream: rr.RecordingStream, entity: str, values: Array, number:
 
 
 def _outcome(start: Start, number: int) -> str:
-    """One trial in words, Markdown."""
+    """Describe one trial in Markdown."""
     x, y, yaw = start.pose
     lines = [
         f"**Trial {number}: {start.label}**, quadrant {start.quadrant}, seed {start.seed}",

@@ -145,7 +145,7 @@ MASKED_NOTE = "Masked: pixels of the object's mask; for backgrounds, pixels whos
 
 
 def decibel(value: float | None, signed: bool = False) -> str:
-    """Two decimals, a true minus sign; a dash for none."""
+    """Format a number with two decimals and a true minus sign; None becomes a dash."""
     if value is None:
         return "–"
     return f"{value:+.2f}".replace("-", "−") if signed else f"{value:.2f}"

@@ -64,7 +64,7 @@ def write_severity(rows_csv: str | Path, page: str | Path, sources: Sequence[Map
 
 
 def _row(source: Mapping[str, Any]) -> dict[str, Any]:
-    """One row, from one file of trials: the table of a policy's, or the record of a controller's."""
+    """Summarise one file of trials in one row; the file is a policy's table or a controller's record."""
     path = Path(source["file"])
     if path.suffix == ".json":
         try:

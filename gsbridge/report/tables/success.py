@@ -121,7 +121,7 @@ class Overview:
 
 
 def overviews(counts: Counts, cells: Sequence[CellPaths]) -> list[Overview]:
-    """One overview per set of poses and world, over those of the cells that were tried there."""
+    """Summarise success per pose set and world, over the cells that were tried there."""
     out = []
     for pose_set in pose_sets_in(counts):
         for world in worlds_in(counts):

@@ -99,7 +99,7 @@ def read_trials(path: str | Path) -> Trials:
 
 
 def _trial(path: str | Path, line: int, row: Row) -> dict[str, Any]:
-    """One trial, checked."""
+    """Read and check one trial."""
 
     def wrong(name: str, remedy: str) -> InputError:
         return InputError(path, f"line {line}: {name} is {row.get(name, '')!r}", remedy)
