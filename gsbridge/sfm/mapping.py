@@ -9,12 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import cv2  # noqa: F401  (must be loaded before pycolmap)
-import numpy as np
 import pycolmap
 
-from gsbridge.cameras import Camera
 from gsbridge.configuration.sfm import SfmSettings
-from gsbridge.geometry import Array
 from gsbridge.logs import ProgressLog
 from gsbridge.photogrammetry.colmap import colmap_params
 from gsbridge.sfm.matching import match
@@ -113,7 +110,7 @@ def map_photos(
         if attempt.exhaustive not in matched:
             match(database, photos, settings, seed, threads, exhaustive=attempt.exhaustive)
             matched.add(attempt.exhaustive)
-        model = _map(database, photos, attempt, workspace, seed)
+        model = map_database(database, photos, attempt, workspace, seed)
         count = 0 if model is None else model.num_reg_images()
         record: dict[str, Any] = {"attempt": attempt.name, "registered": count}
         outcome.tried.append(record)
@@ -207,7 +204,9 @@ def incremental_options(photos: Photos, seed: int, *, relaxed: bool) -> pycolmap
     return options
 
 
-def _map(database: Path, photos: Photos, attempt: Attempt, workspace: Path, seed: int) -> pycolmap.Reconstruction | None:
+def map_database(
+    database: Path, photos: Photos, attempt: Attempt, workspace: Path, seed: int
+) -> pycolmap.Reconstruction | None:
     """Run one mapper; the model with most images, or None."""
     pycolmap.set_random_seed(seed)
     out = workspace / "models" / attempt.name.replace(", ", "_")
@@ -305,43 +304,3 @@ def adjust(model: pycolmap.Reconstruction, *, intrinsics: bool) -> None:
     options.ceres.solver_options.function_tolerance = 1e-6
     pycolmap.bundle_adjustment(model, options)
     model.update_point_3d_errors()
-
-
-def triangulate_known(
-    photos: Photos, known: dict[str, tuple[Camera, Array]], settings: SfmSettings, workspace: Path, seed: int, threads: int
-) -> pycolmap.Reconstruction:
-    """Triangulate points with cameras and poses that came with the photos.
-
-    Args:
-        photos: Input; its own camera is not used.
-        known: Camera and `cam_from_world` [4, 4] by image name.
-        settings: Limits.
-        workspace: Empty folder for the database.
-        seed: Random seed.
-        threads: Threads to use.
-    """
-    database_path = workspace / "database.db"
-    first = next(iter(known.values()))[0]
-    base = Photos(photos.folder, photos.names, photos.ordered, first, None, photos.size, photos.other_sizes)
-    extract(database_path, base, settings, threads, per_image=True)
-    model = pycolmap.Reconstruction()
-    database = pycolmap.Database.open(database_path)
-    try:
-        for image in database.read_all_images():
-            camera, cam_from_world = known[image.name]
-            stored = database.read_camera(image.camera_id)
-            stored.params = [*colmap_params(camera.undistorted()), *camera.distortion]
-            stored.has_prior_focal_length = True
-            database.update_camera(stored)
-            model.add_camera_with_trivial_rig(stored)
-            keypoints = database.read_keypoints(image.image_id)[:, :2].astype(np.float64)
-            copy = pycolmap.Image(image.name, keypoints, image.camera_id, image.image_id)
-            model.add_image_with_trivial_frame(copy, pycolmap.Rigid3d(np.asarray(cam_from_world)[:3]))
-    finally:
-        database.close()
-    exhaustive = len(photos.names) <= settings.exhaustive_up_to and not photos.ordered
-    match(database_path, photos, settings, seed, threads, exhaustive=exhaustive)
-    out = workspace / "models" / "known"
-    out.mkdir(parents=True, exist_ok=True)
-    options = incremental_options(base, seed, relaxed=False)
-    return pycolmap.triangulate_points(model, database_path, photos.folder, out, clear_points=True, options=options)

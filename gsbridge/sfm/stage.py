@@ -18,7 +18,8 @@ from gsbridge.geometry import Array
 from gsbridge.photogrammetry.board import Board
 from gsbridge.photogrammetry.colmap import camera_from_colmap, pose_matrix, quiet
 from gsbridge.sfm import gates
-from gsbridge.sfm.mapping import MappingOutcome, map_photos, rematch, triangulate_known
+from gsbridge.sfm.known_poses import map_posed_photos
+from gsbridge.sfm.mapping import MappingOutcome, map_photos, rematch
 from gsbridge.sfm.photos import Photos
 from gsbridge.sfm.refine import refine_with_tags
 from gsbridge.sfm.tags import Tags, corner_points, find_all, layout_error
@@ -67,15 +68,14 @@ def reconstruct(
     shutil.rmtree(workspace, ignore_errors=True)
     workspace.mkdir(parents=True)
     raw_tags = find_all(frames, photos.names, board) if board is not None else {name: {} for name in photos.names}
+    posed: list[str] = []
     with quiet(workspace / "colmap.log"):
         if known:
-            outcome = MappingOutcome(
-                triangulate_known(photos, known, settings, workspace, seed, threads), "known", "known poses", []
-            )
+            outcome, posed = map_posed_photos(photos, known, settings, workspace, seed, threads)
         else:
             outcome = map_photos(photos, settings, workspace, seed, threads, lambda model: gates.doubt(model, raw_tags, board))
         stage = f"sfm of {keyframes_json.parent.parent.name}"
-        reasons = gates.check(outcome, photos, settings, stage)
+        reasons = gates.check(outcome, photos, settings, stage) + posed
         model = outcome.model
         assert model is not None
         if not known:

@@ -6,6 +6,7 @@ import functools
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from posed_scene import BOARD, names, photos
@@ -106,9 +107,8 @@ def test_photos_to_metric_cameras(tmp_path: Path, capture: tuple[Path, Camera, l
     assert image.shape[:2] == (views[0].camera.height, views[0].camera.width)
 
 
-@pytest.mark.slow
-def test_known_cameras_are_kept(tmp_path: Path, capture: tuple[Path, Camera, list[Array]]) -> None:
-    folder, camera, poses = capture
+def posed(path: Path, folder: Path, camera: Camera, poses: list[Array]) -> Path:
+    """Write a `transforms.json` for the drawn photos."""
     frames = []
     for name, pose in zip(names(len(poses)), poses, strict=True):
         matrix = np.linalg.inv(pose)
@@ -117,13 +117,43 @@ def test_known_cameras_are_kept(tmp_path: Path, capture: tuple[Path, Camera, lis
     k1, k2, p1, p2 = camera.distortion
     content = {"w": camera.width, "h": camera.height, "fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy}
     content |= {"k1": k1, "k2": k2, "p1": p1, "p2": p2, "frames": frames}
-    (tmp_path / "transforms.json").write_text(json.dumps(content))
-    record = run(tmp_path, *keyframes_of(Source("nerfstudio", tmp_path / "transforms.json"), tmp_path))
+    path.write_text(json.dumps(content))
+    return path
+
+
+@pytest.mark.slow
+def test_known_cameras_are_kept(tmp_path: Path, capture: tuple[Path, Camera, list[Array]]) -> None:
+    folder, camera, poses = capture
+    transforms = posed(tmp_path / "transforms.json", folder, camera, poses)
+    record = run(tmp_path, *keyframes_of(Source("nerfstudio", transforms), tmp_path))
     assert record["mapper"] == "known"
     assert record["registered"] == len(poses)
     assert record["points"] > 200
     aligned = align(tmp_path)
     assert aligned["scale"] == pytest.approx(1.0, abs=0.002)
+    assert aligned["residual_mm"] < 0.6
+
+
+@pytest.mark.slow
+def test_rough_poses_give_the_unit_only(tmp_path: Path, capture: tuple[Path, Camera, list[Array]]) -> None:
+    """Poses of a phone's tracking, a centimetre and a degree off, in units of half a metre."""
+    folder, camera, poses = capture
+    rng = np.random.default_rng(5)
+    off = []
+    for pose in poses:
+        turn, _ = cv2.Rodrigues(np.deg2rad(rng.normal(0, 1, 3)))
+        moved = np.eye(4)
+        moved[:3, :3] = turn @ pose[:3, :3]
+        moved[:3, 3] = -moved[:3, :3] @ (2 * (camera_centre(pose) + rng.normal(0, 0.005, 3)))
+        off.append(moved)
+    transforms = posed(tmp_path / "transforms.json", folder, camera, off)
+    record = run(tmp_path, *keyframes_of(Source("nerfstudio", transforms), tmp_path))
+    assert record["attempt"] == "known poses, refined"
+    assert record["registered"] == len(poses)
+    assert record["reprojection_px"] < 1.0
+    # The board, which the reconstruction has not looked at, knows the unit.
+    aligned = align(tmp_path)
+    assert aligned["scale"] == pytest.approx(0.5, rel=0.02)
     assert aligned["residual_mm"] < 0.6
 
 

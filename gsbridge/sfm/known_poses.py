@@ -1,0 +1,143 @@
+"""Photos whose poses came with them: exact ones are taken as they are, rough ones only give the unit."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from pathlib import Path
+
+import cv2  # noqa: F401  (must be loaded before pycolmap)
+import numpy as np
+import pycolmap
+
+from gsbridge.cameras import Camera, camera_centre
+from gsbridge.configuration.sfm import SfmSettings
+from gsbridge.geometry import Array, Similarity, align_similarity
+from gsbridge.photogrammetry.colmap import colmap_params, pose_matrix
+from gsbridge.sfm.mapping import Attempt, MappingOutcome, adjust, extract, incremental_options, map_database, rematch
+from gsbridge.sfm.matching import match
+from gsbridge.sfm.photos import Photos
+
+logger = logging.getLogger("gsbridge")
+
+ROUGH_PX = 1.0
+"""Mean reprojection error of the given poses, px, above which they may be rough: exact ones leave the noise of the features."""
+
+BETTER = 0.8
+"""They are rough where an adjustment lowers that error to this share, or where the photos alone give that many more points."""
+
+LOOSE = 0.03
+"""Mean distance of given and found camera places, as a share of their spread, from which the unit is in doubt."""
+
+
+def map_posed_photos(
+    photos: Photos, known: Mapping[str, tuple[Camera, Array]], settings: SfmSettings, workspace: Path, seed: int, threads: int
+) -> tuple[MappingOutcome, list[str]]:
+    """Model of photos with given poses, in the poses' unit.
+
+    Poses of another reconstruction are exact to a fraction of a pixel. Those of a phone (ARKit: Polycam, Record3D) are
+    off by centimetres and degrees, which no surface survives: there the cameras are found anew from the photos, with the given
+    intrinsics, and laid onto the given places, which know the unit.
+
+    Args:
+        photos: Input; its own camera is not used.
+        known: Camera and `cam_from_world` [4, 4] by image name.
+        settings: Limits.
+        workspace: Empty folder for the database.
+        seed: Random seed.
+        threads: Threads to use.
+
+    Returns:
+        The model, and why it is less sure than it looks.
+    """
+    model, base = triangulate_known(photos, known, settings, workspace, seed, threads)
+    given = MappingOutcome(model, "known", "known poses", [])
+    before = model.compute_mean_reprojection_error() if model.num_points3D() else np.inf
+    if before <= ROUGH_PX:
+        return given, []
+    adjusted = pycolmap.Reconstruction(model)
+    if model.num_points3D():
+        adjust(adjusted, intrinsics=False)
+    after = adjusted.compute_mean_reprojection_error() if model.num_points3D() else 0.0
+    if after > BETTER * before:
+        return given, []
+    logger.info("the given poses leave %.1f px, the photos want others: find them anew", before)
+    fresh = map_database(workspace / "database.db", base, Attempt("rough poses", False, False), workspace, seed)
+    if fresh is None or fresh.num_reg_images() < settings.pass_share * len(photos.names):
+        count = 0 if fresh is None else fresh.num_reg_images()
+        return given, [
+            f"the poses that came with the photos leave {before:.1f} px and only {count} of {len(photos.names)} photos "
+            "register by themselves; surfaces will be blurred: take sharper photos with more overlap"
+        ]
+    fresh = rematch(fresh, base, workspace, seed, threads)
+    move, loose = laid_onto(fresh, known)
+    fresh.transform(pycolmap.Sim3d(move.scale, pycolmap.Rotation3d(move.rotation), move.translation))
+    reasons = []
+    if loose > LOOSE:
+        reasons.append(
+            f"the poses that came with the photos differ from those found in them by {100 * loose:.0f} % of their spread, so "
+            "that the unit of the poses is known as badly; lay out the board, or give a known length"
+        )
+    return MappingOutcome(fresh, "incremental", "known poses, refined", []), reasons
+
+
+def laid_onto(model: pycolmap.Reconstruction, known: Mapping[str, tuple[Camera, Array]]) -> tuple[Similarity, float]:
+    """Similarity from a model to given poses, by the places of its cameras; the farthest fifth does not count.
+
+    Args:
+        model: Posed model.
+        known: Camera and `cam_from_world` [4, 4] by image name.
+
+    Returns:
+        `given_from_model`, and the mean distance of the places that count, as a share of their spread.
+    """
+    images = sorted((model.image(i) for i in model.reg_image_ids()), key=lambda image: image.name)
+    found = np.array([camera_centre(pose_matrix(image)) for image in images])
+    given = np.array([camera_centre(known[image.name][1]) for image in images])
+    kept = np.arange(len(found))
+    for _ in range(3):
+        move = align_similarity(found[kept], given[kept])
+        away = np.linalg.norm(move.apply(found) - given, axis=1)
+        kept = np.sort(np.argsort(away, kind="stable")[: max(3, round(0.8 * len(found)))])
+    spread = float(np.linalg.norm(given[kept] - given[kept].mean(0), axis=1).mean())
+    return move, float(away[kept].mean()) / max(spread, 1e-12)
+
+
+def triangulate_known(
+    photos: Photos, known: Mapping[str, tuple[Camera, Array]], settings: SfmSettings, workspace: Path, seed: int, threads: int
+) -> tuple[pycolmap.Reconstruction, Photos]:
+    """Triangulate points with cameras and poses that came with the photos; also the input with a fixed camera.
+
+    Args:
+        photos: Input; its own camera is not used.
+        known: Camera and `cam_from_world` [4, 4] by image name.
+        settings: Limits.
+        workspace: Empty folder for the database.
+        seed: Random seed.
+        threads: Threads to use.
+    """
+    database_path = workspace / "database.db"
+    first = next(iter(known.values()))[0]
+    base = Photos(photos.folder, photos.names, photos.ordered, first, None, photos.size, photos.other_sizes)
+    extract(database_path, base, settings, threads, per_image=True)
+    model = pycolmap.Reconstruction()
+    database = pycolmap.Database.open(database_path)
+    try:
+        for image in database.read_all_images():
+            camera, cam_from_world = known[image.name]
+            stored = database.read_camera(image.camera_id)
+            stored.params = [*colmap_params(camera.undistorted()), *camera.distortion]
+            stored.has_prior_focal_length = True
+            database.update_camera(stored)
+            model.add_camera_with_trivial_rig(stored)
+            keypoints = database.read_keypoints(image.image_id)[:, :2].astype(np.float64)
+            copy = pycolmap.Image(image.name, keypoints, image.camera_id, image.image_id)
+            model.add_image_with_trivial_frame(copy, pycolmap.Rigid3d(np.asarray(cam_from_world)[:3]))
+    finally:
+        database.close()
+    exhaustive = len(photos.names) <= settings.exhaustive_up_to and not photos.ordered
+    match(database_path, photos, settings, seed, threads, exhaustive=exhaustive)
+    out = workspace / "models" / "known"
+    out.mkdir(parents=True, exist_ok=True)
+    options = incremental_options(base, seed, relaxed=False)
+    return pycolmap.triangulate_points(model, database_path, photos.folder, out, clear_points=True, options=options), base
