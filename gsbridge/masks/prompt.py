@@ -54,6 +54,11 @@ def focus_point(views: Sequence[View]) -> Array:
     return np.linalg.solve(a + weight * np.eye(3), b + weight * ground)
 
 
+def working_distance(views: Sequence[View], focus: Array) -> float:
+    """Median distance of the views from the point they look at. [3]."""
+    return float(np.median([np.linalg.norm(view.centre - focus) for view in views]))
+
+
 def find_object(views: Sequence[View], sparse: SparsePoints, height_share: float, min_points: int) -> Prompt:
     """Find the object among the sparse points: the group above the table that most cameras look at.
 
@@ -70,7 +75,7 @@ def find_object(views: Sequence[View], sparse: SparsePoints, height_share: float
         StageError: Too few points stand above the table near the point the cameras look at.
     """
     focus = focus_point(views)
-    distance = float(np.median([np.linalg.norm(view.centre - focus) for view in views]))
+    distance = working_distance(views, focus)
     points = sparse.points
     found = find_standing(points, focus, distance, height_share, min_points)
     advice = (

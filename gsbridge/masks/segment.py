@@ -22,7 +22,8 @@ from gsbridge.masks import flatness, grabcut, sam2
 from gsbridge.masks.consistency import agreed_hull, outline, overlap, shrunk
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop
 from gsbridge.masks.hints import Hints, hinted, read_hints
-from gsbridge.masks.prompt import Prompt, find_object
+from gsbridge.masks.prompt import Prompt
+from gsbridge.masks.standing_out import find_plain_object
 from gsbridge.masks.subtraction import open_windows, subtract_table
 from gsbridge.meshes import Mesh
 from gsbridge.photogrammetry.matting import estimate_alpha
@@ -115,8 +116,12 @@ def _grabcut_masks(
     settings: MaskSettings,
     seed: int,
     threads: int,
+    rough: Mesh | None,
 ) -> tuple[list[Array], Mesh]:
-    """Masks of all views by GrabCut, hull, GrabCut within a band of the hull. -> list of [H, W] float32 0..1, last hull."""
+    """Masks of all views by GrabCut, hull, GrabCut within a band of the hull. -> list of [H, W] float32 0..1, last hull.
+
+    A rough hull that is known beforehand stands in for the first masks.
+    """
     crops = [
         Crop.around(_pixels(view, prompt.box_corners()), (view.camera.width, view.camera.height), settings.crop_px)
         for view in views
@@ -136,14 +141,15 @@ def _grabcut_masks(
             labels = _first_labels(view, index, crop, prompt, sparse)
         else:
             covered = outline(hull, crop.camera(view.camera), view.cam_from_table)
-            labels = _band_labels(covered, crop.cut(masks[index]) > 0.5, share * np.sqrt(max(covered.sum(), 1.0)))
+            before = crop.cut(masks[index]) > 0.5 if masks else covered
+            labels = _band_labels(covered, before, share * np.sqrt(max(covered.sum(), 1.0)))
         labels[flat[index] & ((labels == UNSURE_BACK) if hull is None else (labels != FRONT))] = BACK
         _stamp_hints(labels, crop, hints[index])
         mask = grabcut.cut_out(photo, labels, settings.iterations, seed + index)
         mask = grabcut.tidy(mask, object_pixels)
         return crop.paste(mask, (view.camera.width, view.camera.height))
 
-    hull: Mesh | None = None
+    hull = rough
     masks: list[Array] = []
     with ThreadPoolExecutor(threads) as pool:
         for number in range(1 + settings.passes):
@@ -221,15 +227,15 @@ def segment_object(
     if len(views) < 3:
         raise StageError("masks", f"{len(views)} photos are registered, 3 are needed", "Film again with more overlap")
     sparse = read_points(points_npz)
-    prompt = find_object(views, sparse, settings.height_share, settings.min_points)
+    prompt, rough = find_plain_object(views, sparse, settings, threads)
     hints = read_hints(points, list(views))
-    if points:
+    if points and rough is None:
         prompt = hinted(prompt, sparse, list(views), hints)
     if settings.backend == "sam2":
         masks = sam2.propagate(views, prompt, settings.sam2_weights, threads)
         hull = agreed_hull(views, masks, prompt, settings, settings.hull_vote, threads)
     else:
-        masks, hull = _grabcut_masks(views, prompt, sparse, hints, settings, seed, threads)
+        masks, hull = _grabcut_masks(views, prompt, sparse, hints, settings, seed, threads, rough)
     logger.info("finish the outlines of %d masks", len(masks))
     masks = _finished(views, masks, hull, hints, threads)
     shares = [float((mask > 0.5).mean()) for mask in masks]
@@ -259,6 +265,7 @@ def segment_object(
         packages=("opencv-python-headless", "numba"),
         backend=settings.backend,
         object_points=len(prompt.points),
+        prompt="points" if rough is None else "what stands out from the table",
         views={
             view.name: {"area": share, "consistency": value}
             for view, share, value in zip(views, shares, agreement, strict=True)

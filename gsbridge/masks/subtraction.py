@@ -27,7 +27,7 @@ from gsbridge.masks.prompt import Prompt
 
 _OTHERS = 24
 """Photos that the table is taken from; a median needs no more."""
-_NEEDED = 5
+NEEDED = 5
 """Photos that must show a spot of the table before its colour is believed."""
 _USUAL = 4.0
 """A pixel is strange from this many times the median difference of bare table on."""
@@ -99,27 +99,17 @@ def compare_with_table(
     assert photo is not None
     own = photo.astype(np.float32) / 255
     away = cv2.dilate(masks[index].astype(np.uint8), disc(2 * MARGIN_PX)) == 0
-    others = [i for i, other in enumerate(photos) if other is not None and i != index]
-    if len(others) > _OTHERS:
-        others = [others[i] for i in np.linspace(0, len(others) - 1, _OTHERS).round().astype(int)]
+    others = compared_photos(index, photos)
     nothing = np.zeros(away.shape, bool)
-    if len(others) < _NEEDED:
+    if len(others) < NEEDED:
         return Evidence(nothing, nothing, own, nothing)
     free = [free_of(mask) for mask in masks] if free is None else free
     laid = lay_on_table(index, others, photos, free, cameras, poses, away)
     near = grown(masks[index], round(0.25 * np.sqrt(masks[index].sum())))
-    table, known = median_layer(laid, near, own, _NEEDED)
+    table, known = median_layer(laid, near, own, NEEDED)
     if not known.any():
         return Evidence(nothing, nothing, own, nothing)
-    grey = cv2.GaussianBlur((table[..., 0] + table[..., 1] + table[..., 2]) / 3, (0, 0), 0.7)
-    slope = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.125), cv2.Sobel(grey, cv2.CV_32F, 0, 1, scale=0.125))
-    difference = np.abs(own - table)
-    largest = np.maximum(np.maximum(difference[..., 0], difference[..., 1]), difference[..., 2])
-    excess = np.maximum(largest - _MISPLACED_PX * slope, 0.0)
-    bare = known & away
-    usual = float(np.median(excess[bare])) if bare.any() else 0.0
-    least = max(_USUAL * usual, _LEAST_DIFFERENCE)
-    smooth = cv2.GaussianBlur(excess, (0, 0), 0.6)
+    smooth, least = excess_over_table(own, table, known & away)
     # Pixels on the outline are of both: they are strange, but not yet the object.
     strange = cv2.erode((known & (smooth > least)).astype(np.uint8), disc(1)) > 0
     plain = cv2.morphologyEx((known & (smooth < 0.5 * least)).astype(np.uint8), cv2.MORPH_OPEN, disc(1)) > 0
@@ -129,6 +119,31 @@ def compare_with_table(
         # Right beside a mask nothing counts as bare; that margin is no foot.
         foot = (cv2.erode(unseen.astype(np.uint8), disc(MARGIN_PX)) > 0) & ~masks[index]
     return Evidence(strange, plain, table, foot)
+
+
+def excess_over_table(own: Array, table: Array, bare: Array) -> tuple[Array, float]:
+    """By how much a photo differs from the table, beyond what a pose a little off explains, and how much is strange.
+
+    Args:
+        own: The photo, 0..1. [h, w, 3].
+        table: The bare table behind it. [h, w, 3].
+        bare: Where the photo may be taken to show it. [h, w] bool.
+    """
+    grey = cv2.GaussianBlur((table[..., 0] + table[..., 1] + table[..., 2]) / 3, (0, 0), 0.7)
+    slope = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.125), cv2.Sobel(grey, cv2.CV_32F, 0, 1, scale=0.125))
+    difference = np.abs(own - table)
+    largest = np.maximum(np.maximum(difference[..., 0], difference[..., 1]), difference[..., 2])
+    excess = np.maximum(largest - _MISPLACED_PX * slope, 0.0)
+    usual = float(np.median(excess[bare])) if bare.any() else 0.0
+    return cv2.GaussianBlur(excess, (0, 0), 0.6), max(_USUAL * usual, _LEAST_DIFFERENCE)
+
+
+def compared_photos(index: int, photos: Sequence[Array | None]) -> list[int]:
+    """Photos that one is compared with: at most `_OTHERS`, evenly from all that show the place."""
+    others = [i for i, other in enumerate(photos) if other is not None and i != index]
+    if len(others) > _OTHERS:
+        others = [others[i] for i in np.linspace(0, len(others) - 1, _OTHERS).round().astype(int)]
+    return others
 
 
 def ground_of(points: Array) -> Array:

@@ -43,6 +43,11 @@ def gate(p: Array) -> Array:
     return np.maximum(_box(p, (0.0, 0.0, 0.03), (0.035, 0.012, 0.03)), -_box(p, (0.0, 0.0, 0.032), (0.018, 0.05, 0.014)))
 
 
+def block(p: Array) -> Array:
+    """Signed distance of a block without any detail, m. [N, 3] -> [N]."""
+    return _box(p, (0.0, 0.0, 0.025), (0.03, 0.02, 0.025))
+
+
 def _box(p: Array, centre: tuple[float, ...], half: tuple[float, ...]) -> Array:
     q = np.abs(p - np.array(centre)) - np.array(half)
     return np.linalg.norm(np.maximum(q, 0), axis=-1) + np.minimum(q.max(-1), 0)

@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 from scipy import ndimage
-from solid_scene import around, gate, solid_scene, statue, traced
+from solid_scene import around, block, gate, solid_scene, statue, traced
 from table_scene import CENTRE, RADIUS, ball_scene
 
 from gsbridge.cameras import Camera, View, Views
 from gsbridge.errors import InputError, StageError
-from gsbridge.images import read_image_u8, read_mask
+from gsbridge.images import read_image_u8, read_mask, write_image
 from gsbridge.masks import MaskSettings, flatness, grabcut, segment_object
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop, cut_out, tidy
 from gsbridge.masks.layers import Layers, median_colour, median_layer
@@ -94,7 +94,7 @@ def _rewrite(scene, path, keep):
         )
 
 
-def test_too_few_points_stop_with_advice(scene, tmp_path):
+def _five_points_of_the_ball(scene, path):
     counter = np.zeros(1)
 
     def keep(points):
@@ -102,11 +102,41 @@ def test_too_few_points_stop_with_advice(scene, tmp_path):
         counter[0] = above.sum()
         return ~above | (np.cumsum(above) <= 5)
 
-    _rewrite(scene, tmp_path / "points.npz", keep)
+    _rewrite(scene, path, keep)
+
+
+def test_too_few_points_on_a_plain_table_stop_with_advice(scene, tmp_path):
+    """Where the table has no pattern either, nothing tells the object from it."""
+    _five_points_of_the_ball(scene, tmp_path / "points.npz")
+    for view in scene.views:
+        write_image(tmp_path / "grey" / view.name, np.full((view.camera.height, view.camera.width, 3), 0.5))
+    views = Views(tmp_path / "grey", scene.views.views)
     with pytest.raises(StageError, match=r"points (stand above the table|lie on the object), 8 are needed.*sam2"):
-        segment_object(scene.views, tmp_path / "points.npz", tmp_path / "images", tmp_path / "masks.json", SMALL)
+        segment_object(views, tmp_path / "points.npz", tmp_path / "images", tmp_path / "masks.json", SMALL)
     assert not (tmp_path / "images").exists()
     assert not (tmp_path / "masks.json").exists()
+
+
+@pytest.mark.parametrize("known", ["no point", "a corner"])
+def test_a_plain_thing_is_found_by_the_table_that_it_hides(tmp_path, known):
+    """A block without any mark, of which nothing is measured, or a handful of points at one corner."""
+    camera = Camera(256, 192, 220.0, 220.0, 128.0, 96.0)
+    views = around(camera, 20, (25.0, 45.0), np.array([0.0, 0.0, 0.02]))
+
+    def plain(p):
+        return (p[:, :2].sum(1) < 0.035) if known == "a corner" else np.ones(len(p), bool)
+
+    scene = solid_scene(tmp_path, block, views, plain=plain, points=1)
+    segment_object(scene.views, scene.points_npz, tmp_path / "found", tmp_path / "masks.json", SMALL, seed=0)
+    scores = []
+    for view, true in zip(scene.views, scene.inside, strict=True):
+        mask = read_mask(tmp_path / "found" / view.name) > 0.5
+        scores.append((mask & true).sum() / (mask | true).sum())
+    print(min(scores), np.mean(scores))
+    assert np.mean(scores) > 0.95
+    assert min(scores) > 0.9
+    record = json.loads((tmp_path / "masks.json").read_text())
+    assert (record["status"], record["prompt"]) == ("pass", "what stands out from the table")
 
 
 @pytest.mark.parametrize("lost", [1, 2])
