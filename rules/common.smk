@@ -14,6 +14,7 @@ os.environ.update(PYTHONPATH=os.pathsep.join(filter(None, dict.fromkeys(searched
 
 from gsbridge.configuration.checks import check_asked, check_configuration
 from gsbridge.digests import code_digest, kernel_digest, script_digest
+from gsbridge.experiment.evidence import EvidencePlan
 from gsbridge.experiment.gap_benchmark import BenchmarkPlan
 from gsbridge.experiment.loops import JointLoop, PictureLoop, closed_loops
 from gsbridge.experiment.plan import BINDINGS, Experiment
@@ -68,6 +69,7 @@ OWN_CASE = config["gap_case"]
 GAP_CASES = {**GAP["cases"], **({case_name(OWN_CASE): OWN_CASE} if OWN_CASE else {})}
 GAP_BANK = "results/.state/gap_bank"
 BENCHMARK = BenchmarkPlan(PLAN)
+EVIDENCE = EvidencePlan(PLAN)
 SCENE_THREADS = scene_threads()
 
 if workflow.is_main_process:

@@ -268,9 +268,11 @@ rule score_loops:
 rule record_scores:
     input:
         scores="results/scores/{area}.json",
+        evidence=lambda wildcards: EVIDENCE.files(wildcards.area),
     output:
         # Kept with the code: what was measured, at which commit, while results/ comes and goes.
         record="benchmarks/scores/{area}.json",
+        evidence=directory("benchmarks/evidence/{area}"),
     log:
         "results/logs/record_scores/{area}.log",
     benchmark:
@@ -278,10 +280,32 @@ rule record_scores:
     localrule: True
     conda:
         "../envs/report.yaml"
+    params:
+        code=script_digest("record_scores"),
+        kinds=lambda wildcards: EVIDENCE.kinds(wildcards.area),
     message:
-        "Record the figures of {wildcards.area}"
-    shell:
-        "cp {input.scores} {output.record}.part 2> {log} && mv {output.record}.part {output.record}"
+        "Record the figures of {wildcards.area}, and the rows behind them"
+    script:
+        "../scripts/record_scores.py"
+
+
+rule record_timings:
+    output:
+        timings="benchmarks/evidence/timings.csv.gz",
+    log:
+        "results/logs/record_timings.log",
+    benchmark:
+        "results/benchmarks/record_timings/all.jsonl"
+    localrule: True
+    conda:
+        "../envs/report.yaml"
+    params:
+        code=script_digest("record_timings"),
+        benchmarks="results/benchmarks",
+    message:
+        "Record what each job took"
+    script:
+        "../scripts/record_timings.py"
 
 
 rule write_results_page:

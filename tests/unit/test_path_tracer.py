@@ -78,8 +78,17 @@ def test_a_library_that_is_asked_for_and_missing_is_an_error(fresh, monkeypatch,
         path_tracer.variant()
 
 
-def test_films_are_traced_without_a_compiler_unless_it_is_asked_for(fresh, monkeypatch):
+@pytest.mark.parametrize(("works", "chosen"), [(True, path_tracer.COMPILED), (False, path_tracer.SCALAR)])
+def test_films_are_compiled_where_a_library_works_unless_another_variant_is_asked_for(
+    fresh, monkeypatch, tmp_path, works, chosen
+):
     monkeypatch.delenv(path_tracer.CHOICE)
+    monkeypatch.setattr(path_tracer, "_FOLDERS", (str(tmp_path),))
+    monkeypatch.setattr(path_tracer, "_works", lambda _: works)
+    (tmp_path / "libLLVM.so.19.1").write_bytes(b"")
+    assert path_tracer.variant() == chosen
+    path_tracer.variant.cache_clear()
+    monkeypatch.setenv(path_tracer.CHOICE, path_tracer.SCALAR)
     assert path_tracer.variant() == path_tracer.SCALAR
 
 

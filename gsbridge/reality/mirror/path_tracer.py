@@ -1,10 +1,9 @@
-"""The variant of Mitsuba that traces the films.
+"""Mitsuba in the fastest variant that works on this machine, for the films.
 
 `llvm_ad_rgb` traces a film's frame in about a quarter of the time that `scalar_rgb` takes and gives the same picture for the
 same seed, whatever the number of threads; both agree within their noise. It needs libLLVM, which no wheel brings (Debian:
 `libllvm19`), and crashes the process with some versions. A library is therefore tried in a process of its own before it is used
-here. `scalar_rgb` needs nothing. It is used unless the environment asks for another: the choice of keyframes is scored on one
-film whose score moves with the film's noise, and was tuned on this variant's.
+here; `scalar_rgb` needs nothing and serves where no library works.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from gsbridge.errors import InputError
 SCALAR, COMPILED, FASTEST = "scalar_rgb", "llvm_ad_rgb", "fastest"
 
 CHOICE = "GSBRIDGE_PATH_TRACER"
-"""Environment variable that names a variant, or says `fastest`: the compiled one where it works."""
+"""Environment variable that names a variant; `fastest`, as without it, is the compiled one where it works."""
 
 OLDEST_LLVM = 16
 """Version 15 crashes while it compiles the kernels of Mitsuba 3.9."""
@@ -118,7 +117,7 @@ def variant() -> str:
     wanted = os.environ.get(CHOICE, "")
     if wanted not in ("", SCALAR, COMPILED, FASTEST):
         raise InputError(CHOICE, f"'{wanted}' is no variant", f"Use {SCALAR}, {COMPILED} or {FASTEST}, or leave it out")
-    if wanted in ("", SCALAR):
+    if wanted == SCALAR:
         return SCALAR
     for library in llvm_libraries():
         if library.exists() and _known_to_work(library):
@@ -135,7 +134,7 @@ def load_mitsuba(threads: int, wanted: str | None = None) -> Any:
 
     Args:
         threads: Threads to render with.
-        wanted: Name of the variant; None for the one that the environment asks for.
+        wanted: Name of the variant; None for the fastest one that works, or what the environment asks for.
 
     Raises:
         InputError: See `variant`.

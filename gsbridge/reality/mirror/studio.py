@@ -111,7 +111,11 @@ class Studio:
     def _sensor(
         self, camera: Camera, cam_from_table: Array, samples: int, window: tuple[int, int, int, int] | None = None
     ) -> Any:
-        """Mitsuba sensor; with a `window` (left, top, width, height, px) only that part, with coverage as alpha."""
+        """Mitsuba sensor; with a `window` (left, top, width, height, px) only that part, with coverage as alpha.
+
+        A window is a camera of its own with another principal point: the place of a cropped film would be a number in
+        Mitsuba's kernels, and they would be compiled anew for every picture, which takes longer than the picture.
+        """
         mi = self.mi
         left, top, width, height = window or (0, 0, camera.width, camera.height)
         # Mitsuba looks along +z with x to the left and y up.
@@ -119,19 +123,17 @@ class Studio:
         return mi.load_dict(
             {
                 "type": "perspective",
-                "fov": float(np.degrees(2 * np.arctan(camera.width / 2 / camera.fx))),
+                "fov": float(np.degrees(2 * np.arctan(width / 2 / camera.fx))),
                 "fov_axis": "x",
+                "principal_point_offset_x": (2 * left + width - camera.width) / 2 / width,
+                "principal_point_offset_y": (2 * top + height - camera.height) / 2 / height,
                 "near_clip": 0.02,
                 "far_clip": 20.0,
                 "to_world": mi.ScalarTransform4f(to_world),
                 "film": {
                     "type": "hdrfilm",
-                    "width": camera.width,
-                    "height": camera.height,
-                    "crop_offset_x": left,
-                    "crop_offset_y": top,
-                    "crop_width": width,
-                    "crop_height": height,
+                    "width": width,
+                    "height": height,
                     "rfilter": {"type": "box"},
                     "pixel_format": "rgba" if window else "rgb",
                     "component_format": "float32",
@@ -168,12 +170,28 @@ class Studio:
         pixels = camera.project(self.truth.vertices[::16] @ cam_from_table[:3, :3].T + cam_from_table[:3, 3])
         low = np.clip(np.floor(pixels.min(0)).astype(int) - 6, 0, [camera.width - 1, camera.height - 1])
         high = np.clip(np.ceil(pixels.max(0)).astype(int) + 6, low + 1, [camera.width, camera.height])
-        (left, top), (width, height) = low.tolist(), (high - low).tolist()
+        (left, top), (width, height) = self._window(low, high, camera)
         sensor = self._sensor(camera, cam_from_table, samples, (left, top, width, height))
         integrator = self.mi.load_dict({"type": "direct", "hide_emitters": True})
         cover = np.array(self.mi.render(self.alone, sensor=sensor, integrator=integrator, seed=0, spp=samples))[..., 3]
         out[top : top + height, left : left + width] = cover
         return out
+
+    @staticmethod
+    def _window(low: Array, high: Array, camera: Camera) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Left and top, width and height of a window round some pixels: of few sizes, for each of which kernels are compiled.
+
+        Args:
+            low: First column and row. [2].
+            high: Column and row behind the last. [2].
+            camera: Camera of the picture.
+        """
+        whole = np.array([camera.width, camera.height])
+        step = -(-whole // 4)
+        size = np.minimum(-(-(high - low) // step) * step, whole)
+        left, top = np.minimum(low, whole - size).tolist()
+        width, height = size.tolist()
+        return (left, top), (width, height)
 
 
 def _table_mesh(cell: float = 0.01) -> Mesh:

@@ -1,0 +1,87 @@
+"""Files that hold the raw rows behind the figures of each area: what `benchmarks/evidence` keeps of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from gsbridge.experiment.gap_benchmark import BenchmarkPlan
+from gsbridge.experiment.loops import JointLoop, PictureLoop
+from gsbridge.experiment.plan import Experiment
+from gsbridge.experiment.tables import Tables
+
+Kinds = Mapping[str, list[str]]
+"""Files by the name of the table that they fill."""
+
+
+@dataclass(frozen=True)
+class EvidencePlan:
+    """Raw files of an experiment, by area and table.
+
+    Args:
+        plan: Scenes, cells and settings.
+    """
+
+    plan: Experiment
+
+    def kinds(self, area: str) -> Kinds:
+        """Tables of an area with the files that fill them; an area without any has its figures alone."""
+        found: Mapping[str, Callable[[], Kinds]] = {
+            "real2sim": self._real2sim,
+            "shapes": lambda: {"scenes": self._scene_scores(self.plan.shapes)},
+            "simulator": self._simulator,
+            "policies": self._policies,
+            "worlds": lambda: {"trials": Tables(self.plan).table_trials("worlds", "csv")},
+            "study": self._study,
+            "gap": self._gap,
+            "loops": lambda: {"trials": sorted({*JointLoop(self.plan).tables, *PictureLoop(self.plan).tables})},
+        }
+        return found[area]() if area in found else {}
+
+    def files(self, area: str) -> list[str]:
+        """All files of an area, each once."""
+        return list(dict.fromkeys(path for paths in self.kinds(area).values() for path in paths))
+
+    @staticmethod
+    def _scene_scores(scenes: list[str]) -> list[str]:
+        return [f"results/scores/scenes/{scene}.json" for scene in scenes]
+
+    def _real2sim(self) -> Kinds:
+        return {
+            "scenes": self._scene_scores(self.plan.mirrored),
+            "films": [f"results/films/{scene}/film.json" for scene in self.plan.mirrored],
+            "rendering": ["results/rows/rendering.csv"],
+            "captures": [path for paths in self.plan.real_records.values() for path in paths.values()],
+            "rasterizer": ["results/benchmarks/rasterizer.json"],
+        }
+
+    def _simulator(self) -> Kinds:
+        return {
+            "controllers": self.plan.controller_trials("sim") + self.plan.controller_trials("mirror"),
+            "eye_in_hand": ["results/rows/eye_in_hand.csv"],
+            "checks": [
+                "results/robot/simulator.json",
+                "results/scores/workspace/registration.json",
+                "results/benchmarks/environment.json",
+                *(f"results/views/{pair}/drawn.json" for pair in self.plan.pairs),
+            ],
+        }
+
+    def _policies(self) -> Kinds:
+        tables = Tables(self.plan)
+        if not tables.policies:
+            return {}
+        trials = [path for table in tables.successes for path in tables.table_trials(table, "csv")]
+        return {"trials": sorted(set(trials)), "training": ["results/rows/training.csv"]}
+
+    def _study(self) -> Kinds:
+        tables = Tables(self.plan)
+        return {"trials": tables.study_files("csv", trials=True), "study": ["results/rows/study.csv"]}
+
+    def _gap(self) -> Kinds:
+        gap = BenchmarkPlan(self.plan)
+        return {
+            "tiers": [f"results/gap-benchmark/{tier}/scores.json" for tier in gap.settings["benchmark"]],
+            "mismatch": ["results/benchmarks/gap_mismatch.json"],
+            "measured": list(gap.real_logs.values()),
+        }

@@ -1,0 +1,102 @@
+"""The block of README that quotes recorded figures: those of areas that are fresh, and no others."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from gsbridge.errors import InputError
+from gsbridge.files import atomic_file
+from gsbridge.report.scores.results_page import AREAS, freshness, read_record, shown, shown_floor
+
+HEADLINES = (
+    *("make_tables_wall", "make_toy_wall", "camera_error_median", "scale_error_median", "mask_iou_median"),
+    *("chamfer_visual_median", "soft_minus_games_all_mean", "soft_psnr_objects_min", "eye_in_hand_gs_min"),
+    *(
+        "eye_in_hand_lead_unshaded_min",
+        "grasp_sim_fixed",
+        "grasp_mirror_fixed",
+        "place_mirror_fixed",
+        "drop_eight_mirror_fixed",
+    ),
+    *("rl_sim_drop_mirror_fixed", "study_lead_min", "gap_named_right_t2", "gap_wrong_t2", "gap_false_alarm"),
+)
+"""Figures that README quotes where they are fresh, in its order."""
+
+BEGIN, END = "<!-- figures: `make results-page` writes this block -->", "<!-- end of figures -->"
+
+Records = Mapping[str, Mapping[str, Mapping[str, Any]]]
+
+
+def readme_block(records: Records, now: Mapping[str, Mapping[str, Mapping[str, str]]]) -> str:
+    """The block without its marks.
+
+    Args:
+        records: {area: {`provenance`, `figures`}}, empty for an area that was never recorded.
+        now: {area: {code, settings}} of the tree as it is.
+    """
+    fresh = [area for area, record in records.items() if record and freshness(record["provenance"], now[area]) == "fresh"]
+    known = {name: (area, score) for area in fresh for name, score in records[area]["figures"].items()}
+    lines = []
+    for name in HEADLINES:
+        area, score = known.get(name, ("", {}))
+        if score.get("value") is not None:
+            floor = shown_floor(score) or "reported"
+            lines.append(f"| {score['what']} | {shown(score['value'], score['unit'])} | {floor} | {area} |")
+    if lines:
+        lines = ["| figure | measured | floor | area |", "|---|---|---|---|", *lines, ""]
+    others = [area for area in records if area not in fresh]
+    if others:
+        told = "These areas are" if lines else "No figure is quoted here. All areas are" if not fresh else "Areas are"
+        lines.append(
+            f"{told} not measured with this tree yet, or stale: {', '.join(others)}. "
+            "[RESULTS.md](benchmarks/RESULTS.md) has their last figures, and says what has changed since."
+        )
+    return "\n".join(lines).strip()
+
+
+def with_block(text: str, block: str) -> str:
+    """A page with its block replaced.
+
+    Args:
+        text: The page, which holds `BEGIN` and `END` once.
+        block: What stands between them.
+
+    Raises:
+        ValueError: The marks are missing.
+    """
+    pattern = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
+    if len(pattern.findall(text)) != 1:
+        raise ValueError(f"the page does not hold {BEGIN} and {END} once")
+    return pattern.sub(lambda _: f"{BEGIN}\n\n{block}\n\n{END}", text)
+
+
+def write_readme_block(
+    readme: str | Path, folder: str | Path, now: Mapping[str, Mapping[str, Mapping[str, str]]], *, check: bool = False
+) -> bool:
+    """Write the block into README, unless it is as it should be.
+
+    Args:
+        readme: The page.
+        folder: Recorded scores, `{area}.json`.
+        now: {area: {code, settings}} of the tree as it is.
+        check: Write nothing.
+
+    Returns:
+        Whether the block was as it should be.
+
+    Raises:
+        InputError: A record is damaged, or the page lacks the marks of the block.
+    """
+    records = {area: read_record(Path(folder) / f"{area}.json") for area in AREAS}
+    text = Path(readme).read_text(encoding="utf-8")
+    try:
+        wanted = with_block(text, readme_block(records, now))
+    except ValueError as error:
+        raise InputError(readme, str(error), f"Put {BEGIN} and {END} where the figures belong") from error
+    if wanted != text and not check:
+        with atomic_file(readme) as temporary:
+            temporary.write_text(wanted, encoding="utf-8")
+    return wanted == text
