@@ -65,7 +65,7 @@ def hinted(prompt: Prompt, sparse: SparsePoints, views: Sequence[View], hints: S
         views: Posed views.
         hints: Of each view.
     """
-    own = _rows(sparse.points, prompt.points)
+    own = rows_among(sparse.points, prompt.points)
     table = np.zeros(len(sparse.points), bool)
     table[prompt.table] = True
     for index, (view, hint) in enumerate(zip(views, hints, strict=True)):
@@ -79,7 +79,7 @@ def hinted(prompt: Prompt, sparse: SparsePoints, views: Sequence[View], hints: S
     if not own.any():
         return prompt
     points = sparse.points[own]
-    added = sparse.points[own & ~_rows(sparse.points, prompt.points)]
+    added = sparse.points[own & ~rows_among(sparse.points, prompt.points)]
     low, high = prompt.low, prompt.high
     if len(added):
         margin = _MARGIN * float((high - low).max()) / (1 + 2 * _MARGIN)
@@ -88,7 +88,7 @@ def hinted(prompt: Prompt, sparse: SparsePoints, views: Sequence[View], hints: S
     return replace(prompt, points=points, table=np.flatnonzero(table), low=low, high=high)
 
 
-def _rows(points: Array, chosen: Array) -> Array:
+def rows_among(points: Array, chosen: Array) -> Array:
     """Which rows of `points` are among `chosen`. [N, 3], [K, 3] -> [N] bool."""
     wanted = {row.tobytes() for row in np.ascontiguousarray(chosen)}
     return np.array([row.tobytes() in wanted for row in np.ascontiguousarray(points)], bool)

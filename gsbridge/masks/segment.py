@@ -20,8 +20,9 @@ from gsbridge.images import read_image_u8, write_image
 from gsbridge.logs import ProgressLog
 from gsbridge.masks import flatness, grabcut, sam2
 from gsbridge.masks.consistency import agreed_hull, outline, overlap, shrunk
+from gsbridge.masks.evidence import doubts, mended, missed_points
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop
-from gsbridge.masks.hints import Hints, hinted, read_hints
+from gsbridge.masks.hints import Hints, hinted, read_hints, rows_among
 from gsbridge.masks.prompt import Prompt
 from gsbridge.masks.standing_out import find_plain_object
 from gsbridge.masks.subtraction import open_windows, subtract_table
@@ -236,6 +237,16 @@ def segment_object(
         hull = agreed_hull(views, masks, prompt, settings, settings.hull_vote, threads)
     else:
         masks, hull = _grabcut_masks(views, prompt, sparse, hints, settings, seed, threads, rough)
+    members = rows_among(sparse.points, prompt.points)
+
+    def hull_of(chosen: list[int]) -> Mesh:
+        parts = [views[i] for i in chosen], [masks[i] for i in chosen]
+        return agreed_hull(*parts, prompt, settings, settings.strict_vote, threads)
+
+    missed = missed_points(views, masks, sparse, members, prompt.table)
+    whole = mended(views, masks, sparse, members, missed, hull_of)
+    if any(one is not other for one, other in zip(whole, masks, strict=True)):
+        masks, hull = whole, agreed_hull(views, whole, prompt, settings, settings.strict_vote, threads)
     logger.info("finish the outlines of %d masks", len(masks))
     masks = _finished(views, masks, hull, hints, threads)
     shares = [float((mask > 0.5).mean()) for mask in masks]
@@ -255,6 +266,8 @@ def segment_object(
     mean = float(np.mean(agreement))
     if mean < settings.min_consistency:
         reasons.append(f"masks and their common hull agree to {mean:.2f} only (IoU; {settings.min_consistency:.2f} is good)")
+    missed = missed_points(views, masks, sparse, members, prompt.table)
+    reasons += doubts(missed, [view.name for view in views])
     with atomic_directory(out_images) as folder:
         for view, mask in zip(views, masks, strict=True):
             write_image(folder / f"{Path(view.name).stem}.png", mask)
@@ -267,8 +280,8 @@ def segment_object(
         object_points=len(prompt.points),
         prompt="points" if rough is None else "what stands out from the table",
         views={
-            view.name: {"area": share, "consistency": value}
-            for view, share, value in zip(views, shares, agreement, strict=True)
+            view.name: {"area": share, "consistency": value, "missed": item.share, "missed_low": item.low, "table": item.table}
+            for view, share, value, item in zip(views, shares, agreement, missed, strict=True)
         },
         area={"mean": float(np.mean(shares)), "min": float(np.min(shares)), "max": float(np.max(shares))},
         consistency={"mean": mean, "min": float(np.min(agreement))},

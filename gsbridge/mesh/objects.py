@@ -19,10 +19,11 @@ from gsbridge.geometry import Array
 from gsbridge.images import read_image
 from gsbridge.mesh.backends import choose_backend, external_points
 from gsbridge.mesh.depth import DepthCloud, depth_cloud
+from gsbridge.mesh.doubts import doubts, outline_doubts, outline_overlaps
 from gsbridge.mesh.fuse import fuse, vertex_colours
 from gsbridge.mesh.hollow import carved, guessed_share, lowered
 from gsbridge.mesh.hull import Hull, build_hull, read_masks
-from gsbridge.mesh.repair import closed_surface, depth_inside
+from gsbridge.mesh.repair import closed_surface
 from gsbridge.meshes import Mesh, write_mesh
 from gsbridge.photogrammetry.carving import Grid
 from gsbridge.photogrammetry.sparse import read_points
@@ -32,14 +33,8 @@ logger = logging.getLogger("gsbridge")
 
 _FULL_ORBIT_DEG = 200.0
 """Views spread over less than this leave a side of the object unseen."""
-_DISAGREE = 0.1
-"""Share by which mesh and measured points may differ: in height, and of points that lie off the mesh."""
-_UNSEEN = 0.5
-"""Share of the upward surface without depth above which its shape is a guess."""
-_GUESSED = 0.15
-"""Share of the upward surface far from all measured points above which the bottom of an opening is a guess."""
-_FEW_POINTS = 30
-"""Points below which they say nothing about a mesh."""
+_WHOLE_ORBIT_DEG = 270.0
+"""And over less than this a part of one side: outlines from the other side still bound it, but no photo shows it."""
 
 
 def azimuth_coverage(views: Views, middle: Array) -> float:
@@ -82,48 +77,6 @@ def _solid(
     figures |= {"backend": backend, "confirmed_share": share, "cavity_share": cavity}
     figures["lowered_share"] = 1.0 - float(hull.mesh.vertices[:, 2].max()) / top
     return grid, field, figures, cloud.points
-
-
-def doubts(mesh: Mesh, members: Array, open_share: float, cavity_share: float, guessed: float = 0.0) -> list[str]:
-    """Why a closed mesh may be wrong: where it and the measured points of the object disagree, and where none are.
-
-    Args:
-        mesh: Mesh of the object, standing on z = 0.
-        members: Sparse points of what stands there. [K, 3].
-        open_share: Share of the upward surface without depth, 0..1.
-        cavity_share: Share of the hull's volume that measured depth has emptied.
-        guessed: Share of the upward surface near which nothing was measured, 0..1.
-
-    Returns:
-        One reason for each disagreement; none for a mesh to be trusted.
-    """
-    reasons = []
-    if open_share <= _UNSEEN and cavity_share and guessed > _GUESSED:
-        reasons.append(
-            f"nothing was measured near {100 * guessed:.0f} % of the surface that faces upward: the bottom of its opening is "
-            "unseen and a guess; film from higher up as well"
-        )
-    if open_share > _UNSEEN:
-        where = "the bottom of its opening is unseen and a guess" if cavity_share else "whether it is open there is unknown"
-        reasons.append(
-            f"{100 * open_share:.0f} % of the surface that faces upward has no depth: {where}; film from higher up as well"
-        )
-    if len(members) < _FEW_POINTS:
-        return reasons
-    size = float(np.ptp(mesh.vertices, axis=0).max())
-    top, measured = float(mesh.vertices[:, 2].max()), float(np.percentile(members[:, 2], 99.5))
-    if abs(top - measured) > _DISAGREE * max(top, measured):
-        reasons.append(
-            f"the mesh is {1e3 * top:.0f} mm tall, the measured points reach {1e3 * measured:.0f} mm; look at its top"
-        )
-    inside = depth_inside(mesh, members)
-    for wrong, what in (
-        (inside < -0.04 * size, "outside the mesh: a part of the object is missing, or something else stands beside it"),
-        (inside > 0.05 * size, "deep inside the mesh: the object is hollow or open where the mesh is solid"),
-    ):
-        if wrong.mean() > _DISAGREE:
-            reasons.append(f"{int(wrong.sum())} of {len(members)} points measured on the object lie {what}")
-    return reasons
 
 
 def _figures(mesh: Mesh) -> dict[str, Any]:
@@ -180,6 +133,11 @@ def mesh_object(
     reasons = []
     if narrow:
         reasons.append(f"the views cover {coverage:.0f} degrees round the object; its unseen side is a guess")
+    elif coverage < _WHOLE_ORBIT_DEG:
+        gap = 360 - coverage
+        reasons.append(
+            f"the views leave a gap of {gap:.0f} degrees round the object; what faces into it is a guess; film it, too"
+        )
     if visual is None:
         reasons.append("the surface of the depth could not be closed; the visual mesh is the hull")
         visual, figures["method"] = closed_surface(hull.grid, hull.field, settings.faces), "hull"
@@ -197,6 +155,9 @@ def mesh_object(
     members = sparse[find_standing(sparse, focus, distance).members]
     figures["guessed_share"] = guessed_share(visual, measured)
     reasons += doubts(visual, members, figures["open_share"], figures["cavity_share"], figures["guessed_share"])
+    overlaps = outline_overlaps(visual, views, masks)
+    reasons += outline_doubts(overlaps, [view.name for view in views])
+    figures["outline_overlap"] = {"mean": float(np.nanmean(overlaps)), "min": float(np.nanmin(overlaps))}
     photos, small = [], []
     for view in views:
         camera = view.camera.scaled(min(1.0, settings.image_width / view.camera.width))

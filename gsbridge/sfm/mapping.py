@@ -207,7 +207,18 @@ def incremental_options(photos: Photos, seed: int, *, relaxed: bool) -> pycolmap
 def map_database(
     database: Path, photos: Photos, attempt: Attempt, workspace: Path, seed: int
 ) -> pycolmap.Reconstruction | None:
-    """Run one mapper; the model with most images, or None."""
+    """Run one mapper on what has been matched.
+
+    Args:
+        database: Features and verified matches.
+        photos: A calibrated camera in them is kept as it is.
+        attempt: Which mapper, and how strict.
+        workspace: Folder that gets the models.
+        seed: Random seed.
+
+    Returns:
+        The model with most images, or None.
+    """
     pycolmap.set_random_seed(seed)
     out = workspace / "models" / attempt.name.replace(", ", "_")
     out.mkdir(parents=True, exist_ok=True)

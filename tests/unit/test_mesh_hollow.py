@@ -7,9 +7,9 @@ from solid_scene import POT_HEIGHT, around, filled_pot, pot, statue, traced
 
 from gsbridge.cameras import Camera
 from gsbridge.mesh.depth import DepthCloud
+from gsbridge.mesh.doubts import doubts, outline_doubts, outline_overlaps
 from gsbridge.mesh.hollow import carved, guessed_share, lowered, needed_height
 from gsbridge.mesh.hull import build_hull
-from gsbridge.mesh.objects import doubts
 from gsbridge.meshes import Mesh
 
 CAMERA = Camera(200, 150, 235.0, 235.0, 100.0, 75.0)
@@ -131,3 +131,18 @@ def test_doubts_name_what_disagrees():
     assert "whether it is open there is unknown" in unseen
     (floor,) = doubts(box(low, high), fine, 0.8, 0.3)
     assert "bottom of its opening is unseen" in floor
+
+
+def test_outlines_contradict_a_mesh_that_lacks_the_plinth():
+    views = around(CAMERA, 12, (25.0, 50.0), MIDDLE)
+    masks = [traced(view, statue)[2].astype(np.float32) for view in views]
+    names = [view.name for view in views]
+    whole = build_hull(views, masks, vote=0.95, voxels=64, width=200, threads=1).mesh
+    sound = outline_overlaps(whole, views, masks)
+    assert sound.min() > 0.9
+    assert outline_doubts(sound, names) == []
+    (body,) = outline_doubts(outline_overlaps(box([-0.012, -0.012, 0.0], [0.012, 0.012, 0.1]), views, masks), names)
+    assert "a part is missing" in body
+    (some,) = outline_doubts(np.where(np.arange(12) < 3, 0.8, sound), names)
+    assert "in 3 of 12 photos" in some
+    assert outline_doubts(np.full(2, np.nan), names[:2]) == []

@@ -1,0 +1,163 @@
+"""What speaks against masks, and what mends them: points that were measured on the object without any mask.
+
+Masks that err alike agree with each other, and so does their common hull. But a photo in which the reconstruction found a point
+of the object shows the object there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from gsbridge.cameras import View
+from gsbridge.geometry import Array
+from gsbridge.masks.layers import disc, grown
+from gsbridge.meshes import Mesh
+from gsbridge.photogrammetry.carving import mesh_depth
+from gsbridge.photogrammetry.sparse import SparsePoints
+
+_NEAR = 0.015
+"""A point this near to a mask is on its outline: share of the root of the mask's area."""
+_FEWEST = 12
+"""Points of the object, or of its lowest part, that a photo must show before they say anything about its mask."""
+_LOW = 0.25
+"""The lowest part of an object, where its shadow lies, as a share of its height."""
+_LOOSE = 0.015
+"""How far a hull is taken to reach beyond the object, as a share of its outline's size."""
+_FEWEST_SOUND = 6
+"""Masks without bites that a hull needs."""
+BITTEN = 0.1
+"""Share of a photo's points outside its mask from which the mask is bitten; wrong matches are some 2 %."""
+SPILT = 0.1
+"""Points of the table within a mask, per point of the object, from which it holds a part of the table; usual are none."""
+MANY = 0.1
+"""Share of bitten masks from which the shape is in doubt, too."""
+
+
+@dataclass(frozen=True)
+class Missed:
+    """Points that a photo shows on the wrong side of its mask's outline.
+
+    Args:
+        share: Share of the object's outside; 0 where the photo shows too few to tell.
+        low: Share of those on the object's lowest part; likewise.
+        table: Points of the table well inside, per point of the object; likewise.
+    """
+
+    share: float
+    low: float
+    table: float
+
+    @property
+    def bitten(self) -> bool:
+        """Whether they are too many for chance."""
+        return max(self.share, self.low) > BITTEN
+
+
+def _seen(view: View, number: int, sparse: SparsePoints, members: Array) -> tuple[Array, Array]:
+    """Points of the object that a photo shows, and their rows and columns in it. -> [K], [K, 2]."""
+    seen = sparse.seen_by(number)
+    seen = seen[members[seen]]
+    pixels = view.camera.project(sparse.points[seen] @ view.cam_from_table[:3, :3].T + view.cam_from_table[:3, 3])
+    place = np.floor(np.nan_to_num(pixels, nan=-1)).astype(int)[:, ::-1]
+    valid = (place >= 0).all(axis=1) & (place < (view.camera.height, view.camera.width)).all(axis=1)
+    return seen[valid], place[valid]
+
+
+def missed_points(
+    views: Sequence[View], masks: Sequence[Array], sparse: SparsePoints, members: Array, table: Array
+) -> list[Missed]:
+    """Points that each photo shows on the wrong side of its mask's outline.
+
+    Args:
+        views: Posed photos, in the order of the sparse model's.
+        masks: One per view, 0..1. [H, W] each.
+        sparse: The sparse model.
+        members: Points of the object. [N] bool.
+        table: Numbers of points on the table. [K].
+    """
+    flat = np.zeros(len(members), bool)
+    flat[table] = True
+    height = sparse.points[:, 2]
+    low = height < _LOW * np.percentile(height[members], 99) if members.any() else members
+    out = []
+    for number, (view, mask) in enumerate(zip(views, masks, strict=True)):
+        seen, place = _seen(view, number, sparse, members)
+        inside = mask > 0.5
+        outside = ~grown(inside, 1 + round(_NEAR * np.sqrt(inside.sum())))[place[:, 0], place[:, 1]]
+        shares = [float(part.mean()) if len(part) >= _FEWEST else 0.0 for part in (outside, outside[low[seen]])]
+        _, under = _seen(view, number, sparse, flat & ~members)
+        inner = cv2.erode(inside.astype(np.uint8), disc(1 + round(_NEAR * np.sqrt(inside.sum())))) > 0
+        spilt = int(inner[under[:, 0], under[:, 1]].sum())
+        out.append(Missed(shares[0], shares[1], spilt / len(seen) if min(spilt, len(seen)) >= _FEWEST else 0.0))
+    return out
+
+
+def mended(
+    views: Sequence[View],
+    masks: Sequence[Array],
+    sparse: SparsePoints,
+    members: Array,
+    missed: Sequence[Missed],
+    hull_of: Callable[[list[int]], Mesh],
+) -> list[Array]:
+    """Masks whose bites are filled by the hull of the masks that have none.
+
+    Args:
+        views: Posed photos, in the order of the sparse model's.
+        masks: One per view, 0..1. [H, W] each.
+        sparse: The sparse model.
+        members: Points of the object. [N] bool.
+        missed: Of each mask, see `missed_points`.
+        hull_of: Visual hull of some of the masks, by their numbers.
+
+    Returns:
+        [H, W] float32 each; the same where no mask is bitten, or so many are that the others do not tell the shape.
+    """
+    # An empty mask is a failed one: it is counted as such, not drawn from the others.
+    some = [number for number, mask in enumerate(masks) if (mask > 0.5).any()]
+    bitten = [number for number in some if missed[number].bitten]
+    sound = [number for number in some if not missed[number].bitten]
+    if not bitten or len(sound) < max(_FEWEST_SOUND, len(bitten)):
+        return list(masks)
+    hull = hull_of(sound)
+    out = list(masks)
+    for number in bitten:
+        view, mask = views[number], masks[number] > 0.5
+        covered = np.isfinite(mesh_depth(hull.vertices, hull.faces, view.camera, view.cam_from_table)).astype(np.uint8)
+        inner = cv2.erode(covered, disc(1 + round(_LOOSE * np.sqrt(covered.sum())))) > 0
+        # Only what holds such points: what other photos see through is no bite.
+        _, patches = cv2.connectedComponents((inner & ~mask).astype(np.uint8), connectivity=4)
+        _, place = _seen(view, number, sparse, members)
+        held = np.unique(patches[place[:, 0], place[:, 1]])
+        out[number] = (mask | np.isin(patches, held[held > 0])).astype(np.float32)
+    return out
+
+
+def doubts(missed: Sequence[Missed], names: Sequence[str]) -> list[str]:
+    """Why masks may lack a part of the object, or hold a part of the table.
+
+    Args:
+        missed: Of each photo, see `missed_points`.
+        names: Of the photos.
+    """
+    reasons = []
+    bitten = [number for number, item in enumerate(missed) if item.bitten]
+    if len(bitten) > MANY * len(missed):
+        worst = max(bitten, key=lambda number: max(missed[number].share, missed[number].low))
+        share = max(missed[worst].share, missed[worst].low)
+        where = "its foot" if missed[worst].low > missed[worst].share else "the object"
+        reasons.append(
+            f"{len(bitten)} of {len(missed)} masks leave out points that were measured on the object, most in {names[worst]}: "
+            f"{100 * share:.0f} % of those on {where}"
+        )
+    spilt = [number for number, item in enumerate(missed) if item.table > SPILT]
+    if len(spilt) > MANY * len(missed):
+        worst = max(spilt, key=lambda number: missed[number].table)
+        reasons.append(
+            f"{len(spilt)} of {len(missed)} masks hold points that were measured on the table, most in {names[worst]}"
+        )
+    return reasons

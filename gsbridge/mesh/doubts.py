@@ -1,0 +1,109 @@
+"""Why a closed mesh may be wrong, said by what had no part in it: measured points, and the outlines one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from gsbridge.cameras import View
+from gsbridge.geometry import Array
+from gsbridge.mesh.repair import depth_inside
+from gsbridge.meshes import Mesh
+from gsbridge.photogrammetry.carving import mesh_depth
+
+_DISAGREE = 0.1
+"""Share by which mesh and measured points may differ: in height, and of points that lie off the mesh."""
+_UNSEEN = 0.5
+"""Share of the upward surface without depth above which its shape is a guess."""
+_GUESSED = 0.15
+"""Share of the upward surface far from all measured points above which the bottom of an opening is a guess."""
+_FEW_POINTS = 30
+"""Points below which they say nothing about a mesh."""
+_OUTLINE_WIDTH = 320
+"""Masks are compared with the mesh at this width, px."""
+_COVERED = 0.9
+"""Mean overlap (IoU) of masks and mesh below which one of them is wrong; sound ones reach 0.95 and more."""
+_UNLIKE = 0.85
+"""Overlap below which a single photo contradicts the mesh, and the share of such photos that is too large."""
+
+
+def doubts(mesh: Mesh, members: Array, open_share: float, cavity_share: float, guessed: float = 0.0) -> list[str]:
+    """Why a closed mesh may be wrong: where it and the measured points of the object disagree, and where none are.
+
+    Args:
+        mesh: Mesh of the object, standing on z = 0.
+        members: Sparse points of what stands there. [K, 3].
+        open_share: Share of the upward surface without depth, 0..1.
+        cavity_share: Share of the hull's volume that measured depth has emptied.
+        guessed: Share of the upward surface near which nothing was measured, 0..1.
+
+    Returns:
+        One reason for each disagreement; none for a mesh to be trusted.
+    """
+    reasons = []
+    if open_share <= _UNSEEN and cavity_share and guessed > _GUESSED:
+        reasons.append(
+            f"nothing was measured near {100 * guessed:.0f} % of the surface that faces upward: the bottom of its opening is "
+            "unseen and a guess; film from higher up as well"
+        )
+    if open_share > _UNSEEN:
+        where = "the bottom of its opening is unseen and a guess" if cavity_share else "whether it is open there is unknown"
+        reasons.append(
+            f"{100 * open_share:.0f} % of the surface that faces upward has no depth: {where}; film from higher up as well"
+        )
+    if len(members) < _FEW_POINTS:
+        return reasons
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    top, measured = float(mesh.vertices[:, 2].max()), float(np.percentile(members[:, 2], 99.5))
+    if abs(top - measured) > _DISAGREE * max(top, measured):
+        reasons.append(
+            f"the mesh is {1e3 * top:.0f} mm tall, the measured points reach {1e3 * measured:.0f} mm; look at its top"
+        )
+    inside = depth_inside(mesh, members)
+    for wrong, what in (
+        (inside < -0.04 * size, "outside the mesh: a part of the object is missing, or something else stands beside it"),
+        (inside > 0.05 * size, "deep inside the mesh: the object is hollow or open where the mesh is solid"),
+    ):
+        if wrong.mean() > _DISAGREE:
+            reasons.append(f"{int(wrong.sum())} of {len(members)} points measured on the object lie {what}")
+    return reasons
+
+
+def outline_overlaps(mesh: Mesh, views: Sequence[View], masks: Sequence[Array]) -> Array:
+    """Overlap (IoU) of each mask with the mesh as that view sees it; NaN for an empty mask. [V].
+
+    Args:
+        mesh: The mesh, table frame.
+        views: Posed views.
+        masks: Their masks, 0..1. [H, W] each.
+    """
+    out = np.full(len(views), np.nan)
+    for index, (view, mask) in enumerate(zip(views, masks, strict=True)):
+        camera = view.camera.scaled(min(1.0, _OUTLINE_WIDTH / view.camera.width))
+        inside = cv2.resize(mask, (camera.width, camera.height), interpolation=cv2.INTER_AREA) > 0.5
+        if inside.any():
+            covered = np.isfinite(mesh_depth(mesh.vertices, mesh.faces, camera, view.cam_from_table))
+            out[index] = (inside & covered).sum() / (inside | covered).sum()
+    return out
+
+
+def outline_doubts(overlaps: Array, names: Sequence[str]) -> list[str]:
+    """What the outlines have against a mesh.
+
+    Args:
+        overlaps: See `outline_overlaps`. [V].
+        names: Of the photos.
+    """
+    known = overlaps[np.isfinite(overlaps)]
+    if len(known) == 0:
+        return []
+    worst = int(np.nanargmin(overlaps))
+    where = f"the least in {names[worst]}, {overlaps[worst]:.2f}"
+    if known.mean() < _COVERED:
+        return [f"masks and mesh overlap by {known.mean():.2f} only (IoU; {where}): a part is missing, or filled that is open"]
+    unlike = int((known < _UNLIKE).sum())
+    if unlike > 0.1 * len(known):
+        return [f"in {unlike} of {len(known)} photos mask and mesh overlap by less than {_UNLIKE:g} (IoU; {where})"]
+    return []

@@ -1,0 +1,101 @@
+"""Masks against measured points, which were found without any mask."""
+
+import numpy as np
+import pytest
+from solid_scene import around, pot, solid_scene, traced
+
+from gsbridge.cameras import Camera
+from gsbridge.masks.evidence import doubts, mended, missed_points
+from gsbridge.mesh.hull import build_hull
+from gsbridge.photogrammetry.sparse import read_points
+
+CAMERA = Camera(240, 180, 280.0, 280.0, 120.0, 90.0)
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    views = around(CAMERA, 14, (35.0,), np.array([0.0, 0.0, 0.025]))
+    made = solid_scene(tmp_path_factory.mktemp("pot"), pot, views, points=60)
+    return views, [mask.astype(np.float32) for mask in made.inside], read_points(made.points_npz)
+
+
+def members_of(sparse):
+    return sparse.points[:, 2] > 0.003
+
+
+def missed_by(scene, masks):
+    views, _, sparse = scene
+    return missed_points(views, masks, sparse, members_of(sparse), np.flatnonzero(np.abs(sparse.points[:, 2]) < 0.001))
+
+
+def bite(view, mask):
+    """The mask without the lowest fifth of the pot, as a dark foot over its own shadow comes out."""
+    foot = traced(view, pot)[0][..., 2] < 0.012
+    return np.where(foot, 0.0, mask).astype(np.float32)
+
+
+def hulls(views, masks):
+    def hull_of(chosen):
+        parts = [views[i] for i in chosen], [masks[i] for i in chosen]
+        return build_hull(*parts, vote=0.95, voxels=64, width=240, threads=1).mesh
+
+    return hull_of
+
+
+def overlap(first, second):
+    first, second = first > 0.5, second > 0.5
+    return (first & second).sum() / (first | second).sum()
+
+
+def test_sound_masks_miss_nothing_and_stay(scene):
+    views, masks, sparse = scene
+    members = members_of(sparse)
+    missed = missed_by(scene, masks)
+    assert max(item.share for item in missed) < 0.03
+    assert doubts(missed, [view.name for view in views]) == []
+    same = mended(views, masks, sparse, members, missed, hulls(views, masks))
+    assert all(one is other for one, other in zip(same, masks, strict=True))
+
+
+def test_bites_in_a_few_masks_are_filled_from_the_others(scene):
+    views, masks, sparse = scene
+    bitten = [
+        bite(view, mask) if index in (2, 7, 8) else mask for index, (view, mask) in enumerate(zip(views, masks, strict=True))
+    ]
+    members = members_of(sparse)
+    missed = missed_by(scene, bitten)
+    assert [index for index, item in enumerate(missed) if item.bitten] == [2, 7, 8]
+    (reason,) = doubts(missed, [view.name for view in views])
+    assert "3 of 14 masks" in reason
+    assert "its foot" in reason
+    whole = mended(views, bitten, sparse, members, missed_by(scene, bitten), hulls(views, bitten))
+    for index in (2, 7, 8):
+        assert overlap(bitten[index], masks[index]) < 0.93
+        assert overlap(whole[index], masks[index]) > 0.96
+    assert doubts(missed_by(scene, whole), [view.name for view in views]) == []
+
+
+def test_masks_that_all_lack_the_foot_agree_and_are_doubted(scene):
+    views, masks, sparse = scene
+    bitten = [bite(view, mask) for view, mask in zip(views, masks, strict=True)]
+    members = members_of(sparse)
+    same = mended(views, bitten, sparse, members, missed_by(scene, bitten), hulls(views, bitten))
+    assert all(one is other for one, other in zip(same, bitten, strict=True))
+    assert len(doubts(missed_by(scene, bitten), [view.name for view in views])) == 1
+
+
+def test_masks_that_hold_the_table_are_doubted(scene):
+    views, masks, _ = scene
+    wide = [mask if index % 4 else np.maximum(mask, np.roll(mask, 40, axis=0)) for index, mask in enumerate(masks)]
+    (reason,) = doubts(missed_by(scene, wide), [view.name for view in views])
+    assert "4 of 14 masks hold points that were measured on the table" in reason
+
+
+def test_few_points_say_nothing(scene):
+    views, masks, sparse = scene
+    members = np.zeros(len(sparse.points), bool)
+    members[np.flatnonzero(members_of(sparse))[:5]] = True
+    empty = [np.zeros_like(mask) for mask in masks]
+    none = np.zeros(0, int)
+    assert not any(item.bitten for item in missed_points(views, empty, sparse, members, none))
+    assert not any(item.bitten for item in missed_points(views, empty, sparse, np.zeros(len(members), bool), none))
