@@ -145,7 +145,7 @@ def _add_run_policy(commands: Any) -> None:
         "--registration", type=Path, required=True, metavar="FILE", help="registration.json: where table and camera are"
     )
     trials = run.add_argument_group("trials")
-    trials.add_argument("--pose-set", choices=("fixed", "unseen"), help="set of start poses, 32 each")
+    trials.add_argument("--pose-set", choices=("fixed", "unseen", "outside"), help="set of start poses, 32 each")
     trials.add_argument("--index", metavar="N", help="start pose: 0 to 31, a range such as 0-7, or all")
     trials.add_argument("--trials", type=Path, metavar="FILE", help="CSV file to add a row to after each episode")
     trials.add_argument("--redo", action="store_true", help="repeat trials that the file holds; without it they are skipped")

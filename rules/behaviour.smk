@@ -52,7 +52,7 @@ rule film_trials:
     wildcard_constraints:
         object=one_of(OBJECTS),
         background=one_of(BACKGROUNDS),
-        renderer="gs|mesh|mesh_vertex",
+        renderer=one_of(RENDERERS),
         variant=one_of(config["variants"]),
     conda:
         "../envs/report.yaml"
@@ -85,7 +85,7 @@ rule record_trials:
     wildcard_constraints:
         object=one_of(OBJECTS),
         background=one_of(BACKGROUNDS),
-        renderer="gs|mesh|mesh_vertex",
+        renderer=one_of(RENDERERS),
         variant=one_of(config["variants"]),
     conda:
         "../envs/report.yaml"

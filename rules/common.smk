@@ -13,6 +13,7 @@ searched = [str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
 os.environ.update(PYTHONPATH=os.pathsep.join(filter(None, dict.fromkeys(searched))))
 
 from gsbridge.configuration.checks import check_asked, check_configuration
+from gsbridge.configuration.renderers import RENDERERS, SHADED
 from gsbridge.digests import code_digest, kernel_digest, script_digest
 from gsbridge.experiment.evidence import EvidencePlan
 from gsbridge.experiment.gap_benchmark import BenchmarkPlan
@@ -41,7 +42,7 @@ PLAN = Experiment(config, ROOT, Path.cwd())
 TABLES = Tables(PLAN)
 LOOP = JointLoop(PLAN)
 SIGHT = PictureLoop(PLAN)
-SEVERITY = SeverityStudy(PLAN, TABLES.seeds)
+SEVERITY = SeverityStudy(PLAN)
 GAP = PLAN.settings("gap")
 settings = PLAN.settings
 OBJECTS, BACKGROUNDS = PLAN.named("object"), PLAN.named("background")
@@ -258,9 +259,13 @@ def simulated_world(item, background, model=None):
 def simulated_scene(wildcards):
     """All that a simulated world with a camera is made of."""
     item, light = f"results/scenes/{wildcards.object}", {}
-    # Meshes have no shadows, and need not learn anew where the light was calibrated anew.
-    if wildcards.renderer == "gs":
+    # RL-sim's meshes have no shadows, and need not learn anew where the light was calibrated anew.
+    if wildcards.renderer in SHADED:
         light = {"light": "results/workspace/light.json"}
+    if wildcards.renderer == "gs_soft":
+        for name in ("item", "background"):
+            scene = wildcards.object if name == "item" else wildcards.background
+            light[f"{name}_splats"] = f"results/scenes/{scene}/splats/soft/splats.ply"
     return {
         **light,
         **simulated_world(
@@ -304,8 +309,20 @@ def world_settings(wildcards):
     """Seed of a world of the mirror, the configuration's unless it names one, its severity and its hidden changes."""
     # The mirror itself is there for controllers whether or not policies are tried in it.
     plain = {"seed": None, "severity": 0, "hidden": {}}
-    world = config["worlds"].get(wildcards.world, plain)
+    world = config["worlds"].get(wildcards.get("world", "mirror"), plain)
     return {**world, "seed": SEED if world["seed"] is None else world["seed"]}
+
+
+def trial_registration(wildcards):
+    """Where arm and table are believed to stand in a world of the mirror: as registered there where it has a severity."""
+    home = "results/workspace/registration.json"
+    severe = PLAN.severity(wildcards.world) != (0, 0)
+    filmed = "mirror" in config["workspace"]["source"]
+    return (
+        f"results/workspace/worlds/{wildcards.world}/registration.json"
+        if severe and filmed
+        else home
+    )
 
 
 def trial_state(world, wildcards, input):

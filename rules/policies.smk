@@ -14,7 +14,7 @@ rule train_policy:
     wildcard_constraints:
         object=one_of(OBJECTS),
         background=one_of(BACKGROUNDS),
-        renderer="gs|mesh|mesh_vertex",
+        renderer=one_of(RENDERERS),
         variant=one_of(config["variants"]),
     # The longest way to the tables goes through here.
     priority: 10
@@ -54,7 +54,7 @@ rule try_policy_in_sim:
     wildcard_constraints:
         object=one_of(OBJECTS),
         background=one_of(BACKGROUNDS),
-        renderer="gs|mesh|mesh_vertex",
+        renderer=one_of(RENDERERS),
         variant=one_of(config["variants"]),
     # The longest way to the tables goes through here.
     priority: 10
@@ -68,6 +68,7 @@ rule try_policy_in_sim:
         code=script_digest("try_policy_in_sim"),
         image_size=lambda wildcards: policy_settings(wildcards)["image_size"],
         poses=settings("trials")["poses"],
+        outside=settings("trials")["outside"],
         state=lambda wildcards, input: trial_state("sim", wildcards, input),
     message:
         "Try the policy {wildcards.variant} in simulation: {wildcards.task} {wildcards.object} on {wildcards.background}, {wildcards.renderer}"
@@ -80,7 +81,7 @@ rule try_policy_in_mirror:
         spec=ANY.file("{seed}", "policy.json"),
         weights=ANY.file("{seed}", "policy.safetensors"),
         training=ANY.file("{seed}", "training.json"),
-        registration="results/workspace/registration.json",
+        registration=trial_registration,
     output:
         table=ANY.trials("{world}", "{seed}", "csv"),
         log=ANY.trials("{world}", "{seed}", "npz"),
@@ -92,7 +93,7 @@ rule try_policy_in_mirror:
     wildcard_constraints:
         object=one_of(IN_MIRROR.intersection(OBJECTS)),
         background=one_of(IN_MIRROR.intersection(BACKGROUNDS)),
-        renderer="gs|mesh|mesh_vertex",
+        renderer=one_of(RENDERERS),
         variant=one_of(config["variants"]),
         world=one_of(config["worlds"]),
     # The longest way to the tables goes through here.
@@ -106,6 +107,7 @@ rule try_policy_in_mirror:
     params:
         code=script_digest("try_policy_in_mirror"),
         poses=settings("trials")["poses"],
+        outside=settings("trials")["outside"],
         world=world_settings,
         sheet=settings("films")["sheet"],
         pieces="results/.state/pieces",

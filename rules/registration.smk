@@ -17,11 +17,27 @@ rule film_board:
         settings=settings("board_film"),
         board=config["workspace"]["board"],
         background=config["workspace"]["background"] or "foam_pad",
+        world=world_settings,
         seed=SEED,
     message:
         "Film the board with the mirror's wrist camera"
     script:
         "../scripts/film_board.py"
+
+
+# Whoever tries policies in a world of some severity registers arm and table there, on that day, by its encoders and its camera.
+use rule film_board as film_board_of_world with:
+    output:
+        capture=directory("results/workspace/worlds/{world}/capture"),
+        truth="results/truth/workspace/worlds/{world}/registration.json",
+    log:
+        "results/logs/film_board/{world}.log",
+    benchmark:
+        "results/benchmarks/film_board/{world}.jsonl"
+    wildcard_constraints:
+        world=one_of(config["worlds"]),
+    message:
+        "Film the board with the wrist camera in {wildcards.world}"
 
 
 rule register_workspace:
@@ -50,3 +66,18 @@ rule register_workspace:
         "Register table and camera with the robot"
     script:
         "../scripts/register_workspace.py"
+
+
+use rule register_workspace as register_world with:
+    input:
+        capture="results/workspace/worlds/{world}/capture",
+    output:
+        registration="results/workspace/worlds/{world}/registration.json",
+    log:
+        "results/logs/register_workspace/{world}.log",
+    benchmark:
+        "results/benchmarks/register_workspace/{world}.jsonl"
+    wildcard_constraints:
+        world=one_of(config["worlds"]),
+    message:
+        "Register table and camera with the robot in {wildcards.world}"

@@ -32,7 +32,7 @@ rule try_controller_in_sim:
 
 rule try_controller_in_mirror:
     input:
-        registration="results/workspace/registration.json",
+        registration=trial_registration,
         item="results/scenes/{object}/asset/asset.json",
         background="results/scenes/{background}/asset/asset.json",
         kernels=ancient("results/.state/compile_kernels.done"),

@@ -55,16 +55,14 @@ rule write_further:
 
 rule collect_severity:
     input:
-        trials=lambda wildcards: SEVERITY.files(wildcards.who),
+        trials=[source["file"] for source in SEVERITY.controller],
     output:
-        rows="results/rows/severity_{who}.csv",
-        page="results/severity_{who}.md",
+        rows="results/rows/severity_controller.csv",
+        page="results/severity_controller.md",
     log:
-        "results/logs/collect_severity/{who}.log",
+        "results/logs/collect_severity.log",
     benchmark:
-        "results/benchmarks/collect_severity/{who}.jsonl"
-    wildcard_constraints:
-        who="controller|policies",
+        "results/benchmarks/collect_severity/all.jsonl"
     conda:
         "../envs/report.yaml"
     resources:
@@ -72,8 +70,37 @@ rule collect_severity:
         runtime="10m",
     params:
         code=script_digest("collect_severity"),
-        sources=lambda wildcards: SEVERITY.sources(wildcards.who),
+        sources=SEVERITY.controller,
     message:
-        "Compare successes at different severities: {wildcards.who}"
+        "Compare the controller's successes at different severities"
     script:
         "../scripts/collect_severity.py"
+
+
+rule collect_worth:
+    input:
+        trials=lambda wildcards: SEVERITY.trials(wildcards.who, "csv"),
+        trial_records=lambda wildcards: SEVERITY.trials(wildcards.who, "json"),
+        policies=lambda wildcards: SEVERITY.trainings(wildcards.who),
+    output:
+        rows="results/rows/{who}.csv",
+        page="results/{who}.md",
+        figure="results/figures/{who}.png",
+    log:
+        "results/logs/collect_worth/{who}.log",
+    benchmark:
+        "results/benchmarks/collect_worth/{who}.jsonl"
+    wildcard_constraints:
+        who="worth|graded",
+    conda:
+        "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
+    params:
+        code=script_digest("collect_worth"),
+        severities=SEVERITY.levels,
+    message:
+        "Compare policies at different severities: {wildcards.who}"
+    script:
+        "../scripts/collect_worth.py"

@@ -7,6 +7,7 @@ from gsbridge.configuration.films import BoardFilmSettings
 from gsbridge.logs import start
 from gsbridge.photogrammetry.board import standard_board
 from gsbridge.reality.world.board_capture import film_board
+from gsbridge.reality.world.world_variants import configured_world
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake
@@ -19,5 +20,6 @@ film_board(
     settings=BoardFilmSettings(**snakemake.params.settings),
     threads=snakemake.threads,
     seed=snakemake.params.seed,
+    hidden=configured_world(snakemake.params.seed, snakemake.params.world, snakemake.wildcards.get("world", "mirror")),
     background=snakemake.params.background,
 )

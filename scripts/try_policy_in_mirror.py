@@ -1,4 +1,4 @@
-"""Let a policy act in a world of the mirror, once from every start pose of both sets."""
+"""Let a policy act in a world of the mirror, once from every start pose of all sets."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,5 +23,6 @@ try_in_mirror(
     TrialPlace(snakemake.output.table, snakemake.output.log, snakemake.output.record, snakemake.params.state),
     name=snakemake.wildcards.world,
     poses=snakemake.params.poses,
+    outside=snakemake.params.outside,
     pieces=snakemake.params.pieces,
 )

@@ -31,4 +31,5 @@ try_in_sim(
     ),
     TrialPlace(snakemake.output.table, snakemake.output.log, snakemake.output.record, snakemake.params.state),
     poses=snakemake.params.poses,
+    outside=snakemake.params.outside,
 )

@@ -8,6 +8,7 @@ from pydantic import AfterValidator, Field
 
 from gsbridge.configuration.base import Distinct, Free, Given, Name, Number, OrNull, Samples, Settings, Whole, fault
 from gsbridge.configuration.policy import PolicyOverride
+from gsbridge.configuration.renderers import RendererName
 
 Task = Literal["grasp", "pick_and_place"]
 Offset = Annotated[Number, Field(ge=-0.2, le=0.2)]
@@ -28,9 +29,10 @@ class Work(Settings):
 class CellSettings(Work):
     """A policy to be trained and judged."""
 
-    renderer: Literal["gs", "mesh", "mesh_vertex"] = "gs"
-    """What the policy sees in training: `gs` splats, `mesh` meshes in one colour each (the paper's control, RL-sim),
-    `mesh_vertex` meshes with vertex colours."""
+    renderer: RendererName = "gs"
+    """What the policy sees in training: `gs` splats, `gs_soft` splats of the soft binding, `mesh` meshes in one colour each
+    (the paper's control, RL-sim), `mesh_vertex` meshes with vertex colours; `mesh_shaded` and `mesh_vertex_shaded` draw the
+    shadows that splats are drawn with, too, and so differ from splats in one thing."""
     robot_trials: OrNull[str] = None
     """Your own trials on a robot, a CSV table with at least the columns `pose_set`, `index` and `success`. They fill the rows
     `robot` of the tables."""
@@ -43,8 +45,9 @@ class Variant(Settings):
     """Settings of the training that override those of `grasp_policy` and `pick_and_place_policy`."""
     model: OrNull[str] = None
     """Simulation model, YAML; null for `models/nominal.yaml`. One that begins with `results/` is made by the workflow."""
-    controller_offset: tuple[Offset, Offset] = (0.0, 0.0)
-    """Error of the baseline controller: how far from its true place, in x and y, it believes the object to be, m."""
+    controller_offset: tuple[Offset, Offset, Offset, Offset] = (0.0, 0.0, 0.0, 0.0)
+    """Error of the baseline controller: how far from its true place, in x, y and z, it believes the object to be, m, and by how
+    much it believes it turned about the vertical, rad."""
 
 
 def _with_default(variants: dict[str, Variant]) -> dict[str, Variant]:
@@ -109,16 +112,22 @@ class SightStudy(Settings):
 
 
 class SeverityTrials(Settings):
-    """Trials in worlds of different severity, for `results/severity_controller.md` and `severity_policies.md`."""
+    """Trials in worlds of different severity: `results/worth.md`, `graded.md` and `severity_controller.md`."""
 
-    cell: Work = Field(default_factory=lambda: Work(task="grasp", object="small_cube", background="foam_pad"))
-    """Task, object and background of the trials."""
-    renderers: Distinct[Literal["gs", "mesh", "mesh_vertex"]] = Field(default=["gs", "mesh"])
-    """Renderers that the policies learned with."""
+    cells: list[Work] = Field(
+        default_factory=lambda: [Work(task="grasp", object="small_cube", background="foam_pad")], min_length=1
+    )
+    """Tasks, objects and backgrounds of the trials. The controller and graded policies are tried on the first."""
+    renderers: Distinct[RendererName] = Field(default=["gs", "gs_soft", "mesh_vertex_shaded", "mesh_shaded"])
+    """Renderers that the policies learned with. The first is what the others are compared with."""
     variants: Names = Field(default=["default"])
     """Names of the policies' variants."""
     worlds: Names = Field(default=[])
     """Names of the worlds."""
+    seeds: Whole = Field(default=3, ge=1, le=100)
+    """Number of policies of each cell, renderer and variant, each trained with its own seed."""
+    graded: Names = Field(default=[])
+    """Names of variants from poor to good, one policy each, that tell how well simulation foretells each world."""
 
 
 class Study(Settings):

@@ -22,7 +22,9 @@ class TrialSettings(Settings):
     """Trials of the baseline controller and of policies."""
 
     poses: Whole = Field(default=32, ge=1, le=32)
-    """Start poses of each set, evenly over the quadrants."""
+    """Start poses of each set inside the square of the training, evenly over the quadrants."""
+    outside: Whole = Field(default=16, ge=0, le=32)
+    """Start poses of policies beyond that square, where the tool still reaches; 0 for none."""
     seeds: Whole = Field(default=3, ge=1, le=100)
     """Number of sets of start poses from which the controller is tried, each drawn with its own seed."""
     worlds: Distinct[str] = Field(default=["mirror"])

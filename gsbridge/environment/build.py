@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from gsbridge.asset.bundle import Asset, read_asset
+from gsbridge.configuration.renderers import SHADED, SPLATS
 from gsbridge.environment.controllers import GraspController, PlaceController, grip_of, stable_gain
 from gsbridge.environment.env import PickEnvironment
 from gsbridge.environment.gaussian_renderer import OBJECT, GaussianRenderer
@@ -23,13 +24,18 @@ from gsbridge.environment.robot_splats import link_meshes, read_robot_splats
 from gsbridge.environment.settings import EnvironmentSettings, Plate
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
-from gsbridge.geometry import Array
+from gsbridge.geometry import Array, Similarity
 from gsbridge.robot.assembly import RobotFiles
 from gsbridge.sim.camera import CameraResponse
 from gsbridge.sim.engine import Item
 from gsbridge.sim.model import CameraModel, read_model
 from gsbridge.sim.world import SimWorld
+from gsbridge.splats.cloud import Cloud
+from gsbridge.splats.ply import read_ply
 from gsbridge.tasks.place import Place
+
+OPTIONAL = ("robot_splats", "registration", "photometry", "light", "item_splats", "background_splats")
+"""Files of an environment that some do without."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +51,9 @@ class StageFiles:
         registration: `registration.json` with `base_from_table`; None for the nominal place of the table.
         photometry: Response of the wrist camera and colours of the hand (`gsbridge.environment.photometry`); None for a camera
             that sees what the phone saw, and a robot in its description's colours.
-        light: Light over the table (`gsbridge.environment.light`), for shadows in pictures of `gs`; None for none.
+        light: Light over the table (`gsbridge.environment.light`), for shadows in the pictures of `SHADED` renderers; None for
+            none.
+        item_splats, background_splats: Splats of another binding, table frame of their films, for `gs_soft`.
         item_colour, background_colour: Mean colours of the photos inside their masks, sRGB 0..1; only `mesh` uses them; None
             for the meshes' means. [3].
     """
@@ -58,24 +66,21 @@ class StageFiles:
     registration: str | Path | None = None
     photometry: str | Path | None = None
     light: str | Path | None = None
+    item_splats: str | Path | None = None
+    background_splats: str | Path | None = None
     item_colour: tuple[float, float, float] | None = None
     background_colour: tuple[float, float, float] | None = None
 
     @classmethod
     def of(cls, inputs: Mapping[str, str], item_colour: tuple[float, float, float] | None = None) -> StageFiles:
         """Take the files from a rule's inputs, which have these names; files that the rule does without are None."""
-        named: dict[str, Any] = {name: inputs.get(name) for name in ("robot_splats", "registration", "photometry", "light")}
+        named: dict[str, Any] = {name: inputs.get(name) for name in OPTIONAL}
         named |= {name: inputs[name] for name in ("robot", "item", "background", "model")}
         return cls(**named, item_colour=item_colour)
 
 
-def build_renderer(files: StageFiles, settings: EnvironmentSettings, *, shaded_meshes: bool = False) -> Renderer:
+def build_renderer(files: StageFiles, settings: EnvironmentSettings) -> Renderer:
     """The renderer that the settings ask for.
-
-    Args:
-        files: What it draws.
-        settings: Of the environment.
-        shaded_meshes: Meshes, too, are drawn with the shadows of robot and object; RL-sim's are not.
 
     Raises:
         InputError: A file is missing or of the wrong kind.
@@ -83,19 +88,22 @@ def build_renderer(files: StageFiles, settings: EnvironmentSettings, *, shaded_m
     item, background = _asset(files.item, "object"), _asset(files.background, "background")
     camera = lens_of(files, settings).camera
     shadows = None
-    if files.light is not None and (settings.renderer == "gs" or shaded_meshes):
+    if files.light is not None and settings.renderer in SHADED:
         shadows = LightFile.read(files.light).shadows(OBJECT, item)
-    if settings.renderer == "gs":
+    if settings.renderer in SPLATS:
         if files.robot_splats is None:
-            raise InputError("robot splats", "the renderer 'gs' draws the robot as splats", "Give their folder")
+            raise InputError("robot splats", "the renderer draws the robot as splats", "Give their folder")
         links = read_robot_splats(files.robot_splats)
-        return GaussianRenderer(item.cloud(), background.cloud(), links, camera, surface=background.mesh(), shadows=shadows)
+        clouds = item.cloud(), background.cloud()
+        if settings.renderer == "gs_soft":
+            clouds = _other_splats(item, files.item_splats), _other_splats(background, files.background_splats)
+        return GaussianRenderer(*clouds, links, camera, surface=background.mesh(), shadows=shadows)
     return MeshRenderer(
         item.mesh(),
         background.mesh(),
         link_meshes(RobotFiles.read(files.robot), _photometry(files).robot_colours),
         camera,
-        vertex_colours=settings.renderer == "mesh_vertex",
+        vertex_colours=settings.renderer in ("mesh_vertex", "mesh_vertex_shaded"),
         item_colour=files.item_colour,
         background_colour=files.background_colour,
         shadows=shadows,
@@ -195,6 +203,13 @@ def _asset(path: str | Path, kind: str) -> Asset:
     if asset.kind != kind:
         raise InputError(path, f"this asset is of the kind {asset.kind}", f"Name one of the kind {kind}")
     return asset
+
+
+def _other_splats(asset: Asset, splats: str | Path | None) -> Cloud:
+    """Splats of another binding in an asset's body frame."""
+    if splats is None:
+        raise InputError("soft splats", "the renderer 'gs_soft' draws them", "Give those of object and background")
+    return read_ply(splats).transformed(Similarity.from_matrix(asset.body_from_table))
 
 
 def _photometry(files: StageFiles) -> Photometry:

@@ -18,13 +18,16 @@ from gsbridge.environment.build import (
     lens_of,
 )
 from gsbridge.environment.env import DrawnEye, Eye, PickEnvironment, state_of
-from gsbridge.environment.settings import RENDERERS, EnvironmentSettings
+from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.files import write_stage
 from gsbridge.geometry import Array
 from gsbridge.sim.model import read_model
 from gsbridge.tasks.episode import FORCES, Episode, write_episode
 from gsbridge.tasks.state import State
 from gsbridge.tasks.views import write_states
+
+RENDERERS = ("gs", "mesh", "mesh_vertex")
+"""What the recording shows side by side."""
 
 
 def play(

@@ -1,4 +1,4 @@
-"""Trials of a policy: both sets of start poses in one world, as a table with one row per trial, a log of paths and pictures
+"""Trials of a policy: all sets of start poses in one world, as a table with one row per trial, a log of paths and pictures
 (`gsbridge.environment.trial_log`) and a record. Finished trials are kept aside, so that a killed job goes on with the next.
 """
 
@@ -20,7 +20,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import atomic_file, read_json, write_json, write_stage
 from gsbridge.geometry import Array
 from gsbridge.logs import ProgressLog
-from gsbridge.tasks.poses import POSE_SETS
+from gsbridge.tasks.poses import StartRegion, sets_of
 from gsbridge.tasks.state import State
 
 logger = logging.getLogger("gsbridge")
@@ -60,16 +60,18 @@ def try_policy(
     *,
     name: str,
     poses: int = POSES,
+    outside: int = 0,
     reasons: Sequence[str] = (),
 ) -> list[tuple[str, TrialResult]]:
-    """Let a policy act in an environment once from every start pose of both sets.
+    """Let a policy act in an environment once from every start pose of all sets.
 
     Args:
         environment: Environment in the simulated world.
         policy: From observations to actions.
         place: Where the outcome goes.
         name: The world's name, for the record.
-        poses: Poses of each set, evenly over the quadrants.
+        poses: Poses of each set inside the square of the training, evenly over the quadrants.
+        outside: Poses of the set `outside`, likewise; the square of some tasks leaves none.
         reasons: Why the outcome is degraded before any trial: the policy itself is.
 
     Returns:
@@ -82,7 +84,20 @@ def try_policy(
     def play(pose_set: str, index: int, seed: int) -> tuple[TrialResult, TrialPath]:
         return follow(environment, policy, pose_set, index, seed)
 
-    return run_trials(play, environment.settings.task, place, name=name, poses=poses, reasons=reasons)
+    counts = pose_counts(environment.settings.region(), poses, outside)
+    return run_trials(play, environment.settings.task, place, name=name, counts=counts, reasons=reasons)
+
+
+def pose_counts(region: StartRegion, poses: int, outside: int) -> dict[str, int]:
+    """How many start poses of each set are tried.
+
+    Args:
+        region: Where objects start.
+        poses: Of each set inside the square of the training.
+        outside: Of the set beyond it, where the region has one.
+    """
+    counts = {name: outside if name == "outside" else poses for name in sets_of(region)}
+    return {name: count for name, count in counts.items() if count}
 
 
 def run_trials(
@@ -91,16 +106,17 @@ def run_trials(
     place: TrialPlace,
     *,
     name: str,
-    poses: int = POSES,
+    counts: Mapping[str, int],
     reasons: Sequence[str] = (),
     facts: Callable[[], Mapping[str, Any]] | None = None,
 ) -> list[tuple[str, TrialResult]]:
-    """Play one episode from every start pose of both sets, and write what came of it.
+    """Play one episode from every start pose of all sets, and write what came of it.
 
     Args:
         play: Plays an episode.
         task: `grasp` or `pick_and_place`.
-        place, name, poses, reasons: See `try_policy`.
+        place, name, reasons: See `try_policy`.
+        counts: Start poses of each set, evenly over the quadrants (`pose_counts`).
         facts: More for the record; asked for when all trials are done.
 
     Returns:
@@ -109,7 +125,7 @@ def run_trials(
     Raises:
         InputError: Too many poses.
     """
-    chosen = [(pose_set, index) for pose_set in POSE_SETS for index in spread(poses)]
+    chosen = [(pose_set, index) for pose_set, count in counts.items() for index in spread(count)]
     state = Path(place.state)
     progress = ProgressLog(len(chosen), f"trials in {name}")
     done, paths = [], []
@@ -124,15 +140,14 @@ def run_trials(
         progress.update(f"{sum(trial.success for _, trial in done)} of {len(done)}")
     write_trial_log(place.log, paths)
     write_table(place.table, done)
-    counts = {pose_set: _counts([trial for found, trial in done if found == pose_set]) for pose_set in POSE_SETS}
     write_stage(
         place.record,
         reasons=reasons,
         packages=("pybullet", "mujoco", "torch"),
         world=name,
         task=task,
-        poses=poses,
-        counts=counts,
+        poses=dict(counts),
+        counts={pose_set: _counts([trial for found, trial in done if found == pose_set]) for pose_set in counts},
         **(facts() if facts is not None else {}),
     )
     # The outcome stands: what a killed job would have gone on from is not needed any more.
@@ -147,7 +162,7 @@ def follow(environment: PickEnvironment, policy: Policy, pose_set: str, index: i
     Args:
         environment: Environment in any world.
         policy: What acts.
-        pose_set: `fixed` or `unseen`.
+        pose_set: Name of a set of start poses.
         index: Start pose in it.
         seed: Seed of what is random in the episode.
     """

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from gsbridge.configuration.renderers import RENDERERS
 from gsbridge.errors import InputError
 from gsbridge.sim.actions import ActionScale
 from gsbridge.tasks.grasp import Grasp
@@ -14,7 +15,6 @@ from gsbridge.tasks.place import Place
 from gsbridge.tasks.poses import KeepOut, StartRegion
 
 TASKS = ("grasp", "pick_and_place")
-RENDERERS = ("gs", "mesh", "mesh_vertex")
 IMAGE_SIZES = (64, 128)
 
 MAX_POSITION_STEP = 0.024
@@ -55,8 +55,9 @@ class EnvironmentSettings:
     Args:
         task: `grasp` (lift by 10 cm and hold) or `pick_and_place` (set down on the plate and let go).
         image_size: Edge of the square image, px: 64 or 128.
-        renderer: `gs` (splats), `mesh` (meshes in one colour each) or `mesh_vertex` (meshes with vertex colours); worlds with
-            a camera of their own do not use it.
+        renderer: `gs` (splats), `gs_soft` (splats of the soft binding), `mesh` (meshes in one colour each) or `mesh_vertex`
+            (meshes with vertex colours), both also as `…_shaded`, in shadows as splats are; worlds with a camera of their
+            own do not use it.
         max_steps: Steps until time-out; None for `DEFAULT_STEPS`.
         position_step: Step of the tool for an action of 1, m; at most `MAX_POSITION_STEP`.
         yaw_step: Turn for an action of 1, rad.

@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from gsbridge.configuration.renderers import RENDERERS
 from gsbridge.environment.build import StageFiles, build_controller, build_environment, build_renderer, camera_response
 from gsbridge.environment.env import PickEnvironment, state_of
 from gsbridge.environment.gaussian_renderer import GaussianRenderer
-from gsbridge.environment.settings import RENDERERS, EnvironmentSettings
+from gsbridge.environment.rendering import Renderer
+from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.errors import StageError
 from gsbridge.files import atomic_directory, write_stage
 from gsbridge.geometry import Array
@@ -24,9 +26,6 @@ from gsbridge.tasks.views import ViewState, write_states
 STATES = "states.json"
 UNSHADED = "gs_unshaded"
 """Splats without the shadows of robot and object, as RL-sim's meshes are drawn."""
-
-SHADED = "_shaded"
-"""Ending of the names of meshes with those shadows, as splats are drawn."""
 
 SHARES = (0.35, 0.6, 0.8, 1.0)
 """Moments of a grasp, as shares of the steps until the object is held: one for each start pose in turn."""
@@ -60,9 +59,8 @@ def draw_views(
         InputError: A file is missing or of the wrong kind.
         StageError: No grasp holds the object.
     """
-    renderers = {name: build_renderer(files, replace(settings, renderer=name)) for name in RENDERERS}
-    for name in ("mesh", "mesh_vertex"):
-        renderers[name + SHADED] = build_renderer(files, replace(settings, renderer=name), shaded_meshes=True)
+    drawn = [name for name in RENDERERS if name != "gs_soft"]
+    renderers: dict[str, Renderer] = {name: build_renderer(files, replace(settings, renderer=name)) for name in drawn}
     renderers[UNSHADED] = build_renderer(replace(files, light=None), replace(settings, renderer="gs"))
     environment = build_environment(files, replace(settings, renderer="mesh"))
     controller = build_controller(files.item, settings)

@@ -230,6 +230,11 @@ class Experiment:
         filmed = self.both_filmed(trial.split("/")[1] for trial in chosen)
         return [f"results/trials/{trial}/{world}.json" for trial in chosen if world == "sim" or trial.split("/")[1] in filmed]
 
+    def severity(self, world: str) -> tuple[int, int]:
+        """Severity of look and of physics of a configured world; none of any other."""
+        given = self.config["worlds"].get(world, {"severity": 0})["severity"]
+        return (given["look"], given["physics"]) if isinstance(given, dict) else (given, given)
+
     # Trainings of splats
 
     def comparison_runs(self, scene: str) -> list[str]:

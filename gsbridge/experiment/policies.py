@@ -6,8 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-_TRAINED = {"gs": "", "mesh": ", RL-sim", "mesh_vertex": ", RL-sim (vertex colours)"}
-"""What the pages call a policy by the renderer it learned with."""
+from gsbridge.configuration.renderers import trained_on
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,7 @@ class PolicyFiles:
     def title(self) -> str:
         """Name on pages."""
         named = f"{self.task.replace('_', ' ').capitalize()}: {self.object} on {self.background}"
-        return named.replace("_", " ") + _TRAINED[self.renderer]
+        return named.replace("_", " ") + trained_on(self.renderer)
 
     def file(self, seed: int | str, name: str) -> str:
         """A file that the training with one seed makes."""

@@ -1,4 +1,4 @@
-"""Who is tried at which severity: the controller and policies of one cell, in worlds that differ in how bad a day it is."""
+"""Who is tried at which severity: controller and policies, in worlds that differ in how bad a day it is."""
 
 from __future__ import annotations
 
@@ -7,61 +7,82 @@ from dataclasses import dataclass
 from typing import Any
 
 from gsbridge.experiment.plan import Experiment
-from gsbridge.experiment.policies import PolicyFiles
+from gsbridge.experiment.policies import PolicyFiles, policy_files
 
-CONTROLLER, POLICIES = "controller", "policies"
+CONTROLLER, WORTH, GRADED = "controller", "worth", "graded"
+SIM = "sim"
 
 
 @dataclass(frozen=True)
 class SeverityStudy:
-    """Trials by severity.
+    """Trials by severity: of the baseline controller, of policies that learned from splats and from meshes (`worth`), and of
+    policies from poor to good (`graded`).
 
     Args:
         plan: Scenes, cells and settings.
-        seeds: Seeds of the trainings of each policy.
     """
 
     plan: Experiment
-    seeds: list[int]
 
-    def sources(self, who: str) -> list[dict[str, Any]]:
-        """One entry per file of trials: `file`, who acted, and in which world.
+    @property
+    def _settings(self) -> Mapping[str, Any]:
+        return self.plan.config["study"]["severity"]
 
-        Args:
-            who: `controller` or `policies`.
-        """
-        study: Mapping[str, Any] = self.plan.config["study"]["severity"]
-        cell = {key: study["cell"][key] for key in ("task", "object", "background")}
-        worlds = [self._world(name) for name in study["worlds"]]
-        if who == CONTROLLER:
-            pair = f"{cell['object']}+{cell['background']}"
-            return [
-                {"file": f"results/trials/{cell['task']}/{pair}/{world['world']}.json", "who": who, **cell, **world}
-                for world in worlds
-            ]
+    @property
+    def worlds(self) -> list[dict[str, Any]]:
+        """Name, seed and severities of each world."""
+        return [self._world(name) for name in self._settings["worlds"]]
+
+    @property
+    def levels(self) -> dict[str, tuple[int, int]]:
+        """Severity of look and of physics by the name of the world."""
+        return {world["world"]: (world["look"], world["physics"]) for world in self.worlds}
+
+    @property
+    def controller(self) -> list[dict[str, Any]]:
+        """One entry per record of the controller's trials, in the first cell: `file`, who acted, and in which world."""
+        first = self._settings["cells"][0]
+        cell = {key: first[key] for key in ("task", "object", "background")}
+        pair = PolicyFiles.of(cell).pair
         return [
-            {
-                "file": PolicyFiles.of({**cell, "renderer": renderer}, variant).trials(world["world"], seed, "csv"),
-                "who": "policy",
-                "renderer": renderer,
-                "variant": variant,
-                "training": seed,
-                **cell,
-                **world,
-            }
-            for renderer in study["renderers"]
-            for variant in study["variants"]
-            for seed in self.seeds
-            for world in worlds
+            {"file": f"results/trials/{cell['task']}/{pair}/{world['world']}.json", "who": CONTROLLER, **cell, **world}
+            for world in self.worlds
         ]
 
-    def files(self, who: str) -> list[str]:
-        """Files of trials that `sources` lists."""
-        return [source["file"] for source in self.sources(who)]
+    def policies(self, who: str) -> list[PolicyFiles]:
+        """Policies of `worth`, cell by cell, or the `graded` ones of the first cell."""
+        study = self._settings
+        if who == GRADED:
+            return [PolicyFiles.of(study["cells"][0], variant) for variant in study["graded"]]
+        return [
+            PolicyFiles.of({**cell, "renderer": renderer}, variant)
+            for cell in study["cells"]
+            for variant in study["variants"]
+            for renderer in study["renderers"]
+        ]
+
+    def seeds(self, who: str) -> list[int]:
+        """Seeds of the trainings of each policy; graded policies differ enough by themselves."""
+        first: int = self.plan.config["seed"]
+        return list(range(first, first + (1 if who == GRADED else self._settings["seeds"])))
+
+    def trials(self, who: str, ending: str) -> list[str]:
+        """Paths of the files about trials, of graded policies in simulation, too.
+
+        Args:
+            who: `worth` or `graded`.
+            ending: Ending of the files' names, such as `csv`.
+        """
+        worlds = [SIM] * (who == GRADED) + list(self._settings["worlds"])
+        return [
+            policy.trials(world, seed, ending) for policy in self.policies(who) for seed in self.seeds(who) for world in worlds
+        ]
+
+    def trainings(self, who: str) -> list[str]:
+        """Records of the trainings."""
+        return policy_files(self.policies(who), self.seeds(who), "training.json")
 
     def _world(self, name: str) -> dict[str, Any]:
         """Name, seed and severity of a world."""
-        world = self.plan.config["worlds"][name]
-        given = world["severity"]
-        graded = given if isinstance(given, dict) else {"look": given, "physics": given}
-        return {"world": name, "seed": self.plan.config["seed"] if world["seed"] is None else world["seed"], **graded}
+        seed, (look, physics) = self.plan.config["worlds"][name]["seed"], self.plan.severity(name)
+        return {"world": name, "seed": self.plan.config["seed"] if seed is None else seed, "look": look, "physics": physics}

@@ -93,7 +93,7 @@ def play_on_arm(
         policy: What acts.
         setup: The arm, with the driver.
         driver: The world.
-        pose_set: `fixed` or `unseen`.
+        pose_set: Name of a set of start poses.
         index: Start pose in it.
         seed: Of what is random in the world.
         steps: See `run_policy`.
@@ -183,7 +183,7 @@ def try_controller_on_arm(
         name: The world's name, for the record.
         seeds: Seeds of sets of start poses.
         poses: Poses of each set, evenly over the quadrants.
-        pose_set: `fixed` or `unseen`.
+        pose_set: Name of a set of start poses.
 
     Raises:
         InputError: Too many poses.

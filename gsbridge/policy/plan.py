@@ -50,10 +50,10 @@ def check_policies(config: Mapping[str, Any], root: str | Path) -> None:
                 )
     study = config["study"]
     for place, section in (("study", study), ("study.sight", study["sight"]), ("study.severity", study["severity"])):
-        for key in ("variants", "worlds"):
-            for name in section[key]:
-                if name not in config[key]:
-                    choices = ", ".join(sorted(config[key]))
+        for key, kind in (("variants", "variants"), ("graded", "variants"), ("worlds", "worlds")):
+            for name in section.get(key, []):
+                if name not in config[kind]:
+                    choices = ", ".join(sorted(config[kind]))
                     raise InputError(f"config: {place}.{key}", f"'{name}' is not configured", f"Use one of: {choices}")
     if config["study"]["sight"]["amended"]:
         _check_sight(config)

@@ -36,7 +36,7 @@ class StartPose:
     """A start pose of the object.
 
     Args:
-        pose_set: `fixed` or `unseen`.
+        pose_set: Name of a set of start poses.
         index: 0 to 31.
         x, y: Middle of the object's footprint, table frame, m.
         yaw: Turn of the object from how it lay when it was filmed, rad.
@@ -84,7 +84,7 @@ def start_poses(settings: EnvironmentSettings, name: str, index: str) -> list[St
 
     Args:
         settings: Settings of the policy's environment.
-        name: `fixed` or `unseen`.
+        name: Name of a set of start poses.
         index: A number, a range such as `0-7`, or `all`.
 
     Raises:

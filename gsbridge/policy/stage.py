@@ -38,7 +38,7 @@ def train_policy(
     *,
     seed: int,
     state: str | Path,
-    controller_offset: tuple[float, float] = (0.0, 0.0),
+    controller_offset: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
 ) -> Training:
     """Train a policy in the simulated world and write it.
 
@@ -50,7 +50,7 @@ def train_policy(
         record: Record of the stage.
         seed: Seed of everything random.
         state: Folder of checkpoints; it is removed at the end.
-        controller_offset: Error of the baseline controller, see `BiasedController`, m.
+        controller_offset: Error of the baseline controller, see `BiasedController`, m and rad. [4].
 
     Raises:
         InputError: A file is missing, damaged or of the wrong kind; settings do not fit together.

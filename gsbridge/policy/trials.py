@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 
 from gsbridge.environment.build import StageFiles, build_environment
-from gsbridge.environment.policy_trials import TrialPlace, run_trials, try_policy
+from gsbridge.environment.policy_trials import TrialPlace, pose_counts, run_trials, try_policy
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.environment.trials import TrialResult
 from gsbridge.files import read_json
@@ -30,6 +30,7 @@ def try_in_sim(
     place: TrialPlace,
     *,
     poses: int,
+    outside: int = 0,
 ) -> list[tuple[str, TrialResult]]:
     """Let a policy act in the world that it was trained in.
 
@@ -39,7 +40,7 @@ def try_in_sim(
         files: What the environment is made of.
         settings: Settings of the environment.
         place: Where the outcome goes.
-        poses: Start poses of each set.
+        poses, outside: Start poses of each set inside the square of the training, and beyond it.
 
     Raises:
         InputError: A file is missing or damaged.
@@ -47,7 +48,7 @@ def try_in_sim(
     loaded = _load(policy)
     environment = build_environment(files, settings)
     try:
-        return try_policy(environment, loaded, place, name="sim", poses=poses, reasons=_reasons(training))
+        return try_policy(environment, loaded, place, name="sim", poses=poses, outside=outside, reasons=_reasons(training))
     finally:
         environment.close()
 
@@ -62,6 +63,7 @@ def try_in_mirror(
     *,
     name: str,
     poses: int,
+    outside: int = 0,
     pieces: str | Path,
 ) -> list[tuple[str, TrialResult]]:
     """Let a policy act in a world of the mirror by the path that an arm takes; an episode is what it was in the training.
@@ -74,7 +76,7 @@ def try_in_mirror(
         registration: `registration.json`.
         place: Where the outcome goes.
         name: The world's name.
-        poses: Start poses of each set.
+        poses, outside: Start poses of each set inside the square of the training, and beyond it.
         pieces: Folder that keeps convex pieces from run to run.
 
     Raises:
@@ -87,8 +89,9 @@ def try_in_mirror(
         PolicyInterface.of(loaded.spec),
         loaded,
     )
-    task = play.setup.interface.settings.task
-    return run_trials(play, task, place, name=name, poses=poses, reasons=_reasons(training), facts=play.facts)
+    settings = play.setup.interface.settings
+    counts = pose_counts(settings.region(), poses, outside)
+    return run_trials(play, settings.task, place, name=name, counts=counts, reasons=_reasons(training), facts=play.facts)
 
 
 def _load(folder: str | Path) -> Policy:

@@ -1,4 +1,4 @@
-"""Start poses of the object: uniform draws for training, two stratified sets for tests.
+"""Start poses of the object: uniform draws for training, stratified sets for tests.
 
 A pose is (x, y, yaw) of the body frame on the table, table frame, m and rad. The square region has four quadrants, numbered as
 in the paper's tests: 1 far right (+x, -y), 2 far left (+x, +y), 3 near right (-x, -y), 4 near left (-x, +y).
@@ -16,7 +16,14 @@ from gsbridge.geometry import Array
 
 QUADRANTS = (1, 2, 3, 4)
 PER_QUADRANT = 8
-POSE_SETS = ("fixed", "unseen")
+POSE_SETS = ("fixed", "unseen", "outside")
+"""Two sets inside the square of the training, and one beyond it, where the tool still reaches."""
+
+REACH = 0.33
+"""Edge of the square that `outside` keeps to, m: 5 mm less on each side than the tool may go."""
+
+MARGIN = 0.005
+"""Distance of `outside` from the square of the training, m."""
 
 _SIGNS = {1: (1.0, -1.0), 2: (1.0, 1.0), 3: (-1.0, -1.0), 4: (-1.0, 1.0)}
 
@@ -114,16 +121,24 @@ class StartRegion:
         return np.c_[found, rng.uniform(*self.yaw, count)]
 
 
+def sets_of(region: StartRegion) -> tuple[str, ...]:
+    """Names of the sets that a region has: nothing lies outside one that takes all the tool's reach, or has a plate in it."""
+    return POSE_SETS if region.side + 2 * MARGIN < REACH and not region.keep_out else POSE_SETS[:2]
+
+
 def pose_set(name: str, region: StartRegion, seed: int = 0) -> Array:
-    """One of the two test sets: 4 quadrants with 8 poses each, spread evenly over places and yaws.
+    """One of the test sets: 4 quadrants with 8 poses each, spread evenly over places and yaws.
 
     Every quadrant is a chessboard of 4 x 4 cells; `fixed` has one pose in each black cell, `unseen` in each white one, so that
     both cover each row and column of cells alike and no pose of one lies near a pose of the other. Yaws are stratified too:
     every eighth of the range occurs once per quadrant. A cell that a disc covers gives its pose to the roomiest place among the
     quadrant's other cells of its colour; where all of these are covered, the cells of the other colour take them.
 
+    `outside` has its poses in the frame round the square, which is as long as it is narrow: each eighth of a quadrant's part of
+    it holds one.
+
     Args:
-        name: `fixed` or `unseen`.
+        name: `fixed`, `unseen` or `outside`.
         region: The start region.
         seed: Seed of the places within the cells.
 
@@ -131,15 +146,15 @@ def pose_set(name: str, region: StartRegion, seed: int = 0) -> Array:
         x, y, yaw, quadrant 1 first. [32, 3].
 
     Raises:
-        InputError: Unknown set, or a quadrant without room.
+        InputError: Unknown set, or one that the region does not have, or a quadrant without room.
     """
-    if name not in POSE_SETS:
-        raise InputError("pose set", f"'{name}' is unknown", f"Use one of: {', '.join(POSE_SETS)}")
+    if name not in (known := sets_of(region)):
+        raise InputError("pose set", f"'{name}' is unknown here", f"Use one of: {', '.join(known)}")
     colour = POSE_SETS.index(name)
     rng = np.random.default_rng([seed, colour])
     poses = []
     for quadrant in QUADRANTS:
-        xy = _places(region, quadrant, colour, rng)
+        xy = _framed(region, quadrant, rng) if name == "outside" else _places(region, quadrant, colour, rng)
         bins = rng.permutation(PER_QUADRANT) + rng.uniform(size=PER_QUADRANT)
         poses.append(np.c_[xy, region.yaw[0] + (region.yaw[1] - region.yaw[0]) * bins / PER_QUADRANT])
     return np.concatenate(poses)
@@ -160,6 +175,17 @@ def _places(region: StartRegion, quadrant: int, colour: int, rng: np.random.Gene
         placed = out[~np.isnan(out[:, 0])]
         out[cell] = spare[np.argmax(np.linalg.norm(spare[:, None] - placed[None], axis=-1).min(1))]
     return out
+
+
+def _framed(region: StartRegion, quadrant: int, rng: np.random.Generator) -> Array:
+    """Eight places in a quadrant's part of the frame round the square. [8, 2]."""
+    inner, outer = 0.5 * region.side + MARGIN, 0.5 * REACH
+    # Along the frame's part of a quadrant: up its one side, then back along the other.
+    along = (np.arange(PER_QUADRANT) + _BORDER + (1.0 - 2.0 * _BORDER) * rng.uniform(size=PER_QUADRANT)) / PER_QUADRANT * 2.0
+    away = inner + (outer - inner) * rng.uniform(size=PER_QUADRANT)
+    beside = outer * np.where(along < 1.0, along, 2.0 - along)
+    xy = np.where((along < 1.0)[:, None], np.c_[away, beside], np.c_[beside, away])
+    return np.asarray(region.centre) + xy * np.asarray(_SIGNS[quadrant])
 
 
 def _free_places(region: StartRegion, quadrant: int, colour: int, rng: np.random.Generator) -> tuple[Array, Array]:

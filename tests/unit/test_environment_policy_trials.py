@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from environment_fixture import GRIP, HandWorld
 
-from gsbridge.environment.biased import BiasedController
+from gsbridge.environment.biased import BiasedController, teacher_name
 from gsbridge.environment.controllers import GraspController
 from gsbridge.environment.env import PickEnvironment, state_of
 from gsbridge.environment.policy_trials import COLUMNS, TrialPlace, follow, try_policy
@@ -118,6 +118,11 @@ def test_a_biased_controller_reaches_for_another_place():
     seen = environment()
     _, info = seen.reset(options={"pose": np.array([0.02, 0.25, 0.1])})
     there = environment()
-    _, elsewhere = there.reset(options={"pose": np.array([0.05, 0.24, 0.1])})
-    biased = BiasedController(CONTROLLER, (0.03, -0.01))
+    _, elsewhere = there.reset(options={"pose": np.array([0.05, 0.24, 0.3])})
+    biased = BiasedController(CONTROLLER, (0.03, -0.01, 0.0, 0.2))
     np.testing.assert_allclose(biased(state_of(info)), CONTROLLER(state_of(elsewhere)), atol=1e-12)
+    higher = BiasedController(CONTROLLER, (0.0, 0.0, 0.015, 0.0))
+    lifted = replace(state_of(info), object_position=state_of(info).object_position + np.array([0.0, 0.0, 0.015]))
+    np.testing.assert_allclose(higher(state_of(info)), CONTROLLER(lifted), atol=1e-12)
+    assert teacher_name((0.0, 0.0, 0.0, 0.0)) == "exact"
+    assert teacher_name((0.015, 0.0, 0.0, 0.2)) == "x 15 mm, yaw 0.20 rad"

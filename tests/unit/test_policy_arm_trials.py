@@ -212,7 +212,8 @@ def test_a_policys_trials_on_a_bad_day_leave_table_log_and_record(tmp_path, monk
     script = Script()
     play = ArmTrials(world, registered((0.002, 0.0, 0.0)), interface(max_steps=7), script)
     place = TrialPlace(tmp_path / "trials.csv", tmp_path / "trials.npz", tmp_path / "trials.json", tmp_path / "state")
-    done = run_trials(play, "grasp", place, name="lab", poses=1, reasons=["policy: young"], facts=play.facts)
+    counts = {"fixed": 1, "unseen": 1}
+    done = run_trials(play, "grasp", place, name="lab", counts=counts, reasons=["policy: young"], facts=play.facts)
     assert [(name, trial.steps, trial.success) for name, trial in done] == [("fixed", 7, False), ("unseen", 7, False)]
     record = read_json(place.record)
     assert record["ends"] == {"time_out": 2}

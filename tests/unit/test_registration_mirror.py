@@ -70,21 +70,40 @@ def test_a_board_out_of_reach_is_said():
         )  # fmt: skip
 
 
-def test_pictures_show_the_board_where_the_truth_says(tmp_path, monkeypatch):
-    monkeypatch.setattr(world_camera, "table_texture", lambda background, seed: np.full((10, 12, 3), 0.25, np.float32))
+def board_photos(folder, hidden):
+    """The mirror's board photos in a world, and corners of the tags where its truth puts them and as seen, px. [4, 2] each."""
     film_board(
-        out_capture=tmp_path / "capture", out_truth=tmp_path / "truth.json", board=BOARD, threads=1, seed=3,
+        out_capture=folder / "capture", out_truth=folder / "truth.json", board=BOARD, threads=1, seed=3, hidden=hidden,
         settings=BoardFilmSettings(width=480, height=360, spp=4).model_copy(update={"poses": 2}),
     )  # fmt: skip
-    capture, truth = read_board_capture(tmp_path / "capture"), json.loads((tmp_path / "truth.json").read_text())
+    capture, truth = read_board_capture(folder / "capture"), json.loads((folder / "truth.json").read_text())
     assert len(capture.images) == 2
-    flanges = kinematics().fk(capture.joints)["flange"]
+    true, seen = [], []
+    flanges = kinematics().fk(capture.joints - np.array(hidden.encoder_offset))["flange"]
     for name, flange in zip(capture.images, flanges, strict=True):
         cam_from_table = np.linalg.inv(flange @ np.array(truth["flange_from_camera"])) @ np.array(truth["base_from_table"])
         tags = find_tags(read_image_u8(capture.folder / name), BOARD)
         assert len(tags) >= 4
         for tag, pixels in tags.items():
-            local = BOARD.corners()[tag] @ cam_from_table[:3, :3].T + cam_from_table[:3, 3]
-            assert np.linalg.norm(capture.camera.project(local) - pixels, axis=1).mean() < 0.6
+            true.append(capture.camera.project(BOARD.corners()[tag] @ cam_from_table[:3, :3].T + cam_from_table[:3, 3]))
+            seen.append(pixels)
+    return capture, true, seen
+
+
+def test_pictures_show_the_board_where_the_truth_says(tmp_path, monkeypatch):
+    monkeypatch.setattr(world_camera, "table_texture", lambda background, seed: np.full((10, 12, 3), 0.25, np.float32))
+    capture, true, seen = board_photos(tmp_path, Hidden.draw(3))
+    for expected, pixels in zip(true, seen, strict=True):
+        assert np.linalg.norm(expected - pixels, axis=1).mean() < 0.6
     # Nothing of the truth lies beside the photos.
     assert sorted(path.name for path in capture.folder.iterdir()) == ["arm.csv", "camera.json", *capture.images]
+
+
+def test_the_board_is_photographed_by_the_worlds_own_camera_and_encoders(tmp_path, monkeypatch):
+    monkeypatch.setattr(world_camera, "table_texture", lambda background, seed: np.full((10, 12, 3), 0.25, np.float32))
+    hidden = Hidden.draw(3).changed({"focal_error": 0.03, "encoder_offset": 0.004, "compression": 30.0})
+    capture, true, seen = board_photos(tmp_path, hidden)
+    middle = (capture.camera.cx, capture.camera.cy)
+    far = [np.linalg.norm(pixels - middle, axis=1).sum() for pixels in (np.concatenate(seen), np.concatenate(true))]
+    # The intrinsics that lie beside the photos are those of the data sheet, and the arm's angles what it measures.
+    assert far[0] / far[1] == pytest.approx(1.03, abs=0.004)

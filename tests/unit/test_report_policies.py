@@ -19,11 +19,12 @@ from gsbridge.report.pages.tables import write_tables
 from gsbridge.report.scores.measured_policies import wall_time_figures, write_policy_figures, write_world_figures
 from gsbridge.report.scores.results_page import AREAS, write_results_page
 from gsbridge.report.scores.score import read_floors, write_scores
+from gsbridge.report.tables.counts import overviews, read_counts
 from gsbridge.report.tables.failures import write_failure_rows
 from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SCENARIOS, PAPER_SUCCESS
 from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.report.tables.rows import read_rows
-from gsbridge.report.tables.success import overviews, p_text, percent, read_counts, standard_cells, success_tables
+from gsbridge.report.tables.success import p_text, percent, standard_cells, success_tables
 from gsbridge.report.tables.success_rows import write_success_rows
 from gsbridge.report.tables.training import write_training_rows
 from gsbridge.report.tables.world_variants import write_further
@@ -91,7 +92,7 @@ def test_printed_tables_hold_counts_intervals_and_the_papers_values(run):
     ]
     means, fixed, _, mirrors = tables["grasping"]
     line = next(row for row in means.rows if row[:2] == ("fixed", "mirror"))
-    assert line[2:8] == ("8", "93.0 % [89.2 … 95.5]", "238/256", "93.0 %", "3.2 %", "6.6 %")
+    assert line[2:8] == ("8", "93.0 % [89.8 … 95.7]", "238/256", "93.0 %", "3.2 %", "6.6 %")
     line = next(row for row in fixed.rows if row[0] == "bear on tablecloth")
     assert line == (
         "bear on tablecloth", "28/32 87.5 % [72 … 95]", "24/32 75.0 % [58 … 87]", "−14.3 %", "0.34", "87.5 → 75.0 %", "−14.3 %",
@@ -264,7 +265,7 @@ def test_further_worlds_have_floors_and_a_page_of_their_own(run, tmp_path):
         assert score["where"] == "results/rows/worlds.csv"
     write_further(run["worlds"], tmp_path / "worlds.md")
     page = (tmp_path / "worlds.md").read_text()
-    assert "| fixed | mirror_3 | 8 | 93.0 % [89.2 … 95.5] |" in page
+    assert "| fixed | mirror_3 | 8 | 93.0 % [89.8 … 95.7] |" in page
     assert "| cake on plate | unseen | 22/32 68.8 % [51 … 82] |" in page
 
 
@@ -292,7 +293,9 @@ def test_the_paper_itself_against_the_floors(run, tmp_path):
     # The paper's 96.1 and 92.97 stand on both sides of 96 and 93.
     assert scores["grasp_sim_unseen"]["met"]
     assert not scores["grasp_mirror_unseen"]["met"]
-    assert scores["grasp_sim_unseen"]["interval"] == pytest.approx([93.0, 97.9], abs=0.1)
+    # The mean of cells of one training each scatters by their starts: 96.1 % of 256.
+    wide = 196 * np.sqrt(0.961 * 0.039 / 256)
+    assert scores["grasp_sim_unseen"]["interval"] == pytest.approx([96.1 - wide, 96.1 + wide], abs=0.6)
     assert scores["rl_sim_drop_mirror_fixed"]["value"] == pytest.approx(80.2, abs=0.05)
     assert scores["training_cpu_max"]["value"] == pytest.approx(8.0)
     assert scores["replay_memory_max"]["value"] == 150.0

@@ -54,6 +54,7 @@ def film_board(
     settings: BoardFilmSettings,
     threads: int,
     seed: int,
+    hidden: Hidden,
     background: str = "foam_pad",
 ) -> None:
     """Photograph the board from many poses of the mirror's arm.
@@ -64,14 +65,15 @@ def film_board(
         board: The board on the table.
         settings: Number and size of the photos.
         threads: Threads to render with.
-        seed: Seed of the world.
+        seed: Seed of textures, poses and noise.
+        hidden: Hidden parameters of the world.
         background: What the board lies on.
 
     Raises:
         InputError: The size of the photos makes no sense, or the background is unknown.
         StageError: Too few poses see the board.
     """
-    hidden, camera = Hidden.draw(seed), full_camera(settings.width, settings.height)
+    camera = full_camera(settings.width, settings.height)
     with TemporaryDirectory() as folder:
         robot = true_robot(Path(folder) / "robot", hidden)
         physics = MirrorPhysics(robot, Stand(true_base_from_table(hidden)), None, hidden)

@@ -25,7 +25,7 @@ from gsbridge.reality.mirror import studio  # its private parts too: an edit the
 from gsbridge.reality.mirror.backgrounds import BACKGROUNDS, TABLE_CENTRE_M, TABLE_SIZE_M, make_plate, table_texture
 from gsbridge.reality.mirror.path_tracer import SCALAR, load_mitsuba
 from gsbridge.reality.world.bodies import shown_mesh
-from gsbridge.reality.world.electronics import LensError
+from gsbridge.reality.world.electronics import Electronics, LensError
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.surfaces import coated, filled, painted
 from gsbridge.reality.world.surroundings import lying_about, window
@@ -35,6 +35,8 @@ FIELD_OF_VIEW = np.deg2rad(42.5)
 """Field of view of the square picture, rad: the middle of a RealSense D435i's colour image, as in the paper."""
 
 _NEAR, _FAR = 0.01, 20.0
+_REST = 1.0
+"""Time between photos of what is at rest, s; what the camera adapts to it has adapted to in the first."""
 _SHEET_PIXELS_PER_M = 2000.0
 _DETAIL = 2.0
 _GLOSSY_SHARE = 0.6
@@ -206,7 +208,7 @@ class MirrorCamera:
         return self._lenses[camera]
 
     def photo(self, camera: Camera, cam_from_table: Array, quality: Quality, seed: int) -> Array:
-        """Photo that the camera delivers.
+        """Photo that the camera delivers of what is at rest, after it has looked at it for a while.
 
         Args:
             camera: Pinhole with square pixels and its principal point in the middle.
@@ -217,7 +219,10 @@ class MirrorCamera:
         Returns:
             sRGB. [H, W, 3] uint8.
         """
-        return expose(self.light(camera, cam_from_table, quality, seed), self.hidden, np.random.default_rng([seed, 2]))
+        lens, electronics = self.lens(camera), Electronics(self.hidden, _REST)
+        light = self.light(camera if lens is None else lens.wide, cam_from_table, quality, seed)
+        light = electronics.gained(light if lens is None else lens(light))
+        return electronics.delivered(expose(light, self.hidden, np.random.default_rng([seed, 2])))
 
     def _sensor(self, camera: Camera, cam_from_table: Array, quality: Quality, rows: tuple[int, int] | None = None) -> Any:
         """Mitsuba sensor at a pose; sensors of one kind are made once."""

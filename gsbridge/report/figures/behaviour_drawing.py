@@ -19,6 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MultipleLocator, NullLocator
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
+from gsbridge.configuration.renderers import TITLES, trained_on
 from gsbridge.environment.trial_log import decode
 from gsbridge.files import atomic_file
 from gsbridge.geometry import Array
@@ -30,7 +31,6 @@ SHOWN = 8
 """Pictures of a strip, and start poses whose paths are drawn."""
 COLOURS = {SIM: "#2466a8", "other": "#d9641e"}
 FAILED = "#b3202a"
-RENDERERS = {"gs": "RL-GSBridge (splats)", "mesh": "RL-sim (mesh)", "mesh_vertex": "RL-sim (mesh, vertex colours)"}
 LOWER, UPPER = np.array([-0.15, 0.115, 0.0]), np.array([0.15, 0.415, 0.28])
 """Corners of the box that is always shown, m: the start region, up to where the hand starts."""
 OBJECT: dict[str, Any] = {"color": "#6b6b6b", "marker": "s", "s": 12, "linewidths": 0, "zorder": 1}
@@ -213,7 +213,7 @@ def _draw_strips(part: SubFigure, line: Line, start: Start, distance_mm: float, 
     # Outside the layout: texts as long as a strip would push its pictures apart. The title above keeps the room for both.
     part.suptitle(" ", fontsize=11)
     above = {"va": "bottom", "in_layout": False}
-    name = RENDERERS.get(line.cell.renderer, line.cell.renderer)
+    name = TITLES.get(line.cell.renderer, line.cell.renderer)
     axes[0][0].text(0.0, 1.06, name, transform=axes[0][0].transAxes, fontsize=10, fontweight="bold", **above)
     summary = _summary(line, start, distance_mm, world)
     axes[0][-1].text(1.0, 1.06, summary, transform=axes[0][-1].transAxes, fontsize=8.5, ha="right", **above)
@@ -286,5 +286,4 @@ def _draw_distances(part: SubFigure, lines: Sequence[Line], world: str) -> None:
 
 def _policy_name(cell: CellPaths) -> str:
     task = "" if cell.task == "grasp" else f"{cell.task.replace('_', ' ')}, "
-    more = {"gs": "", "mesh": ", RL-sim", "mesh_vertex": ", RL-sim (vertex colours)"}.get(cell.renderer, f", {cell.renderer}")
-    return task + cell_name(cell) + more + ("" if cell.variant == "default" else f", {cell.variant}")
+    return task + cell_name(cell) + trained_on(cell.renderer) + ("" if cell.variant == "default" else f", {cell.variant}")

@@ -13,15 +13,19 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from gsbridge.configuration.renderers import TITLES
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.report.figures.legend import legend_above
 from gsbridge.report.tables.result_paths import CellPaths, cell_of
 from gsbridge.report.tables.rows import Row, number, read_rows
-from gsbridge.report.tables.success import RENDERER_TITLES, cell_title
+from gsbridge.report.tables.success import cell_title
 from gsbridge.report.tables.success_rows import cell_order
 
-COLOURS = {"gs": "#1f6f8b", "mesh": "#c2571a", "mesh_vertex": "#8a6fb0"}
+COLOURS = {
+    **{"gs": "#1f6f8b", "gs_soft": "#5fa8b8", "mesh": "#c2571a", "mesh_vertex": "#8a6fb0"},
+    **{"mesh_shaded": "#e09a5f", "mesh_vertex_shaded": "#b89fd6"},
+}
 CONTROLLER_COLOUR = "#8592a0"
 PER_LINE = 4
 LEAST_WIDTH = 5.0
@@ -65,10 +69,8 @@ def write_learning_curves(curves: Sequence[str | Path], out: str | Path) -> None
     for column in range(columns):
         below = [axis for axis in axes[:, column] if axis.axison]
         below[-1].set_xlabel("environment steps / 1000")
-    renderers = [renderer for renderer in RENDERER_TITLES if any(c.renderer == renderer for p in panels.values() for c, _ in p)]
-    handles = [
-        Line2D([], [], color=COLOURS[r], marker="o", markersize=3, label=f"trained on {RENDERER_TITLES[r]}") for r in renderers
-    ]
+    renderers = [renderer for renderer in TITLES if any(c.renderer == renderer for p in panels.values() for c, _ in p)]
+    handles = [Line2D([], [], color=COLOURS[r], marker="o", markersize=3, label=f"trained on {TITLES[r]}") for r in renderers]
     handles.append(Line2D([], [], color=CONTROLLER_COLOUR, linestyle="--", label="baseline controller"))
     legend_above(figure, handles, [str(handle.get_label()) for handle in handles])
     with atomic_file(out) as temporary:

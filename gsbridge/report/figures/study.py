@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from gsbridge.environment.biased import teacher_name
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file, read_json
 from gsbridge.report.tables.formats import Table, markdown
 from gsbridge.report.tables.result_paths import CellPaths, cell_of, seed_of
 from gsbridge.report.tables.rows import write_rows
-from gsbridge.report.tables.success_rows import read_trials
-from gsbridge.statistics import wilson_interval
+from gsbridge.report.tables.statistics import lead_interval, mean_rate
+from gsbridge.report.tables.success_rows import read_trials, tallies_in, tallies_text
+from gsbridge.statistics import trainings_interval
+
+IMITATION = ("bc", "dagger")
+"""Ways of learning that only imitate."""
+
+EXACT = "exact"
+"""The teacher that is right (`teacher_name`)."""
 
 COLUMNS = (
-    *("task", "object", "background", "variant", "algo", "controller_offset_mm", "seeds", "steps", "trials", "successes"),
-    *("success_rate", "ci95_low", "ci95_high", "seed_low", "seed_high", "controller_success_rate", "cpu_min"),
+    *("task", "object", "background", "variant", "algo", "teacher", "seeds", "steps", "trials", "successes"),
+    *("success_rate", "ci95_low", "ci95_high", "seed_low", "seed_high", "controller_success_rate", "cpu_min", "by_training"),
 )
 """`seed_low`, `seed_high`: smallest and largest rate of a single seed. `controller_success_rate`: of the controller that the
 variant learned from, on the trainings' own start poses; empty for `sac`. `cpu_min`: mean CPU minutes of a training."""
@@ -47,7 +55,7 @@ def write_study(trainings: Sequence[str | Path], trials: Sequence[str | Path], r
         )
     write_rows(rows_csv, COLUMNS, rows)
     with atomic_file(page) as temporary:
-        temporary.write_text(f"# Study\n\n{markdown(_table(rows))}\n", encoding="utf-8")
+        temporary.write_text(f"# Study\n\n{verdict(rows)}\n\n{markdown(_table(rows))}\n", encoding="utf-8")
 
 
 def _policy(training: str | Path, table: str | Path, seed: int) -> dict[str, Any]:
@@ -56,7 +64,7 @@ def _policy(training: str | Path, table: str | Path, seed: int) -> dict[str, Any
         return {
             "seed": seed,
             "algo": record["algo"],
-            "offset": 1e3 * max(abs(float(value)) for value in record["controller_offset"]),
+            "teacher": teacher_name([float(value) for value in record["controller_offset"]]),
             "steps": int(record["steps"]),
             "controller": record["controller_success"],
             "cpu_s": sum(record["cpu_seconds"].values()),
@@ -73,11 +81,12 @@ def _row(cell: CellPaths, policies: Sequence[dict[str, Any]]) -> dict[str, Any]:
     good = sum(policy["successes"] for policy in policies)
     rates = [policy["successes"] / policy["trials"] for policy in policies]
     known = [float(policy["controller"]) for policy in policies if policy["controller"] is not None]
-    low, high = wilson_interval(good, count)
+    tallies = [(policy["successes"], policy["trials"]) for policy in policies]
+    low, high = trainings_interval(tallies)
     return {
         **{name: getattr(cell, name) for name in ("task", "object", "background", "variant")},
         "algo": policies[0]["algo"],
-        "controller_offset_mm": policies[0]["offset"],
+        "teacher": policies[0]["teacher"],
         "seeds": len(policies),
         "steps": max(policy["steps"] for policy in policies),
         "trials": count,
@@ -89,7 +98,42 @@ def _row(cell: CellPaths, policies: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "seed_high": max(rates),
         "controller_success_rate": sum(known) / len(known) if known else None,
         "cpu_min": sum(policy["cpu_s"] for policy in policies) / len(policies) / 60,
+        "by_training": tallies_text(tallies),
     }
+
+
+def verdict(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Whether SACwB beats the better of two imitations, with the right teacher and with the wrong ones; in a sentence each."""
+    said = []
+    for wrong in (False, True):
+        taught = [pair for teacher, pair in rivals(rows).items() if (teacher != EXACT) == wrong]
+        if taught:
+            sides = [[tallies_in(row["by_training"]) for row in side] for side in zip(*taught, strict=True)]
+            lead, (low, high) = 100 * (mean_rate(sides[0]) - mean_rate(sides[1])), lead_interval(*sides)
+            beats = "beats" if low > 0 else "loses to" if high < 0 else "is not told apart from"
+            who = f"{len(taught)} wrong teachers" if wrong else "the right teacher"
+            said.append(
+                f"With {who}, SACwB **{beats}** the better of behaviour cloning and DAgger: {lead:+.1f} points"
+                f" ({100 * low:.1f} to {100 * high:.1f}), ahead with {sum(better(pair) for pair in taught)} of {len(taught)}."
+            )
+    return "\n\n".join(said).replace("-", "−") or "Nothing is compared: no teacher taught SACwB and both imitations."
+
+
+def rivals(rows: Sequence[Mapping[str, Any]]) -> dict[str, tuple[Mapping[str, Any], Mapping[str, Any]]]:
+    """Rows of SACwB and of the better imitation, by teacher, of teachers from which all three learned."""
+    taught: dict[str, dict[str, Mapping[str, Any]]] = {}
+    for row in rows:
+        taught.setdefault(row["teacher"], {})[row["algo"]] = row
+    return {
+        teacher: (by["sacwb"], max((by[algo] for algo in IMITATION), key=lambda row: float(row["success_rate"])))
+        for teacher, by in taught.items()
+        if {"sacwb", *IMITATION} <= set(by)
+    }
+
+
+def better(pair: tuple[Mapping[str, Any], Mapping[str, Any]]) -> bool:
+    """Whether the first of two rows succeeds more often."""
+    return float(pair[0]["success_rate"]) > float(pair[1]["success_rate"])
 
 
 def _table(rows: Sequence[dict[str, Any]]) -> Table:
@@ -99,7 +143,7 @@ def _table(rows: Sequence[dict[str, Any]]) -> Table:
         (
             row["variant"],
             row["algo"],
-            f"{row['controller_offset_mm']:.0f} mm",
+            row["teacher"],
             "" if row["controller_success_rate"] is None else f"{row['controller_success_rate']:.0%}",
             f"{row['successes']}/{row['trials']}",
             f"{row['success_rate']:.1%} ({row['ci95_low']:.1%} to {row['ci95_high']:.1%})",
@@ -110,7 +154,16 @@ def _table(rows: Sequence[dict[str, Any]]) -> Table:
     )
     return Table(
         title=f"Ways of learning, {first['task']}: {first['object']} on {first['background']}, {first['steps']} steps",
-        columns=("variant", "algorithm", "controller off by", "controller", "successes", "rate (95 %)", "seeds", "CPU min"),
+        columns=(
+            "variant",
+            "algorithm",
+            "teacher",
+            "its success",
+            "successes",
+            "rate (95 %)",
+            "seeds",
+            "CPU min",
+        ),
         rows=body,
         notes=("Trials in simulation, both sets of start poses. Controllers are tried on the trainings' own start poses.",),
     )

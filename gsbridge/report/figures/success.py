@@ -12,18 +12,19 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
+from gsbridge.configuration.renderers import trained_on
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.report.figures.legend import legend_above
+from gsbridge.report.tables.counts import Counts, pose_sets_in, read_counts, worlds_in
 from gsbridge.report.tables.paper import PAPER_SUCCESS
 from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.report.tables.rows import read_rows
-from gsbridge.report.tables.success import MIRROR, POSE_TITLES, Counts, cell_title, pose_sets_in, read_counts, worlds_in
+from gsbridge.report.tables.success import MIRROR, POSE_TITLES, cell_title
 from gsbridge.report.tables.success_rows import COLUMNS, ROBOT, STRICT_WORLD, cell_order
 
 COLOURS = {STRICT_WORLD: "#1f6f8b", MIRROR: "#c2571a", ROBOT: "#2c7a4b"}
 PAPER_COLOUR = "#7a5a1e"
-SHORT = {"gs": "", "mesh": ", RL-sim", "mesh_vertex": ", mesh vertex colours"}
 
 
 def write_success_figure(rows_csv: Sequence[str | Path], out: str | Path) -> None:
@@ -48,7 +49,7 @@ def write_success_figure(rows_csv: Sequence[str | Path], out: str | Path) -> Non
     )  # fmt: skip
     for axis, pose_set in zip(axes[0], pose_sets, strict=True):
         _draw(axis, cells, counts, pose_set)
-    axes[0, 0].set_yticks(range(len(cells)), [cell_title(cell) + SHORT.get(cell.renderer, cell.renderer) for cell in cells])
+    axes[0, 0].set_yticks(range(len(cells)), [cell_title(cell) + trained_on(cell.renderer) for cell in cells])
     axes[0, 0].invert_yaxis()
     handles, labels = axes[0, 0].get_legend_handles_labels()
     # Lines come before containers in matplotlib's own order; ours come first here.

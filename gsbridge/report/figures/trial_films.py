@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from gsbridge.configuration.renderers import TITLES
 from gsbridge.environment.trial_log import decode
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
@@ -148,7 +149,7 @@ def _write_caption(draw: ImageDraw.ImageDraw, start: Start, left: int, top: int)
 def _rates(starts: Sequence[Start], cell: CellPaths) -> str:
     """Successes of all trials, beside how the policy was trained."""
     counts = {world: sum(start.trials[world].success for start in starts) for world in starts[0].trials}
-    trained = {"gs": "splats", "mesh": "a mesh", "mesh_vertex": "a mesh with vertex colours"}.get(cell.renderer, cell.renderer)
+    trained = TITLES.get(cell.renderer, cell.renderer)
     rates = ", ".join(f"{count} of {len(starts)} in {world.replace('_', ' ')}" for world, count in counts.items())
     way = "" if cell.variant == "default" else f", variant {cell.variant}"
     # Only where there is a failure to come first.

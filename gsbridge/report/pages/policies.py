@@ -7,27 +7,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from gsbridge.configuration.renderers import TITLES
 from gsbridge.errors import InputError
 from gsbridge.report.tables import failures as failures_table
 from gsbridge.report.tables import success_rows as success_table
 from gsbridge.report.tables import training as training_table
+from gsbridge.report.tables.counts import Overview, overviews, read_counts
 from gsbridge.report.tables.formats import Table
 from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SCENARIOS
 from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.report.tables.rows import Row, read_rows
-from gsbridge.report.tables.success import (
-    MIRROR,
-    RENDERER_TITLES,
-    Overview,
-    cell_title,
-    overviews,
-    paper_drop,
-    paper_mean,
-    percent,
-    read_counts,
-    standard_cells,
-    success_tables,
-)
+from gsbridge.report.tables.success import MIRROR, cell_title, paper_drop, paper_mean, percent, standard_cells, success_tables
 from gsbridge.report.tables.success_rows import ROBOT, STRICT_WORLD, cell_in
 
 SUCCESS = ("grasping", "renderer_contrast", "pick_and_place")
@@ -146,7 +136,7 @@ def degraded_policies(rows: PolicyRows, scenes: Mapping[str, Sequence[str]]) -> 
                 continue
             cell = cell_in(row)
             reasons = out.setdefault(
-                f"{cell_title(cell)}, {cell.task.replace('_', ' ')}, {RENDERER_TITLES.get(cell.renderer, cell.renderer)}", []
+                f"{cell_title(cell)}, {cell.task.replace('_', ' ')}, {TITLES.get(cell.renderer, cell.renderer)}", []
             )
             for reason in found:
                 # A training's reservations hold in every world.

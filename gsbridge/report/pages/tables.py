@@ -43,7 +43,7 @@ CAPTIONS = {
     ),
     "success_rates": (
         "Success rate of each cell in simulation and in the other world",
-        "Success of each cell with Wilson's 95 % interval, in simulation and in the other world. Hollow marks: the paper's, "
+        "Success of each cell with its 95 % interval, in simulation and in the other world. Hollow marks: the paper's, "
         "simulation and its robot. Good looks like both worlds at the right edge, one below the other.",
     ),
     "learning_curves": (

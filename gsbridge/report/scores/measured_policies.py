@@ -15,13 +15,15 @@ from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
 from gsbridge.report.figures.loop import COLUMNS as LOOP_COLUMNS
 from gsbridge.report.figures.study import COLUMNS as STUDY_COLUMNS
+from gsbridge.report.figures.study import EXACT, rivals
 from gsbridge.report.scores.score import Figure, over_scenes, single, success_rate, write_measured
 from gsbridge.report.tables import success_rows as success_table
 from gsbridge.report.tables import training as training_table
+from gsbridge.report.tables.counts import Counts, Overview, overviews, read_counts
 from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SCENARIOS, PAPER_SUCCESS
 from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.report.tables.rows import Row, read_rows
-from gsbridge.report.tables.success import Counts, Overview, overviews, read_counts, standard_cells
+from gsbridge.report.tables.success import standard_cells
 from gsbridge.report.tables.success_rows import STRICT_WORLD, cell_in
 
 GRASPING = "results/rows/grasping.csv"
@@ -50,9 +52,9 @@ def mean_figure(view: Overview, counts: Counts, where: str) -> Figure:
         counts: Trials and successes of each cell.
         where: File that the figure comes from.
     """
-    low, high = view.total.interval
+    low, high = view.interval
     figure = over_scenes({_name(cell): 100 * rate for cell, rate in view.rates.items()}, statistics.fmean, where)
-    interval = {"interval": [100 * low, 100 * high], "interval_of": "95 % of all trials together (Wilson)"}
+    interval = {"interval": [100 * low, 100 * high], "interval_of": "95 %, trainings and starts of each cell drawn anew"}
     return {**figure, **interval, **_counted(list(view.rates), counts, view)}
 
 
@@ -225,38 +227,33 @@ def write_world_figures(out: str | Path, rows_csv: str | Path, preset: str) -> N
 
 
 STUDY = "results/rows/study.csv"
-IMITATION = ("bc", "dagger")
 
 
 def study_figures(rows: Sequence[Row]) -> dict[str, Figure]:
     """Leads of SACwB, percentage points of success.
 
     Args:
-        rows: Rows of `study.csv`. Those whose controller is off by more than nothing count as biased.
+        rows: Rows of `study.csv`.
 
     Returns:
-        `study_lead_min`, over the controller that it learned from, the worse of both; `study_imitation_good` and
-        `study_imitation_biased`, over the better of behaviour cloning and DAgger with the same controller.
+        `study_lead_min`, over the controller that it learned from, the worst of all, the right one among them;
+        `study_imitation_good` and `study_imitation_biased`, over the better of behaviour cloning and DAgger that learned from
+        the same controller, the right one and the mean over the wrong ones.
     """
     out: dict[str, Figure] = {}
-    leads: dict[str, float] = {}
-    seeds: list[int] = []
-    for name, biased in (("good", False), ("biased", True)):
-        mine = {row["algo"]: row for row in rows if (float(row["controller_offset_mm"]) > 0) == biased}
-        ours, others = mine.get("sacwb"), [mine[algo] for algo in IMITATION if algo in mine]
-        if ours is None:
-            continue
-        rate = float(ours["success_rate"])
-        if ours["controller_success_rate"]:
-            leads[f"controller {name}"] = 100 * (rate - float(ours["controller_success_rate"]))
-            seeds.append(int(ours["seeds"]))
-        if len(others) == len(IMITATION):
-            best = max(float(row["success_rate"]) for row in others)
-            least = min(int(row["seeds"]) for row in (ours, *others))
-            out[f"study_imitation_{name}"] = {"value": 100 * (rate - best), "n": 1, "seeds": least, "where": STUDY}
-    if len(leads) == 2:
-        low, high = sorted(leads.values())
-        out["study_lead_min"] = {**single(low, 2, STUDY, [low, high], "both controllers"), "seeds": min(seeds)}
+    taught = [row for row in rows if row["algo"] == "sacwb" and row["controller_success_rate"]]
+    leads = {row["teacher"]: 100 * (float(row["success_rate"]) - float(row["controller_success_rate"])) for row in taught}
+    for name, wrong in (("good", False), ("biased", True)):
+        pairs = {teacher: pair for teacher, pair in rivals(rows).items() if (teacher != EXACT) == wrong}
+        if pairs:
+            rates = {teacher: [float(row["success_rate"]) for row in pair] for teacher, pair in pairs.items()}
+            won = {teacher: 100 * (ours - best) for teacher, (ours, best) in rates.items()}
+            least = min(int(row["seeds"]) for pair in pairs.values() for row in pair)
+            out[f"study_imitation_{name}"] = {**over_scenes(won, statistics.fmean, STUDY), "seeds": least}
+    if EXACT in leads and len(leads) > 1:
+        low, high = min(leads.values()), max(leads.values())
+        seeds = min(int(row["seeds"]) for row in taught)
+        out["study_lead_min"] = {**single(low, len(leads), STUDY, [low, high], "all controllers"), "seeds": seeds}
     return out
 
 

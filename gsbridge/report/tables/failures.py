@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from gsbridge.configuration.renderers import TITLES
 from gsbridge.report.tables.formats import Table
 from gsbridge.report.tables.rows import Row, write_rows
-from gsbridge.report.tables.success import RENDERER_TITLES, cell_title
+from gsbridge.report.tables.success import cell_title
 from gsbridge.report.tables.success_rows import CELL_COLUMNS, ReadTrials, cell_in, read_trial_files, row_order
 from gsbridge.tasks.outcome import Failure
 from gsbridge.tasks.poses import POSE_SETS, QUADRANTS
@@ -75,7 +76,7 @@ def failures_table(rows: Sequence[Row]) -> Table | None:
         failed = [row for row in found if row["outcome"] != Failure.NONE]
         clean += not failed
         if failed:
-            trained = RENDERER_TITLES.get(cell.renderer, cell.renderer)
+            trained = TITLES.get(cell.renderer, cell.renderer)
             body.append((cell_title(cell), trained, world, *_counts(found, failed, words)))
     body.append(("all", "", "", *_counts(rows, [row for row in rows if row["outcome"] != Failure.NONE], words)))
     columns = ("cell", "trained on", "world", "trials", "failed", *QUADRANT_TITLES, *(word.replace("_", " ") for word in words))

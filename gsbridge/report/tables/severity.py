@@ -1,11 +1,10 @@
-"""Success against severity: rows as CSV, and a table with a column for each world.
+"""Success of the baseline controller against severity: rows as CSV, and a table with a column for each world.
 
 Columns of the rows:
 
 | column | content |
 |---|---|
-| `who` | `controller` or `policy` |
-| `renderer`, `variant`, `training` | of a policy: what it saw as it learned, its way of learning, its seed |
+| `who` | `controller` |
 | `task`, `object`, `background` | what was to be done |
 | `world`, `seed`, `look`, `physics` | where: name, seed and severities of the world |
 | `trials`, `success` | counts; excess contact is forgiven, as in every world but the simulated one |
@@ -26,11 +25,11 @@ import numpy as np
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file, read_json
 from gsbridge.report.tables.formats import Table, markdown
-from gsbridge.report.tables.rows import read_rows, write_rows
+from gsbridge.report.tables.rows import write_rows
 from gsbridge.statistics import wilson_interval
 
 COLUMNS = (
-    *("who", "renderer", "variant", "training", "task", "object", "background", "world", "seed", "look", "physics"),
+    *("who", "task", "object", "background", "world", "seed", "look", "physics"),
     *("trials", "success", "rate", "low", "high", "steps", "failures"),
 )
 
@@ -46,7 +45,7 @@ def write_severity(rows_csv: str | Path, page: str | Path, sources: Sequence[Map
     Args:
         rows_csv: The rows, see the module.
         page: The table, Markdown.
-        sources: See `gsbridge.experiment.severity_study`.
+        sources: `SeverityStudy.controller`.
 
     Returns:
         The rows.
@@ -64,16 +63,12 @@ def write_severity(rows_csv: str | Path, page: str | Path, sources: Sequence[Map
 
 
 def _row(source: Mapping[str, Any]) -> dict[str, Any]:
-    """Summarise one file of trials in one row; the file is a policy's table or a controller's record."""
+    """One row, from the record of a controller's trials."""
     path = Path(source["file"])
-    if path.suffix == ".json":
-        try:
-            found = [(bool(t["success_tolerant"]), str(t["failure"]), int(t["steps"])) for t in read_json(path)["trials"]]
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(path, f"the trials are damaged ({error})", "Delete the file and run the rule again") from error
-    else:
-        needed = ("success_tolerant", "failure", "steps")
-        found = [(row["success_tolerant"] == "true", row["failure"], int(row["steps"])) for row in read_rows(path, needed)]
+    try:
+        found = [(bool(t["success_tolerant"]), str(t["failure"]), int(t["steps"])) for t in read_json(path)["trials"]]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(path, f"the trials are damaged ({error})", "Delete the file and run the rule again") from error
     if not found:
         raise InputError(path, "it holds no trials", "Delete the file and run the rule again")
     success = sum(good for good, _, _ in found)
@@ -96,10 +91,8 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> Table:
     worlds = list(dict.fromkeys((row["world"], row["look"], row["physics"]) for row in rows))
     lines: dict[str, dict[str, str]] = {}
     for row in rows:
-        learned = (f"{row[key]}" for key in ("renderer", "variant", "training") if key in row)
-        name = " ".join((row["who"], *learned))
         share = f"{row['success']}/{row['trials']} ({100 * row['low']:.0f} to {100 * row['high']:.0f} %)"
-        lines.setdefault(name, {})[row["world"]] = f"{share}; {row['steps']:.0f}"
+        lines.setdefault(row["who"], {})[row["world"]] = f"{share}; {row['steps']:.0f}"
     first = rows[0]
     return Table(
         f"{first['task'].replace('_', ' ').capitalize()}: {first['object']} on {first['background']}".replace("_", " "),

@@ -6,13 +6,14 @@ simulation, and the mean maximum rank violation weighs by differences in reality
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from statistics import fmean
 
 import numpy as np
 from scipy import stats
 
 from gsbridge.geometry import Array
-from gsbridge.statistics import check_counts
+from gsbridge.statistics import Tally, check_counts, limits, redrawn_rates, trainings_interval, wilson_interval
 
 
 def fisher_p(sim_successes: int, sim_trials: int, real_successes: int, real_trials: int) -> float:
@@ -84,6 +85,36 @@ def mean_maximum_rank_violation(sim_rates: Sequence[float], real_rates: Sequence
         return None
     violated = (sim[:, None] > sim[None, :]) != (real[:, None] > real[None, :])
     return float((violated * np.abs(real[:, None] - real[None, :])).max(axis=1).mean())
+
+
+def mean_rate(cells: Collection[Sequence[Tally]]) -> float:
+    """Mean success over cells, each counting the same; of each cell the successes and trials of its trainings."""
+    return fmean(sum(good for good, _ in cell) / sum(tried for _, tried in cell) for cell in cells)
+
+
+def mean_interval(cells: Collection[Sequence[Tally]]) -> tuple[float, float]:
+    """95 % interval of that mean: of one cell `trainings_interval`, of several by redrawing each cell's trainings and starts.
+
+    Where nothing is left to redraw, as every trial of all cells went alike, it is Wilson's of all trials.
+    """
+    every = [tally for cell in cells for tally in cell]
+    if len(cells) == 1:
+        return trainings_interval(every)
+    low, high = limits(_redrawn_mean(cells, 0))
+    if low == high:
+        return wilson_interval(sum(good for good, _ in every), sum(tried for _, tried in every))
+    return low, high
+
+
+def lead_interval(ours: Collection[Sequence[Tally]], others: Collection[Sequence[Tally]]) -> tuple[float, float]:
+    """95 % interval of the difference of two means over the same cells, by hierarchical bootstrap."""
+    return limits(_redrawn_mean(ours, 1) - _redrawn_mean(others, 2))
+
+
+def _redrawn_mean(cells: Collection[Sequence[Tally]], stream: int) -> Array:
+    """Redrawn means over cells. [REDRAWS]."""
+    drawn = [redrawn_rates(cell, 1000 * stream + number) for number, cell in enumerate(cells)]
+    return np.asarray(np.mean(drawn, axis=0))
 
 
 def _paired(sim_rates: Sequence[float], real_rates: Sequence[float]) -> tuple[Array, Array]:

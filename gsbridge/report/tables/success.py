@@ -5,150 +5,18 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
+from gsbridge.configuration.renderers import TITLES
+from gsbridge.report.tables.counts import Count, change, overviews, p_of_change, pose_sets_in, read_counts, worlds_in
 from gsbridge.report.tables.formats import Table
 from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SCENARIOS, PAPER_SUCCESS, PAPER_SUCCESS_NOTE
 from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.report.tables.rows import Row
 from gsbridge.report.tables.statistics import (
-    fisher_p,
-    mean_maximum_rank_violation,
     mean_relative_drop,
-    pearson,
     relative_change,
 )
 from gsbridge.report.tables.success_rows import ROBOT, STRICT_WORLD, cell_in, cells_in
-from gsbridge.statistics import wilson_interval
-from gsbridge.tasks.poses import POSE_SETS
-
-
-@dataclass(frozen=True)
-class Count:
-    """Successes of a cell, world and set of poses; a rate is a share, 0..1."""
-
-    successes: int
-    trials: int
-    seeds: int = 1
-
-    @property
-    def rate(self) -> float:
-        """Success rate."""
-        return self.successes / self.trials
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Wilson's 95 % interval of the rate."""
-        return wilson_interval(self.successes, self.trials)
-
-
-Counts = dict[tuple[CellPaths, str, str], Count]
-"""Trials and successes by cell, world and set of start poses."""
-
-
-def read_counts(rows: Sequence[Row]) -> Counts:
-    """Counts of the rows of success tables; a row that stands in two tables counts once."""
-    return {
-        (cell_in(row), row["world"], row["pose_set"]): Count(int(row["successes"]), int(row["trials"]), int(row["seeds"]))
-        for row in rows
-    }
-
-
-def worlds_in(counts: Counts) -> list[str]:
-    """Worlds of the counts: simulation, mirrors, robot."""
-    return sorted({world for _, world, _ in counts}, key=lambda world: (world != STRICT_WORLD, world == ROBOT, world))
-
-
-def pose_sets_in(counts: Counts) -> list[str]:
-    """Sets of start poses of the counts."""
-    found = {pose_set for _, _, pose_set in counts}
-    return [pose_set for pose_set in POSE_SETS if pose_set in found]
-
-
-def change(counts: Counts, cell: CellPaths, world: str, pose_set: str) -> float | None:
-    """Relative change of a cell from simulation to another world; None where it is not known.
-
-    Args:
-        counts: Trials and successes.
-        cell, world, pose_set: The cell, the other world, and the set of start poses.
-    """
-    sim, real = counts.get((cell, STRICT_WORLD, pose_set)), counts.get((cell, world, pose_set))
-    return None if sim is None or real is None else relative_change(sim.rate, real.rate)
-
-
-def p_of_change(counts: Counts, cell: CellPaths, world: str, pose_set: str) -> float | None:
-    """Fisher's p of the change of a cell from simulation to another world; None where it is not known.
-
-    Args:
-        counts, cell, world, pose_set: As for `change`.
-    """
-    sim, real = counts.get((cell, STRICT_WORLD, pose_set)), counts.get((cell, world, pose_set))
-    if sim is None or real is None:
-        return None
-    return fisher_p(sim.successes, sim.trials, real.successes, real.trials)
-
-
-@dataclass(frozen=True)
-class Overview:
-    """Cells together in one world and set of poses.
-
-    Args:
-        world, pose_set: Which.
-        rates: Success rate of each cell, 0..1.
-        total: Trials of all cells together.
-        changes: Relative change from simulation of each cell that has one; empty for simulation itself.
-        correlation: Pearson's r of the cells' rates in simulation and in this world; None where it is not defined.
-        violation: MMRV likewise, as a share of success.
-    """
-
-    world: str
-    pose_set: str
-    rates: Mapping[CellPaths, float]
-    total: Count
-    changes: Mapping[CellPaths, float]
-    correlation: float | None
-    violation: float | None
-
-    @property
-    def mean(self) -> float:
-        """Mean success over the cells, each counting the same."""
-        return statistics.fmean(self.rates.values())
-
-    def drop(self, cells: Sequence[CellPaths] | None = None) -> tuple[float | None, int]:
-        """Mean relative drop over cells (None: all), and the number of those that it is taken over."""
-        found = [value for cell, value in self.changes.items() if cells is None or cell in cells]
-        return mean_relative_drop(found), len(found)
-
-
-def overviews(counts: Counts, cells: Sequence[CellPaths]) -> list[Overview]:
-    """Summarise success per pose set and world, over the cells that were tried there."""
-    out = []
-    for pose_set in pose_sets_in(counts):
-        for world in worlds_in(counts):
-            found = {cell: counts[cell, world, pose_set] for cell in cells if (cell, world, pose_set) in counts}
-            if not found:
-                continue
-            sim = {cell: counts[cell, STRICT_WORLD, pose_set] for cell in found if (cell, STRICT_WORLD, pose_set) in counts}
-            compared = [] if world == STRICT_WORLD else list(sim)
-            pairs = [sim[cell].rate for cell in compared], [found[cell].rate for cell in compared]
-            changes = {cell: change(counts, cell, world, pose_set) for cell in compared}
-            total = Count(
-                sum(count.successes for count in found.values()),
-                sum(count.trials for count in found.values()),
-                min(count.seeds for count in found.values()),
-            )
-            out.append(
-                Overview(
-                    world=world,
-                    pose_set=pose_set,
-                    rates={cell: count.rate for cell, count in found.items()},
-                    total=total,
-                    changes={cell: value for cell, value in changes.items() if value is not None},
-                    correlation=pearson(*pairs),
-                    violation=mean_maximum_rank_violation(*pairs) if compared else None,
-                )
-            )
-    return out
 
 
 def standard_cells(rows: Sequence[Row], task: str, renderer: str = "gs") -> list[CellPaths]:
@@ -182,20 +50,24 @@ def paper_drop(cells: Sequence[CellPaths] = PAPER_SCENARIOS) -> float | None:
 DASH = "–"
 MIRROR = "mirror"
 TASK_TITLES = {"grasp": "Grasping", "pick_and_place": "Pick and place"}
-RENDERER_TITLES = {"gs": "splats", "mesh": "mesh (RL-sim)", "mesh_vertex": "mesh, vertex colours"}
-POSE_TITLES = {"fixed": "fixed start poses", "unseen": "unseen start poses"}
+POSE_TITLES = {
+    "fixed": "fixed start poses",
+    "unseen": "unseen start poses",
+    "outside": "start poses outside the training square",
+}
 
 COUNT_NOTE = (
-    "Successes / trials, success rate, and Wilson's 95 % interval of it. With several seeds their trials count together."
+    "Successes / trials, success rate, and its 95 % interval: Wilson's for one training; for several, whose trials count "
+    "together, a hierarchical bootstrap over trainings, then starts."
 )
 CHANGE_NOTE = (
     "Change: (mirror − sim) / sim, the paper's relative change. p: Fisher's exact test that both worlds have the same success "
     "rate, two-sided."
 )
 MEAN_NOTE = (
-    "Interval: Wilson's, all trials together. Drop: mean of the cells' relative drops from simulation, a gain counting against "
-    "it. r: Pearson's correlation of the cells' rates with those in simulation; MMRV: mean maximum rank violation (SIMPLER), "
-    "0 is best. Both say little where all rates are high."
+    "Interval: 95 %, each cell's trainings and starts drawn anew. Drop: mean of the cells' relative drops from simulation, "
+    "a gain counting against it. r: Pearson's correlation of the cells' rates with those in simulation; MMRV: mean maximum "
+    "rank violation (SIMPLER), 0 is best. Both say little where all rates are high."
 )
 
 
@@ -263,7 +135,7 @@ def success_table(
     columns += [*(["paper's sim → robot", "paper's change"] if paper else []), *(["seeds"] if several else []), "status"]
     body = []
     for cell in cells:
-        line = [cell_title(cell), *([RENDERER_TITLES.get(cell.renderer, cell.renderer)] if renderers else [])]
+        line = [cell_title(cell), *([TITLES.get(cell.renderer, cell.renderer)] if renderers else [])]
         line += [counted(counts.get((cell, world, pose_set))) for world in worlds]
         if compared:
             line.append(percent(change(counts, cell, other, pose_set), signed=True))
@@ -306,7 +178,7 @@ def summary_table(rows: Sequence[Row], task: str, *, title: str) -> Table | None
         drop, _ = view.drop()
         six, count = view.drop(PAPER_SCENARIOS)
         complete = count == len(PAPER_SCENARIOS)
-        low, high = view.total.interval
+        low, high = view.interval
         body.append(
             (
                 view.pose_set,

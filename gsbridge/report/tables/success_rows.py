@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from gsbridge.configuration.renderers import RENDERERS
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.geometry import Array
@@ -19,7 +20,7 @@ from gsbridge.report.tables.result_paths import CellPaths, cell_of, seed_of
 from gsbridge.report.tables.rows import Row, read_rows, write_rows
 from gsbridge.report.tables.stages import degraded_reasons, read_records
 from gsbridge.report.tables.statistics import fisher_p, relative_change
-from gsbridge.statistics import wilson_interval
+from gsbridge.statistics import Tally, trainings_interval
 from gsbridge.tasks.outcome import Failure
 from gsbridge.tasks.poses import PER_QUADRANT, POSE_SETS, QUADRANTS
 
@@ -142,14 +143,13 @@ COLUMNS = (
     *CELL_COLUMNS,
     *("world", "pose_set", "seeds", "trials", "successes", "success_rate", "ci95_low", "ci95_high", "successes_tolerant"),
     *("relative_change", "fisher_p", "paper_success_rate", "status"),
-    *("successes_strict", "reasons"),
+    *("successes_strict", "reasons", "by_training"),
 )
 """Rates and changes are shares, not percent. `successes` are counted as the paper does: excess contact is a failure in
 simulation only; `successes_tolerant` forgives it everywhere, `successes_strict` nowhere. `relative_change` and `fisher_p`
-compare a world with simulation, for the same cell and poses."""
+compare a world with simulation, for the same cell and poses. `by_training` has successes and trials of each, `31/32 30/32`."""
 
 TASKS = ("grasp", "pick_and_place")
-RENDERERS = ("gs", "mesh", "mesh_vertex")
 ROBOT = "robot"
 
 
@@ -249,7 +249,7 @@ def success_rows(files: Sequence[ReadTrials]) -> list[dict[str, Any]]:
     rows = []
     for (cell, world, pose_set), counted in counts.items():
         paper = PAPER_SUCCESS.get(cell)
-        low, high = wilson_interval(counted["successes"], counted["trials"])
+        low, high = trainings_interval(counted["tallies"])
         rate = counted["successes"] / counted["trials"]
         sim = counts.get((cell, STRICT_WORLD, pose_set)) if world != STRICT_WORLD else None
         reasons = dict.fromkeys(reason for file in groups[cell, world] for reason in file.reasons)
@@ -258,7 +258,7 @@ def success_rows(files: Sequence[ReadTrials]) -> list[dict[str, Any]]:
                 **{name: getattr(cell, name) for name in CELL_COLUMNS},
                 "world": world,
                 "pose_set": pose_set,
-                **counted,
+                **{name: value for name, value in counted.items() if name != "tallies"},
                 "success_rate": rate,
                 "ci95_low": low,
                 "ci95_high": high,
@@ -267,12 +267,23 @@ def success_rows(files: Sequence[ReadTrials]) -> list[dict[str, Any]]:
                 "paper_success_rate": paper and paper.rate(world),
                 "status": "degraded" if reasons else "pass",
                 "reasons": "; ".join(reasons),
+                "by_training": tallies_text(counted["tallies"]),
             }
         )
     return sorted(rows, key=row_order)
 
 
-def _count(group: Sequence[ReadTrials], world: str, pose_set: str) -> dict[str, int]:
+def tallies_text(tallies: Sequence[Tally]) -> str:
+    """Successes and trials of each training as a cell of the rows."""
+    return " ".join(f"{good}/{tried}" for good, tried in tallies)
+
+
+def tallies_in(text: str) -> tuple[Tally, ...]:
+    """What `tallies_text` wrote."""
+    return tuple((int(good), int(tried)) for good, tried in (part.split("/") for part in text.split()))
+
+
+def _count(group: Sequence[ReadTrials], world: str, pose_set: str) -> dict[str, Any]:
     """Trials and successes of all seeds in one set of poses."""
     found = [trials for file in group if len(trials := file.trials.of(pose_set))]
 
@@ -280,6 +291,7 @@ def _count(group: Sequence[ReadTrials], world: str, pose_set: str) -> dict[str, 
         return int(sum(values(trials).sum() for trials in found))
 
     return {
+        "tallies": [(int(trials.judged(world).sum()), len(trials)) for trials in found],
         "seeds": len(found),
         "trials": sum(map(len, found)),
         "successes": total(lambda trials: trials.judged(world)),

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from gsbridge.configuration.renderers import TITLES
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.report.tables.formats import Table
 from gsbridge.report.tables.result_paths import cell_of, seed_of
 from gsbridge.report.tables.rows import Row, number, read_rows, write_rows
-from gsbridge.report.tables.success import DASH, RENDERER_TITLES, cell_title, percent
+from gsbridge.report.tables.success import DASH, cell_title, percent
 from gsbridge.report.tables.success_rows import CELL_COLUMNS, cell_in, cell_order
 
 PARTS = ("environment", "act", "update", "evaluate")
@@ -96,7 +97,7 @@ def training_table(rows: Sequence[Row]) -> Table | None:
         body.append(
             (
                 cell_title(cell),
-                RENDERER_TITLES.get(cell.renderer, cell.renderer),
+                TITLES.get(cell.renderer, cell.renderer),
                 row["seed"],
                 row["steps"] or DASH,
                 *(percent(number(row[f"{name}_success"]), 0) for name in ("best", "retest", "controller")),

@@ -1,0 +1,155 @@
+"""Successes and trials of cells, read from the rows of success tables, and what many cells say together."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from gsbridge.report.tables.result_paths import CellPaths
+from gsbridge.report.tables.rows import Row
+from gsbridge.report.tables.statistics import (
+    fisher_p,
+    mean_interval,
+    mean_maximum_rank_violation,
+    mean_relative_drop,
+    pearson,
+    relative_change,
+)
+from gsbridge.report.tables.success_rows import ROBOT, STRICT_WORLD, cell_in, tallies_in
+from gsbridge.statistics import Tally, trainings_interval
+from gsbridge.tasks.poses import POSE_SETS
+
+
+@dataclass(frozen=True)
+class Count:
+    """Successes of a cell, world and set of poses, `tallies` by training, where that is known; a rate is a share, 0..1."""
+
+    successes: int
+    trials: int
+    seeds: int = 1
+    tallies: tuple[Tally, ...] = ()
+
+    @property
+    def rate(self) -> float:
+        """Success rate."""
+        return self.successes / self.trials
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the rate, see `trainings_interval`."""
+        return trainings_interval(self.tallies or ((self.successes, self.trials),))
+
+
+Counts = dict[tuple[CellPaths, str, str], Count]
+"""Trials and successes by cell, world and set of start poses."""
+
+
+def read_counts(rows: Sequence[Row]) -> Counts:
+    """Counts of the rows of success tables; a row that stands in two tables counts once."""
+    return {
+        (cell_in(row), row["world"], row["pose_set"]): Count(
+            int(row["successes"]), int(row["trials"]), int(row["seeds"]), tallies_in(row["by_training"])
+        )
+        for row in rows
+    }
+
+
+def worlds_in(counts: Counts) -> list[str]:
+    """Worlds of the counts: simulation, mirrors, robot."""
+    return sorted({world for _, world, _ in counts}, key=lambda world: (world != STRICT_WORLD, world == ROBOT, world))
+
+
+def pose_sets_in(counts: Counts) -> list[str]:
+    """Sets of start poses of the counts."""
+    found = {pose_set for _, _, pose_set in counts}
+    return [pose_set for pose_set in POSE_SETS if pose_set in found]
+
+
+def change(counts: Counts, cell: CellPaths, world: str, pose_set: str) -> float | None:
+    """Relative change of a cell from simulation to another world; None where it is not known.
+
+    Args:
+        counts: Trials and successes.
+        cell, world, pose_set: The cell, the other world, and the set of start poses.
+    """
+    sim, real = counts.get((cell, STRICT_WORLD, pose_set)), counts.get((cell, world, pose_set))
+    return None if sim is None or real is None else relative_change(sim.rate, real.rate)
+
+
+def p_of_change(counts: Counts, cell: CellPaths, world: str, pose_set: str) -> float | None:
+    """Fisher's p of the change of a cell from simulation to another world; None where it is not known.
+
+    Args:
+        counts, cell, world, pose_set: As for `change`.
+    """
+    sim, real = counts.get((cell, STRICT_WORLD, pose_set)), counts.get((cell, world, pose_set))
+    if sim is None or real is None:
+        return None
+    return fisher_p(sim.successes, sim.trials, real.successes, real.trials)
+
+
+@dataclass(frozen=True)
+class Overview:
+    """Cells together in one world and set of poses.
+
+    Args:
+        world, pose_set: Which.
+        rates: Success rate of each cell, 0..1.
+        total: Trials of all cells together.
+        interval: 95 % interval of the mean, see `mean_interval`.
+        changes: Relative change from simulation of each cell that has one; empty for simulation itself.
+        correlation: Pearson's r of the cells' rates in simulation and in this world; None where it is not defined.
+        violation: MMRV likewise, as a share of success.
+    """
+
+    world: str
+    pose_set: str
+    rates: Mapping[CellPaths, float]
+    total: Count
+    interval: tuple[float, float]
+    changes: Mapping[CellPaths, float]
+    correlation: float | None
+    violation: float | None
+
+    @property
+    def mean(self) -> float:
+        """Mean success over the cells, each counting the same."""
+        return statistics.fmean(self.rates.values())
+
+    def drop(self, cells: Sequence[CellPaths] | None = None) -> tuple[float | None, int]:
+        """Mean relative drop over cells (None: all), and the number of those that it is taken over."""
+        found = [value for cell, value in self.changes.items() if cells is None or cell in cells]
+        return mean_relative_drop(found), len(found)
+
+
+def overviews(counts: Counts, cells: Sequence[CellPaths]) -> list[Overview]:
+    """One overview per set of poses and world, over those of the cells that were tried there."""
+    out = []
+    for pose_set in pose_sets_in(counts):
+        for world in worlds_in(counts):
+            found = {cell: counts[cell, world, pose_set] for cell in cells if (cell, world, pose_set) in counts}
+            if not found:
+                continue
+            sim = {cell: counts[cell, STRICT_WORLD, pose_set] for cell in found if (cell, STRICT_WORLD, pose_set) in counts}
+            compared = [] if world == STRICT_WORLD else list(sim)
+            pairs = [sim[cell].rate for cell in compared], [found[cell].rate for cell in compared]
+            changes = {cell: change(counts, cell, world, pose_set) for cell in compared}
+            total = Count(
+                sum(count.successes for count in found.values()),
+                sum(count.trials for count in found.values()),
+                min(count.seeds for count in found.values()),
+            )
+            out.append(
+                Overview(
+                    world=world,
+                    pose_set=pose_set,
+                    rates={cell: count.rate for cell, count in found.items()},
+                    total=total,
+                    interval=mean_interval([count.tallies or ((count.successes, count.trials),) for count in found.values()]),
+                    changes={cell: value for cell, value in changes.items() if value is not None},
+                    correlation=pearson(*pairs),
+                    violation=mean_maximum_rank_violation(*pairs) if compared else None,
+                )
+            )
+    return out
