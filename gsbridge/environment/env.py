@@ -66,7 +66,8 @@ class DrawnEye:
     """
 
     def __init__(self, renderer: Renderer, response: CameraModel | None = None, lens: WristLens | None = None) -> None:
-        self.renderer, self.response, self.lens, self.size = renderer, response, lens, renderer.camera.width
+        self.renderer, self.response, self.lens = renderer, response, lens
+        self.size = renderer.camera.width if lens is None else lens.nominal.width
         self._rng = np.random.default_rng(0)
 
     def begin(self, seed: int) -> None:
@@ -308,7 +309,8 @@ def _eye(world: World, renderer: Renderer | None, response: CameraModel | None, 
         if not hasattr(world, "image"):
             raise InputError("environment", "the world has no camera of its own", "Give a renderer")
         return OwnEye(size)
-    if (renderer.camera.width, renderer.camera.height) != (size, size):
+    wanted = (size, size) if lens is None else (lens.camera.width, lens.camera.height)
+    if (renderer.camera.width, renderer.camera.height) != wanted:
         raise InputError(
             "environment",
             f"the renderer draws {renderer.camera.width} x {renderer.camera.height} px, the settings ask for {size}",

@@ -6,7 +6,6 @@ An effect is told against the wrist camera as it was calibrated, so it comes aft
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from gsbridge.effects.images.camera_pipeline import CameraFrame, Shooting
 from gsbridge.effects.registry import Applied
 from gsbridge.geometry import Array
 from gsbridge.images import linear_from_srgb, to_u8
-from gsbridge.scene.photograph import develop, with_noise
+from gsbridge.scene.photograph import bent, develop, drawn_through, with_noise
 
 _LIGHT = linear_from_srgb(np.arange(256, dtype=np.float32) / np.float32(255.0))
 
@@ -33,10 +32,10 @@ class WristLens:
         self.nominal, self.how = camera, Shooting()
         for effect in effects:
             IMAGE_EFFECTS[effect.name].apply(self.how, effect.parameters)
-        self.camera = replace(camera, fx=camera.fx * self.how.focal, fy=camera.fy * self.how.focal)
+        self.camera, self._pad = drawn_through(camera, self.how)
         how = self.how
         self._noisy = how.read_variance > 0.0 or how.shot_variance > 0.0
-        self._develops = bool(how.light or how.sensor or how.blur)
+        self._develops = bool(how.light or how.sensor or how.blur or self._pad)
 
     def pose(self, cam_from_table: Array) -> Array:
         """Pose of the camera with the effects on its mount. [4, 4]."""
@@ -46,15 +45,25 @@ class WristLens:
         """Apply the effects to a picture of the camera without them. uint8 [H, W, 3].
 
         Args:
-            image: sRGB. uint8 [H, W, 3].
+            image: sRGB, drawn with `camera`, which is wider than the photo where the lens bends. uint8.
             cam_from_table: Where the camera really sits.
             rng: Random numbers for the noise; none are drawn where there is no noise.
         """
         if self._develops:
-            frame = CameraFrame(self.nominal, 0.0, np.zeros(image.shape[:2], np.float32), cam_from_table)
-            values = develop(_LIGHT[image], frame, self.how)
+            light = _LIGHT[image]
+            if self._pad:
+                light = bent(light, np.zeros(light.shape[:2], np.float32), self.camera, self._pad, self.how.distortion)[0]
+            frame = CameraFrame(self.nominal, 0.0, self._table_depths(cam_from_table), cam_from_table)
+            values = develop(light, frame, self.how)
         elif self._noisy:
             values = image.astype(np.float32) / np.float32(255.0)
         else:
             return image
         return to_u8(with_noise(values, self.how, rng) if self._noisy else values)
+
+    def _table_depths(self, cam_from_table: Array) -> Array:
+        """Camera z at which each pixel sees the table, m: shadows lie there. What stands on it is thin for them. [H, W]."""
+        rays = self.nominal.pixel_rays()
+        down = rays @ cam_from_table[:3, 2]
+        height = float(cam_from_table[:3, 3] @ cam_from_table[:3, 2])
+        return np.asarray(np.clip(height / np.where(np.abs(down) < 1e-6, 1e-6, down), 0.0, 100.0), np.float32)

@@ -101,7 +101,7 @@ class Photographer:
         if key in self._kept:
             self._kept.move_to_end(key)
             return self._kept[key]
-        camera, pad = self._lens(shooting)
+        camera, pad = drawn_through(self.camera, shooting)
         middle = time - shooting.delay
         # Middles of equal parts of the exposure.
         span = (np.arange(EXPOSURES) + 0.5) / EXPOSURES - 0.5 if shooting.exposure_time else np.zeros(1)
@@ -112,20 +112,12 @@ class Photographer:
             light = light + seen / np.float32(len(span))
             depths = depth if k == len(span) // 2 else depths
         if shooting.distortion.any():
-            light, depths = _bent(light, depths, camera, pad, shooting.distortion)
+            light, depths = bent(light, depths, camera, pad, shooting.distortion)
         out = (light, depths, shooting.mount @ track.at(np.array([middle]))[0])
         self._kept[key] = out
         if len(self._kept) > _KEPT:
             self._kept.popitem(last=False)
         return out
-
-    def _lens(self, shooting: Shooting) -> tuple[Camera, int]:
-        """The pinhole to draw with, and by how many pixels it is wider than the photo on each side."""
-        camera = replace(self.camera, fx=self.camera.fx * shooting.focal, fy=self.camera.fy * shooting.focal)
-        if not shooting.distortion.any():
-            return camera, 0
-        pad = round(MARGIN * max(camera.width, camera.height))
-        return camera.cropped(-pad, -pad, camera.width + 2 * pad, camera.height + 2 * pad), pad
 
     def _shutter(self, track: Track, time: float, shooting: Shooting, camera: Camera) -> tuple[Array, Array]:
         """Render one moment: all rows at once, or strips of rows one after the other."""
@@ -141,6 +133,20 @@ class Photographer:
         ]
         self.pictures += 1
         return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+
+
+def drawn_through(camera: Camera, shooting: Shooting) -> tuple[Camera, int]:
+    """The pinhole to draw with, and by how many pixels it is wider than the photo on each side.
+
+    Args:
+        camera: The photo's camera, as it is thought to be.
+        shooting: What its lens is like.
+    """
+    camera = replace(camera, fx=camera.fx * shooting.focal, fy=camera.fy * shooting.focal)
+    if not shooting.distortion.any():
+        return camera, 0
+    pad = round(MARGIN * max(camera.width, camera.height))
+    return camera.cropped(-pad, -pad, camera.width + 2 * pad, camera.height + 2 * pad), pad
 
 
 def develop(light: Array, frame: CameraFrame, shooting: Shooting) -> Array:
@@ -222,8 +228,16 @@ def straightening(far: Array, distortion: Array) -> Array:
     return straight / np.maximum(far, 1e-12)
 
 
-def _bent(light: Array, depths: Array, camera: Camera, pad: int, distortion: Array) -> tuple[Array, Array]:
-    """A pinhole picture as a lens with radial distortion shows it, cropped to the photo."""
+def bent(light: Array, depths: Array, camera: Camera, pad: int, distortion: Array) -> tuple[Array, Array]:
+    """A pinhole picture as a lens with radial distortion shows it, cropped to the photo. [h, w, 3], [h, w].
+
+    Args:
+        light: Linear light. [H, W, 3].
+        depths: Of the same pixels, m. [H, W].
+        camera: Pinhole of both, from `drawn_through`.
+        pad: Pixels by which it is wider than the photo on each side.
+        distortion: k1, k2 of the OPENCV model.
+    """
     height, width = light.shape[0] - 2 * pad, light.shape[1] - 2 * pad
     x = (np.arange(width) + 0.5 + pad - camera.cx) / camera.fx
     y = ((np.arange(height) + 0.5 + pad - camera.cy) / camera.fy)[:, None]

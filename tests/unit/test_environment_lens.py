@@ -79,6 +79,33 @@ def test_a_moved_camera_draws_from_elsewhere_and_a_longer_lens_draws_narrower():
     assert lens("focal", change=0.1).camera.fx == pytest.approx(22.0)
 
 
+def test_a_lens_that_bends_draws_wider_and_shows_what_the_projection_says():
+    bending = lens("distortion", k1=0.3, k2=0.0)
+    wide = bending.camera
+    assert (wide.width, wide.fx) == (20, CAMERA.fx)
+    # Grey that grows along the tangent of the angle, so that it tells which ray a pixel got.
+    across = (np.arange(wide.width) + 0.5 - wide.cx) / wide.fx
+    drawn = np.broadcast_to(np.rint(128 + 100 * across)[None, :, None], (wide.height, wide.width, 3)).astype(np.uint8)
+    seen = bending.photo(drawn, np.eye(4), RNG)
+    assert seen.shape == IMAGE.shape
+    ray = (float(seen[8, 15, 0]) - 128) / 100
+    radius = np.hypot(ray, 0.5 / CAMERA.fx)
+    assert ray * (1 + 0.3 * radius**2) == pytest.approx(7.5 / CAMERA.fx, abs=0.015)
+
+
+def test_a_shadow_stays_on_the_table():
+    """From 0.3 m above, and from 0.1 m aside: the spot moves by the focal length times 0.1 over 0.3."""
+    how = lens("shadow", strength=0.6, x=0.0, y=0.0, radius=0.03, softness=0.1)
+    grey, middles = np.full((16, 16, 3), 128, np.uint8), []
+    for aside in (0.0, 0.05):
+        pose = np.diag([1.0, -1.0, -1.0, 1.0])
+        pose[:3, 3] = [-aside, 0.0, 0.3]
+        dark = 128.0 - how.photo(grey, pose, RNG)[..., 0]
+        middles.append((dark * (np.arange(16) + 0.5)).sum() / dark.sum())
+    assert middles[0] == pytest.approx(8.0, abs=0.1)
+    assert middles[1] - middles[0] == pytest.approx(-CAMERA.fx * 0.05 / 0.3, abs=0.25)
+
+
 def test_noise_is_drawn_from_the_episodes_seed():
     noisy, renderer = lens("noise", read=0.03), Renderer()
     photos = []
@@ -96,7 +123,8 @@ def test_every_effect_that_may_be_amended_shows(name):
     """In the picture, or in where and how wide the camera looks."""
     effect = IMAGE_EFFECTS[name]
     how = lens(name, **{p.name: 4 * p.typical for p in effect.parameters if p.amplitude})
-    seen = how.photo(IMAGE, np.eye(4), np.random.default_rng(1))
+    edge = (how.camera.width - CAMERA.width) // 2
+    seen = how.photo(np.pad(IMAGE, ((edge, edge), (edge, edge), (0, 0)), "edge"), np.eye(4), np.random.default_rng(1))
     elsewhere = np.abs(how.pose(np.eye(4)) - np.eye(4)).max() > 1e-3 or abs(how.camera.fx - CAMERA.fx) > 0.1
     assert elsewhere or np.abs(seen.astype(int) - IMAGE.astype(int)).max() >= 3
 

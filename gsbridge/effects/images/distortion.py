@@ -23,8 +23,6 @@ class Distortion(ImageEffect):
     signature = "edges are displaced along the radius, by its third power"
     confused_with = ("focal", "extrinsics")
     tell_apart = "compare corners with half way to them: focal length displaces in proportion, distortion by the third power"
-    reason = "an episode's pictures are drawn through a pinhole"
-    instead = "Undistort the camera's photos with these coefficients before the policy sees them"
 
     def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
         """Add to the coefficients."""

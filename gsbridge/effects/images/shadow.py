@@ -32,8 +32,6 @@ class Shadow(ImageEffect):
     confused_with = ("vignetting", "hue_cast")
     tell_apart = "move the camera: the shadow stays on the table; move the lamp: it moves"
     places: ClassVar = {"x": (-0.15, -0.05, 0.05, 0.15), "y": (-0.15, -0.05, 0.05, 0.15), "radius": (0.08,)}
-    reason = "a shadow that stays on the table needs the depth of every pixel, which an episode's pictures lack"
-    instead = "Remove what casts the shadow, or film the background again under this light"
 
     def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
         """Take light from a disc on the table, as a lamp overhead lets it fall."""

@@ -16,8 +16,8 @@ from gsbridge.effects.registry import read_names
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.gap.formats.yaml_file import read_case_file
-from gsbridge.gap.image.diagnose import unsteady
-from gsbridge.gap.image.files import read_pairs
+from gsbridge.gap.image.diagnose import few_photos, unsteady
+from gsbridge.gap.image.files import REGISTRATION, read_pairs, read_splat_pairs
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.geometry import Array
 from gsbridge.sim.model import read_model
@@ -28,6 +28,7 @@ PHOTOS = "photos"
 _PAGE = "docs/gap_images.md"
 _KEYS = ("model", PHOTOS, "effects")
 _FOLDERS = ("views", "before", "after")
+_DRAWN = ("views", REGISTRATION, "after")
 _ARRAYS = ("before", "again", "after", "depths", "poses")
 
 
@@ -40,12 +41,15 @@ class ImageCase:
         pairs: Photos by role.
         names: Effects that may be the reason; None for all.
         reasons: Why its result is degraded.
+        registration: Drawn pictures and photos of the day on which all was well, where photos are held against drawn pictures;
+            None where they are held against earlier photos of the same views.
     """
 
     model: Path
     pairs: Mapping[str, Pairs]
     names: tuple[str, ...] | None
     reasons: tuple[str, ...]
+    registration: Pairs | None = None
 
 
 def read_image_case(path: str | Path) -> ImageCase:
@@ -57,10 +61,11 @@ def read_image_case(path: str | Path) -> ImageCase:
     path = Path(path)
     content = read_case_file(path, _PAGE, PHOTOS, _KEYS)
     given = content[PHOTOS]
+    folders = _DRAWN if REGISTRATION in given else _FOLDERS
     for key in given:
-        if key not in (*_FOLDERS, "shot"):
-            raise InputError(path, f"the key 'photos.{key}' is unknown", f"Use only: {', '.join(_FOLDERS)}, shot")
-    for key in _FOLDERS:
+        if key not in (*folders, "shot"):
+            raise InputError(path, f"the key 'photos.{key}' is unknown", f"Use only: {', '.join(folders)}, shot")
+    for key in folders:
         if not isinstance(given.get(key), str):
             raise InputError(path, f"'photos.{key}' names no folder", f"See {_PAGE}")
     shot = given.get("shot", 0)
@@ -69,7 +74,11 @@ def read_image_case(path: str | Path) -> ImageCase:
     model = path.parent / str(content["model"])
     read_model(model)
     names = read_names(content.get("effects"), path, IMAGE_EFFECTS)
-    pairs = read_pairs(*(path.parent / given[key] for key in _FOLDERS), shot=shot)
+    places = [path.parent / given[key] for key in folders]
+    if folders is _DRAWN:
+        registration, later = read_splat_pairs(*places, shot=shot)
+        return ImageCase(model, later, names, few_photos(registration), registration)
+    pairs = read_pairs(*places, shot=shot)
     return ImageCase(model, pairs, names, unsteady(pairs))
 
 
@@ -84,6 +93,7 @@ def save_pairs(path: str | Path, pairs: Mapping[str, Pairs]) -> None:
     plain = {}
     for role, part in pairs.items():
         plain[role] = {"camera": part.camera.to_json(), "repeats": part.repeats, "name": part.name, "digest": part.digest}
+        plain[role] |= {"drawn": part.drawn}
         arrays |= {f"{role}/{name}": getattr(part, name) for name in _ARRAYS}
     with atomic_file(path) as temporary, open(temporary, "wb") as stream:
         np.savez_compressed(stream, plain=json.dumps(plain), **arrays)  # type: ignore[arg-type]

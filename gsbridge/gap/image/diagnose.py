@@ -1,4 +1,4 @@
-"""From photos of two days to findings: noise, compare, screen, identify, verify."""
+"""From photos of two days, or drawn pictures and photos, to findings: noise, compare, screen, identify, verify."""
 
 from __future__ import annotations
 
@@ -18,9 +18,12 @@ from gsbridge.gap.image.model import image_candidates
 from gsbridge.gap.image.null import ImageNull
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.gap.image.residuals import ImageResiduals, learn_noise
+from gsbridge.gap.image.splat_error import ENOUGH, SplatError, SplatResiduals, check_enough, reduced
 from gsbridge.geometry import Array
 
 UNSTEADY = "second photos of the same views differ by more than noise: the camera, the light or the robot is not steady"
+
+FEW = "few photos of the day on which all was well: what drawn pictures lack is known roughly"
 
 
 def diagnose_images(
@@ -40,9 +43,52 @@ def diagnose_images(
     missing = [role for role in ROLES if role not in pairs]
     if missing:
         raise InputError("photos", f"there are none for '{missing[0]}'", f"Give views for each of {', '.join(ROLES)}")
-    begin, rules = time.perf_counter(), rules or Rules()
+    begin = time.perf_counter()
     noise = learn_noise([pairs[role] for role in ROLES])
     views = {role: ImageResiduals(pairs[role], noise) for role in ROLES}
+    return _diagnosed(views, names, rules or Rules(), seed, begin, noise.levels())
+
+
+def diagnose_splats(
+    pairs: Mapping[str, Pairs],
+    error: SplatError,
+    *,
+    names: Collection[str] | None = None,
+    rules: Rules | None = None,
+    seed: int = 0,
+) -> Diagnosis:
+    """Find out what makes photos differ from drawn pictures of the same states by more than drawn pictures always lack.
+
+    Args:
+        pairs: Drawn pictures (`before`, `again`) and photos (`after`) by role.
+        error: What drawn pictures lack, from photos of the day on which all was well.
+        names: Effects that may be the reason; None for all image effects.
+        rules: Thresholds.
+        seed: Seed of replicates.
+    """
+    begin = time.perf_counter()
+    views = {role: SplatResiduals(error.corrected(reduced(pairs[role])), error) for role in ROLES}
+    return _diagnosed(views, names, rules or Rules(), seed, begin, {"model": error.left[-1]})
+
+
+def _diagnosed(
+    views: Mapping[str, ImageResiduals],
+    names: Collection[str] | None,
+    rules: Rules,
+    seed: int,
+    begin: float,
+    floor: Mapping[str, float],
+) -> Diagnosis:
+    """Diagnose photos of all roles in units of their noise, or of the model's error.
+
+    Args:
+        views: Residuals by role.
+        names: Effects that may be the reason; None for all.
+        rules: Thresholds.
+        seed: Seed of replicates.
+        begin: When the diagnosis began, as `time.perf_counter` has it.
+        floor: What findings say about the noise.
+    """
     finding = ImageIdentification(views["fit"], views["select"], image_candidates(names), rules, seed).run()
     verification = None
     if finding.best is not None:
@@ -51,7 +97,7 @@ def diagnose_images(
         said = finding.verdict in ("named", "ambiguous")
         finding = finding.refuted() if said and not verification.transfers(rules) else finding
     runs = sum(view.expectation.pictures for view in views.values())
-    return Diagnosis(finding, verification, noise.levels(), 0, runs, time.perf_counter() - begin)
+    return Diagnosis(finding, verification, floor, 0, runs, time.perf_counter() - begin)
 
 
 def verify_images(view: ImageResiduals, effects: Sequence[Applied], rng: np.random.Generator) -> Verification:
@@ -93,6 +139,16 @@ def unsteady(pairs: Mapping[str, Pairs], rules: Rules | None = None, seed: int =
     return (UNSTEADY,) if len(chances) * min(chances) < (rules or Rules()).alarm else ()
 
 
+def few_photos(registration: Pairs) -> tuple[str, ...]:
+    """Why a diagnosis against drawn pictures is degraded: fewer photos than tell what these lack.
+
+    Raises:
+        InputError: There are too few for any.
+    """
+    check_enough(registration)
+    return (FEW,) if len(registration) < ENOUGH else ()
+
+
 def channel_sizes(view: ImageResiduals, table: Array) -> dict[str, float]:
     """Root mean square of pictures and of grain, in units of the noise."""
     pictures, grain = view.pictures(table), view.grains(table)
@@ -110,3 +166,9 @@ class ImageAccount(Account):
     agree = "Earlier and later photos agree within the noise (p = {p:.2g})."
     alone = "A difference shows on 'select' alone; take more such photos and fit those."
     unexcited = "No difference shows, but most effects could not show in these photos: show edges and colours, near and far."
+
+
+class SplatAccount(ImageAccount):
+    """The same, where photos are held against drawn pictures."""
+
+    agree = "Photos differ from drawn pictures by no more than on the day of the registration (p = {p:.2g})."

@@ -70,9 +70,9 @@ class Expectation:
         # Where it is unknown nothing is compared; some depth must stand there all the same.
         self.depths = np.where(known, self.depths, np.median(self.depths[known]) if known.any() else 1.0).astype(np.float32)
         self._known = None if known.all() else known.astype(np.float32)
-        self.clean = np.stack(
+        self.clean = pairs.before if pairs.drawn else np.stack(
             [_clean(*both, _STRENGTH / np.sqrt(pairs.repeats)) for both in zip(pairs.again, pairs.before, strict=True)]
-        )
+        )  # fmt: skip
         self.light = linear_from_srgb(self.clean)
         self.pictures = 0
         self._kept: OrderedDict[tuple[object, ...], tuple[Array, Array]] = OrderedDict()

@@ -6,6 +6,9 @@
 | `depths.npz` | `depths`: camera z of every pixel, m, 0 where unknown. [N, H, W] |
 | `before/{name}_{k}.png` | photos while all was well, k = 0, 1, ...; two or more of each view |
 | `after/{name}_{k}.png` | photos of the same views since; the first counts |
+
+Instead of photos of the same views on both days, `views/{name}.png` may be what the simulation draws of each view, and another
+folder holds photos of some views from the day of the registration, `registration/{name}_0.png`.
 """
 
 from __future__ import annotations
@@ -30,6 +33,9 @@ from gsbridge.tasks.views import DEPTHS, VIEWS
 
 _PAGE = "See docs/gap_images.md"
 
+REGISTRATION = "registration"
+"""Role of views that were photographed while all was well, and not since."""
+
 
 def read_pairs(views: str | Path, before: str | Path, after: str | Path, *, shot: int = 0) -> dict[str, Pairs]:
     """Read the photos of two days.
@@ -45,15 +51,10 @@ def read_pairs(views: str | Path, before: str | Path, after: str | Path, *, shot
         InputError: Something is missing, damaged or of another size; the message names the file.
     """
     views, before, after = Path(views), Path(before), Path(after)
-    content = read_json(views / VIEWS)
-    camera, rows = _camera(content, views / VIEWS), _rows(content, views / VIEWS)
-    depths = _depths(views / DEPTHS, (len(rows), camera.height, camera.width))
+    camera, rows, depths = _read_views(views)
     same = before.resolve() == after.resolve()
     out: dict[str, Pairs] = {}
-    for role in ROLES:
-        chosen = [index for index, row in enumerate(rows) if row["role"] == role]
-        if not chosen:
-            raise InputError(views / VIEWS, f"no view has the role '{role}'", _PAGE)
+    for role, chosen in _by_role(rows, views).items():
         first, again, later, repeats, digest = [], [], [], set(), hashlib.sha256()
         for index in chosen:
             name = rows[index]["name"]
@@ -83,6 +84,61 @@ def read_pairs(views: str | Path, before: str | Path, after: str | Path, *, shot
             camera, np.stack(first), np.stack(again), np.stack(later), depths[chosen], poses,
             repeats=repeats.pop(), name=f"{before}, {role}", digest=digest.hexdigest(),
         )  # fmt: skip
+    return out
+
+
+def read_splat_pairs(
+    views: str | Path, registration: str | Path, after: str | Path, *, shot: int = 0
+) -> tuple[Pairs, dict[str, Pairs]]:
+    """Read drawn pictures, photos of the registration's day, and later ones.
+
+    Args:
+        views: Folder of `views.json`, `depths.npz` and the drawn picture of each view, `{name}.png`.
+        registration: Folder of photos while all was well, `{name}_0.png`, of as many views as there are.
+        after: Folder of later photos, of all views that have a role.
+        shot: Which of the later photos counts.
+
+    Returns:
+        Drawn pictures (`before`) and photos (`after`) of the registration's day, and later ones by role.
+
+    Raises:
+        InputError: Something is missing, damaged or of another size; the message names the file.
+    """
+    views, registration, after = Path(views), Path(registration), Path(after)
+    camera, rows, depths = _read_views(views)
+    early = [index for index, row in enumerate(rows) if (registration / f"{row['name']}_0.png").is_file()]
+    if not early:
+        raise InputError(registration, "it holds no photo of a view", f"Name them after the views, with _0.png. {_PAGE}")
+
+    def drawn(chosen: Sequence[int], folder: Path, number: int, name: str) -> Pairs:
+        paths = [folder / f"{rows[index]['name']}_{number}.png" for index in chosen]
+        pictures = [views / f"{rows[index]['name']}.png" for index in chosen]
+        first, later = (np.stack([_photo(path, camera) for path in some]) for some in (pictures, paths))
+        poses = np.stack([rows[index]["cam_from_world"] for index in chosen])
+        digest = hashlib.sha256(b"".join(path.read_bytes() for path in (*pictures, *paths)))
+        digest.update(depths[list(chosen)].tobytes() + poses.tobytes())
+        return Pairs(
+            camera, first, first, later, depths[list(chosen)], poses,
+            name=f"{folder}, {name}", digest=digest.hexdigest(), drawn=True,
+        )  # fmt: skip
+
+    later = {role: drawn(chosen, after, shot, role) for role, chosen in _by_role(rows, views).items()}
+    return drawn(early, registration, 0, "registration"), later
+
+
+def _read_views(views: Path) -> tuple[Camera, Sequence[dict[str, Any]], Array]:
+    """Camera, what there is to say of each view, and depths. [N, H, W]."""
+    content = read_json(views / VIEWS)
+    camera, rows = _camera(content, views / VIEWS), _rows(content, views / VIEWS)
+    return camera, rows, _depths(views / DEPTHS, (len(rows), camera.height, camera.width))
+
+
+def _by_role(rows: Sequence[dict[str, Any]], views: Path) -> dict[str, list[int]]:
+    """Numbers of the views of each role."""
+    out = {role: [index for index, row in enumerate(rows) if row["role"] == role] for role in ROLES}
+    for role, chosen in out.items():
+        if not chosen:
+            raise InputError(views / VIEWS, f"no view has the role '{role}'", _PAGE)
     return out
 
 
@@ -121,7 +177,7 @@ def _rows(content: Any, source: Path) -> Sequence[dict[str, Any]]:
     out, names = [], set()
     for number, item in enumerate(found):
         name = str(item.get("name", number)) if isinstance(item, dict) else str(number)
-        if not isinstance(item, dict) or item.get("role") not in ROLES:
+        if not isinstance(item, dict) or item.get("role") not in (*ROLES, REGISTRATION):
             raise InputError(source, f"the view '{name}' has no role", f"Give one of {', '.join(ROLES)}")
         if name in names:
             raise InputError(source, f"two views are called '{name}'", "Give each a name of its own")

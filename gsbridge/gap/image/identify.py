@@ -24,12 +24,6 @@ from gsbridge.geometry import Array
 
 logger = logging.getLogger("gsbridge")
 
-_LAW = 1e-3
-"""Share of a gap's squares within which the laws of effects are known: one effect more must explain more than that."""
-
-_COARSE = 12
-"""Rows at which what moved is looked for first."""
-
 _BESIDE = 3
 """Further effects that are tried beside an explanation."""
 
@@ -54,7 +48,7 @@ class ImageIdentification:
         seed: int = 0,
     ) -> None:
         self.first, self.second = first, second
-        self.rough = ImageResiduals(first.pairs, first.noise, grain=False, height=_COARSE, expectation=first.expectation)
+        self.rough = first.coarse()
         self.who, self._all = tuple(c for c in who if first.tells(c)), tuple(who)
         self.rules, rng = rules or Rules(), np.random.default_rng(seed)
         self.null_first, self.null = ImageNull.of(first, rng), ImageNull.of(second, rng)
@@ -190,7 +184,7 @@ class ImageIdentification:
         out, gap = [], self.plain_chi2 + _squares(self.start) - self.floor - self.first.numbers
         for trial in trials:
             parts = [t for t in trials if set(t.fit.who) < set(trial.fit.who)]
-            least = max(self.rules.join * max(1.0, trial.chi2 / self.floor), _LAW * gap)
+            least = max(self.rules.join * max(1.0, trial.chi2 / self.floor), self.first.law * gap)
             if all(t.score - trial.score > least for t in parts):
                 out.append(trial)
         return out
@@ -220,7 +214,7 @@ class ImageIdentification:
 
     def _widened(self, found: EffectFit) -> EffectFit:
         """The fit with standard deviations that also hold how far the effects' laws are known to be wrong."""
-        law = np.sqrt(_LAW * max(_squares(self.start) - self.first.numbers, 0.0))
+        law = np.sqrt(self.first.law * max(_squares(self.start) - self.first.numbers, 0.0))
         return replace(found, deviations=found.deviations * np.hypot(1.0, law))
 
 

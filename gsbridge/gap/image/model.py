@@ -23,8 +23,12 @@ def image_candidates(names: Collection[str] | None = None) -> tuple[ImageCandida
     return tuple(ImageCandidate(name) for name in IMAGE_EFFECTS if names is None or name in names)
 
 
-def shooting(effects: Sequence[Applied] = ()) -> Shooting:
+def shooting(effects: Sequence[Applied] = (), edge: int = 1) -> Shooting:
     """The way photos are taken with some effects.
+
+    Args:
+        effects: Effects; lengths in the image are in pixels of the camera.
+        edge: Pixels of the camera along each edge of a pixel of the pictures.
 
     Raises:
         InputError: An effect or one of its parameters is unknown, or a value is out of its bounds.
@@ -32,4 +36,5 @@ def shooting(effects: Sequence[Applied] = ()) -> Shooting:
     how = Shooting()
     for applied in read_effects([applied.record() for applied in effects], "model", IMAGE_EFFECTS):
         IMAGE_EFFECTS[applied.name].apply(how, applied.parameters)
+    how.blur /= edge**2
     return how

@@ -16,9 +16,6 @@ SCALES = (1, 2, 4, 8, 16)
 
 REPLICATES = 199
 
-_UNSURE = 0.015
-"""Relative spread of the variance of the noise of each colour as it is learnt from photos."""
-
 _FILLED = 0.5
 """Share of a block that must be compared for its mean to count."""
 
@@ -91,16 +88,8 @@ class ImageNull:
             rng: Random numbers.
             replicates: How many to draw.
         """
-        # What photos of one day differ by, with signs drawn anew: outliers of the noise stay, and what lies together does not.
-        usual, grain, drawn = view.usual(), view.grains(view.residual()) != 0, []
         filled = filled_blocks(view)
-        for _ in range(replicates):
-            size = np.sqrt(np.maximum(1.0 + _UNSURE * rng.standard_normal(usual.shape[-1]), 0.0)).astype(np.float32)
-            # One sign for all colours of a pixel: what makes one of them brighter often does so to all.
-            white = usual * rng.choice(np.array((-1.0, 1.0), np.float32), (*usual.shape[:-1], 1)) * size
-            rough = rng.standard_normal(grain.shape).astype(np.float32) * grain
-            drawn.append(sums(view, np.concatenate([white.reshape(-1, grain.shape[1]), rough]), filled))
-        return cls(np.stack(drawn))
+        return cls(np.stack([sums(view, view.replicate(rng), filled) for _ in range(replicates)]))
 
     def p_value(self, view: ImageResiduals, table: Array) -> float:
         """Probability that noise alone differs as much somewhere."""

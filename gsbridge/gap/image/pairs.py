@@ -37,6 +37,8 @@ class Pairs:
         repeats: Number of photos that `again` is the mean of.
         name: Name for messages.
         digest: SHA-256 of the files; empty where there are none.
+        drawn: Whether the earlier pictures are drawn, so that they have no noise; `again` is then the same pictures.
+        edge: Pixels of the camera's photos along each edge of a pixel here: pictures may have been reduced.
 
     Raises:
         InputError: Photos, depths and poses are not of one size, or there are too few.
@@ -53,6 +55,8 @@ class Pairs:
     repeats: int = 1
     name: str = ""
     digest: str = ""
+    drawn: bool = False
+    edge: int = 1
 
     def __post_init__(self) -> None:
         shape = (len(self.poses), self.camera.height, self.camera.width)

@@ -6,6 +6,7 @@ from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -24,10 +25,13 @@ from gsbridge.geometry import Array
 HEIGHT = 48
 """Rows, about, at which photos are compared, as means over blocks: light that is moved by parts of a pixel gets soft."""
 
+COARSE = 12
+"""Rows at which what moved is looked for first."""
+
 _BORDER = 0.05
 """Share of the width along each edge that is not compared: a displaced camera sees more there than the earlier photo shows."""
 
-_PLACE = 0.1
+PLACE = 0.1
 """Uncertainty of where things are, with depths and interpolation as they are, in pixels as they are compared."""
 
 _PARTS = 12
@@ -41,6 +45,9 @@ _NEAR = 5
 
 _KEPT = 64
 """Residuals that are kept."""
+
+_UNSURE = 0.015
+"""Relative spread of the variance of the noise of each colour as it is learnt from photos."""
 
 _CLEAR = 5.0
 """Deviations by which later photos must be noisier to count as noisier."""
@@ -124,9 +131,12 @@ class ImageResiduals:
         expectation: Of the same earlier photos, where there is one: taking their noise off costs more than anything else.
 
     Attributes:
+        law: Share of a gap's squares within which the laws of effects are known: one effect more must explain more than that.
         shape: Photos, rows, columns as they are compared.
         mask: Where they are. [N, h, w].
     """
+
+    law: ClassVar[float] = 1e-3
 
     def __init__(
         self,
@@ -144,13 +154,15 @@ class ImageResiduals:
         self.after = shrunk(pairs.after, self.size)
         self.mask = compared(pairs, height)
         self.shape = self.mask.shape
+        self._weights = (self.mask[..., None] / np.sqrt(self._variance())).astype(np.float32)
+
+    def _variance(self) -> Array:
+        """Variance of the difference of a later and an earlier photo. [N, h, w, 1 or 3]."""
+        before, again = (shrunk(photos, self.size) for photos in (self.pairs.before, self.pairs.again))
         # Noisier photos say less, whatever made them so; that they are noisier, their grain alone says.
-        before, again = (shrunk(photos, self.size) for photos in (pairs.before, pairs.again))
-        local = self._local(again - before, noise.at(before))
-        variance = local * (self._rougher() * noise.at(self.after) + noise.at(before))
-        variance = variance + _PLACE**2 * slopes_of(before.astype(np.float32))[..., None]
-        self._usual = again - before
-        self._weights = (self.mask[..., None] / np.sqrt(variance)).astype(np.float32)
+        local = self._local(again - before, self.noise.at(before))
+        variance = local * (self._rougher() * self.noise.at(self.after) + self.noise.at(before))
+        return variance + PLACE**2 * slopes_of(before.astype(np.float32))[..., None]
 
     def residual(self, effects: Sequence[Applied] = ()) -> Array:
         """Later photos less expected ones, a row per line of a photo, then the grain of every photo. [N * h + N, 3 * w]."""
@@ -163,14 +175,19 @@ class ImageResiduals:
                 self._known.popitem(last=False)
         return self._known[key]
 
-    def _residual(self, effects: Sequence[Applied]) -> Array:
-        how = shooting(effects)
+    def apart(self, how: Shooting) -> Array:
+        """Later photos less expected ones, in units of the deviation of each pixel. [N, h, w, 3]."""
         apart = (self.after - shrunk(self.expectation.photos(how), self.size)) * self._weights
         shown = shrunk(self.expectation.shown(how).astype(np.float32), self.size) >= 1.0
         if not shown.all():
             # What comes into sight says nothing; the rest stands for it, or it would pay to look elsewhere.
             kept = np.maximum((self.mask * shown).sum(), 1.0)
             apart *= shown[..., None] * np.float32(np.sqrt(self.mask.sum() / kept))
+        return apart
+
+    def _residual(self, effects: Sequence[Applied]) -> Array:
+        how = shooting(effects, self.pairs.edge)
+        apart = self.apart(how)
         count, height, width = self.shape
         rough = self._rough(how)
         grain = np.zeros((count, 3 * width), np.float32)
@@ -199,10 +216,31 @@ class ImageResiduals:
         """Measured numbers in a residual."""
         return 3 * int(self.mask.sum()) + 3 * int(np.isfinite(self._spread).sum())
 
+    @cached_property
     def usual(self) -> Array:
         """Difference of photos of one day, in units of its size in each colour. [N, h, w, 3]."""
-        apart = self._usual * self._weights
+        apart = (shrunk(self.pairs.again, self.size) - shrunk(self.pairs.before, self.size)) * self._weights
         return apart / np.sqrt(np.maximum((apart**2).sum(axis=(0, 1, 2)) / max(float(self.mask.sum()), 1.0), 1e-12))
+
+    def replicate(self, rng: np.random.Generator) -> Array:
+        """A residual in which nothing has changed: what photos of one day differ by, with signs drawn anew, so that outliers
+        of the noise stay, and what lies together does not. [N * h + N, 3 * w]."""
+        usual, measured = self.usual, self.grains(self.residual()) != 0
+        size = np.sqrt(np.maximum(1.0 + _UNSURE * rng.standard_normal(usual.shape[-1]), 0.0)).astype(np.float32)
+        # One sign for all colours of a pixel: what makes one of them brighter often does so to all.
+        white = usual * rng.choice(np.array((-1.0, 1.0), np.float32), (*usual.shape[:-1], 1)) * size
+        rough = rng.standard_normal(measured.shape).astype(np.float32) * measured
+        return np.concatenate([white.reshape(-1, measured.shape[1]), rough])
+
+    def leave_out(self, pixels: Array) -> None:
+        """Compare some pixels no more. [N, h, w] bool."""
+        self.mask = self.mask * ~pixels
+        self._weights = self._weights * ~pixels[..., None]
+        self._known.clear()
+
+    def coarse(self) -> ImageResiduals:
+        """These views in so few rows that what moved far is still found."""
+        return ImageResiduals(self.pairs, self.noise, grain=False, height=COARSE, expectation=self.expectation)
 
     def quiet(self) -> ImageResiduals:
         """Residuals of these views with nothing changed; see `Pairs.quiet`."""

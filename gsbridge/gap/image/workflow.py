@@ -20,13 +20,21 @@ from gsbridge.gap.diagnosis.backend import CaseBackend, best_effects, stored_nam
 from gsbridge.gap.diagnosis.findings import similar_pairs
 from gsbridge.gap.formats.yaml_file import read_yaml
 from gsbridge.gap.image.case import PHOTOS, ImageCase, load_pairs, read_image_case, save_pairs
-from gsbridge.gap.image.diagnose import ImageAccount, channel_sizes, diagnose_images, unsteady
-from gsbridge.gap.image.files import read_pairs
+from gsbridge.gap.image.diagnose import (
+    ImageAccount,
+    SplatAccount,
+    channel_sizes,
+    diagnose_images,
+    diagnose_splats,
+    unsteady,
+)
+from gsbridge.gap.image.files import REGISTRATION, read_pairs
 from gsbridge.gap.image.model import image_candidates, shooting
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.gap.image.residual_map import map_pictures
 from gsbridge.gap.image.residuals import ImageResiduals, learn_noise
 from gsbridge.gap.image.screen import cosines, signatures, unseen_of
+from gsbridge.gap.image.splat_error import SplatError, SplatResiduals, learn_splat_error, reduced
 from gsbridge.geometry import Array
 from gsbridge.sim.model import parse_model
 
@@ -67,11 +75,14 @@ class ImageBackend(CaseBackend):
         Raises:
             InputError: A file is missing or damaged.
         """
-        return cls(ImageCase(Path(model), load_pairs(data), stored_names(about), tuple(about["reasons"])))
+        pairs = load_pairs(data)
+        early = pairs.pop(REGISTRATION, None)
+        return cls(ImageCase(Path(model), pairs, stored_names(about), tuple(about["reasons"]), early))
 
     def save(self, data: str | Path) -> None:
         """Write the photos (`.npz`)."""
-        save_pairs(data, self.case.pairs)
+        early = {} if self.case.registration is None else {REGISTRATION: self.case.registration}
+        save_pairs(data, {**self.case.pairs, **early})
 
     def about(self) -> dict[str, Any]:
         """Content of `records.json`."""
@@ -79,7 +90,10 @@ class ImageBackend(CaseBackend):
         return self.described(digest, PHOTOS, {role: _about(part) for role, part in self.case.pairs.items()})
 
     def _views(self) -> dict[str, ImageResiduals]:
-        """Photos in units of the noise, by role."""
+        """Photos in units of the noise, or of what drawn pictures lack, by role."""
+        if self.case.registration is not None:
+            error = learn_splat_error(self.case.registration)
+            return {role: SplatResiduals(error.corrected(reduced(part)), error) for role, part in self.case.pairs.items()}
         noise = learn_noise(list(self.case.pairs.values()))
         return {role: ImageResiduals(part, noise) for role, part in self.case.pairs.items()}
 
@@ -107,8 +121,13 @@ class ImageBackend(CaseBackend):
     def diagnose(self, bank: str | Path, seed: int) -> dict[str, Any]:
         """Diagnose the case without a bank. Returns the content of `findings.json`, proven on the third role."""
         case = self.case
-        diagnosis = diagnose_images(case.pairs, names=case.names, seed=seed)
-        found = ImageAccount().findings_of(diagnosis, case.pairs, seed=seed, reasons=case.reasons)
+        if case.registration is None:
+            diagnosis = diagnose_images(case.pairs, names=case.names, seed=seed)
+            found = ImageAccount().findings_of(diagnosis, case.pairs, seed=seed, reasons=case.reasons)
+        else:
+            error = learn_splat_error(case.registration)
+            diagnosis = diagnose_splats(case.pairs, error, names=case.names, seed=seed)
+            found = SplatAccount().findings_of(diagnosis, case.pairs, seed=seed, reasons=case.reasons, **_model_error(error))
         return found | {PHOTOS: {role: {"views": len(part), "repeats": part.repeats} for role, part in case.pairs.items()}}
 
     def amend(self, model: str | Path, findings: Mapping[str, Any], out: str | Path) -> None:
@@ -137,6 +156,17 @@ class ImageBackend(CaseBackend):
             }
         unit, pictures = ImageAccount.unit, sum(view.expectation.pictures for view in views.values())
         return _pictures(views["verify"], effects), {"unit": unit, "records": rows, "simulations": pictures}
+
+
+def _model_error(error: SplatError) -> dict[str, Any]:
+    """What drawn pictures lack: an entry of `findings.json`."""
+    drawn, calibrated, corrected = error.left
+    return {
+        "model_error": {
+            "calibration": [effect.record() for effect in error.calibration],
+            "rms": {"drawn": drawn, "calibrated": calibrated, "corrected": corrected},
+        }
+    }
 
 
 def _about(part: Pairs) -> dict[str, Any]:
@@ -210,7 +240,7 @@ def _pictures(view: ImageResiduals, effects: Sequence[Applied]) -> dict[str, Arr
     return {
         "before": view.pairs.before[shown],
         "after": view.pairs.after[shown],
-        "expected": np.clip(view.expectation.photos(shooting(effects))[shown], 0.0, 1.0).astype(np.float32),
+        "expected": np.clip(view.expectation.photos(shooting(effects, view.pairs.edge))[shown], 0.0, 1.0).astype(np.float32),
         "compared": view.mask[shown].astype(np.float32),
         **{name: np.abs(view.pictures(rows)[shown]).mean(axis=-1).astype(np.float32) for name, rows in table.items()},
     }
