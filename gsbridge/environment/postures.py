@@ -6,12 +6,13 @@ these postures while all is well, and again when a policy fails (`gsbridge.gap.i
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 
-from gsbridge.environment.build import StageFiles, build_controller, build_environment, build_renderer
+from gsbridge.environment.build import StageFiles, build_controller, build_environment, build_renderer, camera_response
 from gsbridge.environment.env import state_of
 from gsbridge.environment.gaussian_renderer import GaussianRenderer
 from gsbridge.environment.settings import EnvironmentSettings
@@ -20,6 +21,7 @@ from gsbridge.errors import StageError
 from gsbridge.files import atomic_directory, write_json, write_stage
 from gsbridge.images import write_image
 from gsbridge.logs import ProgressLog
+from gsbridge.sim.camera import respond
 from gsbridge.tasks.views import DEPTHS, ROLES, VIEWS, write_states
 
 _SOLID = 0.9
@@ -47,6 +49,8 @@ def draw_postures(
     """
     renderer = cast(GaussianRenderer, build_renderer(files, settings))
     environment, controller = build_environment(files, settings), build_controller(files.item, settings)
+    # As the camera was calibrated; its noise is no part of what the simulation says.
+    response, rng = replace(camera_response(files), shot_noise=0.0, read_noise=0.0), np.random.default_rng(0)
     progress, states, views, depths, held = ProgressLog(count, "postures"), [], [], [], 0
     with atomic_directory(out) as folder:
         for start in range(count):
@@ -62,7 +66,7 @@ def draw_postures(
             shot, name = renderer.shot(poses, camera), f"{start:02d}"
             solid = np.asarray(shot.alphas) > _SOLID
             depths.append(np.where(solid, np.asarray(shot.depths), 0.0).astype(np.float32))
-            write_image(folder / f"{name}.png", renderer.render(poses, camera))
+            write_image(folder / f"{name}.png", respond(shot.pixels, response, rng))
             views.append({"name": name, "role": ROLES[start % len(ROLES)], "cam_from_world": camera.tolist()})
             states.append(state)
             progress.update()

@@ -50,7 +50,7 @@ class TruthCamera:
     def _size(self, name: str) -> float:
         return float(self.hidden.get(name, 0.0))
 
-    def _rays(self, focal: float, bend: float, fringe: float) -> Array:
+    def rays(self, focal: float, bend: float, fringe: float) -> Array:
         """Directions in the camera, z = 1. [FINE * H, FINE * W, 3]."""
         camera = self.camera
         u = (np.arange(FINE * camera.width) + 0.5) / FINE
@@ -68,9 +68,9 @@ class TruthCamera:
     def _photo(self, track: Track, time: float) -> Array:
         focal, bend, fringe = 1.0 + self._size("focal"), self._size("distortion"), self._size("fringe")
         if not fringe:
-            return self._finished(self._light(track, time, self._rays(focal, bend, 0.0)), time)
+            return self._finished(self._light(track, time, self.rays(focal, bend, 0.0)), time)
         # A lens that shows red larger and blue smaller.
-        parts = [self._light(track, time, self._rays(focal, bend, sign * fringe))[..., k] for k, sign in enumerate((1, 0, -1))]
+        parts = [self._light(track, time, self.rays(focal, bend, sign * fringe))[..., k] for k, sign in enumerate((1, 0, -1))]
         return self._finished(np.stack(parts, axis=-1), time)
 
     def _light(self, track: Track, time: float, rays: Array) -> Array:
@@ -89,7 +89,7 @@ class TruthCamera:
         """Light along rays that each have a time of their own. [R], [R, 3] -> [R, 3]."""
         moments, which = np.unique(when, return_inverse=True)
         poses = track.at(moments)
-        mount = self._mount()
+        mount = self.mount()
         turns = np.einsum("nij,jk->nik", poses[:, :3, :3].transpose(0, 2, 1), mount[:3, :3])
         centres = np.einsum("nij,nj->ni", poses[:, :3, :3].transpose(0, 2, 1), mount[:3, 3] - poses[:, :3, 3])
         if len(moments) == 1:
@@ -99,9 +99,9 @@ class TruthCamera:
             directions = np.einsum("nij,nj->ni", turns[which], rays)
             origins = centres[which]
         colours, places = self.world.look(origins, directions)
-        return colours if not self._size("shadow") else colours * self._lamp(places)[:, None].astype(np.float32)
+        return colours if not self._size("shadow") else colours * self.lamp(places)[:, None].astype(np.float32)
 
-    def _mount(self) -> Array:
+    def mount(self) -> Array:
         """Where the camera really is in the frame of where it is thought to be. [4, 4]."""
         out = np.eye(4)
         size = self._size("extrinsics")
@@ -112,7 +112,7 @@ class TruthCamera:
             out[:3, 3] = way
         return out
 
-    def _lamp(self, places: Array) -> Array:
+    def lamp(self, places: Array) -> Array:
         """Light that falls on a place, as a share of all. [R, 3] -> [R]."""
         size = self._size("shadow")
         # A round thing under a round lamp: the share of the lamp's disc that is seen past its edge.
@@ -124,6 +124,15 @@ class TruthCamera:
 
     def _finished(self, light: Array, time: float) -> Array:
         """Encoded values of the light on the fine grid."""
+        return self.developed(_encoded(np.clip(self.gathered(light, time), 0.0, 1.0)))
+
+    def gathered(self, light: Array, time: float = 0.0) -> Array:
+        """Linear light that each pixel of the sensor counts. [FINE * H, FINE * W, 3] -> [H, W, 3].
+
+        Args:
+            light: Light on the fine grid, before the lens's spot.
+            time: Time of the photo, s.
+        """
         camera = self.camera
         spot = self._size("defocus")
         if spot:
@@ -148,7 +157,12 @@ class TruthCamera:
             image = image * 10.0 ** (self._size("white_balance") * np.array([self.spin["wr"], 0.0, self.spin["wb"]]))
         if self._size("saturation"):
             image = _colourful(image, 1.0 + self._size("saturation"))
-        code = _encoded(np.clip(image, 0.0, 1.0))
+        return np.asarray(image)
+
+    def developed(self, code: Array) -> Array:
+        """What the camera's electronics make of encoded values. [H, W, 3] float32."""
+        camera = self.camera
+        v = ((np.arange(camera.height) + 0.5 - camera.cy) / (0.5 * np.hypot(camera.width, camera.height)))[:, None]
         if self._size("response"):
             knots = np.linspace(0.0, 1.0, 1025)
             code = np.interp(code, knots, knots ** np.exp(self._size("response")))

@@ -51,7 +51,7 @@ def read_pairs(views: str | Path, before: str | Path, after: str | Path, *, shot
         InputError: Something is missing, damaged or of another size; the message names the file.
     """
     views, before, after = Path(views), Path(before), Path(after)
-    camera, rows, depths = _read_views(views)
+    camera, rows, depths = read_views(views)
     same = before.resolve() == after.resolve()
     out: dict[str, Pairs] = {}
     for role, chosen in _by_role(rows, views).items():
@@ -105,7 +105,7 @@ def read_splat_pairs(
         InputError: Something is missing, damaged or of another size; the message names the file.
     """
     views, registration, after = Path(views), Path(registration), Path(after)
-    camera, rows, depths = _read_views(views)
+    camera, rows, depths = read_views(views)
     early = [index for index, row in enumerate(rows) if (registration / f"{row['name']}_0.png").is_file()]
     if not early:
         raise InputError(registration, "it holds no photo of a view", f"Name them after the views, with _0.png. {_PAGE}")
@@ -126,7 +126,7 @@ def read_splat_pairs(
     return drawn(early, registration, 0, "registration"), later
 
 
-def _read_views(views: Path) -> tuple[Camera, Sequence[dict[str, Any]], Array]:
+def read_views(views: Path) -> tuple[Camera, Sequence[dict[str, Any]], Array]:
     """Camera, what there is to say of each view, and depths. [N, H, W]."""
     content = read_json(views / VIEWS)
     camera, rows = _camera(content, views / VIEWS), _rows(content, views / VIEWS)

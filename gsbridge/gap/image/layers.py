@@ -26,22 +26,43 @@ _PRIOR = 4.0
 """Numbers that the spread of a part is worth before anything is measured: that of its pixels."""
 
 
-def block_means(values: Array, edge: int) -> Array:
-    """Means over blocks, in the shape of the picture; blocks at the right and lower edge may be cut off. [N, h, w, C]."""
-    count, height, width, channels = values.shape
-    tall, wide = -(-height // edge), -(-width // edge)
-    padded = np.zeros((count, tall * edge, wide * edge, channels), values.dtype)
-    padded[:, :height, :width] = values
-    sums = padded.reshape(count, tall, edge, wide, edge, channels).sum(axis=(2, 4))
-    rows, columns = (np.minimum(edge, size - edge * np.arange(-(-size // edge))) for size in (height, width))
-    means = sums / np.multiply.outer(rows, columns)[..., None].astype(values.dtype)
-    return np.repeat(np.repeat(means, edge, axis=1), edge, axis=2)[:, :height, :width]
+def block_means(values: Array) -> tuple[list[Array], list[Array]]:
+    """Means over blocks of each size, the pixels themselves first, and of how many pixels each is the mean.
+
+    Pictures are filled up to whole blocks with zeros, which do not count. [N, h, w, C] -> [N, h / edge, w / edge, C] each.
+    """
+    edge = BLOCKS[-1]
+    _, height, width, _ = values.shape
+    fill = [(0, 0), (0, -height % edge), (0, -width % edge), (0, 0)]
+    sums, counts = [np.pad(values, fill)], [np.pad(np.ones((1, height, width, 1), np.float32), fill)]
+    for _ in BLOCKS:
+        for part in (sums, counts):
+            rows = part[-1][:, 0::2] + part[-1][:, 1::2]
+            part.append(rows[:, :, 0::2] + rows[:, :, 1::2])
+    return [total / np.maximum(count, 1.0) for total, count in zip(sums, counts, strict=True)], counts
 
 
-def details(values: Array) -> list[Array]:
-    """Orthogonal parts of pictures, the finest first, that add up to them. [N, h, w, C] each."""
-    smooth = [values, *(block_means(values, edge) for edge in BLOCKS)]
-    return [fine - rough for fine, rough in zip(smooth, smooth[1:], strict=False)] + [smooth[-1]]
+def energies(values: Array) -> Array:
+    """Sums of squares of the orthogonal parts of pictures, the finest first, by channel. [LEVELS, C]."""
+    means, counts = block_means(values)
+    whole = [(count * mean.astype(np.float64) ** 2).sum(axis=(0, 1, 2)) for mean, count in zip(means, counts, strict=True)]
+    return np.stack([*(fine - rough for fine, rough in zip(whole, whole[1:], strict=False)), whole[-1]])
+
+
+def weighed(values: Array, weights: Array) -> Array:
+    """Pictures whose orthogonal parts are multiplied by weights. [N, h, w, C].
+
+    Args:
+        values: Pictures. [N, h, w, C].
+        weights: Of each part, the finest first, by channel. [LEVELS, C].
+    """
+    means, _ = block_means(values)
+    weights = np.asarray(weights, np.float32)
+    out = means[-1] * (weights[-1] - weights[-2])
+    for level in range(LEVELS - 2, -1, -1):
+        out = np.repeat(np.repeat(out, 2, axis=1), 2, axis=2)
+        out = out + means[level] * (weights[level] - weights[level - 1] if level else weights[0])
+    return np.asarray(out[:, : values.shape[1], : values.shape[2]])
 
 
 def numbers_of(height: int, width: int) -> Array:
@@ -81,9 +102,8 @@ class LayerSpread:
         for fold in folds:
             filled = float((fold != 0).any(axis=-1).mean())
             apart, common = _split(fold)
-            for level, (one, other) in enumerate(zip(details(apart), details(common), strict=True)):
-                own[level] += (one.astype(np.float64) ** 2).sum(axis=(0, 1, 2))
-                mean[level] += len(fold) * (other.astype(np.float64) ** 2).sum(axis=(0, 1, 2))
+            own += energies(apart)
+            mean += len(fold) * energies(common)
             own_count += (len(fold) - 1) * filled * numbers
             mean_count += filled * numbers
             size += len(fold) / len(folds)
@@ -102,9 +122,7 @@ class LayerSpread:
         """
         apart, common = _split(table)
         shared = self.own + (views or len(table)) * self.shared
-        out = sum(part / np.sqrt(self.own[level]).astype(np.float32) for level, part in enumerate(details(apart)))
-        out = out + sum(part / np.sqrt(shared[level]).astype(np.float32) for level, part in enumerate(details(common)))
-        return np.asarray(out @ _COLOURS.T, np.float32)
+        return _turned_back(weighed(apart, 1.0 / np.sqrt(self.own)) + weighed(common, 1.0 / np.sqrt(shared)))
 
     def replicate(self, mask: Array, rng: np.random.Generator) -> Array:
         """Whitened residuals of views on which nothing has changed. [N, h, w, 3].
@@ -119,10 +137,13 @@ class LayerSpread:
         drawn = self.pool[rng.integers(len(self.pool), size=len(mask))]
         apart, common = _split(drawn * mask * rng.choice(np.array((-1.0, 1.0), np.float32), (len(mask), 1, 1, 1)))
         loose = np.sqrt(self.counts / np.maximum(rng.chisquare(np.maximum(self.counts, 1.0), (3, LEVELS)), 1e-6)).T
-        scale = (1.0 / np.sqrt(self.own)).astype(np.float32)
-        out = sum(part * scale[level] for level, part in enumerate(details(apart)))
-        out = out + sum(part * scale[level] * loose[level].astype(np.float32) for level, part in enumerate(details(common)))
-        return np.asarray(out @ _COLOURS.T, np.float32)
+        scale = 1.0 / np.sqrt(self.own)
+        return _turned_back(weighed(apart, scale) + weighed(common, scale * loose))
+
+
+def _turned_back(table: Array) -> Array:
+    """From brightness and differences of colours to red, green and blue. [N, h, w, 3]."""
+    return np.asarray(table @ _COLOURS.T, np.float32)
 
 
 def _split(table: Array) -> tuple[Array, Array]:

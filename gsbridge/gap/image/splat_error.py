@@ -50,6 +50,9 @@ _FOLDS = 3
 _ROUNDS = 8
 """Steps of the calibration at most; it needs to be good to a fraction of what is left."""
 
+_FITTED = 12
+"""Views that are fitted, about."""
+
 _ROUGH = 0.03
 """Deviation of a pixel, encoded, before anything is known."""
 
@@ -143,6 +146,7 @@ def calibrate(pairs: Pairs) -> tuple[Applied, ...]:
     """Fit effects of the camera to photos, all together; what lies about and is not drawn is left out."""
     who = [ImageCandidate(name) for name in CALIBRATED]
     starts = [{p.name: 0.0 if p.amplitude else p.typical for p in one.effect.parameters} for one in who]
+    pairs = subset(pairs, range(0, len(pairs), -(-len(pairs) // _FITTED)))
     view, effects = plain_view(pairs), tuple(one.applied(start) for one, start in zip(who, starts, strict=True))
     for _ in range(2):
         apart = np.abs(view.apart(shooting(effects, pairs.edge))).max(axis=-1)
