@@ -166,7 +166,7 @@ def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--object", default="small_cube")
     parser.add_argument("--background", default="foam_pad")
     parser.add_argument("--names", nargs="*", help="faults; 'none' for none of them (default: none and all)")
-    parser.add_argument("--size", type=int, default=96, help="edge of the photos, px")
+    parser.add_argument("--size", type=int, default=128, choices=(64, 128), help="edge of the photos, px")
     parser.add_argument("--seed", type=int, default=1, help="seed of the configuration that the folder was made with")
     parser.add_argument("--keep", help="folder that keeps drawn pictures and photos (.npz), to be looked at")
     parser.add_argument("--output", required=True, help="file of the figures, JSON")

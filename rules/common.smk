@@ -19,7 +19,7 @@ from gsbridge.experiment.evidence import EvidencePlan
 from gsbridge.experiment.gap_benchmark import BenchmarkPlan
 from gsbridge.experiment.loops import JointLoop, PictureLoop, closed_loops
 from gsbridge.experiment.plan import BINDINGS, Experiment
-from gsbridge.experiment.policies import ANY, policy_files
+from gsbridge.experiment.policies import ANY, policy_files, workspace_of
 from gsbridge.experiment.provenance import provenance, provenances
 from gsbridge.experiment.result_dates import restore_dates
 from gsbridge.experiment.severity_study import SeverityStudy
@@ -271,6 +271,7 @@ def simulated_scene(wildcards):
         **simulated_world(
             wildcards.object, wildcards.background, variant_of(wildcards)["model"]
         ),
+        **workspace_of(variant_of(wildcards)),
         "views": f"{item}/align/views.json",
         "images": f"{item}/sfm/images",
         "masks": f"{item}/masks/images",
@@ -315,7 +316,7 @@ def world_settings(wildcards):
 
 def trial_registration(wildcards):
     """Where arm and table are believed to stand in a world of the mirror: as registered there where it has a severity."""
-    home = "results/workspace/registration.json"
+    home = workspace_of(variant_of(wildcards))["registration"]
     severe = PLAN.severity(wildcards.world) != (0, 0)
     filmed = "mirror" in config["workspace"]["source"]
     return (

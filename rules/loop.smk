@@ -170,6 +170,7 @@ rule collect_loop:
     params:
         code=script_digest("collect_loop"),
         plan=LOOP.rows,
+        comparisons=LOOP.comparisons,
         cell=LOOP.cell,
     message:
         "Collect the successes before and after, and the price"

@@ -30,6 +30,7 @@ rule train_policy:
         code=script_digest("train_policy"),
         settings=policy_settings,
         controller_offset=lambda wildcards: variant_of(wildcards)["controller_offset"],
+        unchanged_teacher=lambda wildcards: variant_of(wildcards)["unchanged_teacher"],
         state=policy_state,
     message:
         "Train the policy {wildcards.variant} to {wildcards.task} {wildcards.object} on {wildcards.background} as seen by {wildcards.renderer}"

@@ -180,6 +180,7 @@ rule collect_sight_loop:
     params:
         code=script_digest("collect_sight_loop"),
         plan=SIGHT.rows,
+        comparisons=SIGHT.comparisons,
         cell=SIGHT.cell,
         worlds=SIGHT.worlds,
     message:

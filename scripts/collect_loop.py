@@ -18,5 +18,6 @@ files = LoopFiles(
     snakemake.input.calibration,
     snakemake.input.findings,
     snakemake.input.amendment,
+    snakemake.params.comparisons,
 )
 write_loop(files, snakemake.output.rows, snakemake.output.page, snakemake.output.figure)

@@ -17,5 +17,6 @@ files = SightFiles(
     snakemake.input.trainings,
     snakemake.input.photos,
     snakemake.input.findings,
+    snakemake.params.comparisons,
 )
 write_sight_loop(files, snakemake.output.rows, snakemake.output.page, snakemake.output.figure)

@@ -33,4 +33,5 @@ train_policy(
     seed=int(snakemake.wildcards.seed),
     state=snakemake.params.state,
     controller_offset=tuple(snakemake.params.controller_offset),
+    unchanged_teacher=snakemake.params.unchanged_teacher,
 )

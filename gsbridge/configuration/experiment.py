@@ -6,7 +6,7 @@ from typing import Annotated, Literal, get_args
 
 from pydantic import AfterValidator, Field
 
-from gsbridge.configuration.base import Distinct, Free, Given, Name, Number, OrNull, Samples, Settings, Whole, fault
+from gsbridge.configuration.base import Distinct, Free, Given, Name, Number, OrNull, Samples, Settings, Switch, Whole, fault
 from gsbridge.configuration.policy import PolicyOverride
 from gsbridge.configuration.renderers import RendererName
 
@@ -48,6 +48,12 @@ class Variant(Settings):
     controller_offset: tuple[Offset, Offset, Offset, Offset] = (0.0, 0.0, 0.0, 0.0)
     """Error of the baseline controller: how far from its true place, in x, y and z, it believes the object to be, m, and by how
     much it believes it turned about the vertical, rad."""
+    registered_in: OrNull[str] = None
+    """World in which the work place is registered anew for this variant; null for the registration that all others have."""
+    calibrated_in: OrNull[str] = None
+    """World in which the colours of the wrist camera are calibrated anew for this variant; null likewise."""
+    unchanged_teacher: Switch = False
+    """Learn from the controller as it is for the unchanged model, however late the model's commands act."""
 
 
 def _with_default(variants: dict[str, Variant]) -> dict[str, Variant]:
@@ -103,6 +109,10 @@ class SightStudy(Settings):
     amended: dict[str, Names] = Field(default={})
     """Variants that train with the changes found in the photos of a world, by world. For a world with an empty list the changes
     are only reported."""
+    controls: dict[str, Names] = Field(default={})
+    """Variants that those of `amended` are compared with in a world, by world: what else might have helped."""
+    trainings: Whole = Field(default=1, ge=1, le=100)
+    """Number of policies of each variant, each trained with its own seed."""
     postures: Whole = Field(default=24, ge=12, le=100)
     """Postures from which the wrist camera is photographed."""
     repeats: Whole = Field(default=4, ge=1, le=50)
@@ -158,6 +168,10 @@ class Loop(Settings):
     """World in which the policy fails and the arm is diagnosed."""
     variant: str = "default"
     """Variant that learns with the amended model; `default` demonstrates nothing."""
+    controls: Names = Field(default=[])
+    """Variants that the amended one is compared with in the changed world: what else might have helped."""
+    trainings: Whole = Field(default=1, ge=1, le=100)
+    """Number of policies of each variant, each trained with its own seed."""
 
 
 Tier = OrNull[Annotated[Whole, Field(ge=1, le=500)]]

@@ -64,6 +64,8 @@ class PolicySettings(Settings):
     """Standard deviation of noise on the controller's actions when they are carried out, never on labels."""
     augment: Switch = True
     """Vary the colours of the pictures that the actor learns from, and add noise."""
+    jitter: Number = Field(default=1.0, ge=0, le=2.3)
+    """Factor on how widely they are varied."""
     bounded_critic: Switch = False
     """Squash Q to 0..1 by a sigmoid, as RL-GSBridge's code does."""
     bf16: Switch = False

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -48,7 +48,19 @@ class JointLoop:
         """Variant and world of each row of the table."""
         before, after, changed = "default", self.settings["variant"], self.settings["changed"]
         tried = [(before, "sim"), (before, self.settings["reference"]), (before, changed), (after, "sim"), (after, changed)]
+        tried += [(control, changed) for control in self.settings["controls"]]
         return [{"variant": variant, "world": world} for variant, world in tried]
+
+    @property
+    def comparisons(self) -> list[dict[str, Any]]:
+        """What the diagnosis is to be worth something beyond: the changed world, who learned anew, and the controls."""
+        settings = self.settings
+        return [{"world": settings["changed"], "variant": settings["variant"], "controls": list(settings["controls"])}]
+
+    @property
+    def seeds(self) -> range:
+        """Seeds of the trainings of each variant."""
+        return seeds_of(self.cell, self.settings)
 
     @property
     def is_closed(self) -> bool:
@@ -71,14 +83,13 @@ class JointLoop:
 
     @property
     def tables(self) -> list[str]:
-        """Trials of the table's rows."""
-        return [self.trials(row["world"], "csv", row["variant"]) for row in self.rows]
+        """Trials of the table's rows, of one training after the other."""
+        return [self.policy(row["variant"]).trials(row["world"], seed, "csv") for row in self.rows for seed in self.seeds]
 
     @property
     def trainings(self) -> list[str]:
-        """Records of the trainings before and after."""
-        variants = ("default", self.settings["variant"])
-        return [self.policy(variant).file(self.cell["seed"], "training.json") for variant in variants]
+        """Records of all trainings."""
+        return trainings_of(self.cell, self.rows, self.seeds)
 
     def records(self, world: str) -> dict[str, str]:
         """Logs of the arm from trials in one world, by role."""
@@ -143,7 +154,23 @@ class PictureLoop:
         before = [(variant, world) for variant in self.settings["variants"] for world in ("sim", *self.worlds)]
         amended = self.settings["amended"].items()
         after = [(variant, place) for world, variants in amended for variant in variants for place in ("sim", world)]
-        return [{"variant": variant, "world": world} for variant, world in before + after]
+        beside = [(variant, world) for world, variants in self.settings["controls"].items() for variant in variants]
+        return [{"variant": variant, "world": world} for variant, world in dict.fromkeys(before + after + beside)]
+
+    @property
+    def comparisons(self) -> list[dict[str, Any]]:
+        """What the diagnosis is to be worth something beyond: each world, who learned anew for it, and the controls."""
+        settings = self.settings
+        return [
+            {"world": world, "variant": variants[0], "controls": list(settings["controls"].get(world, []))}
+            for world, variants in settings["amended"].items()
+            if variants
+        ]
+
+    @property
+    def seeds(self) -> range:
+        """Seeds of the trainings of each variant."""
+        return seeds_of(self.cell, self.settings)
 
     def policy(self, variant: str) -> PolicyFiles:
         """The policy of the cell that learned in one way."""
@@ -151,20 +178,36 @@ class PictureLoop:
 
     @property
     def tables(self) -> list[str]:
-        """Trials of the table's rows."""
-        return [self.policy(row["variant"]).trials(row["world"], self.cell["seed"], "csv") for row in self.rows]
+        """Trials of the table's rows, of one training after the other."""
+        return [self.policy(row["variant"]).trials(row["world"], seed, "csv") for row in self.rows for seed in self.seeds]
 
     @property
     def trainings(self) -> list[str]:
-        """Records of the trainings of the policies in the table."""
-        variants = dict.fromkeys(row["variant"] for row in self.rows)
-        return [self.policy(variant).file(self.cell["seed"], "training.json") for variant in variants]
+        """Records of all trainings of the policies in the table."""
+        return trainings_of(self.cell, self.rows, self.seeds)
 
     def alike(self, variant: str) -> str:
         """The variant of the table that differs from one which learned anew in its model alone; "" if none does."""
         variants = self.plan.config["variants"]
         rest = {name: {key: value for key, value in plan.items() if key != "model"} for name, plan in variants.items()}
         return next((name for name in self.settings["variants"] if rest[name] == rest[variant]), "")
+
+
+def seeds_of(cell: Mapping[str, Any], settings: Mapping[str, Any]) -> range:
+    """Seeds of as many trainings as a loop asks for; the first is the configuration's."""
+    return range(int(cell["seed"]), int(cell["seed"]) + int(settings["trainings"]))
+
+
+def trainings_of(cell: Mapping[str, Any], rows: Sequence[Mapping[str, str]], seeds: Sequence[int]) -> list[str]:
+    """Records of the trainings behind a table, of each policy with one seed after the other.
+
+    Args:
+        cell: Task, object, background and renderer.
+        rows: Rows of the table, each with its `variant`.
+        seeds: Seeds of the trainings.
+    """
+    variants = dict.fromkeys(row["variant"] for row in rows)
+    return [PolicyFiles.of(cell, variant).file(seed, "training.json") for variant in variants for seed in seeds]
 
 
 def closed_loops(joints: JointLoop, pictures: PictureLoop) -> list[dict[str, str]]:

@@ -73,6 +73,22 @@ class PolicyFiles:
         return f"results/trials/{self.place}/{world}/seed{seed}.{ending}"
 
 
+def workspace_of(variant: Mapping[str, Any]) -> dict[str, str]:
+    """Files about the work place that a variant learns and is tried with, as inputs of rules are called.
+
+    Args:
+        variant: An entry of `variants`. Where the work place was registered anew, its camera and colours go with it.
+    """
+    again = variant["registered_in"], variant["calibrated_in"] or variant["registered_in"]
+    placed, coloured = (f"results/workspace/worlds/{world}" if world else "" for world in again)
+    return {
+        "registration": f"{placed or 'results/workspace'}/registration.json",
+        "robot": f"{placed}/description" if placed else "results/robot/description",
+        "photometry": f"{coloured or 'results/workspace'}/photometry.json",
+        "robot_splats": f"{coloured}/splats" if coloured else "results/robot/splats",
+    }
+
+
 ANY = PolicyFiles("{task}", "{object}", "{background}", "{renderer}", "{variant}")
 """Any policy: its paths are patterns, whose wildcards are named in braces."""
 

@@ -20,7 +20,7 @@ from gsbridge.configuration.policy import PolicySettings
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.policy import losses
-from gsbridge.policy.augment import Augmenter
+from gsbridge.policy.augment import Augmentation, Augmenter
 from gsbridge.policy.networks import Actor, Critics, TanhGaussian
 from gsbridge.policy.observation import Sight, picture
 from gsbridge.policy.replay import Batch
@@ -68,7 +68,7 @@ class Agent:
         }
         # A stream of its own, apart from the one that the networks started from.
         self.generator = torch.Generator().manual_seed(seed + 2**32)
-        self.augmenter = Augmenter(device=device) if settings.augment else None
+        self.augmenter = Augmenter(Augmentation().widened(settings.jitter), device=device) if settings.augment else None
         self.alarm = losses.TargetAlarm(_RETURN_BOUND)
         self.updates = 0
 

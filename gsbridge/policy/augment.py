@@ -10,7 +10,7 @@ parameters during training"; brightness, saturation and contrast of its code var
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 
 import torch
 from torch import Tensor
@@ -71,6 +71,11 @@ class Augmentation:
             raise InputError("augmentation", f"offset {self.offset} or noise {self.noise} is out of range", "Give 0 to 0.5")
         if not (len(self.opening) == 2 and all(0.0 <= value <= 1.0 for value in self.opening)):
             raise InputError("augmentation: opening", f"{self.opening} is out of range", "Give two numbers from 0 to 1")
+
+    def widened(self, factor: float) -> Augmentation:
+        """The same with all ranges of pictures multiplied by a factor; what the hand feels stays."""
+        jitter = Jitter(**{item.name: factor * getattr(self.jitter, item.name) for item in fields(self.jitter)})
+        return replace(self, jitter=jitter, offset=factor * self.offset, noise=factor * self.noise)
 
 
 class Augmenter:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,10 @@ def check_policies(config: Mapping[str, Any], root: str | Path) -> None:
         made = str(variant["model"]).startswith("results/")
         if variant["model"] is not None and not made and not (Path(root) / variant["model"]).is_file():
             raise InputError(f"config: variants.{name}.model", f"{variant['model']} does not exist", "Name a YAML file")
+        for key in ("registered_in", "calibrated_in"):
+            if variant[key] is not None and variant[key] not in config["worlds"]:
+                choices = ", ".join(sorted(config["worlds"]))
+                raise InputError(f"config: variants.{name}.{key}", f"'{variant[key]}' is no world", f"Use one of: {choices}")
     for place, section in presets.items():
         for world in section.get("trials", {} if place else config["trials"]).get("worlds", []):
             if world not in config["worlds"]:
@@ -79,6 +83,10 @@ def _check_sight(config: Mapping[str, Any]) -> None:
         if world not in config["worlds"]:
             choices = ", ".join(sorted(config["worlds"]))
             raise InputError("config: study.sight", f"'{world}' is not configured", f"Use one of: {choices}")
+    for world, names in sight["controls"].items():
+        if not sight["amended"].get(world):
+            raise InputError(f"config: study.sight.controls.{world}", "no variant learns for it", "Name one under 'amended'")
+        _check_controls(config, f"study.sight.controls.{world}", names)
     for world, variants in sight["amended"].items():
         place = f"config: study.sight.amended.{world}"
         if world == sight["reference"]:
@@ -95,6 +103,23 @@ def _check_sight(config: Mapping[str, Any]) -> None:
                 )
 
 
+def _check_controls(config: Mapping[str, Any], place: str, names: Sequence[str]) -> None:
+    """Refuse controls of a loop that are no variants.
+
+    Args:
+        config: The configuration.
+        place: Where they stand.
+        names: Their names.
+
+    Raises:
+        InputError: One is none.
+    """
+    for name in names:
+        if name not in config["variants"]:
+            choices = ", ".join(sorted(config["variants"]))
+            raise InputError(f"config: {place}", f"'{name}' is not configured", f"Use one of: {choices}")
+
+
 def _check_loop(config: Mapping[str, Any]) -> None:
     """Whether the closed loop can be run.
 
@@ -102,6 +127,7 @@ def _check_loop(config: Mapping[str, Any]) -> None:
         InputError: It names what is not configured, its worlds are one, or its variant learns with another model.
     """
     loop = config["loop"]
+    _check_controls(config, "loop.controls", loop["controls"])
     places = {
         "variant": (loop["variant"], "variants"),
         "reference": (loop["reference"], "worlds"),

@@ -39,6 +39,7 @@ def train_policy(
     seed: int,
     state: str | Path,
     controller_offset: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
+    unchanged_teacher: bool = False,
 ) -> Training:
     """Train a policy in the simulated world and write it.
 
@@ -51,6 +52,7 @@ def train_policy(
         seed: Seed of everything random.
         state: Folder of checkpoints; it is removed at the end.
         controller_offset: Error of the baseline controller, see `BiasedController`, m and rad. [4].
+        unchanged_teacher: The controller takes no heed of the model's delay.
 
     Raises:
         InputError: A file is missing, damaged or of the wrong kind; settings do not fit together.
@@ -58,11 +60,11 @@ def train_policy(
     environment = build_environment(files, environment_settings)
     try:
         model = read_model(files.model)
-        delay = model.arm.delay * model.timing.control_hz
+        delay = 0.0 if unchanged_teacher else model.arm.delay * model.timing.control_hz
         controller: Controller = build_controller(files.item, environment_settings, delay=delay)
         if any(controller_offset):
             controller = BiasedController(controller, controller_offset)
-        key = {"files": files_digest(files), "controller_offset": list(controller_offset)}
+        key = {"files": files_digest(files), "controller_offset": list(controller_offset), "teacher": unchanged_teacher}
         makers = environment_makers(files, environment_settings, settings.environments)
         trainer = Trainer(environment, controller, settings, seed=seed, state=state, key=key, makers=makers)
         try:
@@ -93,6 +95,7 @@ def train_policy(
         cpu_seconds_to_enough=cpu_seconds_to(training.rows, ENOUGH),
         onnx_error=onnx_error,
         controller_offset=list(controller_offset),
+        unchanged_teacher=unchanged_teacher,
         settings=settings.model_dump(),
     )
     shutil.rmtree(state, ignore_errors=True)

@@ -13,9 +13,13 @@ CHAIN = {
     "identify_gap": 2,
     "report_gap": 2,
     "amend_simulation": 1,
-    "train_policy": 2,
-    "try_policy_in_mirror": 3,
-    "try_policy_in_sim": 2,
+    "train_policy": 21,
+    "try_policy_in_mirror": 24,
+    "try_policy_in_sim": 6,
+    "film_board_of_world": 1,
+    "register_world": 1,
+    "calibrate_wrist_camera_of_world": 1,
+    "amend_arm_wrongly": 1,
     "collect_loop": 1,
 }
 
@@ -36,7 +40,7 @@ def test_one_target_makes_the_whole_way(plan):
 def test_the_amended_policy_waits_for_the_findings(plan):
     jobs = re.split(r"\n(?=Job \d+:)", plan)
     amended = [job for job in jobs if "Train the policy amended" in job]
-    assert len(amended) == 1
+    assert len(amended) == 3
     assert "results/loop/model.yaml" in amended[0]
 
 

@@ -23,6 +23,9 @@ from gsbridge.geometry import Array
 
 UNSTEADY = "second photos of the same views differ by more than noise: the camera, the light or the robot is not steady"
 
+SPLAT_RULES = Rules(most=2)
+"""Thresholds where photos are held against drawn pictures: of three effects at once, one is the model's error."""
+
 FEW = "few photos of the day on which all was well: what drawn pictures lack is known roughly"
 
 
@@ -68,7 +71,7 @@ def diagnose_splats(
     """
     begin = time.perf_counter()
     views = {role: SplatResiduals(error.corrected(reduced(pairs[role])), error) for role in ROLES}
-    return _diagnosed(views, names, rules or Rules(), seed, begin, {"model": error.left[-1]})
+    return _diagnosed(views, names, rules or SPLAT_RULES, seed, begin, {"model": error.left[-1]})
 
 
 def _diagnosed(

@@ -14,13 +14,16 @@ import numpy as np
 
 from gsbridge.geometry import Array
 
-BLOCKS = (2, 4, 8, 16)
+BLOCKS = (2, 4, 8, 16, 32, 64)
 """Edges of the blocks, pixels as compared; each holds four of those before it."""
 
 LEVELS = len(BLOCKS) + 1
 
 _COLOURS = np.array([[2, 3, -1], [2, 0, 2], [2, -3, -1]], np.float32) / np.sqrt(np.array([12, 18, 6], np.float32))
 """From red, green, blue to brightness, red less blue, and green less both. Orthonormal."""
+
+_SCATTER = 0.15
+"""Relative deviation of the size of a part from one set of views to another: other places, other moments of a motion."""
 
 _PRIOR = 4.0
 """Numbers that the spread of a part is worth before anything is measured: that of its pixels."""
@@ -127,8 +130,8 @@ class LayerSpread:
     def replicate(self, mask: Array, rng: np.random.Generator) -> Array:
         """Whitened residuals of views on which nothing has changed. [N, h, w, 3].
 
-        What views have for themselves is that of views it was learnt from, with random signs; what they share is as wrong as it
-        may have been learnt.
+        What views have for themselves is that of views it was learnt from, with random signs, and as large as in another set of
+        views; what they share is as wrong as it may have been learnt.
 
         Args:
             mask: Pixels that are compared. [N, h, w, 1].
@@ -137,7 +140,7 @@ class LayerSpread:
         drawn = self.pool[rng.integers(len(self.pool), size=len(mask))]
         apart, common = _split(drawn * mask * rng.choice(np.array((-1.0, 1.0), np.float32), (len(mask), 1, 1, 1)))
         loose = np.sqrt(self.counts / np.maximum(rng.chisquare(np.maximum(self.counts, 1.0), (3, LEVELS)), 1e-6)).T
-        scale = 1.0 / np.sqrt(self.own)
+        scale = np.exp(_SCATTER * rng.standard_normal((LEVELS, 1))) / np.sqrt(self.own)
         return _turned_back(weighed(apart, scale) + weighed(common, scale * loose))
 
 

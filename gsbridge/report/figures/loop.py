@@ -18,13 +18,13 @@ from gsbridge.files import atomic_file, read_json
 from gsbridge.report.tables.formats import Table, markdown
 from gsbridge.report.tables.rows import write_rows
 from gsbridge.report.tables.success_rows import STRICT_WORLD, read_trials
-from gsbridge.statistics import wilson_interval
+from gsbridge.statistics import limits, redrawn_rates, trainings_interval
 
 COLUMNS = (
     *("task", "object", "background", "variant", "world", "trials", "successes", "success_rate", "ci95_low", "ci95_high"),
-    "training_steps",
+    *("training_steps", "trainings", "successes_each"),
 )
-"""`training_steps`: environment steps that the policy learned from."""
+"""`training_steps`: mean environment steps that the policies learned from; `successes_each`: of each training, with blanks."""
 
 
 def loop_rows(
@@ -38,14 +38,17 @@ def loop_rows(
     Args:
         cell: Task, object, background, seed.
         plan: `variant` and `world` of each row.
-        trials: Trials of each row.
-        trainings: `training.json` of the policies.
+        trials: Trials of each row, of one training after the other.
+        trainings: `training.json` of all policies.
 
     Raises:
         InputError: A file is missing or damaged.
     """
-    steps = {Path(path).parts[-3]: int(field_of(path, "steps")) for path in trainings}
-    return [_row(cell, entry, path, steps) for entry, path in zip(plan, trials, strict=True)]
+    steps: dict[str, list[int]] = {}
+    for path in trainings:
+        steps.setdefault(Path(path).parts[-3], []).append(int(field_of(path, "steps")))
+    count = len(trials) // len(plan)
+    return [_row(cell, entry, trials[count * k : count * (k + 1)], steps) for k, entry in enumerate(plan)]
 
 
 def field_of(path: str | Path, name: str) -> Any:
@@ -56,22 +59,59 @@ def field_of(path: str | Path, name: str) -> Any:
     return content[name]
 
 
-def _row(cell: Mapping[str, Any], plan: Mapping[str, str], path: str | Path, steps: Mapping[str, int]) -> dict[str, Any]:
-    """One policy in one world."""
-    trials = read_trials(path)
-    good = trials.judged(plan["world"])
-    low, high = wilson_interval(int(good.sum()), len(trials))
+def _row(
+    cell: Mapping[str, Any], plan: Mapping[str, str], paths: Sequence[str | Path], steps: Mapping[str, Sequence[int]]
+) -> dict[str, Any]:
+    """One way of learning in one world."""
+    judged = [read_trials(path).judged(plan["world"]) for path in paths]
+    tallies = [(int(good.sum()), len(good)) for good in judged]
+    good, tried = (sum(part) for part in zip(*tallies, strict=True))
+    low, high = trainings_interval(tallies)
     return {
         **{name: cell[name] for name in ("task", "object", "background")},
         "variant": plan["variant"],
         "world": plan["world"],
-        "trials": len(trials),
-        "successes": int(good.sum()),
-        "success_rate": float(good.mean()),
+        "trials": tried,
+        "successes": good,
+        "success_rate": good / tried,
         "ci95_low": low,
         "ci95_high": high,
-        "training_steps": steps[plan["variant"]],
+        "training_steps": round(sum(steps[plan["variant"]]) / len(steps[plan["variant"]])),
+        "trainings": len(tallies),
+        "successes_each": " ".join(str(part) for part, _ in tallies),
     }
+
+
+def worth(rows: Sequence[Mapping[str, Any]], comparison: Mapping[str, Any]) -> str:
+    """What a diagnosis is worth beyond its controls, in one sentence.
+
+    Args:
+        rows: Rows of the table.
+        comparison: `world`, `variant` that learned with what was named, and its `controls`.
+    """
+    world, variant, controls = (comparison[key] for key in ("world", "variant", "controls"))
+    found = {row["variant"]: row for row in rows if row["world"] == world}
+    mine = found[variant]
+    if not controls:
+        return (
+            f"In {world}, {mine['successes']} of {mine['trials']} trials succeed with what the diagnosis named; no control was"
+            " trained, so that it is not known what the diagnosis is worth beyond what else might have helped."
+        )
+    best = max((found[name] for name in controls), key=lambda row: row["success_rate"])
+    # Different seeds: trainings of two ways of learning have nothing in common.
+    apart = redrawn_rates(_tallies(mine), 0) - redrawn_rates(_tallies(best), 1)
+    low, high = limits(apart)
+    return (
+        f"In {world}, {mine['successes']} of {mine['trials']} trials succeed with what the diagnosis named ({variant},"
+        f" trainings: {mine['trainings']}), and {best['successes']} of {best['trials']} with the best of {len(controls)}"
+        f" controls ({best['variant']}, trainings: {best['trainings']}): beyond its controls the diagnosis is worth"
+        f" {100 * (mine['success_rate'] - best['success_rate']):+.0f} points (95 %: {100 * low:+.0f} to {100 * high:+.0f})."
+    )
+
+
+def _tallies(row: Mapping[str, Any]) -> list[tuple[int, int]]:
+    """Successes and trials of each training of a row."""
+    return [(int(good), row["trials"] // row["trainings"]) for good in row["successes_each"].split()]
 
 
 def rows_table(cell: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> Table:
@@ -85,11 +125,14 @@ def rows_table(cell: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> Ta
                 row["world"],
                 f"{row['successes']}/{row['trials']}",
                 f"{row['success_rate']:.1%} ({row['ci95_low']:.1%} to {row['ci95_high']:.1%})",
-                f"{row['training_steps']} steps",
+                f"{row['training_steps']} steps" + (f", {row['trainings']} times" if row["trainings"] > 1 else ""),
             )
             for row in rows
         ),
-        notes=(f"One policy each, seed {cell['seed']}. Both sets of start poses. {STRICT_WORLD} is the simulation.",),
+        notes=(
+            f"Trainings of each way of learning: {rows[0]['trainings']}, from seed {cell['seed']} on; intervals count them."
+            f" Both sets of start poses. {STRICT_WORLD} is the simulation.",
+        ),
     )
 
 
@@ -125,6 +168,7 @@ class LoopFiles:
         calibration: `calibration.json`.
         findings: `findings.json` of the reference and of the changed world.
         amendment: `amendment.json`.
+        comparisons: What the page compares, see `worth`.
     """
 
     cell: Mapping[str, Any]
@@ -135,6 +179,7 @@ class LoopFiles:
     calibration: str | Path
     findings: Sequence[str | Path]
     amendment: str | Path
+    comparisons: Sequence[Mapping[str, Any]] = ()
 
 
 def write_loop(files: LoopFiles, rows_csv: str | Path, page: str | Path, figure: str | Path) -> None:
@@ -170,7 +215,17 @@ def _write(
     rows = loop_rows(files.cell, files.plan, files.trials, files.trainings)
     write_rows(rows_csv, COLUMNS, rows)
     draw_rows(rows, figure)
-    lines = [f"# Closing the loop: {what}", "", markdown(rows_table(files.cell, rows)), "", "## What was found", "", *found]
+    said = [part for comparison in files.comparisons for part in (worth(rows, comparison), "")]
+    lines = [
+        *said,
+        f"# Closing the loop: {what}",
+        "",
+        markdown(rows_table(files.cell, rows)),
+        "",
+        "## What was found",
+        "",
+        *found,
+    ]
     with atomic_file(page) as temporary:
         temporary.write_text("\n".join([*lines, "", "## The price", "", *price, ""]), encoding="utf-8")
 
@@ -183,12 +238,14 @@ def _price(files: LoopFiles, calibration: Mapping[str, Any], findings: Sequence[
     bank = sum(item["simulations"]["bank"] for item in findings)
     case = sum(item["simulations"]["case"] for item in findings)
     minutes = (calibration["seconds"] + sum(item["seconds"] for item in findings)) / 60
-    training = sum(field_of(files.trainings[-1], "cpu_seconds").values()) / 60
+    variant = files.comparisons[0]["variant"] if files.comparisons else Path(files.trainings[-1]).parts[-3]
+    last = next(path for path in files.trainings if Path(path).parts[-3] == variant)
+    training = sum(field_of(last, "cpu_seconds").values()) / 60
     return [
         f"- {len(logged)} records of {seconds:.0f} s together, {failed} of them of failed trials.",
         f"- {calibration['simulations']} simulations of the arm to calibrate, {bank} for the banks of two cases, {case} for"
         f" their diagnosis: {minutes:.0f} minutes.",
-        f"- A new training of {field_of(files.trainings[-1], 'steps')} steps: {training:.0f} minutes of processor time.",
+        f"- A new training of {field_of(last, 'steps')} steps: {training:.0f} minutes of processor time.",
     ]
 
 
@@ -204,6 +261,7 @@ class SightFiles:
         trainings: `training.json` of the policies.
         photos: Records of the photos of each world.
         findings: `findings.json` of each world.
+        comparisons: What the page compares, see `worth`.
     """
 
     cell: Mapping[str, Any]
@@ -213,6 +271,7 @@ class SightFiles:
     trainings: Sequence[str | Path]
     photos: Sequence[str | Path]
     findings: Sequence[str | Path]
+    comparisons: Sequence[Mapping[str, Any]] = ()
 
 
 def write_sight_loop(files: SightFiles, rows_csv: str | Path, page: str | Path, figure: str | Path) -> None:
@@ -243,9 +302,11 @@ def _photo_price(files: SightFiles, found: Mapping[str, Mapping[str, Any]]) -> l
     new = {entry["variant"] for entry in files.plan} - {
         entry["variant"] for entry in files.plan if entry["world"] == files.worlds[0]
     }
+    told: set[str] = set()
     for path in files.trainings:
         variant = Path(path).parts[-3]
-        if variant in new:
+        if variant in new - told:
+            told.add(variant)
             minutes = sum(field_of(path, "cpu_seconds").values()) / 60
             out.append(f"- {variant}: a training of {field_of(path, 'steps')} steps, {minutes:.0f} minutes of processor time.")
     return out
