@@ -50,7 +50,14 @@ def config():
             "after": {"model": "results/loop/model.yaml", "policy": {}},
             "other": {"model": "x.yaml", "policy": {"steps": 1}},
         },
-        "loop": {"cell": CUBE, "reference": "mirror", "changed": "mirror_heavy", "variant": "after"},
+        "loop": {
+            "cell": CUBE,
+            "reference": "mirror",
+            "changed": "mirror_heavy",
+            "variant": "after",
+            "controls": [],
+            "trainings": 1,
+        },
         "study": {
             "cell": CUBE,
             "seeds": 2,
@@ -61,6 +68,8 @@ def config():
                 "worlds": [],
                 "reference": "mirror",
                 "amended": {"mirror_dark": ["after"]},
+                "controls": {},
+                "trainings": 1,
                 "repeats": 4,
                 "postures": 10,
             },
@@ -180,6 +189,21 @@ def test_loops_compare_what_differs_in_the_model_alone(plan):
         {"table": "loop", "reference": "mirror", "world": "mirror_heavy", "before": "default", "after": "after"},
         {"table": "sight_loop", "reference": "mirror", "world": "mirror_dark", "before": "default", "after": "after"},
     ]
+
+
+def test_controls_are_tried_in_the_changed_world_and_trained_as_often(config, tmp_path):
+    config["loop"] |= {"controls": ["other"], "trainings": 3}
+    config["study"]["sight"] |= {"controls": {"mirror_dark": ["other"]}, "trainings": 2}
+    plan = Experiment(config, tmp_path, tmp_path)
+    joints, pictures = JointLoop(plan), PictureLoop(plan)
+    assert joints.rows[-1] == {"variant": "other", "world": "mirror_heavy"}
+    assert joints.tables[-3:] == [f"results/trials/grasp/cube+pad/gs/other/mirror_heavy/seed{k}.csv" for k in (3, 4, 5)]
+    assert len(joints.trainings) == 9
+    assert joints.comparisons == [{"world": "mirror_heavy", "variant": "after", "controls": ["other"]}]
+    # It stands in the table already.
+    assert len(pictures.rows) == 8
+    assert len(pictures.tables) == 16
+    assert pictures.comparisons == [{"world": "mirror_dark", "variant": "after", "controls": ["other"]}]
 
 
 def write_record(working: Path, name: str, end: float) -> None:

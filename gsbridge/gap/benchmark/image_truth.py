@@ -51,7 +51,13 @@ class TruthCamera:
         return float(self.hidden.get(name, 0.0))
 
     def rays(self, focal: float, bend: float, fringe: float) -> Array:
-        """Directions in the camera, z = 1. [FINE * H, FINE * W, 3]."""
+        """Directions in the camera, z = 1, row after row. [FINE * H * FINE * W, 3].
+
+        Args:
+            focal: Factor on the focal length.
+            bend: Radial distortion k1.
+            fringe: Share by which a colour is shown larger.
+        """
         camera = self.camera
         u = (np.arange(FINE * camera.width) + 0.5) / FINE
         v = (np.arange(FINE * camera.height) + 0.5) / FINE

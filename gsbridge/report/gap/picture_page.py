@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,8 @@ _FULL = 6.0
 """Deviations that are drawn as white."""
 
 _TITLES = ("earlier photo", "later photo", "as expected", "apart before", "apart after")
+_DRAWN = ("as drawn, corrected", "photo", "as expected", "apart before", "apart after")
+"""Titles where photos are held against drawn pictures."""
 
 
 def write_sight_report(case: str, findings: str | Path, pictures: str | Path, out: str | Path) -> None:
@@ -50,13 +52,31 @@ def write_sight_report(case: str, findings: str | Path, pictures: str | Path, ou
         numbers=_numbers(found),
         steps=_steps(found),
         full=f"{_FULL:g}",
-        picture=_draw(shown, bool(found["effects"])),
+        picture=_draw(shown, bool(found["effects"]), _DRAWN if _is_drawn(found) else _TITLES),
+        drawn=_is_drawn(found),
+        lack=_lack(found),
         found_title="What was found" if found["amended"] else "The best explanation, which was not adopted",
         effects=effect_rows(found, ""),
         notes=effect_notes(found),
         rivals=_rivals(found),
         unseen=", ".join(name.replace("_", " ") for name in found["unseen"]),
         provenance=_provenance(found),
+    )
+
+
+def _is_drawn(found: Mapping[str, Any]) -> bool:
+    """Whether photos were held against drawn pictures."""
+    return "model_error" in found
+
+
+def _lack(found: Mapping[str, Any]) -> str:
+    """What drawn pictures lack, in a sentence."""
+    if not _is_drawn(found):
+        return ""
+    rms = {name: f"{100 * value:.1f} %" for name, value in found["model_error"]["rms"].items()}
+    return (
+        f"On the day of the registration, photos differ from drawn pictures by {rms['drawn']} (rms, of white); by"
+        f" {rms['calibrated']} once the camera is calibrated, and by {rms['corrected']} once what is left elsewhere is added."
     )
 
 
@@ -134,12 +154,18 @@ def _provenance(found: Mapping[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
-def _draw(shown: Mapping[str, Array], explained: bool) -> str:
-    """Photos of some views, a row each, and what is apart. A data URI."""
+def _draw(shown: Mapping[str, Array], explained: bool, names: Sequence[str]) -> str:
+    """Photos of some views, a row each, and what is apart. A data URI.
+
+    Args:
+        shown: Pictures, as `_read` gives them.
+        explained: Whether something was found.
+        names: Titles of the columns.
+    """
     maps = [np.where(shown["compared"] > 0, shown[name] / _FULL, 0.0) for name in ("gap", "left")]
     columns = [shown["before"], shown["after"], shown["expected"], *maps]
     columns = columns if explained else [columns[0], columns[1], columns[3]]
-    titles = _TITLES if explained else (_TITLES[0], _TITLES[1], _TITLES[3])
+    titles = names if explained else (names[0], names[1], names[3])
     rows = len(shown["before"])
     figure, axes = plt.subplots(
         rows, len(columns), figsize=(2.3 * len(columns), 2.35 * rows + 0.2), squeeze=False, layout="constrained"
