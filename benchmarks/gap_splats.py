@@ -52,8 +52,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     logs.start(1, None)
     results = Path(given.folder) / "results"
     with TemporaryDirectory() as folder:
-        views = Path(folder) / "views"
-        draw(results, given, views, Path(folder) / "record.json")
+        views = Path(given.views or folder) / "views"
+        if not (views / "states.json").is_file():
+            draw(results, given, views, Path(folder) / "record.json")
         rows = [row for world in given.worlds for row in measure(world, given, results, views)]
     named = [row for row in rows if row["planted"]]
     summary = {
@@ -169,6 +170,7 @@ def _arguments(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--size", type=int, default=128, choices=(64, 128), help="edge of the photos, px")
     parser.add_argument("--seed", type=int, default=1, help="seed of the configuration that the folder was made with")
     parser.add_argument("--keep", help="folder that keeps drawn pictures and photos (.npz), to be looked at")
+    parser.add_argument("--views", help="folder that keeps the drawn states for a later call with the same folder and size")
     parser.add_argument("--output", required=True, help="file of the figures, JSON")
     return parser.parse_args(arguments)
 

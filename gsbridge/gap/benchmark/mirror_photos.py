@@ -165,12 +165,12 @@ class MirrorStudio:
         rays = truth.rays(focal, hidden.distortion + sizes.get("distortion", 0.0), 0.0)
         wide = self._wide()
         # OpenCV counts pixels from their centres.
-        maps = [
-            (f * rays[:, k] + c - 0.5).reshape(FINE * self.size, -1)
-            for k, f, c in ((0, wide.fx, wide.cx), (1, wide.fy, wide.cy))
-        ]
-        light = cv2.remap(
-            plain.astype(np.float32), *(m.astype(np.float32) for m in maps), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        columns, rows = (
+            (focus * rays[:, k] + middle - 0.5).reshape(FINE * self.size, -1).astype(np.float32)
+            for k, focus, middle in ((0, wide.fx, wide.cx), (1, wide.fy, wide.cy))
+        )
+        light = np.asarray(
+            cv2.remap(plain.astype(np.float32), columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         )
         usual = cv2.resize(light, (self.size, self.size), interpolation=cv2.INTER_AREA)
         if plant.name == "shadow":

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -161,7 +162,9 @@ def reduced(pairs: Pairs) -> Pairs:
     size = shrinking(pairs)
     if size == 1:
         return pairs
-    parts = {name: shrunk(getattr(pairs, name), size).astype(np.float32) for name in ("before", "again", "after", "depths")}
+    parts: dict[str, Any] = {
+        name: shrunk(getattr(pairs, name), size).astype(np.float32) for name in ("before", "again", "after", "depths")
+    }
     known = shrunk((pairs.depths > 0).astype(np.float32), size) >= 1.0
     parts["depths"] = np.where(known, parts["depths"], np.float32(0.0))
     height, width = known.shape[1:]

@@ -56,28 +56,26 @@ def wrong_effect(
         candidate = left[number]
         ways = candidate.effect.directions()
         way = ways[int(rng.integers(len(ways)))]
-        found = _sized(
-            lambda factor, one=candidate, way=way: one.applied(one.effect.scaled(way, factor)), residual, plain, wanted
-        )
+        found = _sized(candidate, way, residual, plain, wanted)
         if found is not None:
             return found
     raise StageError("wrong name", "no other effect changes as much as the named one", "Name fewer effects, or smaller ones")
 
 
 def _sized(
-    effect: Callable[[float], Applied], residual: Callable[[Sequence[Applied]], Array], plain: Array, wanted: float
+    who: Candidate, way: Mapping[str, float], residual: Callable[[Sequence[Applied]], Array], plain: Array, wanted: float
 ) -> Applied | None:
-    """The effect at the factor at which it changes as much as is wanted; None where no factor does."""
+    """The effect at the multiple of some parameters at which it changes as much as is wanted; None where none does."""
     low, high, factor = 0.0, np.inf, 1.0
     for _ in range(_TRIES):
-        applied = effect(factor)
+        applied = who.applied(who.effect.scaled(way, factor))
         change = residual((applied,)) - plain
         size = float(np.linalg.norm(change)) if np.isfinite(change).all() else np.inf
         if abs(size / wanted - 1.0) < _CLOSE:
             return applied
         low, high = (factor, high) if size < wanted else (low, factor)
         if np.isinf(high):
-            if effect(2.0 * factor) == applied:  # on its bounds already
+            if who.applied(who.effect.scaled(way, 2.0 * factor)) == applied:  # on its bounds already
                 return None
             factor *= 2.0
         else:
