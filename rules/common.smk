@@ -316,7 +316,8 @@ def world_settings(wildcards):
 
 def trial_registration(wildcards):
     """Where arm and table are believed to stand in a world of the mirror: as registered there where it has a severity."""
-    home = workspace_of(variant_of(wildcards))["registration"]
+    variant = config["variants"][wildcards.get("variant", "default")]
+    home = workspace_of(variant)["registration"]
     severe = PLAN.severity(wildcards.world) != (0, 0)
     filmed = "mirror" in config["workspace"]["source"]
     return (
