@@ -32,6 +32,9 @@ _HULL_WIDTH = 640
 _GROUND = 0.004
 """The hull starts this share of the working distance above the table: a shadow, which lies on it, is no part of the hull."""
 
+_FEW = 0.1
+"""Share of masks that may disagree with the hull, which the others outvote."""
+
 
 def hull_of_masks(
     views: Sequence[View], masks: Sequence[Array], prompt: Prompt, *, vote: float, voxels: int, threads: int
@@ -124,3 +127,20 @@ def agreed_hull(
         "the outlines of the object found in the photos share no common volume",
         "Check the poses of the sfm stage, film the object on a table of another colour, or use the sam2 backend with weights",
     )
+
+
+def disagreements(agreement: Sequence[float], names: Sequence[str], least: float) -> list[str]:
+    """Why masks may be wrong: all of them, or some, and the worst.
+
+    Args:
+        agreement: Overlap (IoU) of each mask with the common hull as its photo sees it.
+        names: Of the photos.
+        least: Overlap below which masks are in doubt.
+    """
+    mean = float(np.mean(agreement))
+    worst = int(np.argmin(agreement))
+    where = f"(IoU; {least:.2f} is good; the least in {names[worst]}, {agreement[worst]:.2f})"
+    if mean < least:
+        return [f"masks and their common hull agree to {mean:.2f} only {where}"]
+    unlike = sum(value < least for value in agreement)
+    return [f"{unlike} of {len(names)} masks disagree with their common hull {where}"] if unlike > _FEW * len(names) else []

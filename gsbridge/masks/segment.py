@@ -19,7 +19,7 @@ from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8, write_image
 from gsbridge.logs import ProgressLog
 from gsbridge.masks import flatness, grabcut, sam2
-from gsbridge.masks.consistency import agreed_hull, outline, overlap, shrunk
+from gsbridge.masks.consistency import agreed_hull, disagreements, outline, overlap, shrunk
 from gsbridge.masks.evidence import doubts, mended, missed_points
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop
 from gsbridge.masks.hints import Hints, hinted, read_hints, rows_among
@@ -264,8 +264,7 @@ def segment_object(
         )
     reasons = [f"the mask of {name} is empty" for name in empty]
     mean = float(np.mean(agreement))
-    if mean < settings.min_consistency:
-        reasons.append(f"masks and their common hull agree to {mean:.2f} only (IoU; {settings.min_consistency:.2f} is good)")
+    reasons += disagreements(agreement, [view.name for view in views], settings.min_consistency)
     missed = missed_points(views, masks, sparse, members, prompt.table)
     reasons += doubts(missed, [view.name for view in views])
     with atomic_directory(out_images) as folder:

@@ -12,6 +12,7 @@ from gsbridge.cameras import Camera, View, Views
 from gsbridge.errors import InputError, StageError
 from gsbridge.images import read_image_u8, read_mask, write_image
 from gsbridge.masks import MaskSettings, flatness, grabcut, segment_object
+from gsbridge.masks.consistency import disagreements
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop, cut_out, tidy
 from gsbridge.masks.layers import Layers, median_colour, median_layer
 from gsbridge.masks.prompt import find_object, focus_point
@@ -386,3 +387,13 @@ def test_an_object_without_windows_keeps_its_masks(scene):
     masks = [inside.astype(np.float32) for inside in scene.inside]
     for before, after in zip(masks, open_windows(scene.views, masks, SMALL, 1), strict=True):
         np.testing.assert_array_equal(before, after)
+
+
+def test_the_worst_mask_is_named():
+    names = [f"{index:04d}.png" for index in range(10)]
+    assert disagreements([0.97] * 9 + [0.6], names, 0.85) == []
+    (some,) = disagreements([0.97] * 7 + [0.8, 0.5, 0.7], names, 0.85)
+    assert "3 of 10 masks" in some
+    assert "0008.png, 0.50" in some
+    (all_of_them,) = disagreements([0.8] * 10, names, 0.85)
+    assert "agree to 0.80 only" in all_of_them
