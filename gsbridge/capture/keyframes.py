@@ -38,6 +38,11 @@ ADVISED_KEYFRAMES = 40
 """Steps of 5 to 9 degrees over an orbit and more: enough for a complete model, see `docs/capture.md`."""
 
 
+_AROUND, _BLURRED = 3, 0.6
+"""Arcs on each side with which an arc is compared, and the share of their sharpness below which it counts as blurred: a blur
+of a few pixels takes half of a picture's sharpness and more, what comes into view in a few arcs less."""
+
+
 @dataclass(frozen=True)
 class _Chosen:
     """One keyframe before it is written."""
@@ -91,19 +96,40 @@ def choose(motions: list[FrameMotion], settings: KeyframeSettings, width: int) -
         width: Width of the images, px.
 
     Returns:
-        Rising positions: the sharpest frame of each of equal arcs of image motion; arcs without a sharp frame have none.
+        Rising positions: the sharpest frame of each of equal arcs of image motion; arcs without a sharp frame have none, be it
+        that all are below the floor or that all are blurred beside their neighbours.
     """
     path = np.array([motion.path_px for motion in motions])
     total = float(path[-1])
     arcs = int(np.clip(total / max(settings.min_step * width, 1e-9), 1, settings.count))
     # The last frame lies on the far edge of the last arc, not in one of its own.
     arc = np.minimum((path / max(total, 1e-9) * arcs).astype(int), arcs - 1)
-    chosen = []
+    best: list[int | None] = []
     for number in range(arcs):
         members = [i for i in np.flatnonzero(arc == number) if motions[i].sharpness >= settings.min_sharpness]
-        if members:
-            chosen.append(max(members, key=lambda i: motions[i].sharpness))
-    return [int(i) for i in chosen]
+        best.append(int(max(members, key=lambda i: motions[i].sharpness)) if members else None)
+    return _without_blurred(best, motions)
+
+
+def _without_blurred(best: list[int | None], motions: list[FrameMotion]) -> list[int]:
+    """Leave arcs out whose sharpest frame is blurred beside those of the arcs around it, but never two in a row.
+
+    Args:
+        best: Sharpest frame of each arc; None for an arc without any that is sharp enough.
+        motions: Sharpness of each frame.
+    """
+    sharpness = np.array([np.nan if i is None else motions[i].sharpness for i in best])
+    chosen: list[int] = []
+    empty = False
+    for number, frame in enumerate(best):
+        around = sharpness[max(0, number - _AROUND) : number + _AROUND + 1]
+        blurred = frame is None or sharpness[number] < _BLURRED * np.nanmedian(around)
+        if frame is not None and (empty or not blurred):
+            chosen.append(frame)
+            empty = False
+        else:
+            empty = True
+    return chosen
 
 
 def _from_frames(

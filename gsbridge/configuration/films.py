@@ -21,9 +21,7 @@ Frames = Annotated[Whole, Field(ge=8, le=2000)]
 class FilmSettings(Settings):
     """Size and quality of a film.
 
-    Samples are multi-jittered, so that few go far: measured at 640 x 480 on `bear` and `small_cube`, sensor noise included,
-    the ceiling is 36.6 dB at 9 samples per pixel, 41 dB at 16 and 47.7 dB at 64 (object alone: 36, 37 to 39, 43.5), where
-    independent samples give 31.9 dB at 16 and 34.1 dB at 32. Each film's own ceiling is in its record.
+    Samples are multi-jittered, so that few go far. Each film's own ceiling is in its record.
     """
 
     frames: Frames = 56

@@ -34,7 +34,7 @@ class PolicySettings(Settings):
     """Step size of Adam, actor and critics."""
     tau: Number = Field(default=0.01, ge=1e-4, le=1)
     """Share of the critics that enters the target critics per update."""
-    # At a learning rate that learns within minutes, success swings by 30 points from one evaluation to the next.
+    # At a learning rate that learns within minutes, success swings widely from one evaluation to the next.
     averaging: Number = Field(default=0.005, ge=1e-4, le=1)
     """Share of the actor that enters the averaged actor per update; the average is what is evaluated and delivered, 1 takes the
     actor as it is."""
@@ -49,7 +49,7 @@ class PolicySettings(Settings):
     """Step size of log alpha; 0 keeps it."""
     target_entropy: Number = Field(default=-5.0, ge=-50, le=5)
     """Entropy that the temperature aims at, nats."""
-    # At a floor of 0, as in the paper, nothing imitates where young critics err, and success fell from 81 % to 47 %.
+    # At a floor of 0, as in the paper, nothing imitates where young critics err.
     lambda_floor: Share = 0.1
     """Least share of the controller, which falls from 1 straight down to it."""
     lambda_share: Number = Field(default=0.5, ge=0.01, le=1)

@@ -72,6 +72,18 @@ def test_choice_spreads_over_motion_not_over_time() -> None:
     assert sum(i < 50 for i in chosen) <= 1
 
 
+def test_arcs_in_which_everything_is_blurred_are_left_out_but_never_two_in_a_row():
+    """Three frames an arc; all of arcs 4, 8, 9 and 10 are blurred to half of what is seen around, which grows slowly."""
+    blurred = {4, 8, 9, 10}
+    motions = [FrameMotion((50.0 + i) * (0.5 if i // 3 in blurred else 1.0), 100.0, float(i)) for i in range(60)]
+    chosen = choose(motions, KeyframeSettings(count=20, min_step=0.0), 640)
+    arcs = {min(i * 20 // 59, 19) for i in chosen}
+    left_out = set(range(20)) - arcs
+    assert 4 in left_out
+    assert left_out <= blurred
+    assert not any({arc, arc + 1} <= left_out for arc in range(20))
+
+
 def test_choice_keeps_the_least_step_and_leaves_out_blurred_arcs() -> None:
     motions = [FrameMotion(50.0 if i < 50 or i > 70 else 1.0, 100.0, float(i)) for i in range(101)]
     chosen = choose(motions, KeyframeSettings(count=50, min_step=0.0), 640)
