@@ -193,6 +193,26 @@ def test_a_controllers_trials_are_counted_and_resemble_those_by_the_truth(tmp_pa
     assert all(20 < trial.steps < SETTINGS.time_out for trial in trials)
 
 
+@pytest.mark.parametrize("extreme", [{"friction_pad": 0.02}, {"lost_commands": 0.9}, {"latency": 0.3}])
+def test_even_a_controller_that_sees_everything_fails_where_physics_is_extreme(extreme, tmp_path):
+    """It succeeds at every severity, for it sees object and tool anew at each step; effects act nevertheless."""
+    settings = replace(SETTINGS, hold_steps=10)
+    played = [
+        try_controller_on_arm(
+            physics(**hidden),
+            registered(),
+            grasp_controller(),
+            settings,
+            tmp_path / "trials.json",
+            name="lab",
+            seeds=[0],
+            poses=1,
+        )
+        for hidden in ({}, extreme)
+    ]
+    assert [trials[0].success_tolerant for trials in played] == [True, False]
+
+
 def test_a_trial_that_is_repeated_for_its_log_takes_the_same_way():
     hidden = {"latency": 0.03, "torque_noise": 0.1}
     chosen = registered((0.0, 0.004, 0.0), (0.5, 0.0, 0.5))
