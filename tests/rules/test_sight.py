@@ -11,8 +11,9 @@ CHAIN = {
     "report_photos": 4,
     "amend_camera": 2,
     "train_policy": 27,
-    "film_board_again": 2,
-    "register_again": 2,
+    "film_board_of_world": 2,
+    "register_world": 2,
+    "calibrate_wrist_camera_of_world": 2,
     "amend_camera_wrongly": 2,
     "collect_sight_loop": 1,
 }
