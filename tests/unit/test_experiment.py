@@ -90,7 +90,7 @@ def test_paths_of_a_policy_name_all_that_it_is():
     assert policy.file(2, "policy.json") == "results/policies/pick_and_place/cake+plate/mesh/other/seed2/policy.json"
     assert policy.trials("sim", 2, "csv") == "results/trials/pick_and_place/cake+plate/mesh/other/sim/seed2.csv"
     assert policy.item == "pick_and_place-cake+plate-mesh-other"
-    assert policy.title == "Pick and place: cake on plate, RL-sim"
+    assert policy.title == "Pick and place: cake on plate, mesh (RL-sim)"
     assert policy_files([policy], [1, 2], "a") == [policy.file(1, "a"), policy.file(2, "a")]
 
 
