@@ -15,7 +15,7 @@ import pytest
 from gsbridge.errors import InputError
 from gsbridge.files import write_json
 from gsbridge.report.scores import evidence
-from gsbridge.report.scores.evidence import flattened, write_evidence, write_packed
+from gsbridge.report.scores.evidence import flattened, write_evidence, write_packed, write_timings
 from gsbridge.report.scores.measured_policies import success_figures
 from gsbridge.report.scores.readme_block import BEGIN, END, HEADLINES, readme_block, with_block
 from gsbridge.report.tables.paper import PAPER_GRASPS
@@ -188,3 +188,16 @@ def test_json_of_records_is_kept_to_the_last_digit(tmp_path):
     write_evidence({"a": [tmp_path / "a.json"]}, tmp_path / "out/a")
     kept = pd.read_csv(tmp_path / "out/a/a.csv.gz", dtype=str).value[0]
     assert float(kept) == json.loads((tmp_path / "a.json").read_text())["x"]
+
+
+def test_times_of_rules_are_compared_over_the_jobs_that_both_runs_have(tmp_path):
+    for run, seconds in (("before", 4.0), ("after", 1.0)):
+        for rule, item in (("film_scene", "cake"), ("film_scene", f"only_{run}")):
+            file = tmp_path / run / f"benchmarks/{rule}/{item}.jsonl"
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(json.dumps({"s": 9.0, "cpu_time": seconds, "max_rss": 10.0}) + "\n")
+    write_timings(tmp_path / "after/benchmarks", tmp_path / "timings.csv.gz")
+    command = [sys.executable, "-m", "benchmarks.time_per_rule", str(tmp_path / "before"), str(tmp_path / "timings.csv.gz")]
+    shown = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    assert "| film_scene | 1 | 4.0 | 1.0 | 0.25 |" in shown
+    assert "only" not in shown
