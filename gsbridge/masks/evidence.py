@@ -23,6 +23,8 @@ _NEAR = 0.015
 """A point this near to a mask is on its outline: share of the root of the mask's area."""
 _FEWEST = 12
 """Points of the object, or of its lowest part, that a photo must show before they say anything about its mask."""
+_CHANCE = 2
+"""So many points outside its mask are wrong matches."""
 _LOW = 0.25
 """The lowest part of an object, where its shadow lies, as a share of its height."""
 _LOOSE = 0.015
@@ -88,7 +90,8 @@ def missed_points(
         seen, place = _seen(view, number, sparse, members)
         inside = mask > 0.5
         outside = ~grown(inside, 1 + round(_NEAR * np.sqrt(inside.sum())))[place[:, 0], place[:, 1]]
-        shares = [float(part.mean()) if len(part) >= _FEWEST else 0.0 for part in (outside, outside[low[seen]])]
+        parts = (outside, outside[low[seen]])
+        shares = [float(part.mean()) if len(part) >= _FEWEST and part.sum() > _CHANCE else 0.0 for part in parts]
         _, under = _seen(view, number, sparse, flat & ~members)
         inner = cv2.erode(inside.astype(np.uint8), disc(1 + round(_NEAR * np.sqrt(inside.sum())))) > 0
         spilt = int(inner[under[:, 0], under[:, 1]].sum())
