@@ -9,6 +9,7 @@ import numpy as np
 
 from gsbridge.asset.body import MassProperties
 from gsbridge.asset.relief import Relief
+from gsbridge.asset.rim import Rim
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.geometry import Array
@@ -31,6 +32,7 @@ class Asset:
         properties: Mass, centre of mass, inertia; None for a background.
         height: Highest point above the table, m.
         width: Narrowest horizontal width, m.
+        rim: Where the wall of a vessel can be taken; None for what is none.
         relief: What stands up from a background's table; None for a flat one and for objects.
         relief_urdf: URDF of that part alone, static and concave, table frame.
     """
@@ -44,6 +46,7 @@ class Asset:
     properties: MassProperties | None
     height: float
     width: float
+    rim: Rim | None = None
     relief: Relief | None = None
     relief_urdf: Path | None = None
 
@@ -80,6 +83,7 @@ def read_asset(path: str | Path) -> Asset:
             else MassProperties(body["volume"], body["mass"], np.array(body["centre"]), np.array(body["inertia"])),
             height=float(content["height"]),
             width=float(content["width"]),
+            rim=Rim.from_json(content.get("rim")),
             relief=relief,
             relief_urdf=None if relief is None else folder / files["relief"],
         )

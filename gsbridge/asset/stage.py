@@ -17,6 +17,7 @@ from gsbridge.asset.density import DENSITIES
 from gsbridge.asset.hulls import decompose, hull_mesh, inset, seat, simplify
 from gsbridge.asset.photos import Photos, compare_with_photos
 from gsbridge.asset.relief import RELIEF_URDF, find_relief, simplified
+from gsbridge.asset.rim import find_rim
 from gsbridge.asset.urdf import write_body_urdf, write_obj
 from gsbridge.configuration.asset import AssetSettings
 from gsbridge.errors import InputError
@@ -238,6 +239,7 @@ def _build_object(
     if min(moves) < 0.99 * settings.margin:
         count = sum(move < 0.99 * settings.margin for move in moves)
         reasons.append(f"{count} of {len(hulls)} hulls are too thin for the whole collision margin and stand out a little")
+    rim = find_rim(solid)
     collisions = _write_meshes(outputs, {"hull": hulls, "bullet": shrunk}, _shifted(visual, pose))
     write_body_urdf(outputs.urdf, name, properties, visual=collisions["visual"][0], collisions=collisions["bullet"])
     lowest = min(float(hull[:, 2].min()) for hull in hulls)
@@ -256,6 +258,7 @@ def _build_object(
         reasons,
         {
             "solid": which,
+            "rim": None if rim is None else asdict(rim),
             "body": {**asdict(properties), "density": density},
             "hulls": {
                 "count": len(hulls),

@@ -12,7 +12,7 @@ import numpy as np
 
 from gsbridge.asset.bundle import Asset, read_asset
 from gsbridge.configuration.renderers import SHADED, SPLATS
-from gsbridge.environment.controllers import GraspController, PlaceController, grip_of, stable_gain
+from gsbridge.environment.controllers import GraspController, PlaceController, grip_of, rim_grip, stable_gain
 from gsbridge.environment.env import PickEnvironment
 from gsbridge.environment.gaussian_renderer import OBJECT, GaussianRenderer
 from gsbridge.environment.lens import WristLens
@@ -189,7 +189,8 @@ def build_controller(
     """
     asset = _asset(item, "object")
     assert asset.properties is not None
-    grip = grip_of(Item.of(asset, item).points, asset.properties.centre)
+    points = Item.of(asset, item).points
+    grip = grip_of(points, asset.properties.centre) if asset.rim is None else rim_grip(asset.rim, float(points[:, 2].max()))
     rules = settings.rules()
     gain = stable_gain(delay)
     if isinstance(rules, Place):

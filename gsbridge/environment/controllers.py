@@ -17,9 +17,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from gsbridge.asset.rim import Rim
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array, rotation_from_quat
 from gsbridge.sim.actions import ActionScale
+from gsbridge.tasks.grasp import Grasp
 from gsbridge.tasks.place import Place
 from gsbridge.tasks.state import State
 
@@ -40,6 +42,9 @@ HALF_PAD = 0.0325
 
 LOWEST_GRIP = 0.043
 """Lowest height of the tool point over the object's foot, m: fingertips 10 mm over the table, or over the plate."""
+
+RIM_OPENING = 0.025
+"""Opening beyond the thickness of a vessel's wall while approaching it, m: `gsbridge.asset.rim` looks for room for it."""
 
 SINKING = 0.15
 """Least share of a step by which a carried object goes down over the plate. Slower, a copy cannot tell it from rest: policies
@@ -73,14 +78,23 @@ class Grip:
     Args:
         centre: Where, body frame, m. [3]; z is the tool point's height over the object's foot.
         axes: Directions in the body's x-y plane along which the fingers may close, rad; each also means its opposite.
-        width: Extent of the object along the first of them, m.
+        width: Extent of what is taken along the first of them, m.
         top: Height of the object, m.
+        opening: Opening beyond that width while approaching, m.
+        least: Fingers closer together than this share of the width have closed on nothing.
+        hover: Fingertips over the object's top while moving sideways, m.
+        others: Further places that do as well: x, y, and the axis there; the one nearest to the middle of the table's working
+            area is taken.
     """
 
     centre: tuple[float, float, float]
     axes: tuple[float, ...]
     width: float
     top: float
+    opening: float = 0.045
+    least: float = 0.6
+    hover: float = 0.012
+    others: tuple[tuple[float, float, float], ...] = ()
 
     def __post_init__(self) -> None:
         if not (self.axes and np.isfinite([*self.centre, *self.axes]).all() and self.width > 0 and self.top > 0):
@@ -123,6 +137,21 @@ def grip_of(points: Array, centre: Array | Sequence[float] | None = None, *, tol
     return Grip((float(middle[0]), float(middle[1]), max(0.5 * top, LOWEST_GRIP)), tuple(axes), float(widths.min()), top)
 
 
+def rim_grip(rim: Rim, top: float) -> Grip:
+    """Take a vessel by its wall, one finger inside.
+
+    Inside there is little room, so the fingers open less; and how thick a wall is photos tell to a millimetre or two only.
+
+    Args:
+        rim: Where.
+        top: Height of the vessel, m.
+    """
+    height = max(rim.height - rim.depth + HALF_PAD, LOWEST_GRIP)
+    (x, y, angle), others = rim.places[0], rim.places[1:]
+    # A fingertip that comes down too early hits the rim: the arm goes on for a step or two.
+    return Grip((x, y, height), (angle,), rim.thickness, top, RIM_OPENING, least=0.3, hover=0.030, others=others)
+
+
 @dataclass(frozen=True)
 class ReachController:
     """Relation of tool and object in N worlds; the common part of both controllers.
@@ -149,9 +178,8 @@ class GraspController:
         scale: What an action of 1 means.
         lift: Clearance to which the object is lifted, m. Twice what success asks for: with little more a policy's imperfect
             copy slows down just below the mark and hangs there until time is out.
-        opening: Opening beyond the object's width while approaching, m.
         stroke: Largest opening, m.
-        hover: Fingertips over the object's top while moving sideways, m.
+        middle: Middle of the area in which the robot works, table frame, m.
         aligned: Horizontal error at which it may go down, m.
         turned: Error in yaw at which it may go down, rad.
         firm: Force of each pad from which the object counts as held, N.
@@ -161,9 +189,8 @@ class GraspController:
     grip: Grip
     scale: ActionScale = field(default_factory=ActionScale)
     lift: float = 0.20
-    opening: float = 0.045
     stroke: float = 0.14
-    hover: float = 0.012
+    middle: tuple[float, float] = Grasp.area_centre
     aligned: float = 0.006
     turned: float = 0.08
     firm: float = 5.0
@@ -180,11 +207,11 @@ class GraspController:
     def _reach(self, state: State) -> ReachController:
         turn = rotation_from_quat(state.object_quat)
         tool = rotation_from_quat(state.tool_quat)
-        point = state.object_position + turn @ [self.grip.centre[0], self.grip.centre[1], 0.0]
+        point, axes = self._place(state.object_position, turn)
         yaw = np.arctan2(tool[:, 1, 0], tool[:, 0, 0])
         body = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
         # The fingers close along the tool's y, a quarter turn from its yaw, and it does not matter from which side.
-        wanted = body[:, None] + np.array(self.grip.axes) + 0.5 * np.pi
+        wanted = body[:, None] + axes + 0.5 * np.pi
         inside = (wanted + 0.5 * np.pi) % np.pi - 0.5 * np.pi
         # At the ends of the range of yaw, the opposite direction is as near.
         choices = np.concatenate([inside, inside - np.pi, inside + np.pi], axis=1)
@@ -197,13 +224,27 @@ class GraspController:
             state.gripped(self.firm),
         )
 
+    def _place(self, position: Array, turn: Array) -> tuple[Array, Array]:
+        """Where the object is taken, table frame [N, 3], and the axes there, body frame [N, A] or [A].
+
+        Of several places the one nearest to the middle: from its far side, fingers would leave the working area.
+        """
+        first = np.array([*self.grip.centre[:2], 0.0])
+        if not self.grip.others:
+            return position + turn @ first, np.array(self.grip.axes)
+        places = np.concatenate([first[None], [[x, y, 0.0] for x, y, _ in self.grip.others]])
+        angles = np.array([self.grip.axes[0], *(angle for _, _, angle in self.grip.others)])
+        points = position[:, None] + np.einsum("nij,pj->npi", turn, places)
+        best = np.linalg.norm(points[..., :2] - self.middle, axis=-1).argmin(1)
+        return np.take_along_axis(points, best[:, None, None], axis=1)[:, 0], angles[best][:, None]
+
     def _approach(self, state: State, reach: ReachController) -> tuple[Array, Array]:
         """Motion [N, 4] and opening [N] while nothing is held: over the object, down, close; up again from an empty grip."""
-        free = min(self.grip.width + self.opening, self.stroke)
+        free = min(self.grip.width + self.grip.opening, self.stroke)
         distance = np.hypot(*reach.offset.T)
-        hover = max(self.grip.top + HALF_PAD + self.hover - self.grip.centre[2], 0.04)
+        hover = max(self.grip.top + HALF_PAD + self.grip.hover - self.grip.centre[2], 0.04)
         low = reach.height < 0.010
-        empty = state.aperture < 0.6 * self.grip.width
+        empty = state.aperture < self.grip.least * self.grip.width
         # Pads that go down must clear the object; pads on their way together may already touch it on one side.
         centred = (distance < self.aligned) & (np.abs(reach.turn) < self.turned)
         wide = state.aperture > free - 0.015

@@ -49,7 +49,7 @@ class Item:
     Args:
         urdf: One link, body frame.
         points: Vertices of its convex hulls, body frame, m. [P, 3].
-        width: Narrowest horizontal width, m.
+        width: How far two fingers must open to take it, m: over its narrowest side, or over the wall of a vessel.
     """
 
     urdf: Path
@@ -65,7 +65,8 @@ class Item:
         """
         if asset.properties is None:
             raise InputError(source, "this asset is a background, no object", "Name an object's asset")
-        return cls(asset.urdf, np.concatenate([read_mesh(path).vertices for path in asset.hulls]), asset.width)
+        width = asset.width if asset.rim is None else asset.rim.thickness
+        return cls(asset.urdf, np.concatenate([read_mesh(path).vertices for path in asset.hulls]), width)
 
 
 class Engine:

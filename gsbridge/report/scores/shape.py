@@ -10,18 +10,13 @@ from typing import Any
 
 import numpy as np
 from scipy import ndimage
-from skimage.morphology import reconstruction
 
 from gsbridge.geometry import Array
-from gsbridge.libraries import import_open3d
 from gsbridge.meshes import Mesh
+from gsbridge.photogrammetry.cavity import CELL_M, LEAST_M, heights_from_above, water_depth
 
-CELL_M = 0.001
-"""Spacing of the heights that cavities are measured on."""
 _DEEPEST = 90
 """Percentile of the depths of a cavity that counts as its depth: a single needle is none."""
-_CAVITY_M = 0.010
-"""Dents of less depth are no cavities."""
 _LEAST_HOLE = 16
 """Fewer pixels are an outline's raggedness rather than a hole."""
 WRONG_M = 0.005
@@ -30,42 +25,19 @@ WRONG_IOU = 0.85
 """A mask that overlaps less with the true one is wrong."""
 
 
-def heights_from_above(mesh: Mesh, low: Array, high: Array) -> Array:
-    """Height of the first surface from above on a grid of `CELL_M`, 0 where there is none. -> [nx, ny], m.
-
-    Args:
-        mesh: A surface above the table, z up, m.
-        low, high: Corners of the area. [2] each.
-    """
-    open3d = import_open3d()
-    scene = open3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
-    # Off the grid by an odd fraction, lest rays run along walls.
-    x, y = (np.arange(a, b, CELL_M) + 0.37 * CELL_M for a, b in zip(low, high, strict=True))
-    top = float(mesh.vertices[:, 2].max()) + 0.1
-    grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
-    rays = np.zeros((*grid.shape[:2], 6), np.float32)
-    rays[..., :2], rays[..., 2], rays[..., 5] = grid, top, -1.0
-    hit = scene.cast_rays(rays, nthreads=1)["t_hit"].numpy()
-    return np.where(np.isfinite(hit), np.maximum(top - hit, 0.0), 0.0)
-
-
 def cavity_depth(mesh: Mesh) -> float:
     """Depth to which water would stand in an object on the table, m; 0 for one that holds none.
 
     What shows the table from above, as within a ring that lies there, lets all water out.
     """
     low, high = mesh.vertices[:, :2].min(0) - 3 * CELL_M, mesh.vertices[:, :2].max(0) + 3 * CELL_M
-    heights = heights_from_above(mesh, low, high)
-    # Water stands as high as the lowest way out: fill from above, held up only where it can run off.
-    start = np.where(heights > 0, heights.max(), 0.0)
-    depth = reconstruction(start, heights, method="erosion") - heights
-    labels, count = ndimage.label(depth > 0.5 * _CAVITY_M)
+    depth = water_depth(heights_from_above(mesh, low, high))
+    labels, count = ndimage.label(depth > 0.5 * LEAST_M)
     if count == 0:
         return 0.0
     volumes = ndimage.sum_labels(depth, labels, np.arange(1, count + 1))
     found = float(np.percentile(depth[labels == 1 + int(np.argmax(volumes))], _DEEPEST))
-    return found if found > _CAVITY_M else 0.0
+    return found if found > LEAST_M else 0.0
 
 
 def shape_scores(name: str, mesh: Mesh, reference: Mesh) -> dict[str, float]:

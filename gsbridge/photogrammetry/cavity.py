@@ -1,0 +1,46 @@
+"""What an object on the table holds: its heights as seen from above, and how deep water would stand in it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gsbridge.geometry import Array
+from gsbridge.libraries import import_open3d
+from gsbridge.meshes import Mesh
+
+CELL_M = 0.001
+"""Spacing of the heights that cavities are measured on."""
+LEAST_M = 0.010
+"""Dents of less depth are no cavities."""
+
+
+def heights_from_above(mesh: Mesh, low: Array, high: Array) -> Array:
+    """Height of the first surface from above on a grid of `CELL_M`, 0 where there is none. -> [nx, ny], m.
+
+    Args:
+        mesh: A surface above the table, z up, m.
+        low, high: Corners of the area. [2] each.
+    """
+    open3d = import_open3d()
+    scene = open3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
+    # Off the grid by an odd fraction, lest rays run along walls.
+    x, y = (np.arange(a, b, CELL_M) + 0.37 * CELL_M for a, b in zip(low, high, strict=True))
+    top = float(mesh.vertices[:, 2].max()) + 0.1
+    grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+    rays = np.zeros((*grid.shape[:2], 6), np.float32)
+    rays[..., :2], rays[..., 2], rays[..., 5] = grid, top, -1.0
+    hit = scene.cast_rays(rays, nthreads=1)["t_hit"].numpy()
+    return np.where(np.isfinite(hit), np.maximum(top - hit, 0.0), 0.0)
+
+
+def water_depth(heights: Array) -> Array:
+    """Depth to which water would stand at each place, m; 0 where it runs off. [nx, ny] heights, m -> [nx, ny].
+
+    What shows the table from above, as within a ring that lies there, lets all water out.
+    """
+    from skimage.morphology import reconstruction
+
+    # Water stands as high as the lowest way out: fill from above, held up only where it can run off.
+    start = np.where(heights > 0, heights.max(), 0.0)
+    return np.asarray(reconstruction(start, heights, method="erosion") - heights)
