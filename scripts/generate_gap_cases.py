@@ -18,4 +18,5 @@ generate_tier(
     snakemake.output.truths,
     photos=list(snakemake.input.photos),
     renders=list(snakemake.input.renders),
+    seal=snakemake.params.seal,
 )

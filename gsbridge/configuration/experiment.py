@@ -188,6 +188,10 @@ class Tiers(Given):
     """Number of cases of arms that MuJoCo simulates as the truth; null for all that the tier holds."""
     t4: Tier = None
     """Number of cases of photos; null for all that the tier holds."""
+    t5: Tier = None
+    """Number of cases of thrown bodies that MuJoCo simulates as the truth; null for all that the tier holds."""
+    t7: Tier = None
+    """Number of cases of further machines, lengths and rates, with truths of MuJoCo; null for all that the tier holds."""
 
 
 class Contents(Settings):
@@ -207,7 +211,7 @@ class GapBenchmark(Settings):
 
     split: Literal["development", "scored"] = "scored"
     """Which cases of the benchmark are drawn; only scored ones are reported."""
-    benchmark: Tiers = Field(default_factory=lambda: Tiers(t0=None, t1=None, t2=None, t4=None))
+    benchmark: Tiers = Field(default_factory=lambda: Tiers(t0=None, t1=None, t2=None, t4=None, t5=None, t7=None))
     """Number of cases of each tier; a tier that is not named does not run."""
     methods: Distinct[Method] = Field(default_factory=lambda: list(get_args(Method)), min_length=1)
     """Methods that the benchmark compares; `gsbridge` must be the first."""

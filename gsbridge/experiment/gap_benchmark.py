@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gsbridge.experiment.plan import Experiment
+from gsbridge.experiment.seals import seal_of
 
 _PLACES = {"photos": "capture/frames", "renders": "splats/soft/views"}
 """Folder in which a scene keeps each kind of pictures."""
@@ -32,8 +33,10 @@ class BenchmarkPlan:
         """Ways of naming in one tier.
 
         CMA-ES needs a package of its own, and the page says where it was left out. On all parameters of pictures it would draw
-        every photo for every guess.
+        every photo for every guess. Thrown bodies have no other method.
         """
+        if tier == "t5":
+            return ["gsbridge"]
         without = () if tier != "t4" and importlib.util.find_spec("cma") else ("cma_es",)
         return [name for name in self.settings["methods"] if name not in without]
 
@@ -46,6 +49,11 @@ class BenchmarkPlan:
         """Findings of all ways of naming in one tier, a folder per chunk: those of a way lie side by side."""
         folder, chunks = f"results/gap-benchmark/{tier}/findings", self.settings["chunks"]
         return [f"{folder}/{name}-{chunk}" for name in self.methods(tier) for chunk in range(chunks)]
+
+    @property
+    def seal(self) -> int | None:
+        """Number that draws the cases, where GSBRIDGE_SEAL holds one."""
+        return seal_of(os.environ)
 
     @property
     def real_logs(self) -> dict[str, str]:

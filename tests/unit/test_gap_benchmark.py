@@ -19,7 +19,7 @@ from gsbridge.gap.benchmark.axis_truth import run_axis
 from gsbridge.gap.benchmark.baselines import METHODS, available
 from gsbridge.gap.benchmark.bullet_truth import BulletTruth
 from gsbridge.gap.benchmark.campaign import _drawn, case_keys, diagnose_cases, generate_cases
-from gsbridge.gap.benchmark.case_plan import SPLITS, TIER_SIZE, TIERS, PlannedCase, plan_cases
+from gsbridge.gap.benchmark.case_plan import BODIES, MACHINES, SPLITS, TIER_SIZE, TIERS, PlannedCase, plan_cases
 from gsbridge.gap.benchmark.generate import BenchmarkMechanism, NotShownError, _joined, size_of_units
 from gsbridge.gap.benchmark.images import draw_image_case
 from gsbridge.gap.benchmark.images import image_site as photo_site
@@ -153,7 +153,7 @@ def test_what_does_not_show_gives_way_and_what_cancels_is_not_hidden():
         return 1e3 * np.hypot(hidden.get("good", 0.0), hidden.get("late", 0.0) - hidden.get("early", 0.0))
 
     plant = plant_of(dict.fromkeys(("good", "mute", "late", "early"), (1e-2, 1)), shows)
-    site = MechanismSite("axis", None, plant, ("good", "mute", "late", "early"), ())
+    site = MechanismSite("axis", None, plant, ("good", "mute", "late", "early"), (), "axis")
     for names in (("mute",), ("early", "late")):
         order, case = _drawn(site, PlannedCase("a", "single", names, 5.0, 1, 2, ("position",)))
         assert "mute" not in case.hidden
@@ -222,7 +222,8 @@ def test_orders_keep_the_mix_and_splits_share_nothing():
     assert {order.lost for order in drawn["scored"] if order.kind != "dropped"} == {0.0}
     free = sum(order.kind == "free" for tier in TIERS for order in plan_cases(tier, "scored", names, strange))
     assert free >= 150
-    assert sum(TIER_SIZE.values()) <= 500
+    assert sum(size for tier, size in TIER_SIZE.items() if tier not in (BODIES, MACHINES)) <= 500
+    assert TIER_SIZE[BODIES] + TIER_SIZE[MACHINES] <= 200
 
 
 @pytest.fixture(scope="module")

@@ -7,11 +7,11 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from thrown_truth import Scene, throw_box
 
 from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
+from gsbridge.gap.benchmark.body_truth import Scene, throw_box
 from gsbridge.gap.contact.body import parse_body, read_body
 from gsbridge.gap.contact.case import read_throw_case, split_throws
 from gsbridge.gap.contact.diagnose import ThrowAccount, diagnose_throws

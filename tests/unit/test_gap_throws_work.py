@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import yaml
 from scipy.spatial.transform import Rotation
-from thrown_truth import Scene, throw_box
 
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
+from gsbridge.gap.benchmark.body_truth import Scene, throw_box
 from gsbridge.gap.contact.bank import grid_bank
 from gsbridge.gap.contact.body import parse_body, read_body
 from gsbridge.gap.contact.checks import check_clock, check_fall, check_speeds

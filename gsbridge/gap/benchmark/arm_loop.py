@@ -10,12 +10,16 @@ from typing import Protocol
 
 import numpy as np
 
+from gsbridge.gap.benchmark.hidden_parts import Commands, Drive, Loads, Rubs, Sensors, size_at
 from gsbridge.gap.benchmark.trajectories import Course
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.geometry import Array
 
 PERIOD = 1e-3
 """Time between two actions of the controller, s."""
+
+_PARTS = 4
+"""How often in a period what acts beside the engine is looked at, where the engine's steps allow it."""
 
 
 class ArmEngine(Protocol):
@@ -73,37 +77,32 @@ def run_arm(
         return np.array([size_at(hidden, name, joint) for joint in system.joints])
 
     stiff, damp = system.controller.stiffness * (1 + row("gain_p")), system.controller.damping * (1 + row("gain_d"))
-    share = system.controller.gravity_compensation + hidden.get("gravcomp", 0.0)
-    offset, scale, push, drag = row("encoder_offset"), 1 + row("encoder_scale"), row("effort_offset"), row("quadratic_drag")
-    cubic, shake, patchy, weakness = row("cubic_spring"), row("shaking"), row("patchy_friction"), row("saturation")
+    share, weakness = system.controller.gravity_compensation + hidden.get("gravcomp", 0.0), row("saturation")
     limit = np.where(weakness > 0, 1.0 / np.where(weakness > 0, weakness, 1.0), np.inf)
-    dead, slow = hidden.get("command_delay", 0.0), hidden.get("lag", 0.0)
-    wanted = sent = np.asarray(course(0.0), dtype=np.float64)
-    engine.begin((wanted - offset) / scale)
+    wanted = np.asarray(course(0.0), dtype=np.float64)
+    parts = _PARTS if engine.steps % _PARTS == 0 else engine.steps
+    commands, sensors = Commands(system, hidden, wanted, PERIOD), Sensors(system, hidden, duration)
+    drive, loads, rubs = Drive(system, hidden, PERIOD / parts), Loads(system, hidden, duration), Rubs(system, hidden)
+    engine.begin((wanted - sensors.offset) / sensors.scale)
     out, places = np.empty((3, steps, count)), np.empty((steps, 3))
-    pulled = bool(drag.any() or cubic.any() or shake.any())
     for number in range(steps):
         time = number * PERIOD
-        sent, before = np.asarray(course(max(time - dead, 0.0)), dtype=np.float64), sent
-        # The filter's exact answer to a line from the last command to this one: behind it by the line's rise in the time
-        # constant, but for what is left of the last distance.
-        behind = (sent - before) * (slow / PERIOD)
-        wanted = sent - behind + (wanted - before + behind) * np.exp(-PERIOD / slow) if slow else sent
+        wanted = commands(np.asarray(course(max(time - commands.dead, 0.0)), dtype=np.float64))
         q, v = engine.state()
-        seen, rate = scale * q + offset, scale * v
-        asked = np.clip(stiff * (wanted - seen) - damp * rate + share * engine.weight(seen), -limit, limit)
+        seen, rate = sensors(q, v, time)
+        asked = stiff * (wanted - seen) - damp * rate
+        asked = np.clip(asked + share * engine.weight(seen) if share else asked, -limit, limit)
         out[:, number], places[number] = (seen, rate, asked), engine.place()
-        dry = patchy * (1 + np.sin(5 * q)) if patchy.any() else None
+        dry = rubs(q, v, time, asked)
         if "touch_for" in hidden:
             engine.touch(_push(hidden, time))
-        if not pulled:
-            engine.advance(asked, push, dry, engine.steps)
+        if not loads.acts and not drive.acts:
+            engine.advance(asked, loads.steady, dry, engine.steps)
             continue
-        for part in range(engine.steps):
+        for part in range(parts):
             q, v = engine.state()
-            moment = time + part * PERIOD / engine.steps
-            extra = push - drag * v * np.abs(v) - cubic * q**3 + shake * np.sin(2 * np.pi * 3.3 * moment)
-            engine.advance(asked, extra, dry, 1)
+            given = drive(asked) if drive.acts else asked
+            engine.advance(given, loads(q, v, time + part * PERIOD / parts, given), dry, engine.steps // parts)
     grid = np.arange(steps) * PERIOD
     # A clock that is late, or that loses time: a sample's stamp is not when it was taken.
     late = hidden.get("clock_offset", 0.0) + hidden.get("clock_drift", 0.0) * times
@@ -120,14 +119,3 @@ def _push(hidden: Mapping[str, float], time: float) -> Array:
     if not 0.0 < share < 1.0:
         return np.zeros(3)
     return np.array([hidden["touch_x"], hidden["touch_y"], hidden["touch_z"]]) * np.sin(np.pi * share)
-
-
-def size_at(hidden: Mapping[str, float], name: str, joint: str) -> float:
-    """Size of an effect at a joint, 0 where it is not hidden there.
-
-    Args:
-        hidden: Sizes of what is hidden: `name:joint`, or `name` where the mechanism has one joint.
-        name: Name of the effect.
-        joint: Name of the joint.
-    """
-    return hidden.get(f"{name}:{joint}", hidden.get(name, 0.0))

@@ -16,6 +16,8 @@ def _pull(time: float, q: float, v: float, torque: float, p: Array) -> float:
     weight = p[21] * (1.0 + p[9]) * math.cos(q)
     total = (1.0 + p[6]) * torque + p[7] - weight - p[1] * v - p[4] * v * abs(v) - rub - p[8] * q
     total += p[19] * math.sin(2 * math.pi * 3.3 * time) - p[18] * q * q * q
+    away = (q - 0.4) / 0.12
+    total -= p[25] * away * math.exp(-0.5 * away * away) + p[26] * max(q - 0.45, 0.0)
     return total / (p[22] * (1.0 + p[9]) + p[5])
 
 
@@ -25,7 +27,7 @@ def march(wanted: Array, p: Array, q: float, out: Array) -> None:
 
     Args:
         wanted: Commanded angle in each period of 1 ms, rad. [K].
-        p: Figures of the axis and of what is hidden, in the order that `axis_truth` fills. [25].
+        p: Figures of the axis and of what is hidden, in the order that `axis_truth` fills. [27].
         q: Angle at the beginning, rad; the axis is at rest.
         out: Result: measured angle, measured speed and the controller's torque at the start of each period. [3, K].
     """

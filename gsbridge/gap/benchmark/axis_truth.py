@@ -2,8 +2,10 @@
 
 Nothing here knows the effects of the diagnosis. The equation is
 
-    (I + J) a = k t + o + r sin(n q) - m g l cos(q) - b v - c v |v| - (F + s exp(-(v / w)^2)) sat(v / e) - K q,
+    (I + J) a = k t + o + r sin(n q) - m g l cos(q) - b v - c v |v| - (F + s exp(-(v / w)^2)) sat(v / e) - K q
+              - D x exp(-x^2 / 2) - S max(q - q_s, 0),
 
+where x is the distance from a detent in widths of it,
 with a saturation function in place of the sign, under a sampled controller.
 """
 
@@ -25,14 +27,15 @@ NAMES = (
     "viscous", "coulomb", "stribeck", "quadratic_drag", "armature", "torque_gain", "effort_offset", "spring", "link_mass",
     "gain_p", "gain_d", "gravcomp", "encoder_offset", "encoder_scale", "command_delay", "lag", "saturation", "clock_offset",
     "clock_drift",
-    "cubic_spring", "shaking", "patchy_friction",
+    "cubic_spring", "shaking", "patchy_friction", "detent", "stop",
 )  # fmt: skip
-"""What can be hidden; the last three are in no catalogue."""
+"""What can be hidden; the last five are in no catalogue."""
 
 _PLACES = {
     "viscous": 1, "coulomb": 2, "stribeck": 3, "quadratic_drag": 4, "armature": 5, "torque_gain": 6, "effort_offset": 7,
     "spring": 8, "link_mass": 9, "gain_p": 10, "gain_d": 11, "gravcomp": 12, "encoder_offset": 13, "encoder_scale": 14,
     "cubic_spring": 18, "shaking": 19, "patchy_friction": 20,
+    "detent": 25, "stop": 26,
 }  # fmt: skip
 
 
@@ -48,7 +51,7 @@ def run_axis(course: Course, duration: float, times: Array, hidden: Mapping[str,
     Returns:
         `position`, `velocity`, `effort`. Each [T, 1].
     """
-    p = np.zeros(25)
+    p = np.zeros(27)
     p[16], p[21], p[22] = np.inf, AXIS["moment"] * AXIS["gravity"], AXIS["inertia"]
     p[23], p[24] = AXIS["stiffness"], AXIS["damping"]
     for name, size in hidden.items():

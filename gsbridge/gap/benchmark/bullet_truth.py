@@ -14,7 +14,8 @@ import numpy as np
 import pybullet
 from pybullet_utils.bullet_client import BulletClient
 
-from gsbridge.gap.benchmark.arm_loop import PERIOD, run_arm, size_at
+from gsbridge.gap.benchmark.arm_loop import PERIOD, run_arm
+from gsbridge.gap.benchmark.hidden_parts import size_at
 from gsbridge.gap.benchmark.trajectories import Course
 from gsbridge.gap.joints.mechanism.inertials import Inertial, Skeleton
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel

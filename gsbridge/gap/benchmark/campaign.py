@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,16 +16,22 @@ import yaml
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_directory, read_json, write_json
 from gsbridge.gap.benchmark.baselines import METHODS, run_baseline
-from gsbridge.gap.benchmark.case_plan import IMAGES, SPLITS, TIER_SIZE, TIERS, PlannedCase, plan_cases
+from gsbridge.gap.benchmark.body_cases import BODY, KNOWN, MODEL, body_twins, draw_body_case, write_body_case
+from gsbridge.gap.benchmark.body_cases import UNKNOWN_OF as UNKNOWN_BODIES
+from gsbridge.gap.benchmark.case_plan import BODIES, IMAGES, SCORED, SPLITS, TIER_SIZE, TIERS, PlannedCase, plan_cases
 from gsbridge.gap.benchmark.generate import DrawnCase, NotShownError, draw_case
+from gsbridge.gap.benchmark.hidden_parts import true_parameters
 from gsbridge.gap.benchmark.images import SIZES, STILL, STRANGE, DrawnImageCase, draw_image_case
 from gsbridge.gap.benchmark.images import image_site as world_of
-from gsbridge.gap.benchmark.mechanisms import BenchmarkMechanism, MechanismSite, mechanism_site
+from gsbridge.gap.benchmark.mechanisms import BenchmarkMechanism, MechanismSite
 from gsbridge.gap.benchmark.noises import STATED
 from gsbridge.gap.benchmark.photo_baselines import run_photo_baseline
 from gsbridge.gap.benchmark.photo_cases import CAMERA_FILE, read_photos, write_photos
+from gsbridge.gap.benchmark.sites import MechanismSites
 from gsbridge.gap.benchmark.twins import twins_of
-from gsbridge.gap.formats.records import Record
+from gsbridge.gap.contact.body import is_body
+from gsbridge.gap.contact.workflow import ThrowBackend
+from gsbridge.gap.formats.records import TOOL, Record
 from gsbridge.gap.image.diagnose import ImageAccount, diagnose_images, unsteady
 from gsbridge.gap.joints.case import read_joint_case
 from gsbridge.gap.joints.diagnose import JointAccount, diagnose_joints
@@ -36,6 +42,7 @@ __all__ = ["METHODS", "SPLITS", "TIERS", "TIER_SIZE", "case_keys", "diagnose_cas
 logger = logging.getLogger("gsbridge")
 
 _UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m", "tool": "m"}
+_SLIDING = {"position": "m", "velocity": "m/s", "effort": "N"}
 
 _REDRAWS = 20
 """Tries to find another joint where an effect shows, or another effect."""
@@ -50,6 +57,7 @@ def generate_cases(
     count: int | None = None,
     seed: int = 0,
     contents: Sequence[Sequence[Array]] = ((),),
+    seal: int | None = None,
 ) -> dict[str, Any]:
     """Draw the cases of a tier, with the truths in a folder of their own.
 
@@ -61,6 +69,7 @@ def generate_cases(
         count: Cases; `TIER_SIZE[tier]` by default. A smaller count keeps the mix.
         seed: Seed of the draw.
         contents: Pictures that lie in turn on the tables of the worlds that photos show. Each [H, W, 3].
+        seal: Number that alone draws a scored split of its own; see `gsbridge.experiment.seals`.
 
     Returns:
         The manifest.
@@ -70,42 +79,82 @@ def generate_cases(
     """
     if tier not in TIERS or split not in SPLITS:
         raise InputError("benchmark", f"there is no '{tier}', '{split}'", f"Use {', '.join(TIERS)}; {', '.join(SPLITS)}")
+    if seal is not None:
+        split, seed = SCORED, seal
+    order = Ordered(tier, split, count, seed, seal)
     with atomic_directory(cases) as made, atomic_directory(truths) as hidden:
         if tier == IMAGES:
-            plant, rows = "camera", _photo_cases(made, hidden, split, count, seed, contents)
+            plant, rows = "camera", _photo_cases(made, hidden, order, contents)
+        elif tier == BODIES:
+            plant, rows = BODY, _body_cases(made, hidden, order)
         else:
-            plant, rows = _motion_cases(made, hidden, tier, split, count, seed)
-        manifest = {"tier": tier, "split": split, "seed": seed, "plant": plant, "cases": rows}
+            plant, rows = _motion_cases(made, hidden, order)
+        manifest = {"tier": tier, "split": split, "seed": seed, "seal": seal, "plant": plant, "cases": rows}
         write_json(made / "manifest.json", manifest)
     return manifest
 
 
-def _motion_cases(
-    made: Path, hidden: Path, tier: str, split: str, count: int | None, seed: int
-) -> tuple[str, list[dict[str, Any]]]:
-    """Cases of an axis or an arm: the kind of mechanism, and the manifest's rows."""
-    site, rows = mechanism_site(tier, made / "models"), []
-    for order in plan_cases(tier, split, site.names, site.strange, count, seed):
-        order, case = _drawn(site, order)
+@dataclass(frozen=True)
+class Ordered:
+    """What is asked of a tier.
+
+    Args:
+        tier: The tier.
+        split: The split.
+        count: Cases; None for all.
+        seed: Seed of the draw.
+        seal: The seal, where there is one.
+    """
+
+    tier: str
+    split: str
+    count: int | None
+    seed: int
+    seal: int | None
+
+    def plan(self, names: tuple[str, ...], strange: tuple[str, ...]) -> tuple[PlannedCase, ...]:
+        """The cases, of names that may be hidden and names that are in no catalogue."""
+        return plan_cases(self.tier, self.split, names, strange, self.count, self.seed, self.seal)
+
+
+def _motion_cases(made: Path, hidden: Path, ordered: Ordered) -> tuple[str, list[dict[str, Any]]]:
+    """Cases of an axis, an arm or further machines: the kind of mechanism, and the manifest's rows."""
+    sites, rows = MechanismSites(ordered.tier, ordered.split, made / "models"), []
+    for order in ordered.plan(sites.names, sites.strange):
+        site = sites.at(order.course_seed)
+        order, case = _drawn(site, sites.placed(order))
         records = _write_case(made / order.key, site, order, case)
         rows.append({"key": order.key, "courses": order.course_seed, "records": records})
-        rows[-1]["truth_sha256"] = _write_truth(hidden, site, order, case, split, seed)
+        rows[-1]["truth_sha256"] = _write_truth(hidden, site, order, case, ordered)
         logger.info("%s drawn", order.key)
-    return site.kind, rows
+    return sites.kind, rows
 
 
-def _photo_cases(
-    made: Path, hidden: Path, split: str, count: int | None, seed: int, contents: Sequence[Sequence[Array]]
-) -> list[dict[str, Any]]:
+def _body_cases(made: Path, hidden: Path, ordered: Ordered) -> list[dict[str, Any]]:
+    """Cases of thrown bodies: the manifest's rows."""
+    rows = []
+    for number, order in enumerate(ordered.plan(tuple(KNOWN), UNKNOWN_BODIES[ordered.split])):
+        case = draw_body_case(order.names, order.units, order.seed)
+        # No two share throws, and so a bank.
+        row = {"key": order.key, "courses": number, "records": write_body_case(made / order.key, case)}
+        truth = {**_common(order, ordered), "plant": BODY, "hidden": dict(case.hidden), "units": case.units, "sigma": {}}
+        truth |= {"parameters": dict(case.parameters), "settings": dict(case.settings)}
+        truth["twins"] = body_twins(order.names)
+        rows.append({**row, "truth_sha256": _sealed_truth(hidden, truth, {})})
+        logger.info("%s drawn", order.key)
+    return rows
+
+
+def _photo_cases(made: Path, hidden: Path, ordered: Ordered, contents: Sequence[Sequence[Array]]) -> list[dict[str, Any]]:
     """Cases of photos: the manifest's rows."""
     rows = []
-    for order in plan_cases(IMAGES, split, tuple(SIZES), tuple(STRANGE), count, seed):
+    for order in ordered.plan(tuple(SIZES), tuple(STRANGE)):
         pictures = contents[order.course_seed % len(contents)]
         order, case = _drawn_photos(order, pictures)
         (made / order.key).mkdir()
         records = write_photos(made / order.key, case.pairs)
         rows.append({"key": order.key, "courses": order.course_seed, "records": records})
-        truth = {**_common(order, split, seed), "plant": "camera", "hidden": dict(case.hidden), "twins": [], "sigma": {}}
+        truth = {**_common(order, ordered), "plant": "camera", "hidden": dict(case.hidden), "twins": [], "sigma": {}}
         truth["content"] = f"{len(pictures)} pictures" if len(pictures) else "paint"
         rows[-1]["truth_sha256"] = _sealed_truth(hidden, truth, {"clean": case.clean, "plain": case.plain})
         logger.info("%s drawn", order.key)
@@ -144,7 +193,7 @@ def _drawn(site: MechanismSite, order: PlannedCase) -> tuple[PlannedCase, DrawnC
         try:
             case = draw_case(
                 site.plant, order.names, order.units, order.seed, order.course_seed,
-                duration=order.duration, kinds=order.channels, spoil=order.noise, lost=order.lost,
+                duration=order.duration, rate=site.rate, kinds=order.channels, spoil=order.noise, lost=order.lost,
                 touched=order.touched,
             )  # fmt: skip
         except NotShownError as error:
@@ -177,10 +226,10 @@ def _write_case(folder: Path, site: MechanismSite, order: PlannedCase, case: Dra
     digests = {}
     for role, record in case.records.items():
         path = folder / f"{role}.csv"
-        _table(record).to_csv(path, index=False, float_format="%.7g")
+        _table(record, site.system.sliding).to_csv(path, index=False, float_format="%.7g")
         digests[role] = hashlib.sha256(path.read_bytes()).hexdigest()
     content: dict[str, Any] = {
-        "model": f"../models/{site.kind}/model.yaml",
+        "model": f"../models/{site.folder}/model.yaml",
         "records": {role: f"{role}.csv" for role in case.records},
     }
     if order.noise == "understated":
@@ -189,29 +238,39 @@ def _write_case(folder: Path, site: MechanismSite, order: PlannedCase, case: Dra
     return digests
 
 
-def _table(record: Record) -> pd.DataFrame:
+def _table(record: Record, sliding: Sequence[str]) -> pd.DataFrame:
     """A record with units in its headers."""
     columns = {"time [s]": record.time}
     for kind, values in {**record.commands, **record.measured}.items():
         for number, column in enumerate(values.T):
-            columns[f"{record.label(kind, number)} [{_UNITS.get(kind, 'rad')}]"] = column
+            joint = record.joints[number] if kind != TOOL else ""
+            unit = _SLIDING.get(kind, "m") if joint in sliding else _UNITS.get(kind, "rad")
+            columns[f"{record.label(kind, number)} [{unit}]"] = column
     return pd.DataFrame(columns)
 
 
-def _write_truth(folder: Path, site: MechanismSite, order: PlannedCase, case: DrawnCase, split: str, seed: int) -> str:
+def _write_truth(folder: Path, site: MechanismSite, order: PlannedCase, case: DrawnCase, ordered: Ordered) -> str:
     """What is hidden in a mechanism. Returns the SHA-256."""
     plant: BenchmarkMechanism = site.plant
     truth = {
-        **_common(order, split, seed),
+        **_common(order, ordered),
         "plant": site.kind,
         "hidden": dict(case.hidden),
+        "parameters": {name: _parameters(site, name, size) for name, size in case.hidden.items()},
         "twins": [sorted(names) for names in twins_of(site.kind, case.hidden, order.channels)],
         "sigma": {kind: plant.noise[kind] for kind in order.channels},
     }
     return _sealed_truth(folder, truth, {**case.clean, **{f"plain_{kind}": values for kind, values in case.plain.items()}})
 
 
-def _common(order: PlannedCase, split: str, seed: int) -> dict[str, Any]:
+def _parameters(site: MechanismSite, name: str, size: float) -> dict[str, float]:
+    """Parameters that a perfect diagnosis gives for what is hidden, where there are several; else its size is the one."""
+    effect, _, joint = name.partition(":")
+    number = site.plant.joints.index(joint) if joint else 0
+    return true_parameters(effect, size, number)
+
+
+def _common(order: PlannedCase, ordered: Ordered) -> dict[str, Any]:
     """What truths of all tiers say; salted so that their SHA-256 tells nothing."""
     return {
         "key": order.key,
@@ -220,7 +279,7 @@ def _common(order: PlannedCase, split: str, seed: int) -> dict[str, Any]:
         "known": order.kind != "unknown",
         "units": order.units,
         "lost": order.lost,
-        "salt": np.random.default_rng([order.seed, seed, SPLITS.index(split)]).bytes(16).hex(),
+        "salt": np.random.default_rng([order.seed, ordered.seed, SPLITS.index(ordered.split)]).bytes(16).hex(),
     }
 
 
@@ -278,6 +337,8 @@ def diagnose_cases(
 
 
 def _found(folder: Path, bank: Path, method: str, seed: int) -> Mapping[str, Any]:
+    if is_body(folder / MODEL):
+        return ThrowBackend.read(folder / "case.yaml").diagnose(bank, seed)
     if (folder / CAMERA_FILE).exists():
         pairs = read_photos(folder)
         if method != METHODS[0]:

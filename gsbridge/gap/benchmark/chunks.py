@@ -21,6 +21,7 @@ def generate_tier(
     truths: str | Path,
     photos: Sequence[str | Path] = (),
     renders: Sequence[str | Path] = (),
+    seal: int | None = None,
 ) -> None:
     """Draw the cases of a tier and hide their truths.
 
@@ -33,9 +34,10 @@ def generate_tier(
         truths: Folder of the truths; their hashes stand in the cases' manifest.
         photos: Folders of photos that may lie on the tables of the worlds of `t4`.
         renders: Folders of renders of splats that may lie there.
+        seal: Number that alone draws a scored split of its own.
     """
     contents = contents_of(photos, renders)
-    campaign.generate_cases(tier, split, Path(cases), Path(truths), count=count, seed=seed, contents=contents)
+    campaign.generate_cases(tier, split, Path(cases), Path(truths), count=count, seed=seed, contents=contents, seal=seal)
 
 
 def diagnose_chunk(

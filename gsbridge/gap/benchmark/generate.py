@@ -24,6 +24,9 @@ _TRIES = 18
 UNIT = 25.0
 """Squared length, in units of the noise, of the noise-free signature on `select` that an effect of size one unit has."""
 
+_LONGEST = 400
+"""Samples, those of four seconds at 100 Hz, beyond which more of them make a unit no smaller."""
+
 _SHARE = 0.5
 """Share of one effect's size that all must show together, on `select` and `fit`: a delay and a clock that cancel hide nothing,
 and a limit that the courses of `fit` never reach can be learnt from no data."""
@@ -57,7 +60,7 @@ class BenchmarkMechanism:
         noise: Standard deviation of one sample, by kind. Each [N].
         truth: Simulates how it really moves.
         sizes: Size to begin the search for the unit with, and its sign (0 for both), by every name that may be hidden.
-        largest: Sizes beyond which an effect is no longer a likely fault of a machine, by its name without the joint.
+        largest: Sizes beyond which an effect is no longer a likely fault of a machine, by its name, with or without its joint.
         plain: Effect-free motions, kept from case to case: by role, seed of the courses, duration and rate.
     """
 
@@ -216,7 +219,7 @@ def size_of_units(
 
     aim, size = units * np.sqrt(UNIT), plant.sizes[name][0]
     low, high = (0.0, 0.0), (np.inf, np.inf)
-    side, stay, most = 0, False, plant.largest.get(name.split(":")[0], np.inf)
+    side, stay, most = 0, False, plant.largest.get(name, plant.largest.get(name.split(":")[0], np.inf))
     for _ in range(_TRIES):
         size = min(size, most)
         found = length(size)
@@ -233,8 +236,10 @@ def size_of_units(
 
 
 def _length(plant: BenchmarkMechanism, moved: Mapping[str, Array], plain: Mapping[str, Array], kinds: tuple[str, ...]) -> float:
-    """Length of a noise-free signature, in units of the noise."""
-    return float(np.sqrt(sum((((moved[kind] - plain[kind]) / plant.noise[kind]) ** 2).sum() for kind in kinds)))
+    """Length of a noise-free signature, in units of the noise; a longer or faster log makes no unit smaller."""
+    count = len(moved[kinds[0]])
+    length = float(np.sqrt(sum((((moved[kind] - plain[kind]) / plant.noise[kind]) ** 2).sum() for kind in kinds)))
+    return length * min(1.0, float(np.sqrt(_LONGEST / count)))
 
 
 def _between(low: tuple[float, float], high: tuple[float, float], aim: float, halve: bool) -> float:

@@ -24,15 +24,20 @@ from gsbridge.geometry import Array
 _LEVER = 0.2
 """Distance of the centre of mass from the axis, m."""
 
+UNKNOWN = ("cubic_spring", "shaking", "patchy_friction")
+"""Effects that no catalogue of the diagnosis holds, as development sees them."""
+
+UNKNOWN_OF = {"development": (*UNKNOWN, "kicks"), "scored": ("detent", "hysteresis", "drifting", "sagging", "stop", "slip")}
+"""The same by split: none is in both."""
+
+_AXIS_UNKNOWN = {"development": UNKNOWN, "scored": ("detent", "stop")}
+
 SIGNED = ("torque_gain", "effort_offset", "link_mass", "gain_p", "gain_d", "encoder_offset", "encoder_scale", "cubic_spring")
 """Effects that are hidden in one joint, with either sign."""
 
-POSITIVE = ("viscous", "coulomb", "armature", "spring", "quadratic_drag", "saturation", "patchy_friction", "shaking")
+POSITIVE = ("viscous", "coulomb", "armature", "spring", "quadratic_drag", "saturation", "patchy_friction", "shaking",
+            "kicks", *UNKNOWN_OF["scored"])  # fmt: skip
 """Effects that are hidden in one joint, with a positive size."""
-
-UNKNOWN = ("cubic_spring", "shaking", "patchy_friction")
-"""Effects that no catalogue of the diagnosis holds."""
-
 
 LARGEST = {
     "torque_gain": 0.5, "link_mass": 0.5, "gain_p": 0.5, "gain_d": 0.5, "gravcomp": 0.3, "encoder_offset": 0.1,
@@ -151,11 +156,13 @@ class MechanismSite:
     """Source of a tier's cases.
 
     Args:
-        kind: `axis` or `arm`, also the name of its model's folder.
+        kind: `axis`, `arm` or `machine`.
         system: The model that is diagnosed.
         plant: How it really moves.
         names: What may be hidden and is in the catalogue.
         strange: What may be hidden and is not.
+        folder: Name of its model's folder.
+        rate: Samples per second of its logs.
     """
 
     kind: str
@@ -163,21 +170,25 @@ class MechanismSite:
     plant: BenchmarkMechanism
     names: tuple[str, ...]
     strange: tuple[str, ...]
+    folder: str
+    rate: float = 100.0
 
 
-def mechanism_site(tier: str, folder: str | Path) -> MechanismSite:
+def mechanism_site(tier: str, folder: str | Path, split: str = "development") -> MechanismSite:
     """Mechanism and truth of a tier; its model is written below `folder`.
 
     Args:
         tier: One of `gsbridge.gap.benchmark.case_plan.TIERS`.
         folder: Gets `axis` or `arm` with the model.
+        split: One of `gsbridge.gap.benchmark.case_plan.SPLITS`: what is in no catalogue differs between them.
 
     Raises:
         InputError: There is no such tier.
     """
     if tier == "t0":
         system, plant = axis_plant(Path(folder) / "axis")
-        return MechanismSite("axis", system, plant, tuple(n for n in NAMES if n not in UNKNOWN), UNKNOWN)
+        odd = {name for family in _AXIS_UNKNOWN.values() for name in family}
+        return MechanismSite("axis", system, plant, tuple(n for n in NAMES if n not in odd), _AXIS_UNKNOWN[split], "axis")
     if tier not in ("t1", "t2"):
         raise InputError("benchmark", f"there is no tier '{tier}'", "Use t0, t1 or t2")
     system = read_mechanism_model(arm_model(Path(folder) / "arm"))
@@ -185,11 +196,11 @@ def mechanism_site(tier: str, folder: str | Path) -> MechanismSite:
     plant = replace(arm_plant(system, _ARM["centre"], [_ARM["reach"]] * len(system.joints)), truth=truth)
     # PyBullet has no inertia of rotors; the first axis is upright, so that an offset of its encoder changes nothing at all.
     missing = {"armature"} if tier == "t1" else set()
+    odd = {name for family in UNKNOWN_OF.values() for name in family}
     names = [
         name
         for name in plant.sizes
-        if name.split(":")[0] not in {*UNKNOWN, *missing} and name != f"encoder_offset:{system.joints[0]}"
+        if name.split(":")[0] not in {*odd, *missing} and name != f"encoder_offset:{system.joints[0]}"
     ]
-    return MechanismSite(
-        "arm", system, plant, tuple(names), tuple(name for name in plant.sizes if name.split(":")[0] in UNKNOWN)
-    )
+    strange = tuple(name for name in plant.sizes if name.split(":")[0] in UNKNOWN_OF[split])
+    return MechanismSite("arm", system, plant, tuple(names), strange, "arm")

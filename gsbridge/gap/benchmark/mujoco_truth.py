@@ -13,7 +13,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from gsbridge.gap.benchmark.arm_loop import run_arm, size_at
+from gsbridge.gap.benchmark.arm_loop import run_arm
+from gsbridge.gap.benchmark.hidden_parts import size_at
 from gsbridge.gap.benchmark.trajectories import Course
 from gsbridge.gap.joints.mechanism.inertials import Skeleton
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
@@ -23,6 +24,15 @@ STEP = 6.25e-5
 """Step of MuJoCo, s; the controller acts every millisecond."""
 
 _EVERY = 16
+
+_PLAY = "_play"
+"""What the name of a joint between a motor and its link ends with."""
+
+_LIGHTEST = 1e-5
+"""Smallest inertia of a rotor that has play, kg m2."""
+
+_SPRUNG = 2e-4
+"""Damping of an elastic transmission per stiffness, s."""
 
 _HARD = 0.9999
 """Impedance of dry friction, the largest there is."""
@@ -58,13 +68,14 @@ class MujocoTruth:
                 load.add_geom(
                     type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.001, 0, 0], mass=hidden["payload"], contype=0, conaffinity=0
                 )
-            for name in system.joints:
+            for k, name in enumerate(system.joints):
                 spec.add_actuator(
                     name=name,
                     target=name,
                     trntype=mujoco.mjtTrn.mjTRN_JOINT,
                     gear=[1.0 + size_at(hidden, "torque_gain", name)] + [0] * 5,
                 )
+                _loosen(spec.body(self._skeleton.child_of[name]), spec.joint(name), float(system.armature[k]), hidden)
             model = spec.compile()
         for k, name in enumerate(system.joints):
             column = model.joint(name).dofadr[0]
@@ -72,7 +83,13 @@ class MujocoTruth:
             model.dof_frictionloss[column] = system.coulomb[k] + size_at(hidden, "coulomb", name)
             # As hard as MuJoCo has it: by default a light joint that dry friction should hold creeps by more than the noise.
             model.dof_solref[column], model.dof_solimp[column, :2] = (2 * STEP, 1.0), _HARD
-            model.dof_armature[column] = system.armature[k] + size_at(hidden, "armature", name)
+            rotor = system.armature[k] + size_at(hidden, "armature", name)
+            soft = size_at(hidden, "compliance", name)
+            if soft:
+                spring = model.joint(name + _PLAY)
+                model.jnt_stiffness[spring.id], model.dof_damping[spring.dofadr[0]] = 1.0 / soft, _SPRUNG / soft
+            loose = soft or size_at(hidden, "backlash", name)
+            model.dof_armature[column] = max(rotor, _LIGHTEST) if loose else rotor
             number = model.joint(name).id
             model.jnt_stiffness[number] = size_at(hidden, "spring", name)
             model.qpos_spring[model.joint(name).qposadr[0]] = 0.0
@@ -97,6 +114,26 @@ class MujocoTruth:
         return run_arm(engine, self.system, course, duration, times, hidden)
 
 
+def _loosen(link: mujoco.MjsBody, motor: mujoco.MjsJoint, rotor: float, hidden: Mapping[str, float]) -> None:
+    """Put play or a spring between a motor and its link: a second joint on the same axis, the motor's rotor on the first.
+
+    Args:
+        link: What the joint moves.
+        motor: The joint, which becomes the motor's side.
+        rotor: Inertia of the rotor, kg m2.
+        hidden: Sizes of what is hidden.
+    """
+    gap, soft = size_at(hidden, "backlash", motor.name), size_at(hidden, "compliance", motor.name)
+    if not gap and not soft:
+        return
+    # Without a rotor of its own the motor's side would weigh nothing.
+    motor.armature = max(rotor, _LIGHTEST)
+    play = link.add_joint(name=f"{motor.name}{_PLAY}", type=motor.type, axis=motor.axis, pos=motor.pos)
+    if gap:
+        play.range, play.limited = [-gap / 2, gap / 2], mujoco.mjtLimited.mjLIMITED_TRUE
+        play.solref_limit = [4 * STEP, 1.0]
+
+
 class _MujocoArm:
     """An arm of MuJoCo in motion, and the nominal one that its controller believes in."""
 
@@ -107,6 +144,9 @@ class _MujocoArm:
         self._data, self._brain_data = mujoco.MjData(model), mujoco.MjData(brain)
         self._rows = [model.joint(name).qposadr[0] for name in joints]
         self._dofs = [model.joint(name).dofadr[0] for name in joints]
+        # The controller knows nothing of joints that something hidden has added.
+        self._own_rows = [brain.joint(name).qposadr[0] for name in joints]
+        self._own_dofs = [brain.joint(name).dofadr[0] for name in joints]
         self._bare = model.dof_frictionloss[self._dofs].copy()
         self._last, self._shown = model.body(last).id, mujoco.MjData(model)
 
@@ -126,7 +166,7 @@ class _MujocoArm:
         mujoco.mj_step(self._model, self._data, nstep=steps)
 
     def place(self) -> Array:
-        self._shown.qpos[self._rows] = self.state()[0]
+        self._shown.qpos[:] = self._data.qpos - 0.5 * STEP * self._data.qvel
         mujoco.mj_kinematics(self._model, self._shown)
         return self._shown.xpos[self._last].copy()
 
@@ -135,7 +175,7 @@ class _MujocoArm:
 
     def weight(self, q: Array) -> Array:
         model, data = self._brain, self._brain_data
-        data.qpos[self._rows] = q
+        data.qpos[self._own_rows] = q
         data.qvel[:] = 0.0
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
@@ -143,4 +183,4 @@ class _MujocoArm:
         mujoco.mj_comVel(model, data)
         out = np.empty(model.nv)
         mujoco.mj_rne(model, data, 0, out)
-        return out[self._dofs]
+        return out[self._own_dofs]

@@ -42,7 +42,8 @@ def score_findings(
     """
     manifest = read_json(Path(cases) / "manifest.json")
     methods = {method: score(read_verdicts(cases, truths, folders), large) for method, folders in findings.items()}
-    return {"tier": manifest["tier"], "split": manifest["split"], "cases": len(manifest["cases"]), "methods": methods}
+    drawn = {"tier": manifest["tier"], "split": manifest["split"], "seal": manifest.get("seal")}
+    return {**drawn, "cases": len(manifest["cases"]), "methods": methods}
 
 
 def score(verdicts: Iterable[JudgedCase], large: float = LARGE) -> dict[str, Any]:
@@ -78,6 +79,7 @@ def score(verdicts: Iterable[JudgedCase], large: float = LARGE) -> dict[str, Any
         "closures": len(closures),
         "residual_over_floor_median": _quantile(left, 0.5),
         "interval_coverage": rate(sum(covers), len(covers)),
+        "by_parameter": _parameters(right),
         "simulations_median": _quantile(runs, 0.5),
         "simulations_most": max(runs, default=None),
         "bank_most": max((case.bank for case in cases), default=None),
@@ -107,6 +109,16 @@ def _groups(cases: Sequence[JudgedCase], of: Callable[[JudgedCase], Any], title:
         group = [case for case in cases if of(case) == value]
         out.append({title: value, "n": len(group), **{name: _rate(group, name) for name in OUTCOMES}})
     return out
+
+
+def _parameters(cases: Sequence[JudgedCase]) -> list[dict[str, Any]]:
+    """How often 90 % intervals hold the truth, by effect and parameter, joints together."""
+    found: dict[str, list[bool]] = {}
+    for case in cases:
+        for label, inside in case.parameters.items():
+            name, _, parameter = label.rpartition(".")
+            found.setdefault(f"{name.split(':')[0]}.{parameter}", []).append(inside)
+    return [{"parameter": key, "held": rate(sum(rows), len(rows))} for key, rows in sorted(found.items())]
 
 
 def _confusion(cases: Sequence[JudgedCase]) -> list[dict[str, Any]]:

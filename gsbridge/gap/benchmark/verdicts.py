@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
+from gsbridge.gap.benchmark.body_cases import BODY
 from gsbridge.gap.benchmark.photo_cases import SAME, photo_closure
 from gsbridge.gap.joints.case import read_joint_case
 from gsbridge.gap.joints.mechanism.replay import Mechanism
@@ -49,7 +50,8 @@ class JudgedCase:
             1 - (after - floor) / (before - floor), where the floor is the gap to a truth with nothing hidden, which is the
             engines' own. None where nothing was named.
         left: What they leave there, in units of the noise.
-        covers: Whether 90 % intervals hold the true sizes, for each named effect.
+        covers: Whether 90 % intervals hold the true parameters, one by one, of each named effect.
+        parameters: The same by effect and parameter.
         chance: Probability that the first explanation is the best, as stated; None without any.
         key: Key of the case.
         kind: Kind of the case.
@@ -68,6 +70,7 @@ class JudgedCase:
     closure: float | None = None
     left: float | None = None
     covers: tuple[bool, ...] = ()
+    parameters: Mapping[str, bool] = field(default_factory=dict)
     chance: float | None = None
     key: str = ""
     kind: str = "single"
@@ -147,17 +150,9 @@ def _name(effect: Mapping[str, Any], single: bool) -> str:
 
 
 def _verdict(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> JudgedCase:
-    single, photos = truth["plant"] == "axis", truth["plant"] == "camera"
+    single = truth["plant"] == "axis"
     short = (lambda name: name.split(":")[0]) if single else (lambda name: name)
-    covers = []
-    for effect in finding["effects"] if finding["verdict"] == "named" else ():
-        name = _name(effect, single)
-        if photos and name not in SAME:
-            continue
-        shown = SAME[name] if photos else _SHOWS.get(effect["name"], _EFFECTS[effect["name"]].parameters[0].name)
-        low, high = effect["parameters"][shown]["interval90"]
-        if name in truth["hidden"] and high > low:
-            covers.append(low <= truth["hidden"][name] <= high)
+    covers = _covers(finding, truth) if finding["verdict"] == "named" else {}
     rivals = finding["rivals"]
     return JudgedCase(
         frozenset(truth["hidden"]),
@@ -168,7 +163,8 @@ def _verdict(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> JudgedCase
         int(finding["simulations"]["case"]),
         int(finding["simulations"]["bank"]),
         float(finding["seconds"]),
-        covers=tuple(covers),
+        covers=tuple(covers.values()),
+        parameters=covers,
         chance=float(rivals[0]["probability"]) if rivals else None,
         key=truth["key"],
         kind=truth["kind"] if truth["kind"] != "free" else f"free, {truth['noise']} noise",
@@ -177,12 +173,32 @@ def _verdict(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> JudgedCase
     )
 
 
+def _covers(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> dict[str, bool]:
+    """Whether 90 % intervals hold the true parameters, by effect and parameter, where the effect is what was hidden."""
+    single, photos, out = truth["plant"] == "axis", truth["plant"] == "camera", {}
+    for effect in finding["effects"]:
+        name = _name(effect, single)
+        if name not in truth["hidden"] or (photos and name not in SAME):
+            continue
+        shown = SAME[name] if photos else _SHOWS.get(effect["name"], _EFFECTS[effect["name"]].parameters[0].name)
+        # Bodies state all parameters that can be compared, and none where the law is another than the catalogue's.
+        told = truth.get("parameters", {}).get(name, {})
+        true = told or ({} if truth["plant"] == BODY else {shown: truth["hidden"][name]})
+        for parameter, value in true.items():
+            low, high = effect["parameters"][parameter]["interval90"]
+            if high > low:
+                out[f"{name}.{parameter}"] = bool(low <= value <= high)
+    return out
+
+
 def _closed(
     verdict: JudgedCase, finding: Mapping[str, Any], truth: Mapping[str, Any], folder: Path, truths: Path
 ) -> JudgedCase:
     """The verdict with the share of the gap that the named effects close; see `JudgedCase.closure`."""
     if verdict.verdict != "named" or not verdict.hidden:
         return verdict
+    if truth["plant"] == BODY:
+        return replace(verdict, closure=finding["verify"]["closure"])
     effects = tuple(Applied(e["name"], e.get("joint", ""), e["parameters"]) for e in _applied(finding))
     with np.load(truths / f"{verdict.key}.npz") as data:
         arrays = {name: data[name] for name in data.files}

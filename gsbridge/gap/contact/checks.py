@@ -89,7 +89,10 @@ def check_speeds(throws: Throws, source: str | Path) -> None:
     starts, _ = starts_of(throws)
     seen = (np.stack([fit.speed for fit in fits]), np.stack([fit.spin for fit in fits]))
     # Speeds of the poses are as good as this; what is slower than that says nothing.
-    spreads = [float(np.median([fit.gain * np.sqrt(fit.squares[k]) for fit in fits])) for k in (0, 1)]
+    spreads = [
+        float(np.median([gain * np.sqrt(squares) for gain, squares in rows]))
+        for rows in ([(fit.gain, fit.squares[0]) for fit in fits], [(fit.turning, fit.squares[1]) for fit in fits])
+    ]
     units = (("velocity", "millimetres per second", 1e3), ("angular_velocity", "degrees per second", _DEGREES))
     for (name, unit, factor), logged, of_poses, spread in zip(
         units, (starts.velocity, starts.spin), seen, spreads, strict=True

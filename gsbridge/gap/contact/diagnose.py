@@ -54,8 +54,9 @@ def diagnose_throws(
     best = finding.best
     if best is not None:
         effects = best.fit.effects
-        before, after = float(third.errors().mean()), float(third.errors(effects).mean())
-        share = closure(before, after, finding.floor)
+        before, after = float(third.gaps().mean()), float(third.gaps(effects).mean())
+        third.weigh(finding.spread)
+        share = closure(float(third.errors().mean()), float(third.errors(effects).mean()), finding.weighed)
         verification = Verification(before, after, share, {"position": (before, after)}, after <= before)
         if finding.verdict == "named" and not verification.transfers():
             finding = finding.refuted()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -88,9 +88,13 @@ class ThrowFinding(Finding[ThrowHypothesis]):
 
     Args:
         floor: What noise, chaos and the engine's choices explain.
+        weighed: The same in weighed distances, by which throws are fitted and judged.
+        spread: What is expected at a moment, as `ThrowReplay.weigh` takes it.
     """
 
     floor: float = 0.0
+    weighed: float = 0.0
+    spread: Callable[[Array], Array] = np.ones_like
 
     def closure(self, error: float) -> float:
         """Share of the gap above the floor that an error leaves closed."""
@@ -125,14 +129,17 @@ class ThrowIdentification:
         self.first, self.second, self.bank, self.rules = first, second, bank, rules or ThrowRules()
         self.few = first.part(FEW)
         self.rng = np.random.default_rng(seed)
-        self.plain = second.errors()
 
     def run(self) -> ThrowFinding:
         """Detect, screen, fit, rank, decide."""
         rules = self.rules
-        null = throw_null(self.second, (), self.rng)
-        p_value = null.p_value(self.plain)
-        seen, unseen = self.bank.seen(self.first), self.bank.unseen(self.first)
+        null = throw_null(self.second, (), self.rng, weigh=True)
+        self.spread = null.spread
+        self.first.weigh(null.spread)
+        self.plain = self.second.errors()
+        p_value = null.p_value(self.plain, self.second.early())
+        bank = replace(self.bank, matches=tuple(self._again()))
+        seen, unseen = bank.seen(self.first), bank.unseen(self.first)
         if p_value >= rules.alarm:
             few = len(unseen) > 0.5 * len(self.bank.names)
             return self._quiet("not_enough_excitation" if few else "no_discrepancy", p_value, null, unseen)
@@ -141,11 +148,19 @@ class ThrowIdentification:
         if not trials:
             return self._quiet("none_of_the_known", p_value, null, unseen)
         best, rest = trials[0], throw_null(self.second, trials[0].fit.effects, self.rng)
-        if rest.p_value(best.errors) < rules.alarm and rules.most > 1:
+        if self._remaining(rest, best) < rules.alarm and rules.most > 1:
             grown = self._several(trials, rest.floor)
             if grown is not best:
                 trials, rest = [grown, *trials], throw_null(self.second, grown.fit.effects, self.rng)
         return self._decide(trials, rest, p_value, unseen)
+
+    def _again(self) -> list[GridMatch]:
+        """The bank's grids by weighed distances; their throws were simulated when the bank was made."""
+        return sorted((screen(self.few, name) for name in self.bank.names), key=lambda match: match.error)
+
+    def _remaining(self, rest: ThrowNull, best: ThrowHypothesis) -> float:
+        """p-value of what an explanation leaves."""
+        return rest.p_value(best.errors, self.second.early(best.fit.effects))
 
     def _trials(self, fits: Sequence[ThrowFit]) -> list[ThrowHypothesis]:
         """Judge fits of a few throws on `select`, the best first; those near the best are fitted on all throws before."""
@@ -164,16 +179,17 @@ class ThrowIdentification:
         return self._runs() + passes <= self.rules.budget
 
     def _quiet(self, verdict: str, p_value: float, null: ThrowNull, unseen: tuple[str, ...]) -> ThrowFinding:
-        size, missing = float(self.plain.mean()), verdict == "none_of_the_known"
+        size, missing = float(self.second.gaps().mean()), verdict == "none_of_the_known"
         return ThrowFinding(
-            verdict, None, (), (), missing, p_value, p_value, size, size, self._runs(), unseen, floor=null.floor
+            verdict, None, (), (), missing, p_value, p_value, size, size, self._runs(), unseen, floor=null.plain
         )
 
     def _better(self, new: ThrowHypothesis, old: ThrowHypothesis, floor: float) -> bool:
-        """Whether one trial is better than another on `select`, beyond chance and by a part of what is left."""
+        """Whether one trial is better than another on `select`, beyond chance, by a part of what is left, and by more than what
+        it leaves: what is smaller than the model's own error is not named."""
         gain = old.errors - new.errors
         chance = self.rules.sigmas * float(gain.std(ddof=1)) / np.sqrt(len(gain))
-        return float(gain.mean()) > max(chance, self.rules.gain * max(old.score - floor, 0.0))
+        return float(gain.mean()) > max(chance, self.rules.gain * max(old.score - floor, 0.0), new.score - floor)
 
     def _several(self, singles: Sequence[ThrowHypothesis], floor: float) -> ThrowHypothesis:
         """Add effects while throws that were not fitted agree: the best addition, swaps of earlier ones, dropping."""
@@ -231,7 +247,7 @@ class ThrowIdentification:
         # Parts of a set were beaten when it grew; they are no rivals of it.
         trials = [best, *(trial for trial in trials[1:] if not set(trial.names) < set(best.names))]
         chances = self._chances(trials)
-        p_remaining = rest.p_value(best.errors)
+        p_remaining = self._remaining(rest, best)
         remains = p_remaining < rules.alarm
         near = [trial for trial in trials[1:] if self._near(trial, best, before - floor)]
         names: tuple[str, ...] = ()
@@ -248,7 +264,8 @@ class ThrowIdentification:
         order = sorted(range(len(trials)), key=lambda k: trials[k].score)
         return ThrowFinding(
             verdict, best, tuple((trials[k], float(chances[k])) for k in order), names, remains, p_value, p_remaining,
-            before, best.score, self._runs(), unseen, floor=floor,
+            float(self.second.gaps().mean()), float(self.second.gaps(best.fit.effects).mean()), self._runs(), unseen,
+            floor=rest.plain, weighed=floor, spread=self.spread,
         )  # fmt: skip
 
     def _near(self, trial: ThrowHypothesis, best: ThrowHypothesis, gap: float) -> bool:

@@ -1,18 +1,23 @@
-"""How well the size of an effect is known: which sizes would have been best for other throws of the same kind."""
+"""How well the size of an effect is known: which sizes would have been best for other throws of the same kind, and for throws
+of an engine that makes other choices."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.effects.registry import Applied
+from gsbridge.gap.contact import null
 from gsbridge.gap.contact.replay import ThrowReplay
 from gsbridge.gap.contact.search import ThrowFit
+from gsbridge.geometry import Array
 
 _POINTS = np.linspace(-1.0, 1.0, 5)
 _DRAWS = 400
+_NINETY = 1.645
+"""Standard deviations that bound 90 % of a normal law."""
 _RISES = (0.03, 0.3)
 """Smallest and largest relative rise of the mean error that is wanted at the ends of the profile."""
 
@@ -20,7 +25,10 @@ _TRIES = 4
 
 
 def intervals(replay: ThrowReplay, fit: ThrowFit, rng: np.random.Generator) -> list[dict[str, tuple[float, float]]]:
-    """90 % intervals of all parameters, one by one, by a bootstrap over throws of a parabola through the error's profile.
+    """90 % intervals of all parameters, one by one, from where a parabola through the error's profile is lowest.
+
+    How that place scatters is told twice: by a bootstrap over the throws, and by replicates whose truth is the fit itself, with
+    other starts and other choices of the engine. What the fit leaves beyond its replicates widens both.
 
     Args:
         replay: The throws that were fitted.
@@ -28,15 +36,23 @@ def intervals(replay: ThrowReplay, fit: ThrowFit, rng: np.random.Generator) -> l
         rng: Random numbers for the bootstrap.
     """
     out, effects = [], fit.effects
+    few = replay.part(null.FEW)
+    sets = null.replicates(few, effects, rng)
+    seen = [([flight.position for flight in row], [flight.quat for flight in row]) for row in sets]
+    usual = float(np.mean([few.apart(few.flights(effects), *row) for row in seen]))
+    misfit = max(1.0, float(replay.errors(effects).mean()) / usual)
     for place, applied in enumerate(effects):
         rows = {}
         for parameter in BODY_EFFECTS[applied.name].parameters:
             value = applied.parameters[parameter.name]
 
-            def errors(at: float, place: int = place, key: str = parameter.name) -> np.ndarray:
+            def at(size: float, place: int = place, key: str = parameter.name) -> list[Applied]:
                 changed = list(effects)
-                changed[place] = Applied(changed[place].name, "", {**changed[place].parameters, key: at})
-                return replay.errors(changed)
+                changed[place] = Applied(changed[place].name, "", {**changed[place].parameters, key: size})
+                return changed
+
+            def errors(size: float, at: Callable[[float], list[Applied]] = at) -> Array:
+                return replay.errors(at(size))
 
             best = float(errors(value).mean())
             width = _width(fit.profiles[place, parameter.name], best) or max(0.15 * abs(value), 0.2 * abs(parameter.typical))
@@ -48,16 +64,25 @@ def intervals(replay: ThrowReplay, fit: ThrowFit, rng: np.random.Generator) -> l
                     width *= 0.5
                 else:
                     break
-            profile = np.stack([errors(value + width * point) for point in _POINTS])
+            points = [value + width * point for point in _POINTS]
             draws = rng.integers(0, len(replay), (_DRAWS, len(replay)))
-            square, slope, _ = np.polyfit(_POINTS, profile[:, draws].mean(axis=2), 2)
-            centre = np.clip(np.where(square > 0, -slope / (2.0 * np.maximum(square, 1e-300)), np.sign(-slope)), -1.0, 1.0)
-            low, high = np.quantile(value + width * centre, [0.05, 0.95])
+            centres = value + width * _lowest(np.stack([errors(point) for point in points])[:, draws].mean(axis=2))
+            low, high = np.quantile(centres, [0.05, 0.95])
+            flights = [few.flights(at(point)) for point in points]
+            other = [_lowest(np.stack([few.apart(row, *poses).mean(keepdims=True) for row in flights])) for poses in seen]
+            engine = _NINETY * width * float(np.sqrt(np.mean(np.square(other))))
             # The interval is about the value that is named, which need not be the parabola's lowest point.
-            low, high = min(float(low), value), max(float(high), value)
+            low = value - misfit * float(np.hypot(max(value - low, 0.0), engine))
+            high = value + misfit * float(np.hypot(max(high - value, 0.0), engine))
             rows[parameter.name] = (max(low, parameter.low), min(high, parameter.high))
         out.append(rows)
     return out
+
+
+def _lowest(profile: Array) -> Array:
+    """Places of the lowest points of parabolas through values at `_POINTS`, within them. [P, D] -> [D]."""
+    square, slope, _ = np.polyfit(_POINTS, profile, 2)
+    return np.clip(np.where(square > 0, -slope / (2.0 * np.maximum(square, 1e-300)), np.sign(-slope)), -1.0, 1.0)
 
 
 def _width(profile: Mapping[float, float], best: float) -> float | None:

@@ -3,15 +3,16 @@ themselves how hard a contact is pushed apart and how long a step is, and chaos 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from gsbridge.effects.registry import Applied
-from gsbridge.gap.contact.replay import ThrowReplay
-from gsbridge.gap.contact.world import Numerics
-from gsbridge.geometry import Array
+from gsbridge.gap.contact.replay import ThrowReplay, distances, point_distances, touch_clocks
+from gsbridge.gap.contact.starts import ThrowNoise, quat_from_turn
+from gsbridge.gap.contact.world import Flight, Numerics
+from gsbridge.geometry import Array, quat_multiply
 
 REPLICATES = 6
 """Sets of throws that are simulated."""
@@ -24,6 +25,12 @@ _DRAWS = 499
 _STEPS = (0.7, 2.0)
 """Factors of the step."""
 
+_BIN = 0.02
+"""Width of the steps in which the spread of distances is told, s."""
+
+_UNSURE = 0.01
+"""Share of a body's radius of gyration that no model and no tracker gets right."""
+
 _PUSHES = (0.05, 0.3)
 """Shares of a penetration that a step takes back."""
 
@@ -33,67 +40,110 @@ class ThrowNull:
     """Errors of effect-free replicates.
 
     Args:
-        errors: Mean distance of each throw, m. [K, M].
-        draws: Statistics of sets drawn from them. [D, 2].
+        errors: Mean weighed distance of each throw, m. [K, M].
+        draws: Statistics of sets drawn from them. [D, 3].
+        plain: Mean distance of the tracked point, m.
+        spread: What is expected at a moment, as `ThrowReplay.weigh` takes it.
     """
 
     errors: Array
     draws: Array
+    plain: float
+    spread: Callable[[Array], Array] = field(repr=False)
 
     @property
     def floor(self) -> float:
-        """Mean distance that noise, chaos and the engine's choices explain, m."""
+        """Mean weighed distance that noise, chaos and the engine's choices explain, m."""
         return float(self.errors.mean())
 
-    def p_value(self, errors: Array) -> float:
-        """Share of effect-free sets at least as far apart, by the mean or by the mean logarithm. [N]."""
+    def p_value(self, errors: Array, early: Array) -> float:
+        """Share of effect-free sets at least as far apart, by the mean, the mean logarithm, or before the first touch.
+
+        Args:
+            errors: Mean weighed distance of each throw, m. [N].
+            early: The same before the first touch. [N].
+        """
         middle = np.median(self.draws, axis=0)
         spread = np.maximum(np.quantile(self.draws, 0.975, axis=0) - middle, 1e-9)
         sizes = ((self.draws - middle) / spread).max(axis=1)
-        seen = ((_statistics(errors[None])[0] - middle) / spread).max()
+        seen = ((_statistics(errors[None], early[None])[0] - middle) / spread).max()
         return float((1 + (sizes >= seen).sum()) / (1 + len(sizes)))
 
 
-def _statistics(errors: Array) -> Array:
-    """Mean and mean logarithm of sets: one sees what is large, the other a small change of every throw. [D, N] -> [D, 2]."""
-    return np.stack([errors.mean(axis=1), np.log(np.maximum(errors, 1e-9)).mean(axis=1)], axis=1)
+def _statistics(errors: Array, early: Array) -> Array:
+    """Mean and mean logarithm of sets, and mean before the first touch: what is large, a small change of every throw, and what
+    no choice of the engine explains. [D, N], [D, N] -> [D, 3]."""
+    return np.stack([errors.mean(axis=1), np.log(np.maximum(errors, 1e-9)).mean(axis=1), early.mean(axis=1)], axis=1)
 
 
 def replicates(
     replay: ThrowReplay, effects: Sequence[Applied], rng: np.random.Generator, count: int = REPLICATES
-) -> list[list[Array]]:
-    """Differences between sets of throws of a model with these effects as truth, measured with noise, and their replay.
+) -> list[list[Flight]]:
+    """Sets of throws of a model with these effects as truth, measured with noise.
 
     Args:
         replay: Throws and model.
-        effects: Effects of the truth and of the replay.
+        effects: Effects of the truth.
         rng: Random numbers for noise, first states and the engine's choices.
         count: Sets.
 
     Returns:
-        Log's frame, m, for each set and throw. Each [T, 3].
+        One flight per throw and set.
     """
-    plain, noise = replay.flights(effects), replay.noise
+    noise = replay.noise
     out = []
     for _ in range(count):
         step, push = (float(np.exp(rng.uniform(np.log(low), np.log(high)))) for low, high in (_STEPS, _PUSHES))
         truth = replay.simulate(effects, replay.starts.shifted(noise, rng), Numerics(step, push))
-        seen = [flight.position + rng.normal(0.0, noise.position, flight.position.shape) for flight in truth]
-        out.append([at - flight.position for at, flight in zip(seen, plain, strict=True)])
+        out.append([_measured(flight, noise, rng) for flight in truth])
     return out
 
 
-def throw_null(replay: ThrowReplay, effects: Sequence[Applied], rng: np.random.Generator) -> ThrowNull:
+def _measured(flight: Flight, noise: ThrowNoise, rng: np.random.Generator) -> Flight:
+    """A flight as the tracker tells it."""
+    turns = quat_from_turn(rng.normal(0.0, noise.angle, flight.position.shape))
+    position = flight.position + rng.normal(0.0, noise.position, flight.position.shape)
+    return replace(flight, position=position, quat=quat_multiply(turns, flight.quat))
+
+
+def throw_null(replay: ThrowReplay, effects: Sequence[Applied], rng: np.random.Generator, *, weigh: bool = False) -> ThrowNull:
     """Errors of the first throws as they would be if these effects were the truth and the same model replayed it.
 
     Args:
         replay: Throws and model.
         effects: Effects of truth and replay.
         rng: Random numbers of noise, first states, the engine's choices and the draws of sets.
+        weigh: Whether the throws' distances are weighed from now on by what is found.
     """
-    rows = replicates(replay.part(FEW), effects, rng)
-    errors = np.array([[np.linalg.norm(difference, axis=1).mean() for difference in row] for row in rows])
+    few = replay.part(FEW)
+    sets = replicates(few, effects, rng)
+    flights = few.flights(effects)
+    spread = _spread(few, flights, sets)
+    if weigh:
+        replay.weigh(spread)
+    places, turns = ([[getattr(flight, key) for flight in row] for row in sets] for key in ("position", "quat"))
+    errors = np.stack([few.apart(flights, *row) for row in zip(places, turns, strict=True)])
+    early = np.stack([few.apart(flights, *row, early=True) for row in zip(places, turns, strict=True)])
+    plain = float(np.mean([distances(flights, row) for row in places]))
     # One engine makes all throws of a set, so that sets are drawn from one replicate each.
     which = rng.integers(0, len(errors), _DRAWS)
     throws = rng.integers(0, errors.shape[1], (_DRAWS, len(replay)))
-    return ThrowNull(errors, _statistics(errors[which[:, None], throws]))
+    return ThrowNull(errors, _statistics(*(values[which[:, None], throws] for values in (errors, early))), plain, spread)
+
+
+def _spread(replay: ThrowReplay, flights: Sequence[Flight], sets: Sequence[Sequence[Flight]]) -> Callable[[Array], Array]:
+    """Mean distance of replicates by the time since the first touch, never falling, with what no model gets right on top."""
+    rows = [
+        np.concatenate(
+            [point_distances(f, seen.position, seen.quat, replay.radius) for f, seen in zip(flights, row, strict=True)]
+        )
+        for row in sets
+    ]
+    since, apart = np.concatenate(touch_clocks(replay)), np.mean(rows, axis=0)
+    edges = np.arange(np.floor(since.min() / _BIN), np.ceil(since.max() / _BIN) + 1) * _BIN
+    place = np.clip(np.digitize(since, edges) - 1, 0, len(edges) - 2)
+    counts = np.bincount(place, minlength=len(edges) - 1)
+    means = np.bincount(place, apart, minlength=len(edges) - 1) / np.maximum(counts, 1)
+    grown = np.maximum.accumulate(means)
+    middle, never = 0.5 * (edges[1:] + edges[:-1]), _UNSURE * replay.radius
+    return lambda time: np.hypot(np.interp(time, middle, grown), never)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2 as chi2_law
+from scipy.stats import f as f_law
 
 from gsbridge.gap.contact.throws import Throw, Throws
 from gsbridge.geometry import Array, quat_multiply
@@ -12,7 +14,16 @@ from gsbridge.geometry import Array, quat_multiply
 WINDOW = 0.06
 """Length of the first stretch that start speeds are taken from, s: a body should not touch anything in it."""
 
+LONGEST = 0.25
+"""Longest stretch that start speeds are taken from, s."""
+
 _FEWEST = 6
+
+_LONGER = (1.3, 1.6, 2.0, 2.5, 3.1, 3.8)
+"""Multiples of `WINDOW` that are tried one after the other."""
+
+_ALIKE = 0.75
+"""Quantile of Fisher's law up to which a longer stretch is as well described as the first one."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +52,8 @@ class Starts:
         return Starts(
             self.position + noise.position * draw[0],
             quat_multiply(quat_from_turn(noise.angle * draw[1]), self.quat),
-            self.velocity + noise.velocity * draw[2],
-            self.spin + noise.spin * draw[3],
+            self.velocity + noise.velocity * noise.shares[0][: len(draw[2]), None] * draw[2],
+            self.spin + noise.spin * noise.shares[1][: len(draw[3]), None] * draw[3],
             self.acceleration,
             self.logged,
         )
@@ -50,12 +61,21 @@ class Starts:
 
 @dataclass(frozen=True)
 class ThrowNoise:
-    """Standard deviations of one component: position (m), angle (rad), start velocity (m/s) and start spin (rad/s)."""
+    """How well throws are known.
+
+    Args:
+        position: Standard deviation of one component of a position, m.
+        angle: The same of an attitude, rad.
+        velocity: The same of a start velocity, root mean square over the throws, m/s.
+        spin: The same of a start spin, rad/s.
+        shares: Of each throw's velocity and spin, by what factor it is known less well than all. Each [N].
+    """
 
     position: float
     angle: float
     velocity: float
     spin: float
+    shares: tuple[Array, Array]
 
 
 def quat_from_turn(turn: Array) -> Array:
@@ -84,8 +104,10 @@ def starts_of(throws: Throws) -> tuple[Starts, ThrowNoise]:
     # Medians: a few throws may touch something in the first stretch.
     of_position = float(np.sqrt(np.median([fit.squares[0] for fit in fits])))
     of_angle = float(np.sqrt(np.median([fit.squares[1] for fit in fits])))
-    gain = float(np.median([fit.gain for fit in fits]))
-    noise = ThrowNoise(of_position, of_angle, gain * of_position, gain * of_angle)
+    # Throws differ in how long they fly: the mean square is what all of them scatter by.
+    gain, turning = (float(np.sqrt(np.mean([getattr(fit, key) ** 2 for fit in fits]))) for key in ("gain", "turning"))
+    shares = np.array([fit.gain for fit in fits]) / gain, np.array([fit.turning for fit in fits]) / turning
+    noise = ThrowNoise(of_position, of_angle, gain * of_position, turning * of_angle, shares)
     logged = all(throw.velocity is not None and throw.spin is not None for throw in throws.items)
     if logged:
         given = [np.stack([getattr(throw, key) for throw in throws.items]) for key in ("velocity", "spin")]
@@ -93,7 +115,7 @@ def starts_of(throws: Throws) -> tuple[Starts, ThrowNoise]:
         apart = [a - b for a, b in zip(given, (speeds, spins), strict=True)]
         spread = [1.4826 * np.median(np.abs(values - np.median(values, axis=0))) for values in apart]
         rest = [np.sqrt(max(s**2 - f**2, 0.0)) for s, f in zip(spread, (noise.velocity, noise.spin), strict=True)]
-        noise = ThrowNoise(of_position, of_angle, float(rest[0]), float(rest[1]))
+        noise = ThrowNoise(of_position, of_angle, float(rest[0]), float(rest[1]), (np.ones(len(fits)), np.ones(len(fits))))
         speeds, spins = given
     acceleration = np.stack([fit.acceleration for fit in fits])
     return Starts(position, quat, speeds, spins, acceleration, logged), noise
@@ -101,25 +123,69 @@ def starts_of(throws: Throws) -> tuple[Starts, ThrowNoise]:
 
 @dataclass(frozen=True)
 class Parabolas:
-    """Parabolas through the first stretch: speeds at its first sample, mean squared residuals, spread of a speed per spread of
-    a sample (1/s)."""
+    """Motion of a throw's first stretch at its first sample.
+
+    Args:
+        speed: Velocity, m/s. [3].
+        spin: Angular velocity, rad/s. [3].
+        acceleration: m/s2. [3].
+        squares: Mean squared residuals of positions, m2, and of attitudes, rad2.
+        gain: Spread of a velocity per spread of a position, 1/s.
+        turning: Spread of an angular velocity per spread of an attitude, 1/s.
+    """
 
     speed: Array
     spin: Array
     acceleration: Array
     squares: tuple[float, float]
     gain: float
+    turning: float
 
 
 def parabolas(throw: Throw) -> Parabolas:
-    """Motion of a throw's first stretch, from its poses alone."""
-    count = max(_FEWEST, int(np.searchsorted(throw.time, WINDOW)))
-    time = throw.time[:count]
+    """Motion of a throw's first stretch, from its poses alone: of the longest one that a parabola describes within its noise.
+
+    A longer stretch tells speeds far better; the body's first touch, or spin that precesses, ends it.
+    """
+    places, turns = throw.position, turn_between(throw.quat, throw.quat[0])
+    fits = [_longest(throw.time, values) for values in (places, turns)]
+    (place, here, gain), (turn, there, turning) = fits
+    # Rotation vectors about the first sample carry its noise in all of them, which their constant takes up.
+    return Parabolas(place[1], turn[1], place[2], (here, there), gain, turning)
+
+
+def _longest(time: Array, values: Array) -> tuple[Array, float, float]:
+    """Parabola through the longest stretch that one describes.
+
+    Args:
+        time: Times of the samples, s. [T].
+        values: Positions, m, or rotation vectors, rad. [T, 3].
+
+    Returns:
+        Its coefficients [3, 3], the squared noise that the first stretch tells, and the spread of the slope per spread of a
+        sample, 1/s.
+    """
+    count = max(_FEWEST, int(np.searchsorted(time, WINDOW)))
+    first = _parabola(time[:count], values[:count])
+    kept, last = first, first
+    for more in _LONGER:
+        longer = int(np.searchsorted(time, more * WINDOW))
+        if longer <= count or time[longer - 1] > LONGEST:
+            continue
+        tried = _parabola(time[:longer], values[:longer])
+        if tried[1] > first[1] * f_law.ppf(_ALIKE, 3 * (longer - 3), 3 * (count - 3)):
+            break
+        # One step less than what still looks alike: what bends a stretch moves its slope before it shows in what is left.
+        kept, last = last, tried
+    # The median of squares is less than their mean, by a known factor.
+    freedom = 3.0 * (count - 3)
+    return kept[0], first[1] * freedom / float(chi2_law.median(freedom)), kept[2]
+
+
+def _parabola(time: Array, values: Array) -> tuple[Array, float, float]:
+    """Coefficients [3, 3], mean squared residual, spread of the slope per spread of a sample. [T], [T, 3]."""
     rows = np.stack([np.ones_like(time), time, 0.5 * time**2], axis=1)
     inverse = np.linalg.pinv(rows)
-    values = (throw.position[:count], turn_between(throw.quat[:count], throw.quat[0]))
-    fits = [inverse @ value for value in values]
-    free = 3.0 * (len(time) - 3)
-    squares = tuple(float(((value - rows @ fit) ** 2).sum() / free) for value, fit in zip(values, fits, strict=True))
-    # Rotation vectors about the first sample carry its noise in all of them, which their constant takes up.
-    return Parabolas(fits[0][1], fits[1][1], fits[0][2], squares, float(np.sqrt((inverse[1] ** 2).sum())))  # type: ignore[arg-type]
+    fit = inverse @ values
+    left = float(((values - rows @ fit) ** 2).sum() / (3.0 * (len(time) - 3)))
+    return fit, left, float(np.sqrt((inverse[1] ** 2).sum()))

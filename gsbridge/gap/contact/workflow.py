@@ -129,8 +129,8 @@ class ThrowBackend(CaseBackend):
                 apart = arrays[f"{role}/{way}_position"] - arrays[f"{role}/position"]
                 arrays[f"{role}/{when}"] = np.linalg.norm(apart, axis=1)
             rows[role] = {
-                "before": 1e3 * float(replay.errors().mean()),
-                "after": 1e3 * float(replay.errors(effects).mean()),
+                "before": 1e3 * float(replay.gaps().mean()),
+                "after": 1e3 * float(replay.gaps(effects).mean()),
                 "channels": list(CHANNELS),
                 "throws": [throw.name for throw in throws.items],
                 "phases": [replay.phases(), replay.phases(effects)],
@@ -164,8 +164,9 @@ def _logged(throws: Throws, key: str) -> bool:
 def _map(replay: ThrowReplay, effects: Sequence[Applied] = ()) -> ResidualMap:
     """Where the difference to a replay with effects shows, against effect-free replicates of the first throws."""
     few = replay.part(null.FEW)
-    sets = null.replicates(few, effects, np.random.default_rng(0))
-    return map_distances(replay, replay.flights(effects), np.stack([cells(few, differences) for differences in sets]))
+    sets, plain = null.replicates(few, effects, np.random.default_rng(0)), few.flights(effects)
+    rows = [cells(few, [seen.position - at.position for seen, at in zip(row, plain, strict=True)]) for row in sets]
+    return map_distances(replay, replay.flights(effects), np.stack(rows))
 
 
 def _distances(replay: ThrowReplay) -> dict[str, Any]:
@@ -173,7 +174,7 @@ def _distances(replay: ThrowReplay) -> dict[str, Any]:
     apart = [at - flight.position for flight, at in zip(replay.flights(), replay.measured, strict=True)]
     sizes = 1e3 * np.sqrt((np.concatenate(along(replay, apart)) ** 2).mean(axis=0))
     return {
-        "whole": 1e3 * float(replay.errors().mean()),
+        "whole": 1e3 * float(replay.gaps().mean()),
         "channels": dict(zip(CHANNELS, sizes.tolist(), strict=True)),
         "noise": dict.fromkeys(CHANNELS, replay.noise.position),
         "where": _map(replay).record(),

@@ -86,7 +86,8 @@ def simulate(
         for number, pose, velocity, spin in zip(numbers, *frame.enter(starts, inertial), strict=True):
             quat = np.roll(quat_from_rotation(pose[:3, :3]), -1)
             client.resetBasePositionAndOrientation(number, pose[:3, 3].tolist(), quat.tolist())
-            client.resetBaseVelocity(number, velocity.tolist(), spin.tolist())
+            # The engine moves positions with the speed at a step's end, by which a parabola would fall half a step too far.
+            client.resetBaseVelocity(number, (velocity - 0.5 * step * frame.pull()).tolist(), spin.tolist())
         rows, touches = _run(client, plane, numbers, clocks, step)
     finally:
         client.disconnect()

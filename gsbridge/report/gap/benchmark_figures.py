@@ -41,6 +41,8 @@ TIERS = {
     "t2": "T2: MuJoCo truth",
     "t3": "T3: real logs",
     "t4": "T4: images",
+    "t5": "T5: thrown bodies",
+    "t7": "T7: further machines",
 }
 
 _ACCENT, _SOFT = "#1f6f8b", "#5b6b7b"

@@ -60,6 +60,8 @@ def gap_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, A
     for tier, scores in ours.items():
         out[f"gap_named_right_{tier}"] = _percent(scores["named_right"])
         out[f"gap_wrong_{tier}"] = _percent(scores["named_wrong"])
+        out[f"gap_interval_coverage_{tier}"] = _percent(scores["interval_coverage"])
+        out[f"gap_interval_coverage_upper_{tier}"] = out[f"gap_interval_coverage_{tier}"]
     dynamic = [scores for tier, scores in ours.items() if tier in _DYNAMIC]
     for key, name in POOLED.items():
         over = list(ours.values()) if key in _STATISTICS else dynamic

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from gsbridge.errors import InputError
+from gsbridge.experiment.seals import read_seals
 from gsbridge.files import atomic_file, read_json
 
 AREAS = ("real2sim", "shapes", "simulator", "policies", "worlds", "study", "gap", "loops")
@@ -120,6 +121,22 @@ def results_markdown(
     return "\n".join(lines) + "\n"
 
 
+def seals_markdown(seals: Sequence[Mapping[str, Any]]) -> str:
+    """Every seal of the gap's benchmark that was ever scored, with its first score; nothing where there is none."""
+    if not seals:
+        return ""
+    lines = ["", "## Seals of the gap's benchmark", ""]
+    lines += [
+        "Numbers that drew a scored split of their own (`GSBRIDGE_SEAL`), each with its first score and the code behind it."
+    ]
+    lines += ["", "| seal | part | code | cases | figures |", "|---|---|---|---|---|"]
+    for item in seals:
+        for part, told in item["parts"].items():
+            figures = ", ".join(f"{name} {text}" for name, text in told["figures"].items())
+            lines.append(f"| {item['seal']} | {part} | `{told['code']}` | {told['cases']} | {figures} |")
+    return "\n".join(lines) + "\n"
+
+
 def _floors(record: Mapping[str, Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     """Figures of an area that a floor is asked of."""
     return [score for score in record.get("figures", {}).values() if score["floor"] is not None]
@@ -171,5 +188,6 @@ def write_results_page(folder: str | Path, out: str | Path, now: Mapping[str, Ma
         InputError: A file is damaged.
     """
     text = results_markdown({area: read_record(Path(folder) / f"{area}.json") for area in AREAS}, now)
+    text += seals_markdown(read_seals(Path(folder).parent / "seals"))
     with atomic_file(out) as temporary:
         temporary.write_text(text, encoding="utf-8")

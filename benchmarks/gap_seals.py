@@ -1,0 +1,74 @@
+"""Score one seal of the gap's benchmark, or a part of it, and write down its first score.
+
+    GSBRIDGE_SEAL=12345 python benchmarks/gap_seals.py --tiers t5 --cases 10 --folder work
+
+The seal alone draws the cases (`gsbridge.experiment.seals`). What is scored is kept in `benchmarks/seals/{seal}.json`, where a
+later run of the same part changes nothing. Cases that were diagnosed before in the same folder are not diagnosed again, so a
+run that was stopped goes on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from gsbridge import logs
+from gsbridge.digests import code_digest
+from gsbridge.errors import InputError
+from gsbridge.experiment.seals import VARIABLE, record_seal, seal_of
+from gsbridge.files import write_json
+from gsbridge.gap.benchmark import campaign
+from gsbridge.gap.benchmark.score import score_findings
+
+REGISTER = Path(__file__).parent / "seals"
+
+SHOWN = ("named_right", "named_or_covered", "named_wrong", "false_alarm", "unknown_wrong", "interval_coverage")
+"""Rates that are written down."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Draw, diagnose, score, write down."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--tiers", nargs="+", choices=campaign.TIERS, default=list(campaign.TIERS))
+    parser.add_argument("--cases", type=int, help="of each tier; all without it")
+    parser.add_argument("--folder", type=Path, required=True, help="keeps cases, truths and findings")
+    parser.add_argument("--register", type=Path, default=REGISTER, help="folder of the seals' scores")
+    options = parser.parse_args(arguments)
+    logs.start(1, None)
+    seal = seal_of(os.environ)
+    if seal is None:
+        raise InputError(VARIABLE, "no seal is set", "Set it to a whole number above 10000 that was never scored")
+    for tier in options.tiers:
+        folder = options.folder / str(seal) / tier
+        cases, truths = folder / "cases", folder / "truths"
+        if not (cases / "manifest.json").exists():
+            campaign.generate_cases(tier, campaign.SPLITS[1], cases, truths, count=options.cases, seal=seal)
+        campaign.diagnose_cases(cases, campaign.case_keys(cases), folder / "findings", options.folder / "bank")
+        scores = score_findings(cases, truths, {campaign.METHODS[0]: [folder / "findings"]})
+        write_json(folder / "scores.json", scores)
+        record_seal(options.register, seal, {tier: _told(scores)})
+    return 0
+
+
+def _told(scores: Mapping[str, Any]) -> dict[str, Any]:
+    """What the register says about a tier."""
+    found = scores["methods"][campaign.METHODS[0]]
+    figures = {key.replace("_", " "): _share(found[key]) for key in SHOWN if found[key]["n"]}
+    code = code_digest("gsbridge.gap.benchmark.campaign", "gsbridge.gap.benchmark.score")
+    commit = subprocess.run(
+        ["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=False
+    ).stdout.strip()
+    return {"code": code[:12], "commit": commit, "cases": scores["cases"], "figures": figures}
+
+
+def _share(rate: Mapping[str, Any]) -> str:
+    return f"{round(rate['value'] * rate['n'])} of {rate['n']}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,242 @@
+"""Throws of a body in MuJoCo, whose contacts are another formulation than those of the engine that diagnoses them.
+
+Nothing here knows the effects of the diagnosis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from gsbridge.gap.contact.starts import quat_from_turn
+from gsbridge.gap.contact.throws import Throw, Throws
+from gsbridge.geometry import Array, quat_multiply, rotation_from_quat
+
+STEP = 5e-4
+"""Step of MuJoCo, s."""
+
+_REBOUND = 1500.0
+"""Natural frequency of a contact that gives something back, rad/s."""
+
+_SHAKEN = (7.0, 2 * np.pi)
+"""Frequencies of a gust, rad/s: along x and along y."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A body, a surface, and how the body is thrown and logged.
+
+    Args:
+        shape: `box` or `ball`.
+        edges: Edges of the box, m; a ball has the first of them as its diameter.
+        mass: kg.
+        inertia: Factor on the moments of the solid body.
+        com: Centre of mass in the body frame, m. [3].
+        friction: Sliding friction of the pair.
+        spinning: Lever arm of spinning friction, m; none at zero.
+        rolling: Lever arm of rolling friction, m; none at zero.
+        restitution: Share of its speed that a light impact gives back.
+        compliance: How far one newton pushes a contact in, m/N; a hard one at zero.
+        softened: Damping of a soft contact, N s/m.
+        gravity: m/s2.
+        linear: Loss of speed in the air, N s/m per kg.
+        angular: Loss of spin in the air, N m s per moment of inertia.
+        force: Steady force along x and y, N. [2].
+        density: Density of the air, kg/m3, for MuJoCo's drag.
+        height: Height of the surface, m.
+        tilt: Tilt of the surface about x and y, rad. [2].
+        slowness: Time constant of the contact, s.
+        rate: Samples per second.
+        duration: Length of a throw, s.
+        noise: Noise of positions, m, and of attitudes, rad.
+        offset: Tracked point in the body frame, m. [3].
+        stretched: Factor on all logged lengths.
+        clock: Factor on all logged times.
+        lag: How late logged start speeds are, s; None where none are logged.
+        magnus: Side force per speed and spin, kg.
+        patchy: Change of the friction from one side of the surface to the other.
+        slosh: Share of the mass that swings inside on a spring.
+        gust: Force of the wind that comes and goes, N.
+        bent: Curvature of the tracker's lengths, 1/m.
+        bump: Height of a wave in the surface, m.
+    """
+
+    shape: str = "box"
+    edges: Sequence[float] = (0.1, 0.1, 0.1)
+    mass: float = 0.4
+    inertia: float = 1.0
+    com: Sequence[float] = (0.0, 0.0, 0.0)
+    friction: float = 0.2
+    spinning: float = 0.0
+    rolling: float = 0.0
+    restitution: float = 0.0
+    compliance: float = 0.0
+    softened: float = 0.0
+    gravity: float = 9.81
+    linear: float = 0.0
+    angular: float = 0.0
+    force: Sequence[float] = (0.0, 0.0)
+    density: float = 0.0
+    height: float = 0.0
+    tilt: Sequence[float] = (0.0, 0.0)
+    slowness: float = 0.004
+    rate: float = 150.0
+    duration: float = 0.75
+    noise: tuple[float, float] = (1e-4, 5e-4)
+    offset: Sequence[float] = (0.0, 0.0, 0.0)
+    stretched: float = 1.0
+    clock: float = 1.0
+    lag: float | None = None
+    magnus: float = 0.0
+    patchy: float = 0.0
+    slosh: float = 0.0
+    gust: float = 0.0
+    bent: float = 0.0
+    bump: float = 0.0
+
+
+def throw_box(scene: Scene, count: int, seed: int, *, shaken: tuple[float, float] = (0.0, 0.0)) -> Throws:
+    """Throw a body `count` times: low, at 0.5-1.5 m/s, with spins of some rad/s.
+
+    Args:
+        scene: What is thrown.
+        count: Throws.
+        seed: Seed of the throws and of the noise.
+        shaken: Standard deviations by which start speeds are wrong, m/s and rad/s; the throws are otherwise the same.
+    """
+    rng, other = np.random.default_rng(seed), np.random.default_rng([seed, 1])
+    model = _compile(scene)
+    data = mujoco.MjData(model)
+    items = []
+    for number in range(count):
+        mujoco.mj_resetData(model, data)
+        turn = rng.normal(size=4)
+        reach = float(np.linalg.norm(scene.edges))
+        data.qpos[:3] = 0.0, 0.0, rng.uniform(1.0, 2.0) * reach
+        data.qpos[3:7] = turn / np.linalg.norm(turn)
+        along, speed = rng.uniform(0.0, 2 * np.pi), rng.uniform(0.5, 1.5)
+        data.qvel[:3] = speed * np.cos(along), speed * np.sin(along), rng.uniform(-0.3, 0.3)
+        data.qvel[3:6] = rng.normal(0.0, 2.5, 3)
+        data.qvel[:3] += other.normal(0.0, 1.0, 3) * shaken[0]
+        data.qvel[3:6] += other.normal(0.0, 1.0, 3) * shaken[1]
+        # MuJoCo moves positions with the speed at a step's end; this is the speed half a step earlier.
+        data.qvel[2] += 0.5 * STEP * scene.gravity
+        mujoco.mj_forward(model, data)
+        items.append(_logged(scene, model, data, rng, str(number)))
+    return Throws(tuple(items))
+
+
+def _logged(scene: Scene, model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator, name: str) -> Throw:
+    """One throw as a tracker sees it."""
+    time = np.arange(int(scene.duration * scene.rate) + 1) / scene.rate
+    steps = np.round(time / STEP).astype(int)
+    rows: list[Array] = []
+    late = 0 if scene.lag is None else max(round(scene.lag / STEP), 0)
+    steps += late
+    data.xfrc_applied[1, :2] = scene.force
+    restless = bool(scene.gust or scene.magnus or scene.patchy or scene.bump)
+    speeds, now = None, 0
+    for step in [steps[0] - late, *steps]:
+        while now < step:
+            if restless:
+                _disturb(scene, model, data)
+            ahead = 1 if restless else int(step) - now
+            mujoco.mj_step(model, data, nstep=ahead)
+            now += ahead
+        if speeds is None:
+            speeds = _speeds(data, scene)
+        else:
+            rows.append(data.qpos.copy())
+    poses = np.array(rows)
+    place = poses[:, :3] + rotation_from_quat(poses[:, 3:7]) @ np.asarray(scene.offset, dtype=np.float64)
+    place = scene.stretched * place * (1.0 + scene.bent * place)
+    position = place + rng.normal(0.0, scene.noise[0], (len(time), 3))
+    quat = quat_multiply(quat_from_turn(rng.normal(0.0, scene.noise[1], (len(time), 3))), poses[:, 3:7])
+    stamps = (steps - steps[0]) * STEP * scene.clock
+    if scene.lag is None or speeds is None:
+        return Throw(name, stamps, position, quat)
+    velocity, spin = speeds
+    velocity = scene.stretched / scene.clock * velocity + rng.normal(0.0, 20 * scene.noise[0], 3)
+    return Throw(name, stamps, position, quat, velocity, spin / scene.clock + rng.normal(0.0, 20 * scene.noise[1], 3))
+
+
+def _speeds(data: mujoco.MjData, scene: Scene) -> tuple[Array, Array]:
+    """Velocity of the tracked point and angular velocity, both in the world's axes. [3], [3]."""
+    turn = rotation_from_quat(data.qpos[3:7].copy())
+    spin = turn @ data.qvel[3:6]
+    # The engine's speed is ahead of its position by half a step's fall.
+    velocity = data.qvel[:3] - 0.5 * STEP * scene.gravity * np.array([0.0, 0.0, 1.0])
+    return velocity + np.cross(spin, turn @ np.asarray(scene.offset, dtype=np.float64)), spin
+
+
+def _disturb(scene: Scene, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """What acts from outside for one step."""
+    push = np.array([*scene.force, 0.0])
+    if scene.gust:
+        push[:2] += scene.gust * np.sin(np.array(_SHAKEN) * data.time + (0.4, 2.0))
+    if scene.magnus:
+        turn = rotation_from_quat(data.qpos[3:7].copy())
+        push += scene.magnus * np.cross(turn @ data.qvel[3:6], data.qvel[:3])
+    data.xfrc_applied[1, :3] = push
+    if scene.patchy:
+        model.geom_friction[:, 0] = scene.friction + scene.patchy * np.tanh(6.0 * data.qpos[0])
+    if scene.bump:
+        model.geom_pos[0, 2] = scene.height + scene.bump * np.sin(20.0 * data.qpos[0]) * np.sin(20.0 * data.qpos[1])
+
+
+def _contact(scene: Scene) -> list[float]:
+    """MuJoCo's reference of a contact: hard and slow, one that rebounds, or one that gives way."""
+    if scene.compliance:
+        return [-1.0 / (scene.compliance * scene.mass), -scene.softened / scene.mass]
+    if scene.restitution:
+        loss = -np.log(scene.restitution)
+        ratio = loss / np.hypot(np.pi, loss)
+        return [1.0 / (_REBOUND * ratio), float(ratio)]
+    return [scene.slowness, 1.0]
+
+
+def _compile(scene: Scene) -> mujoco.MjModel:
+    spec = mujoco.MjSpec()
+    spec.option.timestep = STEP
+    spec.option.gravity = [0.0, 0.0, -scene.gravity]
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 10.0
+    spec.option.density = scene.density
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    contact = {
+        "friction": [scene.friction, scene.spinning, scene.rolling],
+        "condim": 6 if scene.rolling > 0 else 4 if scene.spinning > 0 else 3,
+        "solref": _contact(scene),
+    }
+    turn = np.array([*scene.tilt, 0.0])
+    plane = [10.0, 10.0, 1.0]
+    spec.worldbody.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_PLANE, size=plane, pos=[0.0, 0.0, scene.height], quat=quat_from_turn(turn), **contact
+    )
+    body = spec.worldbody.add_body(name="box")
+    body.add_freejoint()
+    edges = np.asarray(scene.edges, dtype=np.float64)
+    ball = scene.shape == "ball"
+    rigid = scene.mass * (1.0 - scene.slosh)
+    body.mass = rigid
+    moments = np.full(3, 0.1 * edges[0] ** 2) if ball else (np.sum(edges**2) - edges**2) / 12.0
+    body.inertia = rigid * moments * scene.inertia
+    body.ipos = list(scene.com)
+    body.explicitinertial = True
+    kind = mujoco.mjtGeom.mjGEOM_SPHERE if ball else mujoco.mjtGeom.mjGEOM_BOX
+    body.add_geom(type=kind, size=[0.5 * edges[0], 0.0, 0.0] if ball else 0.5 * edges, **contact)
+    if scene.slosh:
+        inner = body.add_body(name="inner", pos=[0.0, 0.0, 0.0])
+        inner.mass, inner.inertia, inner.explicitinertial = scene.mass * scene.slosh, [1e-6] * 3, True
+        for axis in np.eye(3):
+            stiff = scene.mass * scene.slosh * 30.0**2
+            inner.add_joint(
+                type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis, stiffness=stiff, damping=0.1 * scene.mass * scene.slosh * 30.0
+            )
+    model = spec.compile()
+    model.dof_damping[:3] = scene.linear * scene.mass
+    model.dof_damping[3:6] = scene.angular * rigid * moments
+    return model

@@ -1,0 +1,239 @@
+"""What can be hidden in a driven mechanism outside of its engine: in its drive, its losses, its sensors and its commands.
+
+Nothing here knows the effects of the diagnosis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
+from gsbridge.geometry import Array
+
+WAVES = (5.0, 7.0, 9.0, 12.0, 16.0, 10.0, 6.0)
+"""Waves of a ripple per turn, by the joint's number."""
+
+PHASE = 0.9
+"""Angle at which a ripple and an encoder's eccentricity begin, rad."""
+
+SKEW = 0.5
+"""Difference of dry friction between both directions, as a share of its mean."""
+
+_CREEP = 0.01
+"""Speed below which the direction of a motion is not certain, rad/s."""
+
+_WELL = 0.12
+"""Width of a detent, rad."""
+
+_KICKS = 1.5
+"""Mean number of kicks per second."""
+
+_KICK = 0.02
+"""Length of a kick, s."""
+
+
+def size_at(hidden: Mapping[str, float], name: str, joint: str) -> float:
+    """Size of an effect at a joint, 0 where it is not hidden there.
+
+    Args:
+        hidden: Sizes of what is hidden: `name:joint`, or `name` where the mechanism has one joint.
+        name: Name of the effect.
+        joint: Name of the joint.
+    """
+    return hidden.get(f"{name}:{joint}", hidden.get(name, 0.0))
+
+
+class _Sizes:
+    """Sizes of what is hidden, joint by joint."""
+
+    def __init__(self, system: MechanismModel, hidden: Mapping[str, float]) -> None:
+        self.system, self.hidden = system, hidden
+
+    def __call__(self, name: str) -> Array:
+        """Sizes of an effect. [N]."""
+        return np.array([size_at(self.hidden, name, joint) for joint in self.system.joints])
+
+
+class Drive:
+    """From the torque that is asked to the torque that acts: dead time, slowness, a supply that sags under load.
+
+    Args:
+        system: Model of the mechanism.
+        hidden: Sizes of what is hidden.
+        step: Step of the engine, s.
+    """
+
+    def __init__(self, system: MechanismModel, hidden: Mapping[str, float], step: float) -> None:
+        sizes = _Sizes(system, hidden)
+        dead, slow, self._sag = sizes("torque_delay"), sizes("torque_lag"), sizes("sagging")
+        self._back = np.round(dead / step).astype(int)
+        self._keep = np.where(slow > 0, np.exp(-step / np.where(slow > 0, slow, 1.0)), 0.0)
+        self._warm_keep = float(np.exp(-step / 0.3))
+        self.acts = bool(dead.any() or slow.any() or self._sag.any())
+        self._ring: list[Array] = []
+        self._given: Array | None = None
+        self._load = np.zeros(len(dead))
+
+    def __call__(self, asked: Array) -> Array:
+        """Torque that acts in the next step of the engine. [N] -> [N]."""
+        self._ring.append(asked)
+        longest = int(self._back.max()) + 1
+        self._ring = self._ring[-longest:]
+        late = np.array([self._ring[max(len(self._ring) - 1 - back, 0)][k] for k, back in enumerate(self._back)])
+        if self._given is None:
+            self._given = late
+        self._given = late + (self._given - late) * self._keep
+        self._load = np.abs(late) + (self._load - np.abs(late)) * self._warm_keep
+        return self._given / (1.0 + self._sag * self._load)
+
+
+class Loads:
+    """Torques that act on the joints beside those of the motors.
+
+    Args:
+        system: Model of the mechanism.
+        hidden: Sizes of what is hidden.
+        duration: Length of the course, s.
+    """
+
+    def __init__(self, system: MechanismModel, hidden: Mapping[str, float], duration: float) -> None:
+        sizes = _Sizes(system, hidden)
+        self.steady = sizes("effort_offset")
+        self._drag, self._cubic, self._shake = sizes("quadratic_drag"), sizes("cubic_spring"), sizes("shaking")
+        self._ripple, self._detent, self._stop = sizes("ripple"), sizes("detent"), sizes("stop")
+        self._hysteresis, self._kick = sizes("hysteresis"), sizes("kicks")
+        self._worn = system.viscous * sizes("warming")
+        self._waves = np.resize(np.array(WAVES), len(self.steady))
+        self._bent = np.zeros(len(self.steady))
+        self._begun: Array | None = None
+        parts = (self._drag, self._cubic, self._shake, self._ripple, self._detent, self._stop, self._hysteresis)
+        self.acts = any(bool(part.any()) for part in (*parts, self._kick, self._worn))
+        rng = np.random.default_rng(9)
+        self._at = np.sort(rng.uniform(0.0, duration, max(round(_KICKS * duration), 1)))
+        self._ways = rng.choice([-1.0, 1.0], len(self._at))
+
+    def __call__(self, q: Array, v: Array, time: float, asked: Array) -> Array:
+        """Torques at a moment. [N], [N], s, [N] -> [N]."""
+        if not self.acts:
+            return self.steady
+        if self._begun is None:
+            self._begun, self._last = q.copy(), q.copy()
+        extra = self.steady - self._drag * v * np.abs(v) - self._cubic * q**3 + self._shake * np.sin(2 * np.pi * 3.3 * time)
+        extra = extra + self._ripple * np.sin(self._waves * q + PHASE) - self._worn * time * v
+        away = q - self._begun - 0.1
+        extra = extra - self._detent * away / _WELL * np.exp(-0.5 * (away / _WELL) ** 2)
+        extra = extra - self._stop * np.maximum(q - self._begun - 0.15, 0.0)
+        # A spring that slips once it is stretched by two hundredths: it remembers where it came from.
+        self._bent = np.clip(self._bent + q - self._last, -0.06, 0.06)
+        self._last = q.copy()
+        extra = extra - self._hysteresis * self._bent
+        if self._kick.any():
+            near = int(np.searchsorted(self._at, time)) - 1
+            if near >= 0 and time - self._at[near] < _KICK:
+                extra = extra + self._kick * self._ways[near]
+        return extra
+
+
+class Rubs:
+    """Dry friction that changes with place, direction, load or time.
+
+    Args:
+        system: Model of the mechanism.
+        hidden: Sizes of what is hidden.
+    """
+
+    def __init__(self, system: MechanismModel, hidden: Mapping[str, float]) -> None:
+        sizes = _Sizes(system, hidden)
+        self._patchy, self._uneven, self._share = sizes("patchy_friction"), sizes("coulomb_asym"), sizes("load_friction")
+        self._bump, self._worn = sizes("stribeck"), system.coulomb * sizes("warming")
+        parts = (self._patchy, self._uneven, self._share, self._bump, self._worn)
+        self._acts = any(bool(part.any()) for part in parts)
+
+    def __call__(self, q: Array, v: Array, time: float, asked: Array) -> Array | None:
+        """Dry friction beside the known one, N m; None where none is hidden. [N], [N], s, [N] -> [N]."""
+        if not self._acts:
+            return None
+        dry = self._patchy * (1.0 + np.sin(5 * q)) + self._share * np.abs(asked) + self._worn * time
+        dry = dry + np.abs(self._uneven) + SKEW * self._uneven * np.tanh(v / _CREEP)
+        return np.maximum(dry + self._bump * np.exp(-((v / 0.05) ** 2)), 0.0)
+
+
+class Sensors:
+    """What the encoders say.
+
+    Args:
+        system: Model of the mechanism.
+        hidden: Sizes of what is hidden.
+        duration: Length of the course, s.
+    """
+
+    def __init__(self, system: MechanismModel, hidden: Mapping[str, float], duration: float) -> None:
+        sizes = _Sizes(system, hidden)
+        self.offset, self.scale = sizes("encoder_offset"), 1.0 + sizes("encoder_scale")
+        self._off_axis, self._drift, self._slip = sizes("eccentricity"), sizes("drifting"), sizes("slip")
+        self._duration, self._along = duration, np.exp(1j * PHASE)
+        self._odd = bool(self._off_axis.any() or self._drift.any() or self._slip.any())
+
+    def __call__(self, q: Array, v: Array, time: float) -> tuple[Array, Array]:
+        """Angles and speeds as they are measured. [N], [N], s -> [N], [N]."""
+        seen, rate = self.scale * q + self.offset, self.scale * v
+        if not self._odd:
+            return seen, rate
+        # A disc whose middle lies off the axis: the direction to a mark on it, seen from the axis.
+        mark = 1.0 + self._off_axis * self._along * np.exp(-1j * q)
+        seen = seen + np.angle(mark)
+        rate = rate * (1.0 + np.real(-self._off_axis * self._along * np.exp(-1j * q) / mark))
+        seen = seen + self._drift * (1.0 - np.exp(-2.0 * time / self._duration)) + self._slip * (time > 0.4 * self._duration)
+        return seen, rate
+
+
+class Commands:
+    """What becomes of the commands on their way to the controller.
+
+    Args:
+        system: Model of the mechanism.
+        hidden: Sizes of what is hidden.
+        first: First command. [N].
+        period: Time between two commands, s.
+    """
+
+    def __init__(self, system: MechanismModel, hidden: Mapping[str, float], first: Array, period: float) -> None:
+        self.dead, self._slow, self._period = hidden.get("command_delay", 0.0), hidden.get("lag", 0.0), period
+        slowness = _Sizes(system, hidden)("rate_limit")
+        self._most = np.where(slowness > 0, period / np.where(slowness > 0, slowness, 1.0), np.inf)
+        self._sent, self._wanted = first, first
+
+    def __call__(self, command: Array) -> Array:
+        """The command that reaches the controller. [N] -> [N]."""
+        before, self._sent = self._sent, command
+        if self._slow:
+            # The filter's exact answer to a line from the last command to this one: behind it by the line's rise in the time
+            # constant, but for what is left of the last distance.
+            behind = (command - before) * (self._slow / self._period)
+            self._wanted = command - behind + (self._wanted - before + behind) * np.exp(-self._period / self._slow)
+        else:
+            self._wanted = self._wanted + np.clip(command - self._wanted, -self._most, self._most)
+        return self._wanted
+
+
+def true_parameters(name: str, size: float, joint: int) -> dict[str, float]:
+    """Parameters that a perfect diagnosis gives for what is hidden, where the size is not the first of them.
+
+    Args:
+        name: Name of the effect, without its joint.
+        size: Its size.
+        joint: Number of its joint.
+    """
+    if name == "coulomb_asym":
+        return {"torque": abs(size), "skew": SKEW * size}
+    if name == "eccentricity":
+        return {"sine": -size * float(np.cos(PHASE)), "cosine": size * float(np.sin(PHASE))}
+    if name == "ripple":
+        return {"sine": size * float(np.cos(PHASE)), "cosine": size * float(np.sin(PHASE)), "waves": WAVES[joint % len(WAVES)]}
+    if name == "base_tilt":
+        return {"about_x": 0.0, "about_y": size}
+    if name == "payload":
+        return {"mass": size, "x": 0.0, "y": 0.0, "z": 0.08}
+    return {}

@@ -1,0 +1,79 @@
+"""Further machines and thrown bodies of the benchmark: what is hidden in them is what it is called."""
+
+import json
+
+import numpy as np
+import pytest
+
+from gsbridge.effects.bodies import BODY_EFFECTS
+from gsbridge.effects.joints import JOINT_EFFECTS
+from gsbridge.effects.registry import Applied
+from gsbridge.gap.benchmark import body_cases, machines
+from gsbridge.gap.benchmark.body_truth import Scene, throw_box
+from gsbridge.gap.benchmark.generate import _joined
+from gsbridge.gap.benchmark.hidden_parts import true_parameters
+from gsbridge.gap.benchmark.trajectories import course
+from gsbridge.gap.contact.case import read_throw_case
+from gsbridge.gap.formats.records import Record
+from gsbridge.gap.joints.mechanism.replay import Mechanism
+from gsbridge.gap.joints.residuals import JointResiduals
+
+
+def test_all_effects_can_be_hidden_and_unknown_families_are_disjoint():
+    assert set(machines.EFFECTS) == set(JOINT_EFFECTS)
+    assert set(body_cases.KNOWN) == set(BODY_EFFECTS)
+    for families in (machines.UNKNOWN_OF, body_cases.UNKNOWN_OF):
+        assert not set(families["development"]) & set(families["scored"])
+    assert sum(len(names) for names in machines.UNKNOWN_OF.values()) >= 8
+
+
+def test_seeds_in_a_row_go_through_all_machines():
+    drawn = [machines.drawn_logging(1000 + k) for k in range(24)]
+    assert {item.machine for item in drawn} == set(machines.MACHINES)
+    assert all(item.rate * item.duration <= 20000 for item in drawn)
+    assert {len(item.channels) for item in drawn} == {2, 3}
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["torque_delay", "torque_lag", "coulomb_asym", "eccentricity", "load_friction", "rate_limit", "ripple", "warming"],
+)
+def test_what_mujoco_hides_is_what_the_catalogue_calls_so(tmp_path, name):
+    """The same effect in both engines: the catalogue's law explains nearly all of what the other formulation shows."""
+    system, plant = machines.machine_plant("axis", tmp_path)
+    time = np.arange(150) / 100
+    wanted = _joined(course("multisine", plant.centre, plant.reach, 1.5, np.random.default_rng(0)), 100.0)
+    size = {"warming": 0.3, "coulomb_asym": 0.5}.get(name, 3 * plant.sizes[f"{name}:turn"][0])
+    joint_name = f"{name}:turn"
+    moved = plant.truth(wanted, 1.5, time, {joint_name: size})
+    sent = np.array([wanted(t) for t in time])
+    seen = {kind: moved[kind] for kind in plant.noise}
+    record = Record("fit", time, plant.joints, {"command": sent}, seen, sigma=dict(plant.noise))
+    view = JointResiduals.of(Mechanism(system), record)
+    values = true_parameters(name, size, 0) or {JOINT_EFFECTS[name].parameters[0].name: size}
+    before = np.sqrt((view.residual() ** 2).mean())
+    after = np.sqrt((view.residual((Applied(name, "turn", values),)) ** 2).mean())
+    assert before > 0.3
+    assert after < 0.15 * before
+
+
+def test_a_drawn_body_can_be_read_and_flies_by_what_is_hidden(tmp_path):
+    case = body_cases.draw_body_case(("gravity_scale",), 20.0, 3, count=8)
+    body_cases.write_body_case(tmp_path, case)
+    read = read_throw_case(tmp_path / "case.yaml")
+    assert {role: len(throws) for role, throws in read.throws.items()} == dict.fromkeys(("fit", "select", "verify"), 8)
+    assert case.parameters["gravity_scale"]["share"] == case.hidden["gravity_scale"]
+    json.dumps({"settings": case.settings, "parameters": case.parameters})
+
+
+def test_throws_of_mujoco_fall_by_gravity_before_they_touch():
+    scene = Scene(edges=(0.1, 0.1, 0.1), gravity=9.0, duration=0.1, noise=(0.0, 0.0), lag=0.0, rate=200.0)
+    for throw in throw_box(scene, 3, 0).items:
+        fall = throw.position[0] + throw.velocity * throw.time[:, None] - 4.5 * throw.time[:, None] ** 2 * [0, 0, 1]
+        early = throw.time < 0.05
+        assert np.allclose(throw.position[early], fall[early], atol=2e-5)
+
+
+def test_equations_that_are_the_same_are_twins():
+    assert body_cases.body_twins(("gravity_scale",)) == [["tracking_rate"]]
+    assert body_cases.body_twins(("restitution",)) == []

@@ -1,0 +1,39 @@
+"""Seals: one number draws a scored split, and its first score stays."""
+
+import pytest
+
+from gsbridge.errors import InputError
+from gsbridge.experiment.seals import read_seals, record_seal, seal_of
+from gsbridge.gap.benchmark.case_plan import TIERS, plan_cases
+
+
+def test_a_seal_is_a_whole_number():
+    assert seal_of({}) is None
+    assert seal_of({"GSBRIDGE_SEAL": " "}) is None
+    assert seal_of({"GSBRIDGE_SEAL": "4711"}) == 4711
+    with pytest.raises(InputError, match="no seal"):
+        seal_of({"GSBRIDGE_SEAL": "-3"})
+
+
+def test_a_seal_alone_decides_what_is_drawn():
+    names, strange = ("coulomb:a", "viscous:a", "lag", "gravcomp"), ("odd", "other")
+    for tier in TIERS:
+        drawn = plan_cases(tier, "scored", names, strange, 12, 0, 4711)
+        assert drawn == plan_cases(tier, "development", names, strange, 12, 5, 4711)
+        other = plan_cases(tier, "scored", names, strange, 12, 0, 4712)
+        assert {order.seed for order in drawn}.isdisjoint(order.seed for order in other)
+        assert {order.course_seed for order in drawn}.isdisjoint(order.course_seed for order in other)
+        assert {order.units for order in drawn if order.units}.isdisjoint(order.units for order in other if order.units)
+
+
+def test_the_first_score_of_a_seal_stays(tmp_path):
+    record_seal(tmp_path, 12001, {"t5": {"code": "a", "figures": {"right": 1}}})
+    record_seal(tmp_path, 12001, {"t5": {"code": "b", "figures": {"right": 9}}, "t7": {"code": "b", "figures": {}}})
+    record_seal(tmp_path, 11001, {"t5": {"code": "b", "figures": {}}})
+    found = read_seals(tmp_path)
+    assert [item["seal"] for item in found] == [11001, 12001]
+    assert found[1]["parts"]["t5"] == {"code": "a", "figures": {"right": 1}}
+    assert found[1]["parts"]["t7"]["code"] == "b"
+    (tmp_path / "5.json").write_text("{}")
+    with pytest.raises(InputError, match="no seal"):
+        read_seals(tmp_path)
