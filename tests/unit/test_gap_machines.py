@@ -43,7 +43,7 @@ def test_what_mujoco_hides_is_what_the_catalogue_calls_so(tmp_path, name):
     system, plant = machines.machine_plant("axis", tmp_path)
     time = np.arange(150) / 100
     wanted = _joined(course("multisine", plant.centre, plant.reach, 1.5, np.random.default_rng(0)), 100.0)
-    size = {"warming": 0.3, "coulomb_asym": 0.5}.get(name, 3 * plant.sizes[f"{name}:turn"][0])
+    size = {"warming": 0.3, "coulomb_asym": 0.5, "eccentricity": 0.02}.get(name, 3 * plant.sizes[f"{name}:turn"][0])
     joint_name = f"{name}:turn"
     moved = plant.truth(wanted, 1.5, time, {joint_name: size})
     sent = np.array([wanted(t) for t in time])

@@ -83,7 +83,7 @@ def run_arm(
     parts = _PARTS if engine.steps % _PARTS == 0 else engine.steps
     commands, sensors = Commands(system, hidden, wanted, PERIOD), Sensors(system, hidden, duration)
     drive, loads, rubs = Drive(system, hidden, PERIOD / parts), Loads(system, hidden, duration), Rubs(system, hidden)
-    engine.begin((wanted - sensors.offset) / sensors.scale)
+    engine.begin(sensors.place(wanted))
     out, places = np.empty((3, steps, count)), np.empty((steps, 3))
     for number in range(steps):
         time = number * PERIOD

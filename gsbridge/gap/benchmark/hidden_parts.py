@@ -171,14 +171,14 @@ class Sensors:
 
     def __init__(self, system: MechanismModel, hidden: Mapping[str, float], duration: float) -> None:
         sizes = _Sizes(system, hidden)
-        self.offset, self.scale = sizes("encoder_offset"), 1.0 + sizes("encoder_scale")
+        self._offset, self._scale = sizes("encoder_offset"), 1.0 + sizes("encoder_scale")
         self._off_axis, self._drift, self._slip = sizes("eccentricity"), sizes("drifting"), sizes("slip")
         self._duration, self._along = duration, np.exp(1j * PHASE)
         self._odd = bool(self._off_axis.any() or self._drift.any() or self._slip.any())
 
     def __call__(self, q: Array, v: Array, time: float) -> tuple[Array, Array]:
         """Angles and speeds as they are measured. [N], [N], s -> [N], [N]."""
-        seen, rate = self.scale * q + self.offset, self.scale * v
+        seen, rate = self._scale * q + self._offset, self._scale * v
         if not self._odd:
             return seen, rate
         # A disc whose middle lies off the axis: the direction to a mark on it, seen from the axis.
@@ -187,6 +187,13 @@ class Sensors:
         rate = rate * (1.0 + np.real(-self._off_axis * self._along * np.exp(-1j * q) / mark))
         seen = seen + self._drift * (1.0 - np.exp(-2.0 * time / self._duration)) + self._slip * (time > 0.4 * self._duration)
         return seen, rate
+
+    def place(self, wanted: Array) -> Array:
+        """Where the joints are when the encoders first say these angles. [N] -> [N]."""
+        q = (wanted - self._offset) / self._scale
+        for _ in range(4):
+            q = q - (self(q, np.zeros_like(q), 0.0)[0] - wanted)
+        return q
 
 
 class Commands:
