@@ -17,7 +17,7 @@ from gsbridge.gap.benchmark.images import _posed, film, image_site
 from gsbridge.gap.diagnosis.results import ROLES
 from gsbridge.gap.image.case import load_pairs, read_image_case, save_pairs
 from gsbridge.gap.image.cells import Cells
-from gsbridge.gap.image.diagnose import FEW, diagnose_splats
+from gsbridge.gap.image.diagnose import FEW, UNPROVEN, diagnose_splats
 from gsbridge.gap.image.layers import LEVELS, LayerSpread, energies, numbers_of, weighed
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.gap.image.splat_error import learn_splat_error, reduced, subset
@@ -163,7 +163,7 @@ def folder(takes, tmp_path_factory):
 def test_a_case_of_drawn_pictures_is_read_kept_and_diagnosed(folder, tmp_path):
     case = read_image_case(folder / "photos.yaml")
     assert len(case.registration) == 12
-    assert case.reasons == (FEW,)
+    assert case.reasons == (UNPROVEN, FEW)
     assert {len(part) for part in case.pairs.values()} == {8}
     save_pairs(tmp_path / "records.npz", {**case.pairs, "registration": case.registration})
     again = load_pairs(tmp_path / "records.npz")

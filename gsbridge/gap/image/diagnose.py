@@ -26,6 +26,7 @@ UNSTEADY = "second photos of the same views differ by more than noise: the camer
 SPLAT_RULES = Rules(most=2)
 """Thresholds where photos are held against drawn pictures: of three effects at once, one is the model's error."""
 
+UNPROVEN = "names against drawn pictures are not proven yet: in the mirror a wrong one was seen; see docs/gap_images.md"
 FEW = "few photos of the day on which all was well: what drawn pictures lack is known roughly"
 
 
@@ -149,7 +150,7 @@ def few_photos(registration: Pairs) -> tuple[str, ...]:
         InputError: There are too few for any.
     """
     check_enough(registration)
-    return (FEW,) if len(registration) < ENOUGH else ()
+    return (UNPROVEN, FEW) if len(registration) < ENOUGH else (UNPROVEN,)
 
 
 def channel_sizes(view: ImageResiduals, table: Array) -> dict[str, float]:
