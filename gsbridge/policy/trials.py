@@ -91,7 +91,9 @@ def try_in_mirror(
     )
     settings = play.setup.interface.settings
     counts = pose_counts(settings.region(), poses, outside)
-    return run_trials(play, settings.task, place, name=name, counts=counts, reasons=_reasons(training), facts=play.facts)
+    doubts = [f"registration: {reason}" for reason in read_json(registration).get("reasons", [])]
+    reasons = [*_reasons(training), *doubts]
+    return run_trials(play, settings.task, place, name=name, counts=counts, reasons=reasons, facts=play.facts)
 
 
 def _load(folder: str | Path) -> Policy:
