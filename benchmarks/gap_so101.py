@@ -203,9 +203,9 @@ def write_case(motions: Mapping[str, Motion], start: Start, urdf: Path, folder: 
     stiffness = [round(float(value), 3) for value in start.stiffness]
     model = {
         "urdf": str(urdf.resolve()), "joints": list(JOINTS),
-        "controller": {"mode": "pd", "rate": 500, "stiffness": stiffness,
+        "controller": {"mode": "pd", "rate": 250, "stiffness": stiffness,
                        "damping": [round(DAMPED * value, 4) for value in stiffness], "between": "hold"},
-        "armature": ROTOR, "physics_rate": 500,
+        "armature": ROTOR, "physics_rate": 250,
     }  # fmt: skip
     (folder / "model.yaml").write_text(yaml.safe_dump(model), encoding="utf-8")
     case = {"model": "model.yaml", "records": {role: f"{role}.csv" for role in motions}}

@@ -21,6 +21,7 @@ class Parameter:
         amplitude: Whether the effect vanishes as this goes to zero with the other amplitudes; others are shapes.
         meaning: What it means, in words.
         per_angle: Whether it counts per turn of a joint, though its unit does not say so.
+        grain: Smallest scale on which a shape is looked at; zero for a tenth of its range.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Parameter:
     amplitude: bool
     meaning: str
     per_angle: bool = False
+    grain: float = 0.0
 
 
 class Effect(ABC):

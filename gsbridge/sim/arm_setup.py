@@ -111,6 +111,14 @@ class ArmSetup:
         changes = self.loads.setdefault(self.joints[-1], [])
         changes.append(lambda body: joined_inertia([body, Inertia(mass, np.asarray(place), np.zeros((3, 3)))]))
 
+    def lay_surface(self, height: float, stiffness: float) -> None:
+        """Refuse: the simulation has its own table.
+
+        Raises:
+            InputError: Always.
+        """
+        raise InputError("model", "the simulated table stands where the registration has it", "Leave the effect out")
+
     def restamp_motion(self, taken: Callable[[Array], Array]) -> None:
         """Refuse: the simulated arm keeps no log with clocks of its own.
 

@@ -23,7 +23,7 @@ def site(tmp_path_factory):
     system, plant = axis_plant(folder)
     record = draw_case(plant, (), 0.0, 1, 2).records["fit"]
     view = JointResiduals.of(Mechanism(system), record, folder=folder / "bank")
-    bank = signature_bank(view, candidates(system, NAMES), folder / "bank")
+    bank = signature_bank(view, candidates(view, NAMES), folder / "bank")
     return system, record, view, bank, Screen(view, bank), folder
 
 
@@ -40,7 +40,7 @@ def test_bank_and_frame_are_made_once(site):
     system, record, view, bank, _, folder = site
     mechanism = Mechanism(system)
     again = JointResiduals.of(mechanism, record, folder=folder / "bank")
-    found = signature_bank(again, candidates(system, NAMES), folder / "bank")
+    found = signature_bank(again, candidates(again, NAMES), folder / "bank")
     assert mechanism.runs == 1  # the nominal replay of this record
     np.testing.assert_array_equal(again.sigma, view.sigma)
     assert [s.values for s in found.signatures] == [s.values for s in bank.signatures]

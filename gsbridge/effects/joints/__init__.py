@@ -10,6 +10,7 @@ from gsbridge.effects.joints.command_delay import CommandDelay
 from gsbridge.effects.joints.compliance import Compliance
 from gsbridge.effects.joints.coulomb import Coulomb
 from gsbridge.effects.joints.coulomb_asym import CoulombAsym
+from gsbridge.effects.joints.damping import Damping
 from gsbridge.effects.joints.eccentricity import Eccentricity
 from gsbridge.effects.joints.effort_offset import EffortOffset
 from gsbridge.effects.joints.encoder_offset import EncoderOffset
@@ -27,6 +28,7 @@ from gsbridge.effects.joints.ripple import Ripple
 from gsbridge.effects.joints.saturation import Saturation
 from gsbridge.effects.joints.spring import Spring
 from gsbridge.effects.joints.stribeck import Stribeck
+from gsbridge.effects.joints.table import Table
 from gsbridge.effects.joints.torque_delay import TorqueDelay
 from gsbridge.effects.joints.torque_gain import TorqueGain
 from gsbridge.effects.joints.torque_lag import TorqueLag
@@ -44,6 +46,7 @@ JOINT_EFFECTS: Registry[JointEffect] = Registry(
     Compliance,
     Coulomb,
     CoulombAsym,
+    Damping,
     Eccentricity,
     EffortOffset,
     EncoderOffset,
@@ -61,6 +64,7 @@ JOINT_EFFECTS: Registry[JointEffect] = Registry(
     Saturation,
     Spring,
     Stribeck,
+    Table,
     TorqueDelay,
     TorqueGain,
     TorqueLag,

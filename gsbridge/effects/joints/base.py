@@ -46,6 +46,9 @@ class MechanismSetup(Protocol):
     def add_payload(self, mass: float, place: Array) -> None:
         """Fix a point mass (kg) at a place (m) in the frame of the last link. [3]."""
 
+    def lay_surface(self, height: float, stiffness: float) -> None:
+        """Stop the tool, or the last link's end, at a height (m) above the base's origin; force per depth in N/m."""
+
     def restamp_motion(self, taken: Callable[[Array], Array]) -> None:
         """Log positions and speeds as they were at other times than their stamps say: stamps to times, s. [T] -> [T]."""
 
@@ -57,6 +60,7 @@ class JointEffect(Effect):
         modes: Ways of driving a mechanism under which it can show.
         blends: Whether adding signatures of different shape parameters gives those in between.
         threshold: Whether nothing shows below some size, so that signatures do not simply grow with it.
+        fixed: Whether `sizes` are multiples of the typical size, not of the size that just stands out.
         cost: `sim` if it needs a simulation of its own, `post` if it changes logs only.
         turns: Whether it needs a joint that turns, and has no meaning at one that slides.
     """
@@ -65,6 +69,7 @@ class JointEffect(Effect):
     modes: ClassVar[tuple[str, ...]] = ALL
     blends: ClassVar[bool] = True
     threshold: ClassVar[bool] = False
+    fixed: ClassVar[bool] = False
     sizes: ClassVar[tuple[float, ...]] = (1.0, 6.0, 40.0)
     cost: ClassVar[str] = "sim"
     turns: ClassVar[bool] = False

@@ -9,7 +9,7 @@ class LoadFriction(FigureEffect):
     name = "load_friction"
     title = "friction that grows with the load"
     hook = "transmission"
-    parameters = (Parameter("share", "", 0.0, 0.5, 0.02, True, "dry friction per torque on the joint"),)
+    parameters = (Parameter("share", "", 0.0, 1.0, 0.02, True, "dry friction per torque on the joint"),)
     figures = {"share": "load_friction"}  # noqa: RUF012
     signature = "effort steps at reversals that grow with the torque"
     confused_with = ("coulomb", "torque_gain")

@@ -87,6 +87,11 @@ class Candidate:
         """The effect's entry in the registry."""
         return self.registry.effect(self.name)
 
+    def directions(self) -> tuple[dict[str, float], ...]:
+        """Parameter sets whose multiples are looked at first."""
+        found: tuple[dict[str, float], ...] = self.effect.directions()
+        return found
+
     def applied(self, values: Mapping[str, float]) -> Applied:
         """The effect with these parameters."""
         return Applied(self.name, self.joint, dict(values))

@@ -203,8 +203,9 @@ def check_clock(record: Record, source: str | Path) -> None:
         row = int(back[0])
         # Rows in disorder lie a few periods apart; a clock that was set anew must not be sorted into what came before.
         anew = -steps[row] > 10 * np.median(np.abs(steps))
+        does = f"runs backwards by {-steps[row]:.3g} s" if steps[row] else "stands still"
         raise InputError(
-            source, f"the clock runs backwards or stands still at data row {row + 2} (by {-steps[row]:.3g} s)",
+            source, f"the clock {does} at data row {row + 2}",
             "It was set anew: cut the log there, and give the longer part" if anew
             else "Sort the log by its source's time stamps, and drop rows that were logged twice",
         )  # fmt: skip

@@ -78,7 +78,7 @@ def make_bank(view: JointResiduals, who: Sequence[Candidate], base: Sequence[App
     diverged = []
     for candidate in who:
         factor, thrown = 1.0, False
-        for direction in candidate.effect.directions():
+        for direction in candidate.directions():
             # The size that just stands out along one direction is a good guess for the next.
             made, factor, lost = _along(view, candidate, direction, factor, plain, base)
             found += made
@@ -104,7 +104,7 @@ def _along(
 
     factor, seen = begin, {}
     low, high = 0.0, np.inf
-    for _ in range(_TRIES):
+    for _ in range(0 if effect.fixed else _TRIES):
         seen[factor] = change(factor)
         size = seen[factor][2]
         if 0.3 * _AIM <= size <= 5 * _AIM:
@@ -153,7 +153,7 @@ def signature_bank(view: JointResiduals, who: Sequence[Candidate], folder: str |
     key = hashlib.sha256(f"{_edition()}{view.digest()}".encode())
     for candidate in who:
         effect = candidate.effect
-        key.update(f"{candidate}{effect.parameters}{effect.directions()}{effect.sizes}".encode())
+        key.update(f"{candidate}{effect.parameters}{candidate.directions()}{effect.sizes}".encode())
     key.update(steps.astype(int).tobytes())
     path = Path(folder) / f"{key.hexdigest()[:32]}.npz"
     if path.exists():

@@ -9,7 +9,14 @@ from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.joints.base import JointEffect
 from gsbridge.effects.joints.sliding import SLIDING_EFFECTS
 from gsbridge.gap.diagnosis.results import Candidate
-from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
+from gsbridge.gap.joints.mechanism.replay import up_of
+from gsbridge.gap.joints.residuals import JointResiduals
+
+_LOWEST = (0.02, 0.08, 0.2)
+"""Where surfaces are looked for, in shares of the range of commanded heights above the lowest."""
+
+_LEVEL = 0.01
+"""Range of heights, m, below which nothing is said of surfaces."""
 
 
 @dataclass(frozen=True, order=True)
@@ -18,24 +25,52 @@ class JointCandidate(Candidate):
 
     Args:
         slides: Whether the joint slides, so that the effect's figures are in metres and newtons.
+        heights: Where a surface may lie in the way of the tool, m above the base's origin.
     """
 
     registry = JOINT_EFFECTS
     slides: bool = field(default=False, compare=False)
+    heights: tuple[float, ...] = field(default=(), compare=False)
 
     @property
     def effect(self) -> JointEffect:
         """Its entry in the registry of what the joint does."""
         return (SLIDING_EFFECTS if self.slides else JOINT_EFFECTS).effect(self.name)
 
+    def directions(self) -> tuple[dict[str, float], ...]:
+        """Parameter sets whose multiples are looked at first: of the effect, or a surface at each height."""
+        own = super().directions()
+        return tuple({**values, "height": height} for values in own for height in self.heights) if self.heights else own
 
-def candidates(system: MechanismModel, names: Collection[str] | None = None) -> tuple[JointCandidate, ...]:
-    """All candidates of a mechanism; of these effects only, if `names` is given."""
-    out: list[JointCandidate] = []
+
+def candidates(view: JointResiduals, names: Collection[str] | None = None) -> tuple[JointCandidate, ...]:
+    """All candidates of a mechanism; of these effects only, if `names` is given.
+
+    Args:
+        view: A record and the mechanism that replays it.
+        names: Effects that may be the reason; None for the whole catalogue.
+    """
+    system, out = view.mechanism.system, list[JointCandidate]()
     for name, effect in JOINT_EFFECTS.items():
         if system.controller.mode not in effect.modes or (names is not None and name not in names):
+            continue
+        if name == "damping" and len(system.joints) < 2:
+            # Of a single joint it is `gain_d`.
+            continue
+        if name == "table":
+            heights = _heights(view)
+            out += [JointCandidate(name, heights=heights)] if heights else []
             continue
         joints = system.joints if effect.scope == "joint" else ("",)
         sliding = set(system.sliding)
         out += [JointCandidate(name, joint, joint in sliding) for joint in joints if not (effect.turns and joint in sliding)]
     return tuple(out)
+
+
+def _heights(view: JointResiduals) -> tuple[float, ...]:
+    """Heights at which a surface would cut off the lowest part of what is commanded; none where that is level."""
+    mechanism, up = view.mechanism, up_of(view.mechanism.system.gravity)
+    commands = view.record.commands["command"][:, mechanism.chain.order]
+    heights = mechanism.chain.follow(mechanism.tip, mechanism.toe, commands) @ up
+    low, high = float(heights.min()), float(heights.max())
+    return tuple(round(low + share * (high - low), 4) for share in _LOWEST) if high - low > _LEVEL else ()

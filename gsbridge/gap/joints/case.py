@@ -14,6 +14,7 @@ from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import read_names
 from gsbridge.errors import InputError
 from gsbridge.gap.diagnosis.results import ROLES
+from gsbridge.gap.formats.following import check_following
 from gsbridge.gap.formats.logs import read_log
 from gsbridge.gap.formats.records import SHORTEST, TOOL, Layout, Record, check_degrees, doubtful_degrees
 from gsbridge.gap.formats.yaml_file import read_case_file
@@ -88,6 +89,7 @@ def _joint_case(path: Path) -> JointCase:
         if role not in ROLES:
             raise InputError(path, f"the record '{role}' has no role", f"Name records {', '.join(ROLES)}")
         records[role] = _check(read_log(path.parent / file, layout), system, path.parent / file, content)
+    _distinct(records, path)
     scatter: dict[str, Array] = {}
     for role, files in (content.get("repeats") or {}).items():
         if role not in records:
@@ -109,6 +111,23 @@ def _joint_case(path: Path) -> JointCase:
         reasons.append(f"only {slowest:.3g} samples per second are logged: what is faster than a few of them cannot be told")
     reasons += doubtful_degrees(records["fit"], system.limits)
     return JointCase(model, system, records, names, (*reasons, *split))
+
+
+def _distinct(records: Mapping[str, Record], source: Path) -> None:
+    """Refuse one record in two roles.
+
+    Raises:
+        InputError: It would be judged on what it was fitted to.
+    """
+    known: dict[bytes, str] = {}
+    for role, record in records.items():
+        seen = b"".join(np.ascontiguousarray(record.measured[kind]).tobytes() for kind in sorted(record.measured))
+        first = known.setdefault(record.content_digest().encode() + seen, role)
+        if first != role:
+            raise InputError(
+                source, f"'{first}' and '{role}' are one and the same record, so that nothing could be proven",
+                f"Log another motion, or leave '{role}' out: one record is then cut by time",
+            )  # fmt: skip
 
 
 def _gains(stated: Any, joints: tuple[str, ...], source: Path) -> dict[str, float]:
@@ -154,6 +173,8 @@ def _check(record: Record, system: MechanismModel, source: Path, content: Mappin
             source, f"without joint positions nobody knows where mode {system.controller.mode} begins", "Log positions, too"
         )
     check_degrees(record, source, system.limits)
+    if system.controller.closed_loop:
+        check_following(record, source)
     stated = {
         key: {
             kind: _per_column(f"{key}.{kind}", value, record.measured[kind].shape[1], source)

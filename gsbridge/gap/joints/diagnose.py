@@ -65,7 +65,7 @@ def diagnose_joints(
     mechanism = Mechanism(system)
     views = views_of(mechanism, {role: records[role] for role in ROLES}, bank_folder)
     first, second, third = views.values()
-    who, made = candidates(system, names), mechanism.runs
+    who, made = candidates(first, names), mechanism.runs
     bank = signature_bank(first, who, bank_folder)
     made = mechanism.runs - made
     logger.info("%d candidates, %d signatures", len(who), len(bank.signatures))

@@ -68,7 +68,7 @@ class _Problem:
         self.cuts = np.cumsum([len(candidate.effect.parameters) for candidate in who])[:-1]
         self.low, self.high = np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
         # Amplitudes are looked at down to a fiftieth of a typical one, shapes in tenths of their range.
-        self.least = np.array([0.02 * p.typical if p.amplitude else 0.1 * (p.high - p.low) for p in parameters])
+        self.least = np.array([0.02 * p.typical if p.amplitude else p.grain or 0.1 * (p.high - p.low) for p in parameters])
 
     def effects(self, vector: Array) -> tuple[Applied, ...]:
         if not self.who:

@@ -27,12 +27,19 @@ _FRESH = 8
 _FITTED = 3
 """Largest number of candidate effects that are fitted in one round."""
 
+_DRY, _AGAIN = 3, 2
+"""Rounds in a row without a further effect after which the search ends, and effects more beside which one that failed is looked
+at once more."""
+
 _NEARLY, _ALIKE = 0.8, 0.95
 """Shares of what an effect gains that a simpler one on the same joint must gain to be told instead, and that one which acts
 nearer to the command must gain."""
 
 _EACH = 0.25
 """Part of what an effect must explain of all records that it must explain of each."""
+
+_IDLE = 0.01
+"""Squared change of a record, in shares of the noise's square, below which an effect does nothing there."""
 
 _STRAINED = 0.75
 """Share of the largest size that makes sense, beyond which an effect is not taken into an account."""
@@ -41,8 +48,8 @@ _AS_GOOD = 0.9
 """Share of the length that an entry takes off the residual, which another effect must take off in its place to be one of those
 that could stand there."""
 
-_ALTERNATIVES = 6
-"""Largest number of alternatives that an entry of the account lists."""
+_ALTERNATIVES, _TRIED = 6, 2
+"""Largest number of alternatives that an entry of the account lists, and how many of them are fitted in its place."""
 
 _FACTORS = (0.1, 10.0)
 """Multiples of the size at which a candidate was simulated that its size may be guessed to be."""
@@ -125,16 +132,47 @@ class Widening:
         if said and (finding.best.fit.stopped or not self.remains(finding.best)):
             return self._as_told(finding.best, finding)
         nothing = self._nothing
-        best = grown = finding.best if said else nothing
-        failed: set[Candidate] = set()
-        while len(grown.fit.who) < self.rules.entries and (grown is nothing or self.remains(grown)):
-            grown = self._wider(best, failed)
-            if grown is best:
-                break
-            best = grown
+        best = finding.best if said else nothing
+        best = self._grown(best)
+        if best is not nothing and best is not finding.best:
+            better = self._exchanged(best)
+            best = best if better is best else self._grown(better)
         if best is nothing or best is finding.best:
             return self._as_told(finding.best, finding)
         return replace(best, fit=replace(best.fit, deviations=_spread(self.both, best.fit)))
+
+    def _grown(self, best: Hypothesis) -> Hypothesis:
+        """An explanation with all effects that earn their place beside it."""
+        failed: dict[Candidate, int] = {}
+        dry = 0
+        while dry < _DRY and len(best.fit.who) < self.rules.entries and (not best.fit.who or self.remains(best)):
+            grown = self._wider(best, failed)
+            dry = dry + 1 if grown is best else 0
+            best = grown
+        return best
+
+    def _exchanged(self, best: Hypothesis) -> Hypothesis:
+        """An explanation in which others stand for effects that were taken early, where the whole explains more with them.
+
+        Beside nothing, a filter of the commands and a damped controller look alike; beside friction they do not.
+        """
+        allowed = self.rules.join * max(1.0, self._squares(best.fit) / sum(self.floors))
+        for who in best.fit.who:
+            k = best.fit.who.index(who)
+            others, values = [c for c in best.fit.who if c != who], [v for j, v in enumerate(best.fit.values) if j != k]
+            for look in self._alike(best, k)[:_TRIED]:
+                if self.both.mechanism.runs >= self._end or len(look.values) > len(who.effect.parameters):
+                    break
+                trial = fit(self.both, (*others, look.candidate), (*values, look.values), limit=self._end)
+                sound = not trial.stopped and not strained(trial)
+                if sound and self._squares(trial) < self._squares(best.fit) - allowed:
+                    best = self._judged(trial)
+                    break
+        return best
+
+    def _squares(self, fitted: EffectFit) -> float:
+        """Squared residual of both records beside an explanation."""
+        return float((self.both.residual(fitted.effects) ** 2).sum())
 
     def _as_told(self, best: Hypothesis, finding: Finding) -> Hypothesis:
         """What was found, with deviations as its own intervals have them, or wider where the model errs."""
@@ -150,6 +188,10 @@ class Widening:
             whole: The explanation.
             k: Place of the effect.
         """
+        return tuple(str(look.candidate) for look in self._alike(whole, k)[:_ALTERNATIVES])
+
+    def _alike(self, whole: Hypothesis, k: int) -> list[Look]:
+        """Effects that explain as much in the place of one effect of an explanation, as they start, the likeliest first."""
         others = tuple(effect for j, effect in enumerate(whole.fit.effects) if j != k)
         row = self.both.residual(others)
         alone = float(np.linalg.norm(row))
@@ -157,7 +199,7 @@ class Widening:
         who = whole.fit.who[k]
         first = self.both.parts(row)[0]
         matches = sorted(self.screen.matches(first), key=lambda match: -match.bound)
-        out: list[tuple[float, str]] = []
+        out: list[tuple[float, str, Look]] = []
         # What holds the effect as a special case says the same and more.
         rivals = [
             match
@@ -167,12 +209,13 @@ class Widening:
         ]
         for match in rivals[:_FRESH]:
             changed = self.both.residual((*others, match.candidate.applied(match.starts[0])))
-            gain = Look(match.candidate, match.starts[0], row - changed).guess(row)[1]
+            look = Look(match.candidate, match.starts[0], row - changed)
+            factor, gain = look.guess(row)
             if alone - np.sqrt(max(alone**2 - gain, 0.0)) >= _AS_GOOD * explained:
-                out.append((-gain, str(match.candidate)))
-        return tuple(name for _, name in sorted(out)[:_ALTERNATIVES])
+                out.append((-gain, str(match.candidate), Look(match.candidate, look.scaled(factor), look.change)))
+        return [look for _, _, look in sorted(out, key=lambda item: item[:2])]
 
-    def _wider(self, best: Hypothesis, failed: set[Candidate]) -> Hypothesis:
+    def _wider(self, best: Hypothesis, failed: dict[Candidate, int]) -> Hypothesis:
         """An explanation with the effect more that helps most; the same one where none earns its place."""
         self.both = self.both.robust(best.fit.effects)
         known = derivatives(self.both, best.fit)
@@ -183,7 +226,7 @@ class Widening:
             trial = self._judged(fit(self.both, who, start, limit=self._end, known=known))
             if self._earns(trial, best):
                 return trial
-            failed.add(look.candidate)
+            failed[look.candidate] = len(best.fit.who)
         return best
 
     def _judged(self, fitted: EffectFit) -> Hypothesis:
@@ -195,7 +238,7 @@ class Widening:
         squares = [float((part**2).sum()) for part in self.both.parts(self.both.residual(trial.fit.effects))]
         return [beyond_noise(a, b) for a, b in ((sum(squares), sum(self.floors)), *zip(squares, self.floors, strict=True))]
 
-    def _promising(self, best: Hypothesis, failed: set[Candidate], basis: Array) -> list[Look]:
+    def _promising(self, best: Hypothesis, failed: dict[Candidate, int], basis: Array) -> list[Look]:
         """Candidates that help on all records as they start, the most helpful first, with parameters to start from.
 
         They are judged by what the effects that are there already could not do in their place, since all are fitted anew with
@@ -206,7 +249,9 @@ class Widening:
         for candidate, values in starts.items():
             if candidate not in self._looks and self.both.mechanism.runs < self._end:
                 self._look(best, candidate, values)
-        stale = [look for who, look in self._looks.items() if who not in best.fit.who and who not in failed]
+        # What failed beside fewer effects may help beside more.
+        left_out = {who for who, count in failed.items() if len(best.fit.who) < count + _AGAIN}
+        stale = [look for who, look in self._looks.items() if who not in best.fit.who and who not in left_out]
         stale = sorted((look.beside(basis) for look in stale), key=lambda look: -look.guess(row)[1])
         found: list[tuple[float, Look]] = []
         for look in stale[:_FRESH]:
@@ -231,16 +276,28 @@ class Widening:
     def _earns(self, trial: Hypothesis, best: Hypothesis) -> bool:
         """Whether one effect more explains a part of the gap worth a line, of each record, and by more than chance.
 
-        What one record alone shows may be anything that happened there.
+        What one record alone shows may be anything that happened there, unless it is what only acts where that record goes.
         """
         if trial.fit.stopped or strained(trial.fit):
             return False
         gaps, before, after = (self._lengths(fitted) for fitted in (self._nothing, best, trial))
         shares = [(a - b) / max(gap, 1e-9) for a, b, gap in zip(before, after, gaps, strict=True)]
-        if shares[0] < self.rules.worth or min(shares[1:]) < _EACH * self.rules.worth:
+        if shares[0] < self.rules.worth:
             return False
+        helps = [share >= _EACH * self.rules.worth for share in shares[1:]]
         pairs = ((best.first, trial.first), (best.residual, trial.residual))
-        return min(transfer(*pair) for pair in pairs) > self.rules.deviations
+        helps = [good and transfer(*pair) > self.rules.deviations for good, pair in zip(helps, pairs, strict=True)]
+        if not all(helps) and any(helps) and trial.fit.who[-1].effect.threshold:
+            # A table says nothing of a motion that never comes near it.
+            helps = [good or idle for good, idle in zip(helps, self._idle(trial), strict=True)]
+        return all(helps)
+
+    def _idle(self, trial: Hypothesis) -> list[bool]:
+        """In which of the records the last effect of an explanation does nothing, as far as the noise tells."""
+        change = self.both.residual(trial.fit.effects) - self.both.residual(trial.fit.effects[:-1])
+        return [
+            float((part**2).sum()) < _IDLE * floor for part, floor in zip(self.both.parts(change), self.floors, strict=True)
+        ]
 
 
 def strained(fitted: EffectFit) -> bool:

@@ -88,7 +88,8 @@ class JointBackend(CaseBackend):
         """Make the bank of signatures, and say before any fit what the records can tell apart: `screen.json`."""
         mechanism = Mechanism(self.case.system)
         # As the diagnosis does: the noise sets the sizes of the signatures, and so the bank.
-        view, who = views_of(mechanism, self.case.records, bank)["fit"], candidates(self.case.system, self.case.names)
+        view = views_of(mechanism, self.case.records, bank)["fit"]
+        who = candidates(view, self.case.names)
         found = signature_bank(view, who, bank)
         shown = {signature.candidate for signature in found.signatures}
         return {

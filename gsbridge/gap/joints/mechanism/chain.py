@@ -65,7 +65,20 @@ class Chain:
             [T, 3].
         """
         joint, pose = self.links[link]
-        origin = np.tile(pose[:3, 3], (len(q), 1))
+        return self.follow(joint, pose[:3, 3], q)
+
+    def follow(self, joint: int, point: Array, q: Array) -> Array:
+        """A point that a joint moves, base frame, m.
+
+        Args:
+            joint: Which; -1 for the base.
+            point: In the joint's frame, m. [3].
+            q: Positions in the order of the joints here. [T, N].
+
+        Returns:
+            [T, 3].
+        """
+        origin = np.tile(point, (len(q), 1))
         # From the link back to the base: a point of each joint's frame in the frame of the one that carries it.
         while joint >= 0:
             axis, values = self.axes[joint], q[:, joint]
@@ -79,6 +92,22 @@ class Chain:
             origin = origin @ turn.T + shift
             joint = int(self.parents[joint])
         return origin
+
+    def end(self, tool: str = "") -> tuple[int, Array]:
+        """Where the mechanism ends.
+
+        Args:
+            tool: Link whose origin is the end; without one, the farthest frame that the last joint carries.
+
+        Returns:
+            Joint that moves it, and its place in that joint's frame, m. [3].
+        """
+        if tool:
+            joint, pose = self.links[tool]
+            return joint, np.ascontiguousarray(pose[:3, 3])
+        last = int(np.argmax(self.order))
+        places = [pose[:3, 3] for joint, pose in self.links.values() if joint == last]
+        return last, np.ascontiguousarray(max(places, key=lambda place: float(np.linalg.norm(place))))
 
     def bodies(self, inertials: Mapping[str, Inertial]) -> Array:
         """Mass, centre (3) and inertia about it (9) of what each joint moves, joint frame. [N, 13]."""

@@ -11,7 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from gsbridge.gap.joints.mechanism.dynamics import LOADS, bias, inertia, place, spread, weights
-from gsbridge.gap.joints.mechanism.joint_steps import advance, coupling, motor_side
+from gsbridge.gap.joints.mechanism.joint_steps import advance, coupling, motor_side, press
 from gsbridge.geometry import Array
 from gsbridge.kernels import njit
 
@@ -78,6 +78,9 @@ def simulate(
     brain_bodies: Array,
     brain_gravity: Array,
     law: Array,
+    tip: int,
+    tool: Array,
+    surface: Array,
     mode: int,
     bandwidth: float,
     target: Array,
@@ -98,6 +101,9 @@ def simulate(
         gravity: Gravity as it acts, base frame, m/s2. [3].
         brain_bodies, brain_gravity: Bodies and gravity as the controller believes them to be.
         law: Figures of the joints. [len(LAW), N].
+        tip: Joint that moves the tool, -1 where there is none.
+        tool: Place of the tool in that joint's frame, m. [3].
+        surface: What the tool presses on: upward direction (3), height along it (m) and stiffness (N/m). [5].
         mode: One of `MODE`.
         bandwidth: rad/s (mode position).
         target, speed, extra: Commands of each step. [K, N].
@@ -125,6 +131,7 @@ def simulate(
     motor, motor_speed, before, was = q.copy(), v.copy(), v.copy(), q.copy()
     weighs = mode == 2
     longest = 0.0
+    touches, toe, slope, force, slows = tip >= 0 and surface[4] > 0.0, np.zeros(3), np.zeros(count), 0.0, 0.0
     soft, joins = np.zeros(count, dtype=np.bool_), np.zeros(count, dtype=np.bool_)
     for i in range(count):
         weighs = weighs or law[_SHARE, i] != 0.0
@@ -140,6 +147,12 @@ def simulate(
         spread(slides, bodies, turn, origin, axis, screws, loads)
         bias(parents, screws, loads, gravity, v, work, hold)
         inertia(parents, screws, loads, matrix)
+        if touches:
+            for i in range(3):
+                toe[i] = origin[tip, i]
+                for j in range(3):
+                    toe[i] += turn[tip, i, j] * tool[j]
+            force, slows = press(parents, screws, tip, toe, surface, v, step, slope)
         if number == 0:
             for i in range(count):
                 if soft[i]:
@@ -250,6 +263,11 @@ def simulate(
             right[i] = given - hold[i] - (losses + law[_QUADRATIC, i] * abs(v[i])) * v[i]
             if law[_SPRING, i] != 0.0:
                 right[i] -= law[_SPRING, i] * (q[i] - law[_SPRING_REST, i])
+        if force > 0.0:
+            for i in range(count):
+                right[i] += force * slope[i]
+                for j in range(count):
+                    matrix[i, j] += slows * slope[i] * slope[j]
         for i in range(count):
             matrix[i, i] += shift[i]
             before[i], was[i] = v[i], q[i]

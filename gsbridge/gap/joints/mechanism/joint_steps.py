@@ -114,6 +114,52 @@ def advance(
     rub(v, inverse, grip, skew, step, impulse)
 
 
+_YIELDS = 0.01
+"""Time in which a surface that something has left comes back, s: its damping is the stiffness times that."""
+
+
+@njit(nogil=True)
+def press(
+    parents: Array, screws: Array, tip: int, place: Array, surface: Array, v: Array, step: float, out: Array
+) -> tuple[float, float]:
+    """Force of a surface on the tool, and what of it grows with the tool's speed at the end of a step.
+
+    Args:
+        parents: Index of the joint that carries each, -1 for the base. [N].
+        screws: From `spread`. [N, 6].
+        tip: Joint that moves the tool.
+        place: Of the tool, base frame, m. [3].
+        surface: Upward direction (3), height along it (m) and stiffness (N/m). [5].
+        v: Speeds, rad/s or m/s. [N].
+        step: Step of time, s.
+        out: Result: height that the tool gains per motion of each joint. [N].
+
+    Returns:
+        Force (N), and how much of it a speed takes away in the step, N s/m; both zero where nothing is touched.
+    """
+    depth = surface[3] - (surface[0] * place[0] + surface[1] * place[1] + surface[2] * place[2])
+    out[:] = 0.0
+    if depth <= 0.0:
+        return 0.0, 0.0
+    speed, k = 0.0, tip
+    while k >= 0:
+        turns0, turns1, turns2 = screws[k, 0], screws[k, 1], screws[k, 2]
+        out[k] = (
+            surface[0] * (screws[k, 3] + turns1 * place[2] - turns2 * place[1])
+            + surface[1] * (screws[k, 4] + turns2 * place[0] - turns0 * place[2])
+            + surface[2] * (screws[k, 5] + turns0 * place[1] - turns1 * place[0])
+        )
+        speed += out[k] * v[k]
+        k = parents[k]
+    slows = surface[4] * (step + _YIELDS)
+    force = surface[4] * depth - slows * speed
+    if force <= 0.0:
+        # It is left faster than the surface follows.
+        out[:] = 0.0
+        return 0.0, 0.0
+    return force, slows * step
+
+
 @njit(nogil=True)
 def follow(wanted: Array, most: float) -> Array:
     """Series that follows another by at most `most` per step. [K] -> [K]."""

@@ -40,6 +40,8 @@ class Mechanism:
     Attributes:
         runs: Simulations so far.
         shared: Simulations among `runs` whose results are kept for all records of equal commands.
+        tip: Joint of the chain that moves the tool.
+        toe: Where the tool is in that joint's frame, m. [3].
     """
 
     def __init__(self, system: MechanismModel) -> None:
@@ -47,6 +49,7 @@ class Mechanism:
         self.runs = self.shared = 0
         self.skeleton = Skeleton.read(system.urdf, system.joints)
         self.chain = Chain.of(self.skeleton, system.joints)
+        self.tip, self.toe = self.chain.end(system.tool)
         self._brain = self.chain.bodies(self.skeleton.inertials)
 
     def setup(self) -> JointSetup:
@@ -76,6 +79,8 @@ class Mechanism:
         out = {kind: np.full((len(record.time), count), np.nan) for kind in ("position", "velocity", "effort")}
         if TOOL in record.measured:
             out[TOOL] = np.full((len(record.time), len(AXES)), np.nan)
+        up = up_of(system.gravity)
+        surface = np.concatenate([up, setup.surface if up.any() else np.zeros(2)])
         every = round(system.physics_rate / system.controller.rate)
         for (first, end), (q, v) in zip(spans, states, strict=True):
             begin = int(round(record.time[first] / step))
@@ -84,7 +89,7 @@ class Mechanism:
             q, v = true_state(setup, q, v)
             simulate(
                 chain.parents, chain.fixed, chain.axes, chain.slides, bodies, setup.gravity, self._brain, system.gravity, law,
-                MODE[system.controller.mode], 2 * np.pi * system.controller.bandwidth,
+                self.tip, self.toe, surface, MODE[system.controller.mode], 2 * np.pi * system.controller.bandwidth,
                 wanted[0][begin:], wanted[1][begin:], wanted[2][begin:],
                 q[order], v[order], float(record.time[first]), step, every, system.centred, raw,
             )  # fmt: skip
@@ -102,6 +107,12 @@ class Mechanism:
                 for k in range(values.shape[1]):
                     out[kind][first:end, k] = np.interp(record.time[first:end], grid, values[:, k])
         return out
+
+
+def up_of(gravity: Array) -> Array:
+    """Upward direction; zero without gravity. [3] -> [3]."""
+    length = float(np.linalg.norm(gravity))
+    return -gravity / length if length > 0.0 else np.zeros(3)
 
 
 def true_state(setup: JointSetup, q: Array, v: Array) -> State:

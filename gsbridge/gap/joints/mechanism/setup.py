@@ -32,6 +32,7 @@ class JointSetup:
         inertials: Mass properties of the links as they are; the controller believes in the nominal ones.
         child_of: Link that each joint moves.
         joints: Names of the joints.
+        surface: Height over the base's origin (m) and stiffness (N/m) of what the tool presses on; none is infinitely low. [2].
         commands: Hooks on the way of the commands.
         outputs: Hooks on the way to the log.
     """
@@ -41,6 +42,7 @@ class JointSetup:
     inertials: dict[str, Inertial]
     child_of: dict[str, str]
     joints: tuple[str, ...]
+    surface: Array = field(default_factory=lambda: np.array([-np.inf, 0.0]))
     commands: list[CommandFilter] = field(default_factory=list)
     outputs: list[Output] = field(default_factory=list)
 
@@ -92,6 +94,10 @@ class JointSetup:
         """Fix a point mass (kg) at a place (m) in the frame of the last link. [3]."""
         link = self.child_of[self.joints[-1]]
         self.inertials[link] = self.inertials[link].with_point(mass, place)
+
+    def lay_surface(self, height: float, stiffness: float) -> None:
+        """Stop the tool, or the last link's end, at a height (m) above the base's origin; force per depth in N/m."""
+        self.surface = np.array([height, stiffness])
 
     def restamp_motion(self, taken: Callable[[Array], Array]) -> None:
         """Log positions and speeds as they were at other times than their stamps say: stamps to times, s. [T] -> [T]."""

@@ -1,0 +1,23 @@
+"""Another damping of all controllers than stated."""
+
+from collections.abc import Mapping
+
+from gsbridge.effects.joints.base import JointEffect, MechanismSetup, Parameter
+
+
+class Damping(JointEffect):
+    """Another damping of all joints' controllers than stated, by one share: servos of one kind err alike."""
+
+    name = "damping"
+    title = "another damping of all joints' controllers"
+    hook = "actuator"
+    scope = "mechanism"
+    parameters = (Parameter("change", "", -0.8, 6.0, 0.1, True, "share by which the damping is larger"),)
+    modes = ("pd",)
+    signature = "all joints lag behind fast commands, and swing less after steps"
+    confused_with = ("lag", "command_delay", "gain_d")
+    tell_apart = "steps: a lag leaves the swing after them as it is"
+
+    def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:
+        """Scale the damping."""
+        setup.law["damping"] *= 1.0 + values["change"]

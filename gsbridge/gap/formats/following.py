@@ -1,0 +1,54 @@
+"""Do positions follow their commands? Where they do not, a sign or the order of columns is wrong, which no effect mends."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from gsbridge.errors import InputError
+from gsbridge.gap.formats.records import Record
+from gsbridge.geometry import Array
+
+_MOVES = 0.02
+"""Spread of a command, rad or m, from which on a joint is asked to move."""
+
+_AGAINST, _APART, _TOGETHER = -0.8, 0.3, 0.95
+"""Correlations of a position with a command: below, it moves against it; below, it does not follow; above, it follows."""
+
+
+def check_following(record: Record, source: str | Path) -> None:
+    """Refuse positions under feedback that move against their commands, or follow those of another joint.
+
+    Args:
+        record: The record; nothing is said where it has no positions, or commands that are none.
+        source: File of the record.
+
+    Raises:
+        InputError: A sign or the order of columns is wrong.
+    """
+    if "position" not in record.measured or "command" not in record.commands or record.torque_commands:
+        return
+    command, position = record.commands["command"], record.measured["position"]
+    moved = [k for k in range(len(record.joints)) if command[:, k].std() > _MOVES and position[:, k].std() > _MOVES]
+    alike = _correlations(command, position)
+    for k in moved:
+        joint = record.joints[k]
+        if alike[k, k] < _AGAINST:
+            raise InputError(
+                source, f"joint '{joint}' moves against its command (correlation {alike[k, k]:.2f})",
+                f"Turn the sign of 'position.{joint}' or of 'command.{joint}': of the one that counts otherwise than the model",
+            )  # fmt: skip
+        other = max(moved, key=lambda j: alike[j, k])
+        if alike[k, k] < _APART and alike[other, k] > _TOGETHER and alike[other, other] < _APART:
+            raise InputError(
+                source, f"'position.{joint}' follows 'command.{record.joints[other]}', not its own command",
+                "The columns are in another order than their names say: name them anew",
+            )  # fmt: skip
+
+
+def _correlations(some: Array, others: Array) -> Array:
+    """Correlation of each column with each of others; zero of columns that stand still. [T, N], [T, N] -> [N, N]."""
+    rows = [values - values.mean(axis=0) for values in (some, others)]
+    rows = [values / np.maximum(np.linalg.norm(values, axis=0), 1e-12) for values in rows]
+    return rows[0].T @ rows[1]
