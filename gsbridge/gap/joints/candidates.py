@@ -68,8 +68,11 @@ def candidates(view: JointResiduals, names: Collection[str] | None = None) -> tu
 
 
 def _heights(view: JointResiduals) -> tuple[float, ...]:
-    """Heights at which a surface would cut off the lowest part of what is commanded; none where that is level."""
+    """Heights at which a surface would cut off the lowest part of what is commanded; none where that is level, or where no
+    frame tells how far the last link reaches."""
     mechanism, up = view.mechanism, up_of(view.mechanism.system.gravity)
+    if not mechanism.system.tool and not mechanism.toe.any():
+        return ()
     commands = view.record.commands["command"][:, mechanism.chain.order]
     heights = mechanism.chain.follow(mechanism.tip, mechanism.toe, commands) @ up
     low, high = float(heights.min()), float(heights.max())

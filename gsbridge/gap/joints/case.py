@@ -89,7 +89,7 @@ def _joint_case(path: Path) -> JointCase:
         if role not in ROLES:
             raise InputError(path, f"the record '{role}' has no role", f"Name records {', '.join(ROLES)}")
         records[role] = _check(read_log(path.parent / file, layout), system, path.parent / file, content)
-    _distinct(records, path)
+    reasons += _repeated(records)
     scatter: dict[str, Array] = {}
     for role, files in (content.get("repeats") or {}).items():
         if role not in records:
@@ -113,21 +113,16 @@ def _joint_case(path: Path) -> JointCase:
     return JointCase(model, system, records, names, (*reasons, *split))
 
 
-def _distinct(records: Mapping[str, Record], source: Path) -> None:
-    """Refuse one record in two roles.
-
-    Raises:
-        InputError: It would be judged on what it was fitted to.
-    """
+def _repeated(records: Mapping[str, Record]) -> list[str]:
+    """A reason for each record that stands in a second role: it would be judged on what it was fitted to."""
     known: dict[bytes, str] = {}
+    out = []
     for role, record in records.items():
         seen = b"".join(np.ascontiguousarray(record.measured[kind]).tobytes() for kind in sorted(record.measured))
         first = known.setdefault(record.content_digest().encode() + seen, role)
         if first != role:
-            raise InputError(
-                source, f"'{first}' and '{role}' are one and the same record, so that nothing could be proven",
-                f"Log another motion, or leave '{role}' out: one record is then cut by time",
-            )  # fmt: skip
+            out.append(f"'{first}' and '{role}' are one and the same record, so that it proves nothing: log another motion")
+    return out
 
 
 def _gains(stated: Any, joints: tuple[str, ...], source: Path) -> dict[str, float]:
