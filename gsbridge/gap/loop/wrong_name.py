@@ -102,7 +102,7 @@ def amend_arm_wrongly(
     found, read = read_json(findings), read_joint_case(case)
     mechanism = Mechanism(read.system)
     view = JointResiduals.of(mechanism, read.records["verify"])
-    wrong = wrong_effect(view.residual, _named(found, findings), candidates(read.system), seed)
+    wrong = wrong_effect(view.residual, _named(found, findings), candidates(view), seed)
     content = read_yaml(arm, "model", "docs/gap.md")
     content["effects"] = [*(content.get("effects") or []), wrong.record()]
     amended, _ = amended_content(read_yaml(nominal, "model", "models/nominal.yaml"), content, arm)
