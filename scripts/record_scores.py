@@ -1,16 +1,12 @@
 """Record the figures of one area beside the code, with the rows behind them."""
 
-import shutil
 from typing import TYPE_CHECKING
 
-from gsbridge.files import atomic_file
 from gsbridge.logs import start
-from gsbridge.report.scores.evidence import write_evidence
+from gsbridge.report.scores.evidence import record_area
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake
 
 start(snakemake.threads, snakemake.log[0])
-write_evidence(snakemake.params.kinds, snakemake.output.evidence)
-with atomic_file(snakemake.output.record) as record:
-    shutil.copyfile(snakemake.input.scores, record)
+record_area(snakemake.input.scores, snakemake.output.record, snakemake.params.kinds, snakemake.output.evidence)

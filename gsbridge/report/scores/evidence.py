@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import gzip
 import io
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -96,6 +97,19 @@ def write_evidence(kinds: Mapping[str, Sequence[str | Path]], out: str | Path) -
         size = sum(path.stat().st_size for path in [*others, *folder.iterdir()]) / 1e6
         if size > LARGEST_MB:
             raise InputError(out, f"the evidence takes {size:.1f} MB of {LARGEST_MB:g}", "Keep fewer rows of it")
+
+
+def record_area(scores: str | Path, record: str | Path, kinds: Mapping[str, Sequence[str | Path]], out: str | Path) -> None:
+    """Keep an area's figures and the rows behind them with the code.
+
+    Args:
+        scores: Figures as they were scored.
+        record: The copy that is kept.
+        kinds, out: As for `write_evidence`.
+    """
+    write_evidence(kinds, out)
+    with atomic_file(record) as temporary:
+        shutil.copyfile(scores, temporary)
 
 
 def write_timings(benchmarks: str | Path, out: str | Path) -> None:
