@@ -6,6 +6,7 @@ Values given with `--config` arrive as text, so that text stands for a number, a
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import isfinite
 from typing import Annotated, Any, Literal, Self, TypeVar, cast
 
 from pydantic import (
@@ -84,9 +85,12 @@ def _numbers(value: Any) -> Any:
     if isinstance(value, str):
         for kind in (int, float):
             try:
-                return kind(value)
+                value = kind(value)
             except ValueError:
                 continue
+            break
+    if isinstance(value, float) and not isfinite(value):
+        raise PydanticKnownError("finite_number")
     return value
 
 

@@ -84,13 +84,12 @@ def read_board(path: str | Path) -> Board:
     """
     content = read_json(path)
     try:
-        return Board(
-            content["sheet"],
-            float(content["tag_size_m"]),
-            tuple(int(i) for i in content["ids"]),
-            np.array(content["centres_m"], dtype=np.float64),
-        )
-    except (KeyError, TypeError, ValueError) as error:
+        size, ids = float(content["tag_size_m"]), tuple(int(i) for i in content["ids"])
+        centres = np.array(content["centres_m"], dtype=np.float64)
+        if not (0 < size < np.inf and centres.shape == (len(ids), 2) and np.isfinite(centres).all()):
+            raise ValueError("a size or a place of a tag is none")
+        return Board(content["sheet"], size, ids, centres)
+    except (KeyError, OverflowError, TypeError, ValueError) as error:
         raise InputError(path, f"the board layout is damaged ({error})", "Write it again with `gsbridge board`") from error
 
 

@@ -42,7 +42,7 @@ def read_registration(path: str | Path) -> Registration:
         table, mount = (check_rigid(content[key], str(path)) for key in ("base_from_table", "flange_from_camera"))
         camera = content.get("camera")
         return Registration(table, mount, tuple(content["reasons"]), None if camera is None else Camera.from_json(camera))
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, OverflowError, TypeError, ValueError) as error:
         raise InputError(path, f"the registration is damaged ({error})", "Delete the file and register again") from error
 
 

@@ -40,13 +40,19 @@ def description_of_mjcf(path: str | Path) -> ElementTree.Element:
         InputError: MuJoCo cannot read the file, or it holds what a tree of links on hinges and slides cannot say.
     """
     # Otherwise MuJoCo writes its warnings into a file in whatever folder one is.
-    mujoco.set_mju_user_warning(lambda message: logger.warning("%s: %s", path, message))
+    warnings: list[str] = []
+    mujoco.set_mju_user_warning(warnings.append)
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(path, f"MuJoCo cannot read it ({' '.join(str(error).split())})", "Correct the MJCF") from error
     finally:
         mujoco.set_mju_user_warning(None)
+    for message in warnings:
+        # MuJoCo takes NaN for what is not stated.
+        if "NaN" in message:
+            raise InputError(path, "a number of it is NaN", "Correct the MJCF")
+        logger.warning("%s: %s", path, message)
     _refuse(model, path)
     root = ElementTree.Element("robot", name=Path(path).stem, gravity=numbers(model.opt.gravity))
     # Where each body's own frame is, seen from the link that stands for it: links begin at their joint's anchor.
@@ -102,6 +108,20 @@ def _refuse(model: mujoco.MjModel, path: str | Path) -> None:
         raise InputError(path, f"it has {model.ntendon} tendons", "Couplings of joints are not known here: take them out")
     if not model.njnt:
         raise InputError(path, "it has no joint", "Give the MJCF of a mechanism")
+    # MuJoCo itself only warns.
+    for what in (
+        "body_pos",
+        "body_quat",
+        "body_mass",
+        "body_inertia",
+        "body_ipos",
+        "jnt_pos",
+        "jnt_axis",
+        "jnt_range",
+        "qpos0",
+    ):
+        if not np.isfinite(getattr(model, what)).all():
+            raise InputError(path, f"a number of it is not finite ({what})", "Give numbers")
 
 
 def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, k: int, what: str) -> str:

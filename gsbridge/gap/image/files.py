@@ -162,9 +162,10 @@ def _shots(folder: Path, name: str) -> dict[int, Path]:
 def _camera(content: Any, source: Path) -> Camera:
     try:
         camera = Camera.from_json(content["camera"])
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
         raise InputError(source, f"its 'camera' is no camera ({error})", "Give width, height, fx, fy, cx, cy") from error
-    if min(camera.width, camera.height, camera.fx, camera.fy) <= 0:
+    numbers = (camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion)
+    if min(camera.width, camera.height, camera.fx, camera.fy) <= 0 or not np.isfinite(numbers).all():
         raise InputError(source, "its 'camera' has no size or no focal length", "Give width, height, fx, fy, cx, cy in pixels")
     return camera
 

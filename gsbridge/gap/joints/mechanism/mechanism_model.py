@@ -198,7 +198,11 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
             raise InputError(
                 source, f"'{key}' has {len(values)} numbers for {count} joints", "Give one per joint, or one for all"
             )
-        return np.array([default if value is None else value for value in values], dtype=np.float64)
+        out = np.array([default if value is None else value for value in values], dtype=np.float64)
+        # Only a limit may be endless.
+        if np.isnan(out).any() or not (np.isinf(default) or np.isfinite(out).all()):
+            raise InputError(source, f"'{key}' is not finite", "Give numbers")
+        return out
 
     rate, physics = float(given.get("rate", 1000.0)), float(content.get("physics_rate", 1000.0))
     if abs(physics / rate - round(physics / rate)) > 1e-9 or physics < rate:
