@@ -24,6 +24,7 @@ _SINGLE_VARIABLES = ("MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMEXPR_NUM_THR
 """Linear algebra stays on one thread: its matrices are small, and with more threads its sums round in another order."""
 
 _threads = 1
+_in_a_job = False
 
 
 def start(threads: int, log: str | Path | None) -> None:
@@ -36,8 +37,8 @@ def start(threads: int, log: str | Path | None) -> None:
         threads: Threads the job may use, at least 1.
         log: File that receives the log beside stderr; None for stderr only.
     """
-    global _threads
-    _threads = max(1, int(threads))
+    global _threads, _in_a_job
+    _threads, _in_a_job = max(1, int(threads)), log is not None
     for variable in _THREAD_VARIABLES:
         # numba refuses to compile when its variable changes after it was loaded; it is limited by a call instead.
         if variable != "NUMBA_NUM_THREADS" or "numba" not in sys.modules:
@@ -102,6 +103,9 @@ def _log_exception(kind: type[BaseException], value: BaseException, trace: Trace
 class ProgressLog:
     """Count of done items with a rate and the time left: one live line on a terminal, plain lines in a log.
 
+    A job of the workflow writes plain lines on a terminal, too: several jobs would overwrite each other. Rate
+    and time left count from the first report on, whose items may have waited for code to be compiled.
+
     Args:
         total: Number of items.
         label: What is being done, for example "train soft".
@@ -114,19 +118,21 @@ class ProgressLog:
         self.done = 0
         self._begin = time.monotonic()
         self._last = self._begin
-        self._terminal = sys.stderr.isatty()
+        self._first: tuple[float, int] | None = None
+        self._terminal = sys.stderr.isatty() and not _in_a_job
         self._every = 0.2 if self._terminal else every_s
-        self._logged, self._every_in_log = self._begin, every_s
 
     def update(self, note: str = "", count: int = 1) -> None:
         """Count `count` finished items and report when it is time; `note` is appended (a loss, a file name)."""
         self.done += count
         now = time.monotonic()
+        if self._first is None:
+            self._first = now, self.done
         if now - self._last < self._every and self.done < self.total:
             return
         self._last = now
-        rate = self.done / max(now - self._begin, 1e-9)
-        line = f"{self.label}: {self.done}/{self.total}, {rate:.3g}/s, {self._time(now)}"
+        parts = [f"{self.label}: {self.done}/{self.total}", *self._pace(now)]
+        line = ", ".join(parts)
         line = f"{line}, {note}" if note else line
         if not self._terminal:
             logger.info(line)
@@ -134,9 +140,6 @@ class ProgressLog:
         end = "\n" if self.done >= self.total else ""
         sys.stderr.write(f"\r\x1b[K{line}{end}")
         sys.stderr.flush()
-        if now - self._logged >= self._every_in_log or self.done >= self.total:
-            self._logged = now
-            _log_to_files(line)
 
     def counted(self, items: Iterable[T]) -> Iterator[T]:
         """Iterate over `items`, counting each once it was used."""
@@ -144,20 +147,17 @@ class ProgressLog:
             yield item
             self.update()
 
-    def _time(self, now: float) -> str:
-        """Time left, rounded up; at the end the time that it took, since other work may follow."""
-        taken = now - self._begin
+    def _pace(self, now: float) -> list[str]:
+        """Rate and time left, rounded up; at the end the time that it took, since other work may follow."""
         if self.done >= self.total:
-            return f"done in {taken:.0f} s"
-        return f"{math.ceil(taken * (self.total - self.done) / max(self.done, 1))} s left"
-
-
-def _log_to_files(line: str) -> None:
-    """Write a line to the log files only: the terminal shows it already."""
-    record = logger.makeRecord(logger.name, logging.INFO, __file__, 0, line, (), None)
-    for handler in logging.getLogger().handlers:
-        if isinstance(handler, logging.FileHandler):
-            handler.handle(record)
+            taken = now - self._begin
+            return [f"{self.done / max(taken, 1e-9):.3g}/s", f"done in {taken:.0f} s"]
+        assert self._first is not None
+        begin, counted = self._first
+        if self.done == counted:
+            return []
+        rate = (self.done - counted) / max(now - begin, 1e-9)
+        return [f"{rate:.3g}/s", f"{math.ceil((self.total - self.done) / rate)} s left"]
 
 
 def track(items: Iterable[T], label: str, total: int | None = None) -> Iterator[T]:
