@@ -124,7 +124,10 @@ def state_folder(script, wildcards, *key):
 def scene_source(wildcards):
     """Files that a scene's keyframes are taken from; a folder's date changes with every copy, its contents decide."""
     path = PLAN.scene_source(wildcards.scene)
-    return ancient(path) if Path(path).is_dir() else path
+    if path.startswith("results/"):
+        return path
+    # A capture stays where it lies, wherever the results go.
+    return local(ancient(path) if Path(path).is_dir() else path)
 
 
 def scene_camera(wildcards):
@@ -384,7 +387,7 @@ def gap_case_files(wildcards):
     """Files that a case names, which are read with it."""
     if wildcards.case in LOOP.cases:
         return LOOP.case_files(wildcards.case)
-    return [PLAN.portable(path) for path in case_files(gap_case(wildcards))]
+    return [local(PLAN.portable(path)) for path in case_files(gap_case(wildcards))]
 
 
 def gap_model(wildcards):
