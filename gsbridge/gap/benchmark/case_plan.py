@@ -125,7 +125,14 @@ class Draw:
 
     @classmethod
     def of(cls, tier: str, split: str, seed: int, seal: int | None) -> Draw:
-        """What is drawn in a tier: from the seal alone where there is one."""
+        """What is drawn in a tier: from the seal alone where there is one.
+
+        Args:
+            tier: One of `TIERS`.
+            split: One of `SPLITS`.
+            seed: Seed of the draw.
+            seal: The seal; None where split and seed decide.
+        """
         number = TIERS.index(tier)
         if seal is None:
             sizes = _UNITS[split], _IMAGE_UNITS[split], _COURSES[split], _WORLDS[split]
