@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -29,6 +28,7 @@ from gsbridge.gap.diagnosis.results import ROLES
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.geometry import Array
 from gsbridge.images import read_image
+from gsbridge.reading import refusing
 from gsbridge.tasks.views import DEPTHS, VIEWS
 
 _PAGE = "See docs/gap_images.md"
@@ -209,13 +209,12 @@ def _is_rigid(pose: Array) -> bool:
 
 
 def _depths(path: Path, shape: tuple[int, int, int]) -> Array:
-    try:
-        with np.load(path) as content:
-            depths = np.asarray(content["depths"], np.float32)
-    except OSError as error:
-        raise InputError(path, "the depths cannot be read", _PAGE) from error
-    except (EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
-        raise InputError(path, f"it holds no depths ({error})", _PAGE) from error
+    with refusing(path, "it holds no depths", _PAGE):
+        try:
+            with np.load(path, allow_pickle=False) as content:
+                depths = np.asarray(content["depths"], np.float32)
+        except OSError as error:
+            raise InputError(path, "the depths cannot be read", _PAGE) from error
     if depths.shape != shape:
         seen, wanted = (" x ".join(map(str, size)) for size in (depths.shape, shape))
         raise InputError(path, f"its depths are {seen}", f"Give {wanted}: one per view and pixel")
