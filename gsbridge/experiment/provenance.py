@@ -109,6 +109,13 @@ RULES: Mapping[str, tuple[str, ...]] = {
         "diagnose_photos",
         "report_photos",
         "amend_camera",
+        "film_board_of_world",
+        "register_world",
+        "describe_robot_of_world",
+        "calibrate_wrist_camera_of_world",
+        "fit_robot_splats_of_world",
+        "amend_arm_wrongly",
+        "amend_camera_wrongly",
         "collect_loop",
         "collect_sight_loop",
         "score_loops",
@@ -121,6 +128,11 @@ _MODULES = {
     "benchmark_environment": "benchmarks.environment",
     "diagnose_mismatched_laws": "benchmarks.gap_mismatch",
     "train_comparison": "scripts.train_splats",
+    "film_board_of_world": "scripts.film_board",
+    "register_world": "scripts.register_workspace",
+    "describe_robot_of_world": "scripts.describe_robot",
+    "calibrate_wrist_camera_of_world": "scripts.calibrate_wrist_camera",
+    "fit_robot_splats_of_world": "scripts.fit_robot_splats",
 }
 """Modules of the rules that do not run the script of their own name."""
 
