@@ -20,7 +20,8 @@ from gsbridge.gap.joints.residuals import JointResiduals
 
 
 def test_all_effects_can_be_hidden_and_unknown_families_are_disjoint():
-    assert set(machines.EFFECTS) == set(JOINT_EFFECTS)
+    assert set(machines.EFFECTS) | set(machines.NEVER_HIDDEN) == set(JOINT_EFFECTS)
+    assert not set(machines.EFFECTS) & set(machines.NEVER_HIDDEN)
     assert set(body_cases.KNOWN) == set(BODY_EFFECTS)
     for families in (machines.UNKNOWN_OF, body_cases.UNKNOWN_OF):
         assert not set(families["development"]) & set(families["scored"])

@@ -85,7 +85,7 @@ def test_laws_that_are_not_ours_are_counted_as_the_floors_want_it():
 
 def test_every_floor_of_the_area_can_be_measured():
     floors = {name: entry for name, entry in read_floors(FLOORS).items() if entry["area"] == "gap"}
-    tiers = {tier: tier_scores(tier) for tier in ("t0", "t1", "t2")}
+    tiers = {tier: tier_scores(tier) for tier in ("t0", "t1", "t2", "t4", "t5", "t7")}
     for content in tiers.values():
         content["methods"] |= {name: method_scores(right=20, wrong=20) for name in METHODS[1:]}
     tosses = {

@@ -7,6 +7,8 @@ import pytest
 from gsbridge.errors import InputError
 from gsbridge.policy.plan import AMENDED, SEEN, check_policies
 
+OWN = {"registered_in": None, "calibrated_in": None, "unchanged_teacher": False}
+
 CONFIG = {
     "seed": 1,
     "grasp_policy": {},
@@ -16,7 +18,13 @@ CONFIG = {
         "variants": ["default", "bc"],
         "worlds": ["late"],
         "cell": {"task": "grasp", "object": "cake", "background": "foam_pad"},
-        "sight": {"variants": ["bc"], "worlds": ["mirror"], "reference": "mirror", "amended": {"late": ["seen"]}},
+        "sight": {
+            "variants": ["bc"],
+            "worlds": ["mirror"],
+            "reference": "mirror",
+            "amended": {"late": ["seen"]},
+            "controls": {},
+        },
         "severity": {"variants": ["default"], "worlds": ["mirror"]},
     },
     "scenes": {"cake": {}, "foam_pad": {}},
@@ -25,13 +33,14 @@ CONFIG = {
         "reference": "mirror",
         "changed": "late",
         "variant": "amended",
+        "controls": [],
     },
     "presets": {"toy": {"grasp_policy": {"steps": 50}}, "desktop": {}},
     "variants": {
-        "default": {"policy": {}, "model": None},
-        "bc": {"policy": {"algo": "bc"}, "model": "m.yaml"},
-        "amended": {"policy": {}, "model": AMENDED},
-        "seen": {"policy": {}, "model": SEEN.format(world="late")},
+        "default": {"policy": {}, "model": None} | OWN,
+        "bc": {"policy": {"algo": "bc"}, "model": "m.yaml"} | OWN,
+        "amended": {"policy": {}, "model": AMENDED} | OWN,
+        "seen": {"policy": {}, "model": SEEN.format(world="late")} | OWN,
     },
     "worlds": {"mirror": {"seed": None, "hidden": {}}, "late": {"seed": 4, "hidden": {"latency": 0.1}}},
 }

@@ -205,7 +205,7 @@ def test_what_is_not_given_takes_its_default():
         assert not issubclass(section, Given)
     assert DEFAULTS["dense_film"] == {"frames": 150, "spp": 4, "held_out_spp": 4, "width": 320, "height": 240, "sheet": "a4"}
     assert DEFAULTS["workspace"]["source"] == {"mirror": True}
-    assert DEFAULTS["gap"]["benchmark"] == dict.fromkeys(("t0", "t1", "t2", "t4"))
+    assert DEFAULTS["gap"]["benchmark"] == dict.fromkeys(("t0", "t1", "t2", "t4", "t5", "t7"))
 
 
 def test_the_words_of_the_configuration_are_those_of_the_library():

@@ -27,7 +27,10 @@ _WHOLE = {"command_delay": (1e-3, 1), "lag": (1e-3, 1), "clock_offset": (1e-3, 0
           "payload": (0.02, 1), "base_tilt": (5e-3, 0), "gravcomp": (0.01, 0)}  # fmt: skip
 
 EFFECTS = (*_SIGNED, *_POSITIVE, *_WHOLE)
-"""All effects of driven joints."""
+"""Effects of driven joints that may be hidden."""
+
+NEVER_HIDDEN = ("damping", "table")
+"""Candidates of the diagnosis without a truth here yet: cases show whether they are named wrongly, not whether rightly."""
 
 _LENGTH = ("encoder_offset", "backlash", "eccentricity")
 _FORCE = ("effort_offset", "coulomb", "coulomb_asym", "stribeck", "ripple", "detent", "kicks")
