@@ -70,6 +70,49 @@ rule film_trials:
         "../scripts/film_trials.py"
 
 
+rule film_outside:
+    input:
+        unpack(
+            lambda wildcards: simulated_world(wildcards.object, wildcards.background)
+        ),
+        light="results/workspace/light.json",
+        tables=shown_trials("csv"),
+        logs=shown_trials("npz"),
+    output:
+        film=report(
+            f"results/films_from_outside/{ANY.item}.webp",
+            caption="captions/film_from_outside.rst",
+            category="Policies",
+            labels={
+                "figure": "the arm from outside",
+                "cell": "{task} {object} on {background}, {renderer}, {variant}",
+            },
+        ),
+    log:
+        f"results/logs/film_outside/{ANY.item}.log",
+    benchmark:
+        f"results/benchmarks/film_outside/{ANY.item}.jsonl"
+    wildcard_constraints:
+        object=one_of(OBJECTS),
+        background=one_of(BACKGROUNDS),
+        renderer="gs|mesh|mesh_vertex",
+        variant=one_of(config["variants"]),
+    conda:
+        "../envs/world.yaml"
+    threads: 1
+    resources:
+        runtime="60m",
+        mem_mb=2000,
+    params:
+        code=script_digest("film_outside"),
+        worlds=lambda wildcards: [trial.world for trial in pictured(wildcards)],
+        seeds=lambda wildcards: [trial.seed for trial in pictured(wildcards)],
+    message:
+        "Film the arm from outside: {wildcards.task} {wildcards.object} on {wildcards.background}, {wildcards.renderer}, {wildcards.variant}"
+    script:
+        "../scripts/film_outside.py"
+
+
 rule record_trials:
     input:
         tables=shown_trials("csv"),

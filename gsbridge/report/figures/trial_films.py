@@ -50,13 +50,29 @@ def write_trial_film(cell: CellPaths, files: Sequence[TrialFiles], out: str | Pa
     frames = film_frames(chosen, title, _rates(starts, cell))
     durations = [round(1000 * STEP_S * EVERY)] * len(frames)
     durations[-1] = round(1000 * HOLD_S)
+    write_film(frames, durations, out, MOST_BYTES)
+
+
+def write_film(frames: Sequence[Array], durations: Sequence[int], out: str | Path, most_bytes: int) -> None:
+    """Write an animated picture that begins anew at its end.
+
+    Args:
+        frames: uint8 [H, W, 3] each.
+        durations: How long each of them stays, ms.
+        out: WebP.
+        most_bytes: Largest size; the best of `QUALITIES` that keeps it is taken.
+
+    Raises:
+        InputError: It is larger at the lowest quality.
+    """
     first, *rest = (Image.fromarray(frame) for frame in frames)
     for quality in QUALITIES:
         memory = io.BytesIO()
         first.save(
-            memory, "WEBP", save_all=True, append_images=rest, duration=durations, loop=0, quality=quality, method=4, kmax=1000
-        )
-        if memory.tell() <= MOST_BYTES:
+            memory, "WEBP", save_all=True, append_images=rest, duration=list(durations), loop=0, quality=quality, method=4,
+            kmax=1000,
+        )  # fmt: skip
+        if memory.tell() <= most_bytes:
             break
     else:
         raise InputError(out, f"the film has {memory.tell() / 1e6:.1f} MB", "Show fewer trials")
@@ -97,8 +113,8 @@ def film_frames(starts: Sequence[Start], title: str, subtitle: str) -> list[Arra
     size = (GAP + columns * (width + GAP), HEAD + lines * (height + GAP))
     canvas = Image.new("RGB", size, PAPER)
     draw = ImageDraw.Draw(canvas)
-    draw.text((GAP, 6), title, fill=INK, font=_font(15))
-    draw.text((GAP, 24), subtitle, fill=SOFT, font=_font(11))
+    draw.text((GAP, 6), title, fill=INK, font=label_font(15))
+    draw.text((GAP, 24), subtitle, fill=SOFT, font=label_font(11))
     corners = []
     for number, start in enumerate(starts):
         left, top = GAP + (number % columns) * (width + GAP), HEAD + (number // columns) * (height + GAP)
@@ -128,9 +144,9 @@ def _tile(trial: Tried, world: str, state: int) -> Array:
     # A dark strip behind the world's name keeps it legible on any picture.
     large[:16] = large[:16] // 2
     image = Image.fromarray(large)
-    ImageDraw.Draw(image).text((5, 1), world.replace("_", " "), fill=(255, 255, 255), font=_font(11))
+    ImageDraw.Draw(image).text((5, 1), world.replace("_", " "), fill=(255, 255, 255), font=label_font(11))
     clock = f"{STEP_S * min(state, last):.1f} s"
-    ImageDraw.Draw(image).text((SIDE - 5, 1), clock, fill=(255, 255, 255), font=_font(11), anchor="ra")
+    ImageDraw.Draw(image).text((SIDE - 5, 1), clock, fill=(255, 255, 255), font=label_font(11), anchor="ra")
     out[BORDER:-BORDER, BORDER:-BORDER] = np.asarray(image)
     return out
 
@@ -139,11 +155,11 @@ def _write_caption(draw: ImageDraw.ImageDraw, start: Start, left: int, top: int)
     """Start and outcome, below a trial."""
     x, y, yaw = start.pose
     where = f"{start.label}, quadrant {start.quadrant}: x {100 * x:.0f} cm, y {100 * y:.0f} cm, {np.degrees(yaw):.0f}°"
-    draw.text((left + BORDER, top), where, fill=SOFT, font=_font(11))
+    draw.text((left + BORDER, top), where, fill=SOFT, font=label_font(11))
     pieces = [(f"{world.replace('_', ' ')}: {trial.outcome()}", trial.success) for world, trial in start.trials.items()]
     for place, (text, success) in enumerate(pieces):
         at = (left + BORDER + place * (SIDE + 2 * BORDER), top + 15)
-        draw.text(at, text, fill=WON if success else LOST, font=_font(12))
+        draw.text(at, text, fill=WON if success else LOST, font=label_font(12))
 
 
 def _rates(starts: Sequence[Start], cell: CellPaths) -> str:
@@ -157,7 +173,7 @@ def _rates(starts: Sequence[Start], cell: CellPaths) -> str:
     return f"trained on {trained}{way}; success: {rates}. {order}"
 
 
-def _font(size: int) -> ImageFont.FreeTypeFont:
+def label_font(size: int) -> ImageFont.FreeTypeFont:
     """Pillow's own font: the same on every machine."""
     font = ImageFont.load_default(size)
     assert isinstance(font, ImageFont.FreeTypeFont)
