@@ -70,7 +70,7 @@ rule film_trials:
         "../scripts/film_trials.py"
 
 
-rule film_outside:
+rule film_onlooker:
     input:
         unpack(
             lambda wildcards: simulated_world(wildcards.object, wildcards.background)
@@ -80,22 +80,22 @@ rule film_outside:
         logs=shown_trials("npz"),
     output:
         film=report(
-            f"results/films_from_outside/{ANY.item}.webp",
-            caption="captions/film_from_outside.rst",
+            f"results/onlooker_films/{ANY.item}.webp",
+            caption="captions/film_onlooker.rst",
             category="Policies",
             labels={
-                "figure": "the arm from outside",
+                "figure": "the arm, seen from beside the table",
                 "cell": "{task} {object} on {background}, {renderer}, {variant}",
             },
         ),
     log:
-        f"results/logs/film_outside/{ANY.item}.log",
+        f"results/logs/film_onlooker/{ANY.item}.log",
     benchmark:
-        f"results/benchmarks/film_outside/{ANY.item}.jsonl"
+        f"results/benchmarks/film_onlooker/{ANY.item}.jsonl"
     wildcard_constraints:
         object=one_of(OBJECTS),
         background=one_of(BACKGROUNDS),
-        renderer="gs|mesh|mesh_vertex",
+        renderer=one_of(RENDERERS),
         variant=one_of(config["variants"]),
     conda:
         "../envs/world.yaml"
@@ -104,13 +104,13 @@ rule film_outside:
         runtime="60m",
         mem_mb=2000,
     params:
-        code=script_digest("film_outside"),
+        code=script_digest("film_onlooker"),
         worlds=lambda wildcards: [trial.world for trial in pictured(wildcards)],
         seeds=lambda wildcards: [trial.seed for trial in pictured(wildcards)],
     message:
-        "Film the arm from outside: {wildcards.task} {wildcards.object} on {wildcards.background}, {wildcards.renderer}, {wildcards.variant}"
+        "Film the arm from beside the table: {wildcards.task} {wildcards.object} on {wildcards.background}, {wildcards.renderer}, {wildcards.variant}"
     script:
-        "../scripts/film_outside.py"
+        "../scripts/film_onlooker.py"
 
 
 rule record_trials:

@@ -81,8 +81,10 @@ class Tables:
     @property
     def pictures(self) -> list[str]:
         """All pictures of trials: films, recordings, and the figure where there is a second world."""
+        beside = [f"results/onlooker_films/{policy.item}.webp" for policy in self.policies]
         recorded = [f"results/rerun/trials/{policy.item}.rrd" for policy in self.policies]
-        return [*self.films.values(), *recorded, *(["results/figures/behaviour_consistency.png"] if self.compared else [])]
+        films = [*self.films.values(), *beside]
+        return [*films, *recorded, *(["results/figures/behaviour_consistency.png"] if self.compared else [])]
 
     @property
     def recordings(self) -> list[str]:

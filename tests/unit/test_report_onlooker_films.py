@@ -4,8 +4,8 @@ import numpy as np
 from PIL import Image
 from trial_files import write_trials
 
-from gsbridge.report.figures import outside_films as module
-from gsbridge.report.figures.outside_films import told_starts, write_outside_film
+from gsbridge.report.figures import onlooker_films as module
+from gsbridge.report.figures.onlooker_films import told_starts, write_onlooker_film
 from gsbridge.report.figures.paired_trials import read_starts
 from gsbridge.report.figures.trial_films import LOST, WON
 from gsbridge.report.tables.result_paths import CellPaths
@@ -25,15 +25,29 @@ def both(folder, **more):
     return [write_trials(folder, "sim", states=6), write_trials(folder, "mirror", states=9, **more)]
 
 
+def shown_ms(path):
+    """How long a film lasts."""
+    with Image.open(path) as film:
+        times = []
+        for number in range(film.n_frames):
+            film.seek(number)
+            film.load()
+            times.append(film.info["duration"])
+    return sum(times)
+
+
 def test_a_success_and_a_failure_are_told_where_there_are_both(tmp_path):
     assert [start.succeeded() for start in told_starts(read_starts(both(tmp_path / "a", failed=FAILED)))] == [True, False]
     assert [start.succeeded() for start in told_starts(read_starts(both(tmp_path / "b")))] == [True, True]
 
 
 def test_the_film_shows_the_arm_the_outcome_and_what_the_policy_saw(tmp_path, monkeypatch):
-    monkeypatch.setattr(module.OutsideView, "build", lambda *_: GreenView())
-    write_outside_film(CellPaths("grasp", "mug", "table"), both(tmp_path, failed=FAILED), None, tmp_path / "film.webp")
+    monkeypatch.setattr(module.OnlookerView, "build", lambda *_: GreenView())
+    write_onlooker_film(CellPaths("grasp", "mug", "table"), both(tmp_path, failed=FAILED), None, tmp_path / "film.webp")
     assert (tmp_path / "film.webp").stat().st_size < module.MOST_BYTES
+    # Nine states, every second one shown: four pictures of 0.1 s, then the last state for two seconds. Equal pictures in a row
+    # are one frame of the file, so their number is no measure, but the time that they stay is.
+    assert shown_ms(tmp_path / "film.webp") == 4 * 100 + 2000
     with Image.open(tmp_path / "film.webp") as film:
         film.seek(film.n_frames - 1)
         last = np.asarray(film.convert("RGB")).astype(int)
@@ -43,5 +57,5 @@ def test_the_film_shows_the_arm_the_outcome_and_what_the_policy_saw(tmp_path, mo
     assert np.abs(last[module.HEAD + middle, module.GAP + 1] - WON).max() < 40
     assert np.abs(last[lower + middle, left + 1] - LOST).max() < 40
     assert np.abs(last[lower + middle, left + 100] - (0, 200, 0)).max() < 40
-    corner = last[lower + module.BORDER + 20, left + module.BORDER + module.WIDTH - 40]
+    corner = last[lower + module.BORDER + 20, left + module.BORDER + 40]
     assert np.abs(corner - (0, 200, 0)).max() > 40

@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from gsbridge.environment.build import StageFiles
-from gsbridge.environment.outside import OutsideView
+from gsbridge.environment.onlooker import OnlookerView
 from gsbridge.environment.trial_log import decode
 from gsbridge.geometry import Array
 from gsbridge.report.figures.paired_trials import STEP_S, Start, TrialFiles, Tried, cell_name, failures_first, read_starts
@@ -19,13 +19,14 @@ from gsbridge.report.tables.result_paths import CellPaths
 
 EVERY = 2
 """States per picture of the film: 10 a second."""
-WIDTH, HEIGHT, WRIST = 320, 240, 96
+WIDTH, HEIGHT, WRIST = 400, 300, 104
 """Picture of the onlooker and edge of the wrist camera's, which lies in its corner, px."""
 GAP, BORDER, HEAD, TEXT = 10, 3, 40, 22
 MOST_BYTES = 900_000
+SUBTITLE = "from beside the table, drawn from splats (stand and outer ground: plain); in the corner, what the policy saw"
 
 
-def write_outside_film(cell: CellPaths, files: Sequence[TrialFiles], scene: StageFiles, out: str | Path) -> None:
+def write_onlooker_film(cell: CellPaths, files: Sequence[TrialFiles], scene: StageFiles, out: str | Path) -> None:
     """Film two starts of a policy: the quickest success and the first failure, or two successes where nothing failed.
 
     Args:
@@ -39,7 +40,7 @@ def write_outside_film(cell: CellPaths, files: Sequence[TrialFiles], scene: Stag
         InputError: Trials or splats are missing or damaged, or the film cannot be made small.
     """
     chosen = told_starts(read_starts(files))
-    view = OutsideView.build(scene, WIDTH, HEIGHT)
+    view = OnlookerView.build(scene, WIDTH, HEIGHT)
     tiles = [
         (start, world, trial, view.pictures(trial.path, EVERY)) for start in chosen for world, trial in start.trials.items()
     ]
@@ -49,9 +50,7 @@ def write_outside_film(cell: CellPaths, files: Sequence[TrialFiles], scene: Stag
     canvas = Image.new("RGB", size, PAPER)
     draw = ImageDraw.Draw(canvas)
     draw.text((GAP, 6), f"{cell.task.replace('_', ' ').capitalize()}: {cell_name(cell)}", fill=INK, font=label_font(15))
-    draw.text(
-        (GAP, 24), "seen from outside, drawn from splats; in the corner, what the policy saw", fill=SOFT, font=label_font(11)
-    )
+    draw.text((GAP, 24), SUBTITLE, fill=SOFT, font=label_font(11))
     places = []
     for number, (start, world, trial, _) in enumerate(tiles):
         left, top = GAP + number % worlds * (width + GAP), HEAD + number // worlds * (height + GAP)
@@ -87,7 +86,7 @@ def _tile(trial: Tried, pictures: Sequence[Array], moment: int) -> Array:
     picture = pictures[min(moment, last)].copy()
     state = min(EVERY * moment, len(trial.path) - 1) if moment < last else len(trial.path) - 1
     seen = cv2.resize(decode(trial.path.jpegs[state]), (WRIST, WRIST), interpolation=cv2.INTER_CUBIC)
-    picture[: WRIST + 2, -WRIST - 2 :] = 255
-    picture[:WRIST, -WRIST:] = seen
+    picture[: WRIST + 2, : WRIST + 2] = 255
+    picture[:WRIST, :WRIST] = seen
     out[BORDER:-BORDER, BORDER:-BORDER] = picture
     return out
