@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gsbridge.asset.bundle import read_asset
 from gsbridge.cameras import Camera, look_at
@@ -131,7 +132,7 @@ class OnlookerView:
         out[:] = 255.0 * np.array(PAPER)
         turns = np.linspace(0.0, 2.0 * np.pi, 90, endpoint=False)
         ground = REACH * np.c_[np.cos(turns), np.sin(turns), 0.0 * turns]
-        faces = [(ground, 0.55 * np.array(PAPER) + 0.45 * self.tone)]
+        faces: list[tuple[Array, ArrayLike]] = [(ground, 0.55 * np.array(PAPER) + 0.45 * self.tone)]
         # Of the stand's four corners, the arm's own axes: front right, front left, back left, back right.
         half, foot = STAND_EDGE / 2, self.table_from_base[2, 3]
         corners = np.array([[half, -half, 0.0], [half, half, 0.0], [-half, half, 0.0], [-half, -half, 0.0]])
