@@ -9,11 +9,12 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 # PyPI's torch for Linux brings gigabytes of CUDA; PyTorch's own index also has it without. Empty for a machine with a GPU.
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 TOY_POLICY := results/policies/grasp/small_cube+foam_pad/gs/default/seed1/policy.json
+OVERVIEW := results/overview/grasp-small_cube+foam_pad-gs-default
 # Areas that were measured once, with commas between them.
 RECORDED = $(shell ls benchmarks/scores | sed 's/\.json$$//' | paste -sd , -)
 SUPPORTED := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 13))
 
-.PHONY: help status dag tables toy study results results-page evidence test test-unit test-gap test-rules test-toy test-captures test-fuzz test-faults gpu-check lint format schema clean-toy setup
+.PHONY: help status dag tables toy study results results-page evidence pictures docs test test-unit test-gap test-rules test-toy test-captures test-fuzz test-faults gpu-check lint format schema clean-toy setup
 
 tables: $(INSTALLED)
 	$(SNAKEMAKE)
@@ -29,6 +30,7 @@ help:
 	@echo "make evidence all that is recorded, measured anew in parts: PART=tables, simulator, shapes, study, worlds, loops, severity, gap"
 	@echo "make results  measured figures against their floors: benchmarks/RESULTS.md"
 	@echo "make results-page  the same page without measuring: which recorded figures are of this tree, and which are stale"
+	@echo "make pictures the pictures of README and docs, from the toy; make docs: the pages as a site in site/"
 	@echo "make setup    the environment alone; make lint, make format, make schema, make clean-toy"
 
 status: $(INSTALLED)
@@ -44,6 +46,23 @@ toy: $(INSTALLED)
 
 study: $(INSTALLED)
 	$(SNAKEMAKE) study
+
+# The pictures of README and of the guide to filming, made anew from the toy: some minutes once it is there.
+pictures: $(INSTALLED)
+	$(SNAKEMAKE) --directory toy --config preset=toy -- $(OVERVIEW).jpg results/figures/capture_guide.jpg
+	mkdir -p docs/pictures
+	cp toy/$(OVERVIEW).jpg docs/pictures/overview.jpg
+	cp toy/$(OVERVIEW).webp docs/pictures/overview.webp
+	cp toy/results/figures/capture_guide.jpg docs/pictures/capture_guide.jpg
+
+# The pages as a site; a link that leads nowhere stops it. Its tools have an environment of their own, since none of ours needs them.
+docs: .venv-docs/.installed
+	NO_MKDOCS_2_WARNING=1 .venv-docs/bin/mkdocs build --strict
+
+.venv-docs/.installed: docs/requirements.txt
+	$(PYTHON) -m venv --clear .venv-docs
+	.venv-docs/bin/python -m pip --quiet --disable-pip-version-check install --requirement docs/requirements.txt
+	touch .venv-docs/.installed
 
 # All that is recorded, in parts of a night of two cores each: `make evidence PART=study`. Stopped, a part goes on where it was; on a
 # cluster `make evidence PROFILE=profiles/slurm` does all at once. The gap is judged on a seal that is drawn once and kept, so that

@@ -113,6 +113,50 @@ rule film_onlooker:
         "../scripts/film_onlooker.py"
 
 
+rule draw_overview:
+    input:
+        unpack(
+            lambda wildcards: simulated_world(wildcards.object, wildcards.background)
+        ),
+        light="results/workspace/light.json",
+        item_views="results/scenes/{object}/align/views.json",
+        item_images="results/scenes/{object}/sfm/images",
+        background_views="results/scenes/{background}/align/views.json",
+        background_images="results/scenes/{background}/sfm/images",
+        tables=shown_trials("csv"),
+        logs=shown_trials("npz"),
+    output:
+        picture=f"results/overview/{ANY.item}.jpg",
+        clip=f"results/overview/{ANY.item}.webp",
+    log:
+        f"results/logs/draw_overview/{ANY.item}.log",
+    benchmark:
+        f"results/benchmarks/draw_overview/{ANY.item}.jsonl"
+    wildcard_constraints:
+        object=one_of(OBJECTS),
+        background=one_of(BACKGROUNDS),
+        renderer=one_of(RENDERERS),
+        variant=one_of(config["variants"]),
+    conda:
+        "../envs/world.yaml"
+    threads: 1
+    resources:
+        runtime="60m",
+        mem_mb=2000,
+    params:
+        code=script_digest("draw_overview"),
+        worlds=lambda wildcards: [trial.world for trial in pictured(wildcards)],
+        seeds=lambda wildcards: [trial.seed for trial in pictured(wildcards)],
+        filmed=lambda wildcards: {
+            "item": PLAN.camera_of(wildcards.object),
+            "background": PLAN.camera_of(wildcards.background),
+        },
+    message:
+        "Draw the whole way: {wildcards.task} {wildcards.object} on {wildcards.background}, {wildcards.renderer}, {wildcards.variant}"
+    script:
+        "../scripts/draw_overview.py"
+
+
 rule record_trials:
     input:
         tables=shown_trials("csv"),

@@ -58,6 +58,10 @@ class Experiment:
         """Names of those whose object or table stands in the mirror's world: another take of an object is no other object."""
         return [name for name in self.films if self.config["scenes"][name].get("take") is None]
 
+    def camera_of(self, scene: str) -> str:
+        """What a scene was filmed with, for captions."""
+        return "the mirror's camera" if self.source(scene)[0] == "film" else "a real camera"
+
     def source(self, scene: str) -> tuple[str, str]:
         """Kind of a scene's source and its value: the name of a film, or a path."""
         kind, value = next(iter(self.config["scenes"][scene]["source"].items()))

@@ -2,15 +2,30 @@
 
 import html
 import json
+import os
 import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 needs_browser = pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")
 PHONE, DESK = 390, 1280
+AXE = Path(os.environ.get("GSBRIDGE_AXE") or "axe.min.js")
+"""axe-core's own file (MPL-2.0), which .ci/run fetches from npm; no part of the project."""
+needs_axe = pytest.mark.skipif(BROWSER is None or not AXE.is_file(), reason="no axe-core: GSBRIDGE_AXE names no axe.min.js")
+AUDIT = """
+<script src="axe.min.js"></script>
+<script>
+addEventListener("load", () => setTimeout(() => axe.run(document, {resultTypes: ["violations"]}).then((found) => {
+  const told = found.violations.map(v => [v.impact, v.id, v.help, v.nodes.slice(0, 3).map(n => n.html.slice(0, 120))]);
+  document.body.innerHTML = "<pre id='found'></pre>";
+  document.getElementById("found").textContent = JSON.stringify([found.passes.length, told]);
+}), 100));
+</script>
+"""
 
 LOOK = """
 <script>
@@ -69,15 +84,37 @@ def look(page, folder, width=DESK, *, dark=False):
     frame = f'<iframe src="inner.html" style="border: 0; width: {width}px; height: 900px"></iframe><pre id="found"></pre>'
     script = "<script>onmessage = (e) => { document.getElementById('found').textContent = e.data }</script>"
     (folder / "outer.html").write_text(f"<!DOCTYPE html><body>{frame}{script}</body>", encoding="utf-8")
-    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={folder / 'profile'}"]
-    command += ["--window-size=1500,1000", "--virtual-time-budget=10000", "--hide-scrollbars"]
-    command += ["--blink-settings=preferredColorScheme=0"] if dark else []
-    shown = subprocess.run(
-        [*command, "--dump-dom", (folder / "outer.html").as_uri()], capture_output=True, text=True, timeout=300, check=True
-    ).stdout
+    shown = _dumped(folder, folder / "outer.html", 1500, dark=dark)
     found = json.loads(html.unescape(re.search(r'<pre id="found">(.*?)</pre>', shown, re.S)[1]))
     assert found["dark"] == dark
     return found
+
+
+def audit(page, folder, width=DESK, *, dark=False):
+    """What axe objects to: impact, rule, what it wants, and the first elements, of each.
+
+    Args:
+        page: The HTML text.
+        folder: For the browser's files.
+        width: Of the window, px.
+        dark: Whether the reader prefers dark pages.
+    """
+    shutil.copyfile(AXE, folder / "axe.min.js")
+    (folder / "audited.html").write_text(page.replace("</body>", AUDIT + "</body>"), encoding="utf-8")
+    shown = _dumped(folder, folder / "audited.html", width, dark=dark)
+    passed, found = json.loads(html.unescape(re.search(r'<pre id="found">(.*?)</pre>', shown, re.S)[1]))
+    assert passed > 10, "axe looked at nothing"
+    return found
+
+
+def _dumped(folder, file, width, *, dark):
+    """What a page has become once its scripts have run."""
+    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={folder / 'profile'}"]
+    command += [f"--window-size={width},1000", "--virtual-time-budget=10000", "--hide-scrollbars"]
+    command += ["--blink-settings=preferredColorScheme=0"] if dark else []
+    return subprocess.run(
+        [*command, "--dump-dom", file.as_uri()], capture_output=True, text=True, timeout=300, check=True
+    ).stdout
 
 
 def check(page, folder):

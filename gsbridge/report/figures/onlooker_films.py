@@ -63,7 +63,7 @@ def write_onlooker_film(cell: CellPaths, files: Sequence[TrialFiles], scene: Sta
     for moment in range(max(len(pictures) for *_, pictures in tiles)):
         frame = ground.copy()
         for (_, _, trial, pictures), (left, top) in zip(tiles, places, strict=True):
-            frame[top : top + HEIGHT + 2 * BORDER, left : left + width] = _tile(trial, pictures, moment)
+            frame[top : top + HEIGHT + 2 * BORDER, left : left + width] = trial_tile(trial, pictures, moment)
         frames.append(frame)
     write_film(frames, [round(1000 * STEP_S * EVERY)] * (len(frames) - 1) + [round(1000 * HOLD_S)], out, MOST_BYTES)
 
@@ -78,8 +78,14 @@ def told_starts(starts: Sequence[Start]) -> list[Start]:
     return (won[:1] + lost[:1] + won[1:][-1:] + lost[1:2])[:2]
 
 
-def _tile(trial: Tried, pictures: Sequence[Array], moment: int) -> Array:
-    """One trial's picture at a moment of the film, in its frame."""
+def trial_tile(trial: Tried, pictures: Sequence[Array], moment: int) -> Array:
+    """One trial's picture at a moment of the film, in its frame. uint8 [H, W, 3].
+
+    Args:
+        trial: What happened.
+        pictures: What the onlooker saw of it, every `EVERY`th state and the last.
+        moment: Number of the film's picture; the last one stays when the trial is over.
+    """
     last = len(pictures) - 1
     out = np.empty((HEIGHT + 2 * BORDER, WIDTH + 2 * BORDER, 3), np.uint8)
     out[:] = RUNNING if moment < last else WON if trial.success else LOST
