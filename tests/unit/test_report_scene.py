@@ -76,6 +76,11 @@ def test_the_page_says_what_is_wrong_and_what_to_do(results, tmp_path):
     assert "1.00 × 0.50 × 1.00, relative to its longest side" in text
     assert text.count("What to do:") == 2
     assert "not made" in text
+    assert "12 of 12 photos placed, points off by 0.50 px" in text
+    (results / "asset").mkdir()
+    (results / "asset/asset.json").write_text(json.dumps({"status": "pass", "reasons": [], "body": {"mass": 0.0312}}))
+    write_scene_page("my_mug", results, out)
+    assert "0.031 kg, from its volume" in out.read_text()
 
 
 def test_a_scene_of_which_nothing_is_there_yet(tmp_path):

@@ -17,7 +17,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.report.figures.legend import legend_above
 from gsbridge.report.tables.counts import Counts, pose_sets_in, read_counts, worlds_in
-from gsbridge.report.tables.paper import PAPER_SUCCESS
+from gsbridge.report.tables.paper import PAPER_POSE_SETS, PAPER_SUCCESS
 from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.report.tables.rows import read_rows
 from gsbridge.report.tables.success import MIRROR, POSE_TITLES, cell_title
@@ -75,7 +75,9 @@ def _draw(axis: Axes, cells: Sequence[CellPaths], counts: Counts, pose_set: str)
         rows = [row for row, _ in found]
         axis.errorbar(rates, rows, xerr=(low, high), fmt="o", color=COLOURS[world], markersize=5, linewidth=1.6, label=world)
         paper = [
-            (row + place, 100 * PAPER_SUCCESS[cell].rate(world)) for row, cell in enumerate(cells) if cell in PAPER_SUCCESS
+            (row + place, 100 * PAPER_SUCCESS[cell].rate(world))
+            for row, cell in enumerate(cells)
+            if cell in PAPER_SUCCESS and pose_set in PAPER_POSE_SETS
         ]
         if paper and world in (STRICT_WORLD, MIRROR):
             label = "paper's sim" if world == STRICT_WORLD else "paper's robot"

@@ -77,7 +77,7 @@ def headline(ours: Mapping[str, Mapping[str, Any]]) -> list[str]:
     if alarms["n"]:
         out.append(f"Where nothing was hidden, {_share(alarms)} of {alarms['n']} cases raised an alarm.")
     if strange["n"]:
-        out.append(f"Of {strange['n']} effects that no catalogue holds, {_share(strange)} were recognised as such.")
+        out.append(f"Effects that no catalogue holds: {_share(strange)} of {strange['n']} recognised as such.")
     return out
 
 

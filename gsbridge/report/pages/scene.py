@@ -98,11 +98,13 @@ def _figures(record: dict[str, Any], known: bool) -> str:
     if "frames" in record:
         said.append(f"{len(record['frames'])} keyframes")
     if "registered" in record:
-        said.append(f"{record['registered']} of {record['total']} photos, {record['reprojection_px']:.2f} px")
+        said.append(
+            f"{record['registered']} of {record['total']} photos placed, points off by {record['reprojection_px']:.2f} px"
+        )
     if "scale_source" in record:
-        said.append(f"scale from: {record['scale_source'] or 'unknown'}")
+        said.append(f"metres from: {record['scale_source'] or 'unknown'}")
     if "consistency" in record:
-        said.append(f"outlines and hull agree to {record['consistency']['mean']:.2f}")
+        said.append(f"outlines of all photos agree to {record['consistency']['mean']:.2f} of 1")
     if "visual" in record and "extents" in record["visual"]:
         extents = record["visual"]["extents"]
         sizes = [f"{1e3 * value:.0f}" if known else f"{value / max(extents):.2f}" for value in extents]
@@ -110,8 +112,8 @@ def _figures(record: dict[str, Any], known: bool) -> str:
     if "metrics" in record:
         held = record["metrics"]["held_out"]["masked"]["psnr"]
         said.append(f"{record['splats']} splats" + ("" if held is None else f", {held:.1f} dB on held-out photos"))
-    if "mass" in record:
-        said.append(f"{record['mass']:.3g} kg")
+    if record.get("body"):
+        said.append(f"{record['body']['mass']:.2g} kg, from its volume")
     return "; ".join(said)
 
 

@@ -99,5 +99,5 @@ def _counts(rows: Sequence[Row], failed: Sequence[Row], words: Sequence[str]) ->
         str(sum(int(row["count"]) for row in rows)),
         str(sum(by_word)),
         *map(str, by_quadrant),
-        *(str(count) if count else "" for count in by_word),
+        *map(str, by_word),
     ]

@@ -112,6 +112,9 @@ PAPER_SCENARIOS = tuple(
 )
 """The six cells of `tab:testgrasp`, over which the paper takes its mean drop of 6.6 %; the others are in `tab:RLcontrast`."""
 
+PAPER_POSE_SETS = ("fixed", "unseen")
+"""Sets of start poses that the paper's values may stand beside: it tried nothing beyond the square of its training."""
+
 PAPER_SUCCESS_NOTE = (
     "Paper values: RL-GSBridge, 32 trials per cell, simulation and a real robot. Mirrored worlds are no robot: there the "
     "paper's value shows what it reached beyond its own simulation."

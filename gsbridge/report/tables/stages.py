@@ -23,6 +23,11 @@ COLUMNS = (
     "status",
 )
 DASH = "–"
+NOTE = (
+    "Registered: photos whose camera was found. Reprojection: mean distance from where a point is seen to where it should be. "
+    "Scale: what gives metres, and its standard error. Plane: how far measured points of the table lie from its plane. "
+    "Mask area: the object's mean share of a photo."
+)
 
 Records = dict[str, dict[str, dict[str, Any]]]
 
@@ -82,7 +87,7 @@ def stages_table(records: Records) -> Table | None:
                 status[-1],
             )
         )
-    return Table("From photos to a table frame", COLUMNS, tuple(rows), status=tuple(status))
+    return Table("From photos to a table frame", COLUMNS, tuple(rows), (NOTE,), status=tuple(status))
 
 
 def _digits(value: float | None, digits: int) -> str:

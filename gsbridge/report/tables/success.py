@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from gsbridge.configuration.renderers import TITLES
 from gsbridge.report.tables.counts import Count, change, overviews, p_of_change, pose_sets_in, read_counts, worlds_in
 from gsbridge.report.tables.formats import Table
-from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SCENARIOS, PAPER_SUCCESS, PAPER_SUCCESS_NOTE
+from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_POSE_SETS, PAPER_SCENARIOS, PAPER_SUCCESS, PAPER_SUCCESS_NOTE
 from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.report.tables.rows import Row
 from gsbridge.report.tables.statistics import (
@@ -116,7 +116,7 @@ def success_table(
 
     Args:
         rows: Rows of a success table.
-        pose_set: `fixed` or `unseen`.
+        pose_set: Name of the set.
         title: Caption.
         other: The other world; on a robot only the cells that were tried there are shown.
         renderers: Say of each cell what drew its training's pictures.
@@ -128,7 +128,7 @@ def success_table(
         return None
     compared = any(world == other for _, world, _ in counts)
     worlds = (STRICT_WORLD, other) if compared else (STRICT_WORLD,)
-    paper = any(cell in PAPER_SUCCESS for cell in cells)
+    paper = pose_set in PAPER_POSE_SETS and any(cell in PAPER_SUCCESS for cell in cells)
     several = any(count.seeds > 1 for count in counts.values())
     status = _status(mine)
     columns = ["cell", *(["trained on"] if renderers else []), *worlds, *(["change", "p"] if compared else [])]
@@ -186,7 +186,7 @@ def summary_table(rows: Sequence[Row], task: str, *, title: str) -> Table | None
                 str(len(view.rates)),
                 f"{percent(view.mean)} [{100 * low:.1f} … {100 * high:.1f}]",
                 f"{view.total.successes}/{view.total.trials}",
-                percent(paper_mean(list(view.rates), view.world)),
+                percent(paper_mean(list(view.rates), view.world) if view.pose_set in PAPER_POSE_SETS else None),
                 percent(drop),
                 percent(six) if complete or six is None else f"{percent(six)} ({count} of {len(PAPER_SCENARIOS)})",
                 DASH if view.correlation is None else f"{view.correlation:.2f}".replace("-", "−"),

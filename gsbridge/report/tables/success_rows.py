@@ -15,7 +15,7 @@ from gsbridge.configuration.renderers import RENDERERS
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.geometry import Array
-from gsbridge.report.tables.paper import PAPER_SUCCESS
+from gsbridge.report.tables.paper import PAPER_POSE_SETS, PAPER_SUCCESS
 from gsbridge.report.tables.result_paths import CellPaths, cell_of, seed_of
 from gsbridge.report.tables.rows import Row, read_rows, write_rows
 from gsbridge.report.tables.stages import degraded_reasons, read_records
@@ -248,7 +248,7 @@ def success_rows(files: Sequence[ReadTrials]) -> list[dict[str, Any]]:
     }
     rows = []
     for (cell, world, pose_set), counted in counts.items():
-        paper = PAPER_SUCCESS.get(cell)
+        paper = PAPER_SUCCESS.get(cell) if pose_set in PAPER_POSE_SETS else None
         low, high = trainings_interval(counted["tallies"])
         rate = counted["successes"] / counted["trials"]
         sim = counts.get((cell, STRICT_WORLD, pose_set)) if world != STRICT_WORLD else None
