@@ -42,22 +42,22 @@ def folder(tmp_path):
     return tmp_path
 
 
-def commands(time, seed):
-    """Slow sweeps that reach below the table now and then."""
+def commands(time, seed, middle=(0.55, 0.3)):
+    """Slow sweeps around a posture; around the first of these they reach below the table now and then."""
     rng = np.random.default_rng(seed)
     rates, phases = rng.uniform(0.25, 0.5, 2), rng.uniform(0, 6, 2)
     begun = np.clip(time / 1.0, 0, 1)[:, None]
-    return np.array([0.55, 0.3]) + begun * np.array([0.35, 0.5]) * np.sin(2 * np.pi * rates * time[:, None] + phases)
+    return np.array(middle) + begun * np.array([0.35, 0.5]) * np.sin(2 * np.pi * rates * time[:, None] + phases)
 
 
-def measured_in_mujoco(time, wanted, seed):
-    """What encoders would log of an arm in MuJoCo over a plane of its own."""
+def measured_in_mujoco(time, wanted, seed, friction=0.0):
+    """What encoders would log of an arm in MuJoCo over a plane of its own, with dry friction (N m) in the elbow."""
     model = mujoco.MjModel.from_xml_string(
         f"""<mujoco><compiler angle="radian"/><option timestep="0.0005"/><worldbody>
         <geom type="plane" size="2 2 0.1" pos="0 0 {TABLE - 0.005}" friction="0 0 0" condim="1"/>
         <body pos="0 0 0.3"><joint name="shoulder" axis="0 1 0" armature="{ROTOR}"/>
         <inertial pos="0.2 0 0" mass="1" diaginertia="0.001 0.01 0.01"/>
-        <body pos="0.4 0 0"><joint name="elbow" axis="0 1 0" armature="{ROTOR}"/>
+        <body pos="0.4 0 0"><joint name="elbow" axis="0 1 0" armature="{ROTOR}" frictionloss="{friction}"/>
         <inertial pos="0.15 0 0" mass="0.6" diaginertia="0.001 0.005 0.005"/>
         <geom type="sphere" size="0.005" pos="0.3 0 0" mass="0" friction="0 0 0" condim="1"/></body></body>
         </worldbody></mujoco>"""
@@ -129,19 +129,36 @@ def test_a_table_is_no_candidate_where_the_tool_stays_level(folder):
     assert "table" not in names
 
 
-def test_mujocos_contact_is_named(folder):
-    time = np.arange(800) / 100
-    for number, role in enumerate(("fit", "select", "verify")):
-        wanted = commands(time, number)
-        seen = measured_in_mujoco(time, wanted, number)
+def diagnosed(folder, time, middles, friction=0.0):
+    """Findings about an arm that moves around a posture in each record."""
+    for number, (role, middle) in enumerate(middles.items()):
+        wanted = commands(time, number, middle)
+        seen = measured_in_mujoco(time, wanted, number, friction)
         columns = {"time [s]": time}
         columns |= {f"command.{name} [rad]": wanted[:, k] for k, name in enumerate(JOINTS)}
         columns |= {f"position.{name} [rad]": seen[:, k] for k, name in enumerate(JOINTS)}
         pd.DataFrame(columns).to_csv(Path(folder) / f"{role}.csv", index=False, float_format="%.7g")
-    case = {"model": "model.yaml", "records": {role: f"{role}.csv" for role in ("fit", "select", "verify")}}
+    case = {"model": "model.yaml", "records": {role: f"{role}.csv" for role in middles}}
     (folder / "case.yaml").write_text(yaml.safe_dump(case), encoding="utf-8")
-    findings = run_case(folder / "case.yaml", folder / "out", folder / "bank")
+    return run_case(folder / "case.yaml", folder / "out", folder / "bank")
+
+
+LOW, HIGH = (0.55, 0.3), (-0.2, 0.0)
+
+
+def test_mujocos_contact_is_named(folder):
+    findings = diagnosed(folder, np.arange(800) / 100, {"fit": LOW, "select": LOW, "verify": LOW})
     first = findings["account"]["entries"][0]
     assert first["label"] == "table", findings["sentence"]
     assert first["parameters"]["height"]["value"] == pytest.approx(TABLE, abs=0.005)
+    assert findings["account"]["explained"] > 0.8
+
+
+@pytest.mark.parametrize("roles", [("fit", "select", "verify"), ("select", "fit", "verify")])
+def test_a_table_that_one_record_alone_reaches_is_accounted_for(folder, roles):
+    middles = dict(zip(roles, (HIGH, LOW, LOW), strict=True))
+    findings = diagnosed(folder, np.arange(800) / 100, {role: middles[role] for role in ("fit", "select", "verify")}, 0.6)
+    entries = {entry["label"]: entry for entry in findings["account"]["entries"]}
+    assert {"coulomb:elbow", "table"} <= set(entries), findings["sentence"]
+    assert entries["table"]["parameters"]["height"]["value"] == pytest.approx(TABLE, abs=0.005)
     assert findings["account"]["explained"] > 0.8

@@ -71,7 +71,7 @@ def run_baseline(
     first, second = (JointResiduals.of(mechanism, records[role], folder=bank_folder) for role in ("fit", "select"))
     share_noise((first, second))
     before = mechanism.runs
-    bank = signature_bank(first, candidates(first), bank_folder)
+    bank = signature_bank(first, candidates(first, others=(second,)), bank_folder)
     made = mechanism.runs - before
     residual = first.residual()
     # Theory's own test, which believes in white noise; none of these methods has another.

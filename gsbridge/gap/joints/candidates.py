@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.joints.base import JointEffect
@@ -43,12 +45,15 @@ class JointCandidate(Candidate):
         return tuple({**values, "height": height} for values in own for height in self.heights) if self.heights else own
 
 
-def candidates(view: JointResiduals, names: Collection[str] | None = None) -> tuple[JointCandidate, ...]:
+def candidates(
+    view: JointResiduals, names: Collection[str] | None = None, others: Sequence[JointResiduals] = ()
+) -> tuple[JointCandidate, ...]:
     """All candidates of a mechanism; of these effects only, if `names` is given.
 
     Args:
         view: A record and the mechanism that replays it.
         names: Effects that may be the reason; None for the whole catalogue.
+        others: Further records that may reach where this one never goes.
     """
     system, out = view.mechanism.system, list[JointCandidate]()
     for name, effect in JOINT_EFFECTS.items():
@@ -58,7 +63,7 @@ def candidates(view: JointResiduals, names: Collection[str] | None = None) -> tu
             # Of a single joint it is `gain_d`.
             continue
         if name == "table":
-            heights = _heights(view)
+            heights = _heights((view, *others))
             out += [JointCandidate(name, heights=heights)] if heights else []
             continue
         joints = system.joints if effect.scope == "joint" else ("",)
@@ -67,13 +72,13 @@ def candidates(view: JointResiduals, names: Collection[str] | None = None) -> tu
     return tuple(out)
 
 
-def _heights(view: JointResiduals) -> tuple[float, ...]:
+def _heights(views: Sequence[JointResiduals]) -> tuple[float, ...]:
     """Heights at which a surface would cut off the lowest part of what is commanded; none where that is level, or where no
     frame tells how far the last link reaches."""
-    mechanism, up = view.mechanism, up_of(view.mechanism.system.gravity)
+    mechanism, up = views[0].mechanism, up_of(views[0].mechanism.system.gravity)
     if not mechanism.system.tool and not mechanism.toe.any():
         return ()
-    commands = view.record.commands["command"][:, mechanism.chain.order]
+    commands = np.concatenate([view.record.commands["command"] for view in views])[:, mechanism.chain.order]
     heights = mechanism.chain.follow(mechanism.tip, mechanism.toe, commands) @ up
     low, high = float(heights.min()), float(heights.max())
     return tuple(round(low + share * (high - low), 4) for share in _LOWEST) if high - low > _LEVEL else ()

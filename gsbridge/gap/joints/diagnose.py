@@ -65,7 +65,7 @@ def diagnose_joints(
     mechanism = Mechanism(system)
     views = views_of(mechanism, {role: records[role] for role in ROLES}, bank_folder)
     first, second, third = views.values()
-    who, made = candidates(first, names), mechanism.runs
+    who, made = candidates(first, names, (second,)), mechanism.runs
     bank = signature_bank(first, who, bank_folder)
     made = mechanism.runs - made
     logger.info("%d candidates, %d signatures", len(who), len(bank.signatures))
@@ -79,7 +79,7 @@ def diagnose_joints(
     account, named = None, mechanism.runs - made - mechanism.shared
     if finding.best is not None and finding.verdict not in ("no_discrepancy", "not_enough_excitation"):
         floors = (search.floor_first, search.floor)
-        wide = Widening(first, second, search.screen, search.rules, floors, search.remains)
+        wide = Widening(first, second, who, search.screen, search.rules, floors, search.remains)
         whole = wide.widen(finding)
         account = None if whole is None else account_of(wide, finding, whole, third)
     if account is not None and finding.best is not None and not _same(account.effects, finding.best.fit.effects):

@@ -6,7 +6,7 @@ others: one motion alone seldom parts friction, weight and lag, and what it cann
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -98,6 +98,7 @@ class Widening:
     Args:
         first: Residuals on the record `fit`.
         second: Residuals on the record `select`.
+        who: Candidates.
         screen: Signatures on `fit`.
         rules: Thresholds.
         floors: What a perfect model would leave on the two, chi squared.
@@ -106,11 +107,12 @@ class Widening:
 
     first: JointResiduals
     second: JointResiduals
+    who: Sequence[Candidate]
     screen: Screen
     rules: Rules
     floors: tuple[float, float]
     remains: Callable[[Hypothesis], bool]
-    _looks: dict[Candidate, Look] = field(default_factory=dict)
+    _looks: dict[tuple[Candidate, tuple[float, ...]], Look] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.both = PooledResiduals((self.first, self.second))
@@ -245,16 +247,17 @@ class Widening:
         them: a stiffer controller shows only once friction has grown with it.
         """
         row = self.both.residual(best.fit.effects)
-        starts = {m.candidate: m.starts[0] for m in self.screen.matches(best.first)}
-        for candidate, values in starts.items():
-            if candidate not in self._looks and self.both.mechanism.runs < self._end:
+        for candidate, values in self._starts(best):
+            if _key(candidate, values) not in self._looks and self.both.mechanism.runs < self._end:
                 self._look(best, candidate, values)
         # What failed beside fewer effects may help beside more.
         left_out = {who for who, count in failed.items() if len(best.fit.who) < count + _AGAIN}
-        stale = [look for who, look in self._looks.items() if who not in best.fit.who and who not in left_out]
-        stale = sorted((look.beside(basis) for look in stale), key=lambda look: -look.guess(row)[1])
+        stale = [look for (who, _), look in self._looks.items() if who not in best.fit.who and who not in left_out]
+        ranked = dict[Candidate, Look]()
+        for look in sorted((look.beside(basis) for look in stale), key=lambda look: -look.guess(row)[1]):
+            ranked.setdefault(look.candidate, look)
         found: list[tuple[float, Look]] = []
-        for look in stale[:_FRESH]:
+        for look in list(ranked.values())[:_FRESH]:
             if self.both.mechanism.runs >= self._end:
                 break
             fresh = self._look(best, look.candidate, look.scaled(look.guess(row)[0])).beside(basis)
@@ -266,12 +269,24 @@ class Widening:
         found.sort(key=lambda item: -item[0])
         return [look for _, look in _plainest_first(found)][:_FITTED]
 
+    def _starts(self, best: Hypothesis) -> list[tuple[Candidate, dict[str, float]]]:
+        """Candidates with parameters to look at them beside an explanation.
+
+        What a threshold changes tells nothing of another threshold: such a size is looked at anew where another one suits what
+        is left, and a surface at every height, since `fit` alone may never come near it.
+        """
+        surfaces = [who for who in self.who if who.effect.threshold and not who.effect.blends]
+        out = [(m.candidate, m.starts[0]) for m in self.screen.matches(best.first) if m.candidate not in surfaces]
+        for who in surfaces:
+            out += [(who, who.effect.scaled(way, size)) for way in who.directions() for size in who.effect.sizes]
+        return out
+
     def _look(self, best: Hypothesis, candidate: Candidate, values: dict[str, float]) -> Look:
         """Simulate a candidate beside an explanation."""
         effects = best.fit.effects
         change = self.both.residual(effects) - self.both.residual((*effects, candidate.applied(values)))
-        self._looks[candidate] = Look(candidate, values, change.astype(np.float32))
-        return self._looks[candidate]
+        look = self._looks[_key(candidate, values)] = Look(candidate, values, change.astype(np.float32))
+        return look
 
     def _earns(self, trial: Hypothesis, best: Hypothesis) -> bool:
         """Whether one effect more explains a part of the gap worth a line, of each record, and by more than chance.
@@ -288,8 +303,10 @@ class Widening:
         pairs = ((best.first, trial.first), (best.residual, trial.residual))
         helps = [good and transfer(*pair) > self.rules.deviations for good, pair in zip(helps, pairs, strict=True)]
         if not all(helps) and any(helps) and trial.fit.who[-1].effect.threshold:
-            # A table says nothing of a motion that never comes near it.
-            helps = [good or idle for good, idle in zip(helps, self._idle(trial), strict=True)]
+            # A table says nothing of a motion that never comes near it, and little of one that touches it once: there it must
+            # only do no harm.
+            others = zip(helps, shares[1:], self._idle(trial), strict=True)
+            helps = [good or share > 0.0 or idle for good, share, idle in others]
         return all(helps)
 
     def _idle(self, trial: Hypothesis) -> list[bool]:
@@ -298,6 +315,11 @@ class Widening:
         return [
             float((part**2).sum()) < _IDLE * floor for part, floor in zip(self.both.parts(change), self.floors, strict=True)
         ]
+
+
+def _key(candidate: Candidate, values: dict[str, float]) -> tuple[Candidate, tuple[float, ...]]:
+    """Return what a candidate's change stands for: all of its sizes, or this one alone where it begins at a threshold."""
+    return candidate, tuple(values.values()) if candidate.effect.threshold else ()
 
 
 def strained(fitted: EffectFit) -> bool:

@@ -88,8 +88,9 @@ class JointBackend(CaseBackend):
         """Make the bank of signatures, and say before any fit what the records can tell apart: `screen.json`."""
         mechanism = Mechanism(self.case.system)
         # As the diagnosis does: the noise sets the sizes of the signatures, and so the bank.
-        view = views_of(mechanism, self.case.records, bank)["fit"]
-        who = candidates(view, self.case.names)
+        views = views_of(mechanism, self.case.records, bank)
+        view = views["fit"]
+        who = candidates(view, self.case.names, (views["select"],))
         found = signature_bank(view, who, bank)
         shown = {signature.candidate for signature in found.signatures}
         return {
