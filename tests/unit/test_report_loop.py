@@ -68,7 +68,7 @@ def test_rows_and_page_tell_before_after_and_the_price(files, tmp_path):
     text = out[1].read_text()
     for words in (
         "**named**",
-        "**none_of_the_known**",
+        "**none of the known**",
         "from 400 to 14 times",
         "58.0 ms",
         "4 records of 15 s together, 2 of them of failed",

@@ -42,7 +42,7 @@ def test_rows_and_page_tell_before_after_and_the_price(tmp_path):
     assert [int(row["training_steps"]) for row in rows] == [5000, 5000, 7000, 7000]
     page = out[1].read_text()
     for words in (
-        "mirror: **no_discrepancy**. Said of mirror.",
+        "mirror: **no discrepancy**. Said of mirror.",
         "tint: **named**. Said of tint.",
         "144 photos on the first day; later 24 in tint",
         "sees: a training of 7000 steps, 3 minutes",

@@ -93,7 +93,7 @@ def test_the_page_says_whether_the_papers_claim_holds(tmp_path, mesh, words):
     write_worth_page(path, tmp_path / "page.md")
     page = (tmp_path / "page.md").read_text()
     assert words in page.split("###")[0]
-    assert "| trained on | colours | lab_1: 1 | lab_3: 3 |" in page
+    assert "| trained on | colours | lab_1, severity 1 | lab_3, severity 3 |" in page
     assert "97 % (" in page
     assert "outside the training square" in page
     write_worth_figure(path, tmp_path / "figure.png")
@@ -111,7 +111,7 @@ def test_graded_policies_tell_how_well_simulation_foretells(tmp_path):
     r = np.corrcoef(sim, real)[0, 1]
     # Two neighbours are ranked the other way round by 4 of 32; the others are where they belong.
     page = (tmp_path / "page.md").read_text()
-    assert f"| lab_2: 2 | 4 | 12 to 100 % | 6 to 97 % | {r:.3f} | {2 * 4 / 32 / 4:.3f} |" in page
+    assert f"| lab_2, severity 2 | 4 | 12 to 100 % | 6 to 97 % | {r:.3f} | {2 * 4 / 32 / 4:.3f} |" in page
     write_graded_figure(path, tmp_path / "figure.png")
     assert (tmp_path / "figure.png").stat().st_size > 3000
     with pytest.raises(InputError, match="simulation"):

@@ -117,7 +117,7 @@ def _tallies(row: Mapping[str, Any]) -> list[tuple[int, int]]:
 def rows_table(cell: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> Table:
     """The rows as a table for people."""
     return Table(
-        title=f"Closing the loop, {cell['task']}: {cell['object']} on {cell['background']}",
+        title=f"Closing the loop, {cell['task']}: {cell['object']} on {cell['background']}".replace("_", " "),
         columns=("policy", "world", "successes", "rate (95 %)", "learned from"),
         rows=tuple(
             (
@@ -197,14 +197,25 @@ def write_loop(files: LoopFiles, rows_csv: str | Path, page: str | Path, figure:
     reference, changed = (read_json(path) for path in files.findings)
     calibration, amendment = read_json(files.calibration), read_json(files.amendment)
     found = [
-        f"- The world in which the policy works, against the simulation: **{reference['verdict']}**. {reference['sentence']}",
+        f"- The world in which the policy works, against the simulation: **{_told(reference)}**. {reference['sentence']}",
         f"- Calibrated there, the residual on a record that was not fitted falls from {calibration['before']['verify']:.3g} to"
         f" {calibration['after']['verify']:.3g} times the noise of the sensors; the commands take"
         f" {1e3 * calibration['delay']:.1f} ms.",
-        f"- The changed world, against the calibrated arm: **{changed['verdict']}**. {changed['sentence']}",
+        f"- The changed world, against the calibrated arm: **{_told(changed)}**. {changed['sentence']}",
         *(f"- Left out: {reason}." for reason in amendment["reasons"]),
     ]
     _write(files, (rows_csv, page, figure), "the arm", found, _price(files, calibration, (reference, changed)))
+
+
+_QUESTION = (
+    "Reality changes after a policy was trained; what the diagnosis names is put into the simulation, and a policy that learns "
+    "there is tried again. Each line is one policy in one world: before the change, after it, and with the amended simulation."
+)
+
+
+def _told(findings: Mapping[str, Any]) -> str:
+    """A verdict in words."""
+    return str(findings["verdict"]).replace("_", " ")
 
 
 def _write(
@@ -217,9 +228,11 @@ def _write(
     draw_rows(rows, figure)
     said = [part for comparison in files.comparisons for part in (worth(rows, comparison), "")]
     lines = [
-        *said,
         f"# Closing the loop: {what}",
         "",
+        _QUESTION,
+        "",
+        *said,
         markdown(rows_table(files.cell, rows)),
         "",
         "## What was found",
@@ -287,7 +300,7 @@ def write_sight_loop(files: SightFiles, rows_csv: str | Path, page: str | Path, 
         InputError: A file is missing or damaged.
     """
     found = {world: read_json(path) for world, path in zip(files.worlds, files.findings, strict=True)}
-    said = [f"- {world}: **{item['verdict']}**. {item['sentence']}" for world, item in found.items()]
+    said = [f"- {world}: **{_told(item)}**. {item['sentence']}" for world, item in found.items()]
     _write(files, (rows_csv, page, figure), "the camera", said, _photo_price(files, found))
 
 

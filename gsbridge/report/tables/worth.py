@@ -128,10 +128,35 @@ def write_worth_page(rows_csv: str | Path, page: str | Path) -> None:
     if outside := tallies_of(rows, OUTSIDE):
         found.append(_success_table(outside, worlds, "Start poses outside the training square"))
     found += _cell_tables(inside, worlds)
-    lines = ["# What is it worth?", "", verdict(inside, worlds), "", *map(markdown, found), _ABOUT, *_doubts(rows)]
+    lines = [
+        "# What is it worth to learn from splats?",
+        "",
+        _QUESTION,
+        "",
+        verdict(inside, worlds),
+        "",
+        *map(markdown, found),
+        _ABOUT,
+        *_doubts(rows),
+    ]
     with atomic_file(page) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
+
+_QUESTION = (
+    "Policies that learned from pictures drawn with splats, beside policies that learned the same from drawn meshes; all are "
+    "tried in mirrors, path-traced stand-ins for reality. Severity, 0 to 4, is how bad a day the mirror has: light, gloss, "
+    "clutter, camera, friction, latency. A cell of a table is the share of trials that succeed, its 95 % interval, and the "
+    "counts behind it."
+)
+
+_FORETELLS = (
+    "r: Pearson's correlation of the policies' success in simulation and there, 1 is best. MMRV: mean maximum rank violation, "
+    "by how much policies that simulation puts behind others are better there, 0 is best. Severity, 0 to 4: how bad a day the "
+    "mirror has.",
+    "Both sets of start poses inside the training square. SIMPLER reports r 0.911 and MMRV 0.053, SimFoundry 0.911 and 0.018, "
+    "on real robots. They say something only where success spreads in both worlds.",
+)
 
 _ABOUT = (
     "Means over the cells, each counting the same; 95 % intervals of a hierarchical bootstrap over trainings, then starts, or "
@@ -160,7 +185,8 @@ def verdict(tallies: Tallies, worlds: Worlds) -> str:
         holds = "holds" if low > CLAIM else "does not hold" if high < CLAIM else "is not decided"
         said.append(
             f"{_way(variant)}, severity 3: splats lead the best mesh ({TITLES[name]}) by {points(lead)}"
-            f" ({points(low)} to {points(high)}). The paper's claim, more than {100 * CLAIM:.0f} points, **{holds}**."
+            f" (95 % interval: {points(low).removesuffix(' points')} to {points(high)})."
+            f" The paper's claim, more than {100 * CLAIM:.0f} points, **{holds}**."
         )
     return "\n\n".join(said) or "Nothing was tried at severity 3, so the paper's claim is not judged here."
 
@@ -182,7 +208,7 @@ def worlds_of(rows: Sequence[Row]) -> dict[str, tuple[str, str]]:
 
 def _head(world: str, severity: tuple[str, str]) -> str:
     look, physics = severity
-    return f"{world}: {look}" if look == physics else f"{world}: look {look}, physics {physics}"
+    return f"{world}, severity {look}" if look == physics else f"{world}, severity: look {look}, physics {physics}"
 
 
 def _named(tallies: Tallies, part: int) -> list[str]:
@@ -285,10 +311,7 @@ def write_graded_page(rows_csv: str | Path, page: str | Path) -> None:
         "How well simulation foretells each world",
         ("world", "policies", "success in simulation", "success there", "r", "MMRV"),
         tuple(body),
-        (
-            "Both sets of start poses inside the training square. SIMPLER reports r 0.911 and MMRV 0.053, SimFoundry 0.911 and"
-            " 0.018, on real robots. They say something only where success spreads in both worlds.",
-        ),
+        _FORETELLS,
     )
     columns = ("policy", "simulation", *(_head(*item) for item in worlds.items()))
     names = (STRICT_WORLD, *worlds)
@@ -297,7 +320,10 @@ def write_graded_page(rows_csv: str | Path, page: str | Path) -> None:
     )
     parts = [markdown(foretold), markdown(Table("Success of each policy", columns, lines)), *_doubts(rows)]
     with atomic_file(page) as temporary:
-        temporary.write_text("\n".join(["# Policies from poor to good", "", *parts]) + "\n", encoding="utf-8")
+        temporary.write_text(
+            "\n".join(["# Policies from poor to good: does simulation foretell the mirror?", "", *parts]) + "\n",
+            encoding="utf-8",
+        )
 
 
 def graded_rates(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
