@@ -118,7 +118,7 @@ def _dumped(folder, file, width, *, dark):
 
 
 def check(page, folder):
-    """A page at both widths, in light and in dark; what was found at the desk's width in light.
+    """A page at both widths, in light and in dark, and by axe where its file is there; what was found at a desk in light.
 
     Args:
         page: The HTML text.
@@ -131,4 +131,7 @@ def check(page, folder):
             shown, real = found["full"]
             assert shown == real
             assert found["after"] <= 0
+    if AXE.is_file():
+        for width, dark in ((DESK, False), (PHONE, True)):
+            assert audit(page, folder, width, dark=dark) == []
     return seen[DESK, False]

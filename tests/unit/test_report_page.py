@@ -1,6 +1,6 @@
 """The pages in a real browser: pictures load, links lead somewhere, nothing is asked of a network, nothing sticks out."""
 
-from browser import check, needs_browser
+from browser import audit, check, needs_axe, needs_browser
 from gap_scores import tier_scores
 from test_gap_report_benchmark import FLOORS, write_tiers
 from test_report_policies import paper_run
@@ -33,3 +33,10 @@ def test_page_of_the_benchmark_in_a_browser(tmp_path):
     assert found["pictures"] == 2 + 2 * 2
     # Floors, sizes, two tiers, calibration, what went wrong.
     assert found["links"] == 6
+
+
+@needs_axe
+def test_axe_objects_to_what_a_reader_cannot_use(tmp_path):
+    body = '<main><h1>A page</h1><p style="color: #bbb">Faint</p><img src="data:,"><button></button></main>'
+    page = f"<!DOCTYPE html><html><head><title>A page</title></head><body>{body}</body></html>"
+    assert {found[1] for found in audit(page, tmp_path)} >= {"color-contrast", "image-alt", "button-name", "html-has-lang"}
