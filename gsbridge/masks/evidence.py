@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scipy.spatial import cKDTree
 
 from gsbridge.cameras import View
 from gsbridge.geometry import Array
@@ -37,6 +38,11 @@ SPILT = 0.1
 """Points of the table within a mask, per point of the object, from which it holds a part of the table; usual are none."""
 MANY = 0.1
 """Share of bitten masks from which the shape is in doubt, too."""
+_REACH = 0.08
+"""Gaps between measured points, or between them and the mask, of less than this are the object, too: share of the root of the
+mask's area."""
+_COMPANY = 3
+"""Measured points beside a mask of which so many must lie within three times that reach: a lone one is a wrong match."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +63,32 @@ class Missed:
     def bitten(self) -> bool:
         """Whether they are too many for chance."""
         return max(self.share, self.low) > BITTEN
+
+
+def reached(mask: Array, pixels: Array) -> Array:
+    """A mask or outline that also holds the measured points beside it: a hull loses what some of the masks leave out.
+
+    A point of the object lies within the object's outline in every photo, seen there or hidden.
+
+    Args:
+        mask: Pixels of the object as known so far. [h, w] bool.
+        pixels: Where the object's points lie; those with NaN are left out. [K, 2].
+
+    Returns:
+        [h, w] bool; the same where no group of points lies beside it.
+    """
+    place = np.floor(pixels[np.isfinite(pixels).all(axis=1)]).astype(int)[:, ::-1]
+    place = place[((place >= 0) & (place < mask.shape)).all(axis=1)]
+    lost = place[~grown(mask, 1)[place[:, 0], place[:, 1]]]
+    radius = max(2, round(_REACH * np.sqrt(mask.sum())))
+    if len(lost) < _COMPANY:
+        return mask
+    firm = lost[cKDTree(lost).query_ball_point(lost, 3 * radius, return_length=True) >= _COMPANY]
+    discs = np.zeros(mask.shape, bool)
+    discs[firm[:, 0], firm[:, 1]] = True
+    whole = mask | grown(discs, radius)
+    # Discs reach past the outermost points, and so past the object: what lies within the mask and them stays, without their rim.
+    return mask | (cv2.erode(whole.astype(np.uint8), disc(radius)) > 0) | discs
 
 
 def _seen(view: View, number: int, sparse: SparsePoints, members: Array) -> tuple[Array, Array]:

@@ -20,7 +20,7 @@ from gsbridge.images import read_image_u8, write_image
 from gsbridge.logs import ProgressLog
 from gsbridge.masks import flatness, grabcut, sam2
 from gsbridge.masks.consistency import agreed_hull, disagreements, outline, overlap, shrunk
-from gsbridge.masks.evidence import doubts, mended, missed_points
+from gsbridge.masks.evidence import doubts, mended, missed_points, reached
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop
 from gsbridge.masks.hints import Hints, hinted, read_hints, rows_among
 from gsbridge.masks.prompt import Prompt
@@ -32,6 +32,8 @@ from gsbridge.photogrammetry.sparse import SparsePoints, read_points
 
 logger = logging.getLogger("gsbridge")
 
+_SEEN_RADIUS = 0.006
+"""A photo that shows a point of the object shows the object within this radius, as a share of the longest side of what is cut."""
 _HINT_RADIUS = 0.012
 """A hint is sure of a disc of this radius, as a share of the longest side of what is cut."""
 
@@ -70,6 +72,14 @@ def _first_labels(view: View, index: int, crop: Crop, prompt: Prompt, sparse: Sp
     if not (labels == FRONT).any():
         grabcut.stamp(labels, object_pixels, 1, FRONT)
     return labels
+
+
+def _stamp_seen(labels: Array, covered: Array, seen: Array) -> None:
+    """Write into labels, in place, that the object is where the photo shows its measured points. [h, w] uint8, [h, w] bool."""
+    front = labels.copy()
+    grabcut.stamp(front, seen, max(1, round(_SEEN_RADIUS * max(labels.shape))), FRONT)
+    # A wrong match lies beside the outline.
+    labels[(front == FRONT) & covered] = FRONT
 
 
 def _band_labels(hull: Array, before: Array, width: float) -> Array:
@@ -143,14 +153,19 @@ def _grabcut_masks(
         else:
             covered = outline(hull, crop.camera(view.camera), view.cam_from_table)
             before = crop.cut(masks[index]) > 0.5 if masks else covered
+            covered = reached(covered, object_pixels) if prompt.measured else covered
             labels = _band_labels(covered, before, share * np.sqrt(max(covered.sum(), 1.0)))
+            if prompt.measured:
+                seen = np.intersect1d(sparse.seen_by(index), rows)
+                _stamp_seen(labels, covered, crop.pixels(_pixels(view, sparse.points[seen])))
         labels[flat[index] & ((labels == UNSURE_BACK) if hull is None else (labels != FRONT))] = BACK
         _stamp_hints(labels, crop, hints[index])
         mask = grabcut.cut_out(photo, labels, settings.iterations, seed + index)
-        mask = grabcut.tidy(mask, object_pixels)
+        mask = grabcut.tidy(reached(mask, object_pixels) if prompt.measured else mask, object_pixels)
         return crop.paste(mask, (view.camera.width, view.camera.height))
 
     hull = rough
+    rows = np.flatnonzero(rows_among(sparse.points, prompt.points))
     masks: list[Array] = []
     with ThreadPoolExecutor(threads) as pool:
         for number in range(1 + settings.passes):

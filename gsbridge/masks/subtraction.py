@@ -20,6 +20,7 @@ from gsbridge.images import read_image_u8
 from gsbridge.logs import ProgressLog
 from gsbridge.masks import grabcut
 from gsbridge.masks.consistency import agreed_hull, outline
+from gsbridge.masks.evidence import reached
 from gsbridge.masks.flatness import fine_detail
 from gsbridge.masks.grabcut import Crop
 from gsbridge.masks.layers import MARGIN_PX, disc, free_of, grown, lay_on_table, median_layer
@@ -352,8 +353,9 @@ def _subtract_once(
         view, crop, evidence = views[index], crops[index], found[index]
         if crop is None or evidence is None:
             return masks[index]
-        pixels = view.camera.project(prompt.points @ poses[index][:3, :3].T + poses[index][:3, 3])
-        part = grabcut.tidy(amend(parts[index], evidence, allowed), crop.pixels(pixels))
+        pixels = crop.pixels(view.camera.project(prompt.points @ poses[index][:3, :3].T + poses[index][:3, 3]))
+        part = amend(parts[index], evidence, allowed)
+        part = grabcut.tidy(reached(part, pixels) if prompt.measured else part, pixels)
         return crop.paste(part, (view.camera.width, view.camera.height))
 
     def agreed(index: int) -> Array:

@@ -12,6 +12,7 @@ from gsbridge.geometry import Array
 from gsbridge.mesh.repair import depth_inside
 from gsbridge.meshes import Mesh
 from gsbridge.photogrammetry.carving import mesh_depth
+from gsbridge.photogrammetry.cavity import cavity_depth
 
 _DISAGREE = 0.1
 """Share by which mesh and measured points may differ: in height, and of points that lie off the mesh."""
@@ -43,19 +44,23 @@ def doubts(mesh: Mesh, members: Array, open_share: float, cavity_share: float, g
         One reason for each disagreement; none for a mesh to be trusted.
     """
     reasons = []
-    if open_share <= _UNSEEN and cavity_share and guessed > _GUESSED:
-        reasons.append(
-            f"nothing was measured near {100 * guessed:.0f} % of the surface that faces upward: the bottom of its opening is "
-            "unseen and a guess; film from higher up as well"
-        )
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    what = ""
     if open_share > _UNSEEN:
-        where = "the bottom of its opening is unseen and a guess" if cavity_share else "whether it is open there is unknown"
-        reasons.append(
-            f"{100 * open_share:.0f} % of the surface that faces upward has no depth: {where}; film from higher up as well"
-        )
+        what = f"{100 * open_share:.0f} % of the surface that faces upward has no depth"
+    elif cavity_share and guessed > _GUESSED:
+        what = f"nothing was measured near {100 * guessed:.0f} % of the surface that faces upward"
+    if what:
+        # At a size of 0.1 m, since the scale may be unknown.
+        if cavity_depth(Mesh(mesh.vertices * (0.1 / size), mesh.faces)):
+            reasons.append(f"{what}: the bottom of its opening is unseen and a guess; film from higher up as well")
+        else:
+            reasons.append(
+                f"{what}: it is hidden or too plain, and whether it is open there is unknown; film from higher up as well, or "
+                "lay something small and patterned on it"
+            )
     if len(members) < _FEW_POINTS:
         return reasons
-    size = float(np.ptp(mesh.vertices, axis=0).max())
     top, measured = float(mesh.vertices[:, 2].max()), float(np.percentile(members[:, 2], 99.5))
     if abs(top - measured) > _DISAGREE * max(top, measured):
         reasons.append(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy import ndimage
 
 from gsbridge.geometry import Array
 from gsbridge.libraries import import_open3d
@@ -12,6 +13,8 @@ CELL_M = 0.001
 """Spacing of the heights that cavities are measured on."""
 LEAST_M = 0.010
 """Dents of less depth are no cavities."""
+_DEEPEST = 90
+"""Percentile of the depths of a cavity that counts as its depth: a single needle is none."""
 
 
 def heights_from_above(mesh: Mesh, low: Array, high: Array) -> Array:
@@ -44,3 +47,18 @@ def water_depth(heights: Array) -> Array:
     # Water stands as high as the lowest way out: fill from above, held up only where it can run off.
     start = np.where(heights > 0, heights.max(), 0.0)
     return np.asarray(reconstruction(start, heights, method="erosion") - heights)
+
+
+def cavity_depth(mesh: Mesh) -> float:
+    """Depth to which water would stand in an object on the table, m; 0 for one that holds none.
+
+    What shows the table from above, as within a ring that lies there, lets all water out.
+    """
+    low, high = mesh.vertices[:, :2].min(0) - 3 * CELL_M, mesh.vertices[:, :2].max(0) + 3 * CELL_M
+    depth = water_depth(heights_from_above(mesh, low, high))
+    labels, count = ndimage.label(depth > 0.5 * LEAST_M)
+    if count == 0:
+        return 0.0
+    volumes = ndimage.sum_labels(depth, labels, np.arange(1, count + 1))
+    found = float(np.percentile(depth[labels == 1 + int(np.argmax(volumes))], _DEEPEST))
+    return found if found > LEAST_M else 0.0

@@ -5,7 +5,7 @@ import pytest
 from solid_scene import around, pot, solid_scene, traced
 
 from gsbridge.cameras import Camera
-from gsbridge.masks.evidence import doubts, mended, missed_points
+from gsbridge.masks.evidence import doubts, mended, missed_points, reached
 from gsbridge.mesh.hull import build_hull
 from gsbridge.photogrammetry.sparse import read_points
 
@@ -82,6 +82,20 @@ def test_masks_that_all_lack_the_foot_agree_and_are_doubted(scene):
     same = mended(views, bitten, sparse, members, missed_by(scene, bitten), hulls(views, bitten))
     assert all(one is other for one, other in zip(same, bitten, strict=True))
     assert len(doubts(missed_by(scene, bitten), [view.name for view in views])) == 1
+
+
+def test_measured_points_bring_back_a_foot_that_all_masks_lack(scene):
+    views, masks, sparse = scene
+    points = sparse.points[members_of(sparse)]
+    for view, mask in list(zip(views, masks, strict=True))[:4]:
+        pixels = view.camera.project(points @ view.cam_from_table[:3, :3].T + view.cam_from_table[:3, 3])
+        bitten = bite(view, mask) > 0.5
+        whole = reached(bitten, pixels)
+        assert overlap(bitten, mask) < 0.93
+        assert overlap(whole, mask) > 0.97
+        # Nothing is added that is not the object's, nor for lone points.
+        assert (whole & (mask < 0.5)).sum() < 0.01 * mask.sum()
+        assert reached(mask > 0.5, np.array([[5.0, 5.0], [200.0, 160.0], [np.nan, 3.0]])).sum() == mask.sum()
 
 
 def test_masks_that_hold_the_table_are_doubted(scene):

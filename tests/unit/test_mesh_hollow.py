@@ -129,7 +129,14 @@ def test_doubts_name_what_disagrees():
     assert "deep inside the mesh" in hollow
     (unseen,) = doubts(box(low, high), fine, 0.8, 0.0)
     assert "whether it is open there is unknown" in unseen
-    (floor,) = doubts(box(low, high), fine, 0.8, 0.3)
+    # Depth that empties a part of a hull does not make a closed box open.
+    (plain,) = doubts(box(low, high), fine, 0.1, 0.3, 0.5)
+    assert "50 %" in plain and "whether it is open there is unknown" in plain
+    wall, bottom = trimesh.creation.annulus(0.017, 0.02, 0.06), trimesh.creation.cylinder(0.018, 0.01)
+    wall.apply_translation([0, 0, 0.03])
+    bottom.apply_translation([0, 0, 0.005])
+    open_one = trimesh.util.concatenate([wall, bottom])
+    (floor,) = doubts(Mesh(np.asarray(open_one.vertices), np.asarray(open_one.faces)), fine[:5], 0.8, 0.3)
     assert "bottom of its opening is unseen" in floor
 
 

@@ -8,7 +8,8 @@ import trimesh
 
 from gsbridge.meshes import Mesh
 from gsbridge.report.scores.measured_shapes import shape_figures
-from gsbridge.report.scores.shape import cavity_depth, hole_pixels, hole_scores, shape_scores, wrong_and_pass
+from gsbridge.photogrammetry.cavity import cavity_depth
+from gsbridge.report.scores.shape import hole_pixels, hole_scores, shape_scores, wrong_and_pass
 
 
 def _standing(solid: trimesh.Trimesh) -> Mesh:

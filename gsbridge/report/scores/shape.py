@@ -13,31 +13,14 @@ from scipy import ndimage
 
 from gsbridge.geometry import Array
 from gsbridge.meshes import Mesh
-from gsbridge.photogrammetry.cavity import CELL_M, LEAST_M, heights_from_above, water_depth
+from gsbridge.photogrammetry.cavity import cavity_depth
 
-_DEEPEST = 90
-"""Percentile of the depths of a cavity that counts as its depth: a single needle is none."""
 _LEAST_HOLE = 16
 """Fewer pixels are an outline's raggedness rather than a hole."""
 WRONG_M = 0.005
 """A mesh that is off by more is wrong."""
 WRONG_IOU = 0.85
 """A mask that overlaps less with the true one is wrong."""
-
-
-def cavity_depth(mesh: Mesh) -> float:
-    """Depth to which water would stand in an object on the table, m; 0 for one that holds none.
-
-    What shows the table from above, as within a ring that lies there, lets all water out.
-    """
-    low, high = mesh.vertices[:, :2].min(0) - 3 * CELL_M, mesh.vertices[:, :2].max(0) + 3 * CELL_M
-    depth = water_depth(heights_from_above(mesh, low, high))
-    labels, count = ndimage.label(depth > 0.5 * LEAST_M)
-    if count == 0:
-        return 0.0
-    volumes = ndimage.sum_labels(depth, labels, np.arange(1, count + 1))
-    found = float(np.percentile(depth[labels == 1 + int(np.argmax(volumes))], _DEEPEST))
-    return found if found > LEAST_M else 0.0
 
 
 def shape_scores(name: str, mesh: Mesh, reference: Mesh) -> dict[str, float]:
