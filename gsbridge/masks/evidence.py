@@ -75,8 +75,10 @@ def reached(mask: Array, pixels: Array) -> Array:
         pixels: Where the object's points lie; those with NaN are left out. [K, 2].
 
     Returns:
-        [h, w] bool; the same where no group of points lies beside it.
+        [h, w] bool; the same where no group of points lies beside it, and where it is empty: that one has failed.
     """
+    if not mask.any():
+        return mask
     place = np.floor(pixels[np.isfinite(pixels).all(axis=1)]).astype(int)[:, ::-1]
     place = place[((place >= 0) & (place < mask.shape)).all(axis=1)]
     lost = place[~grown(mask, 1)[place[:, 0], place[:, 1]]]
