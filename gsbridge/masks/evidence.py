@@ -89,7 +89,7 @@ def reached(mask: Array, pixels: Array) -> Array:
     discs = np.zeros(mask.shape, bool)
     discs[firm[:, 0], firm[:, 1]] = True
     whole = mask | grown(discs, radius)
-    # Discs reach past the outermost points, and so past the object: what lies within the mask and them stays, without their rim.
+    # Discs reach past the outermost points, and so past the object: their rim is taken off again.
     return mask | (cv2.erode(whole.astype(np.uint8), disc(radius)) > 0) | discs
 
 

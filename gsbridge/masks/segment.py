@@ -33,7 +33,7 @@ from gsbridge.photogrammetry.sparse import SparsePoints, read_points
 logger = logging.getLogger("gsbridge")
 
 _SEEN_RADIUS = 0.006
-"""A photo that shows a point of the object shows the object within this radius, as a share of the longest side of what is cut."""
+"""A photo that shows a point of the object shows it on a disc of this radius, as a share of the longest side of what is cut."""
 _HINT_RADIUS = 0.012
 """A hint is sure of a disc of this radius, as a share of the longest side of what is cut."""
 

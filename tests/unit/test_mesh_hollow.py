@@ -131,7 +131,8 @@ def test_doubts_name_what_disagrees():
     assert "whether it is open there is unknown" in unseen
     # Depth that empties a part of a hull does not make a closed box open.
     (plain,) = doubts(box(low, high), fine, 0.1, 0.3, 0.5)
-    assert "50 %" in plain and "whether it is open there is unknown" in plain
+    assert "50 %" in plain
+    assert "whether it is open there is unknown" in plain
     wall, bottom = trimesh.creation.annulus(0.017, 0.02, 0.06), trimesh.creation.cylinder(0.018, 0.01)
     wall.apply_translation([0, 0, 0.03])
     bottom.apply_translation([0, 0, 0.005])

@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 from gsbridge.meshes import Mesh
-from gsbridge.report.scores.measured_shapes import shape_figures
 from gsbridge.photogrammetry.cavity import cavity_depth
+from gsbridge.report.scores.measured_shapes import shape_figures
 from gsbridge.report.scores.shape import hole_pixels, hole_scores, shape_scores, wrong_and_pass
 
 
