@@ -3,18 +3,22 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+# Tools of lint and tests stand in a lock of their own.
+TOOLS := $(VENV)/.tools
 # snakemake, which goes on by itself after a run that was killed.
 SNAKEMAKE := $(BIN)/gsbridge run
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 # PyPI's torch for Linux brings gigabytes of CUDA; PyTorch's own index also has it without. Empty for a machine with a GPU.
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
+# The version of PyTorch, as its lock has it.
+TORCH = $(shell sed -n 's/^\(torch==[^ ;]*\).*/\1/p' requirements-torch.lock)
 TOY_POLICY := results/policies/grasp/small_cube+foam_pad/gs/default/seed1/policy.json
 OVERVIEW := results/overview/grasp-small_cube+foam_pad-gs-default
 # Areas that were measured once, with commas between them.
 RECORDED = $(shell ls benchmarks/scores | sed 's/\.json$$//' | paste -sd , -)
-SUPPORTED := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 13))
+SUPPORTED := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))
 
-.PHONY: help status dag tables toy study results results-page evidence pictures docs test test-unit test-gap test-rules test-toy test-captures test-fuzz test-faults gpu-check lint format schema clean-toy setup
+.PHONY: help status dag locks tables toy study results results-page evidence pictures docs test test-unit test-gap test-rules test-toy test-captures test-fuzz test-faults gpu-check lint format schema clean-toy setup
 
 tables: $(INSTALLED)
 	$(SNAKEMAKE)
@@ -101,34 +105,34 @@ test: lint
 	$(MAKE) --jobs=2 --output-sync=target test-unit test-rules test-gap
 	$(MAKE) --jobs=2 --output-sync=target test-toy test-captures
 
-test-unit: $(INSTALLED)
+test-unit: $(TOOLS)
 	$(BIN)/python -m pytest --durations=10 tests/unit tests/fuzz tests/faults --ignore-glob='*/test_gap_*'
 
-test-gap: $(INSTALLED)
+test-gap: $(TOOLS)
 	$(BIN)/python -m pytest --durations=10 tests/unit/test_gap_*.py
 
-test-rules: $(INSTALLED)
+test-rules: $(TOOLS)
 	$(BIN)/python -m pytest --durations=10 tests/rules
 
-test-toy: $(INSTALLED)
+test-toy: $(TOOLS)
 	$(BIN)/python -m pytest --durations=10 tests/e2e --ignore=tests/e2e/test_captures.py
 
-test-captures: $(INSTALLED)
+test-captures: $(TOOLS)
 	nice $(BIN)/python -m pytest --durations=10 tests/e2e/test_captures.py
 
 # Broken and hostile files for every reader, fifty times as many as in the tests.
-test-fuzz: $(INSTALLED)
+test-fuzz: $(TOOLS)
 	GSBRIDGE_FUZZ=10000 $(BIN)/python -m pytest tests/fuzz
 
 # A hundred kills of a small chain, full and read-only disks, two runs in one folder: some minutes.
-test-faults: $(INSTALLED)
+test-faults: $(TOOLS)
 	GSBRIDGE_FAULTS=100 $(BIN)/python -m pytest tests/faults
 
 # All that needs a GPU, in one table; minutes. Uses the object of `make toy` where that was made.
 gpu-check: $(INSTALLED)
 	$(BIN)/python -m benchmarks.gpu_check
 
-lint: $(INSTALLED)
+lint: $(TOOLS)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/snakefmt --check Snakefile rules
@@ -139,7 +143,11 @@ lint: $(INSTALLED)
 schema: $(INSTALLED)
 	$(BIN)/python -m gsbridge.configuration.pages
 
-format: $(INSTALLED)
+# The three locks anew from pyproject.toml, with hashes; needs uv.
+locks:
+	.ci/lock
+
+format: $(TOOLS)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 	$(BIN)/snakefmt Snakefile rules
@@ -150,14 +158,21 @@ clean-toy:
 setup: $(INSTALLED)
 
 # A half-made environment has no stamp, so that the next call finishes it; one without pip or of another Python is made anew.
-# Without PyTorch's index the lock takes the torch that pip finds elsewhere.
-$(INSTALLED): requirements.lock pyproject.toml
+# Every package is checked against the hashes of its lock, but for PyTorch's build without CUDA, which comes from PyTorch's own
+# index. Where that cannot be reached, PyTorch is taken as its lock says, with CUDA.
+$(INSTALLED): requirements.lock requirements-torch.lock pyproject.toml
 	@$(BIN)/python -c 'import pip; $(SUPPORTED)' 2>/dev/null || $(PYTHON) -c '$(SUPPORTED)' || \
-		{ echo "gsbridge needs Python 3.11 or 3.12, $(PYTHON) is not; name one: make PYTHON=python3.12" >&2; exit 1; }
+		{ echo "gsbridge needs Python 3.11 to 3.13, $(PYTHON) is not; name one: make PYTHON=python3.12" >&2; exit 1; }
 	@$(BIN)/python -c 'import pip; $(SUPPORTED)' 2>/dev/null || $(PYTHON) -m venv --clear $(VENV) || \
 		{ echo "$(PYTHON) cannot make an environment; on Debian and Ubuntu: sudo apt install python3-venv" >&2; exit 1; }
-	@echo "Installing into $(VENV): 5 GB, some minutes ..."
-	-$(if $(TORCH_INDEX),$(PIP) install --no-deps --retries 1 --timeout 15 --extra-index-url $(TORCH_INDEX) "$$(grep '^torch==' requirements.lock)")
-	$(PIP) install --requirement requirements.lock
+	@echo "Installing into $(VENV), some minutes ..."
+	-$(if $(TORCH_INDEX),$(PIP) install --no-deps --retries 1 --timeout 15 --extra-index-url $(TORCH_INDEX) "$(TORCH)")
+	$(PIP) install --require-hashes --no-deps --requirement requirements.lock
+	@$(BIN)/python -c 'import sys; from importlib.metadata import version; sys.exit("torch==" + version("torch") != "$(TORCH)+cpu")' 2>/dev/null || \
+		$(PIP) install --require-hashes --no-deps --requirement requirements-torch.lock
 	$(PIP) install --no-deps --editable .
 	touch $(INSTALLED)
+
+$(TOOLS): $(INSTALLED) requirements-test.lock
+	$(PIP) install --require-hashes --no-deps --requirement requirements-test.lock
+	touch $(TOOLS)

@@ -1,4 +1,4 @@
-"""Write THIRD_PARTY.md: the licence of every package of requirements.lock, as its own metadata state it.
+"""Write THIRD_PARTY.md: the licence of every package of the locks, as its own metadata state it.
 
 python .ci/third_party.py
 """
@@ -37,16 +37,22 @@ figures of its use to its makers unless `rerun analytics disable` was called onc
 
 
 def locked() -> dict[str, str]:
-    """Versions by package, as requirements.lock pins them."""
-    lines = (ROOT / "requirements.lock").read_text(encoding="utf-8").splitlines()
-    return dict(line.split("==") for line in lines if "==" in line)
+    """Versions by package, as the locks pin them, but for what only other systems and CUDA need."""
+    text = "".join((ROOT / f"requirements{part}.lock").read_text(encoding="utf-8") for part in ("", "-torch", "-test"))
+    pinned = re.findall(r"^([\w.-]+)==([^ ;]+) ?(;.*)?\\$", text, re.MULTILINE)
+    elsewhere = re.compile(r"sys_platform == '(win32|emscripten)'|python_full_version >= '3\.1[2-9]'")
+    cuda = re.compile(r"nvidia-|cuda-|triton$")
+    found = {name: version for name, version, marker in pinned if not elsewhere.search(marker) and not cuda.match(name)}
+    return dict(sorted(found.items(), key=lambda item: item[0].lower()))
 
 
-def licence(package: str) -> str | None:
-    """Licence as the package states it, in a few words; None where the package is not installed or states none."""
+def licence(package: str, version: str) -> str | None:
+    """Licence as the package states it, in a few words; None where this version is not installed or states none."""
     try:
         stated = metadata.metadata(package)
     except metadata.PackageNotFoundError:
+        return None
+    if stated["Version"] != version:
         return None
     if stated["License-Expression"]:
         return str(stated["License-Expression"])
@@ -77,7 +83,7 @@ def rows(before: str) -> dict[str, tuple[str, str]]:
     old = {row[0]: row[2] for row in re.findall(r"^\| (\S+) \| (\S+) \| (.+) \|$", before, re.MULTILINE)}
     found = {}
     for package, version in locked().items():
-        stated = licence(package) or old.get(package)
+        stated = licence(package, version) or old.get(package)
         if stated is None:
             raise SystemExit(f"the licence of {package} is not known: it is not installed, or its metadata do not tell")
         found[package] = (version, stated.replace("|", "/"))
