@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.geometry import Array
+
+if TYPE_CHECKING:
+    # Where it is used it is imported: it takes a second, which the reading of the workflow can do without.
+    import trimesh
 
 
 @dataclass(frozen=True)
@@ -59,11 +63,15 @@ class Mesh:
 
     def trimesh(self) -> trimesh.Trimesh:
         """This mesh as one of trimesh, its vertices left as they are."""
+        import trimesh
+
         return trimesh.Trimesh(self.vertices, self.faces, process=False)
 
 
 def write_mesh(path: str | Path, mesh: Mesh) -> None:
     """Write a binary PLY, whole or not at all."""
+    import trimesh
+
     out = mesh.trimesh()
     if mesh.colours is not None:
         rgb = np.rint(np.clip(mesh.colours, 0, 1) * 255).astype(np.uint8)
@@ -78,6 +86,8 @@ def read_mesh(path: str | Path) -> Mesh:
     Raises:
         InputError: The file is missing, damaged or holds no triangle.
     """
+    import trimesh
+
     if not Path(path).is_file():
         raise InputError(path, "the mesh does not exist", "Check the path, or run the mesh stage")
     try:

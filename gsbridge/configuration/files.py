@@ -9,7 +9,7 @@ from pathlib import Path
 import yaml
 
 from gsbridge.errors import InputError
-from gsbridge.reading import refuse_bombs, refuse_depth, refusing
+from gsbridge.reading import YAML_LOADER, refuse_bombs, refuse_depth, refusing
 
 _REMEDY = "Indent with spaces, close brackets, quote special characters"
 
@@ -28,7 +28,7 @@ def check_files(paths: Iterable[str | Path]) -> None:
             text = Path(path).read_text(encoding="utf-8")
             try:
                 refuse_depth(text, Path(path), _REMEDY)
-                root = yaml.compose(text, Loader=yaml.SafeLoader)
+                root = yaml.compose(text, Loader=YAML_LOADER)
                 refuse_bombs(root, Path(path), _REMEDY)
             except yaml.YAMLError as error:
                 if _is_json(path):

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 
 import numpy as np
-import trimesh
 
 from gsbridge.geometry import Array
 from gsbridge.meshes import Mesh
@@ -120,6 +119,8 @@ def box(extents: Sequence[float], centre: Sequence[float], colour: Colour) -> Li
         centre: Middle of the box, link frame, m. [3].
         colour: Colour of the part.
     """
+    import trimesh
+
     solid = trimesh.creation.box(extents=extents)
     mesh = Mesh(np.asarray(solid.vertices) + np.asarray(centre, dtype=np.float64), np.asarray(solid.faces, dtype=np.int64))
     return LinkPart(mesh, colour, (float(extents[0]), float(extents[1]), float(extents[2])))
@@ -132,6 +133,8 @@ def hull(points: Array, colour: Colour) -> LinkPart:
 
 def convex_hull(points: Array) -> Mesh:
     """Watertight convex hull with outward faces. [N, 3]."""
+    import trimesh
+
     solid = trimesh.convex.convex_hull(np.asarray(points, dtype=np.float64))
     return Mesh(np.asarray(solid.vertices, dtype=np.float64), np.asarray(solid.faces, dtype=np.int64))
 

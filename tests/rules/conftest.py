@@ -2,10 +2,11 @@
 
 import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.rules.prepared import PreparedSnakemake
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -14,7 +15,15 @@ REAL_DATA = ("GSBRIDGE_CAPTURES", "GSBRIDGE_MEASURED", "GSBRIDGE_ROBOTS")
 
 
 @pytest.fixture(scope="session")
-def snakemake():
+def prepared():
+    """A process that forks for each call of snakemake, once the modules are there."""
+    made = PreparedSnakemake()
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="session")
+def snakemake(prepared, tmp_path_factory):
     """Call snakemake in the project's root; returns the finished process.
 
     Folders of real data that the surroundings name are left out, so that a plan is the same on every machine: a test that wants
@@ -22,16 +31,8 @@ def snakemake():
     """
     plain = {name: value for name, value in os.environ.items() if name not in REAL_DATA}
 
-    def call(*arguments: str, cwd: Path = ROOT, check: bool = True, **environment: str) -> subprocess.CompletedProcess[str]:
-        process = subprocess.run(
-            [sys.executable, "-m", "snakemake", *arguments],
-            cwd=cwd,
-            env={**plain, **environment},
-            capture_output=True,
-            text=True,
-            timeout=600,
-            check=False,
-        )
+    def call(*arguments: str, check: bool = True, **environment: str) -> subprocess.CompletedProcess[str]:
+        process = prepared.run(arguments, {**plain, **environment}, tmp_path_factory.mktemp("said"))
         if check:
             assert process.returncode == 0, process.stdout + process.stderr
         return process
