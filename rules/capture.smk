@@ -25,6 +25,8 @@ rule copy_project_file:
 rule select_keyframes:
     input:
         source=scene_source,
+        # Where results lie in a bucket, a job gets what it names and nothing beside that.
+        frames=film_frames,
     output:
         frames=directory("results/scenes/{scene}/capture/frames"),
         keyframes="results/scenes/{scene}/capture/keyframes.json",
@@ -41,7 +43,6 @@ rule select_keyframes:
     params:
         code=script_digest("select_keyframes"),
         kind=lambda wildcards: PLAN.source(wildcards.scene)[0],
-        path=lambda wildcards: PLAN.source_path(wildcards.scene),
         listing=lambda wildcards: PLAN.source_listing(wildcards.scene),
         settings=settings("capture"),
     message:

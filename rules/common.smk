@@ -130,6 +130,12 @@ def scene_source(wildcards):
     return local(ancient(path) if Path(path).is_dir() else path)
 
 
+def film_frames(wildcards):
+    """Frames of the film that a scene's keyframes are taken from; nothing where they are taken from a capture."""
+    filmed = PLAN.source(wildcards.scene)[0] == "film"
+    return f"results/films/{wildcards.scene}/frames" if filmed else []
+
+
 def scene_camera(wildcards):
     """Calibration of the camera that took a scene, where it is shared; nothing otherwise."""
     camera = config["scenes"][wildcards.scene]["camera"]

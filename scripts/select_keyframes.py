@@ -12,8 +12,9 @@ if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake
 
 start(snakemake.threads, snakemake.log[0])
+capture = Path(snakemake.input.source)
 select_keyframes(
-    source=Source(snakemake.params.kind, Path(snakemake.params.path)),
+    source=Source(snakemake.params.kind, capture.parent if snakemake.params.kind == "film" else capture),
     out_frames=Path(snakemake.output.frames),
     out_json=Path(snakemake.output.keyframes),
     settings=KeyframeSettings(**snakemake.params.settings),

@@ -170,11 +170,6 @@ class Experiment:
         check_capture(scene, self.config["scenes"][scene]["source"], self.capture_places(value))
         return self.capture_path(value)
 
-    def source_path(self, scene: str) -> str:
-        """The source as the keyframe stage takes it: a film's folder, or the capture itself."""
-        kind, value = self.source(scene)
-        return f"results/films/{scene}" if kind == "film" else self.capture_path(value)
-
     def source_listing(self, scene: str) -> list[tuple[str, str]]:
         """Names and digests of the files of a capture that is more than one file: a folder's date changes with every copy.
 

@@ -115,7 +115,6 @@ def test_examples_that_are_not_here_are_left_out(plan):
 
 def test_captures_are_named_as_they_may_be_moved(plan, tmp_path):
     assert plan.scene_source("cube") == "results/films/cube/film.json"
-    assert plan.source_path("cube") == "results/films/cube"
     assert plan.scene_source("desk") == "captures/desk"
     (listed,) = plan.source_listing("desk")
     assert listed[0] == "1.jpg"
