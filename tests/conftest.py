@@ -8,6 +8,7 @@ ALLOWED_SKIPS = {
     "needs a CUDA GPU": "the machines of CI have none",
     "there is one": "the opposite case: what happens where there is no GPU",
     "needs SLURM": "its daemons want root, and packages that .ci/run installs where it can",
+    "needs ffmpeg with": "Debian's, which .ci/run installs where it can, and which tells what it encodes",
     "no disk can be mounted here": "that wants root, too",
     "no axe-core": "npm's registry may be out of reach; .ci/run fetches it where it is not",
     "GSBRIDGE_CAPTURES names no folder": "real captures are not part of the repository",

@@ -109,9 +109,12 @@ class Video:
             capture.release()
 
     def _time(self, index: int, stated: float) -> float:
-        """Time of a frame, s: its number over the frame rate, or the file's own where a phone changed its rate."""
+        """Time of a frame, s: its number over the frame rate, or the file's own where a phone changed its rate.
+
+        Containers round times, Matroska to a millisecond.
+        """
         even = index / self.fps
-        return stated if np.isfinite(stated) and abs(stated - even) > 0.5 / self.fps else even
+        return stated if np.isfinite(stated) and abs(stated - even) > 0.001 else even
 
     def check(self, decoded: int) -> None:
         """Refuse a video of which many frames are lost: a decoder skips damage without an error.
