@@ -16,6 +16,7 @@ from gsbridge.files import read_json
 from gsbridge.policy.arm_trials import ArmTrials
 from gsbridge.policy.export import Policy, load_policy
 from gsbridge.policy.interface import PolicyInterface
+from gsbridge.reality.mirror.path_tracer import variant
 from gsbridge.reality.world.camera import Setting
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.mirror import mirror_world
@@ -93,7 +94,11 @@ def try_in_mirror(
     counts = pose_counts(settings.region(), poses, outside)
     doubts = [f"registration: {reason}" for reason in read_json(registration).get("reasons", [])]
     reasons = [*_reasons(training), *doubts]
-    return run_trials(play, settings.task, place, name=name, counts=counts, reasons=reasons, facts=play.facts)
+
+    def facts() -> dict[str, object]:
+        return {**play.facts(), "path_tracer": variant()}
+
+    return run_trials(play, settings.task, place, name=name, counts=counts, reasons=reasons, facts=facts)
 
 
 def _load(folder: str | Path) -> Policy:

@@ -86,7 +86,8 @@ def files(tmp_path):
         "environment": (tmp_path / "environment.json", {
             **{f"gs_{size}": {
                 "steps_per_second": 200.0, "slowest_round_ms": 6.0, "rounds": 8, "steps": 5} for size in (128, 64)},
-            "mirror_64": {"seconds_min": 0.1, "seconds_median": 0.12, "pictures": 20}}),
+            **{name: {"seconds_min": 0.1, "seconds_median": 0.12, "pictures": 20}
+               for name in ("mirror_64", "mirror_64_severity_2")}}),
     }  # fmt: skip
     for path, content in made.values():
         write_json(path, content)

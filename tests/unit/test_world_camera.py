@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from gsbridge.errors import InputError
 from gsbridge.images import linear_from_srgb
+from gsbridge.reality.mirror import path_tracer
 from gsbridge.reality.mirror.objects import make_object
 from gsbridge.reality.mirror.studio import SCENES
 from gsbridge.reality.world import camera as module
@@ -117,6 +118,36 @@ def test_fingers_are_in_the_picture_and_hide_what_is_behind():
     # Fingertips are dark rubber and plastic.
     picture = room().light(camera, cam_from_table, QUICK, 0)
     assert picture[pads == 1].mean() < 0.3 * picture[(pads == 0)].mean()
+
+
+def test_both_variants_see_the_same_bodies_and_the_same_picture(monkeypatch):
+    if path_tracer.variant() != path_tracer.COMPILED:
+        pytest.skip("no working libLLVM on this machine")
+    poses, cam_from_table = posed((0.02, 0.25, 0.3))
+    camera, fine, bodies = wrist_camera(SIZE), Quality(samples=256, depth=2), ("object", "left_pad")
+
+    def seen(of):
+        of.move(poses)
+        return of.coverage(camera, cam_from_table, bodies), of.light(camera, cam_from_table, fine, 1)
+
+    compiled, picture = seen(room())
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "load_mitsuba", lambda threads: path_tracer.load_mitsuba(threads, path_tracer.SCALAR))
+        scalar, same = seen(build(Hidden()))
+    # Mitsuba has one variant at a time.
+    path_tracer.load_mitsuba(1)
+    assert compiled.sum() > 100
+    # Rays go through the middle of a small square in one, somewhere through it in the other.
+    assert compiled.sum() == pytest.approx(scalar.sum(), rel=0.01)
+    assert abs(compiled - scalar).mean() < 0.005
+    assert picture.mean() == pytest.approx(same.mean(), rel=2e-3)
+    assert abs(picture - same).mean() < 0.03 * same.mean()
+
+
+def test_lights_and_shapes_keep_their_order_from_scene_to_scene():
+    """Samples go to lights by their order, so that another order is another noise."""
+    names = [[shape.id() for shape in build(Hidden(window=0.5, clutter=4))._scene.shapes()] for _ in range(4)]
+    assert all(name == names[0] for name in names)
 
 
 def test_same_seed_same_photo():

@@ -4,6 +4,10 @@
 same seed, whatever the number of threads; both agree within their noise. It needs libLLVM, which no wheel brings (Debian:
 `libllvm19`), and crashes the process with some versions. A library is therefore tried in a process of its own before it is used
 here; `scalar_rgb` needs nothing and serves where no library works.
+
+What `llvm_ad_rgb` does before it traces, which is to go through scene and integrator and to look for a compiled kernel, takes
+as long for a picture of 64 px as for a frame of a film, and there longer than tracing. `picture_maker` therefore records it
+with the first picture and plays it back for those that follow.
 """
 
 from __future__ import annotations
@@ -16,10 +20,14 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gsbridge.errors import InputError
+from gsbridge.geometry import Array
 
 SCALAR, COMPILED, FASTEST = "scalar_rgb", "llvm_ad_rgb", "fastest"
 
@@ -148,3 +156,29 @@ def load_mitsuba(threads: int, wanted: str | None = None) -> Any:
     mitsuba.set_log_level(mitsuba.LogLevel.Error)
     drjit.set_thread_count(threads)
     return mitsuba
+
+
+def picture_maker(mi: Any, scene: Any, sensor: Any, integrator: Mapping[str, Any]) -> Callable[[int], Array]:
+    """A function of a seed that gives the picture of a scene as it stands then, from where the sensor is then.
+
+    Args:
+        mi: Mitsuba, as `load_mitsuba` gave it.
+        scene: The scene. What moves in it may be moved between calls, and nothing else may be changed.
+        sensor: The sensor, likewise. Its size and samples are part of the record, so that every sensor has a maker of its own.
+        integrator: Description of the integrator.
+
+    Returns:
+        Function that renders with as many samples as the sensor asks for. [H, W, C] float32.
+    """
+    light = mi.load_dict(dict(integrator))
+
+    def trace(scene: Any, sensor: Any, seed: Any) -> Any:
+        return mi.render(scene, sensor=sensor, integrator=light, seed=seed)
+
+    if mi.variant() != COMPILED:
+        return lambda seed: np.array(trace(scene, sensor, seed))
+    import drjit
+
+    recorded = drjit.freeze(trace)
+    # As a number in the kernel's memory; one of Python's would be part of the record.
+    return lambda seed: np.array(recorded(scene, sensor, mi.UInt32(seed)))

@@ -8,7 +8,7 @@ meshed at twice the spacing of the films, which is 1.2 mm and below one pixel of
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,8 +23,9 @@ from gsbridge.meshes import Mesh
 from gsbridge.photogrammetry.board import standard_board
 from gsbridge.reality.mirror import studio  # its private parts too: an edit there would make every film stale
 from gsbridge.reality.mirror.backgrounds import BACKGROUNDS, TABLE_CENTRE_M, TABLE_SIZE_M, make_plate, table_texture
-from gsbridge.reality.mirror.path_tracer import SCALAR, load_mitsuba
+from gsbridge.reality.mirror.path_tracer import load_mitsuba, picture_maker
 from gsbridge.reality.world.bodies import shown_mesh
+from gsbridge.reality.world.coverage import shows
 from gsbridge.reality.world.electronics import Electronics, LensError
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.surfaces import coated, filled, painted
@@ -112,8 +113,7 @@ class MirrorCamera:
 
     def __init__(self, setting: Setting, robot: RobotFiles, hidden: Hidden, threads: int = 1) -> None:
         self.hidden = hidden
-        # At this camera's few pixels the other variant spends as long on preparing a picture as this one on tracing it.
-        self._mi = mi = load_mitsuba(threads, SCALAR)
+        self._mi = mi = load_mitsuba(threads)
         self._moved: dict[str, Array] = {}
         self._glossy = max(hidden.gloss_object, hidden.gloss_plate, hidden.gloss_robot, hidden.gloss_table) > 0.0
         self._glossy = self._glossy or hidden.clutter > 0.0
@@ -137,11 +137,12 @@ class MirrorCamera:
                 "group": {"type": "ref", "id": group},
             }
         self.bodies = tuple(shapes)
-        self._scene = mi.load_dict(content)
+        # Unoptimised, as the films: the order of lights decides where their samples fall.
+        self._scene = mi.load_dict(content, optimize=False)
         self._parameters = mi.traverse(self._scene)
         self._parameters.keep([f"body_{name}.to_world" for name in shapes])
         self._sensors: dict[tuple[Camera, Quality, int, int], tuple[Any, Any]] = {}
-        self._shapes = {shape.id(): index for index, shape in enumerate(self._scene.shapes())}
+        self._makers: dict[tuple[Camera, Quality, tuple[int, int] | None], Callable[[int], Array]] = {}
 
     def move(self, poses: Mapping[str, Array]) -> None:
         """Put bodies where they are.
@@ -169,9 +170,11 @@ class MirrorCamera:
         """
         if self._glossy and quality.depth == 2:
             quality = replace(quality, samples=max(1, round(_GLOSSY_SHARE * quality.samples)))
-        sensor = self._sensor(camera, cam_from_table, quality, rows)
-        integrator = self._mi.load_dict(_integrator(quality.depth, self._glossy))
-        return np.array(self._mi.render(self._scene, sensor=sensor, integrator=integrator, seed=seed))[..., :3]
+        sensor, key = self._sensor(camera, cam_from_table, quality, rows), (camera, quality, rows)
+        if key not in self._makers:
+            integrator = _integrator(quality.depth, self._glossy)
+            self._makers[key] = picture_maker(self._mi, self._scene, sensor, integrator)
+        return self._makers[key](seed)[..., :3]
 
     def coverage(self, camera: Camera, cam_from_table: Array, names: tuple[str, ...], samples: int = 16) -> Array:
         """Share of each pixel in which bodies are seen, whatever hides them left out. [H, W] float32.
@@ -188,14 +191,10 @@ class MirrorCamera:
         for name in names:
             if name not in self.bodies:
                 raise InputError("mirror camera", f"the body '{name}' is not drawn", f"Use one of {', '.join(self.bodies)}")
-        # Mitsuba counts shapes from one here.
-        wanted = [self._shapes[f"body_{name}"] + 1 for name in names]
-        # One ray per pixel of an enlarged picture: an average of shape numbers within a pixel would mean nothing.
+        # One ray per pixel of an enlarged picture: an average of the bodies' numbers within a pixel would mean nothing.
         fine = camera.scaled(max(1, round(np.sqrt(samples))))
-        integrator = self._mi.load_dict({"type": "aov", "aovs": "shape:shape_index"})
         sensor = self._sensor(fine, cam_from_table, Quality(1))
-        picture = np.array(self._mi.render(self._scene, sensor=sensor, integrator=integrator, seed=0))
-        hit = np.isin(np.rint(picture[..., -1]).astype(int), wanted).astype(np.float32)
+        hit = shows(self._mi, self._scene, sensor, fine, {f"body_{name}" for name in names}).astype(np.float32)
         step = fine.width // camera.width
         return hit.reshape(camera.height, step, camera.width, step).mean((1, 3))
 

@@ -305,9 +305,12 @@ def environment_figures(benchmark: Mapping[str, Any]) -> dict[str, Figure]:
             rate, slowest = float(found["steps_per_second"]), 1e3 / float(found["slowest_round_ms"])
             told = f"slowest and fastest of {int(found['rounds'])} rounds"
             out[f"environment_steps_{size}"] = single(rate, int(found["steps"]), where, [slowest, rate], told)
-    if found := benchmark.get("mirror_64"):
-        times = [float(found["seconds_min"]), float(found["seconds_median"])]
-        out["mirror_image_64"] = single(times[1], int(found["pictures"]), where, times, "fastest and median picture")
+    for ending in ("", "_severity_2"):
+        if found := benchmark.get(f"mirror_64{ending}"):
+            times = [float(found["seconds_min"]), float(found["seconds_median"])]
+            out[f"mirror_image_64{ending}"] = single(
+                times[1], int(found["pictures"]), where, times, "fastest and median picture"
+            )
     return out
 
 

@@ -1,0 +1,45 @@
+"""Which pixels show which bodies of a Mitsuba scene."""
+
+from __future__ import annotations
+
+from collections.abc import Set
+from typing import Any
+
+import numpy as np
+
+from gsbridge.cameras import Camera
+from gsbridge.geometry import Array
+from gsbridge.reality.mirror.path_tracer import COMPILED
+
+
+def shows(mi: Any, scene: Any, sensor: Any, camera: Camera, names: Set[str]) -> Array:
+    """Whether the middle of each pixel shows one of some instances. [H, W] bool.
+
+    Args:
+        mi: The Mitsuba module.
+        scene: The scene.
+        sensor: The camera as Mitsuba has it, one sample per pixel.
+        camera: The same camera.
+        names: Names of instances in the scene.
+    """
+    if mi.variant() == COMPILED:
+        return _instances_shown(mi, scene, sensor, camera, names)
+    integrator = mi.load_dict({"type": "aov", "aovs": "shape:shape_index"})
+    picture = np.array(mi.render(scene, sensor=sensor, integrator=integrator, seed=0))
+    # Mitsuba counts shapes from one here.
+    numbers = [number for number, shape in enumerate(scene.shapes(), 1) if shape.id() in names]
+    return np.isin(np.rint(picture[..., -1]).astype(int), numbers)
+
+
+def _instances_shown(mi: Any, scene: Any, sensor: Any, camera: Camera, names: Set[str]) -> Array:
+    """The same where that number is one of the shapes within an instance: by what a ray through each pixel meets."""
+    import drjit
+
+    index = np.arange(camera.width * camera.height)
+    column, row = index % camera.width, index // camera.width
+    place = mi.Point2f(mi.Float((column + 0.5) / camera.width), mi.Float((row + 0.5) / camera.height))
+    ray, _ = sensor.sample_ray(0.0, 0.0, place, mi.Point2f(0.5))
+    met = drjit.reinterpret_array(mi.UInt32, scene.ray_intersect_preliminary(ray, coherent=True).instance)
+    pointers = [mi.ShapePtr(shape) for shape in scene.shapes() if shape.id() in names]
+    numbers = [np.array(drjit.reinterpret_array(mi.UInt32, pointer)).item() for pointer in pointers]
+    return np.isin(np.array(met), numbers).reshape(camera.height, camera.width)
