@@ -45,20 +45,25 @@ exit code: 0 done; 1 something given cannot be used; 2 wrong arguments; 3 an epi
 """
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run `gsbridge`; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="gsbridge", description="Tools beside the Snakemake workflow.")
-    parser.add_argument("--version", action="version", version=__version__)
-    commands = parser.add_subparsers(dest="command", required=True)
+def parser() -> argparse.ArgumentParser:
+    """What `gsbridge` understands."""
+    out = argparse.ArgumentParser(prog="gsbridge", description="Tools beside the Snakemake workflow.")
+    out.add_argument("--version", action="version", version=__version__)
+    commands = out.add_subparsers(dest="command", required=True)
     _add_board(commands)
     _add_masks(commands)
     _add_workflow(commands)
     _add_run_policy(commands)
+    return out
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run `gsbridge`; returns the exit code."""
     given = sys.argv[1:] if arguments is None else arguments
     try:
         if given and given[0] in _WORKFLOW:
             return _WORKFLOW[given[0]](given[1:])
-        options = parser.parse_args(given)
+        options = parser().parse_args(given)
         return options.run(options)
     except KeyboardInterrupt:
         print("gsbridge: stopped", file=sys.stderr)

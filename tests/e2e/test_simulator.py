@@ -2,11 +2,12 @@
 
 import csv
 import json
+import re
 
 import pytest
 
 from gsbridge.report.figures.eye_in_hand import RENDERERS
-from tests.e2e.conftest import call_snakemake
+from tests.e2e.conftest import ROOT, call_snakemake
 
 PAIR = "small_cube+foam_pad"
 
@@ -87,3 +88,20 @@ def test_figures_records_and_scores_are_there(simulator):
 def test_second_run_does_nothing(simulator):
     process = call_snakemake(simulator.parent, "--dry-run", "--config", "preset=toy", "--", "simulator")
     assert "Nothing to be done" in process.stdout + process.stderr
+
+
+def test_the_page_s_examples_run(toy, tmp_path, monkeypatch, capsys):
+    """In the folder of the toy's results, as the page says: the blocks one after another."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "results").symlink_to(toy / "results")
+    (tmp_path / "models").symlink_to(ROOT / "models")
+    text = (ROOT / "docs/simulator.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    assert len(blocks) == 3
+    names: dict = {}
+    for block in blocks:
+        exec(compile(block, "docs/simulator.md", "exec"), names)
+    assert names["observations"]["image"].shape == (2, 64, 64, 3)
+    assert names["observation"]["image"].std() > 1.0
+    # Steps, reward, success, failure of the first.
+    assert " True" in capsys.readouterr().out
