@@ -38,6 +38,8 @@ SPILT = 0.1
 """Points of the table within a mask, per point of the object, from which it holds a part of the table; usual are none."""
 MANY = 0.1
 """Share of bitten masks from which the shape is in doubt, too."""
+_LOST = 0.3
+"""Masks have lost a point if this share of those whose photos show it leave it out. One beside the object is seen before it."""
 _REACH = 0.08
 """Gaps between measured points, or between them and the mask, of less than this are the object, too: share of the root of the
 mask's area."""
@@ -72,7 +74,7 @@ def reached(mask: Array, pixels: Array) -> Array:
 
     Args:
         mask: Pixels of the object as known so far. [h, w] bool.
-        pixels: Where the object's points lie; those with NaN are left out. [K, 2].
+        pixels: Where points of the object lie that masks have lost; those with NaN are left out. [K, 2].
 
     Returns:
         [h, w] bool; the same where no group of points lies beside it, and where it is empty: that one has failed.
@@ -101,6 +103,28 @@ def _seen(view: View, number: int, sparse: SparsePoints, members: Array) -> tupl
     place = np.floor(np.nan_to_num(pixels, nan=-1)).astype(int)[:, ::-1]
     valid = (place >= 0).all(axis=1) & (place < (view.camera.height, view.camera.width)).all(axis=1)
     return seen[valid], place[valid]
+
+
+def lost_points(views: Sequence[View], masks: Sequence[Array], sparse: SparsePoints, members: Array) -> Array:
+    """Points of the object that masks have lost, as they lose a foot of its shadow's colour.
+
+    Args:
+        views: Posed photos, in the order of the sparse model's.
+        masks: One per view, 0..1. [H, W] each.
+        sparse: The sparse model.
+        members: Points of the object. [N] bool.
+
+    Returns:
+        [N] bool.
+    """
+    shown, outside = np.zeros(len(members)), np.zeros(len(members))
+    for number, (view, mask) in enumerate(zip(views, masks, strict=True)):
+        inside = mask > 0.5
+        if inside.any():
+            seen, place = _seen(view, number, sparse, members)
+            shown[seen] += 1
+            outside[seen] += ~grown(inside, 1)[place[:, 0], place[:, 1]]
+    return np.asarray((shown > 0) & (outside > _LOST * shown))
 
 
 def missed_points(

@@ -23,7 +23,6 @@ class Prompt:
         table: Indices (into the sparse points) of points on the table, away from the object.
         low, high: Box that holds the object, with a margin; `low` lies on the table. [3] each.
         distance: Working distance: from the cameras to the point they look at.
-        measured: The points were measured on the object, rather than drawn from a rough shape of it.
     """
 
     points: Array
@@ -31,7 +30,6 @@ class Prompt:
     low: Array
     high: Array
     distance: float
-    measured: bool = True
 
     def box_corners(self) -> Array:
         """Corners of the box. [8, 3]."""

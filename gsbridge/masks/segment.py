@@ -20,7 +20,7 @@ from gsbridge.images import read_image_u8, write_image
 from gsbridge.logs import ProgressLog
 from gsbridge.masks import flatness, grabcut, sam2
 from gsbridge.masks.consistency import agreed_hull, disagreements, outline, overlap, shrunk
-from gsbridge.masks.evidence import doubts, mended, missed_points, reached
+from gsbridge.masks.evidence import doubts, lost_points, mended, missed_points, reached
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop
 from gsbridge.masks.hints import Hints, hinted, read_hints, rows_among
 from gsbridge.masks.prompt import Prompt
@@ -153,29 +153,30 @@ def _grabcut_masks(
         else:
             covered = outline(hull, crop.camera(view.camera), view.cam_from_table)
             before = crop.cut(masks[index]) > 0.5 if masks else covered
-            covered = reached(covered, object_pixels) if prompt.measured else covered
+            covered = reached(covered, crop.pixels(_pixels(view, sparse.points[lost])))
             labels = _band_labels(covered, before, share * np.sqrt(max(covered.sum(), 1.0)))
-            if prompt.measured:
-                seen = np.intersect1d(sparse.seen_by(index), rows)
-                _stamp_seen(labels, covered, crop.pixels(_pixels(view, sparse.points[seen])))
+            seen = np.intersect1d(sparse.seen_by(index), np.flatnonzero(members))
+            _stamp_seen(labels, covered, crop.pixels(_pixels(view, sparse.points[seen])))
         labels[flat[index] & ((labels == UNSURE_BACK) if hull is None else (labels != FRONT))] = BACK
         _stamp_hints(labels, crop, hints[index])
         mask = grabcut.cut_out(photo, labels, settings.iterations, seed + index)
-        mask = grabcut.tidy(reached(mask, object_pixels) if prompt.measured else mask, object_pixels)
+        mask = grabcut.tidy(reached(mask, crop.pixels(_pixels(view, sparse.points[lost]))), object_pixels)
         return crop.paste(mask, (view.camera.width, view.camera.height))
 
     hull = rough
-    rows = np.flatnonzero(rows_among(sparse.points, prompt.points))
+    members = rows_among(sparse.points, prompt.points)
+    lost = np.zeros(len(members), bool)
     masks: list[Array] = []
     with ThreadPoolExecutor(threads) as pool:
         for number in range(1 + settings.passes):
             share = 0.12 / 1.6 ** max(number - 1, 0)
             jobs = [pool.submit(cut, index, hull, share) for index in range(len(views))]
             masks = [job.result() for job in progress.counted(jobs)]
+            lost = lost | lost_points(views, masks, sparse, members)
             # The first masks err in many views; later ones must agree better.
             vote = settings.hull_vote if number == 0 else settings.strict_vote
             hull = agreed_hull(views, masks, prompt, settings, vote, threads)
-    masks = subtract_table(views, masks, prompt, settings, threads, progress)
+    masks = subtract_table(views, masks, prompt, settings, threads, progress, sparse.points[lost])
     masks = open_windows(views, masks, settings, threads, progress)
     return masks, agreed_hull(views, masks, prompt, settings, settings.strict_vote, threads)
 

@@ -161,7 +161,7 @@ def find_plain_object(views: Views, sparse: SparsePoints, settings: MaskSettings
     flat = 0.5 * settings.height_share * around.distance
     table = np.flatnonzero((np.abs(height) < flat) & ~(near & (height > 0.5 * flat)))
     box = np.array([*(low - margin)[:2], 0.0]), high + margin
-    return Prompt(hull.vertices[:: max(1, len(hull.vertices) // _SAMPLES)], table, *box, around.distance, measured=False), hull
+    return Prompt(hull.vertices[:: max(1, len(hull.vertices) // _SAMPLES)], table, *box, around.distance), hull
 
 
 def _surroundings(views: Views, found: Prompt | None) -> Prompt:

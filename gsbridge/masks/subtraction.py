@@ -51,6 +51,8 @@ _WINDOW_TEXTURE = 0.005
 """Least standard deviation of that pattern, 0..1."""
 _WINDOW_VIEWS = 3
 """Views that must see through before any window is believed."""
+_NONE: Array = np.zeros((0, 3))
+"""No points."""
 _MAJORITY = 0.75
 """Share of the views that must agree on a point before what they add there counts."""
 
@@ -315,6 +317,7 @@ def subtract_table(
     settings: MaskSettings,
     threads: int,
     progress: ProgressLog | None = None,
+    lost: Array = _NONE,
 ) -> list[Array]:
     """Masks corrected by the bare table, where the views agree on the correction.
 
@@ -325,6 +328,7 @@ def subtract_table(
         settings: See `MaskSettings`.
         threads: Threads to use.
         progress: Counts each photo once in every round.
+        lost: Points of the object that earlier masks had lost and that these must hold. [L, 3].
 
     Returns:
         [H, W] float32 each.
@@ -332,12 +336,18 @@ def subtract_table(
     masks = list(masks)
     for _ in range(settings.subtractions):
         # What one round finds no longer hides the table from the next.
-        masks = _subtract_once(views, masks, prompt, settings, threads, progress)
+        masks = _subtract_once(views, masks, prompt, settings, threads, progress, lost)
     return masks
 
 
 def _subtract_once(
-    views: Views, masks: list[Array], prompt: Prompt, settings: MaskSettings, threads: int, progress: ProgressLog | None
+    views: Views,
+    masks: list[Array],
+    prompt: Prompt,
+    settings: MaskSettings,
+    threads: int,
+    progress: ProgressLog | None,
+    lost: Array,
 ) -> list[Array]:
     """Run one round of `subtract_table`."""
     poses = [view.cam_from_table for view in views]
@@ -355,7 +365,9 @@ def _subtract_once(
             return masks[index]
         pixels = crop.pixels(view.camera.project(prompt.points @ poses[index][:3, :3].T + poses[index][:3, 3]))
         part = amend(parts[index], evidence, allowed)
-        part = grabcut.tidy(reached(part, pixels) if prompt.measured else part, pixels)
+        if len(lost):
+            part = reached(part, crop.pixels(view.camera.project(lost @ poses[index][:3, :3].T + poses[index][:3, 3])))
+        part = grabcut.tidy(part, pixels)
         return crop.paste(part, (view.camera.width, view.camera.height))
 
     def agreed(index: int) -> Array:

@@ -1,11 +1,13 @@
 """Masks against measured points, which were found without any mask."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from solid_scene import around, pot, solid_scene, traced
 
 from gsbridge.cameras import Camera
-from gsbridge.masks.evidence import doubts, mended, missed_points, reached
+from gsbridge.masks.evidence import doubts, lost_points, mended, missed_points, reached
 from gsbridge.mesh.hull import build_hull
 from gsbridge.photogrammetry.sparse import read_points
 
@@ -87,16 +89,31 @@ def test_masks_that_all_lack_the_foot_agree_and_are_doubted(scene):
 def test_measured_points_bring_back_a_foot_that_all_masks_lack(scene, tmp_path):
     views, masks, _ = scene
     sparse = read_points(solid_scene(tmp_path, pot, list(views), points=200).points_npz)
-    points = sparse.points[members_of(sparse)]
-    for view, mask in list(zip(views, masks, strict=True))[:4]:
-        pixels = view.camera.project(points @ view.cam_from_table[:3, :3].T + view.cam_from_table[:3, 3])
-        bitten = bite(view, mask) > 0.5
-        whole = reached(bitten, pixels)
-        assert overlap(bitten, mask) < 0.93
+    members = members_of(sparse)
+    assert not lost_points(views, masks, sparse, members).any()
+    bitten = [bite(view, mask) for view, mask in zip(views, masks, strict=True)]
+    lost = lost_points(views, bitten, sparse, members)
+    # All but those that lie right below the bite's edge.
+    assert lost[members & (sparse.points[:, 2] < 0.01)].mean() > 0.95
+    assert not lost[sparse.points[:, 2] > 0.013].any()
+    for view, mask, part in list(zip(views, masks, bitten, strict=True))[:4]:
+        pixels = view.camera.project(sparse.points[lost] @ view.cam_from_table[:3, :3].T + view.cam_from_table[:3, 3])
+        whole = reached(part > 0.5, pixels)
+        assert overlap(part, mask) < 0.93
         assert overlap(whole, mask) > 0.965
         # Nothing is added that is not the object's, nor for lone points.
         assert (whole & (mask < 0.5)).sum() < 0.01 * mask.sum()
         assert reached(mask > 0.5, np.array([[5.0, 5.0], [200.0, 160.0], [np.nan, 3.0]])).sum() == mask.sum()
+
+
+def test_points_beside_the_object_are_not_lost(scene):
+    """A wrong match stands off the wall of the pot: whoever sees it sees the pot behind it."""
+    views, masks, sparse = scene
+    members = members_of(sparse)
+    moved = sparse.points.copy()
+    off = np.flatnonzero(members)[::40]
+    moved[off, :2] *= 1.15
+    assert lost_points(views, masks, replace(sparse, points=moved), members)[off].mean() < 0.1
 
 
 def test_masks_that_hold_the_table_are_doubted(scene):
