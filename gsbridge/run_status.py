@@ -1,4 +1,4 @@
-"""Progress of a run: stages that are degraded and why, jobs that are left, and about how long they will take."""
+"""Progress of a run: stages that are done, degraded or stale and why, jobs that are left, and about how long they will take."""
 
 from __future__ import annotations
 
@@ -16,6 +16,9 @@ from gsbridge.errors import GsbridgeError
 from gsbridge.workflow_lock import working_folder
 
 _JOB_COUNT = re.compile(r"^(\w+) +(\d+)$", re.MULTILINE)
+_REASON = re.compile(r"^ {4}(\w[^:\n]*):\n {8}(\w[\w, ]*)$", re.MULTILINE)
+_NOT_STALE = ("output files have to be generated", "input files updated by another job")
+"""Why snakemake makes what is not there yet, and what follows from other jobs: for all else something has changed."""
 
 
 @dataclass(frozen=True)
@@ -33,8 +36,8 @@ class Remaining:
     seconds: float | None
 
 
-def degraded_records(results: Path) -> Iterator[tuple[Path, list[str]]]:
-    """Stages' records below a folder that say `degraded`, with their reasons."""
+def stage_records(results: Path) -> Iterator[tuple[Path, str, list[str]]]:
+    """Stages' records below a folder, each with its status and the reasons of that."""
     for path in sorted(results.rglob("*.json")):
         if ".state" in path.parts or "truth" in path.parts:
             continue
@@ -42,8 +45,8 @@ def degraded_records(results: Path) -> Iterator[tuple[Path, list[str]]]:
             record = json.loads(path.read_text(encoding="utf-8"))
         except (OSError, ValueError):
             continue
-        if isinstance(record, dict) and record.get("status") == "degraded":
-            yield path, [str(reason) for reason in record.get("reasons", [])]
+        if isinstance(record, dict) and record.get("status") in ("pass", "degraded"):
+            yield path, record["status"], [str(reason) for reason in record.get("reasons", [])]
 
 
 def job_counts(text: str) -> dict[str, int]:
@@ -52,6 +55,16 @@ def job_counts(text: str) -> dict[str, int]:
     counts = {rule: int(count) for rule, count in _JOB_COUNT.findall(table)}
     counts.pop("total", None)
     return counts
+
+
+def stale_rules(text: str) -> dict[str, str]:
+    """Rules whose results are there but would be made anew, and why, as snakemake's dry run prints it under `Reasons`."""
+    _, _, listed = text.partition("Reasons:\n")
+    found: dict[str, str] = {}
+    for reason, rules in _REASON.findall(listed):
+        for rule in rules.split(", ") if reason not in _NOT_STALE else ():
+            found[rule] = f"{found[rule]}; {reason}" if rule in found else reason
+    return found
 
 
 def measured_seconds(benchmarks: Path) -> dict[str, float]:
@@ -88,7 +101,8 @@ def run_status(arguments: Sequence[str]) -> Iterator[str]:
         raise GsbridgeError(f"the run cannot be planned:\n{(planned.stderr or planned.stdout).strip()}")
     results = working_folder(arguments) / "results"
     left = remaining_jobs(job_counts(planned.stdout + planned.stderr), measured_seconds(results / "benchmarks"))
-    degraded = list(degraded_records(results)) if results.is_dir() else []
+    records = list(stage_records(results)) if results.is_dir() else []
+    degraded = [(path, reasons) for path, status, reasons in records if status == "degraded"]
     if not left:
         yield "Nothing is left to do."
     for item in left:
@@ -98,9 +112,14 @@ def run_status(arguments: Sequence[str]) -> Iterator[str]:
         cores = os.cpu_count() or 1
         total = sum(item.jobs * item.seconds for item in left if item.seconds is not None)
         unknown = sum(item.jobs for item in left if item.seconds is None)
-        aside = f", and {unknown} jobs of rules that were not measured here yet" if unknown else ""
+        aside = f", beside {unknown} of rules that were not measured here yet" if unknown else ""
         jobs = sum(item.jobs for item in left)
         yield f"{jobs} jobs are left: about {total / cores / 60:.0f} minutes on {cores} cores{aside}."
-    yield f"{len(degraded)} records are degraded{':' if degraded else '.'}"
+    stale = stale_rules(planned.stdout + planned.stderr)
+    if stale:
+        yield "Stale, since what they are made from has changed; what builds on them follows:"
+    for rule, reason in stale.items():
+        yield f"  {rule}: {reason}"
+    yield f"{len(records)} records of stages are there, {len(degraded)} of them degraded{':' if degraded else '.'}"
     for path, reasons in degraded:
         yield f"  {path.relative_to(results)}: {'; '.join(reasons)}"

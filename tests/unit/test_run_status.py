@@ -2,7 +2,7 @@
 
 import json
 
-from gsbridge.run_status import degraded_records, job_counts, measured_seconds, remaining_jobs
+from gsbridge.run_status import job_counts, measured_seconds, remaining_jobs, stage_records, stale_rules
 
 TABLE = """
 Job stats:
@@ -34,9 +34,35 @@ def test_unmeasured_rules_come_first_then_the_longest():
     assert [item.rule for item in left] == ["new", "long", "short"]
 
 
-def test_degraded_records_are_found_with_their_reasons(tmp_path):
+def test_records_are_found_with_status_and_reasons(tmp_path):
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "sfm.json").write_text(json.dumps({"status": "degraded", "reasons": ["few photos"]}))
     (tmp_path / "a" / "mesh.json").write_text(json.dumps({"status": "pass", "reasons": []}))
     (tmp_path / "a" / "broken.json").write_text("{")
-    assert list(degraded_records(tmp_path)) == [(tmp_path / "a" / "sfm.json", ["few photos"])]
+    (tmp_path / "a" / "other.json").write_text(json.dumps({"seed": 1}))
+    assert list(stage_records(tmp_path)) == [
+        (tmp_path / "a" / "mesh.json", "pass", []),
+        (tmp_path / "a" / "sfm.json", "degraded", ["few photos"]),
+    ]
+
+
+def test_stale_is_what_was_made_from_something_else():
+    text = """total  4
+
+Reasons:
+    (check individual jobs above for details)
+    input files updated by another job:
+        align_scene, all
+    output files have to be generated:
+        film_onlooker
+    params have changed since last execution:
+        film_scene, film_board
+    updated input files:
+        film_scene
+Some jobs were triggered by provenance information, see 'reason' section in the rule displays above.
+"""
+    assert stale_rules(text) == {
+        "film_scene": "params have changed since last execution; updated input files",
+        "film_board": "params have changed since last execution",
+    }
+    assert stale_rules("Nothing to be done") == {}
