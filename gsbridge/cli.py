@@ -12,7 +12,7 @@ import yaml
 
 from gsbridge import __version__
 from gsbridge.capture.printing import write_sheet
-from gsbridge.errors import GsbridgeError
+from gsbridge.errors import GsbridgeError, InputError
 from gsbridge.logs import start
 from gsbridge.photogrammetry.board import SHEETS_M, standard_board, write_board
 
@@ -104,6 +104,8 @@ def _masks(options: argparse.Namespace) -> int:
     from gsbridge.configuration.whole import read_configuration
     from gsbridge.report.pages.mask_sheet import write_mask_sheet
 
+    if not options.config.is_file():
+        raise InputError(options.config, "there is no such file here", "Go to the project's folder, or name it with --config")
     scenes = read_configuration(yaml.safe_load(options.config.read_text(encoding="utf-8")))["scenes"]
     points = scenes[options.scene]["masks"]["points"] if options.scene in scenes else []
     folder = options.results / "scenes" / options.scene

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from browser import BROWSER, check
 
 from gsbridge.cameras import Camera
 from gsbridge.effects.images import IMAGE_EFFECTS
@@ -176,6 +177,8 @@ def test_what_changed_is_named_reported_and_learned(folder, tmp_path):
     page = files[2].read_text()
     assert found["sentence"][:20] in page
     assert page.count("data:image/png;base64,") == 1
+    if BROWSER is not None:
+        assert check(page, tmp_path)["sentence"] < 400
     amend_camera("models/nominal.yaml", files[0], files[3])
     effects = read_model(files[3]).effects
     assert [effect.name for effect in effects] == ["exposure"]

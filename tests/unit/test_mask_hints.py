@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from browser import BROWSER, check
 from table_scene import RADIUS, ball_scene
 
 from gsbridge.cameras import write_views
@@ -95,6 +96,10 @@ def test_masks_obey_and_the_sheet_shows_it(scene, tmp_path, capsys):
     assert "http" not in re.sub(r"data:[^\"]+", "", text)
     assert main(["masks", "ball", "--photo", "none.png", *given]) == 1
     assert main(["masks", "nothing", *given]) == 1
+    assert main(["masks", "ball", "--config", str(tmp_path / "none.yaml")]) == 1
+    assert "Go to the project's folder" in capsys.readouterr().err
+    if BROWSER is not None:
+        assert check(text, tmp_path)["pictures"] == 1
 
 
 def test_rulers_stand_at_round_pixels():
