@@ -57,7 +57,7 @@ def test_the_first_stages_lie_in_the_bucket_and_are_found_there(storage, tmp_pat
     client, address = storage
     target = "results/scenes/small_cube/capture/keyframes.json"
     call = [sys.executable, "-m", "snakemake", "--directory", str(tmp_path / "run"), "--cores", "1"]
-    call += ["--default-storage-provider", "s3", "--default-storage-prefix", f"s3://{BUCKET}/{PREFIX}"]
+    call += ["--workflow-profile", str(ROOT / "profiles/s3"), "--default-storage-prefix", f"s3://{BUCKET}/{PREFIX}"]
     call += ["--storage-s3-endpoint-url", address, "--config", FILMS]
     environment = {**os.environ, **KEYS, "AWS_DEFAULT_REGION": "us-east-1"}
 
