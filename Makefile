@@ -139,9 +139,10 @@ lint: $(TOOLS)
 	$(BIN)/mypy
 	$(SNAKEMAKE) --lint
 
-# After an edit of gsbridge/configuration: the schema for editors, and the tables of docs/configuration.md.
+# After an edit of gsbridge/configuration or of a table: the schema for editors, the tables of docs/configuration.md and docs/tables.md.
 schema: $(INSTALLED)
 	$(BIN)/python -m gsbridge.configuration.pages
+	$(BIN)/python -m gsbridge.report.tables.columns
 
 # The three locks anew from pyproject.toml, with hashes; needs uv.
 locks:
