@@ -43,6 +43,8 @@ _LOST = 0.3
 _REACH = 0.08
 """Gaps between measured points, or between them and the mask, of less than this are the object, too: share of the root of the
 mask's area."""
+_PART, _PART_POINTS = 0.1, 5
+"""So many lost points within this share of the object's size are a part; wrong matches lie apart, two of them at most."""
 _COMPANY = 3
 """Measured points beside a mask of which so many must lie within three times that reach: a lone one is a wrong match."""
 
@@ -105,7 +107,9 @@ def _seen(view: View, number: int, sparse: SparsePoints, members: Array) -> tupl
     return seen[valid], place[valid]
 
 
-def lost_points(views: Sequence[View], masks: Sequence[Array], sparse: SparsePoints, members: Array) -> Array:
+def lost_points(
+    views: Sequence[View], masks: Sequence[Array], sparse: SparsePoints, members: Array, slack: float = 0.0
+) -> Array:
     """Points of the object that masks have lost, as they lose a foot of its shadow's colour.
 
     Args:
@@ -113,6 +117,7 @@ def lost_points(views: Sequence[View], masks: Sequence[Array], sparse: SparsePoi
         masks: One per view, 0..1. [H, W] each.
         sparse: The sparse model.
         members: Points of the object. [N] bool.
+        slack: How far beside a mask a point is still on its outline, as a share of the root of the mask's area.
 
     Returns:
         [N] bool.
@@ -123,8 +128,31 @@ def lost_points(views: Sequence[View], masks: Sequence[Array], sparse: SparsePoi
         if inside.any():
             seen, place = _seen(view, number, sparse, members)
             shown[seen] += 1
-            outside[seen] += ~grown(inside, 1)[place[:, 0], place[:, 1]]
+            outside[seen] += ~grown(inside, 1 + round(slack * np.sqrt(inside.sum())))[place[:, 0], place[:, 1]]
     return np.asarray((shown > 0) & (outside > _LOST * shown))
+
+
+def lost_parts(views: Sequence[View], masks: Sequence[Array], sparse: SparsePoints, members: Array) -> list[str]:
+    """Why masks may lack a small part that stands off: too few points to count in any photo, but all of them in one place.
+
+    Args:
+        views: Posed photos, in the order of the sparse model's.
+        masks: One per view, 0..1. [H, W] each.
+        sparse: The sparse model.
+        members: Points of the object. [N] bool.
+    """
+    lost = sparse.points[lost_points(views, masks, sparse, members, _NEAR)]
+    if len(lost) == 0:
+        return []
+    near = cKDTree(lost).query_ball_point(lost, _PART * float(np.ptp(sparse.points[members], axis=0).max()), return_length=True)
+    most = int(np.argmax(near))
+    if near[most] < _PART_POINTS:
+        return []
+    share = lost[most, 2] / float(np.percentile(sparse.points[members, 2], 99.5))
+    return [
+        f"the masks leave out {near[most]} points that were measured in one place of the object, at {100 * share:.0f} % of its "
+        "height: a part is missing there; mark it with `masks: {points: ...}`"
+    ]
 
 
 def missed_points(

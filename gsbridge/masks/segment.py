@@ -20,7 +20,7 @@ from gsbridge.images import read_image_u8, write_image
 from gsbridge.logs import ProgressLog
 from gsbridge.masks import flatness, grabcut, sam2
 from gsbridge.masks.consistency import agreed_hull, disagreements, outline, overlap, shrunk
-from gsbridge.masks.evidence import doubts, lost_points, mended, missed_points, reached
+from gsbridge.masks.evidence import doubts, lost_parts, lost_points, mended, missed_points, reached
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop
 from gsbridge.masks.hints import Hints, hinted, read_hints, rows_among
 from gsbridge.masks.prompt import Prompt
@@ -283,6 +283,7 @@ def segment_object(
     reasons += disagreements(agreement, [view.name for view in views], settings.min_consistency)
     missed = missed_points(views, masks, sparse, members, prompt.table)
     reasons += doubts(missed, [view.name for view in views])
+    reasons += lost_parts(views, masks, sparse, members)
     with atomic_directory(out_images) as folder:
         for view, mask in zip(views, masks, strict=True):
             write_image(folder / f"{Path(view.name).stem}.png", mask)

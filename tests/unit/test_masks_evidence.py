@@ -7,9 +7,9 @@ import pytest
 from solid_scene import around, pot, solid_scene, traced
 
 from gsbridge.cameras import Camera
-from gsbridge.masks.evidence import doubts, lost_points, mended, missed_points, reached
+from gsbridge.masks.evidence import doubts, lost_parts, lost_points, mended, missed_points, reached
 from gsbridge.mesh.hull import build_hull
-from gsbridge.photogrammetry.sparse import read_points
+from gsbridge.photogrammetry.sparse import SparsePoints, read_points
 
 CAMERA = Camera(240, 180, 280.0, 280.0, 120.0, 90.0)
 
@@ -104,6 +104,22 @@ def test_measured_points_bring_back_a_foot_that_all_masks_lack(scene, tmp_path):
         # Nothing is added that is not the object's, nor for lone points.
         assert (whole & (mask < 0.5)).sum() < 0.01 * mask.sum()
         assert reached(mask > 0.5, np.array([[5.0, 5.0], [200.0, 160.0], [np.nan, 3.0]])).sum() == mask.sum()
+
+
+def test_a_thin_part_that_all_masks_lack_is_said(scene):
+    """Eight points up a rod on the pot's rim are too few of any photo's for its mask to count as bitten."""
+    views, masks, sparse = scene
+    rod = np.c_[np.full(8, 0.03), np.zeros(8), np.linspace(0.06, 0.075, 8)]
+    start, everywhere = len(sparse.points), np.repeat(np.arange(len(views)), 8)
+    with_rod = SparsePoints(
+        np.concatenate([sparse.points, rod]),
+        np.concatenate([sparse.view_index, everywhere]),
+        np.concatenate([sparse.point_index, np.tile(start + np.arange(8), len(views))]),
+    )
+    members = members_of(with_rod)
+    (reason,) = lost_parts(views, masks, with_rod, members)
+    assert "in one place" in reason
+    assert lost_parts(views, masks, sparse, members_of(sparse)) == []
 
 
 def test_points_beside_the_object_are_not_lost(scene):
