@@ -144,7 +144,8 @@ def lost_parts(views: Sequence[View], masks: Sequence[Array], sparse: SparsePoin
     lost = sparse.points[lost_points(views, masks, sparse, members, _NEAR)]
     if len(lost) == 0:
         return []
-    near = cKDTree(lost).query_ball_point(lost, _PART * float(np.ptp(sparse.points[members], axis=0).max()), return_length=True)
+    reach = _PART * float(np.ptp(sparse.points[members], axis=0).max())
+    near: Array = np.asarray(cKDTree(lost).query_ball_point(lost, reach, return_length=True))
     most = int(np.argmax(near))
     if near[most] < _PART_POINTS:
         return []
