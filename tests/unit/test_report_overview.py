@@ -47,7 +47,7 @@ def test_picture_and_clip_are_small_and_last_as_long_as_is_said(scene, tmp_path)
     out = {"picture": str(tmp_path / "all.jpg"), "clip": str(tmp_path / "all.webp")}
     write_overview(CellPaths("grasp", "box", "flat"), trials, scene, films, out)
     with Image.open(out["picture"]) as picture:
-        assert picture.size == (module.GAP + 4 * (module.WIDTH + module.GAP), module.HEAD + module.HEIGHT + module.FOOT)
+        assert picture.size == (module.GAP + 2 * (module.WIDTH + module.GAP), module.HEAD + 2 * (module.HEIGHT + module.FOOT))
     assert (tmp_path / "all.jpg").stat().st_size < module.MOST_PICTURE_BYTES
     assert (tmp_path / "all.webp").stat().st_size < module.MOST_BYTES
     # Film and orbit; of each of two starts four moments of nine states and its end; the counts.

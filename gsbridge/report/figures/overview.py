@@ -194,17 +194,17 @@ def _named(world: str) -> str:
 
 
 def _page(panels: Sequence[Panel], head: str, title: str) -> Array:
-    """Panels side by side, with lines above and below. [H, W, 3] uint8."""
-    large = len(panels) > 2
-    size = (GAP + len(panels) * (WIDTH + GAP), HEAD + HEIGHT + FOOT)
+    """Panels, two beside each other, with a line above all and one below each. [H, W, 3] uint8."""
+    lines = -(-len(panels) // 2)
+    size = (GAP + 2 * (WIDTH + GAP), HEAD + lines * (HEIGHT + FOOT))
     canvas = Image.new("RGB", size, PAPER)
     draw = ImageDraw.Draw(canvas)
-    draw.text((GAP, 9), head, fill=INK, font=label_font(22 if large else 17))
-    draw.text((size[0] - GAP, 12), title, fill=SOFT, font=label_font(17 if large else 12), anchor="ra")
+    draw.text((GAP, 9), head, fill=INK, font=label_font(17))
+    draw.text((size[0] - GAP, 12), title, fill=SOFT, font=label_font(12), anchor="ra")
     for number, (picture, text) in enumerate(panels):
-        x = GAP + number * (WIDTH + GAP)
-        canvas.paste(Image.fromarray(picture), (x, HEAD))
-        draw.text((x, HEAD + HEIGHT + 5), text, fill=INK, font=label_font(18 if large else 14))
+        x, y = GAP + number % 2 * (WIDTH + GAP), HEAD + number // 2 * (HEIGHT + FOOT)
+        canvas.paste(Image.fromarray(picture), (x, y))
+        draw.text((x, y + HEIGHT + 5), text, fill=INK, font=label_font(15))
     return np.asarray(canvas)
 
 
