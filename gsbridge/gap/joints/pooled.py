@@ -80,25 +80,33 @@ _MOMENTS = 25
 
 
 def spread_of(both: PooledResiduals, effects: Sequence[Applied], jacobian: Array) -> Array:
-    """Standard deviations of a fit's parameters, from how much the residuals of parts of the records pull them apart. [P].
+    """Standard deviations of a fit's parameters, from how much parts of the residuals pull them apart. [P].
 
     Where a model errs, residuals are of one sign for long, and of another size where it moves otherwise: their curvature alone
-    is far too sure.
+    is far too sure. Parts are moments, which tell errors that come and go, or frequencies, whose phases no law ties to the
+    motion's: what a fit leaves is at right angles to what it fits, moment by moment, where an error comes back with the motion.
 
     Args:
         both: The records that it was fitted to.
         effects: What was fitted, with its parameters.
         jacobian: Derivatives of the residuals by these parameters. [sum of T C, P].
 
-    Source: White, Econometrica 50, 1982; in blocks of time after Newey and West, Econometrica 55, 1987.
+    Source: White, Econometrica 50, 1982; in blocks of time after Newey and West, Econometrica 55, 1987; in frequencies after
+        Grenander and Rosenblatt, Statistical Analysis of Stationary Time Series, 1957.
     """
     residual = both.residual(effects)
     scale = 1.0 / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
     curvature = np.linalg.pinv((jacobian * scale).T @ (jacobian * scale), rcond=1e-10)
-    pulls = jacobian * scale * residual[:, None]
-    parts = []
-    for view, rows in zip(both.views, np.split(pulls, both.edges), strict=True):
-        length = max(1, len(view.record.time) // _MOMENTS) * len(view.channels)
-        parts += [rows[k : k + length].sum(axis=0) for k in range(0, len(rows), length)]
-    spread = curvature @ (np.stack(parts).T @ np.stack(parts)) @ curvature
-    return np.sqrt(np.maximum(np.diag(spread), np.diag(curvature))) * scale
+    moments, lines = list[Array](), list[Array]()
+    for view, shapes, left in zip(
+        both.views, np.split(jacobian * scale, both.edges), np.split(residual, both.edges), strict=True
+    ):
+        shapes, left = (values.reshape(len(view.record.time), len(view.channels), -1) for values in (shapes, left))
+        pulls, length = (shapes * left).sum(axis=1), max(1, len(left) // _MOMENTS)
+        moments += [pulls[k : k + length].sum(axis=0) for k in range(0, len(pulls), length)]
+        # Channels of one motion keep their phases to each other. The sum over positive and negative frequencies is the pull.
+        moved, left = np.fft.fft(shapes, axis=0), np.fft.fft(left, axis=0)
+        lines += list((moved.conj() * left).sum(axis=1) / len(left))
+    meats = [np.real(np.stack(parts).T @ np.stack(parts).conj()) for parts in (moments, lines)]
+    variances = [np.diag(curvature @ meat @ curvature) for meat in meats]
+    return np.sqrt(np.maximum.reduce([*variances, np.diag(curvature)])) * scale

@@ -215,6 +215,8 @@ def simulate(
                 phase = law[_WAVES, i] * q[i]
                 given += law[_SINE, i] * math.sin(phase) + law[_COSINE, i] * math.cos(phase)
             shift[i] = law[_ARMATURE, i]
+            worn = 1.0 + law[_WARMING, i] * (start + number * step)
+            losses = law[_VISCOUS, i] * worn
             if soft[i]:
                 compliance = max(law[_COMPLIANCE, i], _RIGID)
                 stiff, damp, load = 0.0, 0.0, given
@@ -236,6 +238,9 @@ def simulate(
                     # For others it would be an inertia that a rigid joint does not have.
                     stiff, damp = law[_STIFF, i] * (1.0 + law[_GAIN, i]), law[_DAMP, i] * (1.0 + law[_GAIN, i])
                     load = given + stiff * motor[i] + damp * motor_speed[i]
+                if not joins[i]:
+                    # Oil rubs in motor and gear, before the play.
+                    damp, losses = damp + losses, 0.0
                 base, joined = coupling(law[_ARMATURE, i], damp, stiff, compliance, step)
                 pulls[i], damps[i], stiffs[i] = load, damp, stiff
                 shift[i] = law[_ARMATURE, i] if joins[i] else 0.0
@@ -249,7 +254,6 @@ def simulate(
                         given = joined * (twist - math.copysign(half, twist))
                         shift[i] = joined * step * step
             torque[i] = given
-            worn = 1.0 + law[_WARMING, i] * (start + number * step)
             grip[i] = law[_DRY, i]
             if law[_STRIBECK, i] != 0.0:
                 share = v[i] / law[_STRIBECK_SPEED, i]
@@ -257,7 +261,6 @@ def simulate(
             if law[_LOAD, i] != 0.0:
                 grip[i] += law[_LOAD, i] * abs(given)
             grip[i] *= worn
-            losses = law[_VISCOUS, i] * worn
             # With mean speeds, losses are those of the mean speed too; the drag's slope is twice its share of the speed.
             shift[i] += step * ((0.5 if centred else 1.0) * losses + law[_QUADRATIC, i] * abs(v[i]))
             right[i] = given - hold[i] - (losses + law[_QUADRATIC, i] * abs(v[i])) * v[i]
