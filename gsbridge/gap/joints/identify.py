@@ -34,6 +34,9 @@ _HUGE = 5.0
 """Residual, in units of the noise, that no colour of the noise explains."""
 
 
+_OCTAVES = (0.5, 0.25, 0.125, 0.0625)
+"""Steps, in doublings, by which the best size of what begins at a threshold is sought before it is fitted."""
+
 _TOGETHER = 0.002
 """Probability below which channels do not move together by chance. Smaller than that of an alarm, since nothing else speaks for
 motion where this decides."""
@@ -168,7 +171,8 @@ class JointIdentification:
             if far or not self._affords(2 + len(match.candidate.effect.parameters)):
                 break
             bar = chi2 - reached + 0.3 * max(reached, 0.0) + 100.0 if np.isfinite(reached) else np.inf
-            fitted = fit(self.first, (match.candidate,), (match.starts[0],), bar, self.screen, self._limit())
+            begin = self._closer(match.candidate, match.starts[0])
+            fitted = fit(self.first, (match.candidate,), (begin,), bar, self.screen, self._limit())
             for start in match.starts[1:2]:
                 # A start in the wrong valley leaves more than a projection onto the signatures promised.
                 poor = chi2 - fitted.chi2 < 0.5 * match.bound
@@ -183,6 +187,18 @@ class JointIdentification:
             else:
                 self.lost.add(str(match.candidate))
         return out
+
+    def _closer(self, who: Candidate, start: dict[str, float]) -> dict[str, float]:
+        """A start nearer to the best size of what begins at a threshold: a signature tells nothing of sizes beside its own."""
+        if not who.effect.threshold or len(who.effect.parameters) > 1 or not self._affords(2 * len(_OCTAVES) + 3):
+            return start
+        found = [(float((self.first.residual((who.applied(start),)) ** 2).sum()), start)]
+        for step in _OCTAVES:
+            for turned in (step, -step):
+                values = who.effect.scaled(found[0][1], 2.0**turned)
+                found.append((float((self.first.residual((who.applied(values),)) ** 2).sum()), values))
+            found = [min(found, key=lambda item: item[0])]
+        return found[0][1]
 
     def _several(self, singles: list[Hypothesis], best: Hypothesis) -> list[Hypothesis]:
         """Sets of effects: what grows from the best smaller set, then the best sums of signatures; larger sets only if

@@ -63,6 +63,9 @@ _YIELDING = 0.3
 """Product of a transmission's compliance and the controller's stiffness against one step up to which it hardly yields: beyond,
 an explicit step of the controller would run away."""
 
+_PULLED = 1e-9
+"""Weight on a joint, N m, up to which nothing tells on which side of its play a link begins; it is put in the middle."""
+
 _RIGID = 1e-7
 """Compliance given to a transmission that has play but no stated compliance, rad/(N m)."""
 
@@ -154,10 +157,13 @@ def simulate(
                     toe[i] += turn[tip, i, j] * tool[j]
             force, slows = press(parents, screws, tip, toe, surface, v, step, slope)
         if number == 0:
+            # By its weight alone: the noise of measured speeds pulls at it, too. The controller asks for something after this.
+            weights(parents, slides, bodies, gravity, turn, origin, axis, work, asked)
             for i in range(count):
                 if soft[i]:
-                    # What was measured is the motor; the link hangs in its transmission.
-                    q[i] -= math.copysign(0.5 * law[_BACKLASH, i], hold[i]) + law[_COMPLIANCE, i] * hold[i]
+                    # What was measured is the motor; the link hangs in its transmission, anywhere where nothing pulls at it.
+                    side = math.copysign(1.0, asked[i]) if abs(asked[i]) > _PULLED else 0.0
+                    q[i] -= 0.5 * side * law[_BACKLASH, i] + law[_COMPLIANCE, i] * hold[i]
         true = True
         for i in range(count):
             angle, rate = (motor[i], motor_speed[i]) if soft[i] else (q[i], v[i])
