@@ -40,6 +40,10 @@ MANY = 0.1
 """Share of bitten masks from which the shape is in doubt, too."""
 _LOST = 0.3
 """Masks have lost a point if this share of those whose photos show it leave it out. One beside the object is seen before it."""
+_SPREAD_DEG = 6.0
+"""A point's place is sure where the photos that show it look from this far to a side of their mean direction."""
+_WIDEST_GAP_DEG = 160.0
+"""And where the photos go round: from one side alone, what stands beside an object is not told from it."""
 _REACH = 0.08
 """Gaps between measured points, or between them and the mask, of less than this are the object, too: share of the root of the
 mask's area."""
@@ -107,6 +111,31 @@ def _seen(view: View, number: int, sparse: SparsePoints, members: Array) -> tupl
     return seen[valid], place[valid]
 
 
+def surely_placed(views: Sequence[View], sparse: SparsePoints) -> Array:
+    """Points seen from directions far enough apart, in photos from all sides: others may be table, lifted by their error.
+
+    Args:
+        views: Posed photos, in the order of the sparse model's.
+        sparse: The sparse model.
+
+    Returns:
+        [N] bool.
+    """
+    of, centres = sparse.point_index, np.stack([view.centre for view in views])
+    around = centres - np.median(sparse.points, axis=0)
+    angles = np.sort(np.degrees(np.arctan2(around[:, 1], around[:, 0])))
+    if np.diff(np.append(angles, angles[0] + 360.0)).max() > _WIDEST_GAP_DEG:
+        return np.zeros(len(sparse.points), bool)
+    rays = centres[sparse.view_index] - sparse.points[of]
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    mean = np.zeros(sparse.points.shape)
+    np.add.at(mean, of, rays)
+    mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
+    least = np.ones(len(mean))
+    np.minimum.at(least, of, (rays * mean[of]).sum(1))
+    return np.asarray(least < np.cos(np.radians(_SPREAD_DEG)))
+
+
 def lost_points(
     views: Sequence[View], masks: Sequence[Array], sparse: SparsePoints, members: Array, slack: float = 0.0
 ) -> Array:
@@ -141,7 +170,7 @@ def lost_parts(views: Sequence[View], masks: Sequence[Array], sparse: SparsePoin
         sparse: The sparse model.
         members: Points of the object. [N] bool.
     """
-    lost = sparse.points[lost_points(views, masks, sparse, members, _NEAR)]
+    lost = sparse.points[lost_points(views, masks, sparse, members & surely_placed(views, sparse), _NEAR)]
     if len(lost) == 0:
         return []
     reach = _PART * float(np.ptp(sparse.points[members], axis=0).max())

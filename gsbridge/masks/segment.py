@@ -20,7 +20,7 @@ from gsbridge.images import read_image_u8, write_image
 from gsbridge.logs import ProgressLog
 from gsbridge.masks import flatness, grabcut, sam2
 from gsbridge.masks.consistency import agreed_hull, disagreements, outline, overlap, shrunk
-from gsbridge.masks.evidence import doubts, lost_parts, lost_points, mended, missed_points, reached
+from gsbridge.masks.evidence import doubts, lost_parts, lost_points, mended, missed_points, reached, surely_placed
 from gsbridge.masks.grabcut import BACK, FRONT, UNSURE_BACK, UNSURE_FRONT, Crop
 from gsbridge.masks.hints import Hints, hinted, read_hints, rows_among
 from gsbridge.masks.prompt import Prompt
@@ -164,7 +164,7 @@ def _grabcut_masks(
         return crop.paste(mask, (view.camera.width, view.camera.height))
 
     hull = rough
-    members = rows_among(sparse.points, prompt.points)
+    members = rows_among(sparse.points, prompt.points) & surely_placed(views, sparse)
     lost = np.zeros(len(members), bool)
     masks: list[Array] = []
     with ThreadPoolExecutor(threads) as pool:

@@ -7,7 +7,7 @@ import pytest
 from solid_scene import around, pot, solid_scene, traced
 
 from gsbridge.cameras import Camera
-from gsbridge.masks.evidence import doubts, lost_parts, lost_points, mended, missed_points, reached
+from gsbridge.masks.evidence import doubts, lost_parts, lost_points, mended, missed_points, reached, surely_placed
 from gsbridge.mesh.hull import build_hull
 from gsbridge.photogrammetry.sparse import SparsePoints, read_points
 
@@ -120,6 +120,15 @@ def test_a_thin_part_that_all_masks_lack_is_said(scene):
     (reason,) = lost_parts(views, masks, with_rod, members)
     assert "in one place" in reason
     assert lost_parts(views, masks, sparse, members_of(sparse)) == []
+
+
+def test_photos_from_one_side_place_no_point_surely(scene):
+    """Their table rises beside the object, and would be taken for it."""
+    views, _, sparse = scene
+    assert surely_placed(views, sparse)[members_of(sparse)].mean() > 0.8
+    arc = sparse.view_index < 5
+    few = replace(sparse, view_index=sparse.view_index[arc], point_index=sparse.point_index[arc])
+    assert not surely_placed(views[:5], few).any()
 
 
 def test_points_beside_the_object_are_not_lost(scene):
