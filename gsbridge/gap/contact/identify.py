@@ -38,7 +38,7 @@ class ThrowRules:
         sure: Probability of being best that a name needs.
         margin: Share of the gap by which all rivals must be behind.
         sigmas: Standard errors by which they must be behind.
-        closure: Share of the gap that a name must close where something remains.
+        closure: Share of the gap, in plain distances, that a name must close where something remains.
         gain: Share of what is left above the floor that a further effect must take away on throws it has not seen.
         most: Effects that are looked for at once.
         draws: Number of draws of the bootstrap over throws.
@@ -251,7 +251,10 @@ class ThrowIdentification:
         remains = p_remaining < rules.alarm
         near = [trial for trial in trials[1:] if self._near(trial, best, before - floor)]
         names: tuple[str, ...] = ()
-        if remains and closure(before, best.score, floor) < rules.closure:
+        gap, left = (float(self.second.gaps(effects).mean()) for effects in ((), best.fit.effects))
+        # How much of the gap closes is told, and judged, in plain distances. Weighed ones tell rivals apart: in them a tenth of
+        # a millimetre in flight counts as much as a centimetre after the body has tumbled.
+        if remains and closure(gap, left, rest.plain) < rules.closure:
             verdict = "none_of_the_known"
         elif near or chances[0] < rules.sure:
             verdict = "ambiguous"
@@ -264,8 +267,7 @@ class ThrowIdentification:
         order = sorted(range(len(trials)), key=lambda k: trials[k].score)
         return ThrowFinding(
             verdict, best, tuple((trials[k], float(chances[k])) for k in order), names, remains, p_value, p_remaining,
-            float(self.second.gaps().mean()), float(self.second.gaps(best.fit.effects).mean()), self._runs(), unseen,
-            floor=rest.plain, weighed=floor, spread=self.spread,
+            gap, left, self._runs(), unseen, floor=rest.plain, weighed=floor, spread=self.spread,
         )  # fmt: skip
 
     def _near(self, trial: ThrowHypothesis, best: ThrowHypothesis, gap: float) -> bool:
