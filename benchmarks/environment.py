@@ -232,7 +232,7 @@ def measure_mirror(folder: Path, severity: int) -> dict[str, Any]:
     hidden = worsened(Hidden.draw(MIRROR_SEED), MIRROR_SEED, Severity.of(severity))
     world = mirror_world(Setting("small_cube", "foam_pad"), hidden, pieces=folder / "pieces")
     world.reset(np.array([0.02, 0.26, 0.3]), 0)
-    begin, times = world.state().tool[0].copy(), []
+    begin, times = world.state().tool_position[0].copy(), []
     for number in range(MIRROR_PICTURES + WARMING):
         sway = 0.03 * np.array([np.sin(0.7 * number), np.cos(0.7 * number), 0.0])
         world.command(begin + sway, 0.1 * np.sin(0.7 * number), 0.08)

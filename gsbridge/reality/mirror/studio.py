@@ -260,8 +260,7 @@ def build_studio(scene: str, sheet: str, threads: int, seed: int) -> Studio:
         truth = Mesh(vertices, np.vstack([truth.faces, shown[0].faces + len(truth.vertices)]))
     if shown is not None:
         content["object"] = _painted_mesh(mi, "object", *shown)
-    # Unoptimised: what Mitsuba merges, it numbers by addresses in memory, and with the order of lights the noise changes.
-    return Studio(mi, mi.load_dict(content, optimize=False), alone, truth)
+    return Studio(mi, mi.load_dict(content), alone, truth)
 
 
 __all__ = ["BACKGROUNDS", "OBJECTS", "SCENES", "Studio", "build_studio", "placed"]

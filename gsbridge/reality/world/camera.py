@@ -137,7 +137,7 @@ class MirrorCamera:
                 "group": {"type": "ref", "id": group},
             }
         self.bodies = tuple(shapes)
-        # Unoptimised, as the films: the order of lights decides where their samples fall.
+        # Unoptimised: what Mitsuba merges, it numbers by addresses, and the order of several lights decides where samples fall.
         self._scene = mi.load_dict(content, optimize=False)
         self._parameters = mi.traverse(self._scene)
         self._parameters.keep([f"body_{name}.to_world" for name in shapes])
