@@ -14,8 +14,8 @@ from gsbridge.reality.world.severity import Severity, worsened
 def photos():
     hidden = worsened(Hidden.draw(WORLD), WORLD, Severity(look=SEVERITY))
     small = pytest.MonkeyPatch()
-    small.setattr(module, "WIDTH", 120)
-    small.setattr(module, "HEIGHT", 90)
+    small.setattr(module, "WIDTH", 160)
+    small.setattr(module, "HEIGHT", 120)
     yield {example.text.split(":")[0]: photo_of(example, hidden, 1, 8, k) for k, example in enumerate(EXAMPLES)}
     small.undo()
 
@@ -26,12 +26,12 @@ def red(picture):
 
 def steps(picture):
     """Mean step of the grey level from pixel to pixel, within the lower half, where the board lies."""
-    grey = picture[45:].mean(-1) / picture[45:].mean()
+    grey = picture[60:].mean(-1) / picture[60:].mean()
     return np.abs(np.diff(grey, axis=1)).mean()
 
 
 def test_each_picture_is_what_its_line_says(photos):
-    assert {picture.shape for picture in photos.values()} == {(90, 120, 3)}
+    assert {picture.shape for picture in photos.values()} == {(120, 160, 3)}
     first = photos["first round"]
     assert red(first) > 20
     assert red(photos["the table alone, from higher and wider"]) == 0

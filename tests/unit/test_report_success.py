@@ -234,8 +234,8 @@ def test_outcomes_add_up_to_the_trials(tmp_path):
     assert table.columns[3:] == ("trials", "failed", *QUADRANT_TITLES, "dropped", "missed plate")
     assert all(sum(map(int, row[5:9])) == int(row[4]) for row in table.rows)
     assert [(*row[:2], row[3], row[4], *row[9:]) for row in table.rows] == [
-        ("small cube on tablecloth", "splats", "64", "3", "3", ""),
-        ("cake on plate", "splats", "32", "7", "", "7"),
+        ("small cube on tablecloth", "splats", "64", "3", "3", "0"),
+        ("cake on plate", "splats", "32", "7", "0", "7"),
         ("all", "", "96", "10", "3", "7"),
     ]
     without = failures_table([row for row in rows if row["outcome"] == "none"])
