@@ -1,9 +1,8 @@
 """The wrist camera: path-traced pictures of the true object, table, plate and robot, through a sensor with noise.
 
-The scene is loaded once. Bodies that move are instances of shape groups, so that a frame changes transforms only. Measured for
-15 bodies with 130k triangles, one thread: new vertices for every shape 145 ms, instances 57 ms, nearly all of it spent on the
-object's 113k triangles, whose search tree Mitsuba builds anew in both ways; at 28k triangles 17 ms. The object is therefore
-meshed at twice the spacing of the films, which is 1.2 mm and below one pixel of a wrist image.
+The scene is loaded once. Bodies that move are instances of shape groups, so that a frame changes transforms only, which takes
+much less time than new vertices for every shape. Most of what is left goes with the object's number of triangles; it is
+therefore meshed at twice the spacing of the films, which stays below one pixel of a wrist image.
 """
 
 from __future__ import annotations
