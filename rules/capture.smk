@@ -6,7 +6,7 @@ rule copy_project_file:
     benchmark:
         "results/benchmarks/copy_project_file/{file}.jsonl"
     wildcard_constraints:
-        file=one_of(PROJECT_FILES),
+        file=one_of(PLAN.project_files),
     localrule: True
     conda:
         "../envs/report.yaml"

@@ -19,7 +19,13 @@ from gsbridge.experiment.evidence import EvidencePlan
 from gsbridge.experiment.gap_benchmark import BenchmarkPlan
 from gsbridge.experiment.loops import JointLoop, PictureLoop, closed_loops
 from gsbridge.experiment.plan import BINDINGS, Experiment
-from gsbridge.experiment.policies import ANY, policy_files, workspace_of
+from gsbridge.experiment.policies import (
+    ANY,
+    policy_files,
+    training_memory,
+    training_minutes,
+    workspace_of,
+)
 from gsbridge.experiment.provenance import provenance, provenances
 from gsbridge.experiment.result_dates import restore_dates
 from gsbridge.experiment.severity_study import SeverityStudy
@@ -50,18 +56,6 @@ FILMED, IN_MIRROR = set(PLAN.films), set(PLAN.in_mirror)
 EDITED = PLAN.edited
 # What a policy is named after in logs; its path has slashes instead.
 POLICY_ITEM = f"{ANY.item}-seed{{seed}}"
-# What jobs read of the project beside its code.
-PROJECT_FILES = {
-    "benchmarks/floors.yaml",
-    "models/nominal.yaml",
-    *(
-        variant["model"]
-        for variant in config["variants"].values()
-        if variant["model"]
-        and not variant["model"].startswith("results/")
-        and not Path(variant["model"]).is_absolute()
-    ),
-}
 # Of jobs that use all there are. Snakemake cuts it to the cores of the machine; a cluster is asked for as many, whatever the
 # machine has on which the run was started.
 MANY_THREADS = 8
@@ -260,7 +254,7 @@ def simulated_world(item, background, model=None):
         "photometry": "results/workspace/photometry.json",
         "item": f"results/scenes/{item}/asset/asset.json",
         "background": f"results/scenes/{background}/asset/asset.json",
-        "model": project_file(model) if model in PROJECT_FILES else model,
+        "model": project_file(model) if model in PLAN.project_files else model,
         "kernels": ancient("results/.state/compile_kernels.done"),
     }
 
@@ -297,18 +291,6 @@ def policy_settings(wildcards):
     return {**settings(f"{wildcards.task}_policy"), **variant_of(wildcards)["policy"]}
 
 
-def policy_memory(wildcards):
-    """Memory of a training, MB: libraries and pictures in use, the replay, and each further environment."""
-    chosen = policy_settings(wildcards)
-    replay = 3e-6 * chosen["replay_capacity"] * chosen["image_size"] ** 2
-    return round(2350 + replay + 400 * (chosen["environments"] - 1))
-
-
-def policy_minutes(wildcards):
-    """Time limit of a training, minutes: with room for slow machines."""
-    return max(60, round(policy_settings(wildcards)["steps"] / 100))
-
-
 def policy_state(wildcards):
     """Where a training keeps its checkpoint."""
     key = policy_settings(wildcards), variant_of(wildcards)
@@ -324,16 +306,9 @@ def world_settings(wildcards):
 
 
 def trial_registration(wildcards):
-    """Where arm and table are believed to stand in a world of the mirror: as registered there where it has a severity."""
-    variant = config["variants"][wildcards.get("variant", "default")]
-    home = workspace_of(variant)["registration"]
-    severe = PLAN.severity(wildcards.world) != (0, 0)
-    filmed = "mirror" in config["workspace"]["source"]
-    return (
-        f"results/workspace/worlds/{wildcards.world}/registration.json"
-        if severe and filmed
-        else home
-    )
+    """Where arm and table are believed to stand in a world of the mirror."""
+    variant = wildcards.get("variant", "default")
+    return PLAN.trial_registration(wildcards.world, variant)
 
 
 def trial_state(world, wildcards, input):

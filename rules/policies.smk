@@ -23,8 +23,8 @@ rule train_policy:
     # One per environment that is played in at a time.
     threads: lambda wildcards: policy_settings(wildcards)["environments"]
     resources:
-        mem_mb=policy_memory,
-        runtime=policy_minutes,
+        mem_mb=lambda wildcards: training_memory(policy_settings(wildcards)),
+        runtime=lambda wildcards: training_minutes(policy_settings(wildcards)),
         gpu=lambda wildcards: int(policy_settings(wildcards)["device"] == "cuda"),
     params:
         code=script_digest("train_policy"),

@@ -12,11 +12,10 @@ from typing import Any
 from gsbridge.configuration.checks import check_capture
 from gsbridge.errors import InputError
 from gsbridge.experiment.capture_files import capture_files, content_digests
-from gsbridge.experiment.policies import PolicyFiles
+from gsbridge.experiment.policies import PolicyFiles, workspace_of
 
 BINDINGS = ("games", "soft", "refined", "unbound", "games_vertices")
-"""The first three are what recordings show."""
-"""Ways in which splats hold on to a mesh."""
+"""Ways in which splats hold on to a mesh; recordings show the first three."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +40,13 @@ class Experiment:
     def settings(self, section: str) -> dict[str, Any]:
         """Settings of one stage: the section of the configuration, overridden by the preset."""
         return {**self.config[section], **self.preset.get(section, {})}
+
+    @cached_property
+    def project_files(self) -> set[str]:
+        """What jobs read of the project beside its code: the floors, the nominal model, and models that variants name."""
+        models = {variant["model"] for variant in self.config["variants"].values()} - {None}
+        given = {model for model in models if not model.startswith("results/") and not Path(model).is_absolute()}
+        return {"benchmarks/floors.yaml", "models/nominal.yaml", *given}
 
     # Scenes
 
@@ -233,6 +239,13 @@ class Experiment:
         """Severity of look and of physics of a configured world; none of any other."""
         given = self.config["worlds"].get(world, {"severity": 0})["severity"]
         return (given["look"], given["physics"]) if isinstance(given, dict) else (given, given)
+
+    def trial_registration(self, world: str, variant: str) -> str:
+        """File that says where trials believe arm and table to stand: as registered in the world itself, if it is severe."""
+        severe = self.severity(world) != (0, 0)
+        if severe and "mirror" in self.config["workspace"]["source"]:
+            return f"results/workspace/worlds/{world}/registration.json"
+        return workspace_of(self.config["variants"][variant])["registration"]
 
     # Trainings of splats
 

@@ -89,6 +89,17 @@ def workspace_of(variant: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
+def training_memory(settings: Mapping[str, Any]) -> int:
+    """Memory of a training, MB: libraries and pictures in use, the replay, and each further environment."""
+    replay = 3e-6 * settings["replay_capacity"] * settings["image_size"] ** 2
+    return round(2350 + replay + 400 * (settings["environments"] - 1))
+
+
+def training_minutes(settings: Mapping[str, Any]) -> int:
+    """Time limit of a training, minutes: with room for slow machines."""
+    return max(60, round(settings["steps"] / 100))
+
+
 ANY = PolicyFiles("{task}", "{object}", "{background}", "{renderer}", "{variant}")
 """Any policy: its paths are patterns, whose wildcards are named in braces."""
 

@@ -12,7 +12,7 @@ import pytest
 from gsbridge.errors import InputError
 from gsbridge.experiment.loops import JointLoop, PictureLoop, closed_loops
 from gsbridge.experiment.plan import Experiment
-from gsbridge.experiment.policies import ANY, PolicyFiles, policy_files
+from gsbridge.experiment.policies import ANY, PolicyFiles, policy_files, training_memory, training_minutes
 from gsbridge.experiment.result_dates import restore_dates
 from gsbridge.experiment.tables import Tables
 
@@ -111,6 +111,33 @@ def test_examples_that_are_not_here_are_left_out(plan):
     assert plan.preset_pairs == ["cube+pad"]
     assert plan.edited == "cube"
     assert plan.settings("trials") == {"policies": 2, "worlds": ["mirror", "mirror_2"]}
+
+
+def test_jobs_read_the_models_of_the_project_that_variants_name(plan, config):
+    assert plan.project_files == {"benchmarks/floors.yaml", "models/nominal.yaml", "x.yaml"}
+    config["variants"]["other"]["model"] = "/elsewhere/x.yaml"
+    assert "x.yaml" in plan.project_files, "it is looked up once"
+    assert Experiment(config, plan.root, plan.working).project_files == {"benchmarks/floors.yaml", "models/nominal.yaml"}
+
+
+def test_trials_start_where_the_arm_is_believed_to_stand(plan, config):
+    unmoved = {"registered_in": None, "calibrated_in": None}
+    config["variants"] = {"default": unmoved, "after": {**unmoved, "registered_in": "late"}}
+    config["worlds"] = {"late": {"severity": 0}, "lab": {"severity": {"look": 0, "physics": 2}}}
+    config["workspace"] = {"source": {"mirror": {}}}
+    assert plan.trial_registration("late", "default") == "results/workspace/registration.json"
+    assert plan.trial_registration("late", "after") == "results/workspace/worlds/late/registration.json"
+    assert plan.trial_registration("lab", "after") == "results/workspace/worlds/lab/registration.json"
+    config["workspace"] = {"source": {"capture": "board"}}
+    assert plan.trial_registration("lab", "default") == "results/workspace/registration.json"
+
+
+def test_a_training_asks_for_memory_as_its_replay_grows():
+    small = {"replay_capacity": 10_000, "image_size": 64, "environments": 1, "steps": 3000}
+    assert training_memory(small) == round(2350 + 10_000 * 64 * 64 * 3 / 1e6)
+    assert training_memory({**small, "environments": 3}) == training_memory(small) + 800
+    assert training_minutes(small) == 60
+    assert training_minutes({**small, "steps": 12_000}) == 120
 
 
 def test_captures_are_named_as_they_may_be_moved(plan, tmp_path):
