@@ -99,6 +99,7 @@ results: $(INSTALLED)
 results-page: $(INSTALLED)
 	$(SNAKEMAKE) --allowed-rules write_results_page --forcerun write_results_page --config "areas=[$(RECORDED)]" -- benchmarks/RESULTS.md
 	$(BIN)/python -m benchmarks.readme
+	$(BIN)/python -m benchmarks.floor_history
 
 # Two at a time: each alone leaves a core idle for minutes. The toy's way to its policy is the longest; the captures give way to it.
 test: lint
