@@ -24,8 +24,8 @@ RELIEF_URDF = "relief.urdf"
 """Name of the relief's description in the folder of the asset's hulls."""
 
 COLLISION_FACES = 800
-"""Triangles of the body. The time of contacts grows with them: with the several thousand of a reconstruction, physics of an object
-on a plate takes longer than the control step that it simulates; with these, the surface moves by a fraction of a millimetre."""
+"""Triangles of the body. The time of contacts grows with them: with the several thousand of a reconstruction, physics of an
+object on a plate takes longer than the control step that it simulates; these change its surface by less than a millimetre."""
 
 _DISC = np.array([[r * np.cos(a), r * np.sin(a)] for r in (0.2, 0.6, 1.0) for a in np.arange(8) * np.pi / 4])
 _INNER = 0.5

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from browser import BROWSER, check
+from recording_file import read_recording
 
 from gsbridge.cameras import Camera
 from gsbridge.effects.images import IMAGE_EFFECTS
@@ -35,7 +36,6 @@ from gsbridge.report.gap.page import CaseFiles, write_gap_report
 from gsbridge.report.gap.picture_page import write_sight_report
 from gsbridge.report.gap.rows import gap_row
 from gsbridge.report.recordings.gap import record_gap
-from gsbridge.report.recordings.recording import read_recording
 from gsbridge.sim.model import read_model
 
 SPIN = {"wr": 0.8, "wb": -0.6, "x": 0.6, "y": 0.8, "z": 0.0, "a": 0.0, "b": 0.0, "c": 1.0}

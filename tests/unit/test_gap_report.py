@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from browser import check, needs_browser
 from gap_files import findings, write_case
+from recording_file import read_recording
 from scipy import stats
 
 from gsbridge.effects.joints import JOINT_EFFECTS
@@ -16,7 +17,6 @@ from gsbridge.report.gap.page import CaseFiles, write_gap_report
 from gsbridge.report.gap.rows import COLUMNS, write_gap_rows
 from gsbridge.report.gap.text import effect_title, explanation_title, most, next_steps
 from gsbridge.report.recordings.gap import enlargement, lines, place_joints, record_gap
-from gsbridge.report.recordings.recording import read_recording
 from gsbridge.report.tables.rows import read_rows
 
 

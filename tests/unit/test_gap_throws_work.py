@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
+from recording_file import read_recording
 from scipy.spatial.transform import Rotation
 
 from gsbridge.errors import InputError
@@ -31,7 +32,6 @@ from gsbridge.report.gap.page import CaseFiles, write_gap_report
 from gsbridge.report.gap.rows import gap_row
 from gsbridge.report.recordings.gap import record_gap
 from gsbridge.report.recordings.gap_throws import solid
-from gsbridge.report.recordings.recording import read_recording
 
 ROLES = ("fit", "select", "verify")
 MODEL = {"box": [0.1, 0.1, 0.1], "mass": 0.4, "controller": {"mode": "body"}, "contact": {"friction": 0.5}}

@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 from image_scene import CAMERA, dots, scene, track
+from photographer import Photographer
 
 from gsbridge.cameras import Camera, look_at
 from gsbridge.effects.images import IMAGE_EFFECTS, base
 from gsbridge.effects.images.camera_pipeline import Shooting
 from gsbridge.errors import InputError
 from gsbridge.images import linear_from_srgb, srgb_from_linear
-from gsbridge.scene.photograph import Photographer, softened, with_noise
+from gsbridge.scene.photograph import softened, with_noise
 from gsbridge.scene.track import Track
 
 NAMES = (

@@ -7,10 +7,10 @@ import numpy as np
 import pycolmap
 import pytest
 import trimesh
+from recording_file import read_recording
 
 from gsbridge.asset.stage import AssetInputs, AssetOutputs, build_asset
 from gsbridge.cameras import Camera, View, look_at, write_views
-from gsbridge.errors import InputError
 from gsbridge.files import write_json
 from gsbridge.images import write_image
 from gsbridge.meshes import Mesh, write_mesh
@@ -20,7 +20,6 @@ from gsbridge.report.recordings.asset import record_asset
 from gsbridge.report.recordings.capture import record_capture
 from gsbridge.report.recordings.masks import record_masks
 from gsbridge.report.recordings.mesh import record_mesh
-from gsbridge.report.recordings.recording import read_recording
 from gsbridge.report.recordings.sfm import record_sfm
 from gsbridge.report.recordings.splats import record_splats
 from gsbridge.splats.cloud import Cloud
@@ -189,14 +188,6 @@ def test_splats_keep_shape_order_and_opacity(scene: Path) -> None:
     assert [value.as_py() for value in found["/curve/psnr"]["components"]["Scalars:scalars"]] == [[20.0], [25.0]]
     assert all(found[f"/pictures/{name}"]["static"] for name in ("0000", "0001"))
     assert "step" in found["/curve/loss"]["timelines"]
-
-
-def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "bad.rrd").write_bytes(b"no recording")
-    with pytest.raises(InputError, match="cannot be read"):
-        read_recording(tmp_path / "bad.rrd")
-    with pytest.raises(InputError, match="does not exist"):
-        read_recording(tmp_path / "missing.rrd")
 
 
 def test_sfm_shows_points_and_cameras_of_the_model(scene: Path) -> None:

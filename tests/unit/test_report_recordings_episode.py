@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from recording_file import read_recording
 from robot_fixture import kinematics, robot
 
 from gsbridge.errors import InputError
@@ -11,7 +12,6 @@ from gsbridge.geometry import rotation_from_quat
 from gsbridge.images import write_image
 from gsbridge.report.recordings import episode as module
 from gsbridge.report.recordings.episode import EpisodeFiles, record_episode
-from gsbridge.report.recordings.recording import read_recording
 from gsbridge.splats.cloud import Cloud
 from gsbridge.tasks.episode import Episode, write_episode
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from recording_file import read_recording
 from trial_files import write_trials
 
 from gsbridge.report.figures.paired_trials import failures_first, read_starts
 from gsbridge.report.recordings import trials as module
-from gsbridge.report.recordings.recording import read_recording
 from gsbridge.report.recordings.trials import hand_lines, record_trials
 from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.splats.cloud import Cloud

@@ -3,11 +3,11 @@
 import sys
 
 import pytest
+from recording_file import read_recording
 
 from gsbridge.errors import InputError
 from gsbridge.files import write_stage
 from gsbridge.policy.curve import COLUMNS, write_curve
-from gsbridge.report.recordings.recording import read_recording
 from gsbridge.report.recordings.tensorboard import write_events
 from gsbridge.report.recordings.training import GROUPS, read_curve, record_training
 

@@ -1,4 +1,4 @@
-"""Opening, closing and reading back of rerun recordings, and what several stages log."""
+"""Opening and closing of rerun recordings, and what several stages log."""
 
 from __future__ import annotations
 
@@ -11,10 +11,8 @@ import cv2
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from rerun.chunk import RrdReader
 
 from gsbridge.cameras import Camera, View
-from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8
@@ -62,39 +60,6 @@ def figures_text(record: Mapping[str, Any], names: Sequence[str]) -> str:
         if value is not None:
             lines.append(f"| {name} | {f'{value:.4g}' if isinstance(value, float) else value} |")
     return "\n".join(lines)
-
-
-def read_recording(path: str | Path) -> dict[str, dict[str, Any]]:
-    """Read back what a recording holds.
-
-    Args:
-        path: The `.rrd`.
-
-    Returns:
-        For each entity path: `rows` (logged rows), `timelines` (names), `static` (True if some of it is timeless), and
-        `components` ({component: list of values of all rows, in the order of the file}).
-
-    Raises:
-        InputError: The file is missing or no recording.
-    """
-    if not Path(path).is_file():
-        raise InputError(path, "the recording does not exist", "Run the rule that records this stage")
-    try:
-        chunks = RrdReader(str(path)).stream().to_chunks()
-    except (ValueError, RuntimeError, OSError) as error:
-        raise InputError(path, f"the recording cannot be read ({error})", "Delete it and record the stage again") from error
-    out: dict[str, dict[str, Any]] = {}
-    for chunk in chunks:
-        found = out.setdefault(str(chunk.entity_path), {"rows": 0, "timelines": set(), "static": False, "components": {}})
-        found["rows"] += chunk.num_rows
-        found["timelines"] |= set(chunk.timeline_names)
-        found["static"] |= chunk.is_static
-        batch = chunk.to_record_batch()
-        for field, column in zip(batch.schema, batch.columns, strict=True):
-            kind = (field.metadata or {}).get(b"rerun:kind", b"")
-            if kind not in (b"control", b"index"):
-                found["components"].setdefault(field.name, []).extend(value for value in column if value.is_valid)
-    return out
 
 
 def log_scene_axes(stream: rr.RecordingStream, length: float, entity: str = "table/axes") -> None:
