@@ -84,7 +84,13 @@ def run_arm(
     commands, sensors = Commands(system, hidden, wanted, PERIOD), Sensors(system, hidden, duration)
     drive, loads, rubs = Drive(system, hidden, PERIOD / parts), Loads(system, hidden, duration), Rubs(system, hidden)
     engine.begin(sensors.place(wanted))
-    out, places = np.empty((3, steps, count)), np.empty((steps, 3))
+    out, places = np.empty((3, steps, count)), np.full((steps, 3), np.nan)
+    grid = np.arange(steps) * PERIOD
+    # A clock that is late, or that loses time: a sample's stamp is not when it was taken.
+    late = hidden.get("clock_offset", 0.0) + hidden.get("clock_drift", 0.0) * times
+    # The tool's place costs more than a step, and is wanted beside the samples only.
+    beside = np.searchsorted(grid, times - late)[:, None] + np.arange(-1, 2)
+    placed = set(np.clip(beside, 0, steps - 1).ravel().tolist())
     for number in range(steps):
         time = number * PERIOD
         wanted = commands(np.asarray(course(max(time - commands.dead, 0.0)), dtype=np.float64))
@@ -92,7 +98,9 @@ def run_arm(
         seen, rate = sensors(q, v, time)
         asked = stiff * (wanted - seen) - damp * rate
         asked = np.clip(asked + share * engine.weight(seen) if share else asked, -limit, limit)
-        out[:, number], places[number] = (seen, rate, asked), engine.place()
+        out[:, number] = seen, rate, asked
+        if number in placed:
+            places[number] = engine.place()
         dry = rubs(q, v, time, asked)
         if "touch_for" in hidden:
             engine.touch(_push(hidden, time))
@@ -103,9 +111,6 @@ def run_arm(
             q, v = engine.state()
             given = drive(asked) if drive.acts else asked
             engine.advance(given, loads(q, v, time + part * PERIOD / parts, given), dry, engine.steps // parts)
-    grid = np.arange(steps) * PERIOD
-    # A clock that is late, or that loses time: a sample's stamp is not when it was taken.
-    late = hidden.get("clock_offset", 0.0) + hidden.get("clock_drift", 0.0) * times
     shift = {"position": late, "velocity": late, "effort": 0.0, "tool": late}
     return {
         kind: np.stack([np.interp(times - shift[kind], grid, column) for column in values.T], axis=1)

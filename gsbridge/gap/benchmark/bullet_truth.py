@@ -60,6 +60,7 @@ class _BulletArm:
         self._gravity = [np.sin(lean) * strength, 0.0, -np.cos(lean) * strength]
         self._clients: list[BulletClient] = []
         self._force = np.zeros(3)
+        self._sprung, self._touched = bool(self._spring.any()), False
 
     def __enter__(self) -> _BulletArm:
         bodies = dict(self._skeleton.inertials)
@@ -116,18 +117,21 @@ class _BulletArm:
     def advance(self, asked: Array, extra: Array, dry: Array | None, steps: int) -> None:
         if dry is not None:
             self._velocity_motors(self._rub + dry)
+        # The client looks a function up anew whenever it is named.
+        drive, step, mode = self._world.setJointMotorControlArray, self._world.stepSimulation, self._world.TORQUE_CONTROL
+        torque = self._gain * asked + extra
+        forces = torque.tolist()
         for _ in range(steps):
-            torque = self._gain * asked + extra
-            if self._spring.any():
-                torque = torque - self._spring * self.state()[0]
-            self._world.setJointMotorControlArray(self._body, self._columns, self._world.TORQUE_CONTROL, forces=torque.tolist())
-            if self._force.any():
+            if self._sprung:
+                forces = (torque - self._spring * self.state()[0]).tolist()
+            drive(self._body, self._columns, mode, forces=forces)
+            if self._touched:
                 # PyBullet forgets forces after every step.
                 place = self._world.getLinkState(self._body, self._columns[-1])[0]
                 self._world.applyExternalForce(
                     self._body, self._columns[-1], self._force.tolist(), place, self._world.WORLD_FRAME
                 )
-            self._world.stepSimulation()
+            step()
 
     def place(self) -> Array:
         for number, value in zip(self._columns, self.state()[0], strict=True):
@@ -135,7 +139,7 @@ class _BulletArm:
         return np.array(self._brain.getLinkState(self._brain_body, self._columns[-1], computeForwardKinematics=1)[4])
 
     def touch(self, force: Array) -> None:
-        self._force = force
+        self._force, self._touched = force, bool(force.any())
 
     def weight(self, q: Array) -> Array:
         zero = [0.0] * len(q)
