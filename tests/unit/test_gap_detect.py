@@ -1,5 +1,7 @@
 """Alarms: calibrated on replicates, not raised by noise of another colour, and the noise's own size."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +11,9 @@ from scipy.signal import lfilter
 from gsbridge.gap.benchmark.generate import draw_case
 from gsbridge.gap.benchmark.mechanisms import axis_plant
 from gsbridge.gap.benchmark.noises import NOISES, spoiled
+from gsbridge.gap.benchmark.trajectories import course
 from gsbridge.gap.diagnosis.verdict import transfer
+from gsbridge.gap.formats.records import Record, quantum_of
 from gsbridge.gap.joints.coherence import _pairs, coherence_p, line_p
 from gsbridge.gap.joints.detect import block_means, joint_null
 from gsbridge.gap.joints.mechanism.replay import Mechanism
@@ -134,3 +138,42 @@ def test_spoiled_noise_has_the_stated_size(kind):
     np.testing.assert_allclose(noise.std(axis=0), wanted, rtol=0.08)
     neighbours = np.corrcoef(noise[1:, 0], noise[:-1, 0])[0, 1]
     assert (neighbours > 0.3) == (kind == "coloured")
+
+
+def sparse(plant, rate, hidden, seed, rounding=0.0):
+    """Records of an axis whose commands run smoothly, logged a few times a second, perhaps by an encoder with a step."""
+    rng, times = np.random.default_rng(seed), np.arange(round(8.0 * rate)) / rate
+    wanted = course("multisine", plant.centre, plant.reach, 8.0, np.random.default_rng(5))
+    moved = plant.truth(wanted, 8.0, times, hidden)
+    measured = {kind: moved[kind] + rng.normal(0.0, 1.0, moved[kind].shape) * plant.noise[kind] for kind in ("position",)}
+    if rounding:
+        measured = {"position": rounding * np.round(moved["position"] / rounding)}
+    sent = np.array([wanted(time) for time in times])
+    quantum = {kind: quantum_of(values) for kind, values in measured.items()}
+    return Record("sparse", times, plant.joints, {"command": sent}, measured, quantum=quantum)
+
+
+def test_commands_that_ran_on_between_their_samples_raise_no_alarm(tmp_path):
+    system, plant = axis_plant(tmp_path)
+    mechanism, rng = Mechanism(system), np.random.default_rng(0)
+    for seed in range(3):
+        view = JointResiduals.of(mechanism, sparse(plant, 25.0, {}, seed))
+        assert joint_null(view, rng).p_value(view.residual()) >= 0.01
+        # What the model lacks shows none the less.
+        view = JointResiduals.of(mechanism, sparse(plant, 25.0, {"coulomb": 0.5}, seed))
+        assert joint_null(view, rng).p_value(view.residual()) < 0.01
+    held = Mechanism(replace(system, controller=replace(system.controller, between="hold")))
+    assert not JointResiduals.of(held, sparse(plant, 25.0, {}, 0)).frame.curving.any()
+
+
+def test_what_an_encoder_rounds_asks_for_no_explanation(tmp_path):
+    system, plant = axis_plant(tmp_path)
+    view = JointResiduals.of(Mechanism(system), sparse(plant, 50.0, {}, 0, rounding=2e-3))
+    assert view.tolerance() == pytest.approx(2e-3 / np.sqrt(12) / view.sigma)
+    # Where noise exceeds the step it makes the rounding one more noise.
+    record = view.record
+    noisy = record.measured["position"] + np.random.default_rng(1).normal(0.0, 5e-3, record.measured["position"].shape)
+    noisy = 2e-3 * np.round(noisy / 2e-3)
+    other = replace(record, measured={"position": noisy}, quantum={"position": quantum_of(noisy)})
+    assert other.quantum["position"] == pytest.approx(2e-3)
+    assert JointResiduals.of(view.mechanism, other).tolerance() == pytest.approx(0.0)

@@ -14,6 +14,7 @@ from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import read_names
 from gsbridge.errors import InputError
 from gsbridge.gap.diagnosis.results import ROLES
+from gsbridge.gap.formats.clock import steadied
 from gsbridge.gap.formats.following import check_following
 from gsbridge.gap.formats.logs import read_log
 from gsbridge.gap.formats.records import SHORTEST, TOOL, Layout, Record, check_degrees, doubtful_degrees
@@ -84,18 +85,25 @@ def _joint_case(path: Path) -> JointCase:
         system.sliding,
     )
     names = read_names(content.get("effects"), path, JOINT_EFFECTS, BODY_EFFECTS)
-    records = {}
+    records, scattered = dict[str, Record](), dict[str, float]()
     for role, file in content["records"].items():
         if role not in ROLES:
             raise InputError(path, f"the record '{role}' has no role", f"Name records {', '.join(ROLES)}")
-        records[role] = _check(read_log(path.parent / file, layout), system, path.parent / file, content)
+        records[role], scatters = steadied(_check(read_log(path.parent / file, layout), system, path.parent / file, content))
+        scattered |= {} if scatters is None else {role: scatters}
+    if scattered:
+        rates = ", ".join(f"{1.0 / records[role].period:.3g} Hz in '{role}'" for role in scattered)
+        reasons.append(
+            f"time stamps scatter by {1e3 * max(scattered.values()):.2g} ms about a steady clock ({rates}), by which the "
+            "motion is much smoother: its times were taken"
+        )
     reasons += _repeated(records)
     scatter: dict[str, Array] = {}
     for role, files in (content.get("repeats") or {}).items():
         if role not in records:
             raise InputError(path, f"there are repeats of '{role}', but no such record", f"Name it: {', '.join(records)}")
         for file in files if isinstance(files, list) else [files]:
-            again = _check(read_log(path.parent / file, layout), system, path.parent / file, content)
+            again = steadied(_check(read_log(path.parent / file, layout), system, path.parent / file, content))[0]
             for kind, values in _scatter(records[role], again, path.parent / file).items():
                 scatter[kind] = np.maximum(scatter.get(kind, 0.0), values)
     for role, record in records.items():

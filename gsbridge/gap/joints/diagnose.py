@@ -17,6 +17,7 @@ from gsbridge.gap.diagnosis.results import ROLES, EffectFit, Finding, Rules, Ver
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.account import account_of
 from gsbridge.gap.joints.bank import SignatureBank, signature_bank
+from gsbridge.gap.joints.between import other_way
 from gsbridge.gap.joints.candidates import candidates
 from gsbridge.gap.joints.detect import joint_null
 from gsbridge.gap.joints.identify import JointIdentification
@@ -71,6 +72,10 @@ def diagnose_joints(
     logger.info("%d candidates, %d signatures", len(who), len(bank.signatures))
     search = JointIdentification(first, second, bank, who, rules, seed)
     finding, verification = search.run(), None
+    other = None if finding.best is None else other_way((first, second))
+    if other is not None and finding.verdict in ("named", "ambiguous") and other.rivals(finding):
+        # Not a fault of the mechanism, perhaps, but of what the model says about the log.
+        finding = finding.refuted()
     if finding.best is not None:
         effects = finding.best.fit.effects
         verification = verify(third, effects, np.random.default_rng(seed))
@@ -87,6 +92,8 @@ def diagnose_joints(
     floor = {second.record.label(kind, k): float(s) for (kind, k), s in zip(second.channels, second.sigma, strict=True)}
     further = mechanism.runs - made - mechanism.shared - named
     warnings = _warnings(finding, bank, any(record.sigma or record.tolerance for record in records.values()))
+    if other is not None and other.better:
+        warnings = (other.sentence, *warnings)
     seconds = time.perf_counter() - begin
     return Diagnosis(
         finding, verification, floor, bank.runs, named, seconds, account=account, warnings=warnings, account_runs=further

@@ -1,4 +1,5 @@
-"""A record seen through a mechanism: residuals in units of the noise, less what the unknown initial state explains."""
+"""A record seen through a mechanism: residuals in units of the noise, less what the unknown initial state explains, and the
+unknown way of the commands between two samples."""
 
 from __future__ import annotations
 
@@ -30,6 +31,12 @@ _BROKEN = 1e3
 
 _RICHARDSON = FINE / (FINE - 1)
 """Multiple of what the finer step changes that a vanishing step would change: the scheme's error is of first order."""
+
+_SEEN = 0.1
+"""Length, in units of the noise, below which it does not matter how commands go on between their samples."""
+
+_ROUNDED = 0.5
+"""Error of rounding, in units of all noise, from which on rounding makes most of it."""
 
 _KEPT = 128
 """Replays kept in memory: fits, their checks and bootstraps ask for some of them again."""
@@ -168,13 +175,21 @@ class JointResiduals:
             block = np.stack([np.nan_to_num(column[first:end]).ravel() for column in columns], axis=1)
             left, values, _ = np.linalg.svd(block / np.maximum(np.linalg.norm(block, axis=0), 1e-12), full_matrices=False)
             self._basis.append(left[:, values > 1e-6])
+        self._curve, self._less = np.zeros((len(self.record.time), len(self.channels))), 0.0
+        curve = self.project(np.nan_to_num(self._columns(self.frame.curving)) / self.sigma)
+        size = float(np.linalg.norm(curve))
+        if size > _SEEN:
+            # As if the commands' way between two samples were known to one such change.
+            self._curve, self._less = curve / size, 1.0 - 1.0 / float(np.hypot(1.0, size))
 
     def project(self, whitened: Array) -> Array:
-        """Take out what the initial states explain. [T, C] -> [T, C]."""
+        """Take out what the initial states explain, and what commands may do between their samples. [T, C] -> [T, C]."""
         out = np.zeros_like(whitened)
         for (first, end), basis in zip(self.spans, self._basis, strict=True):
             part = whitened[first:end].ravel()
             out[first:end] = (part - basis @ (basis.T @ part)).reshape(end - first, -1)
+        if self._less:
+            out -= self._less * float((self._curve * out).sum()) * self._curve
         return out
 
     def whiten(self, difference: Array) -> Array:
@@ -186,12 +201,23 @@ class JointResiduals:
         """Measured less simulated, in units of the noise. [T, C]."""
         return self.whiten(self._raw(self.replay(effects)))
 
+    def residual_of(self, other: Mechanism) -> Array:
+        """Measured less what another model of the mechanism does without effects, in units of the noise. [T, C]."""
+        moved = other.run(self.record, apply_effects(other, ()), self.spans, self.states)
+        return self.whiten(self._raw(self.stack(moved) + self._fine))
+
     def tolerance(self) -> Array:
-        """Slow deviations that nobody asks to be explained, in units of the noise: as stated, or the encoder's step. [C]."""
+        """Slow deviations that nobody asks to be explained, in units of the noise: as stated, or an encoder's rounding. [C].
+
+        Of a joint that rests, or creeps, an encoder rounds many samples alike; where noise exceeds its step, it does not.
+        """
         out = np.zeros(len(self.channels))
         for column, (kind, k) in enumerate(self.channels):
             if kind in self.record.tolerance:
                 out[column] = self.record.tolerance[kind][k] / self.sigma[column]
+            rounding = self.record.quantum[kind][k] / np.sqrt(12) / self.sigma[column] if kind in self.record.quantum else 0.0
+            if rounding > _ROUNDED:
+                out[column] = max(out[column], rounding)
         return out
 
     def stepping(self) -> Array:

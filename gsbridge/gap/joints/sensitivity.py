@@ -8,8 +8,10 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from gsbridge.digests import code_digest
 from gsbridge.files import atomic_file
@@ -22,6 +24,9 @@ KINDS = ("position", "velocity", "effort", TOOL)
 
 FINE = 4
 """Factor by which the step is divided to see what it does."""
+
+_PARTS = 8
+"""Parts of the time between two logged commands in which a curve through them is followed."""
 
 _ANGLE, _SPEED = 1e-4, 1e-3
 """Changes of the initial state, rad and rad/s."""
@@ -36,11 +41,14 @@ class Sensitivity:
             at least three columns, and what is not there is not-a-number.
         stepping: What a finer step changes: engines differ by about as much, each taking speeds or positions of the begin or
             the end of a step. [T, kinds, N].
+        curving: What it changes if commands that the model joins by lines ran along a curve through them: they may have been
+            sent more often than they were logged. Zero where they are held. [T, kinds, N].
         made: Simulations spent on it now; 0 where it was read.
     """
 
     nudges: Array
     stepping: Array
+    curving: Array
     made: int
 
 
@@ -92,15 +100,17 @@ def sensitivity_of(
     if path.exists():
         try:
             with np.load(path) as data:
-                return Sensitivity(data["nudges"], data["stepping"], 0)
+                return Sensitivity(data["nudges"], data["stepping"], data["curving"], 0)
         except (OSError, ValueError, KeyError, zipfile.BadZipFile):
             path.unlink()
     frame = _make(mechanism, record, spans, states)
     mechanism.shared += frame.made
     # The precision of a fresh frame is that of one read again, so that findings do not depend on which it was.
-    frame = replace(frame, nudges=frame.nudges.astype(np.float32), stepping=frame.stepping.astype(np.float32))
+    names = ("nudges", "stepping", "curving")
+    arrays: dict[str, Any] = {name: getattr(frame, name).astype(np.float32) for name in names}
+    frame = replace(frame, **arrays)
     with atomic_file(path) as temporary, open(temporary, "wb") as stream:
-        np.savez_compressed(stream, nudges=frame.nudges, stepping=frame.stepping)
+        np.savez_compressed(stream, **arrays)
     return frame
 
 
@@ -130,4 +140,16 @@ def _make(mechanism: Mechanism, record: Record, spans: Sequence[Span], states: l
     fine = Mechanism(replace(mechanism.system, physics_rate=FINE * mechanism.system.physics_rate))
     stepping = run(fine, states) - plain
     mechanism.runs += fine.runs
-    return Sensitivity(np.stack(nudges), stepping, mechanism.runs - begin)
+    curving = np.zeros_like(plain)
+    if mechanism.system.controller.between == "line" and record.commands:
+        followed = mechanism.run(_followed(record), setup, [(_PARTS * a, _PARTS * (b - 1) + 1) for a, b in spans], states)
+        curving = _laid(followed)[::_PARTS] - plain
+    return Sensitivity(np.stack(nudges), stepping, curving, mechanism.runs - begin)
+
+
+def _followed(record: Record) -> Record:
+    """A record whose commands run along a cubic spline through those that were logged."""
+    time, share = record.time, np.arange(_PARTS) / _PARTS
+    dense = np.append((time[:-1, None] + np.diff(time)[:, None] * share).ravel(), time[-1])
+    commands = {kind: CubicSpline(time, values)(dense) for kind, values in record.commands.items()}
+    return replace(record, time=dense, commands=commands)

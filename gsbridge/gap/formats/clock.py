@@ -1,0 +1,84 @@
+"""Stamps that scatter about a clock that does not: a logger that stamps what it reads late, now more, now less."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gsbridge.gap.formats.records import Record
+from gsbridge.geometry import Array
+
+_RAGGED = 0.03
+"""Scatter of stamps about a steady clock, in shares of its period, from which on it is asked which of the two is right."""
+
+_SMOOTHER = 0.7
+"""Roughness of the motion by a steady clock, in shares of that by the stamps, up to which the steady clock is taken."""
+
+_ASTRAY = 0.06
+"""By how much the median time between samples may miss a steady clock's period, as a share of it."""
+
+_FIRST = 4000
+"""Samples from which a clock's period is told first; it is made surer by twice as many, until all have told."""
+
+
+def steadied(record: Record) -> tuple[Record, float | None]:
+    """A record on a steady clock, where its stamps scatter about one and the motion is much smoother by it.
+
+    Samples may be missing: each keeps its place on the clock. Where the motion says nothing, or sampling was as uneven as the
+    stamps say, the record stays as it is.
+
+    Args:
+        record: As logged.
+
+    Returns:
+        The record, and by how much its stamps scattered about the clock, s; None where it was left alone.
+    """
+    steady = _steady_clock(record.time)
+    if steady is None:
+        return record, None
+    moved = [record.measured[kind] for kind in ("position", "tool") if kind in record.measured]
+    rough = [sum(_roughness(clock, values) for values in moved) for clock in (record.time, steady)]
+    if not rough[1] < _SMOOTHER * rough[0]:
+        return record, None
+    return replace(record, time=steady - steady[0]), float((record.time - steady).std())
+
+
+def _steady_clock(time: Array) -> Array | None:
+    """Times by a steady clock that has each stamp nearest to one of its ticks; None where there is none, or they are its ticks.
+
+    Its period is where the stamps' phases agree best, as in a periodogram of points. [T] -> [T].
+    """
+    steps = np.diff(time)
+    first, part = float(np.median(steps)), time[:_FIRST]
+    if np.abs(steps / first - np.round(steps / first)).max() < _RAGGED:
+        return None
+    span = max(float(part[-1] - part[0]), first)
+    rates = np.arange((1.0 - _ASTRAY) / first, (1.0 + _ASTRAY) / first, 0.25 / span)
+    agree = [abs(np.exp(2j * np.pi * rate * part).mean()) for rate in rates]
+    period = 1.0 / float(rates[int(np.argmax(agree))])
+    begin = period * float(np.angle(np.exp(2j * np.pi * part / period).mean())) / (2.0 * np.pi)
+    count = len(part)
+    while True:
+        ticks = np.round((time[:count] - begin) / period)
+        period, begin = (float(value) for value in np.polyfit(ticks, time[:count], 1))
+        if count == len(time):
+            break
+        count = min(2 * count, len(time))
+    if (np.diff(ticks) < 1.0).any() or np.std(time - begin - period * ticks) < _RAGGED * period:
+        return None
+    return np.asarray(begin + period * ticks, dtype=np.float64)
+
+
+def _roughness(time: Array, values: Array) -> float:
+    """Mean distance of samples from the cubics through their four neighbours, in units of a sample's noise. [T], [T, N]."""
+    near = [time[0:-4], time[1:-3], time[3:-1], time[4:]]
+    at = time[2:-2]
+    shares = []
+    for k, own in enumerate(near):
+        others = [other for j, other in enumerate(near) if j != k]
+        shares.append(np.prod([(at - other) / (own - other) for other in others], axis=0))
+    weights = np.stack(shares)
+    told = sum(w[:, None] * row for w, row in zip(weights, (values[0:-4], values[1:-3], values[3:-1], values[4:]), strict=True))
+    apart = np.abs(values[2:-2] - told) / np.sqrt(1.0 + (weights**2).sum(axis=0))[:, None]
+    return float(apart.mean())

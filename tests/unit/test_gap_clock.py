@@ -1,0 +1,60 @@
+"""Stamps that scatter about a steady clock, against clocks and motions that are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gsbridge.gap.formats.clock import steadied
+from gsbridge.gap.formats.records import Record
+
+PERIOD = 0.01
+
+
+def logged(at, stamps, noise=1e-5, moves=True):
+    """A record of two joints that were measured at some times and stamped with others."""
+    rng = np.random.default_rng(7)
+    motion = np.stack([0.8 * np.sin(3 * at) + 0.2 * np.sin(11 * at), np.cos(2 * at)], axis=1) * moves
+    position = motion + rng.normal(0.0, noise, motion.shape)
+    return Record("log", stamps - stamps[0], ("a", "b"), {"command": motion}, {"position": position})
+
+
+@given(st.integers(0, 2**31), st.floats(0.0, 0.1), st.floats(0.003, 0.007), st.sampled_from((1.0, 0.97, 1.04)))
+@settings(max_examples=25, deadline=None)
+def test_late_stamps_of_a_steady_clock_are_put_right(seed, lost, late, rate):
+    rng = np.random.default_rng(seed)
+    period = PERIOD * rate
+    at = (period * np.arange(6000))[rng.random(6000) >= lost]
+    record, scatter = steadied(logged(at, at + rng.uniform(0.0, late, len(at))))
+    assert scatter == pytest.approx(late / np.sqrt(12), rel=0.1)
+    np.testing.assert_allclose(record.time, at - at[0], atol=2e-4)
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.05])
+def test_stamps_of_a_steady_clock_stay_to_the_bit(lost):
+    at = (PERIOD * np.arange(3000))[np.random.default_rng(0).random(3000) >= lost]
+    record = logged(at, at)
+    assert steadied(record) == (record, None)
+
+
+def test_uneven_sampling_that_is_stamped_rightly_stays():
+    rng = np.random.default_rng(1)
+    at = PERIOD * np.arange(3000) + rng.uniform(0.0, 0.006, 3000)
+    record = logged(at, at)
+    assert steadied(record) == (record, None)
+
+
+def test_a_joint_that_rests_tells_nothing_of_the_clock():
+    rng = np.random.default_rng(2)
+    at = PERIOD * np.arange(3000)
+    record = logged(at, at + rng.uniform(0.0, 0.006, 3000), moves=False)
+    assert steadied(record) == (record, None)
+
+
+def test_no_clock_is_made_up_where_two_samples_share_a_tick():
+    rng = np.random.default_rng(3)
+    at = np.sort(rng.uniform(0.0, 30.0, 3000))
+    record = replace(logged(at, at))
+    assert steadied(record)[1] is None
