@@ -86,6 +86,18 @@ class ThrowAccount(Account):
     agree = "Simulated and measured throws agree within noise and chaos (p = {p:.2g})."
     unexcited = "No difference shows, but most effects could not show in these throws: let the body hit, slide and turn."
 
+    def sentence(self, diagnosis: Diagnosis) -> str:
+        """The finding in words."""
+        finding = diagnosis.finding
+        if not finding.coloured:
+            return super().sentence(diagnosis)
+        gap, floor = (f"{1e3 * x:.3g} mm" for x in (finding.before, diagnosis.floor["position"]))
+        return (
+            f"No known effect: simulated and measured throws are {gap} apart, where noise and chaos explain {floor}, but they "
+            "fly alike, and nothing learnt from some throws holds on others. Engines that push bodies apart otherwise differ "
+            "as much."
+        )
+
     def unit_of(self, parameter: Parameter) -> str:
         """Unit of a parameter; shares have none."""
         return "" if parameter.unit == "1" else parameter.unit

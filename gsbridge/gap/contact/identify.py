@@ -39,7 +39,7 @@ class ThrowRules:
         margin: Share of the gap by which all rivals must be behind.
         sigmas: Standard errors by which they must be behind.
         closure: Share of the gap, in plain distances, that a name must close where something remains.
-        gain: Share of what is left above the floor that a further effect must take away on throws it has not seen.
+        gain: Share of what is left above the floor that an effect must take away on throws it has not seen.
         most: Effects that are looked for at once.
         draws: Number of draws of the bootstrap over throws.
         budget: Passes over the throws of a role beside the bank, after which no further effect is looked for.
@@ -152,11 +152,20 @@ class ThrowIdentification:
             grown = self._several(trials, rest.floor)
             if grown is not best:
                 trials, rest = [grown, *trials], throw_null(self.second, grown.fit.effects, self.rng)
+        if not self._learns(trials[0], null.floor) and null.p_early(self.second.early()) >= rules.alarm:
+            # Bodies fly as they should, and nothing learnt from some touches holds on others: another engine's contacts.
+            return replace(self._quiet("no_discrepancy", p_value, null, unseen), coloured=True)
         return self._decide(trials, rest, p_value, unseen)
 
     def _again(self) -> list[GridMatch]:
         """The bank's grids by weighed distances; their throws were simulated when the bank was made."""
         return sorted((screen(self.few, name) for name in self.bank.names), key=lambda match: match.error)
+
+    def _learns(self, best: ThrowHypothesis, floor: float) -> bool:
+        """Whether an explanation takes a part of the gap away on throws that it has not seen, beyond chance."""
+        gain = self.plain - best.errors
+        chance = self.rules.sigmas * float(gain.std(ddof=1)) / np.sqrt(len(gain))
+        return float(gain.mean()) > max(chance, self.rules.gain * (float(self.plain.mean()) - floor))
 
     def _remaining(self, rest: ThrowNull, best: ThrowHypothesis) -> float:
         """p-value of what an explanation leaves."""

@@ -35,6 +35,10 @@ _PUSHES = (0.05, 0.3)
 """Shares of a penetration that a step takes back."""
 
 
+_EARLY = 2
+"""Place among the statistics of the one before the first touch."""
+
+
 @dataclass(frozen=True)
 class ThrowNull:
     """Errors of effect-free replicates.
@@ -68,6 +72,14 @@ class ThrowNull:
         sizes = ((self.draws - middle) / spread).max(axis=1)
         seen = ((_statistics(errors[None], early[None])[0] - middle) / spread).max()
         return float((1 + (sizes >= seen).sum()) / (1 + len(sizes)))
+
+    def p_early(self, early: Array) -> float:
+        """Share of effect-free sets at least as far apart before the first touch, where no engine has a choice.
+
+        Args:
+            early: Mean weighed distance of each throw before it, m. [N].
+        """
+        return float((1 + (self.draws[:, _EARLY] >= early.mean()).sum()) / (1 + len(self.draws)))
 
 
 def _statistics(errors: Array, early: Array) -> Array:
