@@ -240,6 +240,21 @@ def test_nothing_hidden_is_no_discrepancy(tmp_path):
     assert found["verify"] is None
 
 
+def test_contacts_of_another_engine_raise_no_alarm_but_a_gust_does(tmp_path):
+    """Where nothing may be named but friction, and it is right: a slow contact moves bodies otherwise, a gust before it, too."""
+    body, found = parse_body({**MODEL, "contact": {"friction": 0.3}}, "."), {}
+    for name, change in (("slow", {"slowness": 0.012}), ("gust", {"gust": 2.0})):
+        scene = Scene(friction=0.3, duration=HORIZON, **change)
+        throws = {role: throw_box(scene, 12, seed) for seed, role in enumerate(("fit", "select", "verify"))}
+        diagnosis = diagnose_throws(body, throws, tmp_path, names=("contact_friction",), horizon=HORIZON)
+        assert diagnosis.finding.p_value < 0.01
+        found[name] = ThrowAccount().findings_of(diagnosis, throws, seed=0)
+    assert found["slow"]["verdict"] == "no_discrepancy"
+    assert "nothing learnt from some throws holds on others" in found["slow"]["sentence"]
+    assert found["slow"]["amended"] == []
+    assert found["gust"]["verdict"] == "none_of_the_known"
+
+
 @pytest.fixture(scope="module")
 def thrown(tmp_path_factory):
     """A case from files: MuJoCo throws with friction 0.2, a PyBullet model with 0.5."""

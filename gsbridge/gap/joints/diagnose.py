@@ -33,6 +33,10 @@ _FAR = 50.0
 """Gap, in units of the noise, from which on the noise itself is doubted."""
 
 
+_BARELY = 1.02
+"""Gap on `verify`, in units of the noise, below which it is no more than noise."""
+
+
 class JointAccount(Account):
     """Puts findings about a mechanism into words and figures."""
 
@@ -87,6 +91,11 @@ def diagnose_joints(
         wide = Widening(first, second, who, search.screen, search.rules, floors, search.remains)
         whole = wide.widen(finding)
         account = None if whole is None else account_of(wide, finding, whole, third)
+        said = finding.verdict in ("named", "ambiguous")
+        if account is not None and verification is not None and not said:
+            # Shares of hardly any gap are shares of nothing, and an account that explains none of it is no account.
+            tells = account.explained >= search.rules.worth and verification.before >= _BARELY
+            account = account if tells else None
     if account is not None and finding.best is not None and not _same(account.effects, finding.best.fit.effects):
         verification = verify(third, account.effects, np.random.default_rng(seed))
     floor = {second.record.label(kind, k): float(s) for (kind, k), s in zip(second.channels, second.sigma, strict=True)}
