@@ -241,7 +241,7 @@ def test_nothing_hidden_is_no_discrepancy(tmp_path):
 
 
 def test_contacts_of_another_engine_raise_no_alarm_but_a_gust_does(tmp_path):
-    """Where nothing may be named but friction, and it is right: a slow contact moves bodies otherwise, a gust before it, too."""
+    """Where nothing may be named but friction, and it is right: a slow contact moves bodies, a gust even before."""
     body, found = parse_body({**MODEL, "contact": {"friction": 0.3}}, "."), {}
     for name, change in (("slow", {"slowness": 0.012}), ("gust", {"gust": 2.0})):
         scene = Scene(friction=0.3, duration=HORIZON, **change)
