@@ -5,6 +5,7 @@ from pathlib import Path
 
 from gsbridge.configuration.files import check_files
 from gsbridge.configuration.whole import read_configuration
+from gsbridge.workflow_lock import end_when_asked
 from snakemake.utils import min_version
 
 min_version("9.19")
@@ -24,6 +25,10 @@ config.update(read_configuration(config))
 
 
 report: "rules/captions/workflow.rst"
+
+
+onstart:
+    end_when_asked()
 
 
 include: "rules/common.smk"

@@ -3,14 +3,18 @@
 Snakemake locks its working folder with files, which stay when it is killed; the same command then ends with a request for
 `--unlock`. `start_workflow` holds a lock of the operating system besides, which goes with the process however it ends. Whoever
 gets that lock, and sees no other snakemake at work in the folder, may remove the files.
+
+`end_when_asked` mends what keeps a run that is asked to end from ending.
 """
 
 from __future__ import annotations
 
 import fcntl
 import os
+import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NoReturn
@@ -80,6 +84,18 @@ def end_orphans(folder: Path) -> int:
     return len(jobs)
 
 
+def end_when_asked() -> None:
+    """Let a run end at SIGTERM, whatever snakemake is doing when the signal comes.
+
+    Snakemake's own handler takes a lock that the interrupted thread holds while it finishes a job or waits for files of a slow
+    disk; then neither goes on, and the run hangs until it is killed. In a thread of its own the handler waits for its turn.
+    """
+    handler = signal.getsignal(signal.SIGTERM)
+    if callable(handler):
+        call = handler
+        signal.signal(signal.SIGTERM, lambda *told: threading.Thread(target=call, args=told, daemon=True).start())
+
+
 def _children(process: psutil.Process) -> list[psutil.Process]:
     try:
         return process.children(recursive=True)
@@ -128,4 +144,4 @@ def start_workflow(arguments: Sequence[str], say: Callable[[str], None]) -> NoRe
     os.execv(sys.executable, command)
 
 
-__all__ = ["end_orphans", "running_in", "start_workflow", "working_folder"]
+__all__ = ["end_orphans", "end_when_asked", "running_in", "start_workflow", "working_folder"]

@@ -1,6 +1,8 @@
 """A small chain of the workflow's own scripts, which takes seconds, and what it makes when nobody disturbs it."""
 
+import contextlib
 import os
+import resource
 import shutil
 import signal
 import subprocess
@@ -21,6 +23,9 @@ SNAKEFILE = Path(__file__).with_name("Snakefile")
 SCENES = ("cup", "jug")
 UNEQUAL = ("logs", "benchmarks", ".state")
 """Folders below `results/` that tell about a run rather than about its results."""
+MOST_IDLE_S = 90.0
+MOST_WORK_S = 300.0
+"""Longest time without any work, and most processor time; an undisturbed run takes some seconds of the latter."""
 
 
 def photos(folder: Path, seed: int, count: int = 6) -> None:
@@ -31,6 +36,29 @@ def photos(folder: Path, seed: int, count: int = 6) -> None:
     for index in range(count):
         picture = cv2.resize(np.roll(blocks, index, axis=1), (320, 240), interpolation=cv2.INTER_NEAREST)
         cv2.imwrite(str(folder / f"{index:04d}.jpg"), picture)
+
+
+def worked(process: subprocess.Popen) -> float:
+    """Processor time that a run and its jobs have taken so far, s: how far it has come, however busy the machine is."""
+    try:
+        run = psutil.Process(process.pid)
+        return sum(sum(one.cpu_times()[:4]) for one in (run, *run.children(recursive=True)))
+    except psutil.NoSuchProcess:
+        return 0.0
+
+
+def end_of(process: subprocess.Popen) -> int:
+    """Exit code of a run, which has no time to be done, but must work: it hangs when none of its processes did for long."""
+    before, since = -1.0, time.monotonic()
+    while process.poll() is None:
+        now = worked(process)
+        if now != before:
+            before, since = now, time.monotonic()
+        assert time.monotonic() - since < MOST_IDLE_S, f"nothing happens in process {process.pid}"
+        assert now < MOST_WORK_S, f"process {process.pid} works without end"
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(timeout=0.2)
+    return process.returncode
 
 
 class Chain:
@@ -71,7 +99,7 @@ class Chain:
 
     def run(self, *arguments: str, **how) -> int:
         """A run from beginning to end; its exit code."""
-        return self.start(*arguments, **how).wait(timeout=300)
+        return end_of(self.start(*arguments, **how))
 
     def finish(self) -> dict[str, bytes]:
         """What lies there after a plain rerun, which must succeed."""
@@ -102,12 +130,13 @@ class Chain:
 
 @pytest.fixture(scope="session")
 def undisturbed(tmp_path_factory):
-    """Results of a run that nothing happened to, and how long it took, s."""
+    """Results of a run that nothing happened to, and the processor time that it took, s."""
     chain = Chain(tmp_path_factory.mktemp("undisturbed") / "run")
-    begin = time.monotonic()
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     found = chain.finish()
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
     assert len(found) > 12
-    return found, time.monotonic() - begin
+    return found, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 @pytest.fixture

@@ -14,11 +14,12 @@ import time
 
 import pytest
 
-from tests.faults.conftest import SCENES, Chain
+from tests.faults.conftest import SCENES, Chain, end_of, worked
 
 KILLS = int(os.environ.get("GSBRIDGE_FAULTS", "3"))
 IN_A_ROW = 5
 """Most kills before a run may finish: a run must also survive the remains of several."""
+LATE = "results/late.txt"
 WAYS = {
     # Power loss; the out-of-memory killer, whose victim's jobs work on; a scheduler's time limit; Ctrl-C.
     "power": (signal.SIGKILL, True),
@@ -33,17 +34,21 @@ def stop(process: subprocess.Popen, how: str) -> None:
     sent, group = WAYS[how]
     with contextlib.suppress(ProcessLookupError):
         (os.killpg if group else os.kill)(process.pid, sent)
-    process.wait(timeout=120)
+    end_of(process)
 
 
 def test_a_run_killed_anywhere_goes_on_to_the_same_bytes(chain, undisturbed):
-    expected, seconds = undisturbed
+    expected, work = undisturbed
     draw = random.Random(20261124)
     killed = 0
     while killed < KILLS:
         for _ in range(draw.randint(1, min(IN_A_ROW, KILLS - killed))):
             process = chain.start()
-            time.sleep(draw.uniform(0, 1.1 * seconds))
+            until, pause = draw.uniform(0, 1.1 * work), draw.uniform(0, 0.3)
+            while process.poll() is None and worked(process) < until:
+                time.sleep(0.02)
+            # Jobs also wait, without any work.
+            time.sleep(pause)
             stop(process, draw.choice(list(WAYS)))
             killed += 1
         assert chain.finish() == expected
@@ -54,6 +59,21 @@ def test_a_run_killed_anywhere_goes_on_to_the_same_bytes(chain, undisturbed):
             # Half of them: the rest is as it was.
             shutil.rmtree(chain.folder / "results/scenes" / draw.choice(SCENES))
             (chain.folder / "results/digests.txt").unlink()
+
+
+def test_a_run_that_is_asked_to_end_while_it_waits_for_a_file_does(chain):
+    """Snakemake alone hangs then: its handler wants the lock that the interrupted thread holds."""
+    process = chain.start("--latency-wait", "60", "--cores", "1", "--prioritize", LATE, "--", LATE, "results/digests.txt")
+    while "Waiting at most" not in chain.said() and process.poll() is None:
+        time.sleep(0.05)
+    process.terminate()
+    time.sleep(1)
+    assert process.poll() is None
+    (chain.folder / "appear").touch()
+    assert end_of(process) != 0, chain.said()
+    assert (chain.folder / LATE).is_file()
+    # At most one job was begun meanwhile.
+    assert not (chain.folder / "results/digests.txt").exists()
 
 
 @pytest.mark.parametrize("kilobytes", [1, 60])
@@ -93,8 +113,7 @@ def test_a_disk_that_fills_up_is_named_and_more_room_is_enough(small_disk, undis
 def test_results_that_may_not_be_written_end_in_one_line(small_disk, undisturbed):
     chain = Chain(small_disk / "run", small_disk.parent / "said")
     subprocess.run(["mount", "-o", "remount,size=64m,ro", str(small_disk)], check=True)
-    process = chain.start()
-    assert process.wait(timeout=300) != 0
+    assert chain.run() != 0
     said = chain.said()
     assert "Read-only" in said
     assert "Traceback" not in said
@@ -104,7 +123,7 @@ def test_results_that_may_not_be_written_end_in_one_line(small_disk, undisturbed
 
 def test_of_two_runs_in_one_folder_one_is_refused_and_the_other_finishes(chain, undisturbed):
     first, second = chain.start(), chain.start()
-    codes = sorted([first.wait(timeout=300), second.wait(timeout=300)])
+    codes = sorted([end_of(first), end_of(second)])
     assert codes in ([0, 1], [0, 0])
     assert chain.finish() == undisturbed[0]
 
@@ -115,7 +134,7 @@ def test_a_configuration_that_is_edited_meanwhile_counts_for_the_next_run(chain,
         time.sleep(0.02)
     chain.config["capture"] = {**chain.config.get("capture", {}), "max_side": 64}
     chain.write_config()
-    assert process.wait(timeout=300) == 0
+    assert end_of(process) == 0
     assert chain.tree() == undisturbed[0]
     edited = Chain(tmp_path / "edited")
     edited.config["capture"] = chain.config["capture"]
@@ -131,7 +150,7 @@ def test_photos_that_are_exchanged_meanwhile_count_for_the_next_run(chain, undis
     data = [path.read_bytes() for path in sorted(folders[1].iterdir())]
     for path, content in zip(sorted(folders[0].iterdir()), data, strict=True):
         path.write_bytes(content)
-    process.wait(timeout=300)
+    end_of(process)
     found = chain.finish()
     start = "scenes/{}/capture/frames/"
     cup, jug = ({name: data for name, data in found.items() if name.startswith(start.format(each))} for each in SCENES)
