@@ -13,6 +13,8 @@ import pytest
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 needs_browser = pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")
 PHONE, DESK = 390, 1280
+PAPER = (1031, 702)
+"""What a printed page holds, px of CSS: A4 on its side, 297 x 210 mm, without the margins of 12 mm that the pages ask for."""
 AXE = Path(os.environ.get("GSBRIDGE_AXE") or "axe.min.js")
 """axe-core's own file (MPL-2.0), which .ci/run fetches from npm; no part of the project."""
 needs_axe = pytest.mark.skipif(BROWSER is None or not AXE.is_file(), reason="no axe-core: GSBRIDGE_AXE names no axe.min.js")
@@ -69,6 +71,25 @@ addEventListener("load", () => setTimeout(() => {
 </script>
 """  # noqa: E501
 
+PRINT = """
+<script>
+addEventListener("load", () => setTimeout(() => {
+  const all = (selector) => [...document.querySelectorAll(selector)], name = (e) => e.outerHTML.slice(0, 80), box = (e) => e.getBoundingClientRect();
+  const shown = (e) => e.checkVisibility({contentVisibilityAuto: true}) && box(e).width * box(e).height > 0;
+  const clips = (e) => getComputedStyle(e).overflow != "visible" && (e.scrollWidth > e.clientWidth + 1 || e.scrollHeight > e.clientHeight + 1);
+  const pieces = "img, video, tr, figure.picture, figure.film, .photos figure, .next, caption, p, li, pre";
+  const found = {
+    outside: all("body *").filter(e => box(e).right > innerWidth + 1 || box(e).left < -1).map(name),
+    clipped: all("body *").filter(clips).map(name),
+    taller: all(pieces).filter(e => box(e).height > innerHeight).map(name),
+    folded: all("details *").filter(e => (e.textContent || "").trim() && !shown(e)).map(name),
+    torn: all("tr, img, figure.picture, figure.film, .photos figure").filter(e => getComputedStyle(e).breakInside != "avoid" && !e.parentElement.closest("figure.picture, figure.film, .photos figure")).map(name),
+  };
+  parent.postMessage(JSON.stringify(found), "*");
+}, 100));
+</script>
+"""  # noqa: E501
+
 
 def look(page, folder, width=DESK, *, dark=False):
     """What is found in a page; `wrong` lists what no page may have.
@@ -79,15 +100,33 @@ def look(page, folder, width=DESK, *, dark=False):
         width: Of the window, px.
         dark: Whether the reader prefers dark pages.
     """
-    (folder / "inner.html").write_text(page.replace("</body>", LOOK + "</body>"), encoding="utf-8")
-    # Windows are never as narrow as a phone, frames are.
-    frame = f'<iframe src="inner.html" style="border: 0; width: {width}px; height: 900px"></iframe><pre id="found"></pre>'
-    script = "<script>onmessage = (e) => { document.getElementById('found').textContent = e.data }</script>"
-    (folder / "outer.html").write_text(f"<!DOCTYPE html><body>{frame}{script}</body>", encoding="utf-8")
-    shown = _dumped(folder, folder / "outer.html", 1500, dark=dark)
-    found = json.loads(html.unescape(re.search(r'<pre id="found">(.*?)</pre>', shown, re.S)[1]))
+    found = _said(page, LOOK, folder, (width, 900), dark=dark)
     assert found["dark"] == dark
     return found
+
+
+def printed(page, folder):
+    """What of a page is cut when it is printed: by the edge of the paper, by a frame, by a fold, or between two sheets.
+
+    Args:
+        page: The HTML text.
+        folder: For the browser's files.
+    """
+    assert "@media print" in page
+    found = _said(page.replace("@media print", "@media all"), PRINT, folder, PAPER, dark=False)
+    return {name: cut for name, cut in found.items() if cut}
+
+
+def _said(page, script, folder, size, *, dark):
+    """What a script says of a page in a frame of some width and height, px."""
+    (folder / "inner.html").write_text(page.replace("</body>", script + "</body>"), encoding="utf-8")
+    # Windows are never as narrow as a phone, frames are.
+    width, height = size
+    frame = f'<iframe src="inner.html" style="border: 0; width: {width}px; height: {height}px"></iframe><pre id="found"></pre>'
+    listen = "<script>onmessage = (e) => { document.getElementById('found').textContent = e.data }</script>"
+    (folder / "outer.html").write_text(f"<!DOCTYPE html><body>{frame}{listen}</body>", encoding="utf-8")
+    shown = _dumped(folder, folder / "outer.html", 1500, dark=dark)
+    return json.loads(html.unescape(re.search(r'<pre id="found">(.*?)</pre>', shown, re.S)[1]))
 
 
 def audit(page, folder, width=DESK, *, dark=False):
@@ -118,7 +157,7 @@ def _dumped(folder, file, width, *, dark):
 
 
 def check(page, folder):
-    """A page at both widths, in light and in dark, and by axe where its file is there; what was found at a desk in light.
+    """A page at both widths, in light and in dark, in print, and by axe where that is there; what was found at a desk.
 
     Args:
         page: The HTML text.
@@ -131,6 +170,7 @@ def check(page, folder):
             shown, real = found["full"]
             assert shown == real
             assert found["after"] <= 0
+    assert printed(page, folder) == {}
     if AXE.is_file():
         for width, dark in ((DESK, False), (PHONE, True)):
             assert audit(page, folder, width, dark=dark) == []
