@@ -7,7 +7,7 @@ rule compare_behaviour:
             "results/figures/behaviour_consistency.png",
             caption="captions/behaviour_consistency.rst",
             category="Policies",
-            labels={"figure": "behaviour in both worlds"},
+            labels={"result": "behaviour in both worlds", "of": "every cell"},
         ),
         rows="results/rows/behaviour_consistency.csv",
     log:
@@ -41,8 +41,8 @@ rule film_trials:
             caption="captions/film_of_trials.rst",
             category="Policies",
             labels={
-                "figure": "film of trials",
-                "cell": "{task} {object} on {background}, {renderer}, {variant}",
+                "result": "film of trials",
+                "of": "{task} {object} on {background}, {renderer}, {variant}",
             },
         ),
     log:
@@ -84,8 +84,8 @@ rule film_onlooker:
             caption="captions/film_onlooker.rst",
             category="Policies",
             labels={
-                "figure": "the arm, seen from beside the table",
-                "cell": "{task} {object} on {background}, {renderer}, {variant}",
+                "result": "the arm, seen from beside the table",
+                "of": "{task} {object} on {background}, {renderer}, {variant}",
             },
         ),
     log:

@@ -10,8 +10,8 @@ rule show_editing:
         figure=report(
             "results/figures/gs_editing.png",
             caption="captions/gs_editing.rst",
-            category="Editing",
-            labels={"figure": "non-rigid edits", "scene": EDITED},
+            category="Scenes",
+            labels={"result": "non-rigid edits", "of": EDITED},
         ),
         record="results/figures/gs_editing.json",
     log:

@@ -155,7 +155,7 @@ rule report_gap:
             "results/gap/{case}/report.html",
             caption="captions/gap.rst",
             category="Gap",
-            labels={"case": "{case}", "figure": "report"},
+            labels={"result": "what the model lacks", "of": "{case}"},
         ),
     log:
         "results/logs/report_gap/{case}.log",

@@ -94,7 +94,7 @@ rule report_gap_benchmark:
             "results/gap-benchmark/report.html",
             caption="captions/gap_benchmark.rst",
             category="Gap",
-            labels={"figure": "blind benchmark"},
+            labels={"result": "blind benchmark", "of": "hidden effects"},
         ),
     log:
         "results/logs/report_gap_benchmark.log",

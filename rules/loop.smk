@@ -156,7 +156,10 @@ rule collect_loop:
             "results/figures/loop.png",
             caption="captions/loop.rst",
             category="Gap",
-            labels={"figure": "closing the loop"},
+            labels={
+                "result": "closing the loop",
+                "of": "policies with an amended model",
+            },
         ),
     log:
         "results/logs/collect_loop.log",

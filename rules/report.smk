@@ -58,10 +58,10 @@ rule compare_renderings:
         figure=report(
             "results/figures/rendering_comparison_{origin}.png",
             caption="captions/rendering_comparison.rst",
-            category="Rendering",
+            category="Scenes",
             labels={
-                "figure": "photo, soft, GaMeS, refined, difference",
-                "scenes": "{origin}",
+                "result": "photo, soft, GaMeS, refined, difference",
+                "of": "{origin} scenes",
             },
         ),
     log:
@@ -167,7 +167,7 @@ rule draw_learning_curves:
             "results/figures/learning_curves.png",
             caption="captions/learning_curves.rst",
             category="Policies",
-            labels={"figure": "learning curves"},
+            labels={"result": "learning curves", "of": "every cell"},
         ),
     log:
         "results/logs/draw_learning_curves.log",
@@ -194,7 +194,7 @@ rule draw_success:
             "results/figures/success_rates.png",
             caption="captions/success_rates.rst",
             category="Policies",
-            labels={"figure": "success in both worlds"},
+            labels={"result": "success in both worlds", "of": "every cell"},
         ),
     log:
         "results/logs/draw_success.log",
@@ -217,7 +217,12 @@ rule report_scene:
     input:
         records=scene_records,
     output:
-        report="results/scenes/{scene}/report.html",
+        report=report(
+            "results/scenes/{scene}/report.html",
+            caption="captions/scene.rst",
+            category="Scenes",
+            labels={"result": "photos, masks, mesh and splats", "of": "{scene}"},
+        ),
     log:
         "results/logs/report_scene/{scene}.log",
     benchmark:
@@ -252,8 +257,14 @@ rule assemble_tables:
         records=PLAN.stage_records
         + [f"results/scenes/{scene}/asset/asset.json" for scene in PLAN.bundled],
     output:
-        # Not marked for snakemake's report: a folder would force the report into a zip file.
         tables=directory("results/tables"),
+        # The page of that folder once more: a folder would force snakemake's report into a zip file.
+        page=report(
+            "results/tables.html",
+            caption="captions/tables.rst",
+            category="All tables",
+            labels={"result": "all tables", "of": "every scene and cell"},
+        ),
     log:
         "results/logs/assemble_tables.log",
     benchmark:

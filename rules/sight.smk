@@ -103,7 +103,7 @@ rule report_photos:
             "results/sight/{world}/report.html",
             caption="captions/sight.rst",
             category="Gap",
-            labels={"case": "pictures of {world}"},
+            labels={"result": "what the pictures lack", "of": "{world}"},
         ),
     log:
         "results/logs/report_photos/{world}.log",
@@ -166,7 +166,10 @@ rule collect_sight_loop:
             "results/figures/sight_loop.png",
             caption="captions/sight_loop.rst",
             category="Gap",
-            labels={"figure": "closing the loop of pictures"},
+            labels={
+                "result": "closing the loop of pictures",
+                "of": "policies with amended pictures",
+            },
         ),
     log:
         "results/logs/collect_sight_loop.log",

@@ -180,6 +180,10 @@ rule compare_eye_in_hand:
             "results/figures/eye_in_hand.png",
             caption="captions/eye_in_hand.rst",
             category="Simulator",
+            labels={
+                "result": "what the wrist camera sees",
+                "of": "mirror and simulation",
+            },
         ),
         rows="results/rows/eye_in_hand.csv",
     log:

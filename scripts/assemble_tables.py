@@ -1,7 +1,9 @@
 """Assemble rows and figures into tables and the page."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gsbridge.files import atomic_file
 from gsbridge.logs import start
 from gsbridge.report.pages.tables import write_tables
 
@@ -19,3 +21,7 @@ write_tables(
     scene_pages=snakemake.input.pages,
     films=list(zip(snakemake.params.films, snakemake.input.films, strict=True)),
 )
+# One folder higher, the pages of the scenes are one folder nearer.
+page = Path(snakemake.output.tables, "index.html").read_text(encoding="utf-8")
+with atomic_file(snakemake.output.page) as part:
+    part.write_text(page.replace('href="../', 'href="'), encoding="utf-8")

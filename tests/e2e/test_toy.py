@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -78,6 +79,42 @@ def test_page_figures_and_recordings_are_there(toy):
     assert (toy / "results/figures/rendering_comparison_mirror.png").stat().st_size > 10_000
     for stage in ("capture", "sfm", "align", "mesh", "asset"):
         assert (toy / f"results/rerun/{stage}/small_cube.rrd").stat().st_size > 1_000
+
+
+def test_the_report_of_snakemake_tells_scenes_policies_and_gap(toy, tmp_path):
+    """One file, which names each page and figure by what it is, and says what is good in it."""
+    file = tmp_path / "report.html"
+    process = call_snakemake(
+        toy, "--config", "preset=toy", "--report", str(file), "--", "all", "results/gap-benchmark/report.html"
+    )
+    assert process.returncode == 0, process.stderr[-3000:]
+    text = file.read_text()
+    results, categories = (
+        json.JSONDecoder().raw_decode(text, text.rindex(f"var {name} = ") + len(f"var {name} = "))[0]
+        for name in ("results", "categories")
+    )
+    told = {category: sorted(path for paths in parts.values() for path in paths) for category, parts in categories.items()}
+    cell = "grasp-small_cube+foam_pad-gs-default"
+    figures = ("behaviour_consistency", "learning_curves", "success_rates")
+    assert told == {
+        "All tables": ["results/tables.html"],
+        "Scenes": [
+            "results/figures/rendering_comparison_mirror.png",
+            "results/scenes/foam_pad/report.html",
+            "results/scenes/small_cube/report.html",
+        ],
+        "Policies": [*(f"results/figures/{name}.png" for name in figures), f"results/films_of_trials/{cell}.webp"],
+        "Gap": ["results/gap-benchmark/report.html"],
+    }
+    for path, result in results.items():
+        assert set(result["labels"]) == {"result", "of"}
+        assert "Good" in result["caption"]
+        # The file itself, not a name of one beside it.
+        assert len(result["data_uri"]) > (toy / path).stat().st_size
+    page = (toy / "results/tables.html").read_text()
+    links = {link for link in re.findall(r'href="([^"#]+)"', page) if ":" not in link}
+    assert len(links) == 2
+    assert all((toy / "results" / link).is_file() for link in links)
 
 
 @pytest.mark.parametrize(("tier", "cases", "named"), [("t0", 12, 0.5), ("t2", 2, 1.0)])
