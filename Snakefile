@@ -6,6 +6,7 @@ from pathlib import Path
 from gsbridge.configuration.files import check_files
 from gsbridge.configuration.whole import read_configuration
 from gsbridge.workflow_lock import end_when_asked
+from gsbridge.workflow_storage import see_new_folders
 from snakemake.utils import min_version
 
 min_version("9.19")
@@ -29,6 +30,7 @@ report: "rules/captions/workflow.rst"
 
 onstart:
     end_when_asked()
+    see_new_folders()
 
 
 include: "rules/common.smk"

@@ -1,5 +1,6 @@
-"""The first stages through a real SLURM of one node, which is started for them; a job that is cancelled is submitted again."""
+"""The first stages through a real SLURM of one node, which is started for them; jobs that are lost are made again."""
 
+import contextlib
 import importlib.util
 import os
 import re
@@ -11,6 +12,7 @@ import sys
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -22,7 +24,7 @@ SlurmctldHost={host}(127.0.0.1)
 SlurmctldPort={ports[0]}
 SlurmdPort={ports[1]}
 AuthType=auth/munge
-AuthInfo=socket={folder}/munge.socket
+AuthInfo=socket={folder}/munge.socket,cred_expire=30
 SlurmUser=root
 SlurmdUser=root
 StateSaveLocation={folder}/state
@@ -79,13 +81,27 @@ def slurm(tmp_path_factory):
     options = [f"--socket={munge['socket']}", f"--key-file={munge['key']}", f"--log-file={munge['log']}"]
     options += [f"--pid-file={munge['pid']}", f"--seed-file={munge['seed']}"]
     processes = []
+
+    def begin(*command):
+        quiet = subprocess.DEVNULL
+        processes.append(subprocess.Popen(command, env=environment, stdout=quiet, stderr=quiet, start_new_session=True))
+
+    def lose_node(number):
+        """The node goes down, as if its power had failed, with the job that it worked on; then it starts again."""
+        kill_job(environment, number, slurm_too=True)
+        processes[-1].kill()
+        processes.pop().wait()
+        said(environment, "scontrol", "update", f"NodeName={host}", "State=DOWN", "Reason=power")
+        wait_for(lambda: "down" in said(environment, "sinfo"), 60)
+        begin("slurmd", "-D")
+
     try:
-        for command in (["munged", "--force", "--foreground", *options], ["slurmctld", "-D"], ["slurmd", "-D"]):
-            quiet = subprocess.DEVNULL
-            processes.append(subprocess.Popen(command, env=environment, stdout=quiet, stderr=quiet, start_new_session=True))
-            wait_for(lambda: munge["socket"].exists(), 30)
+        begin("munged", "--force", "--foreground", *options)
+        wait_for(lambda: munge["socket"].exists(), 30)
+        begin("slurmctld", "-D")
+        begin("slurmd", "-D")
         wait_for(lambda: "idle" in said(environment, "sinfo"), 60)
-        yield environment
+        yield environment, lose_node
     finally:
         said(environment, "scancel", "--user", "root")
         for process in reversed(processes):
@@ -104,7 +120,25 @@ def wait_for(happened, seconds):
         time.sleep(0.2)
 
 
-def test_the_first_stages_run_there_and_a_cancelled_job_is_submitted_again(slurm, tmp_path):
+def kill_job(environment, number, *, slurm_too=False):
+    """End all processes of a job at once, as the killer of processes that take too much memory does.
+
+    Args:
+        environment: Of commands that talk to SLURM.
+        number: The job's.
+        slurm_too: Whether SLURM's own process for it ends with them, so that nobody tells what happened.
+    """
+    step = f"slurmstepd: [{number}."
+    steps = [one for one in psutil.process_iter(["cmdline"]) if step in " ".join(one.info["cmdline"] or [])]
+    family = [child for one in steps for child in one.children(recursive=True)]
+    assert family, said(environment, "squeue")
+    for one in [*(steps if slurm_too else []), *family]:
+        with contextlib.suppress(psutil.NoSuchProcess):
+            one.kill()
+
+
+def test_the_first_stages_run_there_and_jobs_that_are_lost_are_made_again(slurm, tmp_path):
+    environment, lose_node = slurm
     target = "results/scenes/small_cube/capture/keyframes.json"
     command = [sys.executable, "-m", "snakemake", "--workflow-profile", str(ROOT / "profiles/slurm")]
     # Of this SLURM, which is asked for two jobs, more often than one would ask that of others.
@@ -112,14 +146,36 @@ def test_the_first_stages_run_there_and_a_cancelled_job_is_submitted_again(slurm
     command += ["--config", SETTINGS, "--", target]
     with (tmp_path / "said").open("w") as output:
         process = subprocess.Popen(
-            command, cwd=ROOT, env=slurm, stdout=output, stderr=subprocess.STDOUT, start_new_session=True
+            command, cwd=ROOT, env=environment, stdout=output, stderr=subprocess.STDOUT, start_new_session=True
         )
+
+    def words():
+        return (tmp_path / "said").read_text()
+
+    def next_job(known, log):
+        """The number of a job that is not known and writes the log of its rule, and what it asked for."""
+        found = []
+
+        def begun():
+            found[:] = re.findall(r"^ +(\d+) .* R ", said(environment, "squeue"), re.MULTILINE)
+            assert process.poll() is None, words()[-4000:]
+            return set(found) - known and log.exists()
+
+        wait_for(begun, 240)
+        known.update(found)
+        return found[0], said(environment, "scontrol", "show", "job", found[0])
+
+    known: set[str] = set()
+    film, keyframes = (tmp_path / f"run/results/logs/{rule}/small_cube.log" for rule in ("film_scene", "select_keyframes"))
     try:
-        wait_for(lambda: process.poll() is not None or " R " in said(slurm, "squeue"), 240)
-        (number,) = re.findall(r"^ +(\d+) .* R ", said(slurm, "squeue"), re.MULTILINE)
-        asked = said(slurm, "scontrol", "show", "job", number)
-        said(slurm, "scancel", number)
-        assert process.wait(timeout=400) == 0, (tmp_path / "said").read_text()[-4000:]
+        cancelled, asked = next_job(known, film)
+        said(environment, "scancel", cancelled)
+        film.unlink()
+        killed, _ = next_job(known, film)
+        kill_job(environment, killed)
+        lost, _ = next_job(known, keyframes)
+        lose_node(lost)
+        assert process.wait(timeout=400) == 0, words()[-4000:]
     finally:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
@@ -128,7 +184,7 @@ def test_the_first_stages_run_there_and_a_cancelled_job_is_submitted_again(slurm
     assert "mem=2500M" in asked
     assert "TimeLimit=01:00:00" in asked
     assert "gpu" not in asked
-    words = (tmp_path / "said").read_text()
-    assert words.count("has been submitted with SLURM jobid") == 3
-    assert "Trying to restart job" in words
+    assert words().count("Trying to restart job") == 2
+    # SLURM itself puts what a node lost into its queue again, under the same number.
+    assert "Restarts=1" in said(environment, "scontrol", "show", "job", lost)
     assert (tmp_path / "run" / target).is_file()
