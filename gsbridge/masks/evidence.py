@@ -40,6 +40,10 @@ MANY = 0.1
 """Share of bitten masks from which the shape is in doubt, too."""
 _LOST = 0.3
 """Masks have lost a point if this share of those whose photos show it leave it out. One beside the object is seen before it."""
+_HIDDEN_LOST = 0.06
+"""Likewise of all masks, those whose photos do not show the point included: a hull of the rest would lose it there."""
+_LOCAL = 0.25
+"""And then so large a share of the points nearby must be lost, too: wrong matches lie beside points that no mask leaves out."""
 _SPREAD_DEG = 6.0
 """A point's place is sure where the photos that show it look from this far to a side of their mean direction."""
 _WIDEST_GAP_DEG = 160.0
@@ -97,14 +101,20 @@ def reached(mask: Array, pixels: Array) -> Array:
     discs = np.zeros(mask.shape, bool)
     discs[firm[:, 0], firm[:, 1]] = True
     whole = mask | grown(discs, radius)
-    # Discs reach past the outermost points, and so past the object: their rim is taken off again.
-    return mask | (cv2.erode(whole.astype(np.uint8), disc(radius)) > 0) | discs
+    # Discs reach past the outermost points, and so past the object: their rim is taken off again. Beyond the photo's border
+    # nothing is known: taken for the object, it would fill the sliver between an object and the border.
+    inner = cv2.erode(whole.astype(np.uint8), disc(radius), borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
+    return mask | inner | discs
 
 
 def _seen(view: View, number: int, sparse: SparsePoints, members: Array) -> tuple[Array, Array]:
     """Points of the object that a photo shows, and their rows and columns in it. -> [K], [K, 2]."""
     seen = sparse.seen_by(number)
-    seen = seen[members[seen]]
+    return _within(view, sparse, seen[members[seen]])
+
+
+def _within(view: View, sparse: SparsePoints, seen: Array) -> tuple[Array, Array]:
+    """Points among some that lie within a photo's frame, and their rows and columns in it. [N] -> [K], [K, 2]."""
     pixels = view.camera.project(sparse.points[seen] @ view.cam_from_table[:3, :3].T + view.cam_from_table[:3, 3])
     place = np.floor(np.nan_to_num(pixels, nan=-1)).astype(int)[:, ::-1]
     valid = (place >= 0).all(axis=1) & (place < (view.camera.height, view.camera.width)).all(axis=1)
@@ -141,6 +151,8 @@ def lost_points(
 ) -> Array:
     """Points of the object that masks have lost, as they lose a foot of its shadow's colour.
 
+    Photos that do not show a point count, too: looked at from above, a bowl's side is too oblique to match, but it is there.
+
     Args:
         views: Posed photos, in the order of the sparse model's.
         masks: One per view, 0..1. [H, W] each.
@@ -151,14 +163,27 @@ def lost_points(
     Returns:
         [N] bool.
     """
-    shown, outside = np.zeros(len(members)), np.zeros(len(members))
+    shown, outside, framed, beyond = np.zeros((4, len(members)))
+    every = np.flatnonzero(members)
     for number, (view, mask) in enumerate(zip(views, masks, strict=True)):
         inside = mask > 0.5
         if inside.any():
             seen, place = _seen(view, number, sparse, members)
             shown[seen] += 1
             outside[seen] += ~grown(inside, 1 + round(slack * np.sqrt(inside.sum())))[place[:, 0], place[:, 1]]
-    return np.asarray((shown > 0) & (outside > _LOST * shown))
+            there, place = _within(view, sparse, every)
+            framed[there] += 1
+            beyond[there] += ~grown(inside, 1 + round(_NEAR * np.sqrt(inside.sum())))[place[:, 0], place[:, 1]]
+    lost = np.asarray((shown > 0) & (outside > _LOST * shown))
+    hidden = every[(beyond > _HIDDEN_LOST * framed)[every]]
+    if len(hidden) >= _COMPANY:
+        reach = _PART * float(np.ptp(sparse.points[every], axis=0).max())
+        near, of = (
+            cKDTree(sparse.points[group]).query_ball_point(sparse.points[hidden], reach, return_length=True)
+            for group in (hidden, every)
+        )
+        lost[hidden[(near >= _COMPANY) & (near >= _LOCAL * of)]] = True
+    return lost
 
 
 def lost_parts(views: Sequence[View], masks: Sequence[Array], sparse: SparsePoints, members: Array) -> list[str]:

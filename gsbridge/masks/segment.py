@@ -188,7 +188,10 @@ def _smoothed(mask: Array, hull: Array) -> Array:
     """
     inside = mask > 0.5
     brush = _disc(max(2.0, 0.04 * np.sqrt(inside.sum())))
-    closed = cv2.morphologyEx(inside.astype(np.uint8), cv2.MORPH_CLOSE, brush) > 0
+    # What lies beyond the photo's border is no object: a sliver between the two is no bite.
+    closed = (
+        cv2.morphologyEx(inside.astype(np.uint8), cv2.MORPH_CLOSE, brush, borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
+    )
     filled = inside | (closed & hull)
     opened = cv2.morphologyEx(filled.astype(np.uint8), cv2.MORPH_OPEN, brush) > 0
     sure = cv2.erode(hull.astype(np.uint8), _disc(1)) > 0

@@ -22,6 +22,13 @@ from gsbridge.photogrammetry.carving import Grid, largest_component, mesh_depth,
 
 logger = logging.getLogger("gsbridge")
 
+_WALL = 0.02
+"""Thickness of what surely stands behind a measured surface, as a share of the object's size."""
+_CLEAR = 0.03
+"""Points this near to the table, as a share of the object's size, may be its own; those this near to the top are no floor."""
+_FLOOR = 0.3
+"""Least upward part of the normal of what is seen from above, as the inside of a vessel is."""
+
 
 def surface_samples(mesh: Mesh, spacing: float, seed: int) -> tuple[Array, Array]:
     """Random points spread over a mesh, with the normals of their faces.
@@ -137,6 +144,34 @@ def trimmed(hull: Hull, cloud: DepthCloud, views: Sequence[View]) -> Hull:
     return hull if mesh is None else Hull(hull.grid, field, solid, mesh)
 
 
+def measured_wall(grid: Grid, cloud: DepthCloud, hull: Hull) -> Array:
+    """Signed distance of a thin wall under the measured points that face upward, whatever the outlines say.
+
+    Masks that lose the dark side of a bowl in a few photos bite holes through its hull, but its inside was measured there.
+    Points right above the table do not count: a mask that holds a part of the table shows those, too.
+
+    Args:
+        grid: Where to look.
+        cloud: Confirmed depth.
+        hull: Visual hull.
+
+    Returns:
+        Positive within the wall, m; very low where no measured point is near. [nx, ny, nz] float32.
+    """
+    out = np.full(int(np.prod(grid.shape)), -1e9, np.float32)
+    thick, clear, height = _WALL * hull.size, _CLEAR * hull.size, cloud.points[:, 2]
+    floor = (height > clear) & (height < hull.mesh.vertices[:, 2].max() - clear) & (cloud.normals[:, 2] > _FLOOR)
+    if floor.any():
+        points, normals, places = cloud.points[floor], cloud.normals[floor], grid.points()
+        found = cKDTree(points).query(places, distance_upper_bound=thick)
+        distance, nearest = np.asarray(found[0]), np.asarray(found[1])
+        near = np.flatnonzero(np.isfinite(distance))
+        behind = ((points[nearest[near]] - places[near]) * normals[nearest[near]]).sum(1)
+        # Half a cell deeper than measured: where the surface is there already, nothing is added to it.
+        out[near] = np.minimum(behind - 0.5 * grid.spacing, thick - distance[near])
+    return out.reshape(grid.shape)
+
+
 def fuse(
     hull: Hull, cloud: DepthCloud, views: Sequence[View], settings: MeshSettings, *, narrow: bool, seed: int
 ) -> tuple[Grid, Array, dict[str, Any]]:
@@ -178,6 +213,8 @@ def fuse(
     index = (grid.points() - hull.grid.origin) / hull.grid.spacing
     limit = ndimage.map_coordinates(hull.uncut, index.T, order=1, mode="nearest").reshape(grid.shape)
     field = np.minimum(field, limit + 0.012 * hull.size)
+    # But where depth was confirmed there is a surface: masks that were bitten deny it.
+    field = np.maximum(field, measured_wall(grid, cloud, hull))
     field = np.minimum(field, grid.axis(2)[None, None, :]).astype(np.float32)
     return grid, field, figures
 

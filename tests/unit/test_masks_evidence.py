@@ -131,6 +131,34 @@ def test_photos_from_one_side_place_no_point_surely(scene):
     assert not surely_placed(views[:5], few).any()
 
 
+def test_points_that_no_photo_shows_where_masks_leave_them_out_are_lost_too(scene):
+    """Three of fourteen photos lose the foot, and no match reaches it in them: a hull of all masks would lose it."""
+    views, masks, sparse = scene
+    few = (2, 7, 8)
+    bitten = [bite(view, mask) if index in few else mask for index, (view, mask) in enumerate(zip(views, masks, strict=True))]
+    foot = sparse.points[:, 2] < 0.01
+    unseen = np.isin(sparse.view_index, few) & foot[sparse.point_index]
+    blind = replace(sparse, view_index=sparse.view_index[~unseen], point_index=sparse.point_index[~unseen])
+    members = members_of(sparse)
+    shown = np.bincount(blind.point_index, minlength=len(members)) > 0
+    lost = lost_points(views, bitten, blind, members)
+    assert lost[members & foot & shown].mean() > 0.5
+    assert not lost[sparse.points[:, 2] > 0.013].any()
+    assert not lost_points(views, masks, blind, members).any()
+
+
+def test_the_sliver_between_an_object_and_the_border_of_a_photo_stays_open():
+    mask = np.zeros((100, 120), bool)
+    mask[4:80, 20:100] = True
+    gap = mask.copy()
+    gap[4:10, 40:70] = False
+    column = np.arange(42.5, 70, 4)
+    pixels = np.c_[column, np.full(len(column), 5.5)]
+    whole = reached(gap, pixels)
+    assert whole[4:80].sum() > 0.99 * mask.sum()
+    assert not whole[:3].any()
+
+
 def test_points_beside_the_object_are_not_lost(scene):
     """A wrong match stands off the wall of the pot: whoever sees it sees the pot behind it."""
     views, masks, sparse = scene

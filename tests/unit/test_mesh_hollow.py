@@ -1,16 +1,23 @@
 """Open and hollow things: what measured depth and the outlines say, against solids known from formulas."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
-from solid_scene import POT_HEIGHT, around, filled_pot, pot, statue, traced
+from solid_scene import POT_FLOOR, POT_HEIGHT, around, filled_pot, pot, statue, traced
 
 from gsbridge.cameras import Camera
+from gsbridge.configuration.mesh import MeshSettings
 from gsbridge.mesh.depth import DepthCloud
 from gsbridge.mesh.doubts import doubts, outline_doubts, outline_overlaps
+from gsbridge.mesh.fuse import fuse, measured_wall
 from gsbridge.mesh.hollow import carved, guessed_share, lowered, needed_height
 from gsbridge.mesh.hull import build_hull
+from gsbridge.mesh.repair import closed_surface
 from gsbridge.meshes import Mesh
+from gsbridge.photogrammetry.carving import largest_component, mesh_of_field
+from gsbridge.photogrammetry.cavity import cavity_depth
 
 CAMERA = Camera(200, 150, 235.0, 235.0, 100.0, 75.0)
 MIDDLE = np.array([0.0, 0.0, 0.025])
@@ -86,6 +93,40 @@ def test_a_bottom_that_was_seen_is_no_guess():
     views, masks, hull, cloud = look(pot, (38.0, 65.0))
     left, _ = carved(lowered(hull, views, masks, lambda: cloud), cloud, threads=1)
     assert guessed_share(left.mesh, cloud.points) < 0.1
+
+
+def outward(solid, points):
+    """Normals of a signed distance, by differences."""
+    step = 1e-4 * np.eye(3)
+    slope = np.stack([solid(points + shift) - solid(points - shift) for shift in step], axis=-1)
+    return slope / np.linalg.norm(slope, axis=1, keepdims=True)
+
+
+def test_a_hole_that_bitten_masks_cut_into_a_measured_floor_is_closed():
+    """The hull lacks a part of the pot's floor, as where a few masks lose its dark foot."""
+    views, masks, hull, cloud = look(pot, (38.0, 65.0))
+    left, _ = carved(lowered(hull, views, masks, lambda: cloud), cloud, threads=1)
+    # The floor as densely as a real cloud shows it.
+    floor = np.stack(np.meshgrid(*2 * [np.arange(-0.018, 0.018, 4e-4)]), axis=-1).reshape(-1, 2)
+    floor = floor[np.hypot(*floor.T) < 0.018]
+    points = np.concatenate([cloud.points, np.c_[floor, np.full(len(floor), POT_FLOOR)]])
+    cloud = replace(cloud, points=points, normals=outward(pot, points))
+    x, y, z = np.meshgrid(*(left.grid.axis(k) for k in range(3)), indexing="ij")
+    bite = np.maximum(np.maximum(np.abs(x - 0.008) - 0.006, np.abs(y) - 0.01), z - 0.03)
+    uncut = np.minimum(left.uncut, bite).astype(np.float32)
+    field = np.minimum(uncut, z).astype(np.float32)
+    mesh = mesh_of_field(left.grid, largest_component(field))
+    bitten = replace(left, uncut=uncut, field=field, mesh=mesh)
+    assert cavity_depth(mesh) == 0.0
+    wall = measured_wall(left.grid, cloud, bitten)
+    assert (wall[(pot(np.stack([x, y, z], -1).reshape(-1, 3)) > 0.5 * left.grid.spacing).reshape(x.shape)] <= 0).all()
+    grid, solid, _ = fuse(bitten, cloud, views, MeshSettings(), narrow=False, seed=1)
+    closed = closed_surface(grid, solid, 8000)
+    assert cavity_depth(closed) == pytest.approx(POT_HEIGHT - POT_FLOOR, abs=0.003)
+    # Nothing that faces upward near the table or at the top, and no side, grows a wall.
+    flat = np.array([[0.0, 0.0, 0.0005], [0.0, 0.0, POT_HEIGHT], [0.02, 0.0, 0.025]])
+    facing = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+    assert (measured_wall(left.grid, replace(cloud, points=flat, normals=facing), left) < 0).all()
 
 
 def test_a_full_pot_stays_full():

@@ -121,3 +121,16 @@ def test_both_variants_agree_within_their_noise_whatever_the_threads(fresh, tmp_
     assert abs(scalar_cover - compiled_cover).mean() < 0.01
     again, _ = rendered(tmp_path, path_tracer.COMPILED, threads=2)
     np.testing.assert_array_equal(compiled, again)
+
+
+def test_pixels_without_a_number_take_their_neighbours():
+    rng = np.random.default_rng(1)
+    picture = rng.uniform(0.2, 0.3, (6, 7, 3)).astype(np.float32)
+    assert path_tracer.without_failed_pixels(picture) is picture
+    broken = picture.copy()
+    broken[0, 0, 1], broken[3, 4], broken[3, 5] = np.nan, np.inf, np.nan
+    whole = path_tracer.without_failed_pixels(broken)
+    assert ((whole > 0.2) & (whole < 0.3)).all()
+    changed = (whole != picture).any(axis=-1)
+    assert {tuple(place) for place in np.argwhere(changed)} == {(0, 0), (3, 4), (3, 5)}
+    assert (path_tracer.without_failed_pixels(np.full((2, 2, 3), np.nan)) == 0).all()

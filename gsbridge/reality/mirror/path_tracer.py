@@ -158,6 +158,28 @@ def load_mitsuba(threads: int, wanted: str | None = None) -> Any:
     return mitsuba
 
 
+def without_failed_pixels(picture: Array) -> Array:
+    """A picture whose pixels all hold a number: those without one take the median of their neighbours'.
+
+    Rarely a path ends in no number, and a lens would spread it over 64 pixels of a photo.
+
+    Args:
+        picture: Linear light. [H, W, C].
+
+    Returns:
+        [H, W, C]; the same array where nothing has failed.
+    """
+    failed: Array = np.asarray(~np.isfinite(picture).all(axis=-1))
+    if not failed.any():
+        return picture
+    whole = picture.copy()
+    for row, column in np.argwhere(failed):
+        part = np.s_[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2]
+        near = picture[part][~failed[part]]
+        whole[row, column] = np.median(near, axis=0) if len(near) else 0.0
+    return whole
+
+
 def picture_maker(mi: Any, scene: Any, sensor: Any, integrator: Mapping[str, Any]) -> Callable[[int], Array]:
     """A function of a seed that gives the picture of a scene as it stands then, from where the sensor is then.
 
@@ -176,9 +198,9 @@ def picture_maker(mi: Any, scene: Any, sensor: Any, integrator: Mapping[str, Any
         return mi.render(scene, sensor=sensor, integrator=light, seed=seed)
 
     if mi.variant() != COMPILED:
-        return lambda seed: np.array(trace(scene, sensor, seed))
+        return lambda seed: without_failed_pixels(np.array(trace(scene, sensor, seed)))
     import drjit
 
     recorded = drjit.freeze(trace)
     # As a number in the kernel's memory; one of Python's would be part of the record.
-    return lambda seed: np.array(recorded(scene, sensor, mi.UInt32(seed)))
+    return lambda seed: without_failed_pixels(np.array(recorded(scene, sensor, mi.UInt32(seed))))

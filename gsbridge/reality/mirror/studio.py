@@ -23,7 +23,7 @@ from gsbridge.reality.mirror.backgrounds import (
 )
 from gsbridge.reality.mirror.objects import OBJECTS, make_object
 from gsbridge.reality.mirror.path import OBJECT_SPOT_M
-from gsbridge.reality.mirror.path_tracer import load_mitsuba
+from gsbridge.reality.mirror.path_tracer import load_mitsuba, without_failed_pixels
 
 _SHEET_PIXELS_PER_M = 4000.0
 _PAPER, _INK = 0.80, 0.03  # reflectances
@@ -153,7 +153,8 @@ class Studio:
         """
         sensor = self._sensor(camera, cam_from_table, samples)
         integrator = self.mi.load_dict({"type": "path", "max_depth": 4, "rr_depth": 8})
-        return np.array(self.mi.render(self.scene, sensor=sensor, integrator=integrator, seed=seed, spp=samples))[..., :3]
+        picture = self.mi.render(self.scene, sensor=sensor, integrator=integrator, seed=seed, spp=samples)
+        return without_failed_pixels(np.array(picture)[..., :3])
 
     def coverage(self, camera: Camera, cam_from_table: Array, samples: int = 16) -> Array:
         """Share of each pixel that shows the object. [h, w] float32.
