@@ -128,6 +128,10 @@ def _run(arguments: list[str]) -> int:
 
 
 def _status(arguments: list[str]) -> int:
+    if {"-h", "--help"}.intersection(arguments):
+        # Snakemake's help would be no plan, and a run without jobs a finished one.
+        print(f"usage: gsbridge status [arguments of snakemake]\n\n{_STATUS}")
+        return 0
     from gsbridge.run_status import run_status
 
     print("\n".join(run_status(arguments)))

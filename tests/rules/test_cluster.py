@@ -143,6 +143,7 @@ def test_the_first_stages_run_there_and_jobs_that_are_lost_are_made_again(slurm,
     command = [sys.executable, "-m", "snakemake", "--workflow-profile", str(ROOT / "profiles/slurm")]
     # Of this SLURM, which is asked for two jobs, more often than one would ask that of others.
     command += ["--directory", str(tmp_path / "run"), "--seconds-between-status-checks", "3"]
+    command += ["--slurm-init-seconds-before-status-checks", "2"]
     command += ["--config", SETTINGS, "--", target]
     with (tmp_path / "said").open("w") as output:
         process = subprocess.Popen(

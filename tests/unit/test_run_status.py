@@ -2,6 +2,7 @@
 
 import json
 
+from gsbridge.cli import main
 from gsbridge.run_status import job_counts, measured_seconds, remaining_jobs, stage_records, stale_rules
 
 TABLE = """
@@ -66,3 +67,10 @@ Some jobs were triggered by provenance information, see 'reason' section in the 
         "film_board": "params have changed since last execution",
     }
     assert stale_rules("Nothing to be done") == {}
+
+
+def test_help_is_no_finished_run(capsys):
+    assert main(["status", "--help"]) == 0
+    said = capsys.readouterr().out
+    assert "degraded stages" in said
+    assert "Nothing is left" not in said

@@ -18,7 +18,7 @@ _IMAGE_CELLS = 8
 """Cells along the height of the image."""
 
 _PRIOR = 2.0
-"""Views that a cell is worth before any was seen: with no mean, and the spread of all."""
+"""Weight of what is assumed of a cell before any view of it, in views: mean zero, and the variance of all cells."""
 
 
 @dataclass(frozen=True)

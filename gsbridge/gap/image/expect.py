@@ -32,10 +32,10 @@ _TURNS = 5
 """Iterations of the search for the depth along a ray."""
 
 _HIDING = 0.5
-"""Pixels by which near and far things move apart, from which on it matters what hides what."""
+"""Least shift between near and far things, px, at which it is worked out what hides what."""
 
 _SAME = 0.02
-"""Relative difference of two depths of one place: an interpolated and a moved one."""
+"""Largest relative difference between an interpolated and a moved depth that count as the same place."""
 
 _KEPT = 4
 """Ways of looking whose light is kept: a search changes colours more often than places."""

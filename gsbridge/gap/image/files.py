@@ -62,7 +62,9 @@ def read_pairs(views: str | Path, before: str | Path, after: str | Path, *, shot
             shots = [path for number, path in sorted(taken.items()) if not (same and number == shot)]
             if len(shots) < 2:
                 raise InputError(
-                    before, f"there are {len(shots)} photos of the view '{name}'", "Take two or more while all is well"
+                    before,
+                    f"there are {len(shots)} photos of the view '{name}'",
+                    "Take two or more before anything changes",
                 )
             paths = [*shots, after / f"{name}_{shot}.png"]
             photos = [_photo(path, camera) for path in paths]
@@ -75,8 +77,8 @@ def read_pairs(views: str | Path, before: str | Path, after: str | Path, *, shot
         if len(repeats) > 1:
             raise InputError(
                 before,
-                f"of some views there are {min(repeats) + 1} photos, of others {max(repeats) + 1}",
-                "Take as many of all",
+                f"some views have {min(repeats) + 1} photos, others {max(repeats) + 1}",
+                "Take the same number of each",
             )
         poses = np.stack([rows[index]["cam_from_world"] for index in chosen])
         digest.update(depths[chosen].tobytes() + poses.tobytes())
@@ -219,7 +221,7 @@ def _depths(path: Path, shape: tuple[int, int, int]) -> Array:
         seen, wanted = (" x ".join(map(str, size)) for size in (depths.shape, shape))
         raise InputError(path, f"its depths are {seen}", f"Give {wanted}: one per view and pixel")
     if not (np.isfinite(depths) & (depths > 0)).any(axis=(1, 2)).all():
-        raise InputError(path, "of a view, no depth is known", "Give camera z of what it shows, m; 0 only where unknown")
+        raise InputError(path, "one view has no depth at any pixel", "Give camera z of what it shows, m; 0 only where unknown")
     return depths
 
 

@@ -16,11 +16,11 @@ _STEP = 0.04
 """Step of finite differences, in typical sizes of an amplitude or fiftieths of a shape's range."""
 
 _HIDDEN = 1e-2
-"""Share of the strongest parameter's influence below which one does not show."""
+"""A parameter counts as without influence below this share of the strongest one's."""
 
 
 class _LostError(Exception):
-    """No parameter shows where the search is, and the solver would divide by nothing."""
+    """Where the search stands, the pictures depend on no parameter, so that no step can be computed."""
 
 
 def fit(

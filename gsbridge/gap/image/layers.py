@@ -23,10 +23,10 @@ _COLOURS = np.array([[2, 3, -1], [2, 0, 2], [2, -3, -1]], np.float32) / np.sqrt(
 """From red, green, blue to brightness, red less blue, and green less both. Orthonormal."""
 
 _SCATTER = 0.15
-"""Relative deviation of the size of a part from one set of views to another: other places, other moments of a motion."""
+"""Relative difference of the size of a part between two sets of views of one thing, which see other places and moments."""
 
 _PRIOR = 4.0
-"""Numbers that the spread of a part is worth before anything is measured: that of its pixels."""
+"""Weight of what is assumed of the variance of a part, in independent numbers: that it is the variance of its pixels."""
 
 
 def block_means(values: Array) -> tuple[list[Array], list[Array]]:

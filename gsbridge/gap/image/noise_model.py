@@ -14,7 +14,7 @@ LEVELS = 5
 """Classes of brightness in which grain is measured."""
 
 ENOUGH = 20
-"""Pixels of a class from which on its grain is measured."""
+"""Least pixels of a class whose grain is measured."""
 
 LEAST = (0.3 / 255.0) ** 2
 """Variance that 8 bits leave at least."""

@@ -71,7 +71,7 @@ class Pairs:
         if self.poses.shape[1:] != (4, 4) or not np.isfinite(self.poses).all():
             raise InputError(source, "the photos have no poses", "Give cam_from_world of every view, 4 x 4")
         if not self.camera.is_pinhole:
-            raise InputError(source, "the photos are distorted", "Undistort them first; what is left is looked for")
+            raise InputError(source, "the photos are distorted", "Undistort them first; the diagnosis seeks what is left")
         if self.track is not None and self.times is None:
             raise InputError(source, "a track needs the photos' times", "Give them, or no track for a camera that stood")
 

@@ -199,7 +199,7 @@ def _scatter(record: Record, again: Record, source: Path) -> dict[str, Array]:
     sent = [item.commands.get("command", np.zeros((rows, 1)))[:rows] for item in (record, again)]
     if rows < 4 * _BLOCK or np.abs(sent[0] - sent[1]).max() > _COMMANDED_ALIKE:
         raise InputError(
-            source, "this is no repeat: its commands are others", "Send the same commands again, as often per second"
+            source, "it repeats no record: its commands differ", "Send the same commands again, as often per second"
         )
     out = {}
     for kind in set(record.measured) & set(again.measured):
