@@ -22,6 +22,7 @@ from gsbridge.gap.joints.case import read_joint_case
 from gsbridge.gap.joints.detect import joint_null
 from gsbridge.gap.joints.diagnose import JointAccount, diagnose_joints
 from gsbridge.gap.joints.fit import EffectFit, derivatives, fit
+from gsbridge.gap.joints.identify import JointIdentification
 from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.pooled import PooledResiduals, spread_of
@@ -161,6 +162,28 @@ def test_one_number_more_must_explain_more_than_what_remains():
     assert decide([simple, rich], Rules(), 400.0).trials[0] is simple
     much = _hypothesis(["coulomb_asym"], 900.0)
     assert decide([simple, much], Rules(), 400.0).trials[0] is much
+
+
+def test_an_effect_is_not_needed_because_a_fit_without_it_went_astray(monkeypatch):
+    """Of three effects one alone does better than it did with either of the others: neither explains what it seems to."""
+    first, second, third = "coulomb", "compliance", "armature"
+    judge = object.__new__(JointIdentification)
+    judge.rules, judge.floor, judge.plain_chi2 = Rules(), 400.0, 200_000.0
+    monkeypatch.setattr(JointIdentification, "_closed", lambda self, trial: 0.95)
+    monkeypatch.setattr(JointIdentification, "_closed_first", lambda self, trial: 0.95)
+    whole = _hypothesis([first, second, third], 1500.0)
+    astray = [_hypothesis([first, second], 6000.0), _hypothesis([first, third], 5600.0)]
+    parts = [*astray, _hypothesis([second, third], 40_000.0)]
+    assert judge._suffices(whole, [whole, *parts])
+    assert not judge._suffices(whole, [whole, *parts, _hypothesis([first], 3500.0)])
+
+
+def test_of_what_does_not_show_at_all_nothing_is_known(axis):
+    view = JointResiduals.of(Mechanism(axis[0]), records_of(axis)["fit"])
+    jacobian = np.stack([np.zeros(view.residual().size), np.ones(view.residual().size)], axis=1)
+    deviations = spread_of(PooledResiduals((view,)), (), jacobian)
+    assert deviations[0] == np.inf
+    assert np.isfinite(deviations[1])
 
 
 def drifting(axis):

@@ -68,3 +68,13 @@ def test_a_clock_is_not_blamed_for_commands_that_the_model_holds(axis, tmp_path)
     # One that is late all the same is named.
     late = records(plant, 4e-3, {"clock_offset": 0.04})
     assert diagnose_joints(saying(system, "hold"), late, tmp_path, names=("clock_offset",)).finding.verdict == "named"
+
+
+def test_a_delay_of_half_a_sample_is_named_where_the_stairs_of_held_commands_do_not_show(axis, tmp_path):
+    system, plant = axis
+    logs = records(plant, 2e-4, {"command_delay": 0.5 / RATE})
+    diagnosis = diagnose_joints(saying(system, "line"), logs, tmp_path, names=("command_delay", "coulomb"))
+    found = JointAccount().findings_of(diagnosis, logs, seed=0)
+    assert found["verdict"] == "named"
+    assert found["effects"][0]["parameters"]["time"]["value"] == pytest.approx(0.5 / RATE, rel=0.02)
+    assert not any("'between: " in warning for warning in found.get("warnings", ()))

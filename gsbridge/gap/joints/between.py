@@ -40,6 +40,14 @@ class OtherWay:
         """Whether most of the gap is gone with it."""
         return self.after - self.freedom < _HALF * (self.before - self.freedom)
 
+    def tells(self, finding: Finding) -> bool:
+        """Whether a reader should know.
+
+        Held commands come late by half the time between two samples. An arm that comes before its commands is none; one that
+        comes late may be as it is, so that there the other way must explain as much as what was found.
+        """
+        return self.better and (self.stated == "hold" or self.rivals(finding))
+
     def rivals(self, finding: Finding) -> bool:
         """Whether it explains as much as what was named."""
         best = finding.best

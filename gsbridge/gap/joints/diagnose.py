@@ -101,7 +101,7 @@ def diagnose_joints(
     floor = {second.record.label(kind, k): float(s) for (kind, k), s in zip(second.channels, second.sigma, strict=True)}
     further = mechanism.runs - made - mechanism.shared - named
     warnings = _warnings(finding, bank, any(record.sigma or record.tolerance for record in records.values()))
-    if other is not None and other.better:
+    if other is not None and other.tells(finding):
         warnings = (other.sentence, *warnings)
     seconds = time.perf_counter() - begin
     return Diagnosis(

@@ -42,6 +42,10 @@ _HIDDEN = 1e-2
 """Share of the strongest parameter's influence below which one does not show."""
 
 
+_NOTHING = 1e-150
+"""Square of a derivative, in units of the noise, that is none."""
+
+
 class Seen(Protocol):
     """Records as a fit sees them; residuals and what is like them have any one shape."""
 
@@ -242,12 +246,14 @@ def _descend(
                 jacobian = np.stack([problem.difference(x, r, k) for k in range(len(x))], axis=1)
                 damping, failures, fresh = 1e-3, 0, True
     curvature = jacobian.T @ jacobian
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+    # Of what does not show at all nothing is known.
+    hidden = np.diag(curvature) <= _NOTHING
+    scale = np.where(hidden, 0.0, 1.0 / np.sqrt(np.maximum(np.diag(curvature), _NOTHING)))
     covariance = np.linalg.pinv(curvature * np.outer(scale, scale), rcond=1e-10) * np.outer(scale, scale)
     # What is not sure about the step of time moves the estimates as noise does.
     astray = _UNSURE * covariance @ (jacobian.T @ problem.view.stepping().ravel())
     beyond = covariance @ (jacobian.T @ problem.view.stepping_beyond(problem.effects(x)).ravel()) if last else 0.0
-    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0) + astray**2 + beyond**2)
+    deviations = np.where(hidden, np.inf, np.sqrt(np.maximum(np.diag(covariance), 0.0) + astray**2 + beyond**2))
     spread = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
     correlation = np.abs(covariance / np.maximum(spread, 1e-300) - np.eye(len(x))).max() if len(x) > 1 else 0.0
     shown = np.linalg.svd(jacobian * problem.scale(x), compute_uv=False)

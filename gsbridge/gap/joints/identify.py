@@ -306,10 +306,12 @@ class JointIdentification:
         left = max(trial.chi2 - self.floor, 0.0)
         for candidate in trial.fit.who:
             kept = [k for k, c in enumerate(trial.fit.who) if c != candidate]
-            without = next((t for t in trials if set(t.fit.who) == set(trial.fit.who) - {candidate}), None)
-            if without is None:
+            known = [t for t in trials if set(t.fit.who) <= set(trial.fit.who) - {candidate}]
+            if not any(len(t.fit.who) == len(kept) for t in known):
                 who, values = [trial.fit.who[k] for k in kept], [trial.fit.values[k] for k in kept]
-                without = self.trial_of(fit(self.first, who, values, np.inf, self.screen, self._limit(0)))
+                known.append(self.trial_of(fit(self.first, who, values, np.inf, self.screen, self._limit(0))))
+            # A fit that ends in a poor valley, with even fewer effects doing better, would make an effect look needed.
+            without = min(known, key=lambda t: t.chi2)
             left_without, left_with, gap = (
                 beyond_noise(chi2, self.floor) for chi2 in (without.chi2, trial.chi2, self.plain_chi2)
             )

@@ -75,6 +75,9 @@ class PooledResiduals:
         return np.cumsum([len(view.record.time) * len(view.channels) for view in self.views])[:-1]
 
 
+_NOTHING = 1e-75
+"""Derivative, in units of the noise, that is none."""
+
 _MOMENTS = 25
 """Parts of each record that are taken for independent of each other."""
 
@@ -95,7 +98,9 @@ def spread_of(both: PooledResiduals, effects: Sequence[Applied], jacobian: Array
         Grenander and Rosenblatt, Statistical Analysis of Stationary Time Series, 1957.
     """
     residual = both.residual(effects)
-    scale = 1.0 / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    sizes = np.linalg.norm(jacobian, axis=0)
+    hidden = sizes <= _NOTHING
+    scale = np.where(hidden, 0.0, 1.0 / np.maximum(sizes, _NOTHING))
     curvature = np.linalg.pinv((jacobian * scale).T @ (jacobian * scale), rcond=1e-10)
     moments, lines = list[Array](), list[Array]()
     for view, shapes, left in zip(
@@ -109,4 +114,5 @@ def spread_of(both: PooledResiduals, effects: Sequence[Applied], jacobian: Array
         lines += list((moved.conj() * left).sum(axis=1) / len(left))
     meats = [np.real(np.stack(parts).T @ np.stack(parts).conj()) for parts in (moments, lines)]
     variances = [np.diag(curvature @ meat @ curvature) for meat in meats]
-    return np.sqrt(np.maximum.reduce([*variances, np.diag(curvature)])) * scale
+    # Of what does not show at all nothing is known.
+    return np.where(hidden, np.inf, np.sqrt(np.maximum.reduce([*variances, np.diag(curvature)])) * scale)
