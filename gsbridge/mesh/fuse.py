@@ -26,6 +26,8 @@ _WALL = 0.02
 """Thickness of what surely stands behind a measured surface, as a share of the object's size."""
 _CLEAR = 0.03
 """Points this near to the table, as a share of the object's size, may be its own; those this near to the top are no floor."""
+_MOSTLY, _PATCH = 0.8, 12
+"""Share of the measured points nearby that must face upward as well, and the fewest of them."""
 _FLOOR = 0.3
 """Least upward part of the normal of what is seen from above, as the inside of a vessel is."""
 
@@ -161,6 +163,12 @@ def measured_wall(grid: Grid, cloud: DepthCloud, hull: Hull) -> Array:
     out = np.full(int(np.prod(grid.shape)), -1e9, np.float32)
     thick, clear, height = _WALL * hull.size, _CLEAR * hull.size, cloud.points[:, 2]
     floor = (height > clear) & (height < hull.mesh.vertices[:, 2].max() - clear) & (cloud.normals[:, 2] > _FLOOR)
+    # A lone point that faces upward is an error of depth on a side, and would grow a wart.
+    around = 2.0 * thick
+    every, facing = (cKDTree(cloud.points[part]) for part in (np.ones(len(floor), bool), floor))
+    near_all = every.query_ball_point(cloud.points, around, return_length=True)
+    near_floor = facing.query_ball_point(cloud.points, around, return_length=True) if floor.any() else np.zeros(len(floor))
+    floor &= (near_floor > _MOSTLY * near_all) & (near_floor >= _PATCH)
     if floor.any():
         points, normals, places = cloud.points[floor], cloud.normals[floor], grid.points()
         found = cKDTree(points).query(places, distance_upper_bound=thick)

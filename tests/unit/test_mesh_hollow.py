@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from solid_scene import POT_FLOOR, POT_HEIGHT, around, filled_pot, pot, statue, traced
+from solid_scene import POT_FLOOR, POT_HEIGHT, POT_RIM, around, filled_pot, pot, statue, traced
 
 from gsbridge.cameras import Camera
 from gsbridge.configuration.mesh import MeshSettings
@@ -123,6 +123,12 @@ def test_a_hole_that_bitten_masks_cut_into_a_measured_floor_is_closed():
     grid, solid, _ = fuse(bitten, cloud, views, MeshSettings(), narrow=False, seed=1)
     closed = closed_surface(grid, solid, 8000)
     assert cavity_depth(closed) == pytest.approx(POT_HEIGHT - POT_FLOOR, abs=0.003)
+    # Nor does a lone point beside the pot that seems to face upward.
+    lone = np.array([[POT_RIM + 0.004, 0.0, 0.03]])
+    one = replace(
+        cloud, points=np.concatenate([cloud.points, lone]), normals=np.concatenate([cloud.normals, [[0.0, 0.0, 1.0]]])
+    )
+    np.testing.assert_array_equal(measured_wall(left.grid, one, bitten), wall)
     # Nothing that faces upward near the table or at the top, and no side, grows a wall.
     flat = np.array([[0.0, 0.0, 0.0005], [0.0, 0.0, POT_HEIGHT], [0.02, 0.0, 0.025]])
     facing = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
