@@ -87,6 +87,7 @@ def test_degraded_reasons_stand_at_the_top(tmp_path):
         ("no_discrepancy", "no discrepancy", "could not show"),
         ("ambiguous", "ambiguous", "compare slow with fast constant speed"),
         ("none_of_the_known", "none of the known effects", "no catalogue has"),
+        ("not_attributable", "something remains, not attributable", "Throw it slowly"),
         ("not_enough_excitation", "not enough excitation", "faster and slower motion"),
     ],
 )

@@ -17,6 +17,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.gap.benchmark.body_cases import BODY
 from gsbridge.gap.benchmark.photo_cases import SAME, photo_closure
+from gsbridge.gap.diagnosis.results import SILENT
 from gsbridge.gap.joints.case import read_joint_case
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals
@@ -80,7 +81,7 @@ class JudgedCase:
     @property
     def outcome(self) -> str:
         """The outcome, one of `OUTCOMES`. Where the catalogue lacks what is hidden, only abstaining is right."""
-        silent = self.verdict in ("no_discrepancy", "not_enough_excitation")
+        silent = self.verdict in SILENT
         if not self.hidden:
             return "quiet" if silent else "false_alarm"
         if silent:

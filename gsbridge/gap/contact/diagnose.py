@@ -18,6 +18,7 @@ from gsbridge.gap.contact.identify import ThrowIdentification, ThrowRules, closu
 from gsbridge.gap.contact.interval import intervals
 from gsbridge.gap.contact.replay import HORIZON, PHASES, ThrowReplay
 from gsbridge.gap.contact.setup import body_setup
+from gsbridge.gap.contact.starts import pooled_speeds
 from gsbridge.gap.contact.throws import Throws
 from gsbridge.gap.diagnosis.findings import Account, Diagnosis, digits_of
 from gsbridge.gap.diagnosis.results import ROLES, TRANSFERS, Verification
@@ -46,6 +47,10 @@ def diagnose_throws(
     """
     begin = time.perf_counter()
     first, select, third = (ThrowReplay(body, throws[role], horizon) for role in ROLES)
+    replays = (first, select, third)
+    # One tracker measured them all.
+    for replay, noise in zip(replays, pooled_speeds([replay.noise for replay in replays]), strict=True):
+        replay.noise = noise
     bank = grid_bank(first, names, bank_folder)
     finding = ThrowIdentification(first, select, bank, rules, seed).run()
     verification, spans, figures = None, [], []
@@ -64,7 +69,7 @@ def diagnose_throws(
         figures = _changes(body, effects)
         after_phases = select.phases(effects)
         where = {phase: (before, after_phases[phase]) for phase, (before, _) in where.items()}
-    runs = round(sum(replay.passes for replay in (first, select, third)))
+    runs = round(sum(replay.passes for replay in replays))
     floor, seconds = {"position": finding.floor}, time.perf_counter() - begin
     return Diagnosis(finding, verification, floor, round(bank.runs), runs, seconds, tuple(spans), tuple(figures), where)
 
@@ -89,14 +94,23 @@ class ThrowAccount(Account):
     def sentence(self, diagnosis: Diagnosis) -> str:
         """The finding in words."""
         finding = diagnosis.finding
-        if not finding.coloured:
+        if finding.verdict != "not_attributable":
             return super().sentence(diagnosis)
-        gap, floor = (f"{1e3 * x:.3g} mm" for x in (finding.before, diagnosis.floor["position"]))
         return (
-            f"No known effect: simulated and measured throws are {gap} apart, where noise and chaos explain {floor}, but they "
-            "fly alike, and nothing learnt from some throws holds on others. Engines that push bodies apart otherwise differ "
-            "as much."
+            f"Something remains that cannot be attributed: {self._apart(diagnosis)}. They fly alike until they touch, and "
+            "nothing learnt from some throws holds on others: another engine's way of pushing bodies apart differs as much, "
+            "and so may contacts that no catalogue has. Do this next: slow throws that touch once, at one place."
         )
+
+    def doubts(self, diagnosis: Diagnosis) -> tuple[str, ...]:
+        """Why a finding is less than an answer."""
+        if diagnosis.finding.verdict != "not_attributable":
+            return ()
+        return (f"{self._apart(diagnosis)}, which no known effect explains",)
+
+    def _apart(self, diagnosis: Diagnosis) -> str:
+        gap, floor = (f"{self.scale * x:.3g} mm" for x in (diagnosis.finding.before, diagnosis.floor["position"]))
+        return f"simulated and measured throws are {gap} apart, where noise and chaos explain {floor}"
 
     def unit_of(self, parameter: Parameter) -> str:
         """Unit of a parameter; shares have none."""

@@ -153,8 +153,9 @@ class ThrowIdentification:
             if grown is not best:
                 trials, rest = [grown, *trials], throw_null(self.second, grown.fit.effects, self.rng)
         if not self._learns(trials[0], null.floor) and null.p_early(self.second.early()) >= rules.alarm:
-            # Bodies fly as they should, and nothing learnt from some touches holds on others: another engine's contacts.
-            return replace(self._quiet("no_discrepancy", p_value, null, unseen), coloured=True)
+            # Bodies fly as they should, and nothing learnt from some touches holds on others: another
+            # engine's contacts, or contacts that no catalogue has.
+            return replace(self._quiet("not_attributable", p_value, null, unseen), something_remains=True)
         return self._decide(trials, rest, p_value, unseen)
 
     def _again(self) -> list[GridMatch]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.stats import chi2 as chi2_law
 from scipy.stats import f as f_law
 
@@ -21,6 +23,9 @@ _FEWEST = 6
 
 _LONGER = (1.3, 1.6, 2.0, 2.5, 3.1, 3.8)
 """Multiples of `WINDOW` that are tried one after the other."""
+
+_HALF = 0.6745
+"""Standard deviations within which half of a normal law lies."""
 
 _ALIKE = 0.75
 """Quantile of Fisher's law up to which a longer stretch is as well described as the first one."""
@@ -69,6 +74,7 @@ class ThrowNoise:
         velocity: The same of a start velocity, root mean square over the throws, m/s.
         spin: The same of a start spin, rad/s.
         shares: Of each throw's velocity and spin, by what factor it is known less well than all. Each [N].
+        logged: Whether speeds come from the log.
     """
 
     position: float
@@ -76,6 +82,7 @@ class ThrowNoise:
     velocity: float
     spin: float
     shares: tuple[Array, Array]
+    logged: bool = False
 
 
 def quat_from_turn(turn: Array) -> Array:
@@ -111,14 +118,41 @@ def starts_of(throws: Throws) -> tuple[Starts, ThrowNoise]:
     logged = all(throw.velocity is not None and throw.spin is not None for throw in throws.items)
     if logged:
         given = [np.stack([getattr(throw, key) for throw in throws.items]) for key in ("velocity", "spin")]
-        # How far logged speeds scatter about those of the poses beyond the scatter of the latter.
         apart = [a - b for a, b in zip(given, (speeds, spins), strict=True)]
-        spread = [1.4826 * np.median(np.abs(values - np.median(values, axis=0))) for values in apart]
-        rest = [np.sqrt(max(s**2 - f**2, 0.0)) for s, f in zip(spread, (noise.velocity, noise.spin), strict=True)]
-        noise = ThrowNoise(of_position, of_angle, float(rest[0]), float(rest[1]), (np.ones(len(fits)), np.ones(len(fits))))
+        known = [of_position * shares[0] * gain, of_angle * shares[1] * turning]
+        rest = [_beyond(values, spread) for values, spread in zip(apart, known, strict=True)]
+        noise = ThrowNoise(of_position, of_angle, rest[0], rest[1], (np.ones(len(fits)), np.ones(len(fits))), logged=True)
         speeds, spins = given
     acceleration = np.stack([fit.acceleration for fit in fits])
     return Starts(position, quat, speeds, spins, acceleration, logged), noise
+
+
+def pooled_speeds(noises: Sequence[ThrowNoise]) -> list[ThrowNoise]:
+    """Noises of sets of throws with one noise of logged speeds: few throws tell it badly, or not at all."""
+    if not all(noise.logged for noise in noises):
+        return list(noises)
+    velocity, spin = (float(np.sqrt(np.mean([getattr(noise, key) ** 2 for noise in noises]))) for key in ("velocity", "spin"))
+    return [replace(noise, velocity=velocity, spin=spin) for noise in noises]
+
+
+def _beyond(apart: Array, known: Array) -> float:
+    """Standard deviation of logged speeds: what makes their distances to those of the poses as large as they are.
+
+    Args:
+        apart: Distances, component by component. [N, 3].
+        known: Standard deviations of the poses' speeds. [N].
+
+    Returns:
+        In the unit of the speeds; zero where the poses alone explain the distances.
+    """
+    # Of long flights poses tell speeds best; short ones would hide it.
+    best = known <= np.median(known)
+    sizes, spread = np.abs(apart - np.median(apart, axis=0))[best], known[best, None]
+
+    def beyond(noise: float) -> float:
+        return float(np.median(sizes / np.hypot(noise, spread))) - _HALF
+
+    return 0.0 if beyond(0.0) <= 0.0 else float(brentq(beyond, 0.0, 10.0 * float(sizes.max())))
 
 
 @dataclass(frozen=True)

@@ -123,10 +123,11 @@ class Account:
             counts: Further entries about what was measured.
         """
         finding, scale = diagnosis.finding, self.scale
+        reasons = [*reasons, *self.doubts(diagnosis)]
         where = {phase: [scale * before, scale * after] for phase, (before, after) in diagnosis.where.items()}
         return {
             "status": "degraded" if reasons else "pass",
-            "reasons": list(reasons),
+            "reasons": reasons,
             **({"warnings": list(diagnosis.warnings)} if diagnosis.warnings else {}),
             "sentence": self.sentence(diagnosis),
             "verdict": finding.verdict,
@@ -157,6 +158,10 @@ class Account:
             "records": {role: part.digest or part.content_digest() for role, part in parts.items()},
             "seed": seed,
         }
+
+    def doubts(self, diagnosis: Diagnosis) -> tuple[str, ...]:
+        """Why a finding is less than an answer, beside what is known of the measurements."""
+        return ()
 
     def _verified(self, checked: Verification | None) -> dict[str, Any] | None:
         """What `verify` says about the best explanation."""

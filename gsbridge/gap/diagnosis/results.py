@@ -14,7 +14,11 @@ from gsbridge.geometry import Array
 ROLES = ("fit", "select", "verify")
 """Parts of a case: effects are fitted to the first, chosen on the second and proven on the third."""
 
-VERDICTS = ("no_discrepancy", "named", "ambiguous", "none_of_the_known", "not_enough_excitation")
+VERDICTS = ("no_discrepancy", "named", "ambiguous", "none_of_the_known", "not_attributable", "not_enough_excitation")
+
+SILENT = ("no_discrepancy", "not_attributable", "not_enough_excitation")
+"""Verdicts that raise no alarm. What is not attributable may be a fault of the model or a choice of its engine: the data do not
+say."""
 
 TRANSFERS = 0.5
 """Share of the gap that a name must close on `verify`."""

@@ -16,6 +16,7 @@ LABELS = {
     "named": ("named", "good"),
     "ambiguous": ("ambiguous", "warn"),
     "none_of_the_known": ("none of the known effects", "warn"),
+    "not_attributable": ("something remains, not attributable", "warn"),
     "not_enough_excitation": ("not enough excitation", "warn"),
 }
 """Verdicts for people, and whether they are an answer."""
@@ -203,6 +204,8 @@ def next_steps(findings: Mapping[str, Any], about: Mapping[str, Any], screening:
         )
         if findings.get("suggestion"):
             out.append(f"A sparse regression of what remains suggests: {findings['suggestion']}.")
+    elif verdict == "not_attributable":
+        out.append("Throw it slowly, so that it touches once at one place: contacts of one kind can be told from each other.")
     elif verdict == "not_enough_excitation" and about["mode"] == "body":
         out.append("Throw it so that it hits, slides, tumbles and comes to rest: fast and slow, with spin, in all attitudes.")
     elif verdict == "not_enough_excitation":
