@@ -14,9 +14,10 @@ from gsbridge.gap.benchmark.generate import draw_case
 from gsbridge.gap.benchmark.mechanisms import axis_plant
 from gsbridge.gap.diagnosis.amend import amend_model
 from gsbridge.gap.diagnosis.backend import best_effects
+from gsbridge.gap.diagnosis.closure import closed, closed_beside_rest
 from gsbridge.gap.diagnosis.results import Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import decide
-from gsbridge.gap.joints.bank import make_bank
+from gsbridge.gap.joints.bank import make_bank, signature_bank
 from gsbridge.gap.joints.candidates import JointCandidate
 from gsbridge.gap.joints.case import read_joint_case
 from gsbridge.gap.joints.detect import joint_null
@@ -27,6 +28,7 @@ from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.pooled import PooledResiduals, spread_of
 from gsbridge.gap.joints.residuals import JointResiduals
+from gsbridge.gap.joints.scatter import scatter_between
 from gsbridge.gap.joints.screen import Screen
 from gsbridge.gap.joints.widening import Look, strained
 
@@ -176,6 +178,55 @@ def test_an_effect_is_not_needed_because_a_fit_without_it_went_astray(monkeypatc
     parts = [*astray, _hypothesis([second, third], 40_000.0)]
     assert judge._suffices(whole, [whole, *parts])
     assert not judge._suffices(whole, [whole, *parts, _hypothesis([first], 3500.0)])
+
+
+def test_friction_that_creeps_at_rest_is_judged_by_motion():
+    """Unless more is left at rest than there was, or the record is at rest for most of its time."""
+    rng = np.random.default_rng(0)
+    before, after = (size + rng.standard_normal((1000, 2)) for size in (20.0, 1.0))
+    rests = np.zeros(1000, bool)
+    rests[600:] = True
+    after[rests] += 15.0
+    moving = closed(before[:600], after[:600], 1.0)
+    assert closed(before, after, 1.0) < 0.6 < 0.9 < moving
+    assert closed_beside_rest(before, after, 1.0, rests) == moving
+    for other in (after + 10.0 * rests[:, None], after):
+        still = rests if other is not after else np.arange(1000) >= 400
+        assert closed_beside_rest(before, other, 1.0, still) == closed(before, other, 1.0)
+
+
+def test_intervals_know_how_far_records_disagree(axis):
+    records = records_of(axis)
+    torques = {"fit": 0.3, "select": 0.33, "verify": 0.36}
+    friction = JointCandidate("coulomb", "axis")
+    other = {
+        role: simulated(axis, {role: record}, (friction.applied({"torque": torques[role]}),))[role]
+        for role, record in records.items()
+    }
+    same = simulated(axis, records, (friction.applied({"torque": 0.3}),))
+    spreads = []
+    for logs in (other, same):
+        views = [JointResiduals.of(Mechanism(axis[0]), record) for record in logs.values()]
+        found = fit(views[0], (friction,), ({"torque": 0.3},))
+        spreads.append(float(scatter_between(views, found)[0]))
+    # A standard deviation of 0.30, 0.33, 0.36.
+    assert spreads[0] == pytest.approx(0.03, rel=0.15)
+    assert spreads[1] < 0.003
+
+
+def test_an_effect_is_fitted_beside_its_special_cases(axis):
+    """Friction that differs between directions is not named while nobody has fitted friction that does not."""
+    mechanism, records = Mechanism(axis[0]), records_of(axis)
+    records = simulated(axis, records, (JointCandidate("coulomb", "axis").applied({"torque": 0.3}),))
+    views = [JointResiduals.of(mechanism, records[role]) for role in ("fit", "select")]
+    who = [JointCandidate(name, "axis") for name in ("coulomb", "coulomb_asym")]
+    search = JointIdentification(views[0], views[1], signature_bank(views[0], who, axis[2] / "bank"), who)
+    rich = search.trial_of(fit(views[0], who[1:], ({"torque": 0.29, "skew": 0.01},)))
+    (plain,) = search._simpler([rich])
+    assert plain.names == ("coulomb:axis",)
+    assert plain.fit.values[0]["torque"] == pytest.approx(0.3, rel=0.01)
+    assert decide([rich, plain], search.rules, search.floor).trials[0] is plain
+    assert search._simpler([rich, plain]) == []
 
 
 def test_of_what_does_not_show_at_all_nothing_is_known(axis):

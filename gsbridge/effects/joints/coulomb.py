@@ -11,6 +11,7 @@ class Coulomb(FigureEffect):
     hook = "transmission"
     parameters = (Parameter("torque", "N m", 0.0, 50.0, 0.1, True, "dry friction in both directions"),)
     figures = {"torque": "coulomb"}  # noqa: RUF012
+    sticks = True
     signature = "effort changes by a step where the speed changes its sign; positions stick"
     confused_with = ("viscous", "stribeck", "backlash")
     tell_apart = "compare slow with fast constant speed"

@@ -14,6 +14,7 @@ class CoulombAsym(FigureEffect):
         Parameter("skew", "N m", -20.0, 20.0, 0.05, True, "more forwards, less backwards"),
     )
     figures = {"torque": "coulomb", "skew": "coulomb_skew"}  # noqa: RUF012
+    sticks = True
     signature = "steps of different height at the two reversals"
     confused_with = ("coulomb", "effort_offset")
     tell_apart = "hold at rest and ramp the torque slowly both ways"

@@ -14,6 +14,7 @@ class Stribeck(FigureEffect):
         Parameter("speed", "rad/s", 0.005, 0.5, 0.05, False, "speed at which it has fallen to 1/e"),
     )
     figures = {"torque": "stribeck", "speed": "stribeck_speed"}  # noqa: RUF012
+    sticks = True
     signature = "a bump of effort near zero speed only"
     confused_with = ("backlash", "coulomb")
     tell_apart = "a very slow sine"

@@ -15,6 +15,9 @@ _MOMENTS = 25
 _LEFT_OUT = 5
 """Largest number of those parts that are left out."""
 
+_RESTS = 0.5
+"""Share of a record that may be at rest if the motion of the remainder is to tell a closure."""
+
 _ALLOWED = 0.02
 """Share of a gap's squares that may be left to noise where a closure is judged."""
 
@@ -66,6 +69,23 @@ def closed_at_most_times(before: Array, after: Array, share: float) -> float:
     for moment in np.argsort(left)[-_LEFT_OUT:]:
         kept[moment * length : (moment + 1) * length] = False
     return max(closed(before, after, share), closed(before[kept], after[kept], share))
+
+
+def closed_beside_rest(before: Array, after: Array, share: float, rests: Array) -> float:
+    """`closed`, or as motion alone tells where an explanation leaves no more at rest than there was.
+
+    Of what dry friction holds, its law leaves open where between two bounds it rests, and real friction creeps there.
+
+    Args:
+        before: Whitened residual without the explanation. [T, C].
+        after: With it. [T, C].
+        share: Mean square of noise alone.
+        rests: Samples in which friction of the explanation holds something. [T].
+    """
+    whole = closed(before, after, share)
+    if not 0.0 < rests.mean() < _RESTS or (after[rests] ** 2).sum() > (before[rests] ** 2).sum():
+        return whole
+    return max(whole, closed(before[~rests], after[~rests], share))
 
 
 def beyond_noise(chi2: float, floor: float) -> float:

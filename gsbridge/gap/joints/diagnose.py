@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from gsbridge.effects.base import Effect
 from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.findings import Account, Diagnosis
-from gsbridge.gap.diagnosis.results import ROLES, EffectFit, Finding, Rules, Verification
+from gsbridge.gap.diagnosis.results import ROLES, SILENT, EffectFit, Finding, Rules, Verification
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.account import account_of
 from gsbridge.gap.joints.bank import SignatureBank, signature_bank
@@ -24,6 +25,7 @@ from gsbridge.gap.joints.identify import JointIdentification
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals, share_noise
+from gsbridge.gap.joints.scatter import scatter_between
 from gsbridge.gap.joints.widening import Widening
 
 logger = logging.getLogger("gsbridge")
@@ -86,13 +88,17 @@ def diagnose_joints(
         said = finding.verdict in ("named", "ambiguous")
         finding = finding.refuted() if said and not verification.transfers(rules) else finding
     account, named = None, mechanism.runs - made - mechanism.shared
-    if finding.best is not None and finding.verdict not in ("no_discrepancy", "not_enough_excitation"):
+    if finding.best is not None and finding.verdict not in SILENT:
+        if told := finding.verdict in ("named", "ambiguous"):
+            spread = _unsure(finding.best.fit, tuple(views.values()), finding.after)
+            finding = replace(finding, best=replace(finding.best, fit=spread))
         floors = (search.floor_first, search.floor)
         wide = Widening(first, second, who, search.screen, search.rules, floors, search.remains)
         whole = wide.widen(finding)
+        if whole is not None and not (told and _same(whole.fit.effects, effects)):
+            whole = replace(whole, fit=_unsure(whole.fit, tuple(views.values())))
         account = None if whole is None else account_of(wide, finding, whole, third)
-        said = finding.verdict in ("named", "ambiguous")
-        if account is not None and verification is not None and not said:
+        if account is not None and verification is not None and not told:
             # Shares of hardly any gap are shares of nothing, and an account that explains none of it is no account.
             tells = account.explained >= search.rules.worth and verification.before >= _BARELY
             account = account if tells else None
@@ -107,6 +113,17 @@ def diagnose_joints(
     return Diagnosis(
         finding, verification, floor, bank.runs, named, seconds, account=account, warnings=warnings, account_runs=further
     )
+
+
+def _unsure(fit: EffectFit, views: Sequence[JointResiduals], size: float = 1.0) -> EffectFit:
+    """A fit with deviations that know how far records disagree.
+
+    Args:
+        fit: The fit.
+        views: Residuals on all records.
+        size: What is left, in units of the noise, by which deviations are multiplied later.
+    """
+    return replace(fit, deviations=np.hypot(fit.deviations, scatter_between(views, fit) / max(1.0, size)))
 
 
 def _same(some: Sequence[Applied], others: Sequence[Applied]) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gsbridge.gap.diagnosis.closure import beyond_noise, closed, closed_at_most_times
+from gsbridge.gap.diagnosis.closure import beyond_noise, closed_at_most_times, closed_beside_rest
 from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Finding, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import Decision, decide, transfer
 from gsbridge.gap.joints.bank import SignatureBank
@@ -29,6 +29,9 @@ decides between them."""
 
 _JUDGED = 2
 """Simulations after a fit: with another step of time, and on the record that it has not seen."""
+
+_NEAR = 2.0
+"""Multiple of the best squared residual up to which an explanation's special cases are fitted, too."""
 
 _HUGE = 5.0
 """Residual, in units of the noise, that no colour of the noise explains."""
@@ -186,6 +189,26 @@ class JointIdentification:
                 reached = max(reached, chi2 - fitted.chi2)
             else:
                 self.lost.add(str(match.candidate))
+        return out + self._simpler(out)
+
+    def _simpler(self, trials: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Special cases of good explanations that were not fitted, or went astray, from where those ended.
+
+        Beside none of its special cases an effect would be named for parameters that explain nothing.
+        """
+        out, fitted = list[Hypothesis](), {trial.fit.who for trial in trials}
+        best = min((trial.fit.chi2 for trial in trials), default=0.0)
+        for trial in trials:
+            (whole,), (values,) = trial.fit.who, trial.fit.values
+            for who in (c for c in self.who if c.joint == whole.joint and c.name in whole.effect.contains):
+                names = [parameter.name for parameter in who.effect.parameters]
+                known = (who,) in fitted or not set(names) <= set(values) or trial.fit.chi2 > _NEAR * best
+                if known or not self._affords(2 + len(names)):
+                    continue
+                start = {name: values[name] for name in names}
+                out.append(self.trial_of(fit(self.first, (who,), (start,), np.inf, self.screen, self._limit())))
+                self.lost.discard(str(who))
+                fitted.add((who,))
         return out
 
     def _closer(self, who: Candidate, start: dict[str, float]) -> dict[str, float]:
@@ -195,9 +218,13 @@ class JointIdentification:
         found = [(float((self.first.residual((who.applied(start),)) ** 2).sum()), start)]
         for step in _OCTAVES:
             for turned in (step, -step):
-                values = who.effect.scaled(found[0][1], 2.0**turned)
-                found.append((float((self.first.residual((who.applied(values),)) ** 2).sum()), values))
-            found = [min(found, key=lambda item: item[0])]
+                # On as long as it helps: what first stands out may be a third of what is there.
+                while self._affords(4):
+                    values = who.effect.scaled(found[0][1], 2.0**turned)
+                    found.insert(1, (float((self.first.residual((who.applied(values),)) ** 2).sum()), values))
+                    found = sorted(found, key=lambda item: item[0])[:1]
+                    if found[0][1] is not values:
+                        break
         return found[0][1]
 
     def _several(self, singles: list[Hypothesis], best: Hypothesis) -> list[Hypothesis]:
@@ -344,7 +371,9 @@ class JointIdentification:
 
     def _closed(self, trial: Hypothesis) -> float:
         """Share of the gap on `select` that a trial closes, as far as noise tells."""
-        return closed(self.plain, trial.residual, self.null.share)
+        held = [c.joint for c in trial.fit.who if c.effect.sticks]
+        rests = self.second.rests(trial.fit.effects, held) if held else np.zeros(len(self.plain), bool)
+        return closed_beside_rest(self.plain, trial.residual, self.null.share, rests)
 
     def _closed_first(self, trial: Hypothesis) -> float:
         """Share of the gap on `fit` that a trial closes; `select` tells whether something else happened there for a while."""

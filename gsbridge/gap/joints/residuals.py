@@ -38,6 +38,9 @@ _SEEN = 0.1
 _ROUNDED = 0.5
 """Error of rounding, in units of all noise, from which on rounding makes most of it."""
 
+_STILL = 0.02
+"""Share of a joint's speed, root mean square, below which it is at rest."""
+
 _KEPT = 128
 """Replays kept in memory: fits, their checks and bootstraps ask for some of them again."""
 
@@ -205,6 +208,16 @@ class JointResiduals:
         """Measured less what another model of the mechanism does without effects, in units of the noise. [T, C]."""
         moved = other.run(self.record, apply_effects(other, ()), self.spans, self.states)
         return self.whiten(self._raw(self.stack(moved) + self._fine))
+
+    def rests(self, effects: Sequence[Applied], joints: Sequence[str]) -> Array:
+        """In which samples a replay with effects holds one of some joints still, as positions tell. [T]."""
+        out = np.zeros(len(self.record.time), bool)
+        for joint in joints:
+            where = ("position", self.record.joints.index(joint))
+            if where in self.channels:
+                speed = np.abs(np.gradient(self.replay(effects)[:, self.channels.index(where)]))
+                out |= speed < _STILL * np.sqrt((speed**2).mean())
+        return out
 
     def tolerance(self) -> Array:
         """Slow deviations that nobody asks to be explained, in units of the noise: as stated, or an encoder's rounding. [C].
