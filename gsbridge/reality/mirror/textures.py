@@ -15,12 +15,21 @@ from scipy.spatial import cKDTree
 from gsbridge.geometry import Array
 
 
+_PRIMES = tuple(np.uint64(prime) for prime in (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9))
+
+
 def _hash(cells: Array, seed: int) -> Array:
-    """Uniform 0..1 of integer cells. [..., 3] int64 -> [...]. Source: the finaliser of SplitMix64 (Steele et al., 2014)."""
+    """Uniform 0..1 of integer cells. [..., 3] int64 -> [...]."""
     with np.errstate(over="ignore"):
         c = cells.astype(np.int64).view(np.uint64)
-        h = c[..., 0] * np.uint64(0x9E3779B97F4A7C15) ^ c[..., 1] * np.uint64(0xC2B2AE3D27D4EB4F)
-        h = h ^ c[..., 2] * np.uint64(0x165667B19E3779F9) ^ np.uint64(seed * 0x2545F4914F6CDD1D % (1 << 64))
+        return _mixed(c[..., 0] * _PRIMES[0] ^ c[..., 1] * _PRIMES[1] ^ c[..., 2] * _PRIMES[2], seed)
+
+
+def _mixed(h: Array, seed: int) -> Array:
+    """Uniform 0..1 of integers that tell cells apart. uint64 [...] -> [...]. Source: the finaliser of SplitMix64 (Steele et al.,
+    2014)."""
+    with np.errstate(over="ignore"):
+        h = h ^ np.uint64(seed * 0x2545F4914F6CDD1D % (1 << 64))
         h = (h ^ (h >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
         h = (h ^ (h >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
         h ^= h >> np.uint64(31)
@@ -48,10 +57,14 @@ def value_noise(points: Array, cell: float, seed: int) -> Array:
     corner = np.floor(p).astype(np.int64)
     f = p - corner
     f = f * f * (3 - 2 * f)
+    # Each axis has two weights and two hashed numbers, which eight corners share.
+    weights = [(1 - f[:, k], f[:, k].copy()) for k in range(3)]
+    with np.errstate(over="ignore"):
+        keys = [[(corner[:, k] + step).view(np.uint64) * _PRIMES[k] for step in range(2)] for k in range(3)]
     total = np.zeros(len(p))
-    for offset in np.ndindex(2, 2, 2):
-        weight = np.prod(np.where(np.array(offset, bool), f, 1 - f), axis=-1)
-        total += weight * _hash(corner + np.array(offset), seed)
+    for i, j, k in np.ndindex(2, 2, 2):
+        weight = weights[0][i] * weights[1][j] * weights[2][k]
+        total += weight * _mixed(keys[0][i] ^ keys[1][j] ^ keys[2][k], seed)
     return 2 * total - 1
 
 
