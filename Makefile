@@ -8,6 +8,8 @@ TOOLS := $(VENV)/.tools
 # snakemake, which goes on by itself after a run that was killed.
 SNAKEMAKE := $(BIN)/gsbridge run
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
+# Python compiles what is imported when it is: most of the packages' files never are, and to compile all takes two minutes.
+INSTALL := $(PIP) install --no-compile
 # PyPI's torch for Linux brings gigabytes of CUDA; PyTorch's own index also has it without. Empty for a machine with a GPU.
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 # The version of PyTorch, as its lock has it.
@@ -168,13 +170,13 @@ $(INSTALLED): requirements.lock requirements-torch.lock pyproject.toml
 	@$(BIN)/python -c 'import pip; $(SUPPORTED)' 2>/dev/null || $(PYTHON) -m venv --clear $(VENV) || \
 		{ echo "$(PYTHON) cannot make an environment; on Debian and Ubuntu: sudo apt install python3-venv" >&2; exit 1; }
 	@echo "Installing into $(VENV), some minutes ..."
-	-$(if $(TORCH_INDEX),$(PIP) install --no-deps --retries 1 --timeout 15 --extra-index-url $(TORCH_INDEX) "$(TORCH)")
-	$(PIP) install --require-hashes --no-deps --requirement requirements.lock
+	-$(if $(TORCH_INDEX),$(INSTALL) --no-deps --retries 1 --timeout 15 --extra-index-url $(TORCH_INDEX) "$(TORCH)")
+	$(INSTALL) --require-hashes --no-deps --requirement requirements.lock
 	@$(BIN)/python -c 'import sys; from importlib.metadata import version; sys.exit("torch==" + version("torch") != "$(TORCH)+cpu")' 2>/dev/null || \
-		$(PIP) install --require-hashes --no-deps --requirement requirements-torch.lock
-	$(PIP) install --no-deps --editable .
+		$(INSTALL) --require-hashes --no-deps --requirement requirements-torch.lock
+	$(INSTALL) --no-deps --editable .
 	touch $(INSTALLED)
 
 $(TOOLS): $(INSTALLED) requirements-test.lock
-	$(PIP) install --require-hashes --no-deps --requirement requirements-test.lock
+	$(INSTALL) --require-hashes --no-deps --requirement requirements-test.lock
 	touch $(TOOLS)

@@ -32,7 +32,7 @@ from gsbridge.sim.model import CameraModel, read_model
 from gsbridge.sim.world import SimWorld
 from gsbridge.splats.cloud import Cloud
 from gsbridge.splats.ply import read_ply
-from gsbridge.tasks.place import Place
+from gsbridge.tasks.rules import Place
 
 OPTIONAL = ("robot_splats", "registration", "photometry", "light", "item_splats", "background_splats")
 """Files of an environment that some do without."""

@@ -21,8 +21,7 @@ from gsbridge.asset.rim import Rim
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array, rotation_from_quat
 from gsbridge.sim.actions import ActionScale
-from gsbridge.tasks.grasp import Grasp
-from gsbridge.tasks.place import Place
+from gsbridge.tasks.rules import Grasp, Place
 from gsbridge.tasks.state import State
 
 GAIN = 0.3

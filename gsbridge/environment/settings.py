@@ -10,9 +10,8 @@ import numpy as np
 from gsbridge.configuration.renderers import RENDERERS
 from gsbridge.errors import InputError
 from gsbridge.sim.actions import ActionScale
-from gsbridge.tasks.grasp import Grasp
-from gsbridge.tasks.place import Place
 from gsbridge.tasks.poses import KeepOut, StartRegion
+from gsbridge.tasks.rules import Grasp, Place
 
 TASKS = ("grasp", "pick_and_place")
 IMAGE_SIZES = (64, 128)

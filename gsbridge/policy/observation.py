@@ -40,7 +40,7 @@ from gsbridge.environment.env import PROPRIO, PickEnvironment, state_of
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array, rotation_from_quat
 from gsbridge.sim.actions import SIZE
-from gsbridge.tasks.grasp import Grasp
+from gsbridge.tasks.rules import Grasp
 from gsbridge.tasks.state import State
 
 PRIVILEGED = 30

@@ -5,42 +5,17 @@ Source: RL-GSBridge, "Success is considered when the object is lifted 10 cm abov
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.kernels import njit
 from gsbridge.tasks.outcome import REASONS, Failure, Outcome, Progress, texts
+from gsbridge.tasks.rules import Grasp
 from gsbridge.tasks.state import State
 
 _NONE, _NOT_FINITE, _PUSHED_AWAY = map(REASONS.index, (Failure.NONE, Failure.NOT_FINITE, Failure.PUSHED_AWAY))
 _NOT_GRASPED, _NOT_LIFTED = map(REASONS.index, (Failure.NOT_GRASPED, Failure.NOT_LIFTED))
 _DROPPED, _TIME_OUT = map(REASONS.index, (Failure.DROPPED, Failure.TIME_OUT))
-
-
-@dataclass(frozen=True)
-class Grasp:
-    """Rules of grasping.
-
-    Args:
-        lift: Height of the object's lowest point over the table that counts, m.
-        hold_steps: Steps in a row for which it must be held there.
-        grip_force: Force of each pad from which the object counts as held, N.
-        area_centre: Middle of the area in which the robot can pick it up, table frame, m.
-        area_radius: An object that lies on the table farther out than this has been pushed away, m.
-    """
-
-    lift: float = 0.10
-    hold_steps: int = 10
-    grip_force: float = 0.5
-    area_centre: tuple[float, float] = (0.0, 0.265)
-    area_radius: float = 0.30
-
-    def __post_init__(self) -> None:
-        if not (self.lift > 0 and self.hold_steps >= 1 and self.grip_force > 0 and self.area_radius > 0):
-            raise InputError("task grasp", "a height, force, radius or number of steps is not positive", "Correct the settings")
 
 
 OFF_TABLE = 0.005

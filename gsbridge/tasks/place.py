@@ -7,61 +7,19 @@ told without it, because a real robot is not judged by it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 from gsbridge.kernels import njit
 from gsbridge.tasks.grasp import OFF_TABLE
 from gsbridge.tasks.outcome import REASONS, Failure, Outcome, Progress, texts
+from gsbridge.tasks.rules import Place
 from gsbridge.tasks.state import State
 
 _NONE, _NOT_FINITE, _PUSHED_AWAY = map(REASONS.index, (Failure.NONE, Failure.NOT_FINITE, Failure.PUSHED_AWAY))
 _NOT_GRASPED, _NOT_LIFTED = map(REASONS.index, (Failure.NOT_GRASPED, Failure.NOT_LIFTED))
 _DROPPED, _TIME_OUT = map(REASONS.index, (Failure.DROPPED, Failure.TIME_OUT))
 _EXCESS, _NOT_RELEASED, _MISSED = map(REASONS.index, (Failure.EXCESS_CONTACT, Failure.NOT_RELEASED, Failure.MISSED_PLATE))
-
-
-@dataclass(frozen=True)
-class Place:
-    """Rules of picking up and placing.
-
-    Args:
-        plate_centre: Middle of the plate, table frame, m.
-        plate_height: Height over the table on which an object in the plate rests, m.
-        tolerance: Largest horizontal distance of the object from the plate's middle, m.
-        seat: Largest distance of the object's lowest point from the plate's surface, m.
-        tilt: Largest tilt of the object, rad.
-        speed: Largest speed of an object at rest, m/s.
-        settle_steps: Steps in a row for which it must lie there.
-        grip_force: Force of each pad from which the object counts as held, N.
-        touch_force: Force from which a touch counts at all, N: pad on released object, gripper on plate or table.
-        max_contact_force: Force with which the carried object may press on plate or table, N.
-        area_centre: Middle of the area in which the robot can work, table frame, m.
-        area_radius: An object that lies farther out than this has been pushed away, m.
-    """
-
-    plate_centre: tuple[float, float]
-    plate_height: float = 0.004
-    tolerance: float = 0.04
-    seat: float = 0.010
-    tilt: float = 0.5
-    speed: float = 0.02
-    settle_steps: int = 5
-    grip_force: float = 0.5
-    touch_force: float = 0.1
-    max_contact_force: float = 5.0
-    area_centre: tuple[float, float] = (0.0, 0.265)
-    area_radius: float = 0.35
-
-    def __post_init__(self) -> None:
-        positive = (self.tolerance, self.seat, self.tilt, self.speed, self.settle_steps, self.grip_force, self.touch_force)
-        if not (np.isfinite(self.plate_centre).all() and min(*positive, self.max_contact_force, self.area_radius) > 0):
-            raise InputError(
-                "task pick_and_place", "a distance, force or number of steps is not positive", "Correct the settings"
-            )
 
 
 def judge(state: State, progress: Progress, task: Place) -> tuple[Progress, Outcome]:

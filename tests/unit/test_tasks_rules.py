@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from gsbridge.errors import InputError
 from gsbridge.geometry import quat_from_rotation
 from gsbridge.tasks import grasp, place
-from gsbridge.tasks.grasp import Grasp
 from gsbridge.tasks.outcome import Failure, Progress
-from gsbridge.tasks.place import Place
+from gsbridge.tasks.rules import Grasp, Place
 from gsbridge.tasks.state import State, clearance
 
 CENTRE = (0.0, 0.265)

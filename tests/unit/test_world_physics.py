@@ -21,8 +21,9 @@ from gsbridge.reality.world.model import OBJECT, Stand
 from gsbridge.reality.world.physics import MirrorPhysics, build_physics
 from gsbridge.reality.world.pieces import convex_pieces, plate_pieces
 from gsbridge.robot.nominal import base_from_table
-from gsbridge.tasks.grasp import Grasp, judge
+from gsbridge.tasks.grasp import judge
 from gsbridge.tasks.outcome import Progress
+from gsbridge.tasks.rules import Grasp
 from gsbridge.tasks.world import World
 
 _FOLDER = TemporaryDirectory(prefix="gsbridge-pieces-")

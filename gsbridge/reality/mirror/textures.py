@@ -14,7 +14,6 @@ from scipy.spatial import cKDTree
 
 from gsbridge.geometry import Array
 
-
 _PRIMES = tuple(np.uint64(prime) for prime in (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9))
 
 
@@ -26,8 +25,10 @@ def _hash(cells: Array, seed: int) -> Array:
 
 
 def _mixed(h: Array, seed: int) -> Array:
-    """Uniform 0..1 of integers that tell cells apart. uint64 [...] -> [...]. Source: the finaliser of SplitMix64 (Steele et al.,
-    2014)."""
+    """Uniform 0..1 of integers that tell cells apart. uint64 [...] -> [...].
+
+    Source: the finaliser of SplitMix64 (Steele et al., 2014).
+    """
     with np.errstate(over="ignore"):
         h = h ^ np.uint64(seed * 0x2545F4914F6CDD1D % (1 << 64))
         h = (h ^ (h >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
