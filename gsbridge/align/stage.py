@@ -39,6 +39,9 @@ MIN_OBJECT_POINTS = 20
 UNKNOWN_EXTENT = 0.1
 """Longest side of the object where nothing tells the scale, m: a guess of the right order, said so in the record."""
 
+_STRAGGLERS = 1.0
+"""Percentage of the object's points beyond each side that do not count for that unit: turned photos gave others of them."""
+
 
 @dataclass(frozen=True)
 class _Model:
@@ -244,9 +247,11 @@ def _from_plane(
         scale = scale_from_length(length, unscaled, cameras, Camera.from_json(record["camera"]), side, others)
         source = "known_length"
     else:
+        if len(above) >= MIN_OBJECT_POINTS:
+            side = float(box_sides(unscaled.apply(sparse.points[above]), _STRAGGLERS).max())
         scale = UNKNOWN_EXTENT / side
         reasons.append(
-            f"the scale is unknown: lengths are in units in which the object's longest side is {UNKNOWN_EXTENT:g} m; "
+            f"the scale is unknown: lengths are in units in which the object's longest side is some {UNKNOWN_EXTENT:g} m; "
             "film the board, or set `known_length`"
         )
     numbers = {

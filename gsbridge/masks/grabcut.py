@@ -102,6 +102,9 @@ def stamp(labels: Array, pixels: Array, radius: int, value: int) -> None:
 def cut_out(image: Array, labels: Array, iterations: int, seed: int) -> Array:
     """GrabCut in the Lab colour space.
 
+    What lies beyond the image is taken for back, of the colour of its edge: an object that nearly touches the edge would
+    otherwise claim the sliver between, in which no pixel is surely back.
+
     Args:
         image: RGB, 8-bit. [h, w, 3].
         labels: `BACK`, `FRONT`, `UNSURE_BACK` or `UNSURE_FRONT` per pixel. [h, w] uint8.
@@ -118,8 +121,12 @@ def cut_out(image: Array, labels: Array, iterations: int, seed: int) -> Array:
         return labels == FRONT
     cv2.setRNGSeed(seed)
     lab = cv2.cvtColor(image, cv2.COLOR_RGB2LAB)
-    result = labels.copy()
+    edge = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+    ring = int((edge != BACK).any())
+    lab = cv2.copyMakeBorder(lab, ring, ring, ring, ring, cv2.BORDER_REPLICATE)
+    result = cv2.copyMakeBorder(labels, ring, ring, ring, ring, cv2.BORDER_CONSTANT, value=int(BACK))
     cv2.grabCut(lab, result, (0, 0, 1, 1), np.zeros((1, 65)), np.zeros((1, 65)), iterations, cv2.GC_INIT_WITH_MASK)
+    result = result[ring : ring + labels.shape[0], ring : ring + labels.shape[1]]
     return (result == FRONT) | (result == UNSURE_FRONT)
 
 

@@ -26,6 +26,10 @@ _OUTLINE_WIDTH = 320
 """Masks are compared with the mesh at this width, px."""
 _COVERED = 0.9
 """Mean overlap (IoU) of masks and mesh below which one of them is wrong; sound ones reach 0.95 and more."""
+_AHEAD = 0.03
+"""How far before a surface the photos must still look for it to be the object's own end, as a share of the object's size."""
+_CUT_OFF = 0.02
+"""Share of the surface that may end where the photos do."""
 _UNLIKE = 0.85
 """Overlap below which a single photo contradicts the mesh, and the share of such photos that is too large."""
 
@@ -112,3 +116,30 @@ def outline_doubts(overlaps: Array, names: Sequence[str]) -> list[str]:
     if unlike > 0.1 * len(known):
         return [f"in {unlike} of {len(known)} photos mask and mesh overlap by less than {_UNLIKE:g} (IoU; {where})"]
     return []
+
+
+def frame_doubts(mesh: Mesh, views: Sequence[View], fewest: int) -> list[str]:
+    """Whether a mesh ends only because the photos do: what lies before a part of its surface is beyond their borders.
+
+    Args:
+        mesh: The mesh, table frame.
+        views: Posed views.
+        fewest: Views that must show a place before the hull can hold it.
+    """
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    normals, areas = mesh.normals(), mesh.areas()
+    ahead = mesh.corners().mean(1) + _AHEAD * size * normals
+    seen = np.zeros(len(ahead), int)
+    for view in views:
+        pixels = view.camera.project(ahead @ view.cam_from_table[:3, :3].T + view.cam_from_table[:3, 3])
+        seen += ((pixels >= 0) & (pixels < (view.camera.width, view.camera.height))).all(axis=1)
+    cut = (seen < fewest) & (ahead[:, 2] > _AHEAD * size)
+    share = float(areas[cut].sum() / areas.sum())
+    if share <= _CUT_OFF:
+        return []
+    top = cut & (normals[:, 2] > 0.5)
+    where = "top" if areas[top].sum() > 0.5 * areas[cut].sum() else "side"
+    return [
+        f"{100 * share:.0f} % of the mesh ends where the photos do, most at its {where}: fewer than {fewest} of {len(views)} "
+        "show what lies beyond; film again with the whole object in the picture"
+    ]

@@ -111,6 +111,11 @@ def object_box(outlines: Sequence[Silhouette]) -> tuple[Array, Array]:
     return low, high
 
 
+def fewest_views(masks: int) -> int:
+    """Masks, of so many that show the object, that must see a place before the hull can hold it."""
+    return max(2, masks // 6)
+
+
 def build_hull(views: Sequence[View], masks: Sequence[Array], *, vote: float, voxels: int, width: int, threads: int) -> Hull:
     """Visual hull of the masks, cut at the table.
 
@@ -128,7 +133,7 @@ def build_hull(views: Sequence[View], masks: Sequence[Array], *, vote: float, vo
     if len(outlines) < 3:
         raise StageError("mesh", f"only {len(outlines)} masks show the object, 3 are needed", "Look at the masks")
     low, high = object_box(outlines)
-    fewest = max(2, len(outlines) // 6)
+    fewest = fewest_views(len(outlines))
     for level in (vote, 0.9 * vote, 0.75 * vote):
         coarse = Grid.covering(low, high, float((high - low).max()) / 64)
         field = carve(coarse, outlines, vote=level, min_views=fewest, threads=threads)

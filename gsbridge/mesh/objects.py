@@ -18,11 +18,12 @@ from gsbridge.files import write_stage
 from gsbridge.geometry import Array
 from gsbridge.images import read_image
 from gsbridge.mesh.backends import choose_backend, external_points
+from gsbridge.mesh.beside import beside_doubts, points_beside
 from gsbridge.mesh.depth import DepthCloud, depth_cloud
-from gsbridge.mesh.doubts import doubts, outline_doubts, outline_overlaps
+from gsbridge.mesh.doubts import doubts, frame_doubts, outline_doubts, outline_overlaps
 from gsbridge.mesh.fuse import fuse, vertex_colours
 from gsbridge.mesh.hollow import carved, guessed_share, lowered
-from gsbridge.mesh.hull import Hull, build_hull, read_masks
+from gsbridge.mesh.hull import Hull, build_hull, fewest_views, read_masks
 from gsbridge.mesh.repair import closed_surface
 from gsbridge.meshes import Mesh, write_mesh
 from gsbridge.photogrammetry.carving import Grid
@@ -157,6 +158,9 @@ def mesh_object(
     reasons += doubts(visual, members, figures["open_share"], figures["cavity_share"], figures["guessed_share"])
     overlaps = outline_overlaps(visual, views, masks)
     reasons += outline_doubts(overlaps, [view.name for view in views])
+    if not narrow:
+        reasons += beside_doubts(visual, points_beside(views, masks, settings, seed, threads))
+    reasons += frame_doubts(visual, views, fewest_views(int(np.isfinite(overlaps).sum())))
     figures["outline_overlap"] = {"mean": float(np.nanmean(overlaps)), "min": float(np.nanmin(overlaps))}
     photos, small = [], []
     for view in views:

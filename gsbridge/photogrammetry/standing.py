@@ -126,7 +126,18 @@ def _with_foot(points: Array, group: Array, low: Array, table: Array, distance: 
     return np.concatenate([group, rest[beside]])
 
 
-def box_sides(points: Array) -> Array:
-    """Sides of the upright box with the smallest footprint round points: footprint, height. [N, 3] -> [3]."""
-    _, sides, _ = cv2.minAreaRect(np.ascontiguousarray(points[:, :2] - points[:, :2].mean(0), dtype=np.float32))
-    return np.array([*sides, np.ptp(np.append(points[:, 2], 0.0))])
+def box_sides(points: Array, beyond: float = 0.0) -> Array:
+    """Sides of the upright box with the smallest footprint round points: footprint, height. [N, 3] -> [3].
+
+    Args:
+        points: Points on an object, z up, z = 0 on the table. [N, 3].
+        beyond: Percentage of the points that may lie beyond each side: where single points decide nothing, the same thing
+            filmed again has nearly the same sides.
+    """
+    flat = points[:, :2] - points[:, :2].mean(0)
+    _, sides, angle = cv2.minAreaRect(np.ascontiguousarray(flat, dtype=np.float32))
+    if beyond == 0.0:
+        return np.array([*sides, np.ptp(np.append(points[:, 2], 0.0))])
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    low, high = np.percentile(flat @ np.array([[c, -s], [s, c]]), [beyond, 100 - beyond], axis=0)
+    return np.array([*(high - low), max(float(np.percentile(points[:, 2], 100 - beyond)), 0.0)])

@@ -18,7 +18,7 @@ from gsbridge.cameras import Camera, camera_centre, look_at, split_of
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import write_json
 from gsbridge.geometry import Array, Similarity, rotation_angle, rotation_between
-from gsbridge.photogrammetry.standing import find_standing
+from gsbridge.photogrammetry.standing import box_sides, find_standing
 
 PINHOLE = LENS.undistorted()
 POSES = orbit(24)
@@ -201,13 +201,25 @@ def test_without_a_board_the_scale_is_said_to_be_unknown(tmp_path: Path) -> None
     assert record["status"] == "degraded"
     assert record["scale_source"] == "unknown"
     assert "unknown" in record["reasons"][0]
-    assert max(record["object_extent"]) == pytest.approx(0.1)
+    assert 0.1 <= max(record["object_extent"]) < 0.115
     points = np.load(paths["out_points"])["points"]
     # The box stands over the origin, on the table, z up.
     box = points[points[:, 2] > 0.02]
     np.testing.assert_allclose(np.median(box[:, :2], axis=0), 0.0, atol=0.01)
     assert np.abs(np.median(points[:, 2])) < 1e-3
     assert (centres(paths)[:, 2] > 0.1).all()
+
+
+def test_single_points_do_not_decide_the_unit_of_an_unknown_scale() -> None:
+    rng = np.random.default_rng(0)
+    body = rng.uniform([-0.05, -0.03, 0.0], [0.05, 0.03, 0.06], (400, 3))
+    c, s = np.cos(0.5), np.sin(0.5)
+    body = body @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    stray = np.array([[0.06, 0.02, 0.02], [-0.06, -0.03, 0.01]])
+    alone, joined = (box_sides(points, 1.0) for points in (body, np.concatenate([body, stray])))
+    assert joined.max() == pytest.approx(alone.max(), rel=0.02)
+    assert alone.max() == pytest.approx(0.1, rel=0.05)
+    assert np.abs(box_sides(np.concatenate([body, stray])).max() / box_sides(body).max() - 1) > 0.05
 
 
 def test_length_of_the_object_gives_the_scale(tmp_path: Path) -> None:

@@ -198,6 +198,28 @@ def test_grabcut_without_a_front_or_back_does_not_fail():
     assert not cut_out(image, np.full((20, 20), UNSURE_FRONT, np.uint8), 1, 0).any()
 
 
+def test_an_object_that_nearly_touches_the_edge_does_not_claim_the_sliver_between():
+    rng = np.random.default_rng(0)
+    image = np.full((90, 120, 3), (190, 40, 30), np.uint8)
+    image[60:] = (230, 230, 230)
+    solid = np.zeros((90, 120), bool)
+    solid[5:80, 30:90] = True
+    image[solid] = (120, 80, 50)
+    image = np.clip(image + rng.normal(0, 6, image.shape), 0, 255).astype(np.uint8)
+    # A loose hull reaches beyond the edge, so that nothing between is surely back.
+    labels = np.full(solid.shape, BACK, np.uint8)
+    labels[:86, 24:96] = UNSURE_BACK
+    labels[:82, 28:92] = UNSURE_FRONT
+    labels[16:70, 40:80] = FRONT
+    mask = cut_out(image, labels, 3, 1)
+    assert mask[:4].sum() == 0
+    assert (mask ^ solid).sum() < 0.02 * solid.sum()
+    # What the edge cuts stays whole.
+    image[:6, 30:90] = image[6:12, 30:90]
+    solid[:6, 30:90] = True
+    assert (cut_out(image, labels, 3, 1) ^ solid).sum() < 0.02 * solid.sum()
+
+
 def test_tidy_keeps_the_wanted_part_and_large_holes():
     mask = np.zeros((60, 60), bool)
     mask[5:40, 5:40] = True

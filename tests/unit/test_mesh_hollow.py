@@ -5,15 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from solid_scene import POT_FLOOR, POT_HEIGHT, POT_RIM, around, filled_pot, pot, statue, traced
+from solid_scene import POT_FLOOR, POT_HEIGHT, POT_RIM, around, block, filled_pot, pot, solid_scene, statue, traced
 
-from gsbridge.cameras import Camera
+from gsbridge.cameras import Camera, Views
 from gsbridge.configuration.mesh import MeshSettings
+from gsbridge.mesh.beside import beside_doubts, points_beside
 from gsbridge.mesh.depth import DepthCloud
-from gsbridge.mesh.doubts import doubts, outline_doubts, outline_overlaps
+from gsbridge.mesh.doubts import doubts, frame_doubts, outline_doubts, outline_overlaps
 from gsbridge.mesh.fuse import fuse, measured_wall
 from gsbridge.mesh.hollow import carved, guessed_share, lowered, needed_height
-from gsbridge.mesh.hull import build_hull
+from gsbridge.mesh.hull import build_hull, fewest_views, read_masks
 from gsbridge.mesh.repair import closed_surface
 from gsbridge.meshes import Mesh
 from gsbridge.photogrammetry.carving import largest_component, mesh_of_field
@@ -201,3 +202,34 @@ def test_outlines_contradict_a_mesh_that_lacks_the_plinth():
     (some,) = outline_doubts(np.where(np.arange(12) < 3, 0.8, sound), names)
     assert "in 3 of 12 photos" in some
     assert outline_doubts(np.full(2, np.nan), names[:2]) == []
+
+
+def test_a_mesh_that_ends_with_the_photos_is_said_to():
+    views = around(CAMERA, 12, (25.0, 50.0), MIDDLE)
+
+    def hull_in(views, masks):
+        return build_hull(views, masks, vote=1.0, voxels=48, width=200, threads=1).mesh
+
+    masks = [traced(view, pot)[2].astype(np.float32) for view in views]
+    assert frame_doubts(hull_in(views, masks), views, fewest_views(12)) == []
+    # The same photos without their upper part: the hull ends where they do.
+    low = [replace(view, camera=view.camera.cropped(0, 62, 200, 88)) for view in views]
+    (reason,) = frame_doubts(hull_in(low, [mask[62:] for mask in masks]), low, fewest_views(12))
+    assert "ends where the photos do" in reason
+
+
+def test_depth_beside_the_masks_is_a_part_that_they_lost(tmp_path):
+    def with_chimney(p):
+        chimney = np.linalg.norm(p - np.clip(p, [0.018, -0.006, 0.0], [0.03, 0.006, 0.085]), axis=-1)
+        return np.minimum(block(p), chimney)
+
+    views = around(Camera(160, 120, 200.0, 200.0, 80.0, 60.0), 10, (35.0,), MIDDLE)
+    photos = Views(tmp_path / "images", views)
+    settings = MeshSettings(image_width=160, stride=1)
+    mesh = box([-0.03, -0.02, 0.0], [0.03, 0.02, 0.05])
+    solid_scene(tmp_path, block, views, points=1)
+    masks = read_masks(photos, tmp_path / "masks")
+    assert beside_doubts(mesh, points_beside(photos, masks, settings, seed=1)) == []
+    solid_scene(tmp_path, with_chimney, views, points=1)
+    (reason,) = beside_doubts(mesh, points_beside(photos, masks, settings, seed=1))
+    assert "beside the mesh" in reason

@@ -1,0 +1,78 @@
+"""What the photos show right beside an object's masks: depth measured there, above the table, is a part that all masks lost.
+
+Masks of the table's colour lose a chimney of that colour in every photo, and then agree with each other, with their hull and
+with the mesh. Stereo knows nothing of colours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from gsbridge.cameras import Views
+from gsbridge.configuration.mesh import MeshSettings
+from gsbridge.geometry import Array
+from gsbridge.masks.layers import grown
+from gsbridge.mesh.depth import depth_cloud
+from gsbridge.mesh.hull import build_hull
+from gsbridge.mesh.repair import depth_inside
+from gsbridge.meshes import Mesh
+
+_AROUND = 0.12
+"""How far beyond a mask depth is looked for, as a share of the root of its area."""
+_VOXELS = 96
+"""Samples of the hull of the widened masks."""
+_OFF = 0.05
+"""Points this far from the mesh, as a share of its size, are not its own: matches at an outline are drawn out by some 0.04."""
+_LOW = 0.06
+"""Points below this share of the size may be the table's."""
+_PART = 0.003
+"""Share of all points that makes a part of a heap of them; chance reached 0.0012 on eight captures, a chimney 0.0064."""
+_FEWEST = 20
+"""And the fewest of them."""
+
+
+def points_beside(views: Views, masks: Sequence[Array], settings: MeshSettings, seed: int = 0, threads: int = 1) -> Array:
+    """Points that depth maps of the object and of its surroundings agree on. [N, 3].
+
+    Args:
+        views, masks: Photos and masks. [H, W] each.
+        settings: See `MeshSettings`; depth is measured at half their density.
+        seed: Random seed.
+        threads: Threads to use.
+    """
+    wide = [grown(mask > 0.5, 1 + round(_AROUND * np.sqrt((mask > 0.5).sum()))).astype(np.float32) for mask in masks]
+    hull = build_hull(views, wide, vote=settings.hull_vote, voxels=_VOXELS, width=settings.image_width, threads=threads)
+    rough = settings.model_copy(update={"stride": 2 * settings.stride})
+    return depth_cloud(views, wide, hull, rough, seed, threads).points
+
+
+def beside_doubts(mesh: Mesh, points: Array) -> list[str]:
+    """Whether something is measured beside a mesh that is no part of it.
+
+    Args:
+        mesh: Mesh of the object, standing on z = 0.
+        points: See `points_beside`. [N, 3].
+    """
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    if len(points) == 0:
+        return []
+    off = points[(depth_inside(mesh, points) < -_OFF * size) & (points[:, 2] > _LOW * size)]
+    if len(off) < _FEWEST:
+        return []
+    pairs = cKDTree(off).query_pairs(_OFF * size, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(off), len(off)))
+    heaps = connected_components(graph, directed=False)[1]
+    most = int(np.argmax(np.bincount(heaps)))
+    heap = off[heaps == most]
+    if len(heap) < max(_FEWEST, _PART * len(points)):
+        return []
+    height = 100 * float(heap[:, 2].mean()) / float(mesh.vertices[:, 2].max())
+    return [
+        f"{len(heap)} points are measured in one place beside the mesh, at {height:.0f} % of its height: a part of the object "
+        "that the masks leave out (mark it with `masks: {points: ...}`), or something that stands too near"
+    ]
