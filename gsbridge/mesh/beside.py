@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -16,7 +17,6 @@ from scipy.spatial import cKDTree
 from gsbridge.cameras import Views
 from gsbridge.configuration.mesh import MeshSettings
 from gsbridge.geometry import Array
-from gsbridge.masks.layers import grown
 from gsbridge.mesh.depth import depth_cloud
 from gsbridge.mesh.hull import build_hull
 from gsbridge.mesh.repair import depth_inside
@@ -45,7 +45,11 @@ def points_beside(views: Views, masks: Sequence[Array], settings: MeshSettings, 
         seed: Random seed.
         threads: Threads to use.
     """
-    wide = [grown(mask > 0.5, 1 + round(_AROUND * np.sqrt((mask > 0.5).sum()))).astype(np.float32) for mask in masks]
+    wide = []
+    for mask in masks:
+        # Square brushes are cheap at any size.
+        reach = 1 + round(_AROUND * np.sqrt((mask > 0.5).sum()))
+        wide.append(cv2.dilate((mask > 0.5).astype(np.float32), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)))
     hull = build_hull(views, wide, vote=settings.hull_vote, voxels=_VOXELS, width=settings.image_width, threads=threads)
     rough = settings.model_copy(update={"stride": 2 * settings.stride})
     return depth_cloud(views, wide, hull, rough, seed, threads).points
