@@ -81,7 +81,7 @@ class OnlookerView:
         camera = Camera(width, height, FOCAL_SHARE * width, FOCAL_SHARE * width, width / 2, height / 2)
         shadows = None if files.light is None else LightFile.read(files.light).shadows(OBJECT, item)
         links, cloud = read_robot_splats(files.robot_splats), table.cloud()
-        renderer = GaussianRenderer(item.cloud(), cloud, links, camera, surface=table.mesh(), backdrop=PAPER)
+        renderer = GaussianRenderer(item.cloud(), cloud, links, camera, surface=table.mesh(), backdrop=PAPER, oversampling=1)
         registered = nominal_table() if files.registration is None else read_registration(files.registration).base_from_table
         return cls(RobotFiles.read(files.robot), registered, renderer, shadows, mean_cloud_colour(cloud))
 

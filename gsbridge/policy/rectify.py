@@ -41,7 +41,7 @@ class Rectifier:
         # As many rays per pixel of the target as it has pixels of the source.
         wanted = max(source.fx / target.fx, source.fy / target.fy)
         self._fine = int(np.clip(np.ceil(wanted - 1e-9), 1, _FINEST))
-        rays = _enlarged(target, self._fine).pixel_rays()
+        rays = target.scaled(self._fine).pixel_rays()
         pixels = source.project(rays)
         _check(pixels, source, target)
         # Only this part of the picture is decoded.
@@ -80,12 +80,6 @@ class Rectifier:
         height, width = self.target.height, self.target.width
         mean = light.reshape(height, self._fine, width, self._fine, 3).mean((1, 3))
         return to_u8(srgb_from_linear(mean))
-
-
-def _enlarged(camera: Camera, factor: int) -> Camera:
-    """The pinhole with `factor` times as many pixels along each edge."""
-    k = factor
-    return Camera(k * camera.width, k * camera.height, k * camera.fx, k * camera.fy, k * camera.cx, k * camera.cy)
 
 
 def _check(pixels: Array, source: Camera, target: Camera) -> None:

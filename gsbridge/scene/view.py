@@ -11,11 +11,19 @@ import numpy as np
 
 from gsbridge.cameras import Camera
 from gsbridge.geometry import Array
+from gsbridge.images import linear_from_srgb, srgb_from_linear
 from gsbridge.scene.editing import Composition, Splats
 from gsbridge.splats.rasterize import cpu
 from gsbridge.splats.rasterize.cpu import Prepared, Seen
 
 BLACK = (0.0, 0.0, 0.0)
+
+_STEPS = 4095
+"""Steps of the tables between encoded values and light: a sixteenth of a byte's."""
+
+_LIGHT = linear_from_srgb(np.arange(_STEPS + 1) / _STEPS).astype(np.float32)
+_ENCODED = srgb_from_linear((np.arange(_STEPS + 1) / _STEPS) ** 2).astype(np.float32)
+"""Encoded value of a light whose square root is that many steps."""
 
 
 @njit(error_model="numpy")
@@ -140,7 +148,13 @@ def draw(
 
 
 def draw_seen(
-    splats: Prepared, seen: Seen, camera: Camera, background: Sequence[float] | Array, threads: int
+    splats: Prepared,
+    seen: Seen,
+    camera: Camera,
+    background: Sequence[float] | Array,
+    threads: int,
+    *,
+    antialiased: bool = False,
 ) -> tuple[Array, Array, Array]:
     """Colour, alpha and depth of what a `gsbridge.scene.groups.GroupedComposition` sees of its splats, as `draw` gives them.
 
@@ -150,9 +164,53 @@ def draw_seen(
         camera: Pinhole.
         background: Colour where there are no splats, sRGB 0..1. [3].
         threads: Threads to use.
+        antialiased: See `gsbridge.splats.rasterize.cpu.render_seen`.
     """
     _require_pinhole(camera)
-    return cpu.render_seen(splats, seen, camera=camera, background=np.asarray(background, np.float32), threads=threads)
+    behind = np.asarray(background, np.float32)
+    return cpu.render_seen(splats, seen, camera=camera, background=behind, threads=threads, antialiased=antialiased)
+
+
+def pooled(colours: Array, alphas: Array, depths: Array, factor: int) -> tuple[Array, Array, Array]:
+    """Images with `factor` times fewer pixels along each edge: each shows the mean light of those that it covers.
+
+    Args:
+        colours: Encoded colours; clamped to 0..1 before. [H, W, 3].
+        alphas, depths: As `draw` gives them. [H, W] each.
+        factor: Divides H and W.
+
+    Returns:
+        Colours, alphas and depths. [H / factor, W / factor, ...].
+    """
+    height, width = (size // factor for size in alphas.shape)
+    out = np.empty((height, width, 3), np.float32), np.empty((height, width), np.float32), np.empty((height, width), np.float32)
+    _pool(colours, alphas, depths, factor, *out)
+    return out
+
+
+@njit(error_model="numpy")
+def _pool(
+    colours: Array, alphas: Array, depths: Array, factor: int, out_colours: Array, out_alphas: Array, out_depths: Array
+) -> None:
+    """Fill the last three arrays with what `pooled` returns."""
+    share, one, steps = np.float32(1.0 / (factor * factor)), np.float32(1.0), np.float32(_STEPS)
+    light = np.empty(3, np.float32)
+    for i in range(out_alphas.shape[0]):
+        for j in range(out_alphas.shape[1]):
+            light[:] = 0.0
+            alpha, depth = np.float32(0.0), np.float32(0.0)
+            for y in range(i * factor, (i + 1) * factor):
+                for x in range(j * factor, (j + 1) * factor):
+                    alpha += alphas[y, x]
+                    depth += depths[y, x]
+                    for k in range(3):
+                        value = colours[y, x, k]
+                        # Every comparison with NaN is false: such a pixel is black, as in `to_bytes`.
+                        if value > 0.0:
+                            light[k] += _LIGHT[int(min(value, one) * steps + np.float32(0.5))]
+            out_alphas[i, j], out_depths[i, j] = alpha * share, depth * share
+            for k in range(3):
+                out_colours[i, j, k] = _ENCODED[int(np.sqrt(min(light[k] * share, one)) * steps + np.float32(0.5))]
 
 
 def _require_pinhole(camera: Camera) -> None:

@@ -9,7 +9,7 @@ from gsbridge.scene.groups import GroupedComposition
 from gsbridge.scene.light import WIDTH, SkyLight, directions
 from gsbridge.scene.occlusion import transmittances
 from gsbridge.scene.shadows import Shadows
-from gsbridge.scene.view import draw_seen
+from gsbridge.scene.view import draw_seen, pooled
 from gsbridge.splats.cloud import Cloud
 
 
@@ -20,7 +20,8 @@ def compile_kernels() -> None:
     picture, flat = np.ones((16, 16, 3), np.float32), np.ones((16, 16), np.float32)
     splat = Cloud(np.zeros((1, 3)), np.eye(4)[:1], np.full((1, 3), 0.01), np.ones(1), np.ones((1, 3)), np.zeros((1, 3, 3)))
     grouped = GroupedComposition({"object": splat})
-    draw_seen(grouped.splats, grouped.see({"object": np.eye(4)}, camera, pose), camera, (0.0, 0.0, 0.0), 1)
+    seen = grouped.see({"object": np.eye(4)}, camera, pose)
+    pooled(*draw_seen(grouped.splats, seen, camera, (0.0, 0.0, 0.0), 1, antialiased=True), 2)
     shadows = Shadows(SkyLight(0.0, np.full(count, 1.0 / count)), {"link": ball}, ("object", ball))
     shadows.dim(picture, 0.5 * flat, flat, camera, pose, {"link": np.eye(4), "object": np.eye(4)})
     transmittances(np.zeros((1, 3)), ball, directions(), WIDTH)

@@ -135,7 +135,7 @@ def _orbit(scene: StageFiles, start: tuple[float, float, float]) -> list[Array]:
     """The object at a start pose on the table, x, y, m, and yaw, rad, from an eye that goes half round it."""
     item, table = read_asset(scene.item), read_asset(scene.background)
     camera = Camera(WIDTH, HEIGHT, 1.05 * WIDTH, 1.05 * WIDTH, WIDTH / 2, HEIGHT / 2)
-    renderer = GaussianRenderer(item.cloud(), table.cloud(), {}, camera, surface=table.mesh(), backdrop=ROOM)
+    renderer = GaussianRenderer(item.cloud(), table.cloud(), {}, camera, surface=table.mesh(), backdrop=ROOM, oversampling=1)
     size = float(np.ptp(item.mesh().vertices, axis=0).max())
     x, y, yaw = start
     pose = np.eye(4)

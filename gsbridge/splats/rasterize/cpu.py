@@ -158,7 +158,13 @@ def _blocks(space: Workspace, view: _View, background: Array) -> tuple[Any, ...]
 
 
 def _forward(
-    splats: Prepared, view: _View, background: Array, space: Workspace, threads: int, seen: Seen | None = None
+    splats: Prepared,
+    view: _View,
+    background: Array,
+    space: Workspace,
+    threads: int,
+    seen: Seen | None = None,
+    antialiased: bool = False,
 ) -> tuple[int, tuple[Array, Array, Array]]:
     """Render into new arrays; returns the number of visible splats and colour, alpha, depth (flat)."""
     space.fit(splats.count, view.rows, view.columns)
@@ -176,6 +182,7 @@ def _forward(
         view.near,
         view.width,
         view.height,
+        antialiased,
         space.records,
         space.sources,
         space.depths,
@@ -278,6 +285,7 @@ def render_seen(
     background: Array,
     near: float = NEAR,
     threads: int | None = None,
+    antialiased: bool = False,
 ) -> tuple[Array, Array, Array]:
     """Image of some groups of splats, each in a frame of its own, without gradients.
 
@@ -285,19 +293,23 @@ def render_seen(
         splats, seen: All splats; the groups of them to draw, with the frame of each.
         camera: Pinhole camera of the image's size; focal lengths and pose are those of `seen.views`.
         background, near, threads: As in `render`.
+        antialiased: Let splats that are widened on the screen keep their light instead of their opacity (Mip-Splatting), so
+            that things that are small in the picture keep their size.
 
     Returns:
         Colour, alpha and weighted camera z, as `render` does.
     """
     view = _View(camera, None, np.float32(near))
-    return _render(splats, view, np.asarray(background, dtype=np.float32), threads, seen)
+    return _render(splats, view, np.asarray(background, dtype=np.float32), threads, seen, antialiased)
 
 
-def _render(splats: Prepared, view: _View, behind: Array, threads: int | None, seen: Seen | None) -> tuple[Array, Array, Array]:
+def _render(
+    splats: Prepared, view: _View, behind: Array, threads: int | None, seen: Seen | None, antialiased: bool = False
+) -> tuple[Array, Array, Array]:
     """Render in a work space of the pool."""
     space = _pool.take()
     try:
-        _, images = _forward(splats, view, behind, space, logs.threads() if threads is None else threads, seen)
+        _, images = _forward(splats, view, behind, space, logs.threads() if threads is None else threads, seen, antialiased)
     finally:
         _pool.free.append(space)
     return _shape(images, view)

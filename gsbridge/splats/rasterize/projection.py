@@ -2,7 +2,8 @@
 
 EWA splatting: a 3D Gaussian's covariance goes through the projection's slope at its centre.
 
-Source: Zwicker et al., "EWA volume splatting", 2001; Kerbl et al., "3D Gaussian splatting", 2023.
+Source: Zwicker et al., "EWA volume splatting", 2001; Kerbl et al., "3D Gaussian splatting", 2023; without aliasing: Yu et al.,
+"Mip-Splatting", 2024, section 5.2.
 """
 
 from __future__ import annotations
@@ -104,6 +105,7 @@ def project(
     near: Real,
     width: int,
     height: int,
+    antialiased: bool,
     records: Array,
     sources: Array,
     depths: Array,
@@ -121,6 +123,7 @@ def project(
             from it to the camera. [F * 16].
         near: Smallest camera z, m.
         width, height: Image, px.
+        antialiased: Take from a splat's opacity what its blur on the screen adds to its area.
         records: Filled with one record per visible splat, in the order of the splats. [N * RECORD].
         sources: Filled with the number of the splat of each record. [N].
         depths: Filled with the camera z of each record. [N].
@@ -181,6 +184,9 @@ def project(
         cyy = b0 * u0 + b1 * u1 + b2 * u2 + BLUR
         factor = SCALE / (cxx * cyy - cxy * cxy)
 
+        if antialiased:
+            own = larger((cxx - BLUR) * (cyy - BLUR) - cxy * cxy, 0.0)
+            opacity = opacity * square_root(own * factor * (1.0 / SCALE))
         log = _log2(larger(opacity, 1e-6)) * 0.125
         reach = log - CUT
         half_x = square_root(reach * cxx * _FALLOFF_PER_SIGMA2)
