@@ -72,6 +72,17 @@ def test_all_renderers_show_the_same_scene(renderers):
     np.testing.assert_array_equal(images["mesh"], images["mesh_vertex"])
 
 
+def test_what_is_small_in_the_picture_keeps_its_size():
+    """A ball of eleven pixels, of many splats, against its outline; splats as wide as a pixel make it half as large again."""
+    ball = splats_on_mesh(shape(trimesh.creation.icosphere(4, 0.03), RED), 2000)
+    renderer = GaussianRenderer(ball, ball.subset(np.zeros(0, int)), {}, CAMERA, backdrop=BLUE)
+    alphas = renderer.shot({"object": np.eye(4)}, look_at((0.0, 0.0, 0.45), (0.0, 0.01, 0.0))).alphas
+    # The cone that touches the ball.
+    radius = CAMERA.fx * 0.03 / np.sqrt(0.45**2 - 0.03**2)
+    assert alphas.sum() == pytest.approx(np.pi * radius**2, rel=0.12)
+    assert alphas.max() > 0.98
+
+
 def test_cube_appears_where_the_camera_projects_it(renderers, links):
     """Red pixels' middle against the pinhole's own projection of the cube's middle."""
     for name, renderer in renderers.items():

@@ -2,16 +2,20 @@
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_scene_editing import CAMERA, VIEW, make_cloud, make_pose
 
 from gsbridge.cameras import Camera, look_at
+from gsbridge.geometry import rotation_from_quat
+from gsbridge.images import linear_from_srgb, srgb_from_linear
 from gsbridge.scene.editing import Composition
 from gsbridge.scene.groups import GroupedComposition
-from gsbridge.scene.view import draw, draw_seen
+from gsbridge.scene.view import draw, draw_seen, pooled
 from gsbridge.splats.cloud import Cloud
-from gsbridge.splats.rasterize.layout import GROUP
+from gsbridge.splats.rasterize import rasterize
+from gsbridge.splats.rasterize.layout import BLUR, GROUP
 
 GREY = (0.5, 0.5, 0.5)
 LARGE = GroupedComposition({"a": make_cloud(301, 1), "b": make_cloud(40, 2)}, make_cloud(500, 3))
@@ -79,3 +83,49 @@ def test_bad_poses_and_clouds():
 
     with pytest.raises(TypeError, match="Harmonics"):
         GroupedComposition({"a": Harmonics()})
+
+
+def share_of_light(cloud: Cloud, camera: Camera, view) -> np.ndarray:
+    """What a splat's area on the screen is of its area after widening, in float64: root of the determinants' ratio. [N]."""
+    x, y, z = (cloud.means.astype(float) @ view[:3, :3].T + view[:3, 3]).T
+    zero = np.zeros_like(z)
+    slope = [[camera.fx / z, zero, -camera.fx * x / z**2], [zero, camera.fy / z, -camera.fy * y / z**2]]
+    quats = cloud.quats.astype(float) / np.linalg.norm(cloud.quats, axis=1, keepdims=True)
+    axes = rotation_from_quat(quats) * cloud.scales.astype(float)[:, None, :]
+    root = np.moveaxis(np.array(slope), -1, 0) @ view[:3, :3] @ axes
+    covariance = root @ root.transpose(0, 2, 1)
+    return np.sqrt(np.linalg.det(covariance) / np.linalg.det(covariance + BLUR * np.eye(2)))
+
+
+def test_a_widened_splat_keeps_its_light():
+    """Against plain torch, given opacities that were lowered in float64."""
+    cloud = make_cloud(301, 1)
+    camera = Camera(24, 20, 30.0, 33.0, 12.0, 10.0)
+    grouped = GroupedComposition({"a": cloud})
+    found = draw_seen(grouped.splats, grouped.see({"a": np.eye(4)}, camera, VIEW), camera, GREY, 1, antialiased=True)
+    opacities = cloud.opacities * share_of_light(cloud, camera, VIEW)
+    tensors = (
+        torch.as_tensor(np.asarray(v, float)) for v in (cloud.means, cloud.quats, cloud.scales, opacities, cloud.colours)
+    )
+    expected = rasterize(
+        *tensors, camera=camera, cam_from_table=VIEW, background=torch.tensor(GREY, dtype=torch.float64), backend="reference"
+    )
+    np.testing.assert_allclose(found[0], expected.colours, atol=2e-4)
+    np.testing.assert_allclose(found[1], expected.alphas, atol=2e-4)
+
+
+@given(st.integers(1, 4), st.integers(0, 2**31))
+@settings(max_examples=20, deadline=None)
+def test_a_pixel_is_the_mean_light_of_those_it_covers(factor, seed):
+    rng = np.random.default_rng(seed)
+    shape = 3 * factor, 2 * factor
+    colours = rng.uniform(-0.1, 1.1, (*shape, 3)).astype(np.float32)
+    alphas, depths = (rng.random(shape).astype(np.float32) for _ in range(2))
+    found = pooled(colours, alphas, depths, factor)
+
+    def mean(image):
+        return image.astype(float).reshape(3, factor, 2, factor, *image.shape[2:]).mean((1, 3))
+
+    np.testing.assert_allclose(found[0], srgb_from_linear(mean(linear_from_srgb(np.clip(colours, 0, 1)))), atol=5e-4)
+    np.testing.assert_allclose(found[1], mean(alphas), atol=1e-6)
+    np.testing.assert_allclose(found[2], mean(depths), atol=1e-6)
