@@ -16,6 +16,7 @@ from gsbridge.robot.nominal import base_from_table
 from gsbridge.scene.light import SkyLight, directions
 from gsbridge.scene.link_splats import splats_on_mesh
 from gsbridge.scene.shadows import Shadows
+from gsbridge.scene.view import draw_seen
 
 EDGE = 0.06
 RED, BLUE = (0.8, 0.1, 0.1), (0.1, 0.2, 0.7)
@@ -76,11 +77,14 @@ def test_what_is_small_in_the_picture_keeps_its_size():
     """A ball of eleven pixels, of many splats, against its outline; splats as wide as a pixel make it half as large again."""
     ball = splats_on_mesh(shape(trimesh.creation.icosphere(4, 0.03), RED), 2000)
     renderer = GaussianRenderer(ball, ball.subset(np.zeros(0, int)), {}, CAMERA, backdrop=BLUE)
-    alphas = renderer.shot({"object": np.eye(4)}, look_at((0.0, 0.0, 0.45), (0.0, 0.01, 0.0))).alphas
+    here, view = {"object": np.eye(4)}, look_at((0.0, 0.0, 0.45), (0.0, 0.01, 0.0))
+    alphas = renderer.shot(here, view).alphas
     # The cone that touches the ball.
-    radius = CAMERA.fx * 0.03 / np.sqrt(0.45**2 - 0.03**2)
-    assert alphas.sum() == pytest.approx(np.pi * radius**2, rel=0.12)
+    outline = np.pi * CAMERA.fx**2 * 0.03**2 / (0.45**2 - 0.03**2)
+    assert alphas.sum() == pytest.approx(outline, rel=0.12)
     assert alphas.max() > 0.98
+    _, widened, _ = draw_seen(renderer.composition.splats, renderer.composition.see(here, CAMERA, view), CAMERA, BLUE, 1)
+    assert widened.sum() > 1.4 * outline
 
 
 def test_cube_appears_where_the_camera_projects_it(renderers, links):
