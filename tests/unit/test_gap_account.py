@@ -229,6 +229,42 @@ def test_an_effect_is_fitted_beside_its_special_cases(axis):
     assert search._simpler([rich, plain]) == []
 
 
+def test_efforts_in_another_scale_are_told_and_friction_is_not_taken_for_one(axis):
+    """As logged with a wrong constant of the motor; with the right one, friction is named as ever."""
+    records, told = records_of(axis), {}
+    friction = JointCandidate("coulomb", "axis").applied({"torque": 0.3})
+    for name, scale, effects in (("scale", 1.1, ()), ("friction", 1.0, (friction,))):
+        seen = simulated(axis, records, effects)
+        for role, record in seen.items():
+            seen[role] = record.with_measured({**record.measured, "effort": scale * record.measured["effort"]})
+        diagnosis = diagnose_joints(axis[0], seen, axis[2] / "bank", names=("coulomb", "armature", "viscous"), seed=1)
+        told[name] = JointAccount().findings_of(diagnosis, seen, seed=1)
+    assert told["scale"]["verdict"] == "none_of_the_known"
+    assert "logged by simulated are axis 1.1" in told["scale"]["sentence"]
+    assert told["scale"]["status"] == "degraded"
+    assert told["scale"]["amended"] == []
+    assert told["friction"]["verdict"] == "named"
+    assert told["friction"]["status"] == "pass"
+
+
+def test_effects_that_were_never_tried_together_are_compared_by_the_rules_of_a_name(axis):
+    """A search that looks for one effect at once does not find two; brought by others, they are named, a wrong pair is not."""
+    friction, late = JointCandidate("coulomb", "axis"), JointCandidate("command_delay")
+    truth = (friction.applied({"torque": 0.3}), late.applied({"time": 0.01}))
+    logs = simulated(axis, records_of(axis), truth)
+    mechanism = Mechanism(axis[0])
+    views = [JointResiduals.of(mechanism, logs[role]) for role in ("fit", "select")]
+    who = [friction, late, JointCandidate("lag"), JointCandidate("armature", "axis")]
+    search = JointIdentification(views[0], views[1], signature_bank(views[0], who, axis[2] / "bank"), who, Rules(most=1))
+    assert search.run().verdict == "none_of_the_known"
+    wrong = search.again((friction, who[3]), ({"torque": 0.3}, {"inertia": 0.01}))
+    assert wrong is None or wrong.verdict == "none_of_the_known"
+    found = search.again((friction, late), ({"torque": 0.25}, {"time": 0.008}))
+    assert found.verdict == "named"
+    assert set(found.best.fit.who) == {friction, late}
+    assert not found.something_remains
+
+
 def test_of_what_does_not_show_at_all_nothing_is_known(axis):
     view = JointResiduals.of(Mechanism(axis[0]), records_of(axis)["fit"])
     jacobian = np.stack([np.zeros(view.residual().size), np.ones(view.residual().size)], axis=1)

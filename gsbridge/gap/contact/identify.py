@@ -145,16 +145,18 @@ class ThrowIdentification:
             return self._quiet("not_enough_excitation" if few else "no_discrepancy", p_value, null, unseen)
         logger.info("throws: %s", ", ".join(f"{match.effect.name} {1e3 * match.error:.1f} mm" for match in seen[:8]))
         trials = self._trials([refine(self.few, (match.effect,)) for match in seen[: rules.rivals]])
+        alike = null.p_early(self.second.early()) >= rules.alarm
         if not trials:
-            return self._quiet("none_of_the_known", p_value, null, unseen)
+            verdict = "not_attributable" if alike else "none_of_the_known"
+            return replace(self._quiet(verdict, p_value, null, unseen), something_remains=True)
         best, rest = trials[0], throw_null(self.second, trials[0].fit.effects, self.rng)
         if self._remaining(rest, best) < rules.alarm and rules.most > 1:
             grown = self._several(trials, rest.floor)
             if grown is not best:
                 trials, rest = [grown, *trials], throw_null(self.second, grown.fit.effects, self.rng)
-        if not self._learns(trials[0], null.floor) and null.p_early(self.second.early()) >= rules.alarm:
-            # Bodies fly as they should, and nothing learnt from some touches holds on others: another
-            # engine's contacts, or contacts that no catalogue has.
+        if alike and not self._learns(trials[0], null.floor):
+            # Bodies fly as they should, and nothing learnt from some touches holds on others: another engine's contacts, or
+            # contacts that no catalogue has.
             return replace(self._quiet("not_attributable", p_value, null, unseen), something_remains=True)
         return self._decide(trials, rest, p_value, unseen)
 

@@ -45,6 +45,7 @@ class Diagnosis:
         account: All effects that explain a part of the gap, where a case is told so; `verification` is of all of them then.
         warnings: What a reader must know before the figures.
         account_runs: Simulations for the account, beside those.
+        instead: What is told instead of the best effects, where something else explains as much; empty otherwise.
     """
 
     finding: Finding
@@ -59,6 +60,7 @@ class Diagnosis:
     account: GapAccount | None = None
     warnings: tuple[str, ...] = ()
     account_runs: int = 0
+    instead: str = ""
 
     @property
     def effects(self) -> tuple[Applied, ...]:
@@ -161,7 +163,7 @@ class Account:
 
     def doubts(self, diagnosis: Diagnosis) -> tuple[str, ...]:
         """Why a finding is less than an answer, beside what is known of the measurements."""
-        return ()
+        return (diagnosis.instead,) if diagnosis.instead else ()
 
     def _verified(self, checked: Verification | None) -> dict[str, Any] | None:
         """What `verify` says about the best explanation."""
@@ -246,6 +248,8 @@ class Account:
     def sentence(self, diagnosis: Diagnosis) -> str:
         """The finding in words."""
         finding = diagnosis.finding
+        if diagnosis.instead:
+            return diagnosis.instead
         if finding.coloured and finding.untold:
             return (
                 "No known effect: more than white noise is left, nothing learnt from one record holds on the other, and no two "

@@ -14,13 +14,23 @@ from gsbridge.effects.base import Effect
 from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.findings import Account, Diagnosis
-from gsbridge.gap.diagnosis.results import ROLES, SILENT, EffectFit, Finding, Rules, Verification
+from gsbridge.gap.diagnosis.results import (
+    LIKELY,
+    ROLES,
+    SILENT,
+    EffectFit,
+    Finding,
+    GapAccount,
+    Rules,
+    Verification,
+)
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.account import account_of
 from gsbridge.gap.joints.bank import SignatureBank, signature_bank
 from gsbridge.gap.joints.between import other_way
 from gsbridge.gap.joints.candidates import candidates
 from gsbridge.gap.joints.detect import joint_null
+from gsbridge.gap.joints.effort_scale import effort_scale
 from gsbridge.gap.joints.identify import JointIdentification
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.replay import Mechanism
@@ -82,13 +92,18 @@ def diagnose_joints(
     if other is not None and finding.verdict in ("named", "ambiguous") and other.rivals(finding):
         # Not a fault of the mechanism, perhaps, but of what the model says about the log.
         finding = finding.refuted()
+    scale = None if finding.best is None else effort_scale((first, second))
+    scaled = scale is not None and scale.rivals(finding)
+    if scaled:
+        # Nor is a wrong unit one.
+        finding = finding.refuted()
     if finding.best is not None:
         effects = finding.best.fit.effects
         verification = verify(third, effects, np.random.default_rng(seed))
         said = finding.verdict in ("named", "ambiguous")
         finding = finding.refuted() if said and not verification.transfers(rules) else finding
     account, named = None, mechanism.runs - made - mechanism.shared
-    if finding.best is not None and finding.verdict not in SILENT:
+    if finding.best is not None and finding.verdict not in SILENT and not scaled:
         if told := finding.verdict in ("named", "ambiguous"):
             spread = _unsure(finding.best.fit, tuple(views.values()), finding.after)
             finding = replace(finding, best=replace(finding.best, fit=spread))
@@ -102,6 +117,12 @@ def diagnose_joints(
             # Shares of hardly any gap are shares of nothing, and an account that explains none of it is no account.
             tells = account.explained >= search.rules.worth and verification.before >= _BARELY
             account = account if tells else None
+        if account is not None and whole is not None and not told:
+            # What the account leads to is compared with what was found by the rules of a name.
+            second_look = _second_look(search, account, third, seed)
+            if second_look is not None and not (other is not None and other.rivals(second_look[0])):
+                finding, verification = second_look
+                account = account_of(wide, finding, whole, third)
     if account is not None and finding.best is not None and not _same(account.effects, finding.best.fit.effects):
         verification = verify(third, account.effects, np.random.default_rng(seed))
     floor = {second.record.label(kind, k): float(s) for (kind, k), s in zip(second.channels, second.sigma, strict=True)}
@@ -111,8 +132,46 @@ def diagnose_joints(
         warnings = (other.sentence, *warnings)
     seconds = time.perf_counter() - begin
     return Diagnosis(
-        finding, verification, floor, bank.runs, named, seconds, account=account, warnings=warnings, account_runs=further
+        finding,
+        verification,
+        floor,
+        bank.runs,
+        named,
+        seconds,
+        account=account,
+        warnings=warnings,
+        account_runs=further,
+        instead=scale.sentence if scale is not None and scaled else "",
     )
+
+
+def _second_look(
+    search: JointIdentification, account: GapAccount, third: JointResiduals, seed: int
+) -> tuple[Finding, Verification] | None:
+    """A name for the first few effects of an account that close its gap, if the search never tried them together.
+
+    Growing effect by effect from one record takes what explains most alone, which may be none of them.
+
+    Args:
+        search: Compares explanations.
+        account: The account.
+        third: Residuals on `verify`.
+        seed: Seed of replicates.
+
+    Returns:
+        The finding, and what `verify` says; None where nothing else is named.
+    """
+    count, closes = 0, 0.0
+    while count < min(search.rules.most, len(account.entries)) and closes < search.rules.closure:
+        closes, count = closes + account.entries[count].share, count + 1
+    first = account.entries[:count]
+    if closes < search.rules.closure or any(entry.verdict != LIKELY for entry in first):
+        return None
+    found = search.again([entry.candidate for entry in first], [dict(entry.effect.parameters) for entry in first])
+    if found is None or found.verdict != "named" or found.best is None:
+        return None
+    checked = verify(third, found.best.fit.effects, np.random.default_rng(seed))
+    return (found, checked) if checked.transfers(search.rules, several=True) else None
 
 
 def _unsure(fit: EffectFit, views: Sequence[JointResiduals], size: float = 1.0) -> EffectFit:

@@ -8,7 +8,7 @@ Source: Broyden, Mathematics of Computation 19, 1965; Levenberg, Quarterly of Ap
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -41,6 +41,9 @@ _NOISY = 1.5
 _HIDDEN = 1e-2
 """Share of the strongest parameter's influence below which one does not show."""
 
+
+_OCTAVES = (0.5, 0.25, 0.125, 0.0625)
+"""Steps, in doublings, by which the best size of what begins at a threshold is sought before it is fitted."""
 
 _NOTHING = 1e-150
 """Square of a derivative, in units of the noise, that is none."""
@@ -163,6 +166,33 @@ def derivatives(view: Seen, fitted: EffectFit) -> Array:
     for k in range(len(x)):
         out[:, k] = problem.difference(x, r, k)
     return out
+
+
+def nearer(view: Seen, who: Candidate, start: dict[str, float], affords: Callable[[int], bool]) -> dict[str, float]:
+    """A start nearer to the best size of what begins at a threshold: a signature tells nothing of sizes beside its own.
+
+    Args:
+        view: The record to fit.
+        who: The candidate.
+        start: Its parameters by its signature.
+        affords: Whether so many simulations are left.
+    """
+    if not who.effect.threshold or len(who.effect.parameters) > 1 or not affords(2 * len(_OCTAVES) + 3):
+        return start
+
+    def squares(values: dict[str, float]) -> float:
+        return float((view.residual((who.applied(values),)) ** 2).sum())
+
+    best, values = squares(start), start
+    for step in _OCTAVES:
+        for turned in (step, -step):
+            # On as long as it helps: what first stands out may be a third of what is there.
+            while affords(4):
+                tried = who.effect.scaled(values, 2.0**turned)
+                if (left := squares(tried)) >= best:
+                    break
+                best, values = left, tried
+    return values
 
 
 def polish(view: Seen, rough: EffectFit, limit: float = np.inf) -> EffectFit:

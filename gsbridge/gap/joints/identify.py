@@ -14,7 +14,7 @@ from gsbridge.gap.diagnosis.verdict import Decision, decide, transfer
 from gsbridge.gap.joints.bank import SignatureBank
 from gsbridge.gap.joints.coherence import coherence_p, has_related, line_p
 from gsbridge.gap.joints.detect import JointNull, joint_null
-from gsbridge.gap.joints.fit import fit, polish
+from gsbridge.gap.joints.fit import fit, nearer, polish
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import SETS, Mixture, Screen, SignatureMatch
 
@@ -35,10 +35,6 @@ _NEAR = 2.0
 
 _HUGE = 5.0
 """Residual, in units of the noise, that no colour of the noise explains."""
-
-
-_OCTAVES = (0.5, 0.25, 0.125, 0.0625)
-"""Steps, in doublings, by which the best size of what begins at a threshold is sought before it is fitted."""
 
 _TOGETHER = 0.002
 """Probability below which channels do not move together by chance. Smaller than that of an alarm, since nothing else speaks for
@@ -81,6 +77,7 @@ class JointIdentification:
         self.floor, self.floor_first = self.null.share * self.plain.size, self.null_first.share * self.start.size
         self.plain_chi2 = float((self.plain**2).sum())
         self.lost: set[str] = set()
+        self._seen: tuple[list[Hypothesis], Sequence[SignatureMatch], float, tuple[str, ...]] | None = None
 
     def run(self) -> Finding:
         """Detect, screen, fit, rank, decide."""
@@ -108,7 +105,27 @@ class JointIdentification:
         if p_first >= rules.alarm and p_gain >= rules.alarm and not moves and not self._vibrates():
             # The difference shows on `select` alone, so that nothing can be fitted to it and then tested.
             return self._quiet("not_enough_excitation", p_value, unseen)
-        return self._decide(trials, matches, p_value, unseen)
+        self._seen = trials, matches, p_value, unseen
+        return self._decide(*self._seen)
+
+    def again(self, who: Sequence[Candidate], values: Sequence[dict[str, float]]) -> Finding | None:
+        """The finding with an explanation more among those that are compared.
+
+        Args:
+            who: Its effects.
+            values: Parameters of each to start from.
+
+        Returns:
+            None where there is nothing to compare it with, where it was compared before, or where it cannot be fitted.
+        """
+        if self._seen is None or any(set(trial.fit.who) == set(who) for trial in self._seen[0]):
+            return None
+        # As many simulations again as the search may take.
+        self._begin = self.first.mechanism.runs
+        fitted = fit(self.first, who, values, np.inf, None, self._limit())
+        trials, matches, p_value, unseen = self._seen
+        trials = self._slim([*trials, self.trial_of(fitted)])
+        return self._decide(trials, matches, p_value, unseen) if fitted.converged else None
 
     def _used(self) -> int:
         return self.first.mechanism.runs - self._begin
@@ -174,7 +191,7 @@ class JointIdentification:
             if far or not self._affords(2 + len(match.candidate.effect.parameters)):
                 break
             bar = chi2 - reached + 0.3 * max(reached, 0.0) + 100.0 if np.isfinite(reached) else np.inf
-            begin = self._closer(match.candidate, match.starts[0])
+            begin = nearer(self.first, match.candidate, match.starts[0], self._affords)
             fitted = fit(self.first, (match.candidate,), (begin,), bar, self.screen, self._limit())
             for start in match.starts[1:2]:
                 # A start in the wrong valley leaves more than a projection onto the signatures promised.
@@ -210,22 +227,6 @@ class JointIdentification:
                 self.lost.discard(str(who))
                 fitted.add((who,))
         return out
-
-    def _closer(self, who: Candidate, start: dict[str, float]) -> dict[str, float]:
-        """A start nearer to the best size of what begins at a threshold: a signature tells nothing of sizes beside its own."""
-        if not who.effect.threshold or len(who.effect.parameters) > 1 or not self._affords(2 * len(_OCTAVES) + 3):
-            return start
-        found = [(float((self.first.residual((who.applied(start),)) ** 2).sum()), start)]
-        for step in _OCTAVES:
-            for turned in (step, -step):
-                # On as long as it helps: what first stands out may be a third of what is there.
-                while self._affords(4):
-                    values = who.effect.scaled(found[0][1], 2.0**turned)
-                    found.insert(1, (float((self.first.residual((who.applied(values),)) ** 2).sum()), values))
-                    found = sorted(found, key=lambda item: item[0])[:1]
-                    if found[0][1] is not values:
-                        break
-        return found[0][1]
 
     def _several(self, singles: list[Hypothesis], best: Hypothesis) -> list[Hypothesis]:
         """Sets of effects: what grows from the best smaller set, then the best sums of signatures; larger sets only if

@@ -1,0 +1,76 @@
+"""What becomes of a gap if efforts are logged in another scale than the model has: a drive's constant, a unit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gsbridge.gap.diagnosis.results import Finding
+from gsbridge.gap.joints.residuals import JointResiduals
+from gsbridge.geometry import Array
+
+_HALF = 0.5
+"""Share of the gap's squares that other scales may leave to be told."""
+
+_SLIGHT = 0.01
+"""Change of a scale that is not told."""
+
+
+@dataclass(frozen=True)
+class EffortScale:
+    """The model without effects, with efforts in a scale of each joint's own.
+
+    Args:
+        scales: Logged efforts by those of the model, by joint.
+        before: Squared residual of both records as they are logged.
+        after: Squared residual with these scales.
+        freedom: Independent numbers in both.
+    """
+
+    scales: dict[str, float]
+    before: float
+    after: float
+    freedom: int
+
+    def rivals(self, finding: Finding) -> bool:
+        """Whether it closes most of the gap, and explains as much as the best effects do."""
+        best = finding.best
+        better = self.after - self.freedom < _HALF * (self.before - self.freedom)
+        return better and best is not None and self.after <= best.chi2 + float((best.first**2).sum())
+
+    @property
+    def sentence(self) -> str:
+        """What a reader must know."""
+        sizes = [(squares / self.freedom) ** 0.5 for squares in (self.before, self.after)]
+        listed = ", ".join(f"{joint} {scale:.3g}" for joint, scale in self.scales.items() if abs(scale - 1.0) > _SLIGHT)
+        return (
+            f"Efforts are logged in another scale than the model has: logged by simulated are {listed}. With these scales "
+            f"{sizes[1]:.3g} instead of {sizes[0]:.3g} times the noise remain without any effect, which none explains better: "
+            "check the unit of the efforts, and 'torque_per_ampere' where they come from currents."
+        )
+
+
+def effort_scale(views: Sequence[JointResiduals]) -> EffortScale | None:
+    """Fit a scale of the efforts to each joint of a model without effects; None where no efforts are logged.
+
+    Args:
+        views: Records of one mechanism.
+    """
+    columns = [number for number, (kind, _) in enumerate(views[0].channels) if kind == "effort"]
+    if not columns:
+        return None
+    logged, simulated = [view.stack(view.record.measured) for view in views], [view.replay() for view in views]
+
+    def sums(rows: Sequence[Array], others: Sequence[Array]) -> Array:
+        products = [np.nan_to_num(a[:, columns] * b[:, columns]).sum(axis=0) for a, b in zip(rows, others, strict=True)]
+        return np.asarray(np.sum(products, axis=0))
+
+    scales = np.ones(len(views[0].channels))
+    scales[columns] = sums(logged, simulated) / np.maximum(sums(simulated, simulated), 1e-300)
+    before = sum(float((view.residual() ** 2).sum()) for view in views)
+    moved = [view.whiten(a - scales * b) for view, a, b in zip(views, logged, simulated, strict=True)]
+    joints = views[0].record.joints
+    named = {joints[views[0].channels[number][1]]: float(scales[number]) for number in columns}
+    return EffortScale(named, before, sum(float((row**2).sum()) for row in moved), sum(view.freedom for view in views))
