@@ -150,7 +150,7 @@ def _beyond(apart: Array, known: Array) -> float:
     sizes, spread = np.abs(apart - np.median(apart, axis=0))[best], known[best, None]
 
     def beyond(noise: float) -> float:
-        return float(np.median(sizes / np.hypot(noise, spread))) - _HALF
+        return float(np.median(sizes / np.maximum(np.hypot(noise, spread), 1e-12))) - _HALF
 
     return 0.0 if beyond(0.0) <= 0.0 else float(brentq(beyond, 0.0, 10.0 * float(sizes.max())))
 
