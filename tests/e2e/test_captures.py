@@ -9,16 +9,21 @@ from gsbridge.images import read_mask
 from gsbridge.meshes import read_mesh
 from tests.e2e.conftest import call_snakemake
 
+KEYFRAMES = 30
+
 pytestmark = [pytest.mark.capture, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")
 def run(captures, tmp_path_factory):
-    """Both captures from photos to splats, at the toy's budget; of the video's those of both bindings."""
+    """Both captures from photos to splats, at the toy's budget and with fewer keyframes than its films have.
+
+    Of the video's splats those of both bindings.
+    """
     folder = tmp_path_factory.mktemp("captures")
     splats = ("banana_photos/splats/soft", "apple_video/splats/soft", "apple_video/splats/games")
     targets = [f"results/scenes/{place}/splats.json" for place in splats]
-    process = call_snakemake(folder, "--config", "preset=toy", "--", *targets)
+    process = call_snakemake(folder, "--config", "preset=toy", f"capture={{count: {KEYFRAMES}}}", "--", *targets)
     assert process.returncode == 0, process.stdout[-4000:] + process.stderr[-8000:]
     return folder / "results/scenes"
 
