@@ -17,7 +17,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.gap.benchmark.body_cases import BODY
 from gsbridge.gap.benchmark.photo_cases import SAME, photo_closure
-from gsbridge.gap.diagnosis.results import SILENT
+from gsbridge.gap.diagnosis.results import ABSTAINING, SILENT
 from gsbridge.gap.joints.case import read_joint_case
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals
@@ -86,7 +86,7 @@ class JudgedCase:
             return "quiet" if silent else "false_alarm"
         if silent:
             return "missed"
-        if self.verdict == "none_of_the_known":
+        if self.verdict in ABSTAINING:
             return "abstained"
         if not self.known:
             return "wrong"

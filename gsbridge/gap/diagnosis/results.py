@@ -16,9 +16,11 @@ ROLES = ("fit", "select", "verify")
 
 VERDICTS = ("no_discrepancy", "named", "ambiguous", "none_of_the_known", "not_attributable", "not_enough_excitation")
 
-SILENT = ("no_discrepancy", "not_attributable", "not_enough_excitation")
-"""Verdicts that raise no alarm. What is not attributable may be a fault of the model or a choice of its engine: the data do not
-say."""
+SILENT = ("no_discrepancy", "not_enough_excitation")
+"""Verdicts that raise no alarm."""
+
+ABSTAINING = ("none_of_the_known", "not_attributable")
+"""Verdicts that something is missing, without a name for it."""
 
 TRANSFERS = 0.5
 """Share of the gap that a name must close on `verify`."""

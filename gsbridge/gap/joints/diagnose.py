@@ -119,7 +119,7 @@ def diagnose_joints(
             account = account if tells else None
         if account is not None and whole is not None and not told:
             # What the account leads to is compared with what was found by the rules of a name.
-            second_look = _second_look(search, account, third, seed)
+            second_look = _second_look(search, account, tuple(views.values()), seed)
             if second_look is not None and not (other is not None and other.rivals(second_look[0])):
                 finding, verification = second_look
                 account = account_of(wide, finding, whole, third)
@@ -146,7 +146,7 @@ def diagnose_joints(
 
 
 def _second_look(
-    search: JointIdentification, account: GapAccount, third: JointResiduals, seed: int
+    search: JointIdentification, account: GapAccount, views: Sequence[JointResiduals], seed: int
 ) -> tuple[Finding, Verification] | None:
     """A name for the first few effects of an account that close its gap, if the search never tried them together.
 
@@ -155,7 +155,7 @@ def _second_look(
     Args:
         search: Compares explanations.
         account: The account.
-        third: Residuals on `verify`.
+        views: Residuals on all records, `verify` last.
         seed: Seed of replicates.
 
     Returns:
@@ -170,8 +170,10 @@ def _second_look(
     found = search.again([entry.candidate for entry in first], [dict(entry.effect.parameters) for entry in first])
     if found is None or found.verdict != "named" or found.best is None:
         return None
-    checked = verify(third, found.best.fit.effects, np.random.default_rng(seed))
-    return (found, checked) if checked.transfers(search.rules, several=True) else None
+    checked = verify(views[-1], found.best.fit.effects, np.random.default_rng(seed))
+    if not checked.transfers(search.rules, several=True):
+        return None
+    return replace(found, best=replace(found.best, fit=_unsure(found.best.fit, views, found.after))), checked
 
 
 def _unsure(fit: EffectFit, views: Sequence[JointResiduals], size: float = 1.0) -> EffectFit:

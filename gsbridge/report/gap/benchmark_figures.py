@@ -134,7 +134,7 @@ def confusion_cells(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[str, str], 
     return out
 
 
-SILENT = ("ambiguous", "none_of_the_known", "not_enough_excitation", "no_discrepancy", "other joint")
+SILENT = ("ambiguous", "none_of_the_known", "not_attributable", "not_enough_excitation", "no_discrepancy", "other joint")
 """Answers that name nothing, and the wrong joint: the last columns of the matrix."""
 
 
