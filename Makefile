@@ -8,7 +8,7 @@ TOOLS := $(VENV)/.tools
 # snakemake, which goes on by itself after a run that was killed.
 SNAKEMAKE := $(BIN)/gsbridge run
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
-# Python compiles what is imported when it is: most of the packages' files never are, and to compile all takes two minutes.
+# Python compiles a file when it is first imported, which most of the packages' files never are.
 INSTALL := $(PIP) install --no-compile
 # PyPI's torch for Linux brings gigabytes of CUDA; PyTorch's own index also has it without. Empty for a machine with a GPU.
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
@@ -103,8 +103,7 @@ results-page: $(INSTALLED)
 	$(BIN)/python -m benchmarks.readme
 	$(BIN)/python -m benchmarks.floor_history
 
-# Two at a time: each alone leaves a core idle for minutes, and a third takes more from both than it fills. The toy's way to its
-# policy is the longest; the captures give way to it.
+# Two at a time: each alone leaves a core idle for minutes. The toy's way to its policy is the longest; the captures give way to it.
 test: $(TOOLS)
 	$(MAKE) --jobs=2 --output-sync=target lint test-unit test-rules test-gap
 	$(MAKE) --jobs=2 --output-sync=target test-toy test-captures

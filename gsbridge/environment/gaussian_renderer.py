@@ -38,9 +38,9 @@ class GaussianRenderer:
         oversampling: Pixels to draw along each edge of one of the picture's.
         shadows: What dims the picture where robot and object stand in the light; None for the light of the films alone.
 
-    Splats are widened on the screen to at least a pixel. In a picture of 64 pixels an object of ten is half as large again by
-    that, and a policy that learns from it reaches for what is farther away in reality. So the picture is drawn finer, and what
-    widening adds to a splat's area is taken from its opacity.
+    The rasteriser widens each splat to about a pixel, which draws an object of ten pixels half as large again. A policy that
+    learns from such pictures takes real objects for farther away. So the picture is drawn with more pixels and averaged, and a
+    widened splat gives up opacity in the proportion in which its area grows.
 
     Source: Wu et al., RL-GSBridge, equation 3 (see `gsbridge.scene.editing`).
     """

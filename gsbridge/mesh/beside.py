@@ -27,11 +27,11 @@ _AROUND = 0.12
 _VOXELS = 96
 """Samples of the hull of the widened masks."""
 _OFF = 0.05
-"""Points this far from the mesh, as a share of its size, are not its own: matches at an outline are drawn out by some 0.04."""
+"""Points this far from the mesh, as a share of its size, are not its own. At an outline stereo errs by nearly as much."""
 _LOW = 0.06
 """Points below this share of the size may be the table's."""
 _PART = 0.003
-"""Share of all points that makes a part of a heap of them; chance reached 0.0012 on eight captures, a chimney 0.0064."""
+"""Share of all points from which a heap of them is a part of the object: chance heaps up fewer, a lost chimney more."""
 _FEWEST = 20
 """And the fewest of them."""
 

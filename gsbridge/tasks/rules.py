@@ -1,5 +1,4 @@
-"""The rules of each task as settings. They stand apart from the judges, whose kernels would bring numba into every start of
-snakemake."""
+"""The rules of each task as settings, apart from the judges, whose kernels would load numba at every start of snakemake."""
 
 from __future__ import annotations
 

@@ -293,8 +293,8 @@ def render_seen(
         splats, seen: All splats; the groups of them to draw, with the frame of each.
         camera: Pinhole camera of the image's size; focal lengths and pose are those of `seen.views`.
         background, near, threads: As in `render`.
-        antialiased: Let splats that are widened on the screen keep their light instead of their opacity (Mip-Splatting), so
-            that things that are small in the picture keep their size.
+        antialiased: Lower the opacity of a splat that is widened on the screen in the proportion in which its area grows
+            (Mip-Splatting), so that small things keep their size.
 
     Returns:
         Colour, alpha and weighted camera z, as `render` does.

@@ -123,7 +123,7 @@ def project(
             from it to the camera. [F * 16].
         near: Smallest camera z, m.
         width, height: Image, px.
-        antialiased: Take from a splat's opacity what its blur on the screen adds to its area.
+        antialiased: Lower a splat's opacity in the proportion in which the blur on the screen enlarges its area.
         records: Filled with one record per visible splat, in the order of the splats. [N * RECORD].
         sources: Filled with the number of the splat of each record. [N].
         depths: Filled with the camera z of each record. [N].
