@@ -14,7 +14,7 @@ from gsbridge.gap.benchmark.noises import NOISES, spoiled
 from gsbridge.gap.benchmark.trajectories import course
 from gsbridge.gap.diagnosis.verdict import transfer
 from gsbridge.gap.formats.records import Record, quantum_of
-from gsbridge.gap.joints.coherence import _pairs, coherence_p, line_p
+from gsbridge.gap.joints.coherence import _pairs, coherence_p, line_p, related, without_witness
 from gsbridge.gap.joints.detect import block_means, joint_null
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.noise import pooled, white_noise
@@ -84,6 +84,34 @@ def test_coloured_noise_is_no_motion(views):
         found.append(coherence_p(views[0], noises, rng))
     assert np.mean(np.array(found) < 0.05) <= 0.3
     assert np.median(found) > 0.1
+
+
+def test_what_was_computed_from_a_position_bears_no_witness(views):
+    # A speed by differences repeats the noise of its position; the effort of a controller that reads it does so, too.
+    pair = views[0]
+    rng, system = np.random.default_rng(3), pair[0].mechanism.system
+    for smooth in (0.0, 0.6):
+        residuals = []
+        for view in pair:
+            place = {kind: column for column, (kind, _) in enumerate(view.channels)}
+            values = rng.normal(size=view.residual().shape) * view.sigma
+            position = 1e-4 * rng.normal(size=len(values))
+            speed = lfilter([1 - smooth], [1, -smooth], np.gradient(position, view.record.period))
+            effort = -system.controller.stiffness[0] * position - system.controller.damping[0] * speed
+            own = 0.1 * np.std(effort) * rng.normal(size=len(values))
+            values[:, place["position"]], values[:, place["velocity"]] = position, speed
+            values[:, place["effort"]] = effort + own
+            residuals.append(values / view.sigma)
+        assert all(related(*both) == [] for both in zip(pair, residuals, strict=True))
+        assert all(without_witness(*both).all() for both in zip(pair, residuals, strict=True))
+        assert coherence_p(pair, residuals, rng) == 1.0
+
+
+def test_sensors_of_their_own_bear_witness(views):
+    for group in views:
+        for view in group:
+            assert related(view, view.residual()) == [("velocity", 0), ("effort", 0)]
+            assert not without_witness(view, view.residual()).any()
 
 
 def test_a_vibration_is_told_from_hum_and_coloured_noise(views):

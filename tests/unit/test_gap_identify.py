@@ -69,6 +69,24 @@ def test_nothing_hidden_is_no_discrepancy_whatever_the_noise(axis, spoil):
     assert result.effects == ()
 
 
+def test_noise_that_passed_a_filter_is_no_discrepancy_however_large_it_looks(axis):
+    records, rng = {}, np.random.default_rng(2)
+    for role, record in case_of(axis, (), 0.0, 50).records.items():
+        measured = {}
+        for kind, values in record.measured.items():
+            sigma, size = axis[1].noise[kind], (len(values) + 200, values.shape[1])
+            slow = lfilter([np.sqrt(1 - 0.97**2)], [1, -0.97], rng.normal(size=size), axis=0)[200:]
+            measured[kind] = values + 10.0 * sigma * slow
+        records[role] = replace(record, measured=measured, sigma={})
+    result = diagnose_joints(axis[0], records, axis[2] / "bank", seed=1)
+    assert result.finding.verdict == "no_discrepancy"
+    assert result.finding.before > 5.0
+    # It is no clean bill of health.
+    findings = JointAccount().findings_of(result, records, seed=1)
+    assert findings["status"] == "degraded"
+    assert "'repeats'" in findings["reasons"][0]
+
+
 def test_two_effects_are_named_together(axis):
     _, result = diagnosed(axis, ("coulomb", "armature"), 15.0)
     assert result.finding.verdict == "named"

@@ -156,6 +156,13 @@ def test_channel_of_one_joint_only_is_refused(tmp_path):
     assert ".elbow'" in refused(tmp_path, columns, Layout(("axis", "elbow")))
 
 
+def test_a_short_record_shows_the_step_of_a_fine_encoder():
+    step, rng = 2 * np.pi / 65536, np.random.default_rng(0)
+    moved = np.sin(np.linspace(0.0, 6.0, 300))[:, None]
+    assert quantum_of(np.round(moved / step) * step) == pytest.approx(step)
+    assert quantum_of(moved + 1e-4 * rng.normal(size=moved.shape)) == 0.0
+
+
 def test_quantum_is_the_smallest_step():
     values = np.round(np.sin(np.arange(1000) / 30.0) / 3e-3) * 3e-3
     assert quantum_of(values[:, None])[0] == pytest.approx(3e-3)

@@ -32,6 +32,9 @@ AXES = ("x", "y", "z")
 _DEGREES = 180 / np.pi
 _MILLIMETRES = 1e3
 
+_LEVELS = 20
+"""Levels from which on it is no chance that all of them lie whole steps apart."""
+
 
 @dataclass(frozen=True)
 class Record:
@@ -294,11 +297,14 @@ def _slope(values: Array, against: Array) -> float | None:
 
 
 def quantum_of(values: Array) -> Array:
-    """Step of the digits of each column, 0 where values are not visibly quantised. [T, N] -> [N]."""
+    """Step of the digits of each column, 0 where values are not visibly quantised. [T, N] -> [N].
+
+    A short record of a fine encoder hardly ever shows a level twice, but all its levels lie whole steps apart.
+    """
     out = np.zeros(values.shape[1])
     for k, column in enumerate(values.T):
         levels = np.unique(column)
-        if 2 < len(levels) < 0.9 * len(column):
+        if 2 < len(levels) < 0.9 * len(column) or len(levels) >= _LEVELS:
             steps = np.diff(levels)
             multiples = steps / steps.min()
             if np.abs(multiples - np.round(multiples)).max() < 0.05:

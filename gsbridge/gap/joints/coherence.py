@@ -2,7 +2,9 @@
 
 Noise that is not white (drift, hum, a filter in the sensor) exceeds what the differences of neighbouring samples show, as
 missing effects do. Two relations hold for motion alone: speeds are derivatives of positions, and the efforts of a position
-controller follow both. Residuals whose channels agree in neither are no sign of a missing effect.
+controller follow both. Residuals whose channels agree in neither are no sign of a missing effect. What was computed from a
+logged position, a speed by differences or the torque of a controller that reads the same encoder, agrees with it in its noise,
+too, and bears no witness.
 """
 
 from __future__ import annotations
@@ -26,6 +28,15 @@ _AROUND = 5
 """Frequencies on either side that tell the level from which a line stands out."""
 
 _SURROGATES = 1999
+
+_ORDER = 4
+"""Order of the difference that leaves noise of a channel and no motion."""
+
+_BEHIND, _AHEAD = 8, 2
+"""Samples before and after one that its channel may be computed from."""
+
+_COMPUTED = 0.5
+"""Share of the noise of a channel that another one tells, from which on the one was computed from the other."""
 
 _AGREED = 0.8
 """Cosine, over all pairs of a joint, from which on channels agree in a line."""
@@ -61,11 +72,61 @@ class _Pair:
         return turned @ self.ahead.T + turned.conj() @ self.back.T
 
 
-def has_related(view: JointResiduals) -> bool:
-    """Whether a record has channels that measure the same motion: speeds beside positions, or a controller's efforts."""
-    kinds = {kind for kind, _ in view.channels}
-    efforts = "effort" in kinds and view.mechanism.system.controller.mode == "pd"
-    return "position" in kinds and ("velocity" in kinds or efforts)
+def related(view: JointResiduals, residual: Array) -> list[tuple[str, int]]:
+    """Channels that measure, each by itself, the motion that a joint's position does: speeds, and efforts of a controller.
+
+    Args:
+        view: A record.
+        residual: Whitened. [T, C].
+
+    Returns:
+        Kind and joint of each.
+    """
+    places = {channel: column for column, channel in enumerate(view.channels)}
+    high, out = np.diff(residual, _ORDER, axis=0), list[tuple[str, int]]()
+    for k in range(len(view.record.joints)):
+        if ("position", k) not in places:
+            continue
+        sources = high[:, [places[("position", k)]]]
+        for kind in _follow(view):
+            if (kind, k) not in places:
+                continue
+            own = high[:, places[(kind, k)]]
+            if not _computed(own, sources):
+                out.append((kind, k))
+            sources = np.concatenate([sources, own[:, None]], axis=1)
+    return out
+
+
+def without_witness(view: JointResiduals, residual: Array) -> Array:
+    """Channels of which no other one could show that they move, or do not. [C].
+
+    Args:
+        view: A record.
+        residual: Whitened. [T, C].
+    """
+    joints = {k for _, k in related(view, residual)}
+    kinds = ("position", *_follow(view))
+    return np.array([kind not in kinds or k not in joints for kind, k in view.channels])
+
+
+def _follow(view: JointResiduals) -> tuple[str, ...]:
+    """Kinds of channels that follow from a joint's motion alone."""
+    return ("velocity", "effort") if view.mechanism.system.controller.mode == "pd" else ("velocity",)
+
+
+def _computed(values: Array, sources: Array) -> bool:
+    """Whether the noise of a channel is that of others, filtered. [T], [T, S]."""
+    rows = len(values) - _BEHIND - _AHEAD
+    table = np.stack([column[k : k + rows] for column in sources.T for k in range(_BEHIND + _AHEAD + 1)], axis=1)
+    if rows <= 2 * table.shape[1]:
+        return False
+    wanted = values[_BEHIND : _BEHIND + rows]
+    scale = np.maximum(np.abs(table).max(axis=0), 1e-300)
+    left = wanted - table @ (np.linalg.lstsq(table / scale, wanted, rcond=1e-9)[0] / scale)
+    # Each number that was fitted takes off its part by chance.
+    unexplained = (left @ left) / (rows - table.shape[1]) / max(float(wanted @ wanted) / rows, 1e-300)
+    return bool(1.0 - unexplained > _COMPUTED)
 
 
 def coherence_p(views: Sequence[JointResiduals], residuals: Sequence[Array], rng: np.random.Generator) -> float:
@@ -158,6 +219,7 @@ def _pairs(view: JointResiduals, residual: Array) -> list[_Pair]:
     """Pairs that motion makes equal: the speed and the position's derivative, the effort and what the controller asks."""
     places = {channel: column for column, channel in enumerate(view.channels)}
     controller, out = view.mechanism.system.controller, []
+    witnesses = related(view, residual)
     longest = max(end - first for first, end in view.spans) * view.record.period
     for first, end in view.spans:
         rows = end - first
@@ -184,9 +246,9 @@ def _pairs(view: JointResiduals, residual: Array) -> list[_Pair]:
                 continue
             moved = spectra[:, position]
             rate = turn * moved if speed is None else spectra[:, speed]
-            if speed is not None:
+            if ("velocity", k) in witnesses:
                 out.append(_Pair(k, raw[:, speed], spectra[:, speed], turn * moved, ahead, back))
-            if effort is not None and controller.mode == "pd":
+            if ("effort", k) in witnesses:
                 asked = -controller.stiffness[k] * moved - controller.damping[k] * rate
                 out.append(_Pair(k, raw[:, effort], spectra[:, effort], asked, ahead, back))
     return out

@@ -48,6 +48,9 @@ _FAR = 50.0
 _BARELY = 1.02
 """Gap on `verify`, in units of the noise, below which it is no more than noise."""
 
+_LOUD = 2.0
+"""What is left, in units of the noise that neighbouring samples show, from which on that noise is doubted where it is no motion."""
+
 
 class JointAccount(Account):
     """Puts findings about a mechanism into words and figures."""
@@ -57,6 +60,18 @@ class JointAccount(Account):
     def effects_of(self, fit: EffectFit) -> list[Effect]:
         """Effects as they act at their joints, which turn or slide."""
         return [candidate.effect for candidate in fit.who]
+
+    def doubts(self, diagnosis: Diagnosis) -> tuple[str, ...]:
+        """Why a finding is less than an answer, beside what is known of the measurements."""
+        finding = diagnosis.finding
+        if not finding.coloured or finding.before < _LOUD:
+            return super().doubts(diagnosis)
+        return (
+            f"what is left is {finding.before:.3g} times the noise that neighbouring samples show, and nothing shows that it is "
+            "motion: a filter in the sensor hides its noise from them, perhaps. Log one motion twice and name it under "
+            "'repeats', or state the 'noise'",
+            *super().doubts(diagnosis),
+        )
 
 
 def diagnose_joints(

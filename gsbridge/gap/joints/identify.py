@@ -12,7 +12,7 @@ from gsbridge.gap.diagnosis.closure import beyond_noise, closed_at_most_times, c
 from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Finding, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import Decision, decide, transfer
 from gsbridge.gap.joints.bank import SignatureBank
-from gsbridge.gap.joints.coherence import coherence_p, has_related, line_p
+from gsbridge.gap.joints.coherence import coherence_p, line_p, related, without_witness
 from gsbridge.gap.joints.detect import JointNull, joint_null
 from gsbridge.gap.joints.fit import fit, nearer, polish
 from gsbridge.gap.joints.residuals import JointResiduals
@@ -34,7 +34,7 @@ _NEAR = 2.0
 """Multiple of the best squared residual up to which an explanation's special cases are fitted, too."""
 
 _HUGE = 5.0
-"""Residual, in units of the noise, that no colour of the noise explains."""
+"""Residual, in units of the noise, from which on a channel that no other one bears witness to is taken to move."""
 
 _TOGETHER = 0.002
 """Probability below which channels do not move together by chance. Smaller than that of an alarm, since nothing else speaks for
@@ -98,7 +98,7 @@ class JointIdentification:
         moves = best is not None and self._transfers(best)
         if not moves and not self._is_motion():
             # What exceeds white noise is no motion, and nothing learnt from one record holds on the other.
-            untold = not has_related(self.first)
+            untold = not related(self.first, self.start)
             return replace(self._quiet("no_discrepancy", p_value, unseen), coloured=True, untold=untold)
         if best is None:
             return self._quiet("none_of_the_known", p_value, unseen)
@@ -139,16 +139,25 @@ class JointIdentification:
         return self._begin + self.rules.budget - reserve - _JUDGED
 
     def _transfers(self, trial: Hypothesis) -> bool:
-        """Whether a trial explains a part of the other record, by more than chance and colour of the noise allow."""
-        if self.plain_chi2 - trial.chi2 < self.rules.margin:
+        """Whether a trial explains a part of the other record, by more than chance and colour of the noise allow.
+
+        The part must be worth a word: what hardly anything is taken off is no more of that kind than it was before.
+        """
+        gap, left = (beyond_noise(chi2, self.floor) for chi2 in (self.plain_chi2, trial.chi2))
+        if self.plain_chi2 - trial.chi2 < self.rules.margin or gap - left < self.rules.least * gap:
             return False
         return transfer(self.plain, trial.residual) > self.rules.deviations
 
     def _is_motion(self) -> bool:
-        """Whether the channels of the residuals move together, or are too large for any noise."""
-        sizes = [float(np.sqrt((residual**2).mean(axis=0)).max()) for residual in (self.start, self.plain)]
-        p_value = coherence_p((self.first, self.second), (self.start, self.plain), self.rng)
-        return max(sizes) >= _HUGE or p_value < _TOGETHER or self._vibrates()
+        """Whether the channels of the residuals move together, or are large where nothing else could show that they do.
+
+        Noise that passed a filter is any number of times what neighbouring samples tell of it.
+        """
+        views, residuals = (self.first, self.second), (self.start, self.plain)
+        for view, residual in zip(views, residuals, strict=True):
+            if (np.sqrt((residual**2).mean(axis=0)) >= _HUGE)[without_witness(view, residual)].any():
+                return True
+        return coherence_p(views, residuals, self.rng) < _TOGETHER or self._vibrates()
 
     def _vibrates(self) -> bool:
         """Whether channels of a joint share a line of their spectra, which no colour of the noise makes."""
