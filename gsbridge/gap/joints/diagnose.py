@@ -49,7 +49,7 @@ _BARELY = 1.02
 """Gap on `verify`, in units of the noise, below which it is no more than noise."""
 
 _LOUD = 2.0
-"""What is left, in units of the noise that neighbouring samples show, from which on that noise is doubted where it is no motion."""
+"""What is left and no motion, in units of the noise that neighbouring samples show, from which on that noise is doubted."""
 
 
 class JointAccount(Account):
@@ -67,8 +67,8 @@ class JointAccount(Account):
         if not finding.coloured or finding.before < _LOUD:
             return super().doubts(diagnosis)
         return (
-            f"what is left is {finding.before:.3g} times the noise that neighbouring samples show, and nothing shows that it is "
-            "motion: a filter in the sensor hides its noise from them, perhaps. Log one motion twice and name it under "
+            f"what is left is {finding.before:.3g} times the noise that neighbouring samples show, and nothing shows that it "
+            "is motion: a filter in the sensor hides its noise from them, perhaps. Log one motion twice and name it under "
             "'repeats', or state the 'noise'",
             *super().doubts(diagnosis),
         )

@@ -17,6 +17,7 @@ from gsbridge.gap.joints.detect import JointNull, joint_null
 from gsbridge.gap.joints.fit import fit, nearer, polish
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import SETS, Mixture, Screen, SignatureMatch
+from gsbridge.geometry import Array
 
 logger = logging.getLogger("gsbridge")
 
@@ -149,15 +150,34 @@ class JointIdentification:
         return transfer(self.plain, trial.residual) > self.rules.deviations
 
     def _is_motion(self) -> bool:
-        """Whether the channels of the residuals move together, or are large where nothing else could show that they do.
+        """Whether the channels of the residuals move together, or are large and follow the mechanism, as far as can be told.
 
         Noise that passed a filter is any number of times what neighbouring samples tell of it.
         """
         views, residuals = (self.first, self.second), (self.start, self.plain)
+        huge = np.zeros(self.plain.shape[1], bool)
         for view, residual in zip(views, residuals, strict=True):
-            if (np.sqrt((residual**2).mean(axis=0)) >= _HUGE)[without_witness(view, residual)].any():
+            large = np.sqrt((residual**2).mean(axis=0)) >= _HUGE
+            if large[without_witness(view, residual)].any():
                 return True
+            huge |= large
+        if huge.any() and transfer(self.plain[:, huge], self._without_course()[:, huge]) > self.rules.deviations:
+            return True
         return coherence_p(views, residuals, self.rng) < _TOGETHER or self._vibrates()
+
+    def _without_course(self) -> Array:
+        """Residual on `select` without what `fit` teaches of how it goes with the nominal motion of each joint. [T, C].
+
+        A sensor in another scale errs by the motion, though nothing moves otherwise.
+        """
+        out = np.empty_like(self.plain)
+        for column, (_, joint) in enumerate(self.first.channels):
+            own = [place for place, (_, k) in enumerate(self.first.channels) if k == joint]
+            replays = [np.nan_to_num(view.replay()[:, own]) for view in (self.first, self.second)]
+            tables = [np.column_stack([replay, np.ones(len(replay))]) for replay in replays]
+            taught = np.linalg.lstsq(tables[0], self.start[:, column], rcond=1e-9)[0]
+            out[:, column] = self.plain[:, column] - tables[1] @ taught
+        return out
 
     def _vibrates(self) -> bool:
         """Whether channels of a joint share a line of their spectra, which no colour of the noise makes."""
