@@ -263,6 +263,12 @@ def test_effects_that_were_never_tried_together_are_compared_by_the_rules_of_a_n
     assert found.verdict == "named"
     assert set(found.best.fit.who) == {friction, late}
     assert not found.something_remains
+    # What may stand in the place of one of them is compared, and its name is not as good.
+    search = JointIdentification(views[0], views[1], signature_bank(views[0], who, axis[2] / "bank"), who, Rules(most=1))
+    search.run()
+    found = search.again((friction, late), ({"torque": 0.25}, {"time": 0.008}), ((), ("lag",)))
+    assert found.verdict == "named"
+    assert ("coulomb:axis", "lag") in {trial.names for trial, _ in found.rivals}
 
 
 def test_of_what_does_not_show_at_all_nothing_is_known(axis):
@@ -299,6 +305,16 @@ def test_right_effects_are_named_although_something_remains(told):
     assert diagnosis.finding.something_remains
     assert found["verdict"] == "named"
     assert {row["name"] for row in found["effects"]} <= {"command_delay", "coulomb"}
+
+
+def test_what_is_named_has_the_size_that_the_account_has(told):
+    _, found = told
+    entries = {entry["label"]: entry["parameters"] for entry in found["account"]["entries"]}
+    for row in found["effects"]:
+        entry = entries[f"{row['name']}:{row['joint']}" if row["joint"] else row["name"]]
+        for name, parameter in row["parameters"].items():
+            assert parameter["value"] == entry[name]["value"]
+            np.testing.assert_allclose(parameter["interval90"], entry[name]["interval90"], rtol=1e-9)
 
 
 def test_an_account_tells_effects_in_order_with_their_shares(told):

@@ -156,6 +156,16 @@ def test_a_gain_by_chance_does_not_transfer():
     assert transfer(plain + 2.0 * shape, plain) > 5.0
 
 
+def test_noise_that_remembers_itself_over_blocks_of_time_does_not_transfer():
+    rng, found = np.random.default_rng(4), []
+    for _ in range(300):
+        plain, taught = (lfilter([1.0], [1.0, -0.95], rng.normal(size=(600, 2)), axis=0)[300:] for _ in range(2))
+        wave = np.sin(np.arange(300)[:, None] * rng.uniform(0.02, 0.1, 2) + rng.uniform(0.0, 6.3, 2))
+        part = (taught * wave).sum(axis=0) / (wave**2).sum(axis=0) * wave
+        found.append(transfer(plain, plain - part))
+    assert np.mean(np.array(found) > 3.0) <= 0.015
+
+
 @pytest.mark.parametrize("kind", NOISES)
 def test_spoiled_noise_has_the_stated_size(kind):
     clean = np.zeros((20000, 2))

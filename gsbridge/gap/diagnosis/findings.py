@@ -286,7 +286,7 @@ class Account:
     def _closest(self, account: GapAccount) -> str:
         """What comes nearest where nothing can be named, what it leaves, and what to do next."""
         first = account.entries[0].candidate.effect
-        listed = ", ".join(_line(entry) for entry in account.entries[:_LISTED])
+        listed = ", ".join(self._line(entry) for entry in account.entries[:_LISTED])
         more = f" and {len(account.entries) - _LISTED} more" if len(account.entries) > _LISTED else ""
         rest = f", mostly in {account.channel}, {account.phase}" if account.channel else ""
         return (
@@ -295,16 +295,20 @@ class Account:
             f"next: {first.tell_apart}."
         )
 
+    def _line(self, entry: AccountEntry) -> str:
+        """An entry in a sentence, with its sizes."""
+        spans = _spans(entry.candidate, entry.effect, entry.deviations, 1.0)
+        figures = _figures(self._described(entry.candidate.effect, entry.effect, spans)["parameters"])
+        where = f"{entry.effect.joint}: " if entry.effect.joint else ""
+        return f"{where}{entry.candidate.effect.title} ({figures}; {100 * entry.share:.0f} %)"
+
     def leaves(self, diagnosis: Diagnosis) -> str:
         """Sentence on what the nearest explanation leaves, where nothing can be named."""
         return f"leaves {diagnosis.finding.after:.3g} times the noise of {diagnosis.finding.before:.3g}"
 
     def lacks(self, item: Mapping[str, Any]) -> str:
         """One effect that the model lacks, with its figures; an entry of `describe`."""
-        figures = ", ".join(
-            f"{row.get('called', name)} {_rounded(row['value'], row['interval90'])} {row['unit']}".rstrip()
-            for name, row in item["parameters"].items()
-        )
+        figures = _figures(item["parameters"])
         who = f"Joint '{item['joint']}'" if item["joint"] else "The model"
         return f"{who} lacks {item['title']} ({figures})"
 
@@ -335,10 +339,12 @@ def _spans(candidate: Candidate, effect: Applied, deviations: Array, wide: float
     return rows
 
 
-def _line(entry: AccountEntry) -> str:
-    """An entry in a sentence."""
-    where = f"{entry.effect.joint}: " if entry.effect.joint else ""
-    return f"{where}{entry.candidate.effect.title} ({100 * entry.share:.0f} %)"
+def _figures(parameters: Mapping[str, Mapping[str, Any]]) -> str:
+    """Parameters of a described effect in a sentence."""
+    return ", ".join(
+        f"{row.get('called', name)} {_rounded(row['value'], row['interval90'])} {row['unit']}".rstrip()
+        for name, row in parameters.items()
+    )
 
 
 def digits_of(interval: Sequence[float], scale: float = 1.0) -> tuple[float, int]:

@@ -18,6 +18,9 @@ _ERRING = 1.5
 _BLOCKS = 40
 """Blocks of time that tell how a sum spreads."""
 
+_REMEMBERED = 8
+"""Blocks over which what is left may remember itself."""
+
 
 @dataclass(frozen=True)
 class Decision:
@@ -124,8 +127,22 @@ def transfer(plain: Array, residual: Array) -> float:
         return 0.0
     variance, count = _spread(residual, part)
     # As many blocks, or places, as there are tell the spread; few of them have heavy tails.
-    deviations = float((plain * part).sum()) / max(np.sqrt(variance), 1e-300)
+    deviations = float((plain * part).sum()) / max(np.sqrt(variance * _memory(residual, part)), 1e-300)
     return float(norm.isf(max(student.sf(deviations, count), 1e-300)))
+
+
+def _memory(left: Array, part: Array) -> float:
+    """By how much the variance of the product of what is left and something else is larger since blocks are alike. Both [T, C].
+
+    Source: Newey and West, Econometrica 55, 1987.
+    """
+    length = max(5, len(part) // _BLOCKS)
+    rows = len(part) // length
+    sums = (left * part).sum(axis=1)[: rows * length].reshape(rows, length).sum(axis=1)
+    squares = total = float(sums @ sums)
+    for lag in range(1, min(_REMEMBERED, rows - 1) + 1):
+        total += 2.0 * (1.0 - lag / (_REMEMBERED + 1)) * float(sums[lag:] @ sums[:-lag])
+    return max(1.0, total / max(squares, 1e-300))
 
 
 def _spread(left: Array, part: Array) -> tuple[float, float]:

@@ -15,12 +15,13 @@ from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.findings import Account, Diagnosis
 from gsbridge.gap.diagnosis.results import (
-    LIKELY,
+    NAMED,
     ROLES,
     SILENT,
     EffectFit,
     Finding,
     GapAccount,
+    Hypothesis,
     Rules,
     Verification,
 )
@@ -140,6 +141,7 @@ def diagnose_joints(
                 account = account_of(wide, finding, whole, third)
     if account is not None and finding.best is not None and not _same(account.effects, finding.best.fit.effects):
         verification = verify(third, account.effects, np.random.default_rng(seed))
+        finding = _as_accounted(finding, finding.best, account)
     floor = {second.record.label(kind, k): float(s) for (kind, k), s in zip(second.channels, second.sigma, strict=True)}
     further = mechanism.runs - made - mechanism.shared - named
     warnings = _warnings(finding, bank, any(record.sigma or record.tolerance for record in records.values()))
@@ -180,9 +182,13 @@ def _second_look(
     while count < min(search.rules.most, len(account.entries)) and closes < search.rules.closure:
         closes, count = closes + account.entries[count].share, count + 1
     first = account.entries[:count]
-    if closes < search.rules.closure or any(entry.verdict != LIKELY for entry in first):
+    if closes < search.rules.closure or any(entry.verdict == NAMED for entry in first):
         return None
-    found = search.again([entry.candidate for entry in first], [dict(entry.effect.parameters) for entry in first])
+    found = search.again(
+        [entry.candidate for entry in first],
+        [dict(entry.effect.parameters) for entry in first],
+        [entry.instead for entry in first],
+    )
     if found is None or found.verdict != "named" or found.best is None:
         return None
     checked = verify(views[-1], found.best.fit.effects, np.random.default_rng(seed))
@@ -200,6 +206,26 @@ def _unsure(fit: EffectFit, views: Sequence[JointResiduals], size: float = 1.0) 
         size: What is left, in units of the noise, by which deviations are multiplied later.
     """
     return replace(fit, deviations=np.hypot(fit.deviations, scatter_between(views, fit) / max(1.0, size)))
+
+
+def _as_accounted(finding: Finding, best: Hypothesis, account: GapAccount) -> Finding:
+    """A finding with the sizes that the account has, where it holds all that was named: one thing has one size.
+
+    What was named was fitted to one record, on which two masses of an arm may hardly be parted; the account to both.
+
+    Args:
+        finding: What was found.
+        best: Its best explanation.
+        account: The account.
+    """
+    lines = {entry.candidate: entry for entry in account.entries}
+    if any(candidate not in lines for candidate in best.fit.who):
+        return finding
+    held = [lines[candidate] for candidate in best.fit.who]
+    # Findings multiply deviations by what is left; the account's know of it.
+    deviations = np.concatenate([entry.deviations for entry in held]) / max(1.0, finding.after)
+    fit = replace(best.fit, effects=tuple(entry.effect for entry in held), deviations=deviations)
+    return replace(finding, best=replace(best, fit=fit))
 
 
 def _same(some: Sequence[Applied], others: Sequence[Applied]) -> bool:

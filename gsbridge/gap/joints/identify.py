@@ -109,12 +109,15 @@ class JointIdentification:
         self._seen = trials, matches, p_value, unseen
         return self._decide(*self._seen)
 
-    def again(self, who: Sequence[Candidate], values: Sequence[dict[str, float]]) -> Finding | None:
+    def again(
+        self, who: Sequence[Candidate], values: Sequence[dict[str, float]], instead: Sequence[Sequence[str]] = ()
+    ) -> Finding | None:
         """The finding with an explanation more among those that are compared.
 
         Args:
             who: Its effects.
             values: Parameters of each to start from.
+            instead: Names of what may stand in the place of each, which is compared, too.
 
         Returns:
             None where there is nothing to compare it with, where it was compared before, or where it cannot be fitted.
@@ -125,8 +128,16 @@ class JointIdentification:
         self._begin = self.first.mechanism.runs
         fitted = fit(self.first, who, values, np.inf, None, self._limit())
         trials, matches, p_value, unseen = self._seen
-        trials = self._slim([*trials, self.trial_of(fitted)])
-        return self._decide(trials, matches, p_value, unseen) if fitted.converged else None
+        trials = [*trials, self.trial_of(fitted)]
+        for k, names in enumerate(instead):
+            kept = [j for j in range(len(who)) if j != k]
+            left = self.first.residual([fitted.effects[j] for j in kept])
+            for match in (m for m in self.screen.matches(left) if str(m.candidate) in names):
+                others, starts = [who[j] for j in kept], [fitted.values[j] for j in kept]
+                if self.first.mechanism.runs < self._limit():
+                    rival = fit(self.first, (*others, match.candidate), (*starts, match.starts[0]), limit=self._limit())
+                    trials.append(self.trial_of(rival))
+        return self._decide(self._slim(trials), matches, p_value, unseen) if fitted.converged else None
 
     def _used(self) -> int:
         return self.first.mechanism.runs - self._begin
