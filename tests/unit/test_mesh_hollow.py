@@ -12,7 +12,7 @@ from gsbridge.configuration.mesh import MeshSettings
 from gsbridge.mesh.beside import beside_doubts, points_beside
 from gsbridge.mesh.depth import DepthCloud
 from gsbridge.mesh.doubts import doubts, frame_doubts, outline_doubts, outline_overlaps
-from gsbridge.mesh.fuse import fuse, measured_wall
+from gsbridge.mesh.fuse import fuse, measured_wall, seen_through
 from gsbridge.mesh.hollow import carved, guessed_share, lowered, needed_height
 from gsbridge.mesh.hull import build_hull, fewest_views, read_masks
 from gsbridge.mesh.repair import closed_surface
@@ -134,6 +134,22 @@ def test_a_hole_that_bitten_masks_cut_into_a_measured_floor_is_closed():
     flat = np.array([[0.0, 0.0, 0.0005], [0.0, 0.0, POT_HEIGHT], [0.02, 0.0, 0.025]])
     facing = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
     assert (measured_wall(left.grid, replace(cloud, points=flat, normals=facing), left) < 0).all()
+
+
+def test_chance_matches_that_photos_look_through_grow_no_wall():
+    """A patch of points beside a pot that seems to face upward, as wrong matches inside a speckled one leave."""
+    _, _, hull, cloud = look(pot, (25.0, 40.0))
+    cloud = replace(cloud, normals=outward(pot, cloud.points))
+    across = np.stack(np.meshgrid(*2 * [np.arange(-0.0016, 0.0017, 4e-4)]), axis=-1).reshape(-1, 2)
+    patch = np.c_[across, np.zeros(len(across))] + (POT_RIM + 0.003, 0.0, 0.03)
+    assert (seen_through(patch, cloud, 0.0) >= 3).all()
+    assert seen_through(cloud.points, cloud, 0.02 * hull.size).max() < 3
+    more = replace(
+        cloud,
+        points=np.concatenate([cloud.points, patch]),
+        normals=np.concatenate([cloud.normals, np.tile([0.0, 0.0, 1.0], (len(patch), 1))]),
+    )
+    np.testing.assert_array_equal(measured_wall(hull.grid, more, hull), measured_wall(hull.grid, cloud, hull))
 
 
 def test_a_full_pot_stays_full():
