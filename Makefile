@@ -8,7 +8,9 @@ TOOLS := $(VENV)/.tools
 # snakemake, which goes on by itself after a run that was killed.
 SNAKEMAKE := $(BIN)/gsbridge run
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
-# Python compiles a file when it is first imported, which most of the packages' files never are.
+# Python compiles a file when it is first imported, which most of the packages' files never are. It has to keep what it compiled:
+# where the environment forbids that, as images for containers like to, each of some hundred processes compiles all it imports anew.
+unexport PYTHONDONTWRITEBYTECODE
 INSTALL := $(PIP) install --no-compile
 # PyPI's torch for Linux brings gigabytes of CUDA; PyTorch's own index also has it without. Empty for a machine with a GPU.
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
