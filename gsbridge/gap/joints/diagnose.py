@@ -33,6 +33,7 @@ from gsbridge.gap.joints.candidates import candidates
 from gsbridge.gap.joints.detect import joint_null
 from gsbridge.gap.joints.effort_scale import effort_scale
 from gsbridge.gap.joints.identify import JointIdentification
+from gsbridge.gap.joints.integral_action import integral_action
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals, share_noise
@@ -109,9 +110,11 @@ def diagnose_joints(
         # Not a fault of the mechanism, perhaps, but of what the model says about the log.
         finding = finding.refuted()
     scale = None if finding.best is None else effort_scale((first, second))
-    scaled = scale is not None and scale.rivals(finding)
-    if scaled:
-        # Nor is a wrong unit one.
+    integral = None if finding.verdict in SILENT else integral_action((first, second))
+    # Nor is a wrong unit one, nor a controller that the model does not have.
+    instead = scale.sentence if scale is not None and scale.rivals(finding) else ""
+    instead = integral.sentence if integral is not None else instead
+    if instead:
         finding = finding.refuted()
     if finding.best is not None:
         effects = finding.best.fit.effects
@@ -119,7 +122,7 @@ def diagnose_joints(
         said = finding.verdict in ("named", "ambiguous")
         finding = finding.refuted() if said and not verification.transfers(rules) else finding
     account, named = None, mechanism.runs - made - mechanism.shared
-    if finding.best is not None and finding.verdict not in SILENT and not scaled:
+    if finding.best is not None and finding.verdict not in SILENT and not instead:
         if told := finding.verdict in ("named", "ambiguous"):
             spread = _unsure(finding.best.fit, tuple(views.values()), finding.after)
             finding = replace(finding, best=replace(finding.best, fit=spread))
@@ -158,7 +161,7 @@ def diagnose_joints(
         account=account,
         warnings=warnings,
         account_runs=further,
-        instead=scale.sentence if scale is not None and scaled else "",
+        instead=instead,
     )
 
 
