@@ -5,10 +5,12 @@ import pytest
 
 from benchmarks import gap_mismatch
 from gsbridge.effects.registry import Applied
+from gsbridge.gap.joints.bank import signature_bank
 from gsbridge.gap.joints.candidates import JointCandidate
 from gsbridge.gap.joints.case import read_joint_case
 from gsbridge.gap.joints.diagnose import views_of
 from gsbridge.gap.joints.fit import derivatives, fit
+from gsbridge.gap.joints.identify import JointIdentification
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.pooled import PooledResiduals, spread_of
 
@@ -45,3 +47,14 @@ def test_errors_that_come_back_with_the_motion_widen_intervals(tmp_path):
     assert astray < 2.5 * spread
     assert spread < 0.1 * true
     assert np.isfinite(spread)
+
+
+def test_much_play_is_found_though_no_signature_of_little_play_looks_like_it(tmp_path):
+    found = views(tmp_path, {"backlash:yaw": 0.011})
+    who = [JointCandidate(name, "yaw") for name in ("backlash", "eccentricity")]
+    search = JointIdentification(found["fit"], found["select"], signature_bank(found["fit"], who, tmp_path / "bank"), who)
+    search.run()
+    (play,) = search._thresholds([])
+    assert play.fit.values[0]["gap"] == pytest.approx(0.011, rel=0.03)
+    # Where something else explains most, nobody looks for it.
+    assert search._thresholds([play]) == []

@@ -9,9 +9,9 @@ class AngularDamping(BodyEffect):
     """Loss of spin in the air, or a damping that the engine adds: w (1 + |w|) times the coefficient."""
 
     name = "angular_damping"
-    title = "damping of the spin"
+    title = "damping of the spin, by w (1 + |w|)"
     hook = "body"
-    parameters = (Parameter("coefficient", "1/s", -10.0, 10.0, 0.04, True, "by which it differs from the model's"),)
+    parameters = (Parameter("coefficient", "1/s", -10.0, 10.0, 0.04, True, "1 + |w| times this damps w, beyond the model"),)
     figures: ClassVar = {"coefficient": "angular_damping"}
     sizes = (1.0, 4.0, 16.0)
     signature = "spins down in flight already"

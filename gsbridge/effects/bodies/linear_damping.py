@@ -9,9 +9,9 @@ class LinearDamping(BodyEffect):
     """Loss of speed in the air, or a damping that the engine adds: v (1 + |v|) times the coefficient."""
 
     name = "linear_damping"
-    title = "damping of the motion"
+    title = "damping of the motion, by v (1 + |v|)"
     hook = "body"
-    parameters = (Parameter("coefficient", "1/s", -10.0, 10.0, 0.04, True, "by which it differs from the model's"),)
+    parameters = (Parameter("coefficient", "1/s", -10.0, 10.0, 0.04, True, "1 + |v| times this damps v, beyond the model"),)
     figures: ClassVar = {"coefficient": "linear_damping"}
     sizes = (1.0, 4.0, 16.0)
     signature = "slows down in flight already"

@@ -11,6 +11,7 @@ import numpy as np
 from gsbridge.gap.diagnosis.closure import beyond_noise, closed_at_most_times, closed_beside_rest
 from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Finding, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import Decision, decide, transfer
+from gsbridge.gap.formats.records import TOOL
 from gsbridge.gap.joints.bank import SignatureBank
 from gsbridge.gap.joints.coherence import coherence_p, line_p, related, without_witness
 from gsbridge.gap.joints.detect import JointNull, joint_null
@@ -34,12 +35,31 @@ _JUDGED = 2
 _NEAR = 2.0
 """Multiple of the best squared residual up to which an explanation's special cases are fitted, too."""
 
+_MOST = 0.5
+"""Share of a gap's squares that the best fit must explain for others to be looked for no further."""
+
 _HUGE = 5.0
 """Residual, in units of the noise, from which on a channel that no other one bears witness to is taken to move."""
 
 _TOGETHER = 0.002
 """Probability below which channels do not move together by chance. Smaller than that of an alarm, since nothing else speaks for
 motion where this decides."""
+
+
+def thresholds(who: Sequence[Candidate], view: JointResiduals, residual: Array) -> list[Candidate]:
+    """Candidates of one size that begins at a threshold, on the joint that errs most.
+
+    Args:
+        who: Candidates.
+        view: A record.
+        residual: Whitened. [T, C].
+    """
+    column = int(np.argmax((residual**2).mean(axis=0)))
+    kind, k = view.channels[column]
+    if kind == TOOL:
+        return []
+    joint = view.record.joints[k]
+    return [c for c in who if c.joint == joint and c.effect.threshold and len(c.effect.parameters) == 1]
 
 
 def _holds(trial: Hypothesis, who: Candidate) -> bool:
@@ -246,7 +266,33 @@ class JointIdentification:
                 reached = max(reached, chi2 - fitted.chi2)
             else:
                 self.lost.add(str(match.candidate))
+        out += self._thresholds(out)
         return out + self._simpler(out)
+
+    def _thresholds(self, trials: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Fits of what begins at a threshold, on the joint that errs most, where all others leave most of the gap.
+
+        Its signature at one size tells nothing of another: play of a centirad looks like none of a millirad.
+        """
+        chi2, out = float((self.start**2).sum()), list[Hypothesis]()
+        reached = chi2 - min((trial.fit.chi2 for trial in trials), default=chi2)
+        if reached > _MOST * (chi2 - self.floor_first):
+            return out
+        fitted = {who for trial in trials for who in trial.fit.who}
+        for who in thresholds(self.who, self.first, self.start):
+            starts = [who.effect.scaled(way, size) for way in who.directions() for size in who.effect.sizes]
+            if who in fitted or not self._affords(len(starts)):
+                continue
+            squares = [float((self.first.residual((who.applied(values),)) ** 2).sum()) for values in starts]
+            if chi2 - min(squares) < max(reached, self.rules.margin):
+                continue
+            begin = nearer(self.first, who, starts[int(np.argmin(squares))], self._affords)
+            found = fit(self.first, (who,), (begin,), np.inf, None, self._limit())
+            if found.converged:
+                out.append(self.trial_of(found))
+            else:
+                self.lost.add(str(who))
+        return out
 
     def _simpler(self, trials: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Special cases of good explanations that were not fitted, or went astray, from where those ended.

@@ -16,6 +16,7 @@ from gsbridge.gap.diagnosis.closure import beyond_noise
 from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Finding, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import transfer
 from gsbridge.gap.joints.fit import derivatives, fit
+from gsbridge.gap.joints.identify import thresholds
 from gsbridge.gap.joints.pooled import PooledResiduals, spread_of
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import Screen
@@ -273,11 +274,11 @@ class Widening:
         """Candidates with parameters to look at them beside an explanation.
 
         What a threshold changes tells nothing of another threshold: such a size is looked at anew where another one suits what
-        is left, and a surface at every height, since `fit` alone may never come near it.
+        is left, a surface at every height, since `fit` alone may never come near it, and on the joint that errs most any size.
         """
         surfaces = [who for who in self.who if who.effect.threshold and not who.effect.blends]
         out = [(m.candidate, m.starts[0]) for m in self.screen.matches(best.first) if m.candidate not in surfaces]
-        for who in surfaces:
+        for who in (*surfaces, *thresholds(self.who, self.first, best.first)):
             out += [(who, who.effect.scaled(way, size)) for way in who.directions() for size in who.effect.sizes]
         return out
 
