@@ -52,7 +52,7 @@ def points_beside(views: Views, masks: Sequence[Array], settings: MeshSettings, 
         wide.append(cv2.dilate((mask > 0.5).astype(np.float32), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)))
     hull = build_hull(views, wide, vote=settings.hull_vote, voxels=_VOXELS, width=settings.image_width, threads=threads)
     rough = settings.model_copy(update={"stride": 2 * settings.stride})
-    return depth_cloud(views, wide, hull, rough, seed, threads).points
+    return depth_cloud(views, wide, hull, rough, seed, threads, against_table=True).points
 
 
 def beside_doubts(mesh: Mesh, points: Array) -> list[str]:

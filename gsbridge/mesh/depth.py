@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from scipy import ndimage
 
 from gsbridge.cameras import Camera, View, Views
 from gsbridge.configuration.mesh import MeshSettings
@@ -20,6 +21,7 @@ from gsbridge.photogrammetry.carving import mesh_depth
 
 _HYPOTHESES = 24
 _DEEP_HYPOTHESES = 40
+_TABLE_HYPOTHESES = 3
 _DEEP_MARGIN = 0.1
 """The second search, deep into the object, is wider, and so more of its matches are chance: they must be this much better."""
 _UPWARD = 0.65
@@ -29,6 +31,8 @@ _SURE = 0.8
 _PASSES = 3
 _TEXTURE = 0.008
 """Patches with a smaller standard deviation (0..1) show sensor noise rather than the surface."""
+_THROUGH, _THROUGH_VIEWS = 0.02, 3
+"""A point this far before the surface that so many views measured is an error; the distance as a share of the object's size."""
 _TOLERANCE = 0.006
 """Two depths agree within this share of the depth (2.4 mm at 0.4 m); the average then removes most of the difference."""
 
@@ -148,7 +152,14 @@ def _normals_of_depth(depth: Array, camera: Camera) -> Array:
 
 
 def depth_cloud(
-    views: Views, masks: Sequence[Array], hull: Hull, settings: MeshSettings, seed: int, threads: int
+    views: Views,
+    masks: Sequence[Array],
+    hull: Hull,
+    settings: MeshSettings,
+    seed: int,
+    threads: int,
+    *,
+    against_table: bool = False,
 ) -> DepthCloud:
     """Points on the object from depth maps that agree.
 
@@ -158,6 +169,8 @@ def depth_cloud(
         settings: See `MeshSettings`.
         seed: Random seed.
         threads: Threads to use.
+        against_table: Keep only depths that match clearly better than the table does: a printed grid also matches itself one
+            line further, which all photos of an even orbit see at the same height.
     """
     stride = settings.stride
     photos = _working_photos(views, masks, settings.image_width, stride, 0.5)
@@ -189,7 +202,7 @@ def depth_cloud(
         k = photo.view.camera
         maps, shifts = np.stack([pair[0] for pair in pairs]), np.stack([pair[1] for pair in pairs])
 
-        def search(first: Array, last: Array, hypotheses: int, least: float) -> tuple[Array, Array]:
+        def search(first: Array, last: Array, hypotheses: int, least: float, normals: Array = normals) -> tuple[Array, Array]:
             depth, _, score = patch_match(
                 photo.grey,
                 photo.mask,
@@ -222,6 +235,13 @@ def depth_cloud(
             deep, deep_score = search(first, end, _DEEP_HYPOTHESES, settings.min_score + _DEEP_MARGIN)
             better = (deep > 0) & ((depth == 0) | (deep_score > score + _DEEP_MARGIN))
             depth = np.where(better, deep, depth)
+            score = np.where(better, deep_score, score)
+        if against_table:
+            lying = np.broadcast_to(pose[:3, 2], normals.shape).astype(np.float32)
+            begin = np.where(np.isfinite(near), (1 - _TOLERANCE) * table, np.inf).astype(np.float32)
+            end = ((1 + _TOLERANCE) * table).astype(np.float32)
+            plain = search(begin, end, _TABLE_HYPOTHESES, settings.min_score, lying)[1]
+            depth[score < plain + _DEEP_MARGIN] = 0.0
         return depth, near
 
     depths, tried = [], 0
@@ -295,3 +315,24 @@ def _oriented(cloud: Array) -> tuple[Array, Array]:
     # Onto the plane of the neighbours: noise across the surface goes, detail along it stays.
     offset = ((points - points[neighbours].mean(axis=1)) * normals).sum(1)
     return (points - 0.8 * offset[:, None] * normals)[good], normals[good]
+
+
+def seen_through(points: Array, cloud: DepthCloud, size: float) -> Array:
+    """Whether views measured a surface behind points, so that these cannot be there. [N, 3] -> [N] bool.
+
+    Args:
+        points: Points in the table frame.
+        cloud: Confirmed depth.
+        size: Longest side of the object, m.
+    """
+    count = np.zeros(len(points), int)
+    for view, depth in zip(cloud.views, cloud.depths, strict=True):
+        # The nearest depth round a pixel: beside an edge the far side would prove the near side empty.
+        nearest = ndimage.minimum_filter(np.where(depth > 0, depth, np.inf), size=3, mode="nearest")
+        local = points @ view.cam_from_table[:3, :3].T + view.cam_from_table[:3, 3]
+        index = np.floor(np.nan_to_num(view.camera.project(local), nan=-1)).astype(int)
+        there = np.flatnonzero(((index >= 0) & (index < depth.shape[::-1])).all(axis=1))
+        columns, rows = index[there].T
+        behind = np.where(depth[rows, columns] > 0, nearest[rows, columns], 0.0)
+        count[there] += behind > local[there, 2] + _THROUGH * size
+    return count >= _THROUGH_VIEWS

@@ -14,7 +14,7 @@ from gsbridge.cameras import View
 from gsbridge.configuration.mesh import MeshSettings
 from gsbridge.geometry import Array
 from gsbridge.libraries import import_open3d
-from gsbridge.mesh.depth import DepthCloud
+from gsbridge.mesh.depth import DepthCloud, seen_through
 from gsbridge.mesh.hull import Hull
 from gsbridge.mesh.repair import signed_field
 from gsbridge.meshes import Mesh
@@ -28,8 +28,6 @@ _CLEAR = 0.03
 """Points this near to the table, as a share of the object's size, may be its own; those this near to the top are no floor."""
 _MOSTLY, _PATCH = 0.8, 12
 """Share of the measured points nearby that must face upward as well, and the fewest of them."""
-_THROUGH, _THROUGH_VIEWS = 0.02, 3
-"""A point this far before the surface that so many views measured is an error of depth; the distance as a share of the size."""
 _FLOOR = 0.3
 """Least upward part of the normal of what is seen from above, as the inside of a vessel is."""
 
@@ -148,27 +146,6 @@ def trimmed(hull: Hull, cloud: DepthCloud, views: Sequence[View]) -> Hull:
     return hull if mesh is None else Hull(hull.grid, field, solid, mesh)
 
 
-def seen_through(points: Array, cloud: DepthCloud, slack: float) -> Array:
-    """Number of views that measured a surface behind points, so that these cannot be there. [N, 3] -> [N].
-
-    Args:
-        points: Points in the table frame.
-        cloud: Confirmed depth.
-        slack: Least distance of a point from the surface behind it, along camera z, m.
-    """
-    count = np.zeros(len(points), int)
-    for view, depth in zip(cloud.views, cloud.depths, strict=True):
-        # The nearest depth round a pixel: beside an edge the far side would prove the near side empty.
-        nearest = ndimage.minimum_filter(np.where(depth > 0, depth, np.inf), size=3, mode="nearest")
-        local = points @ view.cam_from_table[:3, :3].T + view.cam_from_table[:3, 3]
-        index = np.floor(np.nan_to_num(view.camera.project(local), nan=-1)).astype(int)
-        there = np.flatnonzero(((index >= 0) & (index < depth.shape[::-1])).all(axis=1))
-        columns, rows = index[there].T
-        behind = np.where(depth[rows, columns] > 0, nearest[rows, columns], 0.0)
-        count[there] += behind > local[there, 2] + slack
-    return count
-
-
 def measured_wall(grid: Grid, cloud: DepthCloud, hull: Hull) -> Array:
     """Signed distance of a thin wall under the measured points that face upward, whatever the outlines say.
 
@@ -187,7 +164,7 @@ def measured_wall(grid: Grid, cloud: DepthCloud, hull: Hull) -> Array:
     thick, clear, height = _WALL * hull.size, _CLEAR * hull.size, cloud.points[:, 2]
     floor = (height > clear) & (height < hull.mesh.vertices[:, 2].max() - clear) & (cloud.normals[:, 2] > _FLOOR)
     # Chance matches on speckled clay, say, would grow a wart, but photos from outside look through them at the vessel's side.
-    floor[floor] = seen_through(cloud.points[floor], cloud, _THROUGH * hull.size) < _THROUGH_VIEWS
+    floor[floor] = ~seen_through(cloud.points[floor], cloud, hull.size)
     # So would a lone point that faces upward, an error of depth on a side.
     around = 2.0 * thick
     every, facing = (cKDTree(cloud.points[part]) for part in (np.ones(len(floor), bool), floor))
