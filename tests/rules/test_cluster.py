@@ -88,7 +88,7 @@ def slurm(tmp_path_factory):
 
     def lose_node(number):
         """The node goes down, as if its power had failed, with the job that it worked on; then it starts again."""
-        kill_job(environment, number, slurm_too=True)
+        kill_job(number, slurm_too=True)
         processes[-1].kill()
         processes.pop().wait()
         said(environment, "scontrol", "update", f"NodeName={host}", "State=DOWN", "Reason=power")
@@ -120,18 +120,23 @@ def wait_for(happened, seconds):
         time.sleep(0.2)
 
 
-def kill_job(environment, number, *, slurm_too=False):
+def kill_job(number, *, slurm_too=False):
     """End all processes of a job at once, as the killer of processes that take too much memory does.
 
     Args:
-        environment: Of commands that talk to SLURM.
         number: The job's.
         slurm_too: Whether SLURM's own process for it ends with them, so that nobody tells what happened.
     """
     step = f"slurmstepd: [{number}."
-    steps = [one for one in psutil.process_iter(["cmdline"]) if step in " ".join(one.info["cmdline"] or [])]
-    family = [child for one in steps for child in one.children(recursive=True)]
-    assert family, said(environment, "squeue")
+    steps, family = [], []
+
+    def works():
+        steps[:] = [one for one in psutil.process_iter(["cmdline"]) if step in " ".join(one.info["cmdline"] or [])]
+        family[:] = [child for one in steps for child in one.children(recursive=True)]
+        return family
+
+    # The log of its rule may be that of the job before, which writes until it is gone.
+    wait_for(works, 60)
     for one in [*(steps if slurm_too else []), *family]:
         with contextlib.suppress(psutil.NoSuchProcess):
             one.kill()
@@ -173,7 +178,7 @@ def test_the_first_stages_run_there_and_jobs_that_are_lost_are_made_again(slurm,
         said(environment, "scancel", cancelled)
         film.unlink()
         killed, _ = next_job(known, film)
-        kill_job(environment, killed)
+        kill_job(killed)
         lost, _ = next_job(known, keyframes)
         lose_node(lost)
         assert process.wait(timeout=400) == 0, words()[-4000:]
