@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
+from gsbridge.gap.diagnosis.closure import beyond_noise
 from gsbridge.gap.diagnosis.results import Hypothesis, Rules
 from gsbridge.geometry import Array
 
@@ -113,6 +114,30 @@ def _chances(trials: Sequence[Hypothesis]) -> Array:
         odds.append(0.5 * (best.score - trial.score) / max(1.0, variance / max(squares, 1e-300)))
     weights = np.exp(np.array(odds) - max(odds))
     return weights / weights.sum()
+
+
+def slim(trials: Sequence[Hypothesis], rules: Rules, floor: float, plain: float) -> list[Hypothesis]:
+    """Leave out sets that are hardly better than one of their subsets, or by less than a line of an account is worth.
+
+    What explains so little of a gap mends the law of what explains the rest.
+
+    Args:
+        trials: Fits of sets of effects.
+        rules: Thresholds.
+        floor: Squared residual of noise alone on `select`.
+        plain: Squared residual of the model as it is on `select`.
+    """
+    out, gap = [], beyond_noise(plain, floor)
+    for trial in trials:
+        parts = [t for t in trials if set(t.fit.who) < set(trial.fit.who)]
+        left = beyond_noise(trial.chi2, floor)
+        if all(
+            t.score - trial.score > rules.join * max(1.0, trial.chi2 / floor)
+            and beyond_noise(t.chi2, floor) - left >= rules.least * gap
+            for t in parts
+        ):
+            out.append(trial)
+    return out
 
 
 def transfer(plain: Array, residual: Array) -> float:

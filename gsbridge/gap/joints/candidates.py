@@ -11,8 +11,10 @@ from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.joints.base import JointEffect
 from gsbridge.effects.joints.sliding import SLIDING_EFFECTS
 from gsbridge.gap.diagnosis.results import Candidate
+from gsbridge.gap.formats.records import TOOL
 from gsbridge.gap.joints.mechanism.replay import up_of
 from gsbridge.gap.joints.residuals import JointResiduals
+from gsbridge.geometry import Array
 
 _LOWEST = (0.02, 0.08, 0.2)
 """Where surfaces are looked for, in shares of the range of commanded heights above the lowest."""
@@ -70,6 +72,22 @@ def candidates(
         sliding = set(system.sliding)
         out += [JointCandidate(name, joint, joint in sliding) for joint in joints if not (effect.turns and joint in sliding)]
     return tuple(out)
+
+
+def thresholds(who: Sequence[Candidate], view: JointResiduals, residual: Array) -> list[Candidate]:
+    """Candidates of one size that begins at a threshold, on the joint that errs most.
+
+    Args:
+        who: Candidates.
+        view: A record.
+        residual: Whitened. [T, C].
+    """
+    column = int(np.argmax((residual**2).mean(axis=0)))
+    kind, k = view.channels[column]
+    if kind == TOOL:
+        return []
+    joint = view.record.joints[k]
+    return [c for c in who if c.joint == joint and c.effect.threshold and len(c.effect.parameters) == 1]
 
 
 def _heights(views: Sequence[JointResiduals]) -> tuple[float, ...]:

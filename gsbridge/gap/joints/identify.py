@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -10,17 +9,15 @@ import numpy as np
 
 from gsbridge.gap.diagnosis.closure import beyond_noise, closed_at_most_times, closed_beside_rest
 from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Finding, Hypothesis, Rules
-from gsbridge.gap.diagnosis.verdict import Decision, decide, transfer
-from gsbridge.gap.formats.records import TOOL
+from gsbridge.gap.diagnosis.verdict import Decision, decide, slim, transfer
 from gsbridge.gap.joints.bank import SignatureBank
-from gsbridge.gap.joints.coherence import coherence_p, line_p, related, without_witness
+from gsbridge.gap.joints.candidates import thresholds
+from gsbridge.gap.joints.coherence import related
 from gsbridge.gap.joints.detect import JointNull, joint_null
 from gsbridge.gap.joints.fit import fit, nearer, polish
+from gsbridge.gap.joints.motion import is_motion, vibrates
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import SETS, Mixture, Screen, SignatureMatch
-from gsbridge.geometry import Array
-
-logger = logging.getLogger("gsbridge")
 
 _RESERVE = 12
 """Simulations kept for the derivatives of the best explanation."""
@@ -37,29 +34,6 @@ _NEAR = 2.0
 
 _MOST = 0.5
 """Share of a gap's squares that the best fit must explain for others to be looked for no further."""
-
-_HUGE = 5.0
-"""Residual, in units of the noise, from which on a channel that no other one bears witness to is taken to move."""
-
-_TOGETHER = 0.002
-"""Probability below which channels do not move together by chance. Smaller than that of an alarm, since nothing else speaks for
-motion where this decides."""
-
-
-def thresholds(who: Sequence[Candidate], view: JointResiduals, residual: Array) -> list[Candidate]:
-    """Candidates of one size that begins at a threshold, on the joint that errs most.
-
-    Args:
-        who: Candidates.
-        view: A record.
-        residual: Whitened. [T, C].
-    """
-    column = int(np.argmax((residual**2).mean(axis=0)))
-    kind, k = view.channels[column]
-    if kind == TOOL:
-        return []
-    joint = view.record.joints[k]
-    return [c for c in who if c.joint == joint and c.effect.threshold and len(c.effect.parameters) == 1]
 
 
 def _holds(trial: Hypothesis, who: Candidate) -> bool:
@@ -117,13 +91,14 @@ class JointIdentification:
             trials = self._several(trials, best)
             best = min(trials, key=lambda trial: trial.score)
         moves = best is not None and self._transfers(best)
-        if not moves and not self._is_motion():
+        views = (self.first, self.second), (self.start, self.plain)
+        if not moves and not is_motion(*views, self.rng, rules.deviations):
             # What exceeds white noise is no motion, and nothing learnt from one record holds on the other.
             untold = not related(self.first, self.start)
             return replace(self._quiet("no_discrepancy", p_value, unseen), coloured=True, untold=untold)
         if best is None:
             return self._quiet("none_of_the_known", p_value, unseen)
-        if p_first >= rules.alarm and p_gain >= rules.alarm and not moves and not self._vibrates():
+        if p_first >= rules.alarm and p_gain >= rules.alarm and not moves and not vibrates(*views, self.rng):
             # The difference shows on `select` alone, so that nothing can be fitted to it and then tested.
             return self._quiet("not_enough_excitation", p_value, unseen)
         self._seen = trials, matches, p_value, unseen
@@ -147,6 +122,8 @@ class JointIdentification:
         # As many simulations again as the search may take.
         self._begin = self.first.mechanism.runs
         fitted = fit(self.first, who, values, np.inf, None, self._limit())
+        if not fitted.converged:
+            return None
         trials, matches, p_value, unseen = self._seen
         trials = [*trials, self.trial_of(fitted)]
         for k, names in enumerate(instead):
@@ -157,7 +134,7 @@ class JointIdentification:
                 if self.first.mechanism.runs < self._limit():
                     rival = fit(self.first, (*others, match.candidate), (*starts, match.starts[0]), limit=self._limit())
                     trials.append(self.trial_of(rival))
-        return self._decide(self._slim(trials), matches, p_value, unseen) if fitted.converged else None
+        return self._decide(slim(trials, self.rules, self.floor, self.plain_chi2), matches, p_value, unseen)
 
     def _used(self) -> int:
         return self.first.mechanism.runs - self._begin
@@ -179,40 +156,6 @@ class JointIdentification:
         if self.plain_chi2 - trial.chi2 < self.rules.margin or gap - left < self.rules.least * gap:
             return False
         return transfer(self.plain, trial.residual) > self.rules.deviations
-
-    def _is_motion(self) -> bool:
-        """Whether the channels of the residuals move together, or are large and follow the mechanism, as far as can be told.
-
-        Noise that passed a filter is any number of times what neighbouring samples tell of it.
-        """
-        views, residuals = (self.first, self.second), (self.start, self.plain)
-        huge = np.zeros(self.plain.shape[1], bool)
-        for view, residual in zip(views, residuals, strict=True):
-            large = np.sqrt((residual**2).mean(axis=0)) >= _HUGE
-            if large[without_witness(view, residual)].any():
-                return True
-            huge |= large
-        if huge.any() and transfer(self.plain[:, huge], self._without_course()[:, huge]) > self.rules.deviations:
-            return True
-        return coherence_p(views, residuals, self.rng) < _TOGETHER or self._vibrates()
-
-    def _without_course(self) -> Array:
-        """Residual on `select` without what `fit` teaches of how it goes with the nominal motion of each joint. [T, C].
-
-        A sensor in another scale errs by the motion, though nothing moves otherwise.
-        """
-        out = np.empty_like(self.plain)
-        for column, (_, joint) in enumerate(self.first.channels):
-            own = [place for place, (_, k) in enumerate(self.first.channels) if k == joint]
-            replays = [np.nan_to_num(view.replay()[:, own]) for view in (self.first, self.second)]
-            tables = [np.column_stack([replay, np.ones(len(replay))]) for replay in replays]
-            taught = np.linalg.lstsq(tables[0], self.start[:, column], rcond=1e-9)[0]
-            out[:, column] = self.plain[:, column] - tables[1] @ taught
-        return out
-
-    def _vibrates(self) -> bool:
-        """Whether channels of a joint share a line of their spectra, which no colour of the noise makes."""
-        return line_p((self.first, self.second), (self.start, self.plain), self.rng) < _TOGETHER
 
     def _quiet(self, verdict: str, p_value: float, unseen: tuple[str, ...]) -> Finding:
         size = float(np.sqrt(self.plain_chi2 / self.second.freedom))
@@ -339,32 +282,14 @@ class JointIdentification:
             best = new
             if not self.remains(best):
                 break
-        return self._slim(trials)
+        return slim(trials, self.rules, self.floor, self.plain_chi2)
 
     def _grown(self, base: Hypothesis, count: int) -> list[Mixture]:
         """What screens best beside an explanation with one effect less."""
         if len(base.fit.who) != count - 1:
             return []
-        left = base.first
-        found = [match for match in self.screen.matches(left) if match.candidate not in base.fit.who][:3]
+        found = [match for match in self.screen.matches(base.first) if match.candidate not in base.fit.who][:3]
         return [Mixture((*base.fit.who, m.candidate), (*base.fit.values, m.starts[0]), m.gain) for m in found]
-
-    def _slim(self, trials: list[Hypothesis]) -> list[Hypothesis]:
-        """Leave out sets that are hardly better than one of their subsets, or by less than a line of an account is worth.
-
-        What explains so little of a gap mends the law of what explains the rest.
-        """
-        out, gap = [], beyond_noise(self.plain_chi2, self.floor)
-        for trial in trials:
-            parts = [t for t in trials if set(t.fit.who) < set(trial.fit.who)]
-            left = beyond_noise(trial.chi2, self.floor)
-            if all(
-                t.score - trial.score > self.rules.join * max(1.0, trial.chi2 / self.floor)
-                and beyond_noise(t.chi2, self.floor) - left >= self.rules.least * gap
-                for t in parts
-            ):
-                out.append(trial)
-        return out
 
     def _decide(
         self, trials: list[Hypothesis], matches: Sequence[SignatureMatch], p_value: float, unseen: tuple[str, ...]

@@ -15,8 +15,8 @@ from gsbridge.effects.joints.base import HOOKS
 from gsbridge.gap.diagnosis.closure import beyond_noise
 from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Finding, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import transfer
+from gsbridge.gap.joints.candidates import thresholds
 from gsbridge.gap.joints.fit import derivatives, fit
-from gsbridge.gap.joints.identify import thresholds
 from gsbridge.gap.joints.pooled import PooledResiduals, spread_of
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import Screen
