@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import cv2
 import numpy as np
@@ -19,7 +19,7 @@ _DISAGREE = 0.1
 _UNSEEN = 0.5
 """Share of the upward surface without depth above which its shape is a guess."""
 _GUESSED = 0.15
-"""Share of the upward surface far from all measured points above which the bottom of an opening is a guess."""
+"""Share of the upward surface, or of that inside the outlines, far from all measured points above which it is a guess."""
 _FEW_POINTS = 30
 """Points below which they say nothing about a mesh."""
 _OUTLINE_WIDTH = 320
@@ -34,15 +34,15 @@ _UNLIKE = 0.85
 """Overlap below which a single photo contradicts the mesh, and the share of such photos that is too large."""
 
 
-def doubts(mesh: Mesh, members: Array, open_share: float, cavity_share: float, guessed: float = 0.0) -> list[str]:
+def doubts(mesh: Mesh, members: Array, shares: Mapping[str, float]) -> list[str]:
     """Why a closed mesh may be wrong: where it and the measured points of the object disagree, and where none are.
 
     Args:
         mesh: Mesh of the object, standing on z = 0.
         members: Sparse points of what stands there. [K, 3].
-        open_share: Share of the upward surface without depth, 0..1.
-        cavity_share: Share of the hull's volume that measured depth has emptied.
-        guessed: Share of the upward surface near which nothing was measured, 0..1.
+        shares: `open_share`, of the upward surface without depth; `cavity_share`, of the hull's volume that measured depth has
+            emptied; `guessed_share` and `guessed_inside_share`, of the upward surface and of that inside the outlines near
+            which nothing was measured; 0..1.
 
     Returns:
         One reason for each disagreement; none for a mesh to be trusted.
@@ -50,10 +50,10 @@ def doubts(mesh: Mesh, members: Array, open_share: float, cavity_share: float, g
     reasons = []
     size = float(np.ptp(mesh.vertices, axis=0).max())
     what = ""
-    if open_share > _UNSEEN:
-        what = f"{100 * open_share:.0f} % of the surface that faces upward has no depth"
-    elif cavity_share and guessed > _GUESSED:
-        what = f"nothing was measured near {100 * guessed:.0f} % of the surface that faces upward"
+    if shares["open_share"] > _UNSEEN:
+        what = f"{100 * shares['open_share']:.0f} % of the surface that faces upward has no depth"
+    elif shares["cavity_share"] and shares["guessed_share"] > _GUESSED:
+        what = f"nothing was measured near {100 * shares['guessed_share']:.0f} % of the surface that faces upward"
     if what:
         # At a size of 0.1 m, since the scale may be unknown.
         if cavity_depth(Mesh(mesh.vertices * (0.1 / size), mesh.faces)):
@@ -63,6 +63,11 @@ def doubts(mesh: Mesh, members: Array, open_share: float, cavity_share: float, g
                 f"{what}: it is hidden or too plain, and whether it is open there is unknown; film from higher up as well, or "
                 "lay something small and patterned on it"
             )
+    elif shares["cavity_share"] and shares["guessed_inside_share"] > _GUESSED:
+        reasons.append(
+            f"nothing was measured near {100 * shares['guessed_inside_share']:.0f} % of the surface that no outline shows: the "
+            "inside of its opening is a guess there; film it from higher up, more closely, and without strong compression"
+        )
     if len(members) < _FEW_POINTS:
         return reasons
     top, measured = float(mesh.vertices[:, 2].max()), float(np.percentile(members[:, 2], 99.5))

@@ -20,6 +20,7 @@ from gsbridge.geometry import Array
 from gsbridge.kernels import njit
 from gsbridge.mesh.depth import DepthCloud
 from gsbridge.mesh.hull import Hull
+from gsbridge.mesh.repair import depth_inside
 from gsbridge.meshes import Mesh
 from gsbridge.photogrammetry.carving import largest_component, mesh_depth, mesh_of_field
 
@@ -35,6 +36,9 @@ _MEASURED = 0.2
 """Share of the lines of sight into the part above that must end there, measured, for it to stay: a dome with a pattern."""
 _NEAR = 0.035
 """Surface this near to a measured point counts as measured, as a share of the object's size: gaps in it are filled."""
+_AHEAD, _BEYOND, _INNER = 0.06, 0.02, 0.05
+"""How far before a surface the hull is asked, and how deep in it that must lie, as shares of the object's size; and the share
+of the whole surface that must face into the hull to be a hollow rather than a dent."""
 _OUTLINE_WIDTH = 320
 """Masks are shrunk to this width for the height that the outlines need, px."""
 
@@ -229,11 +233,34 @@ def guessed_share(mesh: Mesh, points: Array) -> float:
         points: Measured points. [N, 3].
     """
     size = float(np.ptp(mesh.vertices, axis=0).max())
-    middles, areas = mesh.corners().mean(1), mesh.areas()
-    upward = (mesh.normals()[:, 2] > 0.5) & (middles[:, 2] > _LOWER * size)
-    if not upward.any():
+    return _far_share(mesh, points, (mesh.normals()[:, 2] > 0.5) & (mesh.corners().mean(1)[:, 2] > _LOWER * size))
+
+
+def guessed_inside(mesh: Mesh, points: Array, hull: Mesh) -> float:
+    """Share of the surface that no outline can have shaped near which nothing was measured: the inner wall of a pot, say.
+
+    Such a surface faces into the hull: the space before it is in all outlines, and depth alone can have emptied it.
+
+    Args:
+        mesh: An object, standing on z = 0.
+        points: Measured points. [N, 3].
+        hull: Its visual hull, before depth took anything off.
+    """
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    middles = mesh.corners().mean(1)
+    faces_in = depth_inside(hull, middles + _AHEAD * size * mesh.normals()) > _BEYOND * size
+    if float(mesh.areas()[faces_in].sum()) < _INNER * float(mesh.areas().sum()):
+        return 0.0
+    return _far_share(mesh, points, faces_in & (middles[:, 2] > _LOWER * size))
+
+
+def _far_share(mesh: Mesh, points: Array, part: Array) -> float:
+    """Share of a part of a surface, by area, that is far from all measured points. [F] bool."""
+    if not part.any():
         return 0.0
     if len(points) == 0:
         return 1.0
-    far = cKDTree(points).query(middles[upward])[0] > _NEAR * size
-    return float(areas[upward][far].sum() / areas[upward].sum())
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    far = cKDTree(points).query(mesh.corners().mean(1)[part])[0] > _NEAR * size
+    areas = mesh.areas()[part]
+    return float(areas[far].sum() / areas.sum())

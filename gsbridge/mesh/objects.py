@@ -22,7 +22,7 @@ from gsbridge.mesh.beside import beside_doubts, points_beside
 from gsbridge.mesh.depth import DepthCloud, depth_cloud
 from gsbridge.mesh.doubts import doubts, frame_doubts, outline_doubts, outline_overlaps
 from gsbridge.mesh.fuse import fuse, vertex_colours
-from gsbridge.mesh.hollow import carved, guessed_share, lowered
+from gsbridge.mesh.hollow import carved, guessed_inside, guessed_share, lowered
 from gsbridge.mesh.hull import Hull, build_hull, fewest_views, read_masks
 from gsbridge.mesh.repair import closed_surface
 from gsbridge.meshes import Mesh, write_mesh
@@ -155,7 +155,8 @@ def mesh_object(
     distance = float(np.median([np.linalg.norm(view.centre - focus) for view in views]))
     members = sparse[find_standing(sparse, focus, distance).members]
     figures["guessed_share"] = guessed_share(visual, measured)
-    reasons += doubts(visual, members, figures["open_share"], figures["cavity_share"], figures["guessed_share"])
+    figures["guessed_inside_share"] = guessed_inside(visual, measured, hull.mesh)
+    reasons += doubts(visual, members, figures)
     overlaps = outline_overlaps(visual, views, masks)
     reasons += outline_doubts(overlaps, [view.name for view in views])
     if not narrow:

@@ -14,7 +14,7 @@ from gsbridge.mesh.beside import beside_doubts, points_beside
 from gsbridge.mesh.depth import DepthCloud, seen_through
 from gsbridge.mesh.doubts import doubts, frame_doubts, outline_doubts, outline_overlaps
 from gsbridge.mesh.fuse import fuse, measured_wall
-from gsbridge.mesh.hollow import carved, guessed_share, lowered, needed_height
+from gsbridge.mesh.hollow import carved, guessed_inside, guessed_share, lowered, needed_height
 from gsbridge.mesh.hull import build_hull, fewest_views, read_masks
 from gsbridge.mesh.repair import closed_surface
 from gsbridge.meshes import Mesh
@@ -78,6 +78,10 @@ def cup(p):
     return np.maximum(outside, -np.maximum(rho - 0.030, 0.006 - z))
 
 
+def shares(unseen, cavity=0.0, guessed=0.0, inside=0.0):
+    return {"open_share": unseen, "cavity_share": cavity, "guessed_share": guessed, "guessed_inside_share": inside}
+
+
 def test_a_bottom_that_nobody_saw_is_a_guess():
     """From 45 degrees the far wall is seen 60 mm deep, and the middle of the opening 30 mm deep."""
     views, masks, hull, cloud = look(cup, (30.0, 45.0))
@@ -85,9 +89,9 @@ def test_a_bottom_that_nobody_saw_is_a_guess():
     guessed = guessed_share(left.mesh, cloud.points)
     assert share > 0.2
     assert guessed > 0.3
-    (floor,) = doubts(left.mesh, cloud.points[:5], 0.1, share, guessed)
+    (floor,) = doubts(left.mesh, cloud.points[:5], shares(0.1, share, guessed))
     assert "unseen and a guess" in floor
-    assert doubts(left.mesh, cloud.points[:5], 0.1, 0.0, guessed) == []
+    assert doubts(left.mesh, cloud.points[:5], shares(0.1, 0.0, guessed)) == []
     assert guessed_share(left.mesh, np.zeros((0, 3))) == 1.0
 
 
@@ -95,6 +99,27 @@ def test_a_bottom_that_was_seen_is_no_guess():
     views, masks, hull, cloud = look(pot, (38.0, 65.0))
     left, _ = carved(lowered(hull, views, masks, lambda: cloud), cloud, threads=1)
     assert guessed_share(left.mesh, cloud.points) < 0.1
+
+
+def test_an_inner_wall_that_no_depth_shows_is_a_guess():
+    """No outline shows it, and it hardly faces upward: compressed photos measured the bottom and the rim alone."""
+    views, masks, hull, cloud = look(pot, (38.0, 65.0))
+    left, share = carved(lowered(hull, views, masks, lambda: cloud), cloud, threads=1)
+    assert guessed_inside(left.mesh, cloud.points, hull.mesh) < 0.05
+    x, y, z = cloud.points.T
+    wall = (np.hypot(x, y) < 0.5 * (POT_RIM + 0.025)) & (z > 1.5 * POT_FLOOR) & (z < 0.8 * POT_HEIGHT)
+    inside = guessed_inside(left.mesh, cloud.points[~wall], hull.mesh)
+    guessed = guessed_share(left.mesh, cloud.points[~wall])
+    assert guessed < 0.1
+    (reason,) = doubts(left.mesh, cloud.points[:5], shares(0.1, share, guessed, inside))
+    assert "that no outline shows" in reason
+    # What depth did not hollow out is as the outlines say.
+    assert doubts(left.mesh, cloud.points[:5], shares(0.1, 0.0, guessed, inside)) == []
+
+
+def test_a_convex_thing_has_no_inside():
+    thing = box([-0.02, -0.02, 0.0], [0.02, 0.02, 0.06])
+    assert guessed_inside(thing, np.zeros((0, 3)), thing) == 0.0
 
 
 def outward(solid, points):
@@ -183,26 +208,26 @@ def surface(low, high, count=400):
 def test_doubts_name_what_disagrees():
     low, high = [-0.02, -0.02, 0.0], [0.02, 0.02, 0.06]
     fine = surface(low, high)
-    assert doubts(box(low, high), fine, 0.1, 0.0) == []
-    assert doubts(box(low, high), fine[:5], 0.1, 0.0) == []
-    (tall,) = doubts(box(low, [0.02, 0.02, 0.072]), fine, 0.1, 0.0)
+    assert doubts(box(low, high), fine, shares(0.1)) == []
+    assert doubts(box(low, high), fine[:5], shares(0.1)) == []
+    (tall,) = doubts(box(low, [0.02, 0.02, 0.072]), fine, shares(0.1))
     assert "72 mm tall, the measured points reach 60 mm" in tall
     plinth = surface([-0.05, -0.05, 0.0], [0.05, 0.05, 0.012])
-    (missing,) = doubts(box(low, high), np.concatenate([fine, plinth]), 0.1, 0.0)
+    (missing,) = doubts(box(low, high), np.concatenate([fine, plinth]), shares(0.1))
     assert "outside the mesh" in missing
-    (hollow,) = doubts(box(low, high), np.concatenate([fine, surface([-0.01, -0.01, 0.02], [0.01, 0.01, 0.05])]), 0.1, 0.0)
+    (hollow,) = doubts(box(low, high), np.concatenate([fine, surface([-0.01, -0.01, 0.02], [0.01, 0.01, 0.05])]), shares(0.1))
     assert "deep inside the mesh" in hollow
-    (unseen,) = doubts(box(low, high), fine, 0.8, 0.0)
+    (unseen,) = doubts(box(low, high), fine, shares(0.8))
     assert "whether it is open there is unknown" in unseen
     # Depth that empties a part of a hull does not make a closed box open.
-    (plain,) = doubts(box(low, high), fine, 0.1, 0.3, 0.5)
+    (plain,) = doubts(box(low, high), fine, shares(0.1, 0.3, 0.5))
     assert "50 %" in plain
     assert "whether it is open there is unknown" in plain
     wall, bottom = trimesh.creation.annulus(0.017, 0.02, 0.06), trimesh.creation.cylinder(0.018, 0.01)
     wall.apply_translation([0, 0, 0.03])
     bottom.apply_translation([0, 0, 0.005])
     open_one = trimesh.util.concatenate([wall, bottom])
-    (floor,) = doubts(Mesh(np.asarray(open_one.vertices), np.asarray(open_one.faces)), fine[:5], 0.8, 0.3)
+    (floor,) = doubts(Mesh(np.asarray(open_one.vertices), np.asarray(open_one.faces)), fine[:5], shares(0.8, 0.3))
     assert "bottom of its opening is unseen" in floor
 
 
