@@ -17,6 +17,7 @@ from gsbridge.reality.world.model import Stand
 from gsbridge.reality.world.physics import MirrorPhysics
 from gsbridge.reality.world.severity import LINES, WORST, Severity, worsened
 from gsbridge.reality.world.world_variants import LABORATORY, configured_world, further_world
+from gsbridge.robot.assembly import ARM_LINKS
 from gsbridge.robot.nominal import base_from_table
 
 LEVELS = range(WORST + 1)
@@ -151,6 +152,19 @@ def test_an_encoders_offset_moves_the_arm_and_nobody_measures_it():
     pose = np.linalg.inv(base_from_table()) @ off.kinematics.fk(joints - np.append(offset, 0.0), ["tool"])["tool"]
     np.testing.assert_allclose(true[-1], pose[:3, 3], atol=1e-9)
     assert 2e-3 < np.linalg.norm(true[-1] - wanted) < 8e-3
+
+
+def test_links_are_not_as_long_as_drawn_and_nobody_measures_it():
+    """The tool stands where a chain of the shifted joints puts it; nominal kinematics, by which all plan, puts it elsewhere."""
+    offset = 1e-3 * np.random.default_rng(4).uniform(-1.0, 1.0, (7, 3))
+    off = start(physics(link_offset=tuple(offset.ravel())))
+    np.testing.assert_allclose(off.joints()[0][:7], off.kinematics.rest, atol=1e-12)
+    links = off.kinematics.fk(off.joints()[0], [*ARM_LINKS, "tool"])
+    moved = sum(links[link][:3, :3] @ step for link, step in zip(ARM_LINKS, offset, strict=False))
+    drawn, true = links["tool"], base_from_table() @ off.body_poses()["tool"]
+    np.testing.assert_allclose(true[:3, 3] - drawn[:3, 3], moved, atol=1e-9)
+    np.testing.assert_allclose(true[:3, :3], drawn[:3, :3], atol=1e-9)
+    assert np.linalg.norm(moved) > 5e-4
 
 
 def test_weight_that_is_not_compensated_hangs_in_the_servos():

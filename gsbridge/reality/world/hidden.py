@@ -61,6 +61,8 @@ class Hidden:
     What follows is drawn by severity alone (`gsbridge.reality.world.severity`), and docs/mirror.md tells what it means:
 
         encoder_offset: By how much each joint measures more than its angle, rad.
+        link_offset: By how much each of the arm's seven joints stands beside its drawing, along the axes of the link before it,
+            x, y, z of the first joint, then of the second, and so on, m.
         gravity_error: Share of the robot's weight that is compensated too much.
         latency_jitter: Most by which a command is later than `latency`, s.
         lost_commands: Share of commands that never arrive.
@@ -114,6 +116,7 @@ class Hidden:
     pedestal: float = 0.0
     vignette: float = 0.0
     encoder_offset: tuple[float, ...] = (0.0,) * 7
+    link_offset: tuple[float, ...] = (0.0,) * 21
     gravity_error: float = 0.0
     latency_jitter: float = 0.0
     lost_commands: float = 0.0
@@ -239,7 +242,7 @@ class Ranges:
 
 _MAY_BE_NEGATIVE = (
     "camera_shift", "camera_turn", "table_shift", "table_turn", "light_turn", "light_rise", "pedestal",
-    "encoder_offset", "gravity_error", "object_com", "distortion", "focal_error", "light_hue", "window_heading",
+    "encoder_offset", "link_offset", "gravity_error", "object_com", "distortion", "focal_error", "light_hue", "window_heading",
 )  # fmt: skip
 _SHARES = (
     "lost_commands", "auto_exposure", "auto_balance", "dropped_frames", "late_frames", "lamp_dim", "gloss_object",

@@ -148,6 +148,9 @@ def _robot(spec: Any, robot: RobotFiles, stand: Stand, hidden: Hidden) -> None:
             geom.solref = (hidden.contact_time, 1.0)
     for index, name in enumerate(arm):
         joint = spec.joint(name)
+        # MuJoCo alone knows: whoever plans or measures has the drawings.
+        link = joint.parent
+        link.pos = np.array(link.pos) + hidden.link_offset[3 * index : 3 * index + 3]
         joint.armature = _ROTORS[index] * hidden.inertia[index]
         joint.damping = _linear(_VISCOUS[index])
         joint.frictionloss = hidden.joint_friction * record["limits"][name]["effort"]

@@ -65,6 +65,7 @@ class Line:
 
 LINES = (
     Line("encoder_offset", PHYSICS, "signed", (0, 0.001, 0.0015, 0.002, 0.003)),
+    Line("link_offset", PHYSICS, "signed", (0, 0.00006, 0.0001, 0.00015, 0.0003)),
     Line("gravity_error", PHYSICS, "signed", (0, 0.01, 0.03, 0.05, 0.08)),
     Line("latency", PHYSICS, "least", (0, 0.02, 0.06, 0.1, 0.14)),
     Line("latency_jitter", PHYSICS, "add", (0, 0.005, 0.01, 0.015, 0.025)),
