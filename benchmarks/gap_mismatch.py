@@ -38,6 +38,7 @@ from scipy.signal import lfilter
 
 from gsbridge import logs
 from gsbridge.files import write_json
+from gsbridge.gap.diagnosis.results import LIKELY, NAMED
 
 Array = NDArray[np.float64]
 
@@ -335,6 +336,13 @@ def outcome(order: Order, findings: Mapping[str, Any]) -> str:
     return "mute" if verdict == "none_of_the_known" else "missed"
 
 
+def told(order: Order, entries: Sequence[Mapping[str, Any]]) -> str:
+    """What the account tells first as named or likely: the issue's floor is that it is right."""
+    if not entries or entries[0]["verdict"] not in (NAMED, LIKELY):
+        return "open"
+    return f"{'right' if entries[0]['label'] in order.right else 'wrong'}, {entries[0]['verdict']}"
+
+
 def held(order: Order, entries: Sequence[Mapping[str, Any]]) -> dict[str, bool]:
     """Whether 90 % intervals of the account hold the truth, by effect, where an effect of one parameter is there as hidden."""
     out = {}
@@ -364,14 +372,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with TemporaryDirectory(prefix="gsbridge-mismatch-") as temporary:
         folder = options.folder or Path(temporary)
         rows = run(orders(seed, options.engines, options.sizes), options.kinds, folder, seed)
+    counts, first = (_counted(rows, key) for key in ("outcome", "told"))
+    if options.output:
+        write_json(options.output, {"seed": seed, "sealed": seal is not None, "counts": counts, "first": first, "cases": rows})
+    sys.stdout.write(json.dumps({"outcomes": counts, "first in the account": first}, indent=1) + "\n")
+    return 0
+
+
+def _counted(rows: Sequence[Mapping[str, Any]], key: str) -> dict[str, dict[str, int]]:
+    """Cases of each engine and kind by what is said of them under a key."""
     counts: dict[str, dict[str, int]] = {}
     for row in rows:
         kind = counts.setdefault(f"{row['engine']} {row['kind']}", {})
-        kind[row["outcome"]] = kind.get(row["outcome"], 0) + 1
-    if options.output:
-        write_json(options.output, {"seed": seed, "sealed": seal is not None, "counts": counts, "cases": rows})
-    sys.stdout.write(json.dumps(counts, indent=1) + "\n")
-    return 0
+        kind[row[key]] = kind.get(row[key], 0) + 1
+    return counts
 
 
 def run(drawn: Sequence[Order], kinds: Sequence[str] | None, folder: Path, seed: int) -> list[dict[str, Any]]:
@@ -397,7 +411,8 @@ def run(drawn: Sequence[Order], kinds: Sequence[str] | None, folder: Path, seed:
             "said": [f"{e['name']}:{e['joint']}" if e.get("joint") else e["name"] for e in findings["effects"]],
             "ambiguous": findings["ambiguous"], "first": first and first["label"],
             "first_verdict": first and first["verdict"],
-            "first_right": first is not None and first["label"] in order.right, "explained": account["explained"],
+            "first_right": first is not None and first["label"] in order.right, "told": told(order, account["entries"]),
+            "explained": account["explained"],
             "held": held(order, account["entries"]),
             "before": findings["select"]["before"], "after": findings["select"]["after"],
             "simulations": findings["simulations"]["case"], "seconds": time.perf_counter() - begin,
@@ -406,8 +421,9 @@ def run(drawn: Sequence[Order], kinds: Sequence[str] | None, folder: Path, seed:
         hidden = ", ".join(f"{name}={value:.3g}" for name, value in order.hidden.items()) or "nothing"
         sys.stdout.write(
             f"{order.engine} {order.kind} {hidden}: {row['outcome']} ({row['verdict']}: {'+'.join(row['said'])}"
-            f"{' | ' + ' | '.join(row['ambiguous'][:4]) if row['ambiguous'] else ''}; first {row['first']}, explained "
-            f"{row['explained']}; {row['before']:.4g} -> {row['after']:.4g}); {row['simulations']} runs, "
+            f"{' | ' + ' | '.join(row['ambiguous'][:4]) if row['ambiguous'] else ''}; first {row['first']} "
+            f"({row['first_verdict']}), explained {row['explained']}; "
+            f"{row['before']:.4g} -> {row['after']:.4g}); {row['simulations']} runs, "
             f"{row['seconds']:.0f} s\n"
         )
         sys.stdout.flush()

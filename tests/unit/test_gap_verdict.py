@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 from scipy.stats import norm
 
 from gsbridge.gap.diagnosis.results import EffectFit, Hypothesis, Rules
-from gsbridge.gap.diagnosis.verdict import decide
+from gsbridge.gap.diagnosis.verdict import decide, told_apart
 from gsbridge.gap.joints.candidates import JointCandidate
 from gsbridge.gap.joints.detect import REPLICATES, JointNull
 
@@ -118,3 +118,26 @@ def test_p_values_go_on_where_replicates_end():
     assert norm.sf(3.0) <= middle[3] <= 6.0 * norm.sf(3.0)
     assert null.p_gain(1e9) == pytest.approx(1e-6)
     assert JointNull(np.zeros((3, 1)), np.zeros(0), 1.0).p_gain(5.0) == 1.0
+
+
+def test_of_two_explanations_as_good_as_each_other_none_is_preferred():
+    """Both err by half of what lies between them, in noise that is louder for a while and remembers itself."""
+    rng, apart, found = np.random.default_rng(8), 0.5 * shape_of(60.0), []
+    loud = np.where(np.sin(np.arange(SHAPE[0]) / 30.0) > 0.0, 8.0, 1.0)[:, None]
+    for _ in range(400):
+        noises = lfilter([1.0], [1.0, -0.6], rng.standard_normal((3, SHAPE[0] + 50, SHAPE[1])), axis=1)[:, 50:]
+        noises *= loud * np.sqrt(1 - 0.6**2)
+        found.append(told_apart([noise - apart for noise in noises], [noise + apart for noise in noises]))
+    assert abs(np.mean(found)) < 0.15
+    assert np.mean(np.abs(found) > norm.isf(0.05)) < 0.13
+
+
+def test_what_is_loud_for_a_while_does_not_hide_who_errs_more_in_quiet():
+    rng = np.random.default_rng(9)
+    quiet = np.sin(np.arange(SHAPE[0]) / 30.0)[:, None] <= 0.0
+    noises = [rng.standard_normal(SHAPE) * np.where(quiet, 1.0, 30.0) for _ in range(3)]
+    apart = shape_of(120.0) * quiet
+    # Weighed by the noise as it is, half of what lies between them in deviations: Neyman and Pearson.
+    best = 0.5 * np.sqrt(3 * (apart**2).sum())
+    assert told_apart(noises, [noise + apart for noise in noises]) > 0.6 * best
+    assert told_apart([noise + apart for noise in noises], noises) < -0.6 * best

@@ -10,7 +10,17 @@ import numpy as np
 
 from gsbridge.effects.base import Effect, Parameter
 from gsbridge.effects.registry import Applied, Registry
-from gsbridge.gap.diagnosis.results import TRANSFERS, AccountEntry, Candidate, Finding, GapAccount, Rules, Verification
+from gsbridge.gap.diagnosis.results import (
+    ABSTAINING,
+    LIKELY,
+    TRANSFERS,
+    AccountEntry,
+    Candidate,
+    Finding,
+    GapAccount,
+    Rules,
+    Verification,
+)
 from gsbridge.geometry import Array
 
 _LISTED = 5
@@ -182,10 +192,12 @@ class Account:
         }
 
     def describe(self, diagnosis: Diagnosis) -> list[dict[str, Any]]:
-        """Parameters of the best hypothesis' effects with units and 90 % intervals."""
-        best = diagnosis.finding.best
+        """Effects with units and 90 % intervals: the best hypothesis', or where nothing is named all of the account."""
+        best, account = diagnosis.finding.best, diagnosis.account
         if best is None:
             return []
+        if account is not None and account.entries and diagnosis.finding.verdict in ABSTAINING:
+            return [self._entry(entry) for entry in account.entries]
         intervals = diagnosis.intervals or _by_deviations(diagnosis.finding)
         figures = diagnosis.figures or (None,) * len(intervals)
         return [
@@ -219,9 +231,7 @@ class Account:
             "entries": [
                 {
                     "label": str(entry.candidate),
-                    **self._described(
-                        entry.candidate.effect, entry.effect, _spans(entry.candidate, entry.effect, entry.deviations, 1.0)
-                    ),
+                    **self._entry(entry),
                     "share": entry.share,
                     "verdict": entry.verdict,
                     "alternatives": list(entry.instead),
@@ -236,6 +246,11 @@ class Account:
                 "unit": self.unit,
             },
         }
+
+    def _entry(self, entry: AccountEntry) -> dict[str, Any]:
+        """The effect of a line of an account."""
+        spans = _spans(entry.candidate, entry.effect, entry.deviations, 1.0)
+        return self._described(entry.candidate.effect, entry.effect, spans)
 
     def effects_of(self, fit: Any) -> list[Effect]:
         """Entries of the catalogue for the effects of a fit."""
@@ -285,20 +300,23 @@ class Account:
 
     def _closest(self, account: GapAccount) -> str:
         """What comes nearest where nothing can be named, what it leaves, and what to do next."""
-        first = account.entries[0].candidate.effect
-        listed = ", ".join(self._line(entry) for entry in account.entries[:_LISTED])
+        first = account.entries[0]
+        lines = [self._line(entry) for entry in account.entries[:_LISTED]]
         more = f" and {len(account.entries) - _LISTED} more" if len(account.entries) > _LISTED else ""
         rest = f", mostly in {account.channel}, {account.phase}" if account.channel else ""
+        head = f"No single known effect suffices. Closest are {', '.join(lines)}{more}"
+        if first.verdict == LIKELY and first.share >= TRANSFERS:
+            head = f"Likely, not proven: {lines[0]}; no other known effect explains as much in its place"
+            head += f". Beside it come {', '.join(lines[1:])}{more}" if lines[1:] else ""
+        them, have = ("them", "they have") if lines[1:] else ("it", "it has")
         return (
-            f"No single known effect suffices. Closest are {listed}{more}; with them in the model, "
-            f"{100 * (1.0 - account.explained):.0f} % of the gap remains on a record that they have not seen{rest}. Do this "
-            f"next: {first.tell_apart}."
+            f"{head}. With {them} in the model, {100 * (1.0 - account.explained):.0f} % of the gap remains on a record that "
+            f"{have} not seen{rest}. Do this next: {first.candidate.effect.tell_apart}."
         )
 
     def _line(self, entry: AccountEntry) -> str:
         """An entry in a sentence, with its sizes."""
-        spans = _spans(entry.candidate, entry.effect, entry.deviations, 1.0)
-        figures = _figures(self._described(entry.candidate.effect, entry.effect, spans)["parameters"])
+        figures = _figures(self._entry(entry)["parameters"])
         where = f"{entry.effect.joint}: " if entry.effect.joint else ""
         return f"{where}{entry.candidate.effect.title} ({figures}; {100 * entry.share:.0f} %)"
 

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from gsbridge.effects.registry import Applied
-from gsbridge.gap.diagnosis.results import LIKELY, NAMED, ONE_OF, AccountEntry, Finding, GapAccount, Hypothesis
+from gsbridge.gap.diagnosis.results import LIKELY, NAMED, ONE_OF, TRANSFERS, AccountEntry, Finding, GapAccount, Hypothesis
 from gsbridge.gap.joints.pooled import PooledResiduals
 from gsbridge.gap.joints.residual_map import map_residuals
 from gsbridge.gap.joints.residuals import JointResiduals
@@ -25,8 +25,8 @@ class Search(Protocol):
     def both(self) -> PooledResiduals:
         """Residuals on the records `fit` and `select`."""
 
-    def instead(self, whole: Hypothesis, k: int) -> tuple[str, ...]:
-        """Names of the effects that explain as much in the place of the effect number `k`."""
+    def instead(self, whole: Hypothesis, k: int, third: JointResiduals | None = None) -> tuple[str, ...]:
+        """Names of the effects that explain as much in the place of the effect number `k`, compared on all records if three."""
 
 
 def account_of(search: Search, finding: Finding, whole: Hypothesis, third: JointResiduals) -> GapAccount:
@@ -46,9 +46,10 @@ def account_of(search: Search, finding: Finding, whole: Hypothesis, third: Joint
     entries = []
     for number, k in enumerate(order):
         candidate = whole.fit.who[k]
-        verdict, instead = _standing(search, finding, whole, k)
-        deviations = whole.fit.deviations[places[k] : places[k + 1]]
         share = float((sizes[number] - sizes[number + 1]) / gap)
+        # What explains most of a gap is worth the fits that tell it from what looks like it.
+        verdict, instead = _standing(search, finding, whole, k, third if share >= TRANSFERS else None)
+        deviations = whole.fit.deviations[places[k] : places[k + 1]]
         entries.append(AccountEntry(candidate, whole.fit.effects[k], deviations, share, verdict, instead))
     account = GapAccount(tuple(entries), float((sizes[0] - sizes[-1]) / gap))
     found = map_residuals(third, third.residual(account.effects), third.simulate(account.effects))
@@ -90,7 +91,9 @@ def _squares(seen: PooledResiduals, effects: Sequence[Applied]) -> float:
     return float((seen.residual(effects) ** 2).sum())
 
 
-def _standing(search: Search, finding: Finding, whole: Hypothesis, k: int) -> tuple[str, tuple[str, ...]]:
+def _standing(
+    search: Search, finding: Finding, whole: Hypothesis, k: int, third: JointResiduals | None
+) -> tuple[str, tuple[str, ...]]:
     """How sure an entry is, and what else could stand in its place."""
     proven = finding.best is not None and whole.fit.who[k] in finding.best.fit.who
     if proven and finding.verdict == "named":
@@ -98,5 +101,5 @@ def _standing(search: Search, finding: Finding, whole: Hypothesis, k: int) -> tu
     if proven and finding.verdict == "ambiguous" and finding.best is not None:
         others = [name for name in finding.ambiguous if name != " + ".join(finding.best.names)]
         return ONE_OF, tuple(others[:_RIVALS])
-    alike = search.instead(whole, k)
+    alike = search.instead(whole, k, third)
     return (ONE_OF, alike) if alike else (LIKELY, ())

@@ -10,11 +10,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.stats import norm
 
 from gsbridge.effects.joints.base import HOOKS
 from gsbridge.gap.diagnosis.closure import beyond_noise
 from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Finding, Hypothesis, Rules
-from gsbridge.gap.diagnosis.verdict import transfer
+from gsbridge.gap.diagnosis.verdict import told_apart, transfer
 from gsbridge.gap.joints.candidates import thresholds
 from gsbridge.gap.joints.fit import derivatives, fit
 from gsbridge.gap.joints.pooled import PooledResiduals, spread_of
@@ -184,14 +185,28 @@ class Widening:
             deviations = np.maximum(deviations, _spread(PooledResiduals((self.first,)), best.fit))
         return replace(best, fit=replace(best.fit, deviations=deviations))
 
-    def instead(self, whole: Hypothesis, k: int) -> tuple[str, ...]:
+    def instead(self, whole: Hypothesis, k: int, third: JointResiduals | None = None) -> tuple[str, ...]:
         """What else could stand in the place of one effect of an explanation, the likeliest first.
 
         Args:
             whole: The explanation.
             k: Place of the effect.
+            third: Residuals on the record that neither has seen, if those that clearly err more are to be left out: each is
+                fitted in its place, and all records tell.
         """
-        return tuple(str(look.candidate) for look in self._alike(whole, k)[:_ALTERNATIVES])
+        alike = self._alike(whole, k)[:_ALTERNATIVES]
+        if third is not None and alike:
+            known = [view.residual(whole.fit.effects) for view in (*self.both.views, third)]
+            alike = [look for look in alike if not self._worse(look, whole, k, known, third)]
+        return tuple(str(look.candidate) for look in alike)
+
+    def _worse(self, look: Look, whole: Hypothesis, k: int, known: Sequence[Array], third: JointResiduals) -> bool:
+        """Whether an effect in the place of one of an explanation errs more, as surely as a name needs."""
+        others = [candidate for j, candidate in enumerate(whole.fit.who) if j != k]
+        values = [found for j, found in enumerate(whole.fit.values) if j != k]
+        trial = fit(self.both, (*others, look.candidate), (*values, look.values), limit=self._end)
+        left = [view.residual(trial.effects) for view in (*self.both.views, third)]
+        return trial.converged and told_apart(known, left) > norm.isf(1.0 - self.rules.sure)
 
     def _alike(self, whole: Hypothesis, k: int) -> list[Look]:
         """Effects that explain as much in the place of one effect of an explanation, as they start, the likeliest first."""
