@@ -115,6 +115,29 @@ rule identify_gap:
         "../scripts/identify_gap.py"
 
 
+rule amend_object:
+    input:
+        nominal=project_file("models/nominal.yaml"),
+        findings="results/gap/{case}/findings.json",
+    output:
+        model="results/gap/{case}/simulation.yaml",
+    log:
+        "results/logs/amend_object/{case}.log",
+    benchmark:
+        "results/benchmarks/amend_object/{case}.jsonl"
+    conda:
+        "../envs/gap.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
+    params:
+        code=script_digest("amend_object"),
+    message:
+        "Put what the throws of {wildcards.case} showed into the simulation's model"
+    script:
+        "../scripts/amend_object.py"
+
+
 rule replay_gap:
     input:
         model=gap_model,

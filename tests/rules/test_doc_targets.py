@@ -38,6 +38,6 @@ def test_every_target_of_the_pages_is_planned(snakemake, config, write_config, t
     (tmp_path / "model.yaml").write_text("urdf: axis.urdf\ncontroller: {mode: free}\n")
     for name in ("a.csv", "b.csv", "c.csv", "axis.urdf"):
         (tmp_path / name).write_text("")
-    config["gap"] = {"cases": {"my_axis": str(tmp_path / "case.yaml")}}
+    config["gap"] = {"cases": dict.fromkeys(("my_axis", "my_cube"), str(tmp_path / "case.yaml"))}
     planned = snakemake("--dry-run", "--quiet", "--directory", str(tmp_path), *write_config(config), "--", *asked)
     assert "MissingRuleException" not in planned.stderr

@@ -65,6 +65,13 @@ def test_a_case_is_named_by_its_file_alone(snakemake, tmp_path, kind):
     assert "results/gap/my_axis/report.html" in plan
 
 
+def test_throws_give_the_model_that_a_policy_learns_with(snakemake, tmp_path):
+    case = write_thrown_case(tmp_path / "My cube")
+    asked = ["--config", f"gap_case={case}", "--", "results/gap/my_cube/simulation.yaml"]
+    plan = snakemake("--dry-run", "--directory", str(tmp_path / "run"), *asked).stdout
+    assert planned(plan) == {"copy_project_file", "read_gap_records", "screen_gap", "identify_gap", "amend_object"}
+
+
 @pytest.mark.parametrize(
     ("target", "said"),
     [

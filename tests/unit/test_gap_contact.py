@@ -1,6 +1,7 @@
 """Throws from files, their first states, searches, and verdicts about them."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,12 +23,15 @@ from gsbridge.gap.contact.setup import body_setup
 from gsbridge.gap.contact.starts import pooled_speeds, quat_from_turn, starts_of, turn_between
 from gsbridge.gap.contact.throws import Throw, Throws, read_throws, write_throws
 from gsbridge.gap.contact.world import simulate
+from gsbridge.gap.loop.amend import amend_object
 from gsbridge.gap.workflow import run_case
 from gsbridge.geometry import quat_multiply
+from gsbridge.sim.model import read_model
 
 MODEL = {"box": [0.1, 0.1, 0.1], "mass": 0.4, "controller": {"mode": "body"}, "contact": {"friction": 0.5}}
 NAMES = ("contact_friction", "restitution", "table_height")
 HORIZON = 0.5
+NOMINAL = Path(__file__).resolve().parents[2] / "models" / "nominal.yaml"
 
 
 def ballistic(count=12, seed=0, speeds=False):
@@ -307,6 +311,15 @@ def test_the_amended_model_can_be_read_and_holds_the_name(thrown):
     assert read_json(folder / "out" / "findings.json")["sentence"] == findings["sentence"]
     evidence = yaml.safe_load((folder / "out" / "model.yaml").read_text())["evidence"]
     assert evidence[0]["records"] == findings["records"]
+
+
+def test_what_throws_showed_becomes_the_simulations(thrown):
+    folder, findings = thrown
+    amend_object(NOMINAL, folder / "out" / "findings.json", folder / "simulation.yaml")
+    before, after = read_model(NOMINAL), read_model(folder / "simulation.yaml")
+    assert after.contact.table.friction == pytest.approx(findings["effects"][0]["parameters"]["friction"]["becomes"], abs=1e-6)
+    assert replace(after, contact=before.contact) == before
+    assert f"# {findings['sentence']}\n" in (folder / "simulation.yaml").read_text()
 
 
 @pytest.mark.parametrize(

@@ -380,3 +380,6 @@ def test_what_was_found_about_an_object_becomes_the_simulations(tmp_path):
     large = {"amended": [{"name": "object_size", "parameters": {"share": 0.1}}], "effects": []}
     with pytest.raises(InputError, match=r"findings\.json: the simulation cannot play 'object_size'.*Film the object again"):
         object_content(nominal, large, "findings.json")
+    of_an_arm = {"amended": [{"name": "payload", "parameters": {"mass": 0.1}}], "effects": []}
+    with pytest.raises(InputError, match="'payload' is no effect on a thrown body"):
+        object_content(nominal, of_an_arm, "findings.json")

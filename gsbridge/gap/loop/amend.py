@@ -12,7 +12,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from gsbridge.errors import StageError
+from gsbridge.effects.bodies import BODY_EFFECTS
+from gsbridge.errors import InputError, StageError
 from gsbridge.files import read_json, write_stage
 from gsbridge.gap.diagnosis.amend import ordered, write_amended
 from gsbridge.gap.formats.yaml_file import read_yaml
@@ -156,13 +157,15 @@ def object_content(nominal: Mapping[str, Any], found: Mapping[str, Any], source:
         source: The findings, for messages.
 
     Raises:
-        InputError: The simulation cannot play an effect, or a figure is out of its range.
+        InputError: An effect is not one on a body, the simulation cannot play it, or a figure is out of its range.
     """
     out = copy.deepcopy(dict(nominal))
     out["effects"] = list(out.get("effects") or [])
     rows = {item["name"]: item["parameters"] for item in found["effects"]}
     for named in found["amended"]:
         name = named["name"]
+        if name not in BODY_EFFECTS:
+            raise InputError(source, f"'{name}' is no effect on a thrown body", "Name a case of throws (docs/gap_objects.md)")
         if name in _OF_BODY:
             *sections, key = _OF_BODY[name]
             place = out
