@@ -136,7 +136,7 @@ def _lattice_camera(camera: Camera, stride: int) -> Camera:
     return Camera(width, height, camera.fx / stride, camera.fy / stride, camera.cx / stride - shift, camera.cy / stride - shift)
 
 
-def _normals_of_depth(depth: Array, camera: Camera) -> Array:
+def normals_of_depth(depth: Array, camera: Camera) -> Array:
     """Normals towards the camera from differences of a depth map; (0, 0, -1) beside a gap. [h, w] -> [h, w, 3] float32."""
     points = camera.pixel_rays() * np.where(np.isfinite(depth), depth, np.nan)[..., None]
     normals = np.cross(np.gradient(points, axis=0), np.gradient(points, axis=1))
@@ -149,6 +149,17 @@ def _normals_of_depth(depth: Array, camera: Camera) -> Array:
     normals = normals - rays / np.linalg.norm(rays, axis=-1, keepdims=True)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     return np.where(np.isfinite(normals).all(-1, keepdims=True), normals, np.array([0.0, 0.0, -1.0])).astype(np.float32)
+
+
+def enters_from_above(front: Array, normals: Array, view: View) -> Array:
+    """Lines of sight that enter a hull through what may be an opening: its lid, not its walls. [h, w] bool.
+
+    Args:
+        front: Depth of the hull, not finite beside it. [h, w].
+        normals: See `normals_of_depth`. [h, w, 3].
+        view: The view that sees it.
+    """
+    return np.isfinite(front) & (normals @ view.cam_from_table[:3, 2] > _UPWARD)
 
 
 def depth_cloud(
@@ -182,7 +193,7 @@ def depth_cloud(
     def work(index: int) -> tuple[Array, Array]:
         photo, camera = photos[index], lattice[index]
         front = mesh_depth(hull.mesh.vertices, hull.mesh.faces, camera, photo.view.cam_from_table)
-        normals = _normals_of_depth(front, camera)
+        normals = normals_of_depth(front, camera)
         inside = photo.mask[stride // 2 :: stride, stride // 2 :: stride][: camera.height, : camera.width]
         # Depth at which a line of sight meets the table: nothing lies beyond it.
         pose = photo.view.cam_from_table
@@ -226,7 +237,7 @@ def depth_cloud(
         depth, score = search(near, far, _HYPOTHESES, settings.min_score)
         # A line of sight that enters the hull from above may look into the object: its far wall is where the hull ends.
         end = np.minimum(float((hull.mesh.vertices @ pose[2, :3] + pose[2, 3]).max()), table).astype(np.float32)
-        opened = np.isfinite(near) & (normals @ pose[:3, 2] > _UPWARD) & (end > far)
+        opened = enters_from_above(near, normals, photo.view) & (end > far)
         if opened.any():
             # A wall just beyond the first search's end pulls matches to that end.
             depth[opened & (depth > far - 0.03 * hull.size)] = 0.0
