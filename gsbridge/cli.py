@@ -74,7 +74,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _add_board(commands: Any) -> None:
-    board = commands.add_parser("board", help="write the printable board for scale and registration")
+    about = "write the printable board of AprilTags for scale and registration"
+    board = commands.add_parser("board", help=about, description=about)
     board.add_argument("path", type=Path, help="file to write: .pdf or .svg")
     board.add_argument("--sheet", choices=sorted(SHEETS_M), default="a4", help="paper size (default: a4)")
     board.add_argument("--layout", type=Path, help="also write the layout of the tags as JSON")
@@ -91,7 +92,8 @@ def _board(options: argparse.Namespace) -> int:
 
 
 def _add_masks(commands: Any) -> None:
-    masks = commands.add_parser("masks", help="write a sheet of photos on which pixels can be read, to help a scene's masks")
+    about = "write a page of photos on which pixels can be read, to correct the masks of a scene by hand (docs/masks.md)"
+    masks = commands.add_parser("masks", help=about, description=about)
     masks.add_argument("scene", metavar="SCENE", help="name of an object in config.yaml")
     masks.add_argument("--results", type=Path, default=Path("results"), metavar="FOLDER", help="results of the workflow")
     masks.add_argument("--config", type=Path, default=Path("config.yaml"), metavar="FILE", help="for points already given")
@@ -121,16 +123,27 @@ def _add_workflow(commands: Any) -> None:
         commands.add_parser(name, help=text, add_help=False)
 
 
+def _helped(command: str, text: str, arguments: list[str]) -> bool:
+    """Print the help of a command whose arguments are snakemake's, if it is asked for.
+
+    Snakemake's own help would be no plan, and a run without jobs a finished one.
+    """
+    if not {"-h", "--help"}.intersection(arguments):
+        return False
+    print(f"usage: gsbridge {command} [arguments of snakemake]\n\n{text}\n\n`snakemake --help` lists the arguments.")
+    return True
+
+
 def _run(arguments: list[str]) -> int:
     from gsbridge.workflow_lock import start_workflow
 
-    start_workflow(arguments, lambda sentence: print(f"gsbridge: {sentence}", file=sys.stderr))
+    if not _helped("run", _RUN, arguments):
+        start_workflow(arguments, lambda sentence: print(f"gsbridge: {sentence}", file=sys.stderr))
+    return 0
 
 
 def _status(arguments: list[str]) -> int:
-    if {"-h", "--help"}.intersection(arguments):
-        # Snakemake's help would be no plan, and a run without jobs a finished one.
-        print(f"usage: gsbridge status [arguments of snakemake]\n\n{_STATUS}")
+    if _helped("status", _STATUS, arguments):
         return 0
     from gsbridge.run_status import run_status
 

@@ -17,6 +17,7 @@ from gsbridge.workflow_lock import working_folder
 
 _JOB_COUNT = re.compile(r"^(\w+) +(\d+)$", re.MULTILINE)
 _REASON = re.compile(r"^ {4}(\w[^:\n]*):\n {8}(\w[\w, ]*)$", re.MULTILINE)
+_SENTENCE = re.compile(r"^InputError in file .*:\n(.+)$|^ +InputError: (.+)$", re.MULTILINE)
 _NOT_STALE = ("output files have to be generated", "input files updated by another job")
 """Why snakemake makes what is not there yet, and what follows from other jobs: for all else something has changed."""
 
@@ -86,6 +87,20 @@ def remaining_jobs(counts: Mapping[str, int], seconds: Mapping[str, float]) -> l
     return sorted(left, key=lambda item: -(float("inf") if item.seconds is None else item.jobs * item.seconds))
 
 
+def told_reason(out: str, error: str) -> str:
+    """Why snakemake could not plan a run, of all that it printed: the library's sentence, or else what ended the planning.
+
+    Snakemake prints errors of the Snakefile to its output and all others to the error stream, with what led there round them.
+
+    Args:
+        out: What it printed to its output.
+        error: What it printed to the error stream.
+    """
+    text = f"{error}\n{out}".strip()
+    found = _SENTENCE.search(text)
+    return next(filter(None, found.groups())) if found else text.rpartition("Building DAG of jobs...")[2].strip()
+
+
 def run_status(arguments: Sequence[str]) -> Iterator[str]:
     """Lines that tell where the run stands that some arguments of snakemake name.
 
@@ -98,7 +113,7 @@ def run_status(arguments: Sequence[str]) -> Iterator[str]:
     command = [sys.executable, "-m", "snakemake", "--dry-run", "--quiet", "rules", "--nolock", *arguments]
     planned = subprocess.run(command, capture_output=True, text=True, check=False)
     if planned.returncode:
-        raise GsbridgeError(f"the run cannot be planned:\n{(planned.stderr or planned.stdout).strip()}")
+        raise GsbridgeError(f"the run cannot be planned: {told_reason(planned.stdout, planned.stderr)}")
     results = working_folder(arguments) / "results"
     left = remaining_jobs(job_counts(planned.stdout + planned.stderr), measured_seconds(results / "benchmarks"))
     records = list(stage_records(results)) if results.is_dir() else []
@@ -114,7 +129,8 @@ def run_status(arguments: Sequence[str]) -> Iterator[str]:
         unknown = sum(item.jobs for item in left if item.seconds is None)
         aside = f", beside {unknown} of rules that were not measured here yet" if unknown else ""
         jobs = sum(item.jobs for item in left)
-        yield f"{jobs} jobs are left: about {total / cores / 60:.0f} minutes on {cores} cores{aside}."
+        about = f"about {total / cores / 60:.0f} minutes on {cores} cores{aside}"
+        yield f"{jobs} jobs are left: {about if unknown < jobs else 'none of their rules was measured here yet'}."
     stale = stale_rules(planned.stdout + planned.stderr)
     if stale:
         yield "Stale, since what they are made from has changed; what builds on them follows:"

@@ -3,7 +3,7 @@
 import json
 
 from gsbridge.cli import main
-from gsbridge.run_status import job_counts, measured_seconds, remaining_jobs, stage_records, stale_rules
+from gsbridge.run_status import job_counts, measured_seconds, remaining_jobs, stage_records, stale_rules, told_reason
 
 TABLE = """
 Job stats:
@@ -74,3 +74,20 @@ def test_help_is_no_finished_run(capsys):
     said = capsys.readouterr().out
     assert "degraded stages" in said
     assert "Nothing is left" not in said
+
+
+def test_help_of_run_is_its_own(capsys):
+    assert main(["run", "--help"]) == 0
+    assert capsys.readouterr().out.startswith("usage: gsbridge run [arguments of snakemake]")
+
+
+def test_the_reason_is_told_without_what_snakemake_prints_round_it():
+    profile = "Using workflow specific profile profiles/default for setting default command line arguments.\n"
+    early = (
+        'InputError in file "/p/Snakefile", line 75:\nresults/x: \'x\' is no scene. Name one\n  File "/p/Snakefile", line 75\n'
+    )
+    assert told_reason(early, profile) == "results/x: 'x' is no scene. Name one"
+    late = "Building DAG of jobs...\nError:\n  InputError: a.mp4: not there. Put it there\nWildcards:\n"
+    assert told_reason("", profile + late) == "a.mp4: not there. Put it there"
+    other = "Building DAG of jobs...\nMissingRuleException:\nNo rule to produce b.txt.\n"
+    assert told_reason("", profile + other) == "MissingRuleException:\nNo rule to produce b.txt."
