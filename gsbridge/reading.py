@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -84,6 +84,12 @@ def refusing(source: str | Path, problem: str, remedy: str) -> Iterator[None]:
 def _first_line(error: Exception) -> str:
     lines = str(error).strip().splitlines()
     return lines[0][:200] if lines else type(error).__name__
+
+
+def absent(places: Sequence[str | Path]) -> str:
+    """What is wrong, in words, where a file or folder is in none of the places in which it is looked for."""
+    names = list(dict.fromkeys(str(place) for place in places))
+    return f"there is neither {' nor '.join(names)}" if len(names) > 1 else f"there is no {names[0]}"
 
 
 def load_yaml(path: str | Path, what: str, remedy: str) -> Any:

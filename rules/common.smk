@@ -172,7 +172,7 @@ def workspace_capture(wildcards):
     kind, value = next(iter(config["workspace"]["source"].items()))
     if kind == "mirror":
         return "results/workspace/capture"
-    return PLAN.capture_path(value) if kind == "capture" else []
+    return PLAN.board_folder(value) if kind == "capture" else []
 
 
 def workspace_background(wildcards):

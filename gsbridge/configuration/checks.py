@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gsbridge.errors import InputError
+from gsbridge.reading import absent
 
 
 def check_configuration(config: Mapping[str, Any]) -> None:
@@ -199,13 +200,11 @@ def check_capture(name: str, source: Mapping[str, str], places: Sequence[str | P
     Raises:
         InputError: Nothing is there, or a folder stands where a file is wanted, or the other way round.
     """
-    kind, value = next(iter(source.items()))
+    kind = next(iter(source))
     key = f"config: scenes.{name}.source.{kind}"
     found = next((Path(place) for place in places if Path(place).exists()), None)
     if found is None:
-        looked = " nor ".join(dict.fromkeys(str(place) for place in places))
-        either = "neither " if " nor " in looked else "not "
-        raise InputError(key, f"{value} is there {either}as {looked}", "Correct the path, or put the capture there")
+        raise InputError(key, absent(places), "Correct the path, or put the capture there")
     if _FORM[kind] == "file" and found.is_dir():
         remedy = (
             "Name the file inside it" if kind == "nerfstudio" else "Name the video, or write images: for a folder of photos"

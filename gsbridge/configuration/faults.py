@@ -111,7 +111,7 @@ def explain(model: type[BaseModel], error: ValidationError, source: str) -> Inpu
     place, details = _most_telling(found[min(found)])
     problem, remedy = _sentences(place, details)
     where = ".".join(place.keys)
-    more = f" ({len(found) - 1} more faults)" if len(found) > 1 else ""
+    more = f" ({len(found) - 1} more fault{'s' if len(found) > 2 else ''})" if len(found) > 1 else ""
     return InputError(f"{source}: {where}" if where else source, problem + more, remedy)
 
 

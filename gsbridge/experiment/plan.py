@@ -13,6 +13,7 @@ from gsbridge.configuration.checks import check_capture
 from gsbridge.errors import InputError
 from gsbridge.experiment.capture_files import capture_files, content_digests
 from gsbridge.experiment.policies import PolicyFiles, workspace_of
+from gsbridge.reading import absent
 
 BINDINGS = ("games", "soft", "refined", "unbound", "games_vertices")
 """Ways in which splats hold on to a mesh; recordings show the first three."""
@@ -175,6 +176,18 @@ class Experiment:
             return f"results/films/{scene}/film.json"
         check_capture(scene, self.config["scenes"][scene]["source"], self.capture_places(value))
         return self.capture_path(value)
+
+    def board_folder(self, path: str) -> str:
+        """Folder of the photos of the board that register the workspace.
+
+        Raises:
+            InputError: It is not there; snakemake would only say that an input is missing.
+        """
+        places = self.capture_places(path)
+        if not any(place.is_dir() for place in places):
+            remedy = "Name the folder that holds the photos and arm.csv; see docs/registration.md"
+            raise InputError("config: workspace.source.capture", absent(places), remedy)
+        return self.capture_path(path)
 
     def source_listing(self, scene: str) -> list[tuple[str, str]]:
         """Names and digests of the files of a capture that is more than one file: a folder's date changes with every copy.

@@ -156,7 +156,7 @@ def test_captures_are_looked_for_before_anything_runs(tmp_path):
     check_capture("mug", {"video": "mug.mp4"}, [tmp_path / "none" / "mug.mp4", tmp_path / "mug.mp4"])
     check_capture("mug", {"images": "mug"}, [tmp_path / "mug"])
     places = [tmp_path / "a" / "cup.mp4", tmp_path / "b" / "cup.mp4"]
-    with pytest.raises(InputError, match=r"mug\.source\.video: cup\.mp4 is there neither as .*a/cup.mp4 nor .*b/cup.mp4"):
+    with pytest.raises(InputError, match=r"mug\.source\.video: there is neither .*a/cup.mp4 nor .*b/cup.mp4"):
         check_capture("mug", {"video": "cup.mp4"}, places)
     with pytest.raises(InputError, match=r"is a folder, a file is wanted. .*images:"):
         check_capture("mug", {"video": "mug"}, [tmp_path / "mug"])

@@ -152,8 +152,13 @@ def test_captures_are_named_as_they_may_be_moved(plan, tmp_path):
 
 
 def test_a_capture_that_is_gone_is_named(plan):
-    with pytest.raises(InputError, match=r"scenes\.mug\.source\.video: mug\.mp4 is there neither as"):
+    with pytest.raises(InputError, match=r"scenes\.mug\.source\.video: there is neither .*mug\.mp4 nor "):
         plan.scene_source("mug")
+
+
+def test_a_folder_of_board_photos_that_is_gone_is_named(plan):
+    with pytest.raises(InputError, match=r"workspace\.source\.capture: there is neither .*board nor .*arm\.csv"):
+        plan.board_folder("board")
 
 
 def test_comparison_is_of_all_scenes_and_the_hulls_of_filmed_objects(plan):

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from gsbridge.errors import InputError
-from gsbridge.reading import files_below, load_yaml
+from gsbridge.reading import absent, files_below, load_yaml
 from gsbridge.robot.mjcf_files import mjcf_files
 from gsbridge.robot.urdf import collision_meshes
 
@@ -31,11 +31,7 @@ def case_path(name: str, value: str, places: Sequence[str | Path]) -> Path:
     for path in found:
         if path.is_file():
             return path
-    looked = " nor ".join(dict.fromkeys(str(path) for path in found))
-    either = "neither " if " nor " in looked else "not "
-    raise InputError(
-        f"config: gap.cases.{name}", f"{value} is there {either}as {looked}", "Correct the path of the case; see docs/gap.md"
-    )
+    raise InputError(f"config: gap.cases.{name}", absent(found), "Correct the path of the case; see docs/gap.md")
 
 
 def case_name(value: str) -> str:
