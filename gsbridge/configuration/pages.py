@@ -112,6 +112,8 @@ def _allowed(schema: Mapping[str, Any], defs: Mapping[str, Any]) -> str:
             return "`true`, `false`"
         case "string":
             return "text"
+        case "null":
+            return "`null`"
         case "array" if "prefixItems" in schema:
             parts = [_allowed(part, defs) for part in schema["prefixItems"]]
             same = len(set(parts)) == 1
