@@ -119,9 +119,9 @@ def read_description(path: str | Path) -> Description:
     try:
         root = ElementTree.parse(source).getroot()
     except OSError as error:
-        raise InputError(source, "the URDF does not exist or cannot be read", "Check the path, or build the robot") from error
+        raise InputError(source, "there is no such file, or it cannot be read", "Check the path, or build the robot") from error
     except (ElementTree.ParseError, LookupError, ValueError) as error:
-        raise InputError(source, f"this is no valid XML ({error})", "Export the URDF, or build the robot, again") from error
+        raise InputError(source, f"this is no valid XML ({error})", "Export it, or build the robot, again") from error
     return description_of(root, source)
 
 

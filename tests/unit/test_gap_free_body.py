@@ -236,7 +236,7 @@ def test_a_wrong_model_is_refused(change, said):
 
 def test_a_urdf_that_is_no_rigid_body_is_refused(tmp_path):
     model = {"urdf": "two.urdf", "controller": {"mode": "body"}, "contact": {"friction": 0.3}}
-    with pytest.raises(InputError, match="does not exist or cannot be read"):
+    with pytest.raises(InputError, match="there is no such file"):
         parse_body(model, tmp_path)
     (tmp_path / "two.urdf").write_text('<robot name="a"><link name="a"/><link name="b"/></robot>')
     with pytest.raises(InputError, match="2 links"):

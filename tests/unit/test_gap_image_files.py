@@ -346,7 +346,7 @@ def test_the_workflow_watches_all_photos_of_a_case(folder):
         ({"photos": {"views": "views", "before": "before", "after": "after", "shot": -1}}, "'photos.shot' is -1"),
         ({"records": {"fit": "log.csv"}}, "the key 'records' is unknown"),
         ({"effects": ["coulomb"]}, "the effect 'coulomb' is unknown"),
-        ({"photos": "after"}, "a case needs 'model' and 'photos'"),
+        ({"photos": "after"}, "'photos' does not name a file for each role"),
         ({"model": "lost.yaml"}, "the model file cannot be read"),
     ],
 )

@@ -83,6 +83,27 @@ def test_missing_unit_is_refused(tmp_path):
     assert "has no unit" in refused(tmp_path, renamed(table(), "position.axis [rad]", "position.axis"))
 
 
+@pytest.mark.parametrize(("mark", "name"), [(";", "semicolons"), ("\t", "tabs")])
+def test_other_separators_are_named(tmp_path, mark, name):
+    path = written(tmp_path, table())
+    path.write_text(path.read_text().replace(",", mark))
+    with pytest.raises(InputError, match=f"separated by {name}"):
+        read_record(path, LAYOUT)
+
+
+def test_a_header_and_a_case_that_disagree_are_refused(tmp_path):
+    said = refused(tmp_path, table(), Layout(("axis",), units={"position": "deg"}))
+    assert "states [rad] for the column 'position.axis', the case [deg]" in said
+    # One unit, written in two ways.
+    read_record(written(tmp_path, table()), Layout(("axis",), units={"effort": "Nm"}))
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e-4])
+def test_times_in_another_unit_are_noticed(tmp_path, factor):
+    said = refused(tmp_path, table() | {"time [s]": table()["time [s]"] * factor})
+    assert "the times look like another unit" in said
+
+
 def test_wrong_dimension_is_refused(tmp_path):
     assert "no angular speed" in refused(tmp_path, renamed(table(), "velocity.axis [rad/s]", "velocity.axis [rad]"))
 

@@ -146,7 +146,10 @@ def text(name, content):
         (text("model.yaml", MODEL.replace("stiffness: 60, ", "")), "controller.stiffness is missing"),
         (text("axis.urdf", "<robot>"), "this is no valid XML"),
         (text("axis.urdf", URDF.replace('<mass value="1"/>', "")), "damaged mass properties"),
-        (text("case.yaml", "model: model.yaml\nrecords: {train: a.csv}\n"), "'train' has no role"),
+        (text("case.yaml", "model: model.yaml\nrecords: {train: a.csv}\n"), "'train' is no role"),
+        (text("case.yaml", "model: model.yaml\nrecord: {fit: a.csv}\n"), "the key 'record' is unknown"),
+        (text("case.yaml", "model: model.yaml\nrecords: [a.csv]\n"), "'records' does not name a file for each role"),
+        (text("model.yaml", MODEL.replace("stiffness: 60", "stiffness: -60")), "'controller.stiffness' is below zero"),
         (text("case.yaml", CASE + "effects: [rust]\n"), "'rust' is unknown"),
         # The end of the file, as PyYAML's own parser and as libyaml counts it.
         (text("case.yaml", "model: ["), "line 1, column 9|line 2, column 1"),

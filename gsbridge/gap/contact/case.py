@@ -68,7 +68,7 @@ def _throw_case(path: Path) -> ThrowCase:
     throws = {}
     for role, file in content["records"].items():
         if role not in ROLES:
-            raise InputError(path, f"the record '{role}' has no role", f"Name records {', '.join(ROLES)}")
+            raise InputError(path, f"'{role}' is no role of a record", f"The roles are {', '.join(ROLES)}")
         throws[role] = read_throws(path.parent / str(file), content.get("columns"), content.get("units"))
         check_throws(throws[role], body.figures["gravity"], path.parent / str(file))
     throws, reasons = split_throws(throws, path)

@@ -34,7 +34,13 @@ def read_table(path: Path, what: str) -> tuple[pd.DataFrame, bytes]:
     regular_file(path, what, "Check the path in the case", LARGEST_TABLE)
     with refusing(path, "this is no table", "Give CSV with a header line, or Parquet"):
         data = path.read_bytes()
-        return pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path), data
+        table = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path)
+    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
+        if any(mark in str(header) for header in table.columns):
+            raise InputError(
+                path, f"its columns are separated by {name}", "Separate them with commas, and write decimals with a point"
+            )
+    return table, data
 
 
 @dataclass(frozen=True)
@@ -71,9 +77,14 @@ class Columns:
         theirs, unit = split_header(self.names.get(ours, ours))
         if theirs not in headers:
             return None
+        beside = unit if unit is not None else self.units.get(ours, self.units.get(ours.split(".")[0]))
         stated = split_header(headers[theirs])[1]
-        stated = stated if stated is not None else unit
-        stated = stated if stated is not None else self.units.get(ours, self.units.get(ours.split(".")[0]))
+        if stated is not None and beside is not None and stated.replace(" ", "") != beside.replace(" ", ""):
+            raise InputError(
+                self.source, f"the header states [{stated}] for the column '{theirs}', the case [{beside}]",
+                "Keep the one that was logged",
+            )  # fmt: skip
+        stated = stated if stated is not None else beside
         values = pd.to_numeric(self.table[headers[theirs]], errors="coerce").to_numpy(dtype=np.float64)
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):

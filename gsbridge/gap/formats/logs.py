@@ -16,6 +16,7 @@ from gsbridge.gap.formats.records import Layout, Record, read_record, record_of
 
 OTHERS: Mapping[str, tuple[str, str]] = {
     ".mat": ("a file of MATLAB", "Write it as CSV there: writetable(array2table([t q], 'VariableNames', names), 'log.csv')"),
+    ".xlsx": ("a spreadsheet", "Save it as CSV, with commas between the columns and points in decimals"),
     ".bag": ("a bag of ROS 1", "Convert it: pip install rosbags; rosbags-convert --src {0} --dst {1} --dst-storage mcap"),
     ".db3": ("a bag of ROS 2 in SQLite", "Convert its folder: rosbags-convert --src {2} --dst {2}_mcap --dst-storage mcap"),
 }

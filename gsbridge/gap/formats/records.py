@@ -186,7 +186,8 @@ def _per_joint(
             raise InputError(
                 columns.source,
                 f"there are '{kind}' columns, but no '{kind}.{joint}'",
-                f"Add '{kind}.{joint} [unit]', or leave the kind out",
+                f"Name it '{kind}.{joint} [unit]', in the file or under 'columns' in the case; "
+                f"if it was not logged, leave out all '{kind}' columns, or the joint from 'joints' of the model",
             )
         stated.append(values)
     return np.stack(stated, axis=1)
@@ -211,6 +212,12 @@ def check_clock(record: Record, source: str | Path) -> None:
             source, f"the clock {does} at data row {row + 2}",
             "It was set anew: cut the log there, and give the longer part" if anew
             else "Sort the log by its source's time stamps, and drop rows that were logged twice",
+        )  # fmt: skip
+    # Stamps of a faster or slower clock than any logger has are those of another unit.
+    if not 1e-5 < record.period < 1.0:
+        raise InputError(
+            source, f"there are {record.period:.3g} s between two samples: the times look like another unit",
+            "State the unit of the times, e.g. [ms]",
         )  # fmt: skip
     if record.duration < SHORTEST:
         raise InputError(source, f"the record lasts {record.duration:.3g} s", f"Log at least {SHORTEST:g} s of motion")

@@ -22,7 +22,7 @@ def read_yaml(path: str | Path, what: str, page: str) -> Any:
     Raises:
         InputError: The file cannot be read, is no YAML (with the line), or a key stands twice in one block.
     """
-    content = load_yaml(path, what, f"Check the path; {page} shows how it looks")
+    content = load_yaml(path, what, f"Check the path, or see how {page} writes it")
     check_files([path])
     return content
 
@@ -40,9 +40,13 @@ def read_case_file(path: str | Path, page: str, measured: str, known: Collection
         InputError: The file cannot be read, 'model' or the section is missing, or a key is unknown.
     """
     content = read_yaml(path, "case", page)
-    if not isinstance(content, Mapping) or "model" not in content or not isinstance(content.get(measured), Mapping):
-        raise InputError(path, f"a case needs 'model' and '{measured}'", f"See {page}")
-    for key in content:
+    for key in content if isinstance(content, Mapping) else ():
         if key not in known:
             raise InputError(path, f"the key '{key}' is unknown", f"Use only: {', '.join(known)}")
+    if not isinstance(content, Mapping) or "model" not in content or measured not in content:
+        raise InputError(path, f"a case needs 'model' and '{measured}'", f"See {page}")
+    if not isinstance(content[measured], Mapping):
+        raise InputError(
+            path, f"'{measured}' does not name a file for each role", f"Write '{measured}: {{ROLE: FILE}}'; see {page}"
+        )
     return content

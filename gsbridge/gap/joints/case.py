@@ -88,7 +88,7 @@ def _joint_case(path: Path) -> JointCase:
     records, scattered = dict[str, Record](), dict[str, float]()
     for role, file in content["records"].items():
         if role not in ROLES:
-            raise InputError(path, f"the record '{role}' has no role", f"Name records {', '.join(ROLES)}")
+            raise InputError(path, f"'{role}' is no role of a record", f"The roles are {', '.join(ROLES)}")
         records[role], scatters = steadied(_check(read_log(path.parent / file, layout), system, path.parent / file, content))
         scattered |= {} if scatters is None else {role: scatters}
     if scattered:
@@ -245,7 +245,7 @@ def split_records(records: Mapping[str, Record], source: str | Path) -> tuple[di
         )  # fmt: skip
     for role, first, last in zip(parts, edges[:-1], edges[1:], strict=True):
         out[role] = _cut(record, int(first), int(last), role)
-    return out, (f"the record '{whole}' was cut into {' and '.join(parts)}, which share one kind of motion",)
+    return out, (f"the record '{whole}' was cut into {', '.join(parts[:-1])} and {parts[-1]}, which share one kind of motion",)
 
 
 def _cut(record: Record, first: int, last: int, name: str) -> Record:

@@ -202,6 +202,8 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
         # Only a limit may be endless.
         if np.isnan(out).any() or not (np.isinf(default) or np.isfinite(out).all()):
             raise InputError(source, f"'{key}' is not finite", "Give numbers")
+        if key.startswith("controller.") and (out < 0).any():
+            raise InputError(source, f"'{key}' is below zero", "Give it without a sign; no drive is stable so")
         return out
 
     rate, physics = float(given.get("rate", 1000.0)), float(content.get("physics_rate", 1000.0))
