@@ -64,6 +64,21 @@ def test_the_page_lists_what_the_simulation_cannot_play():
     assert rows == [(f"`{name}`", one.reason, one.instead) for name, one in JOINT_EFFECTS.items() if not one.amendable]
 
 
+def test_the_page_lists_all_effects_of_joints():
+    page = (Path(digests.PACKAGE).parent / "docs" / "gap.md").read_text(encoding="utf-8")
+    table = page.split("## Effects")[1].split("### What the simulation's model can hold")[0]
+    rows = [tuple(cell.strip() for cell in line.split("|")[1:5]) for line in table.splitlines() if line.startswith("| `")]
+    assert rows == [
+        (
+            f"`{name}`",
+            one.title,
+            ", ".join(f"`{part.name}`" + (f" ({part.unit})" if part.unit not in ("", "1") else "") for part in one.parameters),
+            one.signature,
+        )
+        for name, one in JOINT_EFFECTS.items()
+    ]
+
+
 class Haze(ImageEffect):
     """White light that is added."""
 
