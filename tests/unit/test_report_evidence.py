@@ -149,7 +149,7 @@ def test_only_fresh_figures_are_quoted():
     block = readme_block(records, now)
     assert "| a figure | 7.25 dB | ≥ 1 dB | real2sim |" in block
     assert "8.5" not in block
-    assert "stale: gap, study" in block
+    assert "Stale, or not measured yet: gap, study." in block
     nothing = readme_block({"gap": records["gap"]}, now)
     assert nothing.startswith("No figure is quoted")
     assert not re.search(r"\d", nothing)

@@ -49,9 +49,9 @@ def readme_block(records: Records, now: Mapping[str, Mapping[str, Mapping[str, s
         lines = ["| figure | measured | floor | area |", "|---|---|---|---|", *lines, ""]
     others = [area for area in records if area not in fresh]
     if others:
-        told = "These areas are" if lines else "No figure is quoted here. All areas are" if not fresh else "Areas are"
+        none = "No figure is quoted here, since every area is stale or was not measured yet"
         lines.append(
-            f"{told} not measured with this tree yet, or stale: {', '.join(others)}. "
+            f"{'Stale, or not measured yet' if fresh else none}: {', '.join(others)}. "
             "[RESULTS.md](benchmarks/RESULTS.md) has their last figures, and says what has changed since."
         )
     return "\n".join(lines).strip()
