@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gsbridge.errors import InputError
-from gsbridge.gap.formats.following import check_following
+from gsbridge.gap.formats.following import check_following, differenced
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.case import _repeated
 
@@ -41,3 +41,28 @@ def test_one_record_in_two_roles_is_told():
     assert _repeated({"fit": first, "select": again}) == []
     (reason,) = _repeated({"fit": first, "select": again, "verify": replace(first, name="b")})
     assert "'fit' and 'verify' are one and the same record" in reason
+
+
+POSITION = COMMAND + 1e-4 * np.random.default_rng(1).standard_normal(COMMAND.shape)
+BEHIND = np.diff(POSITION, axis=0, prepend=POSITION[:1]) * 50
+AHEAD = np.diff(POSITION, axis=0, append=POSITION[-1:]) * 50
+SPEED = np.gradient(COMMAND, 1 / 50, axis=0)
+
+
+@pytest.mark.parametrize(
+    ("speed", "told"),
+    [
+        (np.gradient(POSITION, 1 / 50, axis=0), True),
+        (np.round(BEHIND, 4), True),
+        (AHEAD, True),
+        # Sensors of their own, one joint of which is good; and nothing at all.
+        (SPEED + 5e-3 * np.random.default_rng(2).standard_normal(SPEED.shape), False),
+        (np.concatenate([BEHIND[:, :2], SPEED[:, 2:]], axis=1), False),
+        (SPEED, False),
+        (np.zeros_like(SPEED), False),
+    ],
+)
+def test_speeds_that_are_differences_of_positions_are_told(speed, told):
+    first = record(POSITION)
+    assert differenced(replace(first, measured={"position": POSITION, "velocity": speed})) == told
+    assert not differenced(first)

@@ -1,7 +1,8 @@
-"""Do positions follow their commands? Where they do not, a sign or the order of columns is wrong, which no effect mends."""
+"""Do columns belong together? Positions follow commands; speeds that are mere differences of positions tell nothing."""
 
 from __future__ import annotations
 
+from math import comb
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,29 @@ _MOVES = 0.02
 
 _AGAINST, _APART, _TOGETHER = -0.8, 0.3, 0.95
 """Correlations of a position with a command: below, it moves against it; below, it does not follow; above, it follows."""
+
+_ORDER = 4
+"""Order of the difference that leaves noise of a channel and no motion."""
+
+_EQUAL = 0.05
+"""Distance of logged speeds from differences of the logged positions, in units of their noise, up to which they are them."""
+
+
+def differenced(record: Record) -> bool:
+    """Whether the speeds of all joints are differences of the logged positions: between neighbours, or across both of them.
+
+    A sensor of speeds has noise of its own, and what a drive computes from its encoder between the samples of a log does, too.
+    """
+    if "position" not in record.measured or "velocity" not in record.measured:
+        return False
+    position, speed = record.measured["position"], record.measured["velocity"][1:-1]
+    steps = np.diff(position, axis=0) / np.diff(record.time)[:, None]
+    even = np.diff(position, axis=0) / record.period
+    across = [np.gradient(position, place, axis=0)[1:-1] for place in (record.time, record.period)]
+    known = np.stack([*across, *(part for rates in (steps, even) for part in (rates[:-1], rates[1:]))])
+    noise = np.sqrt((np.diff(known, _ORDER, axis=1) ** 2).mean(axis=1) / comb(2 * _ORDER, _ORDER))
+    apart = np.sqrt(((speed - known) ** 2).mean(axis=1))
+    return bool((apart <= _EQUAL * noise).any(axis=0).all() and speed.any())
 
 
 def check_following(record: Record, source: str | Path) -> None:

@@ -15,7 +15,7 @@ from gsbridge.effects.registry import read_names
 from gsbridge.errors import InputError
 from gsbridge.gap.diagnosis.results import ROLES
 from gsbridge.gap.formats.clock import steadied
-from gsbridge.gap.formats.following import check_following
+from gsbridge.gap.formats.following import check_following, differenced
 from gsbridge.gap.formats.logs import read_log
 from gsbridge.gap.formats.records import SHORTEST, TOOL, Layout, Record, check_degrees, doubtful_degrees
 from gsbridge.gap.formats.yaml_file import read_case_file
@@ -98,6 +98,9 @@ def _joint_case(path: Path) -> JointCase:
             "motion is much smoother: its times were taken"
         )
     reasons += _repeated(records)
+    if all(differenced(record) for record in records.values()):
+        records = {role: _without(record, "velocity") for role, record in records.items()}
+        reasons.append("the speeds are differences of the logged positions, which say the same: they were left out")
     scatter: dict[str, Array] = {}
     for role, files in (content.get("repeats") or {}).items():
         if role not in records:
@@ -168,7 +171,7 @@ def _check(record: Record, system: MechanismModel, source: Path, content: Mappin
         )
     if TOOL in record.measured and not system.tool and "position" in record.measured:
         # A log may hold more than a model asks for.
-        record = replace(record, measured={kind: values for kind, values in record.measured.items() if kind != TOOL})
+        record = _without(record, TOOL)
     if TOOL in record.measured and not system.tool:
         raise InputError(source, "it has columns 'tool.x', but the model does not say which link that is", "Add 'tool: LINK'")
     if "position" not in record.measured and not system.controller.closed_loop:
@@ -187,6 +190,13 @@ def _check(record: Record, system: MechanismModel, source: Path, content: Mappin
         for key in ("noise", "tolerance")
     }
     return replace(record, sigma=stated["noise"], tolerance=stated["tolerance"])
+
+
+def _without(record: Record, kind: str) -> Record:
+    """A record without measurements of a kind, and without what is said of them."""
+    parts = (record.measured, record.quantum, record.sigma, record.tolerance)
+    kept = [{name: values for name, values in part.items() if name != kind} for part in parts]
+    return replace(record, measured=kept[0], quantum=kept[1], sigma=kept[2], tolerance=kept[3])
 
 
 def _scatter(record: Record, again: Record, source: Path) -> dict[str, Array]:
