@@ -265,9 +265,3 @@ def sheet_reflectance(board: Board, pixels_per_m: float, oversampling: int = 4) 
         renderer.draw_path(style, outline, place, (shape.grey,) * 3)
     canvas = np.asarray(renderer.buffer_rgba())[..., 0].astype(np.float32) / 255
     return cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA)
-
-
-def sheet_image(board: Board, pixels_per_m: float) -> Array:
-    """The sheet as an sRGB picture, top row first. [H, W, 3] uint8."""
-    grey = srgb_from_linear(sheet_reflectance(board, pixels_per_m))
-    return np.repeat(np.rint(np.clip(grey, 0, 1) * 255).astype(np.uint8)[..., None], 3, axis=2)

@@ -23,7 +23,6 @@ logger = logging.getLogger("gsbridge")
 
 KINDS = ("video", "images", "colmap", "nerfstudio", "film")
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp", *HEIF_SUFFIXES)
-VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
 
 _UNREAD_SUFFIXES = (".avif", ".jxl", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2")
 """Formats of phones and cameras that OpenCV does not read."""

@@ -10,10 +10,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
 
 VARIABLE = "GSBRIDGE_SEAL"
-"""Variable of the environment that holds the seal."""
-
-SCORING = 10_000
-"""Seals above this one are for scoring alone, and never used while something is being changed."""
+"""Variable of the environment that holds the seal. Those above 10 000 are for scoring, not used while code changes."""
 
 
 def seal_of(environment: Mapping[str, str]) -> int | None:

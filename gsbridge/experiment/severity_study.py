@@ -9,7 +9,7 @@ from typing import Any
 from gsbridge.experiment.plan import Experiment
 from gsbridge.experiment.policies import PolicyFiles, policy_files
 
-CONTROLLER, WORTH, GRADED = "controller", "worth", "graded"
+CONTROLLER, GRADED = "controller", "graded"
 SIM = "sim"
 
 

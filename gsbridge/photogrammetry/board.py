@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from gsbridge.errors import InputError
-from gsbridge.files import read_json, write_json
+from gsbridge.files import write_json
 from gsbridge.geometry import Array
 from gsbridge.images import linear_from_srgb
 
@@ -74,23 +74,6 @@ def write_board(path: str | Path, board: Board) -> None:
     write_json(
         path, {"sheet": board.sheet, "tag_size_m": board.tag_size, "ids": list(board.ids), "centres_m": board.centres.tolist()}
     )
-
-
-def read_board(path: str | Path) -> Board:
-    """Read a board's layout.
-
-    Raises:
-        InputError: The file is damaged.
-    """
-    content = read_json(path)
-    try:
-        size, ids = float(content["tag_size_m"]), tuple(int(i) for i in content["ids"])
-        centres = np.array(content["centres_m"], dtype=np.float64)
-        if not (0 < size < np.inf and centres.shape == (len(ids), 2) and np.isfinite(centres).all()):
-            raise ValueError("a size or a place of a tag is none")
-        return Board(content["sheet"], size, ids, centres)
-    except (KeyError, OverflowError, TypeError, ValueError) as error:
-        raise InputError(path, f"the board layout is damaged ({error})", "Write it again with `gsbridge board`") from error
 
 
 def tag_pixels(tag: int) -> Array:

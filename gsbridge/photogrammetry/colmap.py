@@ -58,11 +58,6 @@ def colmap_params(camera: Camera) -> list[float]:
     return pinhole if camera.is_pinhole else [*pinhole, *camera.distortion]
 
 
-def colmap_model(camera: Camera) -> str:
-    """Name of the COLMAP camera model that holds `camera`."""
-    return "PINHOLE" if camera.is_pinhole else "OPENCV"
-
-
 def exif_focal_px(path: str | Path) -> float | None:
     """Focal length that a photo's EXIF data gives, px at its full size; None where it gives none."""
     try:

@@ -77,10 +77,6 @@ class Agent:
         """Temperature of the entropy."""
         return float(self.log_alpha.detach().exp())
 
-    def act(self, sight: Sight, share: float) -> Choice:
-        """Choose an action in training, see `act_all`."""
-        return self.act_all([sight], share)[0]
-
     @torch.no_grad()
     def act_all(self, sights: Sequence[Sight], share: float) -> list[Choice]:
         """Choose an action in each of several states.

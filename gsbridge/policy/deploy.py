@@ -24,7 +24,6 @@ from gsbridge.registration.result import Registration, read_registration
 
 logger = logging.getLogger("gsbridge")
 
-RUNTIMES = ("torch", "onnx")
 WORLDS = ("sim", "mirror")
 
 

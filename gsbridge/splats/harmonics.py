@@ -20,8 +20,6 @@ import numpy as np
 
 from gsbridge.geometry import Array
 
-MAX_DEGREE = 3
-
 TERMS = (0, 3, 8, 15)
 """Harmonics beside the constant one, by degree."""
 

@@ -27,7 +27,6 @@ from gsbridge.gap.joints.mechanism.description import read_mechanism_description
 from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
 from gsbridge.images import read_image_u8, read_mask
 from gsbridge.meshes import read_mesh
-from gsbridge.photogrammetry.board import read_board, standard_board, write_board
 from gsbridge.policy.export import load_policy
 from gsbridge.policy.format import FORMAT, PROPRIO_NAMES, SPEC, WEIGHTS
 from gsbridge.policy.networks import Actor
@@ -226,11 +225,6 @@ def _registration(folder: Path) -> Path:
     return folder / "registration.json"
 
 
-def _board(folder: Path) -> Path:
-    write_board(folder / "board.json", standard_board("a4"))
-    return folder / "board.json"
-
-
 def _throws(folder: Path) -> Path:
     time = np.arange(0, 0.5, 0.01)
     table = {"throw": np.zeros(50, int), "time [s]": time, "position.x [m]": time, "position.y [m]": 0 * time}
@@ -298,7 +292,6 @@ READERS = {
     "policy": Reader(_policy_spec, lambda path: load_policy(path.parent), text=True),
     "weights": Reader(_weights, _read_forged_weights),
     "registration": Reader(_registration, read_registration, text=True, numbers=True),
-    "board": Reader(_board, read_board, text=True, numbers=True),
     "throws": Reader(_throws, read_throws, text=True),
     "photo views": Reader(_photo_views, _read_photo_views, text=True, numbers=True),
     "depths": Reader(_depths, _read_photo_views),

@@ -13,7 +13,7 @@ from gsbridge.cameras import Camera, look_at
 from gsbridge.geometry import Array, Similarity
 from gsbridge.images import write_image
 from gsbridge.photogrammetry.board import standard_board, tag_pixels
-from gsbridge.photogrammetry.colmap import colmap_model, colmap_params
+from gsbridge.photogrammetry.colmap import colmap_params
 
 BOARD = standard_board()
 LENS = Camera(640, 480, 600.0, 601.0, 323.0, 236.0, (0.04, -0.03, 0.0005, -0.0004))
@@ -65,7 +65,11 @@ def model_of(camera: Camera, poses: list[Array], points: Array, noise: float = 0
     model = pycolmap.Reconstruction()
     model.add_camera_with_trivial_rig(
         pycolmap.Camera(
-            camera_id=1, model=colmap_model(camera), width=camera.width, height=camera.height, params=colmap_params(camera)
+            camera_id=1,
+            model="PINHOLE" if camera.is_pinhole else "OPENCV",
+            width=camera.width,
+            height=camera.height,
+            params=colmap_params(camera),
         )
     )
     tracks: dict[int, pycolmap.Track] = {}

@@ -46,10 +46,10 @@ def sight():
 
 def test_lambda_one_follows_the_controller_and_zero_the_actor(sight):
     agent = Agent(settings(base_noise=0.0, algo="dagger"), 0)
-    choice = agent.act(sight, 1.0)
+    choice = agent.act_all([sight], 1.0)[0]
     assert not choice.by_actor
     np.testing.assert_array_equal(choice.action, sight.base)
-    choices = [agent.act(sight, 0.3) for _ in range(200)]
+    choices = [agent.act_all([sight], 0.3)[0] for _ in range(200)]
     assert 0.6 < np.mean([choice.by_actor for choice in choices]) < 0.8
     own = {choice.action.tobytes() for choice in choices if choice.by_actor}
     assert len(own) == 1  # the mean, without chance
@@ -69,7 +69,7 @@ def test_sacwb_takes_the_action_of_greater_value(sight):
                 critic[0].weight[0, -5] = sign
                 critic[0].bias[0] = 2.0
         for _ in range(20):
-            choice = agent.act(sight, 0.0)
+            choice = agent.act_all([sight], 0.0)[0]
             own = choice.action[0]
             if choice.by_actor:
                 assert sign * own >= sign * sight.base[0]
@@ -79,7 +79,7 @@ def test_sacwb_takes_the_action_of_greater_value(sight):
 
 def test_noise_goes_on_actions_of_the_controller(sight):
     agent = Agent(settings(base_noise=0.2), 0)
-    actions = np.stack([agent.act(sight, 1.0).action for _ in range(400)])
+    actions = np.stack([agent.act_all([sight], 1.0)[0].action for _ in range(400)])
     inside = np.abs(sight.base) < 0.3
     assert actions[:, inside].std(0) == pytest.approx(0.2, rel=0.15)
     assert np.abs(actions).max() <= 1.0

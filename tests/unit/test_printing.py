@@ -9,11 +9,17 @@ import cv2
 import numpy as np
 import pytest
 
-from gsbridge.capture.printing import sheet_image, sheet_reflectance, sheet_shapes, write_sheet
+from gsbridge.capture.printing import sheet_reflectance, sheet_shapes, write_sheet
 from gsbridge.errors import InputError
+from gsbridge.images import srgb_from_linear, to_u8
 from gsbridge.photogrammetry.board import find_tags, standard_board, tag_pixels
 
 PIXELS_PER_M = 3000.0
+
+
+def sheet_image(board, pixels_per_m):
+    """The sheet as an sRGB picture. [H, W, 3] uint8."""
+    return np.repeat(to_u8(srgb_from_linear(sheet_reflectance(board, pixels_per_m)))[..., None], 3, axis=2)
 
 
 def _pixels(board, points):

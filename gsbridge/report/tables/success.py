@@ -49,7 +49,6 @@ def paper_drop(cells: Sequence[CellPaths] = PAPER_SCENARIOS) -> float | None:
 
 DASH = "–"
 MIRROR = "mirror"
-TASK_TITLES = {"grasp": "Grasping", "pick_and_place": "Pick and place"}
 POSE_TITLES = {
     "fixed": "fixed start poses",
     "unseen": "unseen start poses",
