@@ -146,7 +146,7 @@ def align_similarity(source: Array, target: Array, *, with_scale: bool = True) -
 
     Args:
         source: Points in the source frame. [N, 3].
-        target: The same points in the target frame. [N, 3].
+        target: Coordinates of those points in the target frame. [N, 3].
         with_scale: Estimate the scale too; otherwise it stays 1.
 
     Returns:

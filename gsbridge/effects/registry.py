@@ -156,9 +156,9 @@ def checked_number(value: Any, low: float, high: float, key: str, unit: str, sou
     Args:
         value: Value as the file holds it.
         low, high: The range.
-        key: Where it stands, for messages.
-        unit: Likewise.
-        source: Likewise: the file.
+        key: Where it stands in the file, for messages.
+        unit: Its unit, for messages.
+        source: The file, for messages.
 
     Raises:
         InputError: It is no number, not finite, or out of range.

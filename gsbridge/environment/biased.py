@@ -38,7 +38,7 @@ def teacher_name(offset: Sequence[float]) -> str:
     """What pages call a controller with an offset: `exact`, `y 30 mm`, `yaw 0.20 rad`.
 
     Args:
-        offset: As of `BiasedController`. [4].
+        offset: The offset of `BiasedController`: x, y, z, m, and yaw, rad. [4].
     """
     *shift, turn = offset
     parts = [f"{axis} {1e3 * value:.0f} mm" for axis, value in zip("xyz", shift, strict=True) if value]

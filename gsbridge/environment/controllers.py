@@ -75,7 +75,7 @@ class Grip:
     """The grip by which an object is taken.
 
     Args:
-        centre: Where, body frame, m. [3]; z is the tool point's height over the object's foot.
+        centre: Middle of the grip, body frame, m. [3]; z is the tool point's height over the object's foot.
         axes: Directions in the body's x-y plane along which the fingers may close, rad; each also means its opposite.
         width: Extent of what is taken along the first of them, m.
         top: Height of the object, m.
@@ -142,7 +142,7 @@ def rim_grip(rim: Rim, top: float) -> Grip:
     Inside there is little room, so the fingers open less; and how thick a wall is photos tell to a millimetre or two only.
 
     Args:
-        rim: Where.
+        rim: Places on the rim at which the wall can be taken.
         top: Height of the vessel, m.
     """
     height = max(rim.height - rim.depth + HALF_PAD, LOWEST_GRIP)
@@ -159,7 +159,7 @@ class ReachController:
         offset: From the tool point to the grip's, horizontal, m. [N, 2].
         turn: From the tool's yaw to the nearest that closes along one of the grip's axes, rad. [N].
         height: Tool point over the grip's height, m. [N].
-        held: Both pads press. bool [N].
+        held: Whether both pads press. bool [N].
     """
 
     offset: Array
@@ -173,8 +173,8 @@ class GraspController:
     """Take the object from above and lift it.
 
     Args:
-        grip: How it is taken.
-        scale: What an action of 1 means.
+        grip: Height, axes and opening with which the object is taken.
+        scale: Motion that an action of 1 stands for.
         lift: Clearance to which the object is lifted, m. Twice what success asks for: with little more a policy's imperfect
             copy slows down just below the mark and hangs there until time is out.
         stroke: Largest opening, m.

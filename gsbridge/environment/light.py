@@ -171,7 +171,7 @@ class LightFile:
     """Result of `calibrate_light`.
 
     Args:
-        light: None where no film shows it.
+        light: The calibrated light; None where no film shows it.
         robot: Spheres of the links, link frames. [S, 4] each.
     """
 

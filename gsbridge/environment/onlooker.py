@@ -48,7 +48,7 @@ class OnlookerView:
         robot: The robot's description, and the numbers of its gripper.
         base_from_table: Registered place of the table. [4, 4].
         renderer: Splats of object, table and links, and the camera; without shadows.
-        shadows: Of arm and object on the table; None for none.
+        shadows: Shadows of arm and object on the table; None to draw none.
         tone: Colour of the ground beyond the filmed part of the table, sRGB 0..1. [3].
     """
 

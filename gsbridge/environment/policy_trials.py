@@ -67,8 +67,8 @@ def try_policy(
 
     Args:
         environment: Environment in the simulated world.
-        policy: From observations to actions.
-        place: Where the outcome goes.
+        policy: Gives an action for an observation.
+        place: Files that the outcome is written to.
         name: The world's name, for the record.
         poses: Poses of each set inside the square of the training, evenly over the quadrants.
         outside: Poses of the set `outside`, likewise; the square of some tasks leaves none.
@@ -93,8 +93,8 @@ def pose_counts(region: StartRegion, poses: int, outside: int) -> dict[str, int]
 
     Args:
         region: Where objects start.
-        poses: Of each set inside the square of the training.
-        outside: Of the set beyond it, where the region has one.
+        poses: Start poses of each set inside the square of the training.
+        outside: Start poses of the set beyond that square, where the region has one.
     """
     counts = {name: outside if name == "outside" else poses for name in sets_of(region)}
     return {name: count for name, count in counts.items() if count}

@@ -57,7 +57,7 @@ def write_case_records(case: str | Path, data: str | Path, record: str | Path) -
     Args:
         case: The case.
         data: The records (`.npz`).
-        record: Their description.
+        record: Description of the records (`records.json`).
 
     Raises:
         InputError: Something in the case cannot be used; nothing is written then.
@@ -75,7 +75,7 @@ def write_comparison(model: str | Path, data: str | Path, record: str | Path, ou
     Args:
         model: The model.
         data: Records.
-        record: Their description.
+        record: Description of the records (`records.json`).
         out: `comparison.json`.
     """
     backend = load_backend(model, data, record)
@@ -88,7 +88,7 @@ def write_screening(model: str | Path, data: str | Path, record: str | Path, ban
     Args:
         model: The model.
         data: Records.
-        record: Their description.
+        record: Description of the records (`records.json`).
         bank: Folder that keeps signatures; cases with the same model and commands share them.
         out: `screen.json`.
     """
@@ -110,7 +110,7 @@ def write_findings(
     Args:
         model: The model.
         data: Records.
-        record: Their description.
+        record: Description of the records (`records.json`).
         bank: Folder of signatures.
         findings: `findings.json`.
         amended: `model.yaml`.
@@ -138,7 +138,7 @@ def write_replays(
     Args:
         model: The model before.
         data: Records.
-        record: Their description.
+        record: Description of the records (`records.json`).
         findings: `findings.json`.
         series: Measured, nominal and explained motion, `{role}/{what}` (`.npz`); without `explained` where nothing was fitted.
         out: `replays.json`: residuals before and after, and a map of what remains.

@@ -36,7 +36,7 @@ class Choice:
 
     Args:
         action: -1..1. float32 [5].
-        by_actor: Whether it is the actor's own.
+        by_actor: Whether the actor chose it, not the controller.
     """
 
     action: Array

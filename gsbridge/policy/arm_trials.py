@@ -95,7 +95,7 @@ def play_on_arm(
         driver: The world.
         pose_set: Name of a set of start poses.
         index: Start pose in it.
-        seed: Of what is random in the world.
+        seed: Seed of what is random in the world.
         steps: See `run_policy`.
 
     Returns:
@@ -177,7 +177,7 @@ def try_controller_on_arm(
     Args:
         world: The mirror's physics.
         registration: Where the table is believed to be.
-        controller: Of the settings' task.
+        controller: Controller of the settings' task.
         settings: Settings of the environment.
         record: Record of the stage, with every trial.
         name: The world's name, for the record.

@@ -66,8 +66,8 @@ class TrainingClock:
     """CPU seconds of this process by part of the work, and seconds that passed in all parts but evaluation.
 
     Args:
-        seconds: Seconds to go on counting from.
-        wall: Likewise.
+        seconds: CPU seconds to go on counting from, by part.
+        wall: Seconds that had passed, to go on counting from.
     """
 
     def __init__(self, seconds: Mapping[str, float] | None = None, wall: float = 0.0) -> None:

@@ -33,7 +33,7 @@ class EpisodeLog:
         dry_run: No command was given.
         rows: One per step, in the order of `COLUMNS`.
         pictures: What the policy saw, uint8 [H, W, 3] each; empty unless they are kept.
-        keep_pictures: Whether to keep them.
+        keep_pictures: Whether pictures are kept.
         end: Why it ended.
         overruns: Steps that were late.
         worst_late_s: Time by which the latest step was late, s.

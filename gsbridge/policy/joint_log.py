@@ -71,9 +71,9 @@ def choose_trials(table: str | Path, log: str | Path, period: float, count: int 
 
     Args:
         table: Trials, CSV.
-        log: Their log.
+        log: Log of those trials.
         period: Length of a step, s.
-        count: How many.
+        count: Number of trials to choose.
 
     Raises:
         InputError: Table and log do not belong together.
@@ -110,7 +110,7 @@ def repeat_trial(world: LoggedPhysics, registration: Registration, settings: Env
 
     Args:
         world: The world in which it was tried.
-        registration: By which it was tried.
+        registration: The registration with which it was tried.
         settings: Settings of the environment.
         trial: The trial.
 
@@ -178,9 +178,9 @@ def log_trials(
 
     Args:
         table: Trials of the policy in that world, CSV.
-        log: Their log.
+        log: Log of those trials.
         world: The world in which they were made.
-        registration: By which they were made.
+        registration: The registration with which they were made.
         settings: Settings of the environment.
         out: File of each role of `ROLES`.
         record: Record of the stage: which trials.

@@ -108,8 +108,8 @@ def _check_controls(config: Mapping[str, Any], place: str, names: Sequence[str])
 
     Args:
         config: The configuration.
-        place: Where they stand.
-        names: Their names.
+        place: Place of the controls in the configuration, for messages.
+        names: Names of the controls.
 
     Raises:
         InputError: One is none.

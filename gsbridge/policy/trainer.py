@@ -79,7 +79,7 @@ class _Episode:
     """An episode that is being played beside others.
 
     Args:
-        sight: Where it stands.
+        sight: What is seen in its present state.
         past: Its steps so far, as `Replay.add` takes them; the first state is `first`.
     """
 

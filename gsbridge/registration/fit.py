@@ -124,7 +124,7 @@ def fit_views(views: RegistrationViews, start: HandEye, *, with_scale: bool) -> 
 
     Args:
         views: The sightings.
-        start: Where to begin.
+        start: Registration to begin with.
         with_scale: The board's size is free.
     """
 
@@ -154,7 +154,7 @@ def consistent(views: RegistrationViews, start: HandEye, *, with_scale: bool, fl
 
     Args:
         views: All poses.
-        start: Where to begin.
+        start: Registration to begin with.
         with_scale: The board's size is free.
         floor_px: Reprojection error up to which no pose is left out.
         least: Poses below which none is left out any more.

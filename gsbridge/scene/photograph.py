@@ -125,7 +125,7 @@ def bent(light: Array, depths: Array, camera: Camera, pad: int, distortion: Arra
 
     Args:
         light: Linear light. [H, W, 3].
-        depths: Of the same pixels, m. [H, W].
+        depths: Depth of each pixel, m. [H, W].
         camera: Pinhole of both, from `drawn_through`.
         pad: Pixels by which it is wider than the photo on each side.
         distortion: k1, k2 of the OPENCV model.

@@ -151,7 +151,7 @@ def _light(
     Args:
         tiled, balls, lit: What `_gather` filled.
         spheres: Robot's first, then the object's. [S, 4] float32.
-        robot: How many are the robot's.
+        robot: Number of spheres that are the robot's.
         sources, shares: Direction and strength of the light's parts. [M, 3], [M] float32.
         work: Work space. [4 * (S + 8)] float32.
         sums: Added to: what the robot leaves, and what robot and object leave. [2 * T * TILE] float32.
@@ -235,7 +235,7 @@ def shade_points(
         points: Surface points, table frame; of height `NOWHERE` where there is none. [N, 3] float32.
         order: What `tile_order` gives for their grid.
         spheres: Robot's first, then the object's. [S, 4] float32.
-        robot: How many are the robot's.
+        robot: Number of spheres that are the robot's.
         sources, shares, floor: Direction and strength of the light's parts, and what comes from everywhere. [M, 3], [M].
         kinds: Output: `BARE`, `OWN` or `LIT`. [N] int8.
         tones: Output: share of the light, to the power that colours are encoded with: what the robot leaves, and what robot

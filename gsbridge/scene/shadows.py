@@ -164,7 +164,7 @@ def _dim_picture(
     """Dim a picture; see `Shadows.dim`.
 
     Args:
-        image, depths, alphas: As there.
+        image, depths, alphas: See `Shadows.dim`.
         lens: fx, fy, cx, cy.
         cam_from_table: [4, 4].
         poses: `table_from_body`, one below the other. [4 B, 4].

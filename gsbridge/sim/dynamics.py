@@ -161,7 +161,7 @@ def link_poses(arm: Array, measured: Array, table_from_base: Array, out: Array) 
 
     Args:
         arm: As in `joint_torques`. [1].
-        measured: As there. [2, N + 1].
+        measured: See `joint_torques`. [2, N + 1].
         table_from_base: Pose of the robot's base in the table frame. [4, 4].
         out: Result. [K, 4, 4].
     """

@@ -39,7 +39,7 @@ def render_cloud(cloud: Cloud, camera: Camera, cam_from_table: Array, exposure: 
         cloud: The Gaussians, table frame.
         camera: Pinhole camera.
         cam_from_table: Pose of the camera. [4, 4].
-        exposure: Of the photo that is shown; None for that of the splats.
+        exposure: Exposure of the photo that is shown; None to show the colours of the splats.
     """
     if exposure is not None:
         shown = viewed(cloud.means, cloud.colours, cloud.harmonics, camera_centre(cam_from_table))
@@ -74,8 +74,8 @@ def evaluate_cloud(
         targets: Photos of both splits.
         kind: `object` or `background`.
         lpips: Perceptual metric, where its weights are there.
-        exposures: Of the training photos, by name; each half of a held-out photo then gets what its other half tells. None
-            where all photos have one exposure.
+        exposures: Exposures of the training photos, by name; each half of a held-out photo then gets the exposure that its
+            other half tells. None where all photos have one exposure.
 
     Returns:
         `[split][region]` with `views`, `psnr` (dB), `ssim`, `lpips`, `alpha_iou` (objects only); None where not measured.
@@ -104,7 +104,7 @@ def _rendered(
     Args:
         cloud: Splats.
         target: Photo.
-        camera: Of the whole photo or of the target's part of it.
+        camera: Camera of the whole photo or of the target's part of it.
         left, top: Where the part lies in that camera's image, px.
         exposures: See `evaluate_cloud`.
     """

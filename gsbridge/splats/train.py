@@ -93,7 +93,7 @@ def train(
         state: Folder of the checkpoint, one per training.
         inputs: Digest of what is trained on; a checkpoint of other inputs is not used.
         rates: Step sizes at the start.
-        exposures: Of the photos of the split `train`, in their order, fitted in place too; None for one exposure of all.
+        exposures: Exposures of the photos of the split `train`, in their order, also fitted in place; None for one of all.
 
     Returns:
         Training curve: step, mean loss, mean PSNR (dB, over the pixels that count) since the point before. [[3], ...].

@@ -50,7 +50,7 @@ class Hidden:
         low: Smallest size, SI.
         high: Largest size that a careless model may have, SI.
         hide: Puts it into a scene.
-        signed: Whether it goes both ways.
+        signed: Whether its size may be negative, too.
         shapes: Bodies in which it can be hidden.
     """
 

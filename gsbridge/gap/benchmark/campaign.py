@@ -296,7 +296,7 @@ def case_keys(cases: str | Path, chunk: int = 0, chunks: int = 1) -> tuple[str, 
     """Keys of a part of the cases; those that share courses, and so a bank, come together.
 
     Args:
-        cases: As made by `generate_cases`.
+        cases: Cases that `generate_cases` made.
         chunk: Number of the part.
         chunks: Parts.
     """
@@ -318,7 +318,7 @@ def diagnose_cases(
     """Diagnose cases; a finding that is there already is left alone.
 
     Args:
-        cases: As made by `generate_cases`.
+        cases: Cases that `generate_cases` made.
         keys: Which.
         findings: Gets `{key}.json`.
         bank: Folder of signatures, which all parts may share.

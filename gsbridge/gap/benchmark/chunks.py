@@ -48,7 +48,7 @@ def diagnose_chunk(
     Args:
         cases: Folder of the cases.
         chunk: Number of this chunk, from 0.
-        chunks: How many there are.
+        chunks: Number of chunks.
         method: One of `gsbridge.gap.benchmark.baselines.METHODS`.
         bank: Folder of signatures.
         state: Folder that outlives a killed job.

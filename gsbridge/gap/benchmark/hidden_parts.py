@@ -230,8 +230,8 @@ def true_parameters(name: str, size: float, joint: int) -> dict[str, float]:
 
     Args:
         name: Name of the effect, without its joint.
-        size: Its size.
-        joint: Number of its joint.
+        size: Size of the effect, in its unit.
+        joint: Number of the joint that it acts on.
     """
     if name == "coulomb_asym":
         return {"torque": abs(size), "skew": SKEW * size}

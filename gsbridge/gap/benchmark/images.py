@@ -148,7 +148,7 @@ def draw_image_case(
     """Draw one case.
 
     Args:
-        site: Where.
+        site: Camera, scene and light of the photos.
         names: What is hidden; each of `units` by itself.
         units: Size.
         seed: Seed of views, signs, directions and noise.
@@ -185,7 +185,7 @@ def hidden_pairs(
     """Photos of all roles before and after something was hidden in the camera.
 
     Args:
-        site: Where.
+        site: Camera, scene and light of the photos.
         hidden: Sizes by name.
         films: The camera's way and the times of photos on it, by role.
         spin: Directions, places and colours of what is hidden.

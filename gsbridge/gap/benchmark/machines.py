@@ -69,7 +69,7 @@ class Machine:
     """A chain of links.
 
     Args:
-        links: Of each: name, `revolute` or `prismatic`, axis, origin in the link before, mass, centre, moments. SI.
+        links: For each link its name, `revolute` or `prismatic`, axis, origin in the link before, mass, centre and moments. SI.
         stiffness: Gains of the controller, N m/rad or N/m.
         damping: N m s/rad or N s/m.
         armature: Inertias of the rotors, kg m2 or kg.

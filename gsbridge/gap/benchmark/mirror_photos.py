@@ -59,8 +59,8 @@ class Plant:
 
     Args:
         name: A name of `SIZES`; empty for nothing.
-        size: Its size.
-        spin: Its direction, place and colour.
+        size: Size of what is wrong, in the unit of the effect.
+        spin: Direction, place and colour of what is wrong.
     """
 
     name: str
@@ -97,7 +97,7 @@ class MirrorStudio:
 
     Args:
         world: The world.
-        hidden: Its parameters.
+        hidden: Parameters of the world.
         size: Edge of the photos, px.
         body_from_true: From the true object's frame to that of the reconstructed one. [4, 4].
     """

@@ -32,8 +32,8 @@ def score_findings(
     """Score the findings of several methods on one tier.
 
     Args:
-        cases: As made by `generate_cases`.
-        truths: Likewise.
+        cases: Cases that `generate_cases` made.
+        truths: What they hide, from the same call.
         findings: Folders of findings by method.
         large: Units from which on naming counts.
 

@@ -52,7 +52,7 @@ class JudgedCase:
             engines' own. None where nothing was named.
         left: What they leave there, in units of the noise.
         covers: Whether 90 % intervals hold the true parameters, one by one, of each named effect.
-        parameters: The same by effect and parameter.
+        parameters: Whether they do, by the name of the effect and the parameter.
         chance: Probability that the first explanation is the best, as stated; None without any.
         key: Key of the case.
         kind: Kind of the case.
@@ -110,8 +110,8 @@ def read_verdicts(cases: str | Path, truths: str | Path, folders: Sequence[str |
     """Findings of one method with their truths.
 
     Args:
-        cases: As made by `generate_cases`.
-        truths: Likewise.
+        cases: Cases that `generate_cases` made.
+        truths: What they hide, from the same call.
         folders: Findings, in one folder or several.
 
     Raises:

@@ -87,8 +87,8 @@ class ThrowFinding(Finding[ThrowHypothesis]):
     """Findings about a thrown body. Gaps are mean distances on `select`, m; simulations are passes over the throws of a role.
 
     Args:
-        floor: What noise, chaos and the engine's choices explain.
-        weighed: The same in weighed distances, by which throws are fitted and judged.
+        floor: Mean distance that noise, chaos and the engine's choices explain, m.
+        weighed: That mean in weighed distances, by which throws are fitted and judged.
         spread: What is expected at a moment, as `ThrowReplay.weigh` takes it.
     """
 

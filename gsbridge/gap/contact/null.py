@@ -65,7 +65,7 @@ class ThrowNull:
 
         Args:
             errors: Mean weighed distance of each throw, m. [N].
-            early: The same before the first touch. [N].
+            early: Mean weighed distance of each throw before it first touches anything, m. [N].
         """
         middle = np.median(self.draws, axis=0)
         spread = np.maximum(np.quantile(self.draws, 0.975, axis=0) - middle, 1e-9)

@@ -70,10 +70,10 @@ class ThrowNoise:
 
     Args:
         position: Standard deviation of one component of a position, m.
-        angle: The same of an attitude, rad.
-        velocity: The same of a start velocity, root mean square over the throws, m/s.
-        spin: The same of a start spin, rad/s.
-        shares: Of each throw's velocity and spin, by what factor it is known less well than all. Each [N].
+        angle: Standard deviation of one component of an attitude, rad.
+        velocity: Standard deviation of one component of a start velocity, root mean square over the throws, m/s.
+        spin: Standard deviation of one component of a start spin, likewise, rad/s.
+        shares: Factors by which each throw's velocity and spin are known less well than the mean of all. Each [N].
         logged: Whether speeds come from the log.
     """
 

@@ -19,7 +19,7 @@ def amend_model(model: str | Path, findings: Mapping[str, Any], out: str | Path)
 
     Args:
         model: The model file that was diagnosed.
-        findings: As written to `findings.json`.
+        findings: Content of `findings.json`.
         out: The amended model; a URDF's path is made relative to it.
 
     Raises:

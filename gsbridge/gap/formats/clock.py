@@ -29,7 +29,7 @@ def steadied(record: Record) -> tuple[Record, float | None]:
     stamps say, the record stays as it is.
 
     Args:
-        record: As logged.
+        record: The record as it was logged.
 
     Returns:
         The record, and by how much its stamps scattered about the clock, s; None where it was left alone.

@@ -69,7 +69,7 @@ def read_mcap(path: Path, part: str, joints: tuple[str, ...], sliding: Collectio
         path: The file.
         part: `TOPIC` of the measurements, or `TOPIC,COMMANDS`; may be empty where one topic alone can be meant.
         joints: Joints of the mechanism.
-        sliding: Those of them that slide.
+        sliding: Names of the joints that slide.
 
     Returns:
         Columns `time [s]`, `position.joint` and so on with units where the messages have them; commands as they were last sent

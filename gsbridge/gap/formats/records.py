@@ -171,11 +171,11 @@ def _per_joint(
     """Columns `kind.joint` of all joints, or None if there is none of the kind.
 
     Args:
-        kind: Of the columns.
-        dimension: Of joints that turn.
-        joints: All of them.
-        columns: The file's.
-        sliding: Those of the joints that slide.
+        kind: First part of the columns' names, such as `position`.
+        dimension: Dimension of the values of joints that turn, such as `angle`.
+        joints: Names of all joints.
+        columns: Columns of the file.
+        sliding: Names of the joints that slide.
     """
     found = {joint: columns.get(f"{kind}.{joint}", SLIDING[dimension] if joint in sliding else dimension) for joint in joints}
     if all(values is None for values in found.values()):

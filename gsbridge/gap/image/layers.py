@@ -57,7 +57,7 @@ def weighed(values: Array, weights: Array) -> Array:
 
     Args:
         values: Pictures. [N, h, w, C].
-        weights: Of each part, the finest first, by channel. [LEVELS, C].
+        weights: Factor of each part, the finest first, by channel. [LEVELS, C].
     """
     means, _ = block_means(values)
     weights = np.asarray(weights, np.float32)
@@ -79,8 +79,8 @@ class LayerSpread:
     """Variances of the parts of residuals whose pixels have a variance of about one.
 
     Args:
-        own: Of what each view has for itself, by detail and colour. [LEVELS, 3].
-        shared: Of what every view has in common with the others. [LEVELS, 3].
+        own: Variance of what differs from view to view, by level of detail and colour. [LEVELS, 3].
+        shared: Variance of what all views have in common, likewise. [LEVELS, 3].
         counts: Numbers from which `shared` was learnt. [LEVELS].
         pool: The residuals that it was learnt from. [K, h, w, 3].
     """

@@ -36,7 +36,7 @@ def sums(view: ImageResiduals, table: Array, filled: Filled | None = None) -> Ar
     Every colour by itself and their sum, at every scale; then the grain: of classes, of their means over photos, of all.
 
     Args:
-        view: Whose residual.
+        view: The photos that the residual belongs to.
         table: Residuals, as from `ImageResiduals.residual`.
         filled: What `filled_blocks` gave, where it is known.
     """

@@ -58,7 +58,7 @@ class PhotoNoise:
     """Variance of one photo at the size at which photos are compared.
 
     Args:
-        dark: Where it is dark.
+        dark: Variance where the photo is black.
         light: How much the variance grows up to white.
     """
 
@@ -128,12 +128,12 @@ class ImageResiduals:
         noise: Noise of one photo.
         grain: Whether the photos' grain is compared, too: means of several photos have less.
         height: Rows, about, at which they are compared: few, to find what moved far; their noise is then not that of blocks.
-        expectation: Of the same earlier photos, where there is one: taking their noise off costs more than anything else.
+        expectation: Expectation of the same earlier photos, where there is one: removing their noise again is the slowest step.
 
     Attributes:
         law: Share of a gap's squares within which the laws of effects are known: one effect more must explain more than that.
         shape: Photos, rows, columns as they are compared.
-        mask: Where they are. [N, h, w].
+        mask: Where photos are compared. [N, h, w].
     """
 
     law: ClassVar[float] = 1e-3

@@ -95,7 +95,7 @@ class SplatResiduals(ImageResiduals):
         pairs: Pictures from `SplatError.corrected`, and photos.
         error: What they may lack.
         height: Rows, about, at which they are compared.
-        expectation: Of the same pictures, where there is one.
+        expectation: Expectation of the same pictures, where there is one.
     """
 
     law = 1e-2

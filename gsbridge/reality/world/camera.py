@@ -179,7 +179,7 @@ class MirrorCamera:
         """Share of each pixel in which bodies are seen, whatever hides them left out. [H, W] float32.
 
         Args:
-            camera: As for `light`.
+            camera: The camera, see `light`.
             cam_from_table: Pose of the camera. [4, 4].
             names: Bodies.
             samples: Samples per pixel.

@@ -35,9 +35,9 @@ class Example:
     """One picture of the guide.
 
     Args:
-        good: Whether to film so.
+        good: Whether this is the way to film.
         text: What is right or wrong, one line.
-        azimuth_deg, elevation_deg, distance: Of the eye, seen from the aim; the distance in m.
+        azimuth_deg, elevation_deg, distance: Where the camera stands, seen from the point that it aims at; the distance in m.
         aim: Point that is looked at, table frame, m; None for a point between object and board.
         object: Whether the object is there.
         exposure: Factor of the exposure.
@@ -124,7 +124,7 @@ def photo_of(example: Example, hidden: Hidden, threads: int, samples: int, seed:
         hidden: The world.
         threads: Threads to render with.
         samples: Samples per pixel of the whole exposure, at least.
-        seed: Of the samples and the noise.
+        seed: Seed of the samples and the noise.
     """
     setting = Setting("small_cube" if example.object else None, "foam_pad", "a4" if example.board else None)
     with TemporaryDirectory() as folder:

@@ -18,8 +18,8 @@ def shows(mi: Any, scene: Any, sensor: Any, camera: Camera, names: Set[str]) -> 
     Args:
         mi: The Mitsuba module.
         scene: The scene.
-        sensor: The camera as Mitsuba has it, one sample per pixel.
-        camera: The same camera.
+        sensor: Mitsuba's sensor of the camera, one sample per pixel.
+        camera: The camera that the sensor was made from.
         names: Names of instances in the scene.
     """
     if mi.variant() == COMPILED:

@@ -75,7 +75,7 @@ class LensError:
     """A lens that differs from its calibration.
 
     Args:
-        camera: As calibrated: pinhole, principal point in the middle.
+        camera: The camera as a calibration has it: a pinhole, principal point in the middle.
         hidden: `distortion` and `focal_error`.
 
     Attributes:

@@ -59,7 +59,7 @@ class MirrorWorld:
         """Put everything somewhere at once: see `MirrorPhysics.place`.
 
         Args:
-            q, aperture, object_pose: As there.
+            q, aperture, object_pose: See `MirrorPhysics.place`.
             number: Pictures of different numbers differ in their noise.
         """
         self.physics.place(q, aperture, object_pose)

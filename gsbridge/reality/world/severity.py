@@ -22,11 +22,11 @@ PHYSICS, LOOK = "physics", "look"
 
 @dataclass(frozen=True)
 class Severity:
-    """How bad.
+    """How much a world of the mirror differs from what the simulation supposes.
 
     Args:
-        look: Of camera, light, surfaces and surroundings, 0 to 4.
-        physics: Of arm and object, 0 to 4.
+        look: Severity of camera, light, surfaces and surroundings, 0 to 4.
+        physics: Severity of arm and object, 0 to 4.
 
     Raises:
         InputError: One is out of range.
@@ -51,10 +51,10 @@ class Line:
     """A line of the table.
 
     Args:
-        name: Of the hidden parameter.
+        name: Name of the hidden parameter.
         part: `look` or `physics`.
         form: How the size acts, see docs/mirror.md.
-        sizes: At severities 0 to 4.
+        sizes: Its sizes at severities 0 to 4.
     """
 
     name: str
@@ -109,9 +109,9 @@ def worsened(drawn: Hidden, seed: int, severity: Severity) -> Hidden:
     """A world at a severity.
 
     Args:
-        drawn: The same world at severity 0.
-        seed: The world's; decides directions and shares, severity decides sizes.
-        severity: How bad; 0 leaves the world as it is.
+        drawn: The world at severity 0.
+        seed: Seed of the world; it decides directions and shares, while the severity decides sizes.
+        severity: Severity that the world gets; 0 leaves it as it is.
     """
     levels = {PHYSICS: severity.physics, LOOK: severity.look}
     values = {line.name: _grown(line, drawn, seed, levels[line.part]) for line in LINES if levels[line.part]}

@@ -144,9 +144,9 @@ def passer_pose(hidden: Hidden, lamp: Array, aim: Array, seed: int, seconds: flo
 
     Args:
         hidden: Parameters of the world; nobody passes where `passer` is 0.
-        lamp: Where the lamp is, m. [3].
-        aim: What it lights, m. [3].
-        seed: The episode's; decides when and from which side.
+        lamp: Place of the lamp, table frame, m. [3].
+        aim: Point that the lamp lights, table frame, m. [3].
+        seed: Seed of the episode; it decides when somebody passes and from which side.
         seconds: Time since the episode began.
         episode: How long episodes last, about, s.
     """

@@ -122,7 +122,7 @@ def draw_channels(channels: Mapping[str, tuple[float, float]], explained: bool) 
 
     Args:
         channels: Before and after, in units of the noise.
-        explained: Whether there is an after.
+        explained: Whether something was fitted, so that there are residuals after it.
     """
     names = largest({name: max(pair) for name, pair in channels.items()}, ROWS)
     with plt.rc_context(PLAIN):
@@ -246,9 +246,9 @@ def draw_throws(series: Mapping[str, Array], role: str, floor: float | None, nam
     Args:
         series: `{role}/throw`, `/time`, `/position`, `/nominal_position`, `/before`, and `/explained_position`, `/after` where
             something was fitted; see `gsbridge.gap.contact.workflow`.
-        role: Whose throws.
+        role: `fit`, `select` or `verify`: the throws that are drawn.
         floor: What noise and chaos explain, mean over throws, mm; None where it is not known.
-        names: Of the throws, as the user's file has them.
+        names: Names of the throws in the user's file.
 
     Returns:
         A PNG as data URI.

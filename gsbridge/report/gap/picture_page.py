@@ -159,7 +159,7 @@ def _draw(shown: Mapping[str, Array], explained: bool, names: Sequence[str]) -> 
 
     Args:
         shown: Pictures, as `_read` gives them.
-        explained: Whether something was found.
+        explained: Whether an effect was fitted.
         names: Titles of the columns.
     """
     maps = [np.where(shown["compared"] > 0, shown[name] / _FULL, 0.0) for name in ("gap", "left")]

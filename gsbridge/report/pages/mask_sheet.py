@@ -33,7 +33,7 @@ def write_mask_sheet(
     """Write the sheet of one scene: photos with rulers, their masks where there are some, and points already given.
 
     Args:
-        scene: Its name.
+        scene: Name of the scene.
         folder: Its results, `results/scenes/{scene}`; the stages up to align have run.
         out: The page.
         names: Photos to show; none: some of all.

@@ -57,7 +57,7 @@ def write_scene_page(scene: str, folder: str | Path, out: str | Path) -> None:
     """Write the page of a scene from what its stages left; stages that have not run are named as such.
 
     Args:
-        scene: Its name.
+        scene: Name of the scene.
         folder: Its results, `results/scenes/{scene}`.
         out: The HTML file.
 

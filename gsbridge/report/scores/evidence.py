@@ -105,7 +105,7 @@ def record_area(scores: str | Path, record: str | Path, kinds: Mapping[str, Sequ
     Args:
         scores: Figures as they were scored.
         record: The copy that is kept.
-        kinds, out: As for `write_evidence`.
+        kinds, out: See `write_evidence`.
     """
     write_evidence(kinds, out)
     with atomic_file(record) as temporary:

@@ -138,7 +138,7 @@ def mismatch_figures(found: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """How truths are told whose laws are not the diagnosis' own (tier T6), from `benchmarks/gap_mismatch.py`.
 
     Args:
-        found: Its figures.
+        found: Figures that the program wrote.
     """
     hidden = [row for row in found["cases"] if row["right"]]
     free = [row for row in found["cases"] if not row["right"]]

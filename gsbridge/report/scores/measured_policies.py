@@ -306,7 +306,7 @@ def write_loop_figures(
     Args:
         out: JSON of measured figures, an input of `score.write_scores`.
         tables: Rows by name.
-        loops: As for `loop_figures`, each with the `table` that it stands in.
+        loops: Loops as `loop_figures` takes them, each with the `table` that it stands in.
         preset: Preset that ran.
 
     Raises:

@@ -52,7 +52,7 @@ def changes(recorded: Mapping[str, Mapping[str, str]], now: Mapping[str, Mapping
 
     Args:
         recorded: {`code`: {rule: digest}, `settings`: {setting: digest}} beside the recorded figures.
-        now: The same of the tree as it is.
+        now: Digests of the tree as it is now, in the same layout.
 
     Returns:
         Rules first, then settings. A rule that has come or gone counts; a setting counts where it was there already.

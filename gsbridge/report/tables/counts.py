@@ -81,7 +81,7 @@ def p_of_change(counts: Counts, cell: CellPaths, world: str, pose_set: str) -> f
     """Fisher's p of the change of a cell from simulation to another world; None where it is not known.
 
     Args:
-        counts, cell, world, pose_set: As for `change`.
+        counts, cell, world, pose_set: See `change`.
     """
     sim, real = counts.get((cell, STRICT_WORLD, pose_set)), counts.get((cell, world, pose_set))
     if sim is None or real is None:

@@ -76,7 +76,7 @@ def percent(share: float | None, digits: int = 1, *, signed: bool = False) -> st
     Args:
         share: 0..1, or below 0 for a fall; None for none.
         digits: Digits behind the point.
-        signed: Whether a rise gets a plus sign.
+        signed: Whether a positive share gets a plus sign.
     """
     if share is None:
         return DASH
@@ -164,7 +164,7 @@ def summary_table(rows: Sequence[Row], task: str, *, title: str) -> Table | None
 
     Args:
         rows: Rows of a success table; policies trained on splats the paper's way count.
-        task: Whose cells.
+        task: Task whose cells count.
         title: Caption.
     """
     cells, counts = standard_cells(rows, task), read_counts(rows)

@@ -167,7 +167,7 @@ def viewed(means: Array, colours: Array, harmonics: Array, eye: Array) -> Array:
     """`view_colours` of float32 arrays, without gradients.
 
     Args:
-        means, colours, harmonics, eye: As there.
+        means, colours, harmonics, eye: See `view_colours`.
     """
     if harmonics.shape[1] == 0:
         return colours

@@ -234,11 +234,10 @@ def sum_gradients_parallel(
 
     Args:
         blocks: As in `sum_gradients`.
-        gradients: Likewise.
-        bands: As `share_entries` was called with.
-        targets: From `share_entries`.
-        owners: Likewise.
-        count: What it returned.
+        gradients: See `sum_gradients`.
+        bands: Number of bands that `share_entries` was called with.
+        targets, owners: What `share_entries` filled.
+        count: What `share_entries` returned.
         sums: Zero on entry; the first N hold the result. [(N + count) * RECORD].
     """
     for band in prange(bands):
