@@ -20,8 +20,9 @@ class SplatSettings(Settings):
     """Splats on each face; the mesh is remeshed to meet the limit."""
     sh_degree: Whole = Field(default=0, ge=0, le=3)
     """Degree of the spherical harmonics of colours: 0 for one colour from all sides, 1 to 3 for sheen (docs/splats.md)."""
-    exposure: Literal["locked", "per_photo"] = "locked"
-    """`per_photo` fits exposure and white balance of each photo, for films of a camera that re-exposes (docs/splats.md)."""
+    exposure: Literal["auto", "locked", "per_photo"] = "auto"
+    """`per_photo` fits exposure and white balance of each photo, for films of a camera that re-exposed; `auto` does so where
+    photos of the same places differ in brightness, `locked` never (docs/splats.md)."""
     steps: Whole = Field(default=2000, ge=1, le=10_000_000)
     """Optimiser steps, one photo each."""
     max_pixels: Whole = Field(default=80_000, ge=1, le=1_000_000_000)

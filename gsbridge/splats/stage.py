@@ -17,6 +17,7 @@ from gsbridge.errors import InputError, StageError
 from gsbridge.files import write_stage
 from gsbridge.meshes import Mesh, read_mesh
 from gsbridge.splats.binding import BINDINGS, Binding, create_binding, write_binding
+from gsbridge.splats.brightness import NOTICEABLE, brightness, spread
 from gsbridge.splats.budget import choose_splats
 from gsbridge.splats.detail import Focus, edge_sizes
 from gsbridge.splats.evaluate import evaluate_cloud, write_pictures
@@ -101,7 +102,11 @@ def train_splats(
     band = _band(settings, scene_unit)
     model = create_binding(binding, mesh, settings.splats_per_face, band=band, seed=seed, sh_degree=settings.sh_degree)
     logger.info("%s: %d splats on %d faces, %d photos", binding, len(model), len(mesh.faces), len(targets))
-    exposures = Exposures([t.name for t in targets if t.split == "train"]) if settings.exposure == "per_photo" else None
+    differ = spread(list(brightness(mesh, targets).values())) if settings.exposure == "auto" else None
+    per_photo = settings.exposure == "per_photo" if differ is None else differ > NOTICEABLE
+    if differ is not None and per_photo:
+        logger.info("photos differ in brightness by %.0f %%: each gets an exposure of its own", 100 * differ)
+    exposures = Exposures([t.name for t in targets if t.split == "train"]) if per_photo else None
     inputs = _digest(mesh, targets)
     curve = train(model, targets, settings, kind=kind, seed=seed, state=Path(state), inputs=inputs, exposures=exposures)
     cloud = model.evaluate()
@@ -137,6 +142,7 @@ def train_splats(
         # Only what is not as usual is recorded.
         **({"sh_degree": settings.sh_degree} if settings.sh_degree > 0 else {}),
         **({} if found is None else {"exposure": to_record(found)}),
+        brightness_spread=differ,
         metrics=metrics,
         lpips_reason=None
         if lpips

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -149,27 +149,52 @@ def background_targets(views: Views, mesh: Mesh) -> list[Target]:
 
 def seen_faces(mesh: Mesh, targets: Sequence[Target]) -> Array:
     """Which faces some training photo shows: centroid in the frame, facing the camera, nothing in between. [F] bool."""
-    open3d = import_open3d()
-    scene = open3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
-    centroids, normals = mesh.corners().mean(1), mesh.normals()
     seen = np.zeros(len(mesh.faces), bool)
+    view = _Surface(mesh)
     for target in targets:
-        if target.split != "train":
-            continue
+        if target.split == "train":
+            seen[view.shown(target, ~seen)[0]] = True
+    return seen
+
+
+def shown_faces(mesh: Mesh, targets: Sequence[Target]) -> Iterator[tuple[Target, Array, Array]]:
+    """What each training photo shows of a surface.
+
+    Args:
+        mesh: Surface, table frame, m.
+        targets: Photos; the held-out ones are left out.
+
+    Yields:
+        A photo, the faces whose centroids it shows, and where, in pixels of the whole photo. Target, [K] int, [K, 2].
+    """
+    view, every = _Surface(mesh), np.ones(len(mesh.faces), bool)
+    for target in targets:
+        if target.split == "train":
+            yield target, *view.shown(target, every)
+
+
+class _Surface:
+    """A mesh that photos are asked about."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        self._open3d = import_open3d()
+        self._scene = self._open3d.t.geometry.RaycastingScene(nthreads=1)
+        self._scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
+        self._centroids, self._normals = mesh.corners().mean(1), mesh.normals()
+
+    def shown(self, target: Target, asked: Array) -> tuple[Array, Array]:
+        """Faces, of those asked for, [F] bool, that a photo shows, and the pixels of their centroids. [K] int, [K, 2]."""
         pose, whole = target.cam_from_table, target.whole
         eye = camera_centre(pose)
-        pixels = whole.project(centroids @ pose[:3, :3].T + pose[:3, 3])
+        pixels = whole.project(self._centroids @ pose[:3, :3].T + pose[:3, 3])
         inside = (pixels >= 0).all(1) & (pixels[:, 0] < whole.width) & (pixels[:, 1] < whole.height)
-        chosen = np.flatnonzero(~seen & inside & (((eye - centroids) * normals).sum(1) > 0))
-        if len(chosen) == 0:
-            continue
-        directions = centroids[chosen] - eye
+        chosen = np.flatnonzero(asked & inside & (((eye - self._centroids) * self._normals).sum(1) > 0))
+        directions = self._centroids[chosen] - eye
         rays = np.concatenate([np.broadcast_to(eye, directions.shape), directions], axis=1).astype(np.float32)
-        reach = scene.cast_rays(open3d.core.Tensor(rays), nthreads=1)["t_hit"].numpy()
+        reach = self._scene.cast_rays(self._open3d.core.Tensor(rays), nthreads=1)["t_hit"].numpy()
         # The ray ends on the face itself at 1; what is nearer hides it.
-        seen[chosen[reach > 0.995]] = True
-    return seen
+        chosen = chosen[reach > 0.995]
+        return chosen, pixels[chosen]
 
 
 def _check_size(path: Path, image: Array, view: View) -> None:

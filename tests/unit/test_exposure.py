@@ -9,14 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from ball_scene import VIEWS, held_out, targets
+import trimesh
+from ball_scene import RADIUS, VIEWS, held_out, targets
 from test_train import TINY, scene  # noqa: F401  (a fixture)
 
 from gsbridge.asset.photos import Photos, compare_with_photos
 from gsbridge.cameras import Views
 from gsbridge.errors import InputError
-from gsbridge.images import linear_from_srgb, srgb_from_linear
+from gsbridge.images import linear_from_srgb, read_image_u8, srgb_from_linear, write_image
+from gsbridge.meshes import Mesh
 from gsbridge.splats import train as trainer
+from gsbridge.splats.brightness import NOTICEABLE, brightness, spread
 from gsbridge.splats.evaluate import evaluate_cloud
 from gsbridge.splats.exposure import NEUTRAL, Exposure, Exposures, exposed, fitted, from_record, to_record
 from gsbridge.splats.ply import read_ply
@@ -86,6 +89,43 @@ def test_a_film_that_re_exposes_is_shown_as_well_as_a_locked_one(tmp_path: Path)
 def test_a_locked_film_loses_next_to_nothing(tmp_path: Path) -> None:
     photos = targets(0.0, gains=np.full((VIEWS, 3), 0.8))
     assert held_out(photos, tmp_path, per_photo=True)[0] > held_out(photos, tmp_path)[0] - 0.2
+
+
+def ball() -> Mesh:
+    sphere = trimesh.creation.icosphere(3, RADIUS)
+    return Mesh(np.asarray(sphere.vertices), np.asarray(sphere.faces))
+
+
+def test_brightness_of_photos_is_told_by_the_places_that_they_share() -> None:
+    gains = drawn_gains()
+    photos = targets(0.0, gains=gains)
+    found = brightness(ball(), photos)
+    assert sorted(found) == [photo.name for photo in photos if photo.split == "train"]
+    true = np.log([gains[int(Path(name).stem)].mean() for name in found])
+    error = np.array(list(found.values())) - true
+    assert np.abs(error - np.median(error)).max() < 0.04
+    assert spread(list(found.values())) == pytest.approx(true.std(), rel=0.05)
+    # A single photo tells nothing.
+    assert brightness(ball(), photos[:1]) == {}
+
+
+@pytest.mark.parametrize(("sheen", "most"), [(0.0, 0.01), (0.3, NOTICEABLE)])
+def test_highlights_that_wander_are_no_exposure(sheen: float, most: float) -> None:
+    assert spread(list(brightness(ball(), targets(sheen)).values())) < most
+
+
+@pytest.mark.parametrize("darkened", [0, 5])
+def test_photos_that_differ_in_brightness_get_exposures_of_their_own(scene, darkened: int) -> None:  # type: ignore[no-untyped-def]  # noqa: F811
+    folder, views = scene
+    for view in [view for view in views if view.split == "train"][:darkened]:
+        dark = 0.5 * linear_from_srgb(read_image_u8(views.path(view)) / 255.0)
+        write_image(views.path(view), np.rint(255 * srgb_from_linear(dark)).astype(np.uint8))
+    out = folder / "out"
+    files = (folder / "mesh.ply", out / "splats.ply", out / "binding.npz", out / "views", out / "splats.json")
+    train_splats(views, folder / "masks", *files, TINY, "soft", seed=0, threads=1, state=folder / "s", kind="object")
+    record = json.loads((out / "splats.json").read_text())
+    assert ("exposure" in record) == (darkened > 0)
+    assert (record["brightness_spread"] > 0.2) == (darkened > 0)
 
 
 def test_a_half_never_tells_its_own_exposure(scene) -> None:  # type: ignore[no-untyped-def]  # noqa: F811
