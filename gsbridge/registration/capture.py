@@ -22,6 +22,9 @@ from gsbridge.robot.assembly import check_rigid
 
 ARM_CSV, ARM_JSON, CAMERA_JSON = "arm.csv", "arm.json", "camera.json"
 
+_LARGEST_REACH = 10.0
+"""Distance beyond which a flange's figures must be in millimetres, m."""
+
 _POSE_COLUMNS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 
@@ -75,6 +78,9 @@ def read_board_capture(folder: str | Path) -> BoardCapture:
         if values is not None and not np.isfinite(values).all():
             bad = images[int(np.argmin(np.isfinite(values.reshape(len(images), -1)).all(1)))]
             raise InputError(source, f"the pose of {bad} is not finite", "Give finite numbers, or take the line out")
+    if poses is not None and np.abs(poses[:, :3, 3]).max() > _LARGEST_REACH:
+        problem = f"the flange is {np.abs(poses[:, :3, 3]).max():.4g} m from the base: it looks like millimetres"
+        raise InputError(source, problem, "Give metres")
     return BoardCapture(place, tuple(images), joints, poses, _read_camera(place / CAMERA_JSON))
 
 
@@ -161,6 +167,5 @@ def _read_camera(path: Path) -> Camera | None:
     try:
         return Camera.from_json(content.get("camera", content))
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            path, f"the camera is damaged ({error})", "Give width, height, fx, fy, cx, cy, or delete it to have it estimated"
-        ) from error
+        remedy = "Give width, height, fx, fy, cx, cy and distortion: [k1, k2, p1, p2], or delete it to have it estimated"
+        raise InputError(path, f"the camera is damaged or incomplete ({error})", remedy) from error

@@ -224,6 +224,7 @@ def test_mass_properties_survive_the_way_through_a_urdf(tmp_path):
         ({"urdf": "a.urdf"}, "either"),
         ({"mass": 0.0}, "no body"),
         ({"box": [0.1, 0.1]}, "3 numbers"),
+        ({"box": [100, 100, 100]}, "looks like millimetres"),
         ({"colour": "red"}, "unknown"),
         ({"controller": {"mode": "pd"}}, "controller.mode"),
         ({"surface": {"tilt": 0.1}}, "2 numbers"),

@@ -230,6 +230,7 @@ def test_degrees_and_lists_are_read(tmp_path):
         ("image,q1", "a.png,0\na.png,0", "named twice"),
         ("image,q1", "", "names no photo"),
         ("image,x,y,z,qw,qx,qy,qz", "a.png,0,0,0,1,1,0,0", "unit length"),
+        ("image,x,y,z,qw,qx,qy,qz", "a.png,400,0,650,1,0,0,0", "650 m from the base: it looks like millimetres"),
     ],
 )
 def test_damaged_arm_tables_are_refused(tmp_path, header, row, words):
@@ -247,7 +248,7 @@ def test_a_folder_without_poses_is_refused(tmp_path):
 def test_a_damaged_camera_is_refused(tmp_path):
     folder = joint_capture(tmp_path / "capture")
     (folder / "camera.json").write_text('{"width": 640}')
-    with pytest.raises(InputError, match="the camera is damaged"):
+    with pytest.raises(InputError, match="the camera is damaged or incomplete"):
         read_board_capture(folder)
 
 

@@ -21,6 +21,9 @@ from gsbridge.geometry import Array
 from gsbridge.reading import load_yaml, refusing
 from gsbridge.robot.urdf import read_description
 
+_LARGEST = 10.0
+"""Longest edge of a box that somebody may throw, m: beyond it, the edges must be in another unit."""
+
 MODE = "body"
 """`controller.mode` of a model whose body nothing drives."""
 
@@ -247,6 +250,8 @@ def _box(content: Mapping[str, Any], source: Path) -> tuple[tuple[str, ...], flo
     edges = _row(content["box"], np.zeros(3), source, "box")
     if "mass" not in content or (edges <= 0).any():
         raise InputError(source, "a box needs 'mass' (kg) and three edges above zero (m)", "State them")
+    if edges.max() > _LARGEST:
+        raise InputError(source, f"an edge of the box is {edges.max():g} m long: it looks like millimetres", "Give metres")
     mass = number(content["mass"], source, "mass")
     inertia = np.diag(mass / 12.0 * (np.sum(edges**2) - edges**2))
     return (f'<collision><geometry><box size="{_text(edges)}"/></geometry></collision>',), mass, np.zeros(3), inertia
