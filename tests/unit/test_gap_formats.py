@@ -330,6 +330,8 @@ def test_a_case_is_looked_for_in_its_places(tmp_path):
     assert case_path("x", "case.yaml", [tmp_path / "a", tmp_path / "b"]) == tmp_path / "b/case.yaml"
     with pytest.raises(InputError, match="neither"):
         case_path("x", "lost.yaml", [tmp_path / "a", tmp_path / "b"])
+    with pytest.raises(InputError, match=r"/b is a folder, the case's file is wanted"):
+        case_path("x", "b", [tmp_path / "a", tmp_path])
 
 
 def test_a_case_that_is_not_configured_is_named():

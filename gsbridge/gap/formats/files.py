@@ -31,7 +31,9 @@ def case_path(name: str, value: str, places: Sequence[str | Path]) -> Path:
     for path in found:
         if path.is_file():
             return path
-    raise InputError(f"config: gap.cases.{name}", absent(found), "Correct the path of the case; see docs/gap.md")
+    folder = next((path for path in found if path.is_dir()), None)
+    problem = f"{folder} is a folder, the case's file is wanted" if folder else absent(found)
+    raise InputError(f"config: gap.cases.{name}", problem, "Correct the path of the case; see docs/gap.md")
 
 
 def case_name(value: str) -> str:
