@@ -1,5 +1,7 @@
 """Laws of MuJoCo that differ from ours, and what is made of them: play behind lossy motors, and friction that creeps."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,8 +10,8 @@ from gsbridge.effects.registry import Applied
 from gsbridge.gap.joints.bank import signature_bank
 from gsbridge.gap.joints.candidates import JointCandidate
 from gsbridge.gap.joints.case import read_joint_case
-from gsbridge.gap.joints.diagnose import views_of
-from gsbridge.gap.joints.fit import derivatives, fit
+from gsbridge.gap.joints.diagnose import diagnose_joints, views_of
+from gsbridge.gap.joints.fit import derivatives, fit, settled
 from gsbridge.gap.joints.identify import JointIdentification
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.pooled import PooledResiduals, spread_of
@@ -33,6 +35,31 @@ def test_losses_act_before_the_play(tmp_path, gap):
 
     sizes = {factor: left(Applied("backlash", "yaw", {"gap": factor * gap})) for factor in (0.6, 1.0, 1.6)}
     assert sizes[1.0] < 0.2 * min(sizes[0.6], sizes[1.6], left())
+
+
+def test_play_is_named_though_its_law_fails_wherever_parts_meet(tmp_path):
+    """MuJoCo's stops give way and bounce a little, for a moment; elsewhere the law holds on every record."""
+    order = gap_mismatch.Order("single", {"backlash:yaw": 0.0108}, ("backlash:yaw",), "soft", "white", 12)
+    case = read_joint_case(gap_mismatch.write_case(order, tmp_path, 12))
+    found = diagnose_joints(
+        case.system, case.records, tmp_path / "bank", names=("backlash", "coulomb", "viscous", "torque_lag")
+    )
+    assert found.finding.verdict == "named"
+    assert [str(who) for who in found.finding.best.fit.who] == ["backlash:yaw"]
+    assert found.verification.closure < found.verification.mostly
+    (entry,) = found.account.entries
+    assert abs(entry.effect.parameters["gap"] - 0.0108) < 1.645 * entry.deviations[0] < 0.001
+
+
+def test_a_size_of_play_is_sought_beyond_where_slopes_lead(tmp_path):
+    found = views(tmp_path, {"backlash:yaw": 0.0108})
+    both, who = PooledResiduals((found["fit"], found["select"])), JointCandidate("backlash", "yaw")
+    astray = fit(both, [who], [{"gap": 0.0108}])
+    astray = replace(astray, effects=(who.applied({"gap": 1.03 * astray.values[0]["gap"]}),))
+    again = settled(both, astray)
+    assert again.chi2 < float((both.residual(astray.effects) ** 2).sum())
+    assert again.values[0]["gap"] == pytest.approx(0.0108, rel=0.015)
+    assert settled(both, again).chi2 <= again.chi2
 
 
 def test_errors_that_come_back_with_the_motion_widen_intervals(tmp_path):

@@ -45,6 +45,9 @@ _HIDDEN = 1e-2
 _OCTAVES = (0.5, 0.25, 0.125, 0.0625)
 """Steps, in doublings, by which the best size of what begins at a threshold is sought before it is fitted."""
 
+_NEARBY = (0.96, 0.98, 1.02, 1.04)
+"""Multiples of a size of what begins at a threshold at which it may do better than where slopes have led."""
+
 _NOTHING = 1e-150
 """Square of a derivative, in units of the noise, that is none."""
 
@@ -209,6 +212,29 @@ def polish(view: Seen, rough: EffectFit, limit: float = np.inf) -> EffectFit:
     jacobian = np.stack([problem.difference(x, r, k) for k in range(len(x))], axis=1)
     # An estimate that stops a standard deviation short of the best one is no estimate to put an interval around.
     return _descend(problem, x, r, jacobian, np.inf, fresh=True, share=0.0, last=True, limit=limit)
+
+
+def settled(view: Seen, fitted: EffectFit, limit: float = np.inf) -> EffectFit:
+    """A fit whose sizes of what begins at a threshold are no better a little smaller or larger, where slopes lead astray.
+
+    Args:
+        view: The record to fit.
+        fitted: The fit.
+        limit: Simulations of the mechanism, those before included, at which it is given up.
+    """
+    best, chi2 = fitted.values, float((view.residual(fitted.effects) ** 2).sum())
+    for k, candidate in enumerate(fitted.who):
+        for factor in _NEARBY if candidate.effect.threshold else ():
+            if view.mechanism.runs >= limit:
+                return fitted
+            values = [*fitted.values[:k], candidate.effect.scaled(fitted.values[k], factor), *fitted.values[k + 1 :]]
+            effects = [who.applied(one) for who, one in zip(fitted.who, values, strict=True)]
+            left = float((view.residual(effects) ** 2).sum())
+            best, chi2 = (tuple(values), left) if left < chi2 else (best, chi2)
+    if best == fitted.values:
+        return fitted
+    again = fit(view, fitted.who, best, limit=limit)
+    return again if again.converged and again.chi2 <= chi2 else fitted
 
 
 def _first(problem: _Problem, x: Array, r: Array, start: Sequence[dict[str, float]], screen: Screen | None) -> Array:

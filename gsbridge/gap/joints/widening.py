@@ -17,7 +17,7 @@ from gsbridge.gap.diagnosis.closure import beyond_noise
 from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Finding, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import told_apart, transfer
 from gsbridge.gap.joints.candidates import thresholds
-from gsbridge.gap.joints.fit import derivatives, fit
+from gsbridge.gap.joints.fit import derivatives, fit, settled
 from gsbridge.gap.joints.pooled import PooledResiduals, spread_of
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import Screen
@@ -143,6 +143,8 @@ class Widening:
             best = best if better is best else self._grown(better)
         if best is nothing or best is finding.best:
             return self._as_told(finding.best, finding)
+        found = settled(self.both, best.fit, self._end)
+        best = best if found is best.fit else self._judged(found)
         return replace(best, fit=replace(best.fit, deviations=_spread(self.both, best.fit)))
 
     def _grown(self, best: Hypothesis) -> Hypothesis:
