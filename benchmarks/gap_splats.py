@@ -36,7 +36,7 @@ from gsbridge.gap.image.splat_error import learn_splat_error
 from gsbridge.images import read_image
 from gsbridge.reality.world.camera import Setting
 from gsbridge.reality.world.severity import Severity
-from gsbridge.reality.world.world_variants import further_world
+from gsbridge.reality.world.world_variants import world_variant
 from gsbridge.tasks.views import read_states
 
 VIEWS = 24
@@ -90,7 +90,7 @@ def draw(results: Path, given: argparse.Namespace, views: Path, record: Path) ->
 def measure(world: str, given: argparse.Namespace, results: Path, views: Path) -> list[dict[str, Any]]:
     """Diagnose all cases of one world."""
     severity, seed = (int(part) for part in world.split(":"))
-    hidden = further_world(given.seed, seed, severity=Severity.of(severity))
+    hidden = world_variant(given.seed, seed, severity=Severity.of(severity))
     camera, rows, depths = read_views(views)
     states = read_states(views / "states.json")
     drawn = np.stack([np.asarray(read_image(views / f"{row['name']}.png"), np.float32) for row in rows])

@@ -1,7 +1,7 @@
 rule study:
     input:
         "results/study.md",
-        [f"results/{table}.md" for table in TABLES.further],
+        [f"results/{table}.md" for table in TABLES.world_variants],
         "results/gap-benchmark/report.html",
         rows_of(sorted({loop["table"] for loop in closed_loops(LOOP, SIGHT)})),
     localrule: True
@@ -31,26 +31,26 @@ rule collect_study:
         "../scripts/collect_study.py"
 
 
-rule write_further:
+rule write_world_variants:
     input:
         rows="results/rows/{table}.csv",
     output:
         page="results/{table}.md",
     log:
-        "results/logs/write_further/{table}.log",
+        "results/logs/write_world_variants/{table}.log",
     benchmark:
-        "results/benchmarks/write_further/{table}.jsonl"
+        "results/benchmarks/write_world_variants/{table}.jsonl"
     wildcard_constraints:
         table="worlds|sight",
     localrule: True
     conda:
         "../envs/report.yaml"
     params:
-        code=script_digest("write_further"),
+        code=script_digest("write_world_variants"),
     message:
         "Compare policies in further worlds: {wildcards.table}"
     script:
-        "../scripts/write_further.py"
+        "../scripts/write_world_variants.py"
 
 
 rule collect_severity:

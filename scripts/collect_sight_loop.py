@@ -3,13 +3,13 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.figures.loop import SightFiles, write_sight_loop
+from gsbridge.report.figures.loop import PictureLoopFiles, write_picture_loop
 
 if TYPE_CHECKING:
     from snakemake.iocontainers import snakemake
 
 start(snakemake.threads, snakemake.log[0])
-files = SightFiles(
+files = PictureLoopFiles(
     snakemake.params.cell,
     snakemake.params.plan,
     snakemake.params.worlds,
@@ -19,4 +19,4 @@ files = SightFiles(
     snakemake.input.findings,
     snakemake.params.comparisons,
 )
-write_sight_loop(files, snakemake.output.rows, snakemake.output.page, snakemake.output.figure)
+write_picture_loop(files, snakemake.output.rows, snakemake.output.page, snakemake.output.figure)

@@ -97,7 +97,7 @@ def _no_other_world(name: str) -> str:
 Worlds = dict[Annotated[Name, AfterValidator(_no_other_world)], WorldSettings]
 
 
-class SightStudy(Settings):
+class PictureStudy(Settings):
     """Study of other cameras: the cell's policies of some variants are tried in some worlds."""
 
     variants: Names = Field(default=[])
@@ -151,7 +151,7 @@ class Study(Settings):
     """Number of policies of each variant, each trained with its own seed."""
     worlds: Names = Field(default=[])
     """Further worlds in which every policy that was trained on splats is tried."""
-    sight: SightStudy = Field(default_factory=SightStudy)
+    sight: PictureStudy = Field(default_factory=PictureStudy)
     """Study of changes that only the camera sees (docs/gap_images.md)."""
     severity: SeverityTrials = Field(default_factory=SeverityTrials)
     """Trials that show success against severity (docs/mirror.md)."""

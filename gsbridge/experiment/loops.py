@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 from gsbridge.experiment.plan import Experiment
@@ -15,14 +15,54 @@ ROLES = ("fit", "select", "verify")
 
 
 @dataclass(frozen=True)
-class JointLoop:
-    """The loop that is closed by logs of the arm, on one cell.
+class Loop(ABC):
+    """What is tried and trained to close a loop on one cell.
 
     Args:
         plan: Scenes, cells and settings.
     """
 
     plan: Experiment
+
+    @property
+    @abstractmethod
+    def settings(self) -> Mapping[str, Any]:
+        """Section of the configuration about the loop."""
+
+    @property
+    @abstractmethod
+    def cell(self) -> dict[str, Any]:
+        """What the loop's rules put into the places of wildcards."""
+
+    @property
+    @abstractmethod
+    def rows(self) -> list[dict[str, str]]:
+        """Variant and world of each row of the loop's table."""
+
+    @property
+    def seeds(self) -> range:
+        """Seeds of the trainings of each variant; the first is the configuration's."""
+        first = int(self.cell["seed"])
+        return range(first, first + int(self.settings["trainings"]))
+
+    def policy(self, variant: str) -> PolicyFiles:
+        """The policy of the cell that learned in one way."""
+        return PolicyFiles.of(self.cell, variant)
+
+    @property
+    def tables(self) -> list[str]:
+        """Trials of the table's rows, of one training after the other."""
+        return [self.policy(row["variant"]).trials(row["world"], seed, "csv") for row in self.rows for seed in self.seeds]
+
+    @property
+    def trainings(self) -> list[str]:
+        """Records of the trainings of all policies in the table, of each policy with one seed after the other."""
+        variants = dict.fromkeys(row["variant"] for row in self.rows)
+        return [self.policy(variant).file(seed, "training.json") for variant in variants for seed in self.seeds]
+
+
+class JointLoop(Loop):
+    """The loop that is closed by logs of the arm, on one cell."""
 
     @property
     def settings(self) -> Mapping[str, Any]:
@@ -58,18 +98,9 @@ class JointLoop:
         return [{"world": settings["changed"], "variant": settings["variant"], "controls": list(settings["controls"])}]
 
     @property
-    def seeds(self) -> range:
-        """Seeds of the trainings of each variant."""
-        return seeds_of(self.cell, self.settings)
-
-    @property
     def is_closed(self) -> bool:
         """Whether a variant learns with what was found."""
         return bool(self.settings["variant"] != "default")
-
-    def policy(self, variant: str) -> PolicyFiles:
-        """The policy of the cell that learned in one way."""
-        return PolicyFiles.of(self.cell, variant)
 
     def trials(self, world: str, ending: str, variant: str = "default") -> str:
         """Path of a file about the trials in one world.
@@ -80,16 +111,6 @@ class JointLoop:
             variant: Way of learning of the policy.
         """
         return self.policy(variant).trials(world, self.cell["seed"], ending)
-
-    @property
-    def tables(self) -> list[str]:
-        """Trials of the table's rows, of one training after the other."""
-        return [self.policy(row["variant"]).trials(row["world"], seed, "csv") for row in self.rows for seed in self.seeds]
-
-    @property
-    def trainings(self) -> list[str]:
-        """Records of all trainings."""
-        return trainings_of(self.cell, self.rows, self.seeds)
 
     def records(self, world: str) -> dict[str, str]:
         """Logs of the arm from trials in one world, by role."""
@@ -109,17 +130,10 @@ class JointLoop:
         return [self.model(case), "results/loop/arm/arm.urdf", *self.records(self.cases[case]["world"]).values()]
 
 
-@dataclass(frozen=True)
-class PictureLoop:
-    """The loop that is closed by photos of the wrist camera, on one cell.
+class PictureLoop(Loop):
+    """The loop that is closed by photos of the wrist camera, on one cell."""
 
-    Args:
-        plan: Scenes, cells and settings.
-    """
-
-    plan: Experiment
-
-    @cached_property
+    @property
     def settings(self) -> Mapping[str, Any]:
         """Worlds, variants, postures and repeats."""
         sight: Mapping[str, Any] = self.plan.config["study"]["sight"]
@@ -167,47 +181,11 @@ class PictureLoop:
             if variants
         ]
 
-    @property
-    def seeds(self) -> range:
-        """Seeds of the trainings of each variant."""
-        return seeds_of(self.cell, self.settings)
-
-    def policy(self, variant: str) -> PolicyFiles:
-        """The policy of the cell that learned in one way."""
-        return PolicyFiles.of(self.cell, variant)
-
-    @property
-    def tables(self) -> list[str]:
-        """Trials of the table's rows, of one training after the other."""
-        return [self.policy(row["variant"]).trials(row["world"], seed, "csv") for row in self.rows for seed in self.seeds]
-
-    @property
-    def trainings(self) -> list[str]:
-        """Records of all trainings of the policies in the table."""
-        return trainings_of(self.cell, self.rows, self.seeds)
-
-    def alike(self, variant: str) -> str:
+    def same_but_model(self, variant: str) -> str:
         """The variant of the table that differs from one which learned anew in its model alone; "" if none does."""
         variants = self.plan.config["variants"]
         rest = {name: {key: value for key, value in plan.items() if key != "model"} for name, plan in variants.items()}
         return next((name for name in self.settings["variants"] if rest[name] == rest[variant]), "")
-
-
-def seeds_of(cell: Mapping[str, Any], settings: Mapping[str, Any]) -> range:
-    """Seeds of as many trainings as a loop asks for; the first is the configuration's."""
-    return range(int(cell["seed"]), int(cell["seed"]) + int(settings["trainings"]))
-
-
-def trainings_of(cell: Mapping[str, Any], rows: Sequence[Mapping[str, str]], seeds: Sequence[int]) -> list[str]:
-    """Records of the trainings behind a table, of each policy with one seed after the other.
-
-    Args:
-        cell: Task, object, background and renderer.
-        rows: Rows of the table, each with its `variant`.
-        seeds: Seeds of the trainings.
-    """
-    variants = dict.fromkeys(row["variant"] for row in rows)
-    return [PolicyFiles.of(cell, variant).file(seed, "training.json") for variant in variants for seed in seeds]
 
 
 def closed_loops(joints: JointLoop, pictures: PictureLoop) -> list[dict[str, str]]:
@@ -218,7 +196,7 @@ def closed_loops(joints: JointLoop, pictures: PictureLoop) -> list[dict[str, str
         loops.append({"table": "loop", **worlds, "before": "default", "after": joints.settings["variant"]})
     for world, variants in pictures.settings["amended"].items():
         after = variants[0] if variants else ""
-        before = pictures.alike(after) if after else "default"
+        before = pictures.same_but_model(after) if after else "default"
         worlds = {"reference": pictures.settings["reference"], "world": world}
         loops.append({"table": "sight_loop", **worlds, "before": before, "after": after})
     return loops

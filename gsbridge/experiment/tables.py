@@ -123,7 +123,7 @@ class Tables:
         return [table for table in ("grasping", "renderer_contrast", "pick_and_place") if self.shown(table)]
 
     @property
-    def further(self) -> list[str]:
+    def world_variants(self) -> list[str]:
         """Names of the tables about further worlds, where any are named."""
         named = [table for table in ("worlds", "sight") if len(self.shown_worlds(table)) > 1]
         return [table for table in named if self.shown(table)]

@@ -10,7 +10,7 @@ from gsbridge.configuration.base import checked
 from gsbridge.configuration.policy import PolicySettings
 from gsbridge.environment.settings import TASKS
 from gsbridge.errors import InputError
-from gsbridge.reality.world.world_variants import further_world
+from gsbridge.reality.world.world_variants import world_variant
 
 AMENDED = "results/loop/model.yaml"
 """Simulation model that the loop amends."""
@@ -65,7 +65,7 @@ def check_policies(config: Mapping[str, Any], root: str | Path) -> None:
         _check_loop(config)
     for name, world in config["worlds"].items():
         seed = config["seed"] if world["seed"] is None else world["seed"]
-        further_world(config["seed"], seed, world["hidden"], f"config: worlds.{name}.hidden")
+        world_variant(config["seed"], seed, world["hidden"], f"config: worlds.{name}.hidden")
 
 
 def _check_sight(config: Mapping[str, Any]) -> None:

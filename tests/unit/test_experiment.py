@@ -181,7 +181,7 @@ def test_tables_show_the_policies_of_the_scenes_that_run(plan):
     assert tables.shown("grasping") == [splats]
     assert tables.shown("renderer_contrast") == [splats, mesh]
     assert tables.successes == ["grasping", "renderer_contrast"]
-    assert tables.further == ["worlds"]
+    assert tables.world_variants == ["worlds"]
     assert tables.shown_worlds("worlds") == ["sim", "mirror_2"]
     assert len(tables.table_trials("grasping", "csv")) == 3 * 2
     assert [(trial.world, trial.seed) for trial in tables.pictured(splats)] == [

@@ -33,7 +33,7 @@ from gsbridge.gap.workflow import (
 )
 from gsbridge.images import write_image
 from gsbridge.report.gap.page import CaseFiles, write_gap_report
-from gsbridge.report.gap.picture_page import write_sight_report
+from gsbridge.report.gap.picture_page import write_picture_report
 from gsbridge.report.gap.rows import gap_row
 from gsbridge.report.recordings.gap import record_gap
 from gsbridge.sim.model import read_model
@@ -173,7 +173,7 @@ def test_what_changed_is_named_reported_and_learned(folder, tmp_path):
     assert found["verdict"] == "named"
     assert [item["name"] for item in found["amended"]] == ["exposure"]
     assert found["amended"][0]["parameters"]["stops"] == pytest.approx(0.3, abs=0.02)
-    write_sight_report("darker", *files[:3])
+    write_picture_report("darker", *files[:3])
     page = files[2].read_text()
     assert found["sentence"][:20] in page
     assert page.count("data:image/png;base64,") == 1
@@ -191,7 +191,7 @@ def test_nothing_is_found_in_photos_of_one_day_and_nothing_is_amended(folder, tm
     write_image_findings(folder / "views", folder / "before", folder / "before", *files[:2], seed=0, shot=2, names=NAMES)
     found = read_json(files[0])
     assert found["verdict"] == "no_discrepancy"
-    write_sight_report("same", *files[:3])
+    write_picture_report("same", *files[:3])
     assert "agree" in files[2].read_text()
     with pytest.raises(StageError, match="named nothing"):
         amend_camera("models/nominal.yaml", files[0], files[3])

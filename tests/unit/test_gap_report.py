@@ -50,7 +50,7 @@ def test_the_page_says_all_that_is_asked_for(tmp_path):
 @pytest.fixture
 def without_figures(monkeypatch):
     """Pages of words alone: drawing takes most of the time."""
-    for name in ("gap.sections.draw_residuals", "gap.sections.draw_channels", "gap.page.draw_where"):
+    for name in ("gap.sections.draw_residuals", "gap.sections.draw_channels", "gap.page.draw_residual_map"):
         monkeypatch.setattr(f"gsbridge.report.{name}", lambda *arguments: "data:,")
 
 

@@ -69,7 +69,7 @@ def test_every_parameter_changes_the_output(photographer, path, name):
     def taken(wanted):
         how = Shooting()
         effect.apply(how, effect.clipped(wanted))
-        return with_noise(photographer.photos(path, times, how), how, np.random.default_rng(0)) if effect.grain else (
+        return with_noise(photographer.photos(path, times, how), how, np.random.default_rng(0)) if effect.noise_only else (
             photographer.photos(path, times, how)
         )  # fmt: skip
 

@@ -27,7 +27,7 @@ from gsbridge.report.tables.rows import read_rows
 from gsbridge.report.tables.success import p_text, percent, standard_cells, success_table, success_tables
 from gsbridge.report.tables.success_rows import write_success_rows
 from gsbridge.report.tables.training import write_training_rows
-from gsbridge.report.tables.world_variants import write_further
+from gsbridge.report.tables.world_variants import write_world_variants
 
 BEHIND = {"code": {"score_policies": "1"}, "settings": {}}
 FLOORS = Path(__file__).parents[2] / "benchmarks" / "floors.yaml"
@@ -263,7 +263,7 @@ def test_further_worlds_have_floors_and_a_page_of_their_own(run, tmp_path):
         paper = {"grasp": 92.97, "place": 71.875, "drop_six": 6.6, "drop_eight": 3.2}[name.split("_mirror_")[0]]
         assert score["value"] == pytest.approx(paper, abs=0.05), name
         assert score["where"] == "results/rows/worlds.csv"
-    write_further(run["worlds"], tmp_path / "worlds.md")
+    write_world_variants(run["worlds"], tmp_path / "worlds.md")
     page = (tmp_path / "worlds.md").read_text()
     assert "| fixed | mirror_3 | 8 | 93.0 % [89.8 … 95.7] |" in page
     assert "| cake on plate | unseen | 22/32 68.8 % [51 … 82] |" in page

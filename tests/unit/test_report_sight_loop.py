@@ -3,7 +3,7 @@
 import csv
 
 from gsbridge.files import write_json
-from gsbridge.report.figures.loop import SightFiles, write_sight_loop
+from gsbridge.report.figures.loop import PictureLoopFiles, write_picture_loop
 
 HEADER = ("pose_set", "index", "quadrant", "success", "success_tolerant", "failure")
 PLAN = (("default", "mirror", 8), ("default", "tint", 3), ("sees", "sim", 8), ("sees", "tint", 7))
@@ -26,7 +26,7 @@ def test_rows_and_page_tell_before_after_and_the_price(tmp_path):
     for world, verdict, photos in (("mirror", "no_discrepancy", 144), ("tint", "named", 24)):
         write_json(tmp_path / f"{world}_photos.json", {"views": photos})
         write_json(tmp_path / f"{world}.json", {**found, "verdict": verdict, "sentence": f"Said of {world}."})
-    files = SightFiles(
+    files = PictureLoopFiles(
         {"task": "grasp", "object": "bear", "background": "foam_pad", "seed": 1},
         [{"variant": variant, "world": world} for variant, world, _ in PLAN],
         ["mirror", "tint"],
@@ -36,7 +36,7 @@ def test_rows_and_page_tell_before_after_and_the_price(tmp_path):
         [tmp_path / f"{world}.json" for world in ("mirror", "tint")],
     )
     out = [tmp_path / name for name in ("rows.csv", "loop.md", "loop.png")]
-    write_sight_loop(files, *out)
+    write_picture_loop(files, *out)
     rows = list(csv.DictReader(out[0].open()))
     assert [int(row["successes"]) for row in rows] == [8, 3, 8, 7]
     assert [int(row["training_steps"]) for row in rows] == [5000, 5000, 7000, 7000]

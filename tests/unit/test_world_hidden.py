@@ -7,7 +7,7 @@ import pytest
 
 from gsbridge.errors import InputError
 from gsbridge.reality.world.hidden import Hidden, Ranges
-from gsbridge.reality.world.world_variants import LABORATORY, further_world
+from gsbridge.reality.world.world_variants import LABORATORY, world_variant
 
 NAMES = [item.name for item in dataclasses.fields(Ranges)]
 
@@ -69,7 +69,7 @@ def test_nonsense_is_refused_and_the_place_is_named(changes, words):
 
 
 def test_further_worlds_stand_in_the_same_laboratory():
-    home, other = further_world(1, 1), further_world(1, 2)
+    home, other = world_variant(1, 1), world_variant(1, 2)
     assert home == Hidden.draw(1)
     for item in dataclasses.fields(Hidden):
         same = getattr(home, item.name) == getattr(other, item.name)
@@ -78,6 +78,6 @@ def test_further_worlds_stand_in_the_same_laboratory():
 
 
 def test_further_worlds_set_what_they_name():
-    assert further_world(1, 2, {"latency": 0.1}).latency == 0.1
+    assert world_variant(1, 2, {"latency": 0.1}).latency == 0.1
     with pytest.raises(InputError, match=r"config: worlds.odd.*latencey"):
-        further_world(1, 2, {"latencey": 0.1}, "config: worlds.odd")
+        world_variant(1, 2, {"latencey": 0.1}, "config: worlds.odd")

@@ -16,7 +16,7 @@ from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.model import Stand
 from gsbridge.reality.world.physics import MirrorPhysics
 from gsbridge.reality.world.severity import LINES, WORST, Severity, worsened
-from gsbridge.reality.world.world_variants import LABORATORY, configured_world, further_world
+from gsbridge.reality.world.world_variants import LABORATORY, configured_world, world_variant
 from gsbridge.robot.assembly import ARM_LINKS
 from gsbridge.robot.nominal import base_from_table
 
@@ -25,7 +25,7 @@ NEUTRAL = Hidden()
 
 
 def at(level, seed=11):
-    return further_world(1, seed, severity=Severity(level, level))
+    return world_variant(1, seed, severity=Severity(level, level))
 
 
 def distance(line, world, home):
@@ -44,7 +44,7 @@ def test_the_documented_table_is_the_one_that_is_drawn_from():
 def test_severity_nought_is_the_world_without_it():
     for seed in range(20):
         assert worsened(Hidden.draw(seed), seed, Severity()) == Hidden.draw(seed)
-        assert further_world(1, seed, severity=Severity()) == further_world(1, seed)
+        assert world_variant(1, seed, severity=Severity()) == world_variant(1, seed)
         # What severity alone draws is neutral there.
         drawn = {item.name for item in dataclasses.fields(Hidden)} & {line.name for line in LINES if line.sizes[0] == 0}
         fresh = drawn - {"latency", "joint_friction", "mass", "full_well", "read_noise"}
@@ -86,9 +86,9 @@ def test_sizes_are_what_the_table_says(line):
 
 
 def test_look_and_physics_are_graded_apart_and_the_laboratory_stays():
-    look, both = further_world(1, 5, severity=Severity(look=3)), further_world(1, 5, severity=Severity(3, 3))
+    look, both = world_variant(1, 5, severity=Severity(look=3)), world_variant(1, 5, severity=Severity(3, 3))
     physics = configured_world(1, {"seed": 5, "severity": {"physics": 3}, "hidden": {}}, "lab")
-    home = further_world(1, 5)
+    home = world_variant(1, 5)
     for line in LINES:
         here, there = (look, physics) if line.part == "look" else (physics, look)
         assert getattr(here, line.name) == getattr(both, line.name)
@@ -99,7 +99,7 @@ def test_look_and_physics_are_graded_apart_and_the_laboratory_stays():
 
 def test_what_a_world_names_goes_before_its_severity():
     world = {"seed": 5, "severity": 4, "hidden": {"mass": 1.0}}
-    assert configured_world(1, world, "lab") == further_world(1, 5, {"mass": 1.0}, severity=Severity(4, 4))
+    assert configured_world(1, world, "lab") == world_variant(1, 5, {"mass": 1.0}, severity=Severity(4, 4))
 
 
 @pytest.mark.parametrize("given", [5, -1, True, 1.5, "2"])

@@ -24,14 +24,14 @@ class ImageEffect(Effect):
         places: Values of shape parameters at which one begins to look, all combinations; the typical one where none are given.
         far: Values of some amplitudes, the others being zero, at which one begins to look, too, since from nothing the way to
             what moved that far leads astray.
-        grain: Whether it changes the noise of the pictures only, not their expectation.
+        noise_only: Whether it changes the noise of the pictures only, not their expectation.
         timed: Whether it depends on when a photo was taken, beyond where the camera was then.
     """
 
     scope: ClassVar[str] = "camera"
     places: ClassVar[Mapping[str, tuple[float, ...]]] = {}
     far: ClassVar[tuple[Mapping[str, float], ...]] = ()
-    grain: ClassVar[bool] = False
+    noise_only: ClassVar[bool] = False
     timed: ClassVar[bool] = False
 
     @abstractmethod

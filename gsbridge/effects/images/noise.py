@@ -21,7 +21,7 @@ class Noise(ImageEffect):
     signature = "the grain is coarser: neighbouring pixels differ at random, and differently in every photo"
     confused_with = ("defocus",)
     tell_apart = "take two photos from one place and look at their difference"
-    grain = True
+    noise_only = True
 
     def apply(self, shooting: Shooting, values: Mapping[str, float]) -> None:
         """Add to the variances."""

@@ -124,7 +124,7 @@ class SplatResiduals(ImageResiduals):
 
     def tells(self, candidate: Candidate) -> bool:
         """Whether an effect can be told at all: drawn pictures have no grain to compare."""
-        return super().tells(candidate) and not candidate.effect.grain
+        return super().tells(candidate) and not candidate.effect.noise_only
 
     def coarse(self) -> ImageResiduals:
         """These views in few rows."""

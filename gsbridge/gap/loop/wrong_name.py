@@ -126,7 +126,7 @@ def amend_camera_wrongly(
     """
     found, pairs = read_json(findings), read_pairs(*photos)
     view = ImageResiduals(pairs["verify"], learn_noise(list(pairs.values())))
-    who = [one for one in image_candidates() if view.tells(one) and not one.effect.grain]
+    who = [one for one in image_candidates() if view.tells(one) and not one.effect.noise_only]
     wrong = wrong_effect(view.residual, _named(found, findings), who, seed)
     content = read_yaml(nominal, "model", "models/nominal.yaml")
     content = ordered({**content, "effects": [*(content.get("effects") or []), wrong.record()]}, nominal)

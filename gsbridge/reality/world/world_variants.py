@@ -15,7 +15,7 @@ from gsbridge.reality.world.severity import Severity, worsened
 LABORATORY = ("camera_shift", "camera_turn", "table_shift", "table_turn")
 
 
-def further_world(
+def world_variant(
     laboratory: int,
     seed: int,
     changes: Mapping[str, Any] | None = None,
@@ -48,6 +48,6 @@ def configured_world(laboratory: int, world: Mapping[str, Any], name: str) -> Hi
         name: Its name, for the message.
 
     Raises:
-        InputError: As `further_world`.
+        InputError: As `world_variant`.
     """
-    return further_world(laboratory, world["seed"], world["hidden"], f"config: worlds.{name}", Severity.of(world["severity"]))
+    return world_variant(laboratory, world["seed"], world["hidden"], f"config: worlds.{name}", Severity.of(world["severity"]))

@@ -219,7 +219,7 @@ def _told(findings: Mapping[str, Any]) -> str:
 
 
 def _write(
-    files: LoopFiles | SightFiles, out: tuple[str | Path, ...], what: str, found: Sequence[str], price: Sequence[str]
+    files: LoopFiles | PictureLoopFiles, out: tuple[str | Path, ...], what: str, found: Sequence[str], price: Sequence[str]
 ) -> None:
     """Rows, page and figure of one loop."""
     rows_csv, page, figure = out
@@ -263,7 +263,7 @@ def _price(files: LoopFiles, calibration: Mapping[str, Any], findings: Sequence[
 
 
 @dataclass(frozen=True)
-class SightFiles:
+class PictureLoopFiles:
     """What the table is made of.
 
     Args:
@@ -287,7 +287,7 @@ class SightFiles:
     comparisons: Sequence[Mapping[str, Any]] = ()
 
 
-def write_sight_loop(files: SightFiles, rows_csv: str | Path, page: str | Path, figure: str | Path) -> None:
+def write_picture_loop(files: PictureLoopFiles, rows_csv: str | Path, page: str | Path, figure: str | Path) -> None:
     """Write the rows, a page in Markdown and a figure.
 
     Args:
@@ -304,7 +304,7 @@ def write_sight_loop(files: SightFiles, rows_csv: str | Path, page: str | Path, 
     _write(files, (rows_csv, page, figure), "the camera", said, _photo_price(files, found))
 
 
-def _photo_price(files: SightFiles, found: Mapping[str, Mapping[str, Any]]) -> list[str]:
+def _photo_price(files: PictureLoopFiles, found: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """Photos, pictures and minutes."""
     counts = [int(field_of(path, "views")) for path in files.photos]
     out = [f"- {counts[0]} photos on the first day; later {', '.join(f'{n} in {w}' for w, n in _later(files, counts))}."]
@@ -325,5 +325,5 @@ def _photo_price(files: SightFiles, found: Mapping[str, Mapping[str, Any]]) -> l
     return out
 
 
-def _later(files: SightFiles, counts: Sequence[int]) -> list[tuple[str, int]]:
+def _later(files: PictureLoopFiles, counts: Sequence[int]) -> list[tuple[str, int]]:
     return list(zip(files.worlds[1:], counts[1:], strict=True))

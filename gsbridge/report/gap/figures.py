@@ -154,7 +154,7 @@ def _log_ticks(axis: Any, top: float) -> None:
     axis.minorticks_off()
 
 
-def draw_where(before: Mapping[str, Any], after: Mapping[str, Any] | None) -> str:
+def draw_residual_map(before: Mapping[str, Any], after: Mapping[str, Any] | None) -> str:
     """Map of where the difference shows: channel by phase and state, and below it what remains.
 
     Args:

@@ -9,8 +9,8 @@ from typing import Any
 
 from gsbridge.files import read_json
 from gsbridge.gap.image.case import PHOTOS
-from gsbridge.report.gap.figures import channel_name, channel_units, draw_where
-from gsbridge.report.gap.picture_page import write_sight_report
+from gsbridge.report.gap.figures import channel_name, channel_units, draw_residual_map
+from gsbridge.report.gap.picture_page import write_picture_report
 from gsbridge.report.gap.sections import JUDGED, MECHANISM, THROWS, Parts, read_series
 from gsbridge.report.gap.text import (
     effect_notes,
@@ -63,7 +63,7 @@ def write_gap_report(case: str, files: CaseFiles, out: str | Path) -> None:
         read_json, (files.record, files.comparison, files.screening, files.findings, files.replays)
     )
     if about["mode"] == PHOTOS:
-        write_sight_report(case, files.findings, files.series, out)
+        write_picture_report(case, files.findings, files.series, out)
         return
     series = read_series(files.series)
     select, explained = replays["records"]["select"], f"{JUDGED}/after" in series
@@ -84,8 +84,8 @@ def write_gap_report(case: str, files: CaseFiles, out: str | Path) -> None:
         warnings=findings.get("warnings", []),
         becomes=any("becomes" in row for item in findings["effects"] for row in item["parameters"].values()),
         effect_notes=effect_notes(findings),
-        where=draw_where(before_map, select["remains"] if explained else None),
-        where_text=_where_text(before_map, findings["select"]["unit"]),
+        where=draw_residual_map(before_map, select["remains"] if explained else None),
+        where_text=_residual_map_text(before_map, findings["select"]["unit"]),
         where_caption=parts.where_caption,
         rivals=_rivals(findings, parts.short),
         rivals_text=_rivals_text(findings, parts),
@@ -132,7 +132,7 @@ def _account_text(findings: Mapping[str, Any]) -> str:
     )
 
 
-def _where_text(found: Mapping[str, Any], unit: str) -> str:
+def _residual_map_text(found: Mapping[str, Any], unit: str) -> str:
     """The darkest cell in words."""
     place = most(found, unit)
     return f"Most of all: {place}." if place else "Nowhere more than noise would."

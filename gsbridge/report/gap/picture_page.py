@@ -31,7 +31,7 @@ _DRAWN = ("as drawn, corrected", "photo", "as expected", "apart before", "apart 
 """Titles where photos are held against drawn pictures."""
 
 
-def write_sight_report(case: str, findings: str | Path, pictures: str | Path, out: str | Path) -> None:
+def write_picture_report(case: str, findings: str | Path, pictures: str | Path, out: str | Path) -> None:
     """Write the page.
 
     Args:

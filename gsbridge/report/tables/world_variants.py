@@ -11,7 +11,7 @@ from gsbridge.report.tables.success import COUNT_NOTE, mirrors_table, summary_ta
 from gsbridge.report.tables.success_rows import COLUMNS
 
 
-def write_further(rows_csv: str | Path, page: str | Path) -> None:
+def write_world_variants(rows_csv: str | Path, page: str | Path) -> None:
     """Write the page: means over the grasp cells, then every cell in every world.
 
     Args:
