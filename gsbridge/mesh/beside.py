@@ -26,6 +26,8 @@ _AROUND = 0.12
 """How far beyond a mask depth is looked for, as a share of the root of its area."""
 _VOXELS = 96
 """Samples of the hull of the widened masks."""
+_ACROSS = 32
+"""Depths wanted along the root of a mask's area: a part that is lost is noticed, not drawn."""
 _OFF = 0.05
 """Points this far from the mesh, as a share of its size, are not its own. At an outline stereo errs by nearly as much."""
 _LOW = 0.06
@@ -41,17 +43,19 @@ def points_beside(views: Views, masks: Sequence[Array], settings: MeshSettings, 
 
     Args:
         views, masks: Photos and masks. [H, W] each.
-        settings: See `MeshSettings`; depth is measured at half their density.
+        settings: See `MeshSettings`; depth is measured at half their density, more sparsely in large photos.
         seed: Random seed.
         threads: Threads to use.
     """
-    wide = []
-    for mask in masks:
+    wide, across = [], []
+    for view, mask in zip(views, masks, strict=True):
         # Square brushes are cheap at any size.
-        reach = 1 + round(_AROUND * np.sqrt((mask > 0.5).sum()))
+        root = float(np.sqrt((mask > 0.5).sum()))
+        reach = 1 + round(_AROUND * root)
+        across.append(root * min(1.0, settings.image_width / view.camera.width))
         wide.append(cv2.dilate((mask > 0.5).astype(np.float32), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)))
     hull = build_hull(views, wide, vote=settings.hull_vote, voxels=_VOXELS, width=settings.image_width, threads=threads)
-    rough = settings.model_copy(update={"stride": 2 * settings.stride})
+    rough = settings.model_copy(update={"stride": max(2 * settings.stride, int(np.median(across) / _ACROSS))})
     return depth_cloud(views, wide, hull, rough, seed, threads, against_table=True).points
 
 

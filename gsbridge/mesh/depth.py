@@ -181,7 +181,7 @@ def depth_cloud(
         seed: Random seed.
         threads: Threads to use.
         against_table: Keep only depths that match clearly better than the table does: a printed grid also matches itself one
-            line further, which all photos of an even orbit see at the same height.
+            line further, which all photos of an even orbit see at the same height. Nothing is looked for deep in the hull.
     """
     stride = settings.stride
     photos = _working_photos(views, masks, settings.image_width, stride, 0.5)
@@ -238,7 +238,7 @@ def depth_cloud(
         # A line of sight that enters the hull from above may look into the object: its far wall is where the hull ends.
         end = np.minimum(float((hull.mesh.vertices @ pose[2, :3] + pose[2, 3]).max()), table).astype(np.float32)
         opened = enters_from_above(near, normals, photo.view) & (end > far)
-        if opened.any():
+        if opened.any() and not against_table:
             # A wall just beyond the first search's end pulls matches to that end.
             depth[opened & (depth > far - 0.03 * hull.size)] = 0.0
             deeper = opened & ((score < _SURE) | (depth == 0))
