@@ -68,6 +68,9 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("gsbridge: stopped", file=sys.stderr)
         return _INTERRUPTED
+    except EOFError:
+        print("gsbridge: a question was not answered, since the input has ended. Run it in a terminal", file=sys.stderr)
+        return 1
     except (GsbridgeError, OSError) as error:
         print(f"gsbridge: {error}", file=sys.stderr)
         return 1

@@ -133,6 +133,16 @@ def test_an_error_of_the_driver_stops_the_arm(files, capsys):
     assert sys.modules["my_arm"].Arm.made[-1].calls[-1] == "stop"
 
 
+def test_questions_without_anybody_to_answer_stop_the_arm(files, capsys, monkeypatch):
+    def nobody(question):
+        raise EOFError
+
+    monkeypatch.setattr("builtins.input", nobody)
+    assert main(command(files, "--option", "address=a", "--pose-set", "unseen", "--index", "2", "--trials", "t.csv")) == 1
+    assert capsys.readouterr().err.startswith("gsbridge: a question was not answered")
+    assert sys.modules["my_arm"].Arm.made[-1].calls[-1] == "stop"
+
+
 def test_a_guard_has_an_exit_code_of_its_own(files, capsys, monkeypatch):
     monkeypatch.setattr(HandDriver, "command", lambda self, pose, aperture: False)
     assert main(command(files, "--option", "address=a", "--steps", "30")) == 3
