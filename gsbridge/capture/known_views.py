@@ -29,7 +29,7 @@ class KnownView:
 
 
 def checked_view(view: KnownView, source: str | Path, photo: str) -> KnownView:
-    """The same view, if there can be such a camera in such a pose.
+    """Return a view as it is, if there can be such a camera in such a pose.
 
     Args:
         view: Camera and pose.

@@ -20,10 +20,10 @@ TITLES: dict[str, str] = {
 """What pages call them."""
 
 SHADED = tuple(name for name in RENDERERS if name not in ("mesh_vertex", "mesh"))
-"""Those that draw the shadows of robot and object; the paper's control, RL-sim, draws none."""
+"""Renderers that draw the shadows of robot and object; the paper's control, RL-sim, draws none."""
 
 SPLATS = ("gs", "gs_soft")
-"""Those that draw splats."""
+"""Renderers that draw splats."""
 
 
 def trained_on(renderer: str) -> str:

@@ -1,7 +1,8 @@
 """The gymnasium environment: one arm, one object, one wrist camera.
 
-**Action**, `Box(-1, 1, (5,))`: steps of the commanded tool pose, 20 per second; a diagonal may use every entry in full. The
-command never runs more than one and a half actions ahead of the arm (`gsbridge.sim.actions`).
+**Action**, `Box(-1, 1, (5,))`: steps of the commanded tool pose, 20 per second; a diagonal may use every entry in full. Before
+an action is added, the command is held to within one and a half actions of the arm, so that it leads by two and a half at most
+(`gsbridge.sim.actions`).
 
 | entry | meaning | of 1 |
 |---|---|---|

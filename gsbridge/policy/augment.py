@@ -73,7 +73,7 @@ class Augmentation:
             raise InputError("augmentation: opening", f"{self.opening} is out of range", "Give two numbers from 0 to 1")
 
     def widened(self, factor: float) -> Augmentation:
-        """The same with all ranges of pictures multiplied by a factor; what the hand feels stays."""
+        """Augmentation with all ranges of pictures multiplied by a factor; ranges of what the hand feels stay."""
         jitter = Jitter(**{item.name: factor * getattr(self.jitter, item.name) for item in fields(self.jitter)})
         return replace(self, jitter=jitter, offset=factor * self.offset, noise=factor * self.noise)
 

@@ -158,7 +158,7 @@ class Guard:
         """
         inside = self.workspace.clip(reached.position, reached.yaw)
         reach, turn = (TETHER + 1.0) * self.scale.position + 1e-9, (TETHER + 1.0) * self.scale.yaw + 1e-9
-        # With one action upon the tether, two and a half actions at most.
+        # The command is held to within `TETHER` actions of the arm, and one action more is added to it.
         if (np.abs(position - inside[0]) > reach).any() or abs((yaw - inside[1] + np.pi) % (2 * np.pi) - np.pi) > turn:
             return End.LARGE_STEP
         return None

@@ -78,7 +78,9 @@ def generate_cases(
         InputError: There is no such tier or split.
     """
     if tier not in TIERS or split not in SPLITS:
-        raise InputError("benchmark", f"there is no '{tier}', '{split}'", f"Use {', '.join(TIERS)}; {', '.join(SPLITS)}")
+        raise InputError(
+            "benchmark", f"there is no tier '{tier}' with a split '{split}'", f"Use {', '.join(TIERS)}; {', '.join(SPLITS)}"
+        )
     if seal is not None:
         split, seed = SCORED, seal
     order = Ordered(tier, split, count, seed, seal)

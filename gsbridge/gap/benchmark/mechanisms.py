@@ -28,7 +28,7 @@ UNKNOWN = ("cubic_spring", "shaking", "patchy_friction")
 """Effects that no catalogue of the diagnosis holds, as development sees them."""
 
 UNKNOWN_OF = {"development": (*UNKNOWN, "kicks"), "scored": ("detent", "hysteresis", "drifting", "sagging", "stop", "slip")}
-"""The same by split: none is in both."""
+"""Names of the effects by split; none is in both."""
 
 _AXIS_UNKNOWN = {"development": UNKNOWN, "scored": ("detent", "stop")}
 

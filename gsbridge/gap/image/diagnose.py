@@ -173,6 +173,6 @@ class ImageAccount(Account):
 
 
 class SplatAccount(ImageAccount):
-    """The same, where photos are held against drawn pictures."""
+    """Account of photos that are held against drawn pictures."""
 
     agree = "Photos differ from drawn pictures by no more than on the day of the registration (p = {p:.2g})."

@@ -73,7 +73,11 @@ class Pairs:
         if not self.camera.is_pinhole:
             raise InputError(source, "the photos are distorted", "Undistort them first; the diagnosis seeks what is left")
         if self.track is not None and self.times is None:
-            raise InputError(source, "a track needs the photos' times", "Give them, or no track for a camera that stood")
+            raise InputError(
+                source,
+                "a camera that moves on a track needs the times of its photos",
+                "Give the times, or leave the track out for a camera that stood still",
+            )
 
     def __len__(self) -> int:
         return len(self.poses)

@@ -38,7 +38,7 @@ MOST_BYTES, MOST_PICTURE_BYTES = 2_000_000, 300_000
 
 MIRROR_NOTE = "mirror: gsbridge's path-traced stand-in for reality"
 COLOURS = ((16, 108, 142), (191, 84, 26))
-"""Of simulation and of the second world, as in the figures."""
+"""Colours of simulation and of the second world, as in the figures."""
 
 BAR = (96, WIDTH - 62)
 """Where shares 0 and 1 lie in the picture of the counts, px."""
