@@ -11,6 +11,9 @@ from pathlib import Path
 import pytest
 
 from gsbridge import digests
+from gsbridge.effects.bodies import BODY_EFFECTS
+from gsbridge.effects.images import IMAGE_EFFECTS
+from gsbridge.effects.joints import JOINT_EFFECTS
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = sorted(path.stem for path in (ROOT / "scripts").glob("*.py"))
@@ -188,16 +191,22 @@ def test_what_python_imports_is_in_the_digest():
         assert set(loaded) - digests.WITHOUT_EFFECT <= closure, name
 
 
-@pytest.mark.parametrize("path", sorted(ROOT.glob("gsbridge/**/effects/*.py")), ids=lambda path: str(path.relative_to(ROOT)))
-def test_editing_an_effect_reruns_its_users(path):
-    module = ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
-    users = {
-        "gsbridge.gap.joints": ["identify_gap", "diagnose_gap_cases"],
-        "gsbridge.gap.contact": ["identify_gap", "diagnose_gap_cases"],
-        "gsbridge.scene": ["diagnose_photos", "train_policy"],
-    }
-    package = next((name for name in users if module.startswith(f"{name}.effects")), None)
-    for script in users.get(package, []):
+EFFECTS = [
+    (type(effect).__module__, place)
+    for place, effects in {"joints": JOINT_EFFECTS, "bodies": BODY_EFFECTS, "images": IMAGE_EFFECTS}.items()
+    for effect in effects.values()
+]
+USERS_OF_EFFECTS = {
+    "joints": ["identify_gap", "diagnose_gap_cases", "amend_simulation", "train_policy"],
+    "bodies": ["identify_gap", "diagnose_gap_cases", "amend_object", "train_policy"],
+    "images": ["identify_gap", "diagnose_gap_cases", "diagnose_photos", "amend_camera", "train_policy"],
+}
+
+
+@pytest.mark.parametrize(("module", "place"), EFFECTS, ids=[module.removeprefix("gsbridge.effects.") for module, _ in EFFECTS])
+def test_editing_an_effect_reruns_its_users(module, place):
+    assert module not in digests.WITHOUT_EFFECT
+    for script in USERS_OF_EFFECTS[place]:
         assert module in digests.import_closure([f"scripts.{script}"]), script
 
 
