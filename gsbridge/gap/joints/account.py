@@ -26,7 +26,13 @@ class Search(Protocol):
         """Residuals on the records `fit` and `select`."""
 
     def instead(self, whole: Hypothesis, k: int, third: JointResiduals | None = None) -> tuple[str, ...]:
-        """Names of the effects that explain as much in the place of the effect number `k`, compared on all records if three."""
+        """Names of the effects that explain as much in the place of one of an explanation.
+
+        Args:
+            whole: The explanation.
+            k: Number of the effect that others stand in for.
+            third: Residuals on the record `verify`, so that all records are compared; None to compare two.
+        """
 
 
 def account_of(search: Search, finding: Finding, whole: Hypothesis, third: JointResiduals) -> GapAccount:
