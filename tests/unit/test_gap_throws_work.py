@@ -8,9 +8,11 @@ import yaml
 from recording_file import read_recording
 from scipy.spatial.transform import Rotation
 
+from gsbridge import digests
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.gap.benchmark.body_truth import Scene, throw_box
+from gsbridge.gap.contact import bank
 from gsbridge.gap.contact.bank import grid_bank
 from gsbridge.gap.contact.body import parse_body, read_body
 from gsbridge.gap.contact.checks import check_clock, check_fall, check_speeds
@@ -150,13 +152,12 @@ def test_throws_survive_the_store(tmp_path):
         load_throws(tmp_path / "throws.npz")
 
 
-def test_a_bank_is_made_once_and_again_where_it_is_damaged(tmp_path):
+def test_a_bank_is_made_once_and_again_where_it_is_damaged(tmp_path, monkeypatch):
     body, throws = parse_body(MODEL, "."), throw_box(Scene(duration=0.2), 8, 0)
 
     def matches():
         replay = ThrowReplay(body, throws, 0.2)
-        bank = grid_bank(replay, ("restitution",), tmp_path)
-        return bank, replay
+        return grid_bank(replay, ("restitution",), tmp_path), replay
 
     first, made = matches()
     (file,) = tmp_path.iterdir()
@@ -171,6 +172,12 @@ def test_a_bank_is_made_once_and_again_where_it_is_damaged(tmp_path):
     changed = grid_bank(ThrowReplay(parse_body({**MODEL, "mass": 0.5}, "."), throws, 0.2), ("restitution",), tmp_path)
     assert len(list(tmp_path.iterdir())) == 2
     assert changed.runs == first.runs
+    # Another code of effects or simulation makes another bank; its digest follows imports.
+    monkeypatch.setattr(bank, "_edition", lambda: "edited")
+    assert matches()[0] == first
+    assert len(list(tmp_path.iterdir())) == 3
+    reached = digests.import_closure([bank.__name__])
+    assert {"gsbridge.effects.bodies.restitution", "gsbridge.gap.contact.world", "gsbridge.gap.contact.starts"} <= reached
 
 
 def test_a_difference_in_height_behind_the_impact_is_found_there():

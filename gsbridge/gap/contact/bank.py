@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import zipfile
 from collections.abc import Collection
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gsbridge.digests import code_digest
 from gsbridge.files import atomic_file
 from gsbridge.gap.contact.replay import ThrowReplay
 from gsbridge.gap.contact.search import GridMatch, body_effects, grid, screen
@@ -71,9 +73,15 @@ def grid_bank(replay: ThrowReplay, names: Collection[str] | None, folder: str | 
     return GridBank(who, tuple(matches), len(keys) * len(few) / len(replay))
 
 
+@functools.cache
+def _edition() -> str:
+    """Digest of the code that makes a bank, effects and simulation included: no flight that other code made is read."""
+    return code_digest(__name__)
+
+
 def _key(few: ThrowReplay, who: Collection[str]) -> str:
     """Digest of all that a bank depends on."""
-    total = hashlib.sha256(f"{few.body.digest()} {few.horizon} {list(who)}".encode())
+    total = hashlib.sha256(f"{_edition()} {few.body.digest()} {few.horizon} {list(who)}".encode())
     for path in few.body.meshes:
         total.update(path.read_bytes())
     for throw in few.throws.items:
