@@ -295,7 +295,7 @@ def test_throws_that_hardly_move_are_not_called_contradictory():
 
 
 def test_bad_throws_leave_nothing(tmp_path):
-    case = write_case(tmp_path, units={"position": "mm"})
+    case = write_case(tmp_path)
     throws = throw_box(Scene(duration=HORIZON), COUNT, 5)
     write_throws(tmp_path / "select.csv", changed(throws, position=lambda t: 1e3 * t.position))
     with pytest.raises(InputError, match=r"select.csv: .*millimetres"):
