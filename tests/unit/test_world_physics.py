@@ -15,6 +15,7 @@ from gsbridge.geometry import rotation_from_quat
 from gsbridge.meshes import Mesh
 from gsbridge.reality.mirror.backgrounds import make_plate
 from gsbridge.reality.mirror.objects import make_object
+from gsbridge.reality.world import pieces
 from gsbridge.reality.world.bodies import DENSITIES, body_of
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.model import OBJECT, Stand
@@ -249,7 +250,7 @@ def test_mass_factor_acts():
     assert physics.model.body(OBJECT).mass[0] == pytest.approx(physics.body.mass)
 
 
-def test_pieces_are_found_again_by_content(tmp_path):
+def test_pieces_are_found_again_by_content_and_code(tmp_path, monkeypatch):
     mesh, _ = make_object("small_cube", 0, 6.0)
     bare = Mesh(mesh.vertices, mesh.faces)
     first = convex_pieces(bare, tmp_path)
@@ -261,6 +262,9 @@ def test_pieces_are_found_again_by_content(tmp_path):
         np.testing.assert_array_equal(one, two)
     convex_pieces(Mesh(1.01 * mesh.vertices, mesh.faces), tmp_path)
     assert len(list(tmp_path.iterdir())) == 2
+    monkeypatch.setattr(pieces, "code_digest", lambda name: "edited")
+    convex_pieces(bare, tmp_path)
+    assert len(list(tmp_path.iterdir())) == 3
     assert min(piece[:, 2].min() for piece in first) == 0.0
     with pytest.raises(InputError, match="watertight"):
         convex_pieces(Mesh(mesh.vertices, mesh.faces[1:]), tmp_path)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gsbridge.digests import code_digest
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file, versions
 from gsbridge.geometry import Array
@@ -25,7 +26,7 @@ _SEARCH = 60
 
 
 def convex_pieces(mesh: Mesh, folder: str | Path) -> list[Array]:
-    """Convex pieces that together fill a closed mesh. They are computed once and found again by the mesh's content.
+    """Convex pieces that together fill a closed mesh. Computed once, and found again by the mesh and this code.
 
     Args:
         mesh: Watertight, standing on z = 0, m.
@@ -41,7 +42,7 @@ def convex_pieces(mesh: Mesh, folder: str | Path) -> list[Array]:
     """
     if not mesh.is_watertight():
         raise InputError("mirror", "an object's mesh is not watertight", "Mesh its shape again")
-    key = hashlib.sha256(repr((CONCAVITY, MOST, FOOT, _SEARCH, versions("coacd"))).encode())
+    key = hashlib.sha256(repr((code_digest(__name__), versions("coacd"))).encode())
     for part in (mesh.vertices.astype("<f8"), mesh.faces.astype("<i8")):
         key.update(np.ascontiguousarray(part).tobytes())
     path = Path(folder) / f"pieces-{key.hexdigest()[:16]}.npz"
