@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsbridge.gap.diagnosis.results import EffectFit
-from gsbridge.gap.joints.fit import polish
+from gsbridge.gap.joints.fit import polish, settled
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
@@ -27,7 +27,8 @@ def scatter_between(views: Sequence[JointResiduals], fitted: EffectFit) -> Array
     """
     values, deviations = list[Array](), list[Array]()
     for view in views:
-        found = polish(view, fitted)
+        # Of what begins at a threshold, slopes alone would leave each record where the common fit has it.
+        found = settled(view, polish(view, fitted))
         values.append(
             np.concatenate([who.vector(one) for who, one in zip(found.who, found.values, strict=True)] or [np.zeros(0)])
         )
