@@ -64,7 +64,6 @@ class JointEffect(Effect):
         cost: `sim` if it needs a simulation of its own, `post` if it changes logs only.
         turns: Whether it needs a joint that turns, and has no meaning at one that slides.
         sticks: Whether it can hold a joint at rest, where its law leaves open at which of many places.
-        strikes: Whether parts meet in it that were apart: no law tells how they bounce, and what that does for a moment.
     """
 
     scope: ClassVar[str] = "joint"
@@ -76,7 +75,6 @@ class JointEffect(Effect):
     cost: ClassVar[str] = "sim"
     turns: ClassVar[bool] = False
     sticks: ClassVar[bool] = False
-    strikes: ClassVar[bool] = False
 
     @abstractmethod
     def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:

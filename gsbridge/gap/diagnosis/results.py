@@ -143,11 +143,6 @@ class EffectFit:
         return tuple(dict(effect.parameters) for effect in self.effects)
 
     @property
-    def strikes(self) -> bool:
-        """Whether it is of one effect in which parts meet that were apart, so that its law fails for a moment now and then."""
-        return len(self.who) == 1 and bool(getattr(self.who[0].effect, "strikes", False))
-
-    @property
     def stopped(self) -> bool:
         """Whether an effect would have to be larger than makes sense, so that it was fitted to something else."""
         return any(
@@ -280,7 +275,6 @@ class Verification:
         channels: Before and after of each channel.
         accepted: Whether the amended model is no worse.
         p_remaining: p-value of the hypothesis that they leave nothing but noise there; None where nothing tells.
-        mostly: Share of the gap that they close at most times, where parts meet that were apart; None elsewhere.
     """
 
     before: float
@@ -289,7 +283,6 @@ class Verification:
     channels: Mapping[str, tuple[float, float]]
     accepted: bool
     p_remaining: float | None = None
-    mostly: float | None = None
 
     def transfers(self, rules: Rules | None = None, several: bool = False) -> bool:
         """Whether `verify` does not refute the effects.
@@ -306,8 +299,7 @@ class Verification:
             return self.closure >= TRANSFERS
         if self.before >= _SLIGHT and self.closure < TRANSFERS:
             return False
-        closure = self.closure if self.mostly is None or self.closure < TRANSFERS else max(self.closure, self.mostly)
-        return self.p_remaining >= rules.alarm or (not several and closure >= rules.closure)
+        return self.p_remaining >= rules.alarm or (not several and self.closure >= rules.closure)
 
 
 NAMED, ONE_OF, LIKELY = "named", "one of", "likely, not proven"

@@ -141,19 +141,26 @@ def slim(trials: Sequence[Hypothesis], rules: Rules, floor: float, plain: float)
     return out
 
 
-def transfer(plain: Array, residual: Array) -> float:
-    """How well an explanation agrees with a record that it was not fitted to, in standard deviations. Both [T, C].
+def transfer(plain: Array, residual: Array, *, remembered: bool = True) -> float:
+    """How well an explanation agrees with a record that it was not fitted to, in standard deviations.
 
     What it explains is held against the residual without it, and the spread of that against what it leaves: from blocks of
     time, so that coloured noise does not count as certainty. An explanation that acts in a few blocks only (a limit) is held
     against what is left at all other times, too.
+
+    Args:
+        plain: Residual without it. [T, C].
+        residual: Residual with it. [T, C].
+        remembered: Whether blocks that are alike count for less, as noise that remembers itself asks. What is left of a real
+            arm's motion comes back with it and is alike all along: that holds back an effect beside others, not an alarm.
     """
     part = plain - residual
     if not part.any():
         return 0.0
     variance, count = _spread(residual, part)
     # As many blocks, or places, as there are tell the spread; few of them have heavy tails.
-    deviations = float((plain * part).sum()) / max(np.sqrt(variance * _memory(residual, part)), 1e-300)
+    memory = _memory(residual, part) if remembered else 1.0
+    deviations = float((plain * part).sum()) / max(np.sqrt(variance * memory), 1e-300)
     return float(norm.isf(max(student.sf(deviations, count), 1e-300)))
 
 

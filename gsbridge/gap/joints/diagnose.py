@@ -13,7 +13,6 @@ import numpy as np
 from gsbridge.effects.base import Effect
 from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import Applied
-from gsbridge.gap.diagnosis.closure import closed_at_most_times
 from gsbridge.gap.diagnosis.findings import Account, Diagnosis
 from gsbridge.gap.diagnosis.results import (
     NAMED,
@@ -119,7 +118,7 @@ def diagnose_joints(
         finding = finding.refuted()
     if finding.best is not None:
         effects = finding.best.fit.effects
-        verification = verify(third, effects, np.random.default_rng(seed), strikes=finding.best.fit.strikes)
+        verification = verify(third, effects, np.random.default_rng(seed))
         said = finding.verdict in ("named", "ambiguous")
         finding = finding.refuted() if said and not verification.transfers(rules) else finding
     account, named = None, mechanism.runs - made - mechanism.shared
@@ -271,16 +270,13 @@ def views_of(
     return views
 
 
-def verify(
-    view: JointResiduals, effects: Sequence[Applied], rng: np.random.Generator, *, strikes: bool = False
-) -> Verification:
+def verify(view: JointResiduals, effects: Sequence[Applied], rng: np.random.Generator) -> Verification:
     """Replay a record with and without effects; sizes are root mean squares in units of the noise (1 is noise alone).
 
     Args:
         view: Residuals of a record neither fitted nor used to choose.
         effects: What was found.
         rng: Random numbers for effect-free replicates.
-        strikes: Whether parts meet in them that were apart, so that it is asked what they close at most times.
     """
     sizes, residual = [], np.zeros(0)
     for added in ((), tuple(effects)):
@@ -291,5 +287,4 @@ def verify(
     names = [view.record.label(kind, k) for kind, k in view.channels]
     channels = {name: (float(a), float(b)) for name, a, b in zip(names, rows_before, rows_after, strict=True)}
     p_remaining = joint_null(view, rng).p_value(residual)
-    mostly = closed_at_most_times(view.residual(), residual, 1.0) if strikes else None
-    return Verification(before, after, float(1.0 - left / gap), channels, after <= before, p_remaining, mostly)
+    return Verification(before, after, float(1.0 - left / gap), channels, after <= before, p_remaining)

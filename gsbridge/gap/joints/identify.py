@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from gsbridge.gap.diagnosis.closure import beyond_noise, closed_at_most_times, closed_beside_rest
-from gsbridge.gap.diagnosis.results import TRANSFERS, Candidate, EffectFit, Finding, Hypothesis, Rules
+from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Finding, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import Decision, decide, slim, transfer
 from gsbridge.gap.joints.bank import SignatureBank
 from gsbridge.gap.joints.candidates import thresholds
@@ -338,10 +338,10 @@ class JointIdentification:
         error of the model as far as anybody knows, and a hundredth of the gap: an effect that small mends another's law.
         """
         rules, closure = self.rules, min(self._closed(trial), self._closed_first(trial))
-        if trial.fit.strikes and closure >= TRANSFERS:
-            closure = min(self._closed_first(trial), closed_at_most_times(self.plain, trial.residual, self.null.share))
-        if closure < rules.closure or len(trial.fit.who) == 1:
-            return closure >= rules.closure
+        if closure < rules.closure:
+            return False
+        if len(trial.fit.who) == 1:
+            return True
         left = max(trial.chi2 - self.floor, 0.0)
         for candidate in trial.fit.who:
             kept = [k for k, c in enumerate(trial.fit.who) if c != candidate]

@@ -319,7 +319,9 @@ class Widening:
             return False
         helps = [share >= _EACH * self.rules.worth for share in shares[1:]]
         pairs = ((best.first, trial.first), (best.residual, trial.residual))
-        helps = [good and transfer(*pair) > self.rules.deviations for good, pair in zip(helps, pairs, strict=True)]
+        helps = [
+            good and transfer(*pair, remembered=False) > self.rules.deviations for good, pair in zip(helps, pairs, strict=True)
+        ]
         if not all(helps) and any(helps) and trial.fit.who[-1].effect.threshold:
             # A table says nothing of a motion that never comes near it, and little of one that touches it once: there it must
             # only do no harm.
