@@ -18,6 +18,7 @@ from gsbridge.gap.diagnosis.backend import best_effects
 from gsbridge.gap.diagnosis.closure import closed, closed_beside_rest
 from gsbridge.gap.diagnosis.results import Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import decide
+from gsbridge.gap.joints.account import _order
 from gsbridge.gap.joints.bank import make_bank, signature_bank
 from gsbridge.gap.joints.candidates import JointCandidate
 from gsbridge.gap.joints.case import read_joint_case
@@ -317,6 +318,19 @@ def test_what_is_named_has_the_size_that_the_account_has(told):
         for name, parameter in row["parameters"].items():
             assert parameter["value"] == entry[name]["value"]
             np.testing.assert_allclose(parameter["interval90"], entry[name]["interval90"], rtol=1e-9)
+
+
+class Parts:
+    """Residuals from which each effect takes a part of its own; the last one adds to them."""
+
+    def residual(self, effects):
+        taken = [effect.parameters["part"] for effect in effects]
+        return np.array([3.0, 2.0, 1.0]) - np.array([np.isin(k, taken) * size for k, size in enumerate((3.0, 2.0, -1.0))])
+
+
+def test_effects_that_explain_nothing_are_in_no_account():
+    effects = tuple(Applied("any", "", {"part": float(part)}) for part in (1, 0, 7, 2))
+    assert _order(Parts(), effects) == [1, 0]
 
 
 def test_an_account_tells_effects_in_order_with_their_shares(told):

@@ -73,7 +73,7 @@ def _size(view: JointResiduals, effects: Sequence[Applied]) -> float:
 
 
 def _order(seen: PooledResiduals, effects: tuple[Applied, ...]) -> list[int]:
-    """Places of effects in the order in which they explain records, each beside those before it.
+    """Places of effects in the order in which they explain records, each beside those before it, without what adds nothing.
 
     An effect seldom explains more beside others than it did beside fewer, so that only those are looked at anew that could come
     next.
@@ -87,6 +87,8 @@ def _order(seen: PooledResiduals, effects: tuple[Applied, ...]) -> list[int]:
         while (best := max(gains, key=lambda k: gains[k])) not in fresh:
             gains[best] = left - _squares(seen, [effects[k] for k in (*out, best)])
             fresh.add(best)
+        if gains[best] <= 0.0:
+            break
         left -= gains.pop(best)
         out.append(best)
     return out
