@@ -76,7 +76,7 @@ def test_throws_give_the_model_that_a_policy_learns_with(snakemake, tmp_path):
     ("target", "said"),
     [
         ("results/gap/axsi/report.html", "Did you mean 'axis'?"),
-        ("results/gap/axis/report.html", "lost.yaml is there"),
+        ("results/gap/axis/report.html", "lost.yaml. Correct the path of the case"),
     ],
 )
 def test_cases_that_are_not_there_are_named(snakemake, tmp_path, target, said):
