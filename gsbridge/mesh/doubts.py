@@ -15,7 +15,8 @@ from gsbridge.photogrammetry.carving import mesh_depth
 from gsbridge.photogrammetry.cavity import cavity_depth
 
 _DISAGREE = 0.1
-"""Share by which mesh and measured points may differ: in height, and of points that lie off the mesh."""
+"""Share by which mesh and measured points may differ: in height, how far the inside lies from them, and of points that lie off
+the mesh."""
 _UNSEEN = 0.5
 """Share of the upward surface without depth above which its shape is a guess."""
 _GUESSED = 0.15
@@ -42,7 +43,7 @@ def doubts(mesh: Mesh, members: Array, shares: Mapping[str, float]) -> list[str]
         members: Sparse points of what stands there. [K, 3].
         shares: `open_share`, of the upward surface without depth; `cavity_share`, of the hull's volume that measured depth has
             emptied; `guessed_share` and `guessed_inside_share`, of the upward surface and of that inside the outlines near
-            which nothing was measured; 0..1.
+            which nothing was measured; `guessed_inside_reach`, how far from all points the latter lies, of the size; 0..1.
 
     Returns:
         One reason for each disagreement; none for a mesh to be trusted.
@@ -67,6 +68,11 @@ def doubts(mesh: Mesh, members: Array, shares: Mapping[str, float]) -> list[str]
         reasons.append(
             f"nothing was measured near {100 * shares['guessed_inside_share']:.0f} % of the surface that no outline shows: the "
             "inside of its opening is a guess there; film it from higher up, more closely, and without strong compression"
+        )
+    elif shares["cavity_share"] and shares["guessed_inside_reach"] > _DISAGREE:
+        reasons.append(
+            f"inside its opening the surface lies up to {100 * shares['guessed_inside_reach']:.0f} % of the object's size from "
+            "all that was measured: there may be a heap or a pit there; film it from higher up and more closely"
         )
     if len(members) < _FEW_POINTS:
         return reasons

@@ -42,6 +42,8 @@ _NEAR = 0.035
 _AHEAD, _BEYOND, _INNER = 0.06, 0.02, 0.05
 """How far before a surface the hull is asked, and how deep in it that must lie, as shares of the object's size; and the share
 of the whole surface that must face into the hull to be a hollow rather than a dent."""
+_SPECK = 0.001
+"""Share of the whole surface that is too little to be told of."""
 _OUTLINE_WIDTH = 320
 """Masks are shrunk to this width for the height that the outlines need, px."""
 
@@ -267,22 +269,34 @@ def guessed_share(mesh: Mesh, points: Array) -> float:
     return _far_share(mesh, points, (mesh.normals()[:, 2] > 0.5) & (mesh.corners().mean(1)[:, 2] > _LOWER * size))
 
 
-def guessed_inside(mesh: Mesh, points: Array, hull: Mesh) -> float:
-    """Share of the surface that no outline can have shaped near which nothing was measured: the inner wall of a pot, say.
+def guessed_inside(mesh: Mesh, points: Array, hull: Mesh) -> tuple[float, float]:
+    """How much of the surface that no outline can have shaped is far from all that was measured, and how far.
 
-    Such a surface faces into the hull: the space before it is in all outlines, and depth alone can have emptied it.
+    Such a surface faces into the hull, as the inner wall of a pot does: the space before it is in all outlines, and depth alone
+    can have emptied it.
 
     Args:
         mesh: An object, standing on z = 0.
         points: Measured points. [N, 3].
         hull: Its visual hull, before depth took anything off.
+
+    Returns:
+        The share of that surface near which nothing was measured, 0..1, and the distance from all points, as a share of the
+        object's size, that a thousandth of the object's whole surface exceeds there.
     """
     size = float(np.ptp(mesh.vertices, axis=0).max())
     middles = mesh.corners().mean(1)
     faces_in = depth_inside(hull, middles + _AHEAD * size * mesh.normals()) > _BEYOND * size
-    if float(mesh.areas()[faces_in].sum()) < _INNER * float(mesh.areas().sum()):
-        return 0.0
-    return _far_share(mesh, points, faces_in & (middles[:, 2] > _LOWER * size))
+    areas = mesh.areas()
+    if float(areas[faces_in].sum()) < _INNER * float(areas.sum()):
+        return 0.0, 0.0
+    part = faces_in & (middles[:, 2] > _LOWER * size)
+    if not part.any() or len(points) == 0:
+        return _far_share(mesh, points, part), float(part.any())
+    away = np.asarray(cKDTree(points).query(middles[part])[0]) / size
+    order = np.argsort(-away)
+    beyond = np.searchsorted(np.cumsum(areas[part][order]), _SPECK * float(areas.sum()))
+    return _far_share(mesh, points, part), float(away[order[min(int(beyond), len(order) - 1)]])
 
 
 def _far_share(mesh: Mesh, points: Array, part: Array) -> float:

@@ -126,8 +126,9 @@ def cup(p):
     return np.maximum(outside, -np.maximum(rho - 0.030, 0.006 - z))
 
 
-def shares(unseen, cavity=0.0, guessed=0.0, inside=0.0):
-    return {"open_share": unseen, "cavity_share": cavity, "guessed_share": guessed, "guessed_inside_share": inside}
+def shares(unseen, cavity=0.0, guessed=0.0, inside=(0.0, 0.0)):
+    names = ("open_share", "cavity_share", "guessed_share", "guessed_inside_share", "guessed_inside_reach")
+    return dict(zip(names, (unseen, cavity, guessed, *inside), strict=True))
 
 
 def test_a_bottom_that_nobody_saw_is_a_guess():
@@ -153,7 +154,7 @@ def test_an_inner_wall_that_no_depth_shows_is_a_guess():
     """No outline shows it, and it hardly faces upward: compressed photos measured the bottom and the rim alone."""
     views, masks, hull, cloud = look(pot, (38.0, 65.0))
     left, share = carved(lowered(hull, views, masks, lambda: cloud), cloud, threads=1)
-    assert guessed_inside(left.mesh, cloud.points, hull.mesh) < 0.05
+    assert max(guessed_inside(left.mesh, cloud.points, hull.mesh)) < 0.05
     x, y, z = cloud.points.T
     wall = (np.hypot(x, y) < 0.5 * (POT_RIM + 0.025)) & (z > 1.5 * POT_FLOOR) & (z < 0.8 * POT_HEIGHT)
     inside = guessed_inside(left.mesh, cloud.points[~wall], hull.mesh)
@@ -165,9 +166,24 @@ def test_an_inner_wall_that_no_depth_shows_is_a_guess():
     assert doubts(left.mesh, cloud.points[:5], shares(0.1, 0.0, guessed, inside)) == []
 
 
+def test_a_small_place_far_from_all_points_is_a_guess_too():
+    """A heap on the inner wall takes little of it: how far it is from what was measured tells what its share does not."""
+    views, masks, hull, cloud = look(pot, (38.0, 65.0))
+    left, share = carved(lowered(hull, views, masks, lambda: cloud), cloud, threads=1)
+    size = np.ptp(left.mesh.vertices, axis=0).max()
+    wall = np.array([0.5 * (POT_RIM + 0.025), 0.0, 0.6 * POT_HEIGHT])
+    for hole, said in ((0.05, False), (0.2, True)):
+        kept = cloud.points[np.linalg.norm(cloud.points - wall, axis=1) > hole * size]
+        part, reach = guessed_inside(left.mesh, kept, hull.mesh)
+        assert part < 0.15
+        reasons = doubts(left.mesh, kept[:5], shares(0.1, share, 0.0, (part, reach)))
+        assert [bool(reasons), "a heap or a pit" in " ".join(reasons)] == [said, said]
+        assert reach == pytest.approx(max(hole, 0.03), abs=0.07)
+
+
 def test_a_convex_thing_has_no_inside():
     thing = box([-0.02, -0.02, 0.0], [0.02, 0.02, 0.06])
-    assert guessed_inside(thing, np.zeros((0, 3)), thing) == 0.0
+    assert guessed_inside(thing, np.zeros((0, 3)), thing) == (0.0, 0.0)
 
 
 def outward(solid, points):
