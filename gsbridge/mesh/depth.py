@@ -238,9 +238,10 @@ def depth_cloud(
         # A line of sight that enters the hull from above may look into the object: its far wall is where the hull ends.
         end = np.minimum(float((hull.mesh.vertices @ pose[2, :3] + pose[2, 3]).max()), table).astype(np.float32)
         opened = enters_from_above(near, normals, photo.view) & (end > far)
-        if opened.any() and not against_table:
+        if opened.any():
             # A wall just beyond the first search's end pulls matches to that end.
             depth[opened & (depth > far - 0.03 * hull.size)] = 0.0
+        if opened.any() and not against_table:
             deeper = opened & ((score < _SURE) | (depth == 0))
             first = np.where(deeper, far - 0.06 * hull.size, np.inf).astype(np.float32)
             deep, deep_score = search(first, end, _DEEP_HYPOTHESES, settings.min_score + _DEEP_MARGIN)

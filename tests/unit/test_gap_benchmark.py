@@ -276,7 +276,7 @@ def test_changed_truth_is_refused(drawn, tmp_path):
 
 
 def test_unknown_tier_method_and_missing_package_are_refused(tmp_path):
-    with pytest.raises(InputError, match="no 't9'"):
+    with pytest.raises(InputError, match="no tier 't9'"):
         generate_cases("t9", "scored", tmp_path / "a", tmp_path / "b")
     assert not (tmp_path / "a").exists()
     assert all(available(method) is None for method in METHODS if method != "cma_es")

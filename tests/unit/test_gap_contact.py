@@ -331,7 +331,7 @@ def test_what_throws_showed_becomes_the_simulations(thrown):
         ({"effects": ["magic"]}, "unknown"),
         ({"model": "none.yaml"}, "cannot be read"),
         ({"colour": 1}, "unknown"),
-        ({"records": None}, "needs"),
+        ({"records": None}, "does not name a file for each role"),
         ({"horizon": "long"}, "'horizon' is no number"),
         ({"horizon": -1}, "'horizon' is -1"),
         ({"effects": "restitution"}, "no list of names"),
