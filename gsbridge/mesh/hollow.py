@@ -269,16 +269,18 @@ def guessed_share(mesh: Mesh, points: Array) -> float:
     return _far_share(mesh, points, (mesh.normals()[:, 2] > 0.5) & (mesh.corners().mean(1)[:, 2] > _LOWER * size))
 
 
-def guessed_inside(mesh: Mesh, points: Array, hull: Mesh) -> tuple[float, float]:
+def guessed_inside(mesh: Mesh, points: Array, hull: Mesh, centres: Array) -> tuple[float, float]:
     """How much of the surface that no outline can have shaped is far from all that was measured, and how far.
 
     Such a surface faces into the hull, as the inner wall of a pot does: the space before it is in all outlines, and depth alone
-    can have emptied it.
+    can have emptied it. What faces away from every camera is left out: the unseen side of a narrow capture and the underside
+    of an apple face into the hull, too, and are no openings.
 
     Args:
         mesh: An object, standing on z = 0.
         points: Measured points. [N, 3].
         hull: Its visual hull, before depth took anything off.
+        centres: Places of the cameras. [V, 3].
 
     Returns:
         The share of that surface near which nothing was measured, 0..1, and the distance from all points, as a share of the
@@ -286,7 +288,8 @@ def guessed_inside(mesh: Mesh, points: Array, hull: Mesh) -> tuple[float, float]
     """
     size = float(np.ptp(mesh.vertices, axis=0).max())
     middles = mesh.corners().mean(1)
-    faces_in = depth_inside(hull, middles + _AHEAD * size * mesh.normals()) > _BEYOND * size
+    before = middles + _AHEAD * size * mesh.normals()
+    faces_in = (depth_inside(hull, before) > _BEYOND * size) & _faces_any(mesh, centres)
     areas = mesh.areas()
     if float(areas[faces_in].sum()) < _INNER * float(areas.sum()):
         return 0.0, 0.0
@@ -297,6 +300,16 @@ def guessed_inside(mesh: Mesh, points: Array, hull: Mesh) -> tuple[float, float]
     order = np.argsort(-away)
     beyond = np.searchsorted(np.cumsum(areas[part][order]), _SPECK * float(areas.sum()))
     return _far_share(mesh, points, part), float(away[order[min(int(beyond), len(order) - 1)]])
+
+
+def _faces_any(mesh: Mesh, centres: Array) -> Array:
+    """Whether the faces of a mesh face any of the cameras, whatever lies between. [V, 3] -> [F] bool."""
+    normals, middles = mesh.normals(), mesh.corners().mean(1)
+    # n . (c - p) over all cameras at once would be [F, V]: the largest is kept.
+    ahead = np.full(len(normals), -np.inf)
+    for centre in centres:
+        np.maximum(ahead, normals @ centre, out=ahead)
+    return np.asarray(ahead > (normals * middles).sum(1))
 
 
 def _far_share(mesh: Mesh, points: Array, part: Array) -> float:

@@ -155,7 +155,9 @@ def mesh_object(
     distance = float(np.median([np.linalg.norm(view.centre - focus) for view in views]))
     members = sparse[find_standing(sparse, focus, distance).members]
     figures["guessed_share"] = guessed_share(visual, measured)
-    figures["guessed_inside_share"], figures["guessed_inside_reach"] = guessed_inside(visual, measured, hull.mesh)
+    centres = np.stack([view.centre for view in views])
+    inside = guessed_inside(visual, measured, hull.mesh, centres)
+    figures["guessed_inside_share"], figures["guessed_inside_reach"] = inside
     reasons += doubts(visual, members, figures)
     overlaps = outline_overlaps(visual, views, masks)
     reasons += outline_doubts(overlaps, [view.name for view in views])

@@ -36,6 +36,10 @@ def look(solid, lifts_deg, count=18):
     return views, masks, build_hull(views, masks, vote=0.95, voxels=64, width=200, threads=1), cloud
 
 
+def centres_of(views):
+    return np.stack([view.centre for view in views])
+
+
 @pytest.fixture(scope="module")
 def one_height():
     return look(pot, (38.0,))
@@ -154,10 +158,10 @@ def test_an_inner_wall_that_no_depth_shows_is_a_guess():
     """No outline shows it, and it hardly faces upward: compressed photos measured the bottom and the rim alone."""
     views, masks, hull, cloud = look(pot, (38.0, 65.0))
     left, share = carved(lowered(hull, views, masks, lambda: cloud), cloud, threads=1)
-    assert max(guessed_inside(left.mesh, cloud.points, hull.mesh)) < 0.05
+    assert max(guessed_inside(left.mesh, cloud.points, hull.mesh, centres_of(views))) < 0.05
     x, y, z = cloud.points.T
     wall = (np.hypot(x, y) < 0.5 * (POT_RIM + 0.025)) & (z > 1.5 * POT_FLOOR) & (z < 0.8 * POT_HEIGHT)
-    inside = guessed_inside(left.mesh, cloud.points[~wall], hull.mesh)
+    inside = guessed_inside(left.mesh, cloud.points[~wall], hull.mesh, centres_of(views))
     guessed = guessed_share(left.mesh, cloud.points[~wall])
     assert guessed < 0.1
     (reason,) = doubts(left.mesh, cloud.points[:5], shares(0.1, share, guessed, inside))
@@ -174,7 +178,7 @@ def test_a_small_place_far_from_all_points_is_a_guess_too():
     wall = np.array([0.5 * (POT_RIM + 0.025), 0.0, 0.6 * POT_HEIGHT])
     for hole, said in ((0.05, False), (0.2, True)):
         kept = cloud.points[np.linalg.norm(cloud.points - wall, axis=1) > hole * size]
-        part, reach = guessed_inside(left.mesh, kept, hull.mesh)
+        part, reach = guessed_inside(left.mesh, kept, hull.mesh, centres_of(views))
         assert part < 0.15
         reasons = doubts(left.mesh, kept[:5], shares(0.1, share, 0.0, (part, reach)))
         assert [bool(reasons), "a heap or a pit" in " ".join(reasons)] == [said, said]
@@ -183,7 +187,24 @@ def test_a_small_place_far_from_all_points_is_a_guess_too():
 
 def test_a_convex_thing_has_no_inside():
     thing = box([-0.02, -0.02, 0.0], [0.02, 0.02, 0.06])
-    assert guessed_inside(thing, np.zeros((0, 3)), thing) == (0.0, 0.0)
+    assert guessed_inside(thing, np.zeros((0, 3)), thing, np.array([[0.3, 0.0, 0.2]])) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(("around_deg", "seen_from"), [(360, "round"), (60, "one side")])
+def test_what_faces_away_from_every_camera_is_no_opening(around_deg, seen_from):
+    """Outlines leave a skirt below the belly of an apple, and a cone behind one that is filmed from one side alone."""
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=0.036)
+    ball.apply_translation([0.0, 0.0, 0.036])
+    hull = trimesh.creation.cylinder(radius=0.05, height=0.08)
+    hull.apply_translation([0.0 if seen_from == "round" else -0.014, 0.0, 0.04])
+    angles = np.radians(np.linspace(-0.5, 0.5, 12) * around_deg)
+    centres = np.stack([0.1 * np.cos(angles), 0.1 * np.sin(angles), np.full(12, 0.4)], axis=1)
+    normals, middles = ball.face_normals, ball.triangles_center
+    visible = (np.einsum("fk,vk->fv", normals, centres) > (normals * middles).sum(1)[:, None]).any(1)
+    thing, outlines = Mesh(ball.vertices, ball.faces), Mesh(hull.vertices, hull.faces)
+    from_below_too = np.array([*centres, [0.0, 0.0, -0.5], [-0.5, 0.0, 0.0]])
+    assert guessed_inside(thing, middles[visible], outlines, from_below_too)[0] > 0.15
+    assert guessed_inside(thing, middles[visible], outlines, centres)[0] == 0.0
 
 
 def outward(solid, points):
