@@ -1,12 +1,16 @@
 """gsbridge: photos or a video in, a metric scene of mesh-bound Gaussians out. A table of contents; see rules/."""
 
 import os
+import sys
 from pathlib import Path
 
 from gsbridge.configuration.files import check_files
 from gsbridge.configuration.whole import read_configuration
+from gsbridge.workflow_faults import told
 from gsbridge.workflow_lock import end_when_asked
 from gsbridge.workflow_storage import see_new_folders
+from gsbridge.workflow_targets import check_targets, targets_of
+from snakemake.cli import get_argument_parser
 from snakemake.utils import min_version
 
 min_version("9.19")
@@ -15,14 +19,16 @@ min_version("9.19")
 # Folder of this file, also where workflow/Snakefile includes it.
 ROOT = Path(os.path.abspath(workflow.current_basedir.get_path_or_uri(secret_free=True)))
 # Before snakemake reads them: it names no line.
-check_files([f"{ROOT}/config.yaml", *workflow.configfiles])
+with told():
+    check_files([f"{ROOT}/config.yaml", *workflow.configfiles])
 
 
 configfile: f"{ROOT}/config.yaml"
 
 
 # With all defaults, and numbers for what came as text.
-config.update(read_configuration(config))
+with told():
+    config.update(read_configuration(config))
 
 
 report: "rules/captions/workflow.rst"
@@ -66,3 +72,8 @@ rule all:
         "results/tables",
         recordings,
     localrule: True
+
+
+if workflow.is_main_process and OWN_TARGETS:
+    with told():
+        check_targets(targets_of(sys.argv, get_argument_parser), workflow.rules)

@@ -17,7 +17,7 @@ from gsbridge.workflow_lock import working_folder
 
 _JOB_COUNT = re.compile(r"^(\w+) +(\d+)$", re.MULTILINE)
 _REASON = re.compile(r"^ {4}(\w[^:\n]*):\n {8}(\w[\w, ]*)$", re.MULTILINE)
-_SENTENCE = re.compile(r"^InputError in file .*:\n(.+)$|^ +InputError: (.+)$", re.MULTILINE)
+_SENTENCE = re.compile(r"^ERROR (.+)$|^InputError in file .*:\n(.+)$|^ +InputError: (.+)$", re.MULTILINE)
 _NOT_STALE = ("output files have to be generated", "input files updated by another job")
 """Why snakemake makes what is not there yet, and what follows from other jobs: for all else something has changed."""
 

@@ -40,8 +40,11 @@ from gsbridge.gap.formats.files import (
     check_contents,
     check_own_cases,
 )
+from gsbridge.gap.formats.present import check_model, check_own_file
+from gsbridge.workflow_faults import told
 
-check_configuration(config)
+with told():
+    check_configuration(config)
 
 SEED = config["seed"]
 PLAN = Experiment(config, ROOT, Path.cwd())
@@ -61,23 +64,35 @@ POLICY_ITEM = f"{ANY.item}-seed{{seed}}"
 MANY_THREADS = 8
 # A case of one's own needs no entry: `--config gap_case=FILE`.
 OWN_CASE = config["gap_case"]
-GAP_CASES = {**GAP["cases"], **({case_name(OWN_CASE): OWN_CASE} if OWN_CASE else {})}
+with told():
+    OWN_NAME = case_name(OWN_CASE) if OWN_CASE else ""
+GAP_CASES = {**GAP["cases"], **({OWN_NAME: OWN_CASE} if OWN_CASE else {})}
+CASE_PLACES = [Path.cwd(), ROOT]
 GAP_BANK = "results/.state/gap_bank"
 BENCHMARK = BenchmarkPlan(PLAN)
+with told():
+    SEAL = BENCHMARK.seal
 EVIDENCE = EvidencePlan(PLAN)
 SCENE_THREADS = scene_threads()
+# Another workflow that includes this one, or files in a store, have targets that are not all known here.
+OWN_TARGETS = (
+    Path(workflow.main_snakefile) in (ROOT / "Snakefile", ROOT / "workflow/Snakefile")
+    and workflow.storage_settings.default_storage_provider is None
+)
 
 if workflow.is_main_process:
     # A second of imports, which jobs need not pay again.
     from gsbridge.policy.plan import check_policies
 
-    check_policies(config, ROOT)
-    check_asked(sys.argv[1:], config["scenes"])
-    check_asked_cases(sys.argv[1:], [*GAP_CASES, *LOOP.cases])
-    check_own_cases(GAP_CASES, LOOP.cases)
-    check_contents(GAP["contents"], config["scenes"])
-    for scene in PLAN.scenes:
-        PLAN.scene_source(scene)
+    with told():
+        check_policies(config, ROOT)
+        check_asked(sys.argv[1:], config["scenes"])
+        check_asked_cases(sys.argv[1:], [*GAP_CASES, *LOOP.cases])
+        check_own_cases(GAP_CASES, LOOP.cases)
+        check_own_file(OWN_CASE, CASE_PLACES)
+        check_contents(GAP["contents"], config["scenes"])
+        for scene in PLAN.scenes:
+            PLAN.scene_source(scene)
     restore_dates(Path.cwd())
     if PLAN.left_out:
         absent = ", ".join(PLAN.left_out)
@@ -115,6 +130,7 @@ def state_folder(script, wildcards, *key):
 # Scenes
 
 
+@told()
 def scene_source(wildcards):
     """Files that a scene's keyframes are taken from; a folder's date changes with every copy, its contents decide."""
     path = PLAN.scene_source(wildcards.scene)
@@ -167,6 +183,7 @@ def scene_records(wildcards):
     return PLAN.page_records(wildcards.scene)
 
 
+@told()
 def workspace_capture(wildcards):
     """Folder of the board capture that registers the workspace; nothing where its poses are typed."""
     kind, value = next(iter(config["workspace"]["source"].items()))
@@ -356,14 +373,18 @@ def recordings(wildcards):
 # The gap
 
 
+@told()
 def gap_case(wildcards):
     """A case's file: relative to where snakemake runs, or to the project; the loop's are made by the workflow."""
     if wildcards.case in LOOP.cases:
         return f"results/loop/cases/{wildcards.case}.yaml"
-    places = [Path.cwd(), ROOT]
-    return PLAN.portable(case_path(wildcards.case, GAP_CASES[wildcards.case], places))
+    found = case_path(wildcards.case, GAP_CASES[wildcards.case], CASE_PLACES)
+    if workflow.is_main_process:
+        check_model(found, Path("results"))
+    return PLAN.portable(found)
 
 
+@told()
 def gap_case_files(wildcards):
     """Files that a case names, which are read with it."""
     if wildcards.case in LOOP.cases:
@@ -371,11 +392,13 @@ def gap_case_files(wildcards):
     return [local(PLAN.portable(path)) for path in case_files(gap_case(wildcards))]
 
 
+@told()
 def gap_model(wildcards):
     """The model that a case diagnoses."""
     if wildcards.case in LOOP.cases:
         return LOOP.model(wildcards.case)
-    return PLAN.portable(case_model(gap_case(wildcards)))
+    # As the rule that amends a model writes it, where the case names one of those.
+    return PLAN.portable(os.path.normpath(case_model(gap_case(wildcards))))
 
 
 wildcard_constraints:

@@ -20,7 +20,7 @@ rule generate_gap_cases:
         code=script_digest("generate_gap_cases"),
         split=GAP["split"],
         cases_wanted=lambda wildcards: GAP["benchmark"][wildcards.tier],
-        seal=BENCHMARK.seal,
+        seal=SEAL,
         seed=SEED,
     message:
         "Hide effects: the {params.split} cases of tier {wildcards.tier}"

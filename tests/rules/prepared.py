@@ -71,6 +71,9 @@ def _run(request: dict) -> None:
         main(request["arguments"])
         code = 0
     except SystemExit as stop:
+        if isinstance(stop.code, str):
+            # As Python does at the end of a program.
+            sys.stderr.write(f"{stop.code}\n")
         code = stop.code if isinstance(stop.code, int) else int(bool(stop.code))
     except BaseException:
         traceback.print_exc()

@@ -89,5 +89,7 @@ def test_the_reason_is_told_without_what_snakemake_prints_round_it():
     assert told_reason(early, profile) == "results/x: 'x' is no scene. Name one"
     late = "Building DAG of jobs...\nError:\n  InputError: a.mp4: not there. Put it there\nWildcards:\n"
     assert told_reason("", profile + late) == "a.mp4: not there. Put it there"
+    ours = "Building DAG of jobs...\nERROR results/x: no rule makes this. Name another\n"
+    assert told_reason("", profile + ours) == "results/x: no rule makes this. Name another"
     other = "Building DAG of jobs...\nMissingRuleException:\nNo rule to produce b.txt.\n"
     assert told_reason("", profile + other) == "MissingRuleException:\nNo rule to produce b.txt."

@@ -1,0 +1,117 @@
+"""Targets that no rule makes, told with the nearest name that one does: snakemake only says that there is no rule."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import os
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Protocol
+
+from gsbridge.errors import InputError
+
+_WILDCARD = re.compile(r"\{(\w+)(?:,((?:[^{}]|\{[\d,]+\})*))?\}")
+"""A wildcard in a file's pattern, `{scene}` or `{scene,mug|bowl}`: its name, and what it may stand for."""
+
+_ALIKE = 0.5
+"""Least share of letters that a misspelt name has in common with the right one."""
+
+
+class Rule(Protocol):
+    """What is needed of a rule of snakemake."""
+
+    name: str
+    output: Iterable[object]
+
+    def is_producer(self, requested_output: str) -> bool:
+        """Whether the rule makes a file."""
+
+
+def targets_of(command: Sequence[str], parser: Callable[[], argparse.ArgumentParser]) -> list[str]:
+    """Rules and files that a call of snakemake asks for; none where the program is another one.
+
+    Args:
+        command: The program and its arguments.
+        parser: Gives what reads snakemake's arguments.
+    """
+    program = Path(command[0])
+    if "snakemake" not in (program.name, program.parent.name):
+        return []
+    return list(parser().parse_known_args(command[1:])[0].targets)
+
+
+def check_targets(asked: Iterable[str], rules: Iterable[Rule]) -> None:
+    """Refuse targets that no rule makes.
+
+    Args:
+        asked: Names of rules and paths of files.
+        rules: All rules of the workflow.
+
+    Raises:
+        InputError: One is neither a rule nor the file of one; with the nearest that is.
+    """
+    known = list(rules)
+    names = {rule.name for rule in known}
+    for target in asked:
+        path = os.path.relpath(target) if not os.path.isabs(target) else target
+        if target not in names and not _is_made(path, known):
+            raise InputError(target, "no rule makes this", f"{_advice(path, known)}docs/stages.md lists what can be asked for")
+
+
+def _is_made(path: str, rules: Iterable[Rule]) -> bool:
+    return any(rule.is_producer(path) for rule in rules)
+
+
+def _advice(path: str, rules: Sequence[Rule]) -> str:
+    """What may have been meant, as a sentence with a space behind it; empty where nothing is near."""
+    inside = os.path.relpath(path)
+    if os.path.isabs(path) and _is_made(inside, rules):
+        return f"Name it from the folder of the run: {inside}. "
+    above = next((str(folder) for folder in Path(inside).parents if _is_made(str(folder), rules)), None)
+    if above:
+        return f"It lies in {above}, which is made as a whole: ask for that. "
+    patterns = [str(file) for rule in rules for file in rule.output]
+    choices = {rule.name: rule.name for rule in rules} | {_filled(pattern, inside): "" for pattern in patterns}
+    choices = {name if "/" in inside else Path(name).name: name for name in choices}
+    near = difflib.get_close_matches(inside, list(choices), 1)
+    return f"Did you mean '{choices[near[0]]}'? " if near else ""
+
+
+def _filled(pattern: str, path: str) -> str:
+    """A file's pattern with a misspelt path's values for its wildcards, or what is near them; braces where nothing is.
+
+    Args:
+        pattern: As `results/scenes/{scene,mug|bowl}/mesh/mesh.json`.
+        path: As `results/scenes/mugg/mesh.json`.
+    """
+    values: dict[str, str] = {}
+    # A constraint may hold slashes, which are none of the path's.
+    plain, allowed = _WILDCARD.sub(r"{\1}", pattern), dict(_WILDCARD.findall(pattern))
+    for part, given in zip(plain.split("/"), path.split("/"), strict=False):
+        found = re.fullmatch("".join(_loose(piece) for piece in re.split(r"(\{\w+\})", part)), given)
+        for name, value in zip(_names(part), found.groups() if found else (), strict=False):
+            values.setdefault(name, _allowed(value, name, allowed))
+    return _WILDCARD.sub(lambda wildcard: values.get(wildcard[1], f"{{{wildcard[1]}}}"), plain)
+
+
+def _names(part: str) -> list[str]:
+    return [name for name, _ in _WILDCARD.findall(part)]
+
+
+def _loose(piece: str) -> str:
+    """Regular expression for a piece of a pattern, a wildcard being anything."""
+    return "(.+?)" if _WILDCARD.fullmatch(piece) else re.escape(piece)
+
+
+def _allowed(value: str, name: str, allowed: Mapping[str, str]) -> str:
+    """A wildcard's value where its constraint allows it, or the nearest that it does; its name in braces where none is near."""
+    constraint = allowed.get(name) or ".+"
+    if re.fullmatch(constraint, value):
+        return value
+    near = difflib.get_close_matches(value, constraint.split("|"), 1, _ALIKE)
+    return near[0] if near else f"{{{name}}}"
+
+
+__all__ = ["Rule", "check_targets", "targets_of"]
