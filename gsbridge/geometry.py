@@ -119,7 +119,7 @@ class Similarity:
 
     @classmethod
     def from_matrix(cls, matrix: Array) -> Similarity:
-        """Read a 4x4 similarity matrix.
+        """Read a similarity's matrix. [4, 4].
 
         Raises:
             ValueError: The upper left block is no positive multiple of a rotation.

@@ -122,7 +122,7 @@ def read_mask(path: str | Path) -> Array:
 
 
 def to_u8(image: Array) -> Array:
-    """Clamp to 0..1 and round to 8 bits."""
+    """Clamp to 0..1 and round to 8 bits. [...] -> [...] uint8."""
     return np.rint(np.clip(image, 0.0, 1.0) * 255.0).astype(np.uint8)
 
 
@@ -145,13 +145,13 @@ def write_image(path: str | Path, image: Array) -> None:
 
 
 def linear_from_srgb(image: Array) -> Array:
-    """Decode sRGB to linear light (IEC 61966-2-1)."""
+    """Decode sRGB to linear light (IEC 61966-2-1). [...] -> [...]."""
     x = np.asarray(image)
     return np.where(x <= 0.04045, x / 12.92, ((np.maximum(x, 0.0) + 0.055) / 1.055) ** 2.4).astype(x.dtype)
 
 
 def srgb_from_linear(image: Array) -> Array:
-    """Encode linear light as sRGB (IEC 61966-2-1); values above 1 are kept for the caller to clamp."""
+    """Encode linear light as sRGB (IEC 61966-2-1); values above 1 are kept for the caller to clamp. [...]."""
     x = np.asarray(image)
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 1e-12) ** (1 / 2.4) - 0.055).astype(x.dtype)
 
@@ -202,8 +202,8 @@ def ssim(image: Array, reference: Array, weight: Array | None = None) -> float:
     """Mean structural similarity of two images.
 
     Args:
-        image, reference: Images of one shape, as `ssim_map` takes them.
-        weight: How much each pixel counts, in the shape of `ssim_map`'s result; every pixel counts the same when None.
+        image, reference: Images of one shape. [H, W, 3].
+        weight: How much each pixel counts; all count the same when None. [H, W].
 
     Returns:
         The weighted mean; NaN where no pixel counts.

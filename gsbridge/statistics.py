@@ -89,7 +89,7 @@ def trainings_interval(tallies: Sequence[Tally]) -> tuple[float, float]:
 
 
 def limits(draws: Array) -> tuple[float, float]:
-    """Limits between which 95 % of draws lie."""
+    """Limits between which 95 % of draws lie. [N]."""
     low, high = np.quantile(draws, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     return float(low), float(high)
 

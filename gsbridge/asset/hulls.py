@@ -50,7 +50,7 @@ def seat(parts: list[Array], depth: float) -> list[Array]:
     roughness there would make the body rock.
 
     Args:
-        parts: Vertices of each hull, body frame, m.
+        parts: Vertices of each hull, body frame, m. [N, 3] each.
         depth: Height up to which a vertex belongs to the foot, m.
     """
     out = []

@@ -69,7 +69,7 @@ def measure(frames: Iterable[tuple[float, Array]]) -> tuple[list[FrameMotion], t
     nothing, and identical frames share one place on the path.
 
     Args:
-        frames: Time and uint8 BGR image of each frame, with a `declared` count where known.
+        frames: Time, s, and BGR image of each frame, with a `declared` count where known. [H, W, 3] uint8 each.
 
     Returns:
         The judgement of each frame; height and width of the images, px.

@@ -105,7 +105,8 @@ def grip_of(points: Array, centre: Array | Sequence[float] | None = None, *, tol
 
     Args:
         points: Vertices of its hulls, body frame, m. [P, 3].
-        centre: Where to take it, x, y; None for the middle of its extent along the grip (best: the centre of mass).
+        centre: Point x, y in the body frame to take it at, m, best its centre of mass; None for the middle of its extent along
+            the grip. [2].
         tolerance: Directions in which it is wider than the narrowest by up to this factor do as well.
 
     Returns:

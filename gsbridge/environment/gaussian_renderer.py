@@ -83,11 +83,15 @@ class GaussianRenderer:
         return to_bytes(self._drawn(body_poses, cam_from_table)[0])
 
     def shot(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Shot:
-        """The picture with alpha and depth; its `coverage` tells how much of the view the splats fill."""
+        """The picture with alpha and depth; its `coverage` tells how much of the view the splats fill.
+
+        Args:
+            body_poses, cam_from_table: As in `render`. [4, 4] each.
+        """
         return shot_of(*self._drawn(body_poses, cam_from_table))
 
     def coverage(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> float:
-        """Mean alpha of a view: 1 where no hole shows the backdrop."""
+        """Mean alpha of a view from bodies and camera at their poses [4, 4]: 1 where no hole shows the backdrop."""
         return self.shot(body_poses, cam_from_table).coverage
 
     def _drawn(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> tuple[Array, Array, Array]:

@@ -45,8 +45,8 @@ class WristLens:
         """Apply the effects to a picture of the camera without them. uint8 [H, W, 3].
 
         Args:
-            image: sRGB, drawn with `camera`, which is wider than the photo where the lens bends. uint8.
-            cam_from_table: Where the camera really sits.
+            image: sRGB, drawn with `camera`, which is wider than the photo where the lens bends. [H', W', 3] uint8.
+            cam_from_table: Where the camera really sits. [4, 4].
             rng: Random numbers for the noise; none are drawn where there is no noise.
         """
         if self._develops:

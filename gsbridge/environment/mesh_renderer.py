@@ -87,6 +87,6 @@ class MeshRenderer:
         return to_bytes(colours)
 
     def coverage(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> float:
-        """Share of a view that meshes fill."""
+        """Share of a view that meshes fill, with bodies and camera at their poses. [4, 4] each."""
         self.pose(body_poses)
         return float(self.composition.coverage(self.camera, cam_from_table).mean())

@@ -52,7 +52,7 @@ class Renderer(Protocol):
 
 
 def check_drawn(names: tuple[str, ...], body_poses: Mapping[str, Array]) -> None:
-    """Make sure that everything that is drawn has a pose.
+    """Make sure that everything that is drawn has a pose. [4, 4] each.
 
     Raises:
         InputError: A body is missing: the splats or meshes belong to another robot.
@@ -76,5 +76,5 @@ class BlankRenderer:
         self._picture = np.zeros((size, size, 3), np.uint8)
 
     def render(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Array:
-        """See `Renderer`: black."""
+        """The picture, black; see `Renderer`. [H, W, 3] uint8."""
         return self._picture

@@ -87,7 +87,7 @@ def outline(mesh: Mesh, camera: Camera, cam_from_table: Array) -> Array:
 
 
 def overlap(first: Array, second: Array) -> float:
-    """Intersection over union of two masks; 1 for two empty ones."""
+    """Intersection over union of two masks; 1 for two empty ones. [H, W] bool each."""
     union = np.logical_or(first, second).sum()
     return float(np.logical_and(first, second).sum() / union) if union else 1.0
 

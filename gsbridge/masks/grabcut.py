@@ -68,7 +68,7 @@ class Crop:
         return Camera(width, height, part.fx * x, part.fy * y, part.cx * x, part.cy * y)
 
     def cut(self, image: Array) -> Array:
-        """The resized part of an image."""
+        """The resized part of an image. [H, W, ...] -> [h, w, ...]."""
         part = image[self.top : self.top + self.height, self.left : self.left + self.width]
         interpolation = cv2.INTER_AREA if self.scale < 1 else cv2.INTER_LINEAR
         return np.ascontiguousarray(cv2.resize(part, self.size, interpolation=interpolation))

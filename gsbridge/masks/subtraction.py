@@ -94,7 +94,7 @@ def compare_with_table(
         masks: The object as known so far, of the photos' sizes. [h, w] bool each.
         cameras: Pinholes of the photos.
         poses: `cam_from_table`. [4, 4] each.
-        free: `free_of` each mask, where many photos are compared; None makes them.
+        free: `free_of` each mask, where many photos are compared; None makes them. [h, w] float32 each.
         ground: Convex outline of the ground on which the object may stand, on the table; None where that does not matter.
             [K, 2].
     """
@@ -142,7 +142,7 @@ def excess_over_table(own: Array, table: Array, bare: Array) -> tuple[Array, flo
 
 
 def compared_photos(index: int, photos: Sequence[Array | None]) -> list[int]:
-    """Photos that one is compared with: at most `_OTHERS`, evenly from all that show the place."""
+    """Photos that one is compared with: at most `_OTHERS`, evenly from all that show the place. [h, w, 3] each."""
     others = [i for i, other in enumerate(photos) if other is not None and i != index]
     if len(others) > _OTHERS:
         others = [others[i] for i in np.linspace(0, len(others) - 1, _OTHERS).round().astype(int)]

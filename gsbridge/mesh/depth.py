@@ -333,7 +333,7 @@ def seen_through(points: Array, cloud: DepthCloud, size: float) -> Array:
     """Whether views measured a surface behind points, so that these cannot be there. [N, 3] -> [N] bool.
 
     Args:
-        points: Points in the table frame.
+        points: Points in the table frame, m. [N, 3].
         cloud: Confirmed depth.
         size: Longest side of the object, m.
     """

@@ -39,7 +39,7 @@ _WHOLE_ORBIT_DEG = 270.0
 
 
 def azimuth_coverage(views: Views, middle: Array) -> float:
-    """Angle round the object that the views cover, degrees: 360 less the widest gap beyond 45 degrees."""
+    """Angle round the object's middle [3] that the views cover, degrees: 360 less the widest gap if that is beyond 45."""
     centres = np.stack([view.centre for view in views]) - middle
     angles = np.sort(np.degrees(np.arctan2(centres[:, 1], centres[:, 0])) % 360.0)
     gap = float(np.diff(np.r_[angles, angles[0] + 360.0]).max())

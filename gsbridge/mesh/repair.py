@@ -100,7 +100,7 @@ def closed_surface(grid: Grid, field: Array, faces: int) -> Mesh | None:
     """Watertight mesh of a field's zero level in one piece, with at most `faces` faces.
 
     Args:
-        grid, field: Signed distances, positive inside.
+        grid, field: Signed distances on a grid, m, positive inside. [nx, ny, nz].
         faces: Face budget.
 
     Returns:

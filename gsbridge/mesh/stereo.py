@@ -135,7 +135,7 @@ def patch_match(
         mask: Pixels that belong to the surface. [H, W] bool.
         images: Grey source photos. [S, H', W'] float32.
         maps, shifts: Source pixels of photo pixels at infinity, and the shift per inverse depth. [S, 3, 3], [S, 3].
-        intrinsics: fx, fy, cx, cy of the photo.
+        intrinsics: fx, fy, cx, cy of the photo, px. [4].
         near, far: Depth range per lattice pixel; `near` not finite where there is nothing to find. [h, w] float32.
         normals: First guess of the normals, camera frame. [h, w, 3] float32.
         window: Patch radius, px.

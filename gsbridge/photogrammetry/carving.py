@@ -251,7 +251,7 @@ def largest_component(field: Array, seeds: Array | None = None) -> Array:
 
 
 def mesh_of_field(grid: Grid, field: Array) -> Mesh | None:
-    """Closed surface at the zero level of a field that is positive inside; None where nothing is inside.
+    """Closed surface at the zero level of a field that is positive inside; None where nothing is inside. [nx, ny, nz].
 
     The field is padded with outside, so that the surface is closed at the border of the grid too.
     """

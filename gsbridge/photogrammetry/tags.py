@@ -41,7 +41,7 @@ def corner_points(tags: Tags, poses: Mapping[str, tuple[Camera, Array]]) -> dict
     """Triangulate tag corners and refine them by their reprojection error, robustly.
 
     Args:
-        tags: Corners in the pixels of the cameras in `poses`, which must be pinholes.
+        tags: Corners in the pixels of the cameras in `poses`, which must be pinholes. [4, 2] each.
         poses: Pinhole and `cam_from_world` [4, 4] by image name.
 
     Returns:

@@ -135,7 +135,7 @@ def save_policy(folder: str | Path, weights: Mapping[str, Tensor], spec: Mapping
 
     Args:
         folder: Where `policy.safetensors` and `policy.json` go.
-        weights: State of an `Actor`.
+        weights: State of an `Actor`, tensors by name. [...] each.
         spec: From `describe`, and figures of the training.
     """
     kept = {name: value.detach().cpu().contiguous() for name, value in weights.items() if not name.startswith(_AUXILIARY)}

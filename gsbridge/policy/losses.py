@@ -149,7 +149,7 @@ def temperature_loss(log_alpha: Tensor, log_prob: Tensor, target_entropy: float)
     """Loss of log alpha, which rises while the entropy is below its target.
 
     Args:
-        log_alpha: Logarithm of the temperature, which is learnt. A scalar.
+        log_alpha: Logarithm of the temperature, which is learnt. [].
         log_prob: log pi of the actor's action; no gradient flows to it. [B].
         target_entropy: Wanted mean of -log pi, nats.
     """
@@ -168,7 +168,7 @@ class TargetAlarm:
         self.bound, self.margin, self.count = bound, margin, 0
 
     def see(self, targets: Tensor) -> bool:
-        """Look at a batch of targets; warns the first time.
+        """Look at a batch of targets; warns the first time that one is too large. [B].
 
         Returns:
             Whether one of them is beyond the bound, or not finite.

@@ -130,7 +130,7 @@ def build_graph(weights: Mapping[str, Array], image_size: int) -> onnx.ModelProt
     """The graph of an actor without its auxiliary head, without metadata.
 
     Args:
-        weights: State of `gsbridge.policy.networks.Actor`, float32.
+        weights: State of `gsbridge.policy.networks.Actor`, arrays by name. [...] float32 each.
         image_size: Edge of the picture, px.
 
     Raises:

@@ -128,7 +128,7 @@ class Guard:
         return None
 
     def picture(self, image: Array) -> End | None:
-        """Judge a raw picture."""
+        """Judge a raw picture. [H, W, 3] uint8."""
         if self.limits.frozen is None:
             return None
         same = self._picture is not None and np.array_equal(self._picture, image)
@@ -138,7 +138,7 @@ class Guard:
         return End.FROZEN if self._equal >= self.limits.frozen else None
 
     def action(self, action: Array) -> End | None:
-        """Judge what the policy wants."""
+        """Judge what the policy wants. [5]."""
         try:
             values = np.asarray(action, dtype=np.float64)
         except (TypeError, ValueError):

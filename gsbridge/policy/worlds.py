@@ -92,7 +92,7 @@ class WorldDriver:
         return self.eye.look(self.world)  # type: ignore[arg-type]  # each world has the eye that fits it
 
     def command(self, base_from_tool: Array, aperture: float) -> bool:
-        """See `RobotDriver`: worlds take the pose in their table's frame."""
+        """See `RobotDriver`: worlds take the pose [4, 4] in their table's frame."""
         pose = self._table_from_base @ base_from_tool
         before = int(getattr(self.world, "refused", 0))
         self.world.command(pose[:3, 3], float(np.arctan2(pose[1, 0], pose[0, 0])), aperture)

@@ -65,7 +65,7 @@ def offset(target: Array, current: Array, out: Array) -> float:
 
     Args:
         target, current: Poses in one frame, m. [4, 4] each.
-        out: Result in its first three elements, m.
+        out: Result in its first three elements, m. [3] or longer.
 
     Returns:
         Length of the vector, m.

@@ -214,7 +214,7 @@ def number(value: float) -> str:
 
 
 def numbers(values: Sequence[float] | Array) -> str:
-    """Several numbers, separated by blanks."""
+    """Several numbers, separated by blanks. [N]."""
     return " ".join(number(value) for value in values)
 
 

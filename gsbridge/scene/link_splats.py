@@ -43,7 +43,8 @@ def splats_on_mesh(mesh: Mesh, count: int, colours: Colours | None = None, seed:
     Args:
         mesh: Surface, m, in whatever frame the splats shall have.
         count: Splats.
-        colours: See `Colours`; the mesh's own vertex colours when None.
+        colours: sRGB, 0..1: one for all [3], one for each vertex [V, 3], or a function; see `Colours`. The mesh's own vertex
+            colours when None.
         seed: Random seed.
         overlap: See `OVERLAP`.
 

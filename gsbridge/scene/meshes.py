@@ -61,7 +61,7 @@ def mean_colour(images: Sequence[Array], masks: Sequence[Array]) -> Array:
 
 
 def uniform(mesh: Mesh, colour: Array | Sequence[float]) -> Mesh:
-    """The mesh in one colour, sRGB 0..1."""
+    """The mesh in one colour, sRGB 0..1. [3]."""
     return Mesh(mesh.vertices, mesh.faces, np.tile(np.asarray(colour, np.float32), (len(mesh.vertices), 1)))
 
 
@@ -293,7 +293,7 @@ class MeshComposition:
         """What `gsbridge.scene.view.draw` gives of splats: encoded colours, alpha and alpha-weighted sum of camera z, m.
 
         Args:
-            camera, cam_from_world, background, samples: As in `render`.
+            camera, cam_from_world, background, samples: As in `render`. [4, 4], [3].
 
         Returns:
             [H, W, 3], [H, W], [H, W] float32.

@@ -71,7 +71,7 @@ def with_noise(photos: Array, shooting: Shooting, rng: np.random.Generator) -> A
     """Photos with noise, clamped and rounded to 8 bits.
 
     Args:
-        photos: Photos without noise, encoded, 0..1. Any shape.
+        photos: Photos without noise, encoded, 0..1. [...].
         shooting: Its variances of read and shot noise are used.
         rng: Random numbers.
 
@@ -104,11 +104,11 @@ def softened(image: Array, amounts: Sequence[float]) -> Array:
 
 
 def straightening(far: Array, distortion: Array) -> Array:
-    """Factor by which a radial distortion is undone at normalised radii on the sensor. Any shape.
+    """Factor by which a radial distortion is undone at normalised radii on the sensor. [...] -> [...].
 
     Args:
-        far: Radii.
-        distortion: k1, k2 of the OPENCV model.
+        far: Radii. [...].
+        distortion: k1, k2 of the OPENCV model. [2].
     """
     k1, k2 = distortion
     straight = far.copy()
@@ -128,7 +128,7 @@ def bent(light: Array, depths: Array, camera: Camera, pad: int, distortion: Arra
         depths: Depth of each pixel, m. [H, W].
         camera: Pinhole of both, from `drawn_through`.
         pad: Pixels by which it is wider than the photo on each side.
-        distortion: k1, k2 of the OPENCV model.
+        distortion: k1, k2 of the OPENCV model. [2].
     """
     height, width = light.shape[0] - 2 * pad, light.shape[1] - 2 * pad
     x = (np.arange(width) + 0.5 + pad - camera.cx) / camera.fx

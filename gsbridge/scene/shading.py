@@ -233,7 +233,7 @@ def shade_points(
 
     Args:
         points: Surface points, table frame; of height `NOWHERE` where there is none. [N, 3] float32.
-        order: What `tile_order` gives for their grid.
+        order: What `tile_order` gives for their grid. [T * TILE] int64.
         spheres: Robot's first, then the object's. [S, 4] float32.
         robot: Number of spheres that are the robot's.
         sources, shares, floor: Direction and strength of the light's parts, and what comes from everywhere. [M, 3], [M].

@@ -38,7 +38,7 @@ def _bytes_of(values: Array, out: Array) -> None:
 
 
 def to_bytes(image: Array) -> Array:
-    """8-bit copy of a float32 image, clamped. Any shape."""
+    """8-bit copy of a float32 image, clamped. [...] -> [...] uint8."""
     out = np.empty(image.shape, np.uint8)
     _bytes_of(np.ascontiguousarray(image, np.float32).reshape(-1), out.reshape(-1))
     return out

@@ -69,7 +69,7 @@ def solve(matches: Sequence[Match], size: tuple[int, int]) -> tuple[Camera, floa
     """Fit a camera to views of a flat target, leaving out views that do not fit.
 
     Args:
-        matches: Corners of each view.
+        matches: Corners of each view: on the board, m [N, 3], and in the image, px [N, 2].
         size: Width and height of the images, px.
 
     Returns:

@@ -51,7 +51,7 @@ def undistort_image(image: Array, camera: Camera, pinhole: Camera, *, interpolat
     """Resample a photo of `camera` into `pinhole`. uint8 or float [H, W, ...] -> [H', W', ...].
 
     Args:
-        image: Photo or mask in the pixels of `camera`.
+        image: Photo or mask in the pixels of `camera`. [H, W, ...].
         camera: Camera of the photo, with distortion.
         pinhole: Camera of the result; same pose.
         interpolation: OpenCV's; `INTER_NEAREST` or `INTER_LINEAR` for masks.

@@ -93,7 +93,7 @@ class SimWorld:
         self.close()
 
     def reset(self, object_pose: Array, seed: int) -> None:
-        """Begin an episode; see the protocol. `seed` starts `rng`, which only what is random draws from."""
+        """Begin an episode with the object at x, y, yaw [3]; see `World.reset`. `seed` seeds the world's generator `rng`."""
         pose = np.asarray(object_pose, dtype=np.float64)
         if pose.shape != (3,) or not np.isfinite(pose).all():
             raise InputError("object pose", "it is no finite x, y, yaw", "Give metres and radians")

@@ -138,7 +138,7 @@ class Binding:
         return len(self.face_index)
 
     def frames(self, vertices: Array | None = None) -> Frames:
-        """Frame of each splat's face, on the rest mesh or a deformed one. Rows follow the splats."""
+        """Frame of each splat's face, on the rest mesh or one with other vertices [V, 3]. Rows follow the splats."""
         if vertices is None and "vertices" in self.parameters:
             frames = moving_frames(self.parameters["vertices"], torch.as_tensor(self.faces))
         else:

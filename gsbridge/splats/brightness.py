@@ -63,6 +63,6 @@ def brightness(mesh: Mesh, targets: Sequence[Target]) -> dict[str, float]:
 
 
 def spread(logarithms: Sequence[float] | Array) -> float:
-    """Standard deviation of photos' logarithmic brightness; 0 of less than two."""
+    """Standard deviation of photos' logarithmic brightness; 0 of less than two. [N]."""
     values = np.asarray(logarithms, np.float64)
     return float(values.std()) if len(values) > 1 else 0.0

@@ -17,6 +17,9 @@ import gsbridge
 LIBRARY = Path(gsbridge.__file__).parent
 # A function of fewer arguments says in a sentence what they are.
 MANY = 3
+ARRAYS = {"Array", "ArrayLike", "NDArray", "ndarray", "Tensor"}
+# `[N, 3]`, `[H, W]`; `[...]` where any shape will do.
+SHAPE = re.compile(r'\[[^\[\]"]*\]')
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -30,12 +33,14 @@ class Public:
         name: Its own name.
         owner: The class that holds it, None for a function of a module.
         node: Its source.
+        arrays: Names of array types in its module.
     """
 
     where: str
     name: str
     owner: ast.ClassDef | None
     node: ast.Module | ast.ClassDef | Function
+    arrays: set[str]
 
 
 def decorators(node: Function) -> set[str]:
@@ -54,11 +59,12 @@ def walk(module: ast.Module, label: str) -> Iterator[Public]:
                 continue
             if isinstance(node, Function) and decorators(node) & {"overload", "setter", "deleter"}:
                 continue
-            yield Public(f"{label}: {prefix}{node.name}", node.name, owner, node)
+            yield Public(f"{label}: {prefix}{node.name}", node.name, owner, node, arrays)
             if isinstance(node, ast.ClassDef):
                 yield from inside(node, f"{prefix}{node.name}.")
 
-    yield Public(label, label, None, module)
+    arrays = array_names(module)
+    yield Public(label, label, None, module, arrays)
     yield from inside(module, "")
 
 
@@ -72,19 +78,25 @@ def arguments(node: Function, owner: ast.ClassDef | None) -> list[str]:
     return named + [a.arg for a in (node.args.vararg, node.args.kwarg) if a is not None]
 
 
-def documented(docstring: str) -> set[str] | None:
-    """Names that the section `Args:` of a docstring explains; None when there is no such section."""
+def entries(docstring: str) -> dict[str, str]:
+    """What the section `Args:` of a docstring says of each argument."""
     lines = inspect.cleandoc(docstring).splitlines()
-    if "Args:" not in lines:
-        return None
-    names: set[str] = set()
-    for line in lines[lines.index("Args:") + 1 :]:
+    said: dict[str, str] = {}
+    names: list[str] = []
+    for line in lines[lines.index("Args:") + 1 :] if "Args:" in lines else []:
         if line and not line.startswith(" "):
             break
-        entry = re.match(r" {4}(\*{0,2}\w+(?:, \*{0,2}\w+)*): \S", line)
+        entry = re.match(r" {4}(\*{0,2}\w+(?:, \*{0,2}\w+)*): (\S.*)", line)
         if entry:
-            names.update(name.strip(" *") for name in entry[1].split(","))
-    return names
+            names = [name.strip(" *") for name in entry[1].split(",")]
+        for name in names:
+            said[name] = f"{said.get(name, '')} {entry[2] if entry else line.strip()}"
+    return said
+
+
+def documented(docstring: str) -> set[str] | None:
+    """Names that the section `Args:` of a docstring explains; None when there is no such section."""
+    return set(entries(docstring)) if "Args:" in inspect.cleandoc(docstring).splitlines() else None
 
 
 def undocumented(found: Public) -> set[str]:
@@ -94,6 +106,35 @@ def undocumented(found: Public) -> set[str]:
     if len(named) < MANY:
         return set()
     return set(named) - (documented(ast.get_docstring(found.node) or "") or set())
+
+
+def holds_arrays(annotation: ast.expr | None, names: set[str]) -> bool:
+    """Whether an annotation names an array, alone or in a container; what a function takes or gives does not count."""
+    if isinstance(annotation, ast.Subscript) and ast.unparse(annotation.value).endswith("Callable"):
+        return False
+    if isinstance(annotation, ast.Name | ast.Attribute):
+        return ast.unparse(annotation).rsplit(".", 1)[-1] in names
+    return annotation is not None and any(holds_arrays(part, names) for part in ast.iter_child_nodes(annotation))  # type: ignore[arg-type]
+
+
+def array_names(module: ast.Module) -> set[str]:
+    """Names of array types in a module, with those that it gives to arrays itself: `Picture = Array`."""
+    names = set(ARRAYS)
+    for node in module.body:
+        calls = any(isinstance(part, ast.Call) for part in ast.walk(node))
+        if isinstance(node, ast.Assign) and not calls and holds_arrays(node.value, names):
+            names.update(target.id for target in node.targets if isinstance(target, ast.Name))
+    return names
+
+
+def unshaped(found: Public) -> set[str]:
+    """Array arguments of a function whose shape its docstring does not state: in `Args:`, or anywhere where it has none."""
+    assert isinstance(found.node, Function)
+    listed = [*found.node.args.posonlyargs, *found.node.args.args, *found.node.args.kwonlyargs]
+    arrays = {argument.arg for argument in listed if holds_arrays(argument.annotation, found.arrays)}
+    docstring = ast.get_docstring(found.node) or ""
+    said = entries(docstring)
+    return {name for name in arrays if not SHAPE.search(said.get(name, "") if said else docstring)}
 
 
 def explained(library: list[Public]) -> set[tuple[str, str]]:
@@ -151,6 +192,16 @@ def test_every_longer_signature_explains_its_arguments(library: list[Public]) ->
     assert lacking == {}
 
 
+def test_every_array_argument_has_a_shape(library: list[Public]) -> None:
+    by_base = explained(library)
+    functions = [found for found in library if isinstance(found.node, Function)]
+    # A method that leaves its arguments to the one it overrides leaves the shapes to it, too.
+    own = [f for f in functions if not (undocumented(f) and f.owner and (f.owner.name, f.name) in by_base)]
+    lacking = {found.where: sorted(unshaped(found)) for found in own if unshaped(found)}
+
+    assert lacking == {}
+
+
 def test_no_docstring_explains_an_argument_that_is_not_there(library: list[Public]) -> None:
     extra = {}
     for found in library:
@@ -193,6 +244,25 @@ class Child(Base):
 
 def bare(x):
     pass
+
+Picture = Array
+Step = Callable[[Array], Array]
+
+def draw(picture: Picture, points: Sequence[Array], weights: Array | None, step: Step):
+    """Draw.
+
+    Args:
+        picture: Picture, 0..1.
+        points: Points, m. [N, 3] each.
+        weights: Weights; `steps["first"]` where None.
+        step: A step.
+    """
+
+def turn(points: Array):
+    """Turn points. [N, 3] -> [N, 3]."""
+
+def shift(points: Array):
+    """Shift points."""
 '''
 
 
@@ -209,5 +279,9 @@ def test_the_walk_finds_what_is_missing(tmp_path: Path) -> None:
         test_every_public_name_has_a_docstring(library)
     with pytest.raises(AssertionError, match="other"):
         test_every_longer_signature_explains_its_arguments(library)
+    assert unshaped(by_name["draw"]) == {"picture", "weights"}
+    assert unshaped(by_name["turn"]) == set()
+    with pytest.raises(AssertionError, match="shift"):
+        test_every_array_argument_has_a_shape(library)
     with pytest.raises(AssertionError, match="speed"):
         test_no_docstring_explains_an_argument_that_is_not_there(library)

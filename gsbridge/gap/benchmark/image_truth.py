@@ -136,7 +136,7 @@ class TruthCamera:
         """Linear light that each pixel of the sensor counts. [FINE * H, FINE * W, 3] -> [H, W, 3].
 
         Args:
-            light: Light on the fine grid, before the lens's spot.
+            light: Light on the fine grid, before the lens blurs it. [FINE * H, FINE * W, 3].
             time: Time of the photo, s.
         """
         camera = self.camera
@@ -187,7 +187,7 @@ def grainy(photos: Array, hidden: Mapping[str, float], rng: np.random.Generator)
     """Photos with the sensor's noise, drawn by counting electrons and rounded to 8 bits.
 
     Args:
-        photos: Photos without noise, 0..1. Any shape.
+        photos: Photos without noise, 0..1. [...].
         hidden: Sizes of what is hidden; `noise` is the standard deviation of noise added to the sensor's own.
         rng: Random numbers.
 

@@ -112,7 +112,7 @@ def image_site(seed: int, pictures: Sequence[Array] = (), *, camera: Camera = CA
 
     Args:
         seed: Seed of the world and its films.
-        pictures: sRGB pictures, one of which lies on the table.
+        pictures: sRGB pictures, one of which lies on the table. [H, W, 3] each.
         camera: Camera of all photos.
         photos: Number of photos of each role.
     """
@@ -187,7 +187,7 @@ def hidden_pairs(
     Args:
         site: Camera, scene and light of the photos.
         hidden: Sizes by name.
-        films: The camera's way and the times of photos on it, by role.
+        films: The camera's way and the times of photos on it, s, by role. [N] each.
         spin: Directions, places and colours of what is hidden.
         rng: Random numbers for noise.
         moving: Whether the camera moves; otherwise it stands at the same places.
@@ -227,7 +227,7 @@ def size_of_units(
         name: What is hidden: a name of `SIZES` or `STRANGE`.
         sign: 1 or -1.
         units: Wanted size in units of the detection limit.
-        film: Course of the camera and times of the photos, from `film`.
+        film: Course of the camera and times of the photos, s, from `film`. [N].
         spin: Directions, places and colours of what is hidden, as `TruthCamera` takes them.
 
     Returns:

@@ -111,8 +111,8 @@ def photo_closure(folder: str | Path, clean: Array, plain: Array, effects: Seque
     Args:
         folder: Folder of the case.
         clean: Photos of `verify` with what is hidden. [N, H, W, 3].
-        plain: Without it.
-        effects: Named ones.
+        plain: The same photos with nothing hidden. [N, H, W, 3].
+        effects: Effects that were named.
     """
     pairs = read_photos(folder)
     noise = learn_noise(list(pairs.values()))

@@ -41,7 +41,14 @@ class ResidualMap:
 
 
 def few_false(chances: Array, counted: Array) -> Array:
-    """Cells whose chance is small enough that at most a share of `LEVEL` of the marked ones is expected to be false.
+    """Mark cells whose p-value is so small that at most a share `LEVEL` of the marked ones is expected to be false.
+
+    Args:
+        chances: P-value of each cell. [...].
+        counted: Cells that hold enough data; the others are never marked. [...] bool.
+
+    Returns:
+        Marked cells. [...] bool.
 
     Source: Benjamini and Hochberg, Controlling the false discovery rate, 1995.
     """

@@ -103,11 +103,11 @@ class Candidate:
         return Applied(self.name, self.joint, dict(values))
 
     def from_vector(self, vector: Array) -> Applied:
-        """The effect with parameters in the order in which it lists them."""
+        """The effect with parameters in the order in which it lists them. [P]."""
         return self.applied({p.name: float(x) for p, x in zip(self.effect.parameters, vector, strict=True)})
 
     def vector(self, values: Mapping[str, float]) -> Array:
-        """Parameters in the order in which the effect lists them."""
+        """Parameters in the order in which the effect lists them. [P]."""
         return np.array([values[p.name] for p in self.effect.parameters])
 
     def __str__(self) -> str:

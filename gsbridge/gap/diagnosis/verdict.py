@@ -171,8 +171,8 @@ def told_apart(some: Sequence[Array], others: Sequence[Array]) -> float:
     jitters errs most in fast motion, and what parts it from a filter shows where the motion turns.
 
     Args:
-        some: What the one leaves of each record, in units of the noise.
-        others: What the other leaves.
+        some: What the one leaves of each record, in units of the noise. [T, C] each.
+        others: What the other leaves. [T, C] each.
     """
     rows = []
     for one, other in zip(some, others, strict=True):

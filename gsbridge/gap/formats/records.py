@@ -82,7 +82,7 @@ class Record:
         return float(np.median(np.diff(self.time)))
 
     def with_measured(self, measured: Mapping[str, Array]) -> Record:
-        """A record with these commands and other measurements."""
+        """A record with these commands and other measurements, by kind. [T, N] each."""
         return replace(self, measured=dict(measured))
 
     def content_digest(self) -> str:

@@ -154,7 +154,7 @@ def few_photos(registration: Pairs) -> tuple[str, ...]:
 
 
 def channel_sizes(view: ImageResiduals, table: Array) -> dict[str, float]:
-    """Root mean square of pictures and of grain, in units of the noise."""
+    """Root mean square of pictures and of grain in a residual, in units of the noise. [N * h + N, 3 * w]."""
     pictures, grain = view.pictures(table), view.grains(table)
     measured = max(int((grain != 0).sum()), 1)
     return {

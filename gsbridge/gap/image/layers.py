@@ -120,7 +120,7 @@ class LayerSpread:
         """Residuals whose parts all have a variance of one. [N, h, w, 3].
 
         Args:
-            table: Residuals, 0 where nothing is compared.
+            table: Residuals, 0 where nothing is compared. [N, h, w, 3].
             views: Number of views that share what is common; as many as there are when None.
         """
         apart, common = _split(table)

@@ -37,8 +37,8 @@ def sums(view: ImageResiduals, table: Array, filled: Filled | None = None) -> Ar
 
     Args:
         view: The photos that the residual belongs to.
-        table: Residuals, as from `ImageResiduals.residual`.
-        filled: What `filled_blocks` gave, where it is known.
+        table: Residuals, as from `ImageResiduals.residual`. [N * h + N, 3 * w].
+        filled: What `filled_blocks` gave, where it is known; None computes it. [N, h, w, 1] and [1, h, w, 1] at each scale.
     """
     white = view.pictures(table)
     # Most effects stay where they are in the image, or change all of it.
@@ -92,7 +92,7 @@ class ImageNull:
         return cls(np.stack([sums(view, view.replicate(rng), filled) for _ in range(replicates)]))
 
     def p_value(self, view: ImageResiduals, table: Array) -> float:
-        """Probability that noise alone differs as much somewhere."""
+        """Probability that noise alone makes a residual as large as this somewhere. [N * h + N, 3 * w]."""
         replicas = self._surprise(self.sums).max(axis=1)
         return tail_pvalue(replicas, float(self._surprise(sums(view, table)).max()))
 

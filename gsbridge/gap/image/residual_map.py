@@ -31,7 +31,7 @@ def map_pictures(view: ImageResiduals, table: Array) -> ResidualMap:
 
     Args:
         view: The views of a role.
-        table: Residuals, as from `ImageResiduals.residual`.
+        table: Residuals, as from `ImageResiduals.residual`. [N * h + N, 3 * w].
     """
     pictures, kept = view.pictures(table).astype(np.float64), view.mask > 0
     before = shrunk(view.pairs.before, view.size)

@@ -66,7 +66,7 @@ class PhotoNoise:
     light: float
 
     def at(self, levels: Array) -> Array:
-        """Variance at encoded levels, 0..1."""
+        """Variance at encoded levels, 0..1. [...] -> [...]."""
         return self.dark + self.light * np.clip(levels, 0.0, 1.0)
 
     def levels(self) -> dict[str, float]:
@@ -204,7 +204,7 @@ class ImageResiduals:
         return table[self.shape[0] * self.shape[1] :]
 
     def size_of(self, table: Array) -> float:
-        """Root mean square of a residual, in units of the noise."""
+        """Root mean square of a residual, in units of the noise. [N * h + N, 3 * w]."""
         return float(np.sqrt((table.astype(np.float64) ** 2).sum() / self.numbers))
 
     def tells(self, candidate: Candidate) -> bool:

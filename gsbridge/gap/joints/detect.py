@@ -61,7 +61,7 @@ class JointNull:
     share: float
 
     def statistic(self, residual: Array) -> float:
-        """Largest excess of a residual among scales and channels, in standard deviations of the replicates."""
+        """Largest excess of a residual among scales and channels, in standard deviations of the replicates. [T, C]."""
         return float(((excess(residual) - self._middle) / self._spread).max())
 
     @property
@@ -73,7 +73,7 @@ class JointNull:
         return np.maximum(np.quantile(self.excesses, 0.975, axis=0) - self._middle, 1.0) / 1.96
 
     def p_value(self, residual: Array) -> float:
-        """Share of replicates at least as large, beyond most of them by their tail."""
+        """P-value of a residual's statistic among those of the replicates, by `tail_pvalue`. [T, C]."""
         replicas = ((self.excesses - self._middle) / self._spread).max(axis=1)
         return tail_pvalue(replicas, self.statistic(residual))
 

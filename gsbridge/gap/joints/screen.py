@@ -108,7 +108,7 @@ class Screen:
         return 2 * factor * along - factor**2 * sizes, factor
 
     def matches(self, residual: Array, starts: int = 3) -> list[SignatureMatch]:
-        """Candidates, the largest gain first."""
+        """Compare a residual with all signatures; candidates, the largest gain first. [T, C]."""
         along = self.along(residual)
         gains, factors = self.gains(along)
         length, out = float(np.linalg.norm(residual)), []

@@ -145,8 +145,8 @@ def step(value: Array, edge: Array | float, width: float) -> Array:
     """Smooth step from 0 to 1.
 
     Args:
-        value: Values. Any shape.
-        edge: Value at which the step is half done.
+        value: Values. [...].
+        edge: Value at which the step is half done. [...], or one for all.
         width: Range of values that the step takes.
     """
     t = np.clip((value - edge) / width + 0.5, 0, 1)

@@ -59,7 +59,10 @@ class LoggedPhysics(MirrorPhysics):
         super().__init__(*args, **options)
 
     def reset(self, object_pose: ArrayLike, seed: int) -> None:
-        """Begin an episode, and a log that starts while the arm waits for it: commands on their way have a past then."""
+        """Begin an episode with the object at x, y, yaw [3].
+
+        The log starts earlier, while the arm waits: commands on their way then have a past.
+        """
         self.place(self.kinematics.rest, self.dimensions.stroke)
         still = self._point.copy()
         self._logged = []

@@ -51,7 +51,7 @@ class MirrorWorld:
         return self.physics.refused
 
     def reset(self, object_pose: Array, seed: int) -> None:
-        """Begin an episode: see `World.reset`."""
+        """Begin an episode with the object at x, y, yaw [3]; see `World.reset`."""
         self.physics.reset(object_pose, seed)
         self._begin(seed, 0)
 
@@ -59,7 +59,8 @@ class MirrorWorld:
         """Put everything somewhere at once: see `MirrorPhysics.place`.
 
         Args:
-            q, aperture, object_pose: See `MirrorPhysics.place`.
+            q, aperture, object_pose: Arm joints, rad; distance of the pads, m; the object's pose as in `MirrorPhysics.place`.
+                [7], [3] or [4, 4].
             number: Pictures of different numbers differ in their noise.
         """
         self.physics.place(q, aperture, object_pose)

@@ -70,7 +70,7 @@ def build_model(
         robot: The robot; its camera stands where it truly stands.
         stand: Places of table and plate.
         body: The true object; None for a bare table.
-        plate_pieces: Convex pieces of the plate, own frame; used when `stand.plate` is given.
+        plate_pieces: Corners of the plate's convex pieces, own frame, m; used when `stand.plate` is given. [N, 3] each.
         hidden: Hidden parameters.
 
     Returns:

@@ -87,7 +87,7 @@ class MirrorPhysics:
         self.place(self.kinematics.rest, self.dimensions.stroke)
 
     def reset(self, object_pose: Array, seed: int) -> None:
-        """Begin an episode: see `World.reset`. The arm starts in its rest posture, the object has settled."""
+        """Begin an episode: see `World.reset`. The object is put at x, y, yaw [3] and settles before the first step."""
         pose = np.asarray(object_pose, dtype=np.float64)
         if pose.shape != (3,) or not np.isfinite(pose).all():
             raise InputError("object pose", f"{object_pose} is no x, y, yaw", "Give three finite numbers")

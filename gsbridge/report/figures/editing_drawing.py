@@ -61,7 +61,7 @@ def write_editing_figure(columns: Sequence[Column], photos: Mapping[str, Picture
 
     Args:
         columns: Edits, the undeformed object first.
-        photos: Held-out photos, `near` and `side`, framed like the pictures.
+        photos: Held-out photos, `near` and `side`, framed like the pictures. [S, S, 3] each.
         out: PNG, PDF or SVG.
 
     Raises:

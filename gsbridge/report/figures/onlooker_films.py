@@ -83,7 +83,7 @@ def trial_tile(trial: Tried, pictures: Sequence[Array], moment: int) -> Array:
 
     Args:
         trial: What happened.
-        pictures: What the onlooker saw of it, every `EVERY`th state and the last.
+        pictures: What the onlooker saw of it, every `EVERY`th state and the last. [HEIGHT, WIDTH, 3] uint8 each.
         moment: Number of the film's picture; the last one stays when the trial is over.
     """
     last = len(pictures) - 1

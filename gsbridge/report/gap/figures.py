@@ -80,7 +80,7 @@ def draw_residuals(
     """Residuals of one record over time, before and after on the same axes, in units of the noise.
 
     Args:
-        series: `{role}/time`, `/before`, `/after` (where something was fitted), `/sigma`; see
+        series: `{role}/time` [T], `/before` and, where something was fitted, `/after` [T, C], `/sigma` [C]; see
             `gsbridge.gap.workflow`.
         role: Record.
         channels: Names of the columns.
@@ -244,8 +244,8 @@ def draw_throws(series: Mapping[str, Array], role: str, floor: float | None, nam
     """Distances over time, and some throws seen from above.
 
     Args:
-        series: `{role}/throw`, `/time`, `/position`, `/nominal_position`, `/before`, and `/explained_position`, `/after` where
-            something was fitted; see `gsbridge.gap.contact.workflow`.
+        series: `{role}/throw`, `/time` and `/before` [N], `/position` and `/nominal_position` [N, 3], and `/explained_position`
+            and `/after` where something was fitted; see `gsbridge.gap.contact.workflow`.
         role: `fit`, `select` or `verify`: the throws that are drawn.
         floor: What noise and chaos explain, mean over throws, mm; None where it is not known.
         names: Names of the throws in the user's file.

@@ -81,7 +81,7 @@ class Parts(ABC):
 
         Args:
             findings: Content of `findings.json`.
-            series: What `read_series` gave.
+            series: What `read_series` gave, by `{role}/{what}`. [...] each.
             judged: What `replays.json` says about the record `JUDGED`.
             explained: Whether an explanation was found, so that there is an after.
             units: Unit of each kind of channel, or of a channel alone.

@@ -78,7 +78,7 @@ def record_gap(
 
 
 def enlargement(positions: dict[str, Array]) -> float:
-    """Factor by which deviations are drawn larger, one digit; at least 1."""
+    """Factor by which deviations are drawn larger, one digit; at least 1. Positions by kind, [T, N] each."""
     largest = max(
         (float(np.abs(np.nan_to_num(q - positions["measured"])).max()) for way, q in positions.items() if way != "measured"),
         default=0.0,

@@ -30,7 +30,7 @@ def record_photos(found: Mapping[str, Any], series: Mapping[str, Array], case: s
 
     Args:
         found: What `findings.json` holds.
-        series: What `replays.npz` holds.
+        series: What `replays.npz` holds: photos [V, H, W, 3], and what differs [V, h, w].
         case: Name of the case.
         out: The `.rrd`.
     """

@@ -111,7 +111,7 @@ def seen_colours(
     """Colours of splats as one camera sees them: what `rasterize` does first with harmonics. Differentiable.
 
     Args:
-        means, colours, harmonics: As in `rasterize`.
+        means, colours, harmonics: As in `rasterize`. [N, 3], [N, 3], [N, K, 3].
         cam_from_table: Pose of the camera. [4, 4].
         kernels: Use the compiled kernels, on the processor; otherwise plain torch, on any device.
     """

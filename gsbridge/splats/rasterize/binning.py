@@ -134,11 +134,12 @@ def fill(
     """Append each record, nearest first, to the lists of the blocks that its ellipse meets.
 
     Args:
-        records, boxes: What `project` filled.
-        order, visible: Records, nearest first.
+        records, boxes: What `project` filled. [N * RECORD], [N] int64.
+        order: Numbers of the records, nearest first. [N] int32.
+        visible: Records in use.
         columns: Blocks in a row.
         ends: The start of each list, as `reserve` gives them; moved to its end. [rows * columns + columns + 1].
-        entries: Filled with record numbers.
+        entries: Filled with record numbers; as many as `reserve` returned, and one to spare. [entries + 1] int32.
         ordered: Work space. [N] int64.
     """
     steps, edges = np.empty(layout.SQUARE * layout.SQUARE, np.int64), np.empty(2 * WIDTH, np.int32)

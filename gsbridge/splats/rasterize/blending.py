@@ -221,6 +221,10 @@ def blend(blocks: tuple[Any, ...], images: tuple[Array, ...]) -> None:
 
 @njit(error_model="numpy", parallel=True)
 def blend_parallel(blocks: tuple[Any, ...], images: tuple[Array, ...]) -> None:
-    """`blend` on several threads; the blocks do not touch each other, so the image is the same to the last bit."""
+    """`blend` on several threads; the blocks do not touch each other, so the image is the same to the last bit.
+
+    Args:
+        blocks, images: As in `blend`. [H * W * 3], [H * W], [H * W].
+    """
     for band in prange((blocks[5] + TILE - 1) // TILE):
         _blend_band(blocks, images, band)

@@ -107,10 +107,10 @@ class Prepared:
 
     Args:
         count: Splats.
-        lanes: What `preparing.prepare` fills.
+        lanes: What `preparing.prepare` fills. [N * `LANES`].
         means, quats, scales, opacities: What gradients go through. [N * 3], [N * 4], [N * 3], [N].
         packed: Colours with a direction, as `directional.packed` gives them: each picture writes those that it sees into the
-            lanes. Empty where colours have none.
+            lanes. Empty where colours have none. [N * (1 + K) * 3].
         terms: Harmonics of each splat in it.
     """
 
@@ -130,7 +130,8 @@ class Prepared:
         """Prepare splats, in any frame, for many renderings.
 
         Args:
-            means, quats, scales, opacities, colours, harmonics: Splats as in `render`.
+            means, quats, scales, opacities, colours, harmonics: Splats as in `render`. [N, 3], [N, 4], [N, 3], [N], [N, 3],
+                [N, K, 3].
         """
         arrays = _flat(means), _flat(quats), _flat(scales), _flat(opacities), _flat(colours)
         lanes = aligned(len(arrays[3]) * LANES)
@@ -260,7 +261,8 @@ def render(
     """Image of splats, without gradients.
 
     Args:
-        means, quats, scales, opacities, colours: Splats as in `gsbridge.splats.rasterize.rasterize`, but numpy arrays.
+        means, quats, scales, opacities, colours: Splats as in `gsbridge.splats.rasterize.rasterize`, but numpy arrays. [N, 3],
+            [N, 4], [N, 3], [N], [N, 3].
         camera, cam_from_table: Pinhole camera, and its pose. [4, 4].
         background: Colour behind the splats, black when None. [3].
         near: Smallest camera z of a centre, m.
@@ -292,7 +294,7 @@ def render_seen(
     Args:
         splats, seen: All splats; the groups of them to draw, with the frame of each.
         camera: Pinhole camera of the image's size; focal lengths and pose are those of `seen.views`.
-        background, near, threads: As in `render`.
+        background, near, threads: As in `render`. [3].
         antialiased: Lower the opacity of a splat that is widened on the screen in the proportion in which its area grows
             (Mip-Splatting), so that small things keep their size.
 
@@ -355,7 +357,7 @@ def rasterize(
 
     Args:
         means, quats, scales, opacities, colours: Splats, with gradients. [N, 3], [N, 4], [N, 3], [N], [N, 3].
-        camera, cam_from_table, background, near: As in `render`.
+        camera, cam_from_table, background, near: As in `render`. [4, 4], [3].
 
     Returns:
         Colours, alphas and depths, as in `gsbridge.splats.rasterize.Rendering`.

@@ -48,8 +48,8 @@ def view(means: Array, colours: Array, harmonics: Array, eye: Array, out: Array)
     """Colours as seen from a point.
 
     Args:
-        means, colours: [N, 3].
-        harmonics: [N, K, 3], K at least 3.
+        means, colours: Centres, m, and the constant part of the colours. [N, 3].
+        harmonics: The part that depends on the direction, K at least 3. [N, K, 3].
         eye: Position of the camera, in the frame of the means. [3].
         out: Filled. [N, 3].
     """
@@ -81,10 +81,10 @@ def view_backward(
     """Gradients through `view`.
 
     Args:
-        means, harmonics, eye: As in `view`.
+        means, harmonics, eye: As in `view`. [N, 3], [N, K, 3], [3].
         seen: What `view` gave. [N, 3].
         upstream: Gradient of that. [N, 3].
-        g_means, g_colours, g_harmonics: Filled; zero before.
+        g_means, g_colours, g_harmonics: Filled; zero before. [N, 3], [N, 3], [N, K, 3].
     """
     terms = harmonics.shape[1]
     values, slopes = np.empty(15, means.dtype), np.empty((15, 3), means.dtype)
@@ -167,7 +167,7 @@ def viewed(means: Array, colours: Array, harmonics: Array, eye: Array) -> Array:
     """`view_colours` of float32 arrays, without gradients.
 
     Args:
-        means, colours, harmonics, eye: See `view_colours`.
+        means, colours, harmonics, eye: As in `view_colours`. [N, 3], [N, 3], [N, K, 3], [3].
     """
     if harmonics.shape[1] == 0:
         return colours
@@ -190,11 +190,11 @@ def view_groups(packed: Array, terms: int, count: int, groups: Array, owners: Ar
     """Write the colours that a camera sees of some groups of splats into what the projection reads, eight at a time.
 
     Args:
-        packed: See the function of this name.
+        packed: What the function of this name gives. [N * (1 + terms) * 3].
         terms: Harmonics of each splat, without the constant one.
         count: Splats.
-        groups, owners, views: As in `gsbridge.splats.rasterize.projection.project`.
-        lanes: Prepared splats; the colours of these groups are replaced.
+        groups, owners, views: As in `gsbridge.splats.rasterize.projection.project`. [G], [G], [F * 16].
+        lanes: Prepared splats; the colours of these groups are replaced. [N * `LANES`].
     """
     scratch = np.empty(15 * WIDTH, np.float32)
     for place in range(groups.shape[0]):

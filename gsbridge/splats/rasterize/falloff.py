@@ -19,7 +19,7 @@ TILE = 4
 
 @njit(error_model="numpy", forceinline=True)
 def read_table(table: Array) -> tuple[LaneValues, ...]:
-    """`layout.TABLE` as lanes. Read from memory, or the compiler would set each constant up again in every turn of a loop."""
+    """`layout.TABLE` [9] as lanes, from memory: the compiler would set up constants again in every turn of a loop."""
     return (
         load_spread(table, 0),
         load_spread(table, 1),

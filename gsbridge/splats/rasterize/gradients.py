@@ -173,7 +173,7 @@ def sum_gradients(blocks: tuple[Any, ...], gradients: tuple[Array, ...], sums: A
 
     Args:
         blocks: As in `blending.blend`, after it ran.
-        gradients: Gradients of the loss with respect to colours, alphas and depths.
+        gradients: Gradients of the loss with respect to colours, alphas and depths. [H * W * 3], [H * W], [H * W].
         sums: Added to. [N * RECORD].
     """
     _backward_rows(blocks, gradients, 0, blocks[5], blocks[2], sums)
@@ -234,9 +234,9 @@ def sum_gradients_parallel(
 
     Args:
         blocks: As in `sum_gradients`.
-        gradients: See `sum_gradients`.
+        gradients: As in `sum_gradients`. [H * W * 3], [H * W], [H * W].
         bands: Number of bands that `share_entries` was called with.
-        targets, owners: What `share_entries` filled.
+        targets, owners: What `share_entries` filled. [entries] int32.
         count: What `share_entries` returned.
         sums: Zero on entry; the first N hold the result. [(N + count) * RECORD].
     """

@@ -38,8 +38,9 @@ def prepare(means: Array, quats: Array, scales: Array, opacities: Array, colours
     """Covariances of splats, and all that `project` reads, side by side for eight splats at a time.
 
     Args:
-        means, quats, scales, opacities, colours: Flat arrays of a multiple of eight splats.
-        lanes: Output. [N / 8 * `LANES` * 8].
+        means, quats, scales, opacities, colours: Flat arrays of splats, whose number is a multiple of eight. [N * 3], [N * 4],
+            [N * 3], [N], [N * 3].
+        lanes: Output. [N * `LANES`].
     """
     for number in range(opacities.shape[0] // WIDTH):
         first, base = number * WIDTH, number * layout.LANES * WIDTH

@@ -115,7 +115,7 @@ def project(
     """Project splats, drop those outside the view, pack the others.
 
     Args:
-        lanes: What `gsbridge.splats.rasterize.preparing.prepare` filled.
+        lanes: What `gsbridge.splats.rasterize.preparing.prepare` filled. [N * `LANES`].
         count: Splats.
         groups: Numbers of the groups of `GROUP` splats to look at. [G] int64.
         owners: Row in `views` of each of these groups. [G] int64.
@@ -272,13 +272,14 @@ def project_backward(
     """Gradients of the splats from the sums over their pixels.
 
     Args:
-        means, quats, scales, opacities: As in `project`.
+        means, quats, scales, opacities: As in `gsbridge.splats.rasterize.preparing.prepare`. [N * 3], [N * 4], [N * 3], [N].
         view: fx, fy, cx, cy, then the rotation and the translation `cam_from_table`. [16].
         width, height: As in `project`.
-        records, sources, visible: What `project` gave.
+        records, sources, visible: What `project` gave. [N * RECORD], [N].
         sums: Per record, over its pixels, of `g = alpha * dL/dalpha`: g, g dx, g dy, g dx dx, g dx dy, g dy dy, then the
             gradients of red, green, blue and depth. [N * RECORD].
         g_means, g_quats, g_scales, g_opacities, g_colours: Filled for the visible splats; the others must be zero already.
+            [N * 3], [N * 4], [N * 3], [N], [N * 3].
     """
     fx, fy, cx, cy = view[0], view[1], view[2], view[3]
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = (

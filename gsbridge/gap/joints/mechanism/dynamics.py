@@ -61,8 +61,8 @@ def spread(slides: Array, bodies: Array, turn: Array, origin: Array, axis: Array
 
     Args:
         slides: Whether a joint slides. [N] bool.
-        bodies: Mass, centre, inertia about it, joint frames. [N, 13].
-        turn, origin, axis: From `place`.
+        bodies: Mass, kg, centre, m, and inertia about it, kg m2, in the joints' frames. [N, 13].
+        turn, origin, axis: Rotations, origins (m) and axes of the joint frames, from `place`. [N, 3, 3], [N, 3], [N, 3].
         screws: Result: velocity that a joint of unit speed gives, angular, then linear of the point at the base's origin.
             [N, 6].
         loads: Result; see `LOADS`. [N, LOADS].
@@ -103,8 +103,8 @@ def bias(parents: Array, screws: Array, loads: Array, gravity: Array, v: Array, 
         v: Speeds, rad/s or m/s. [N].
         out: Result, N m or N. [N].
         parents: Index of the joint that carries each, -1 for the base. [N].
-        screws, loads: From `spread`.
-        gravity: Acceleration, base frame. [3].
+        screws, loads: From `spread`. [N, 6], [N, LOADS].
+        gravity: Acceleration, base frame, m/s2. [3].
         work: Overwritten. [N, 18].
 
     Source: Featherstone, Rigid Body Dynamics Algorithms, 2008, section 5.3.
@@ -168,9 +168,9 @@ def weights(
 
     Args:
         out: Result, N m or N. [N].
-        parents, slides, bodies: As in `spread` and `bias`.
-        gravity: Acceleration, base frame. [3].
-        turn, origin, axis: From `place`.
+        parents, slides, bodies: As in `spread` and `bias`. [N], [N] bool, [N, 13].
+        gravity: Acceleration, base frame, m/s2. [3].
+        turn, origin, axis: From `place`. [N, 3, 3], [N, 3], [N, 3].
         work: Overwritten. [N, 4] or wider.
     """
     count = len(parents)
@@ -198,9 +198,9 @@ def inertia(parents: Array, screws: Array, loads: Array, out: Array) -> None:
     """Joint-space inertia.
 
     Args:
-        out: Result. [N, N].
-        parents: As in `bias`.
-        screws, loads: From `spread`; the loads become those of all that each joint carries.
+        out: Result, kg m2, kg m or kg. [N, N].
+        parents: Index of the joint that carries each, -1 for the base. [N].
+        screws, loads: From `spread`; the loads become those of all that each joint carries. [N, 6], [N, LOADS].
 
     Source: Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.2.
     """

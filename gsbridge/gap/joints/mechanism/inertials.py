@@ -37,7 +37,7 @@ class Inertial:
         return Inertial(self.mass * factor, self.centre.copy(), self.inertia * factor)
 
     def with_point(self, mass: float, place: Array) -> Inertial:
-        """Mass properties with a point mass (kg) fixed at `place` (link frame, m) added."""
+        """Mass properties with a point mass (kg) fixed at `place` (link frame, m, [3]) added."""
         total = self.mass + mass
         if total <= 0:
             return Inertial(self.mass, self.centre.copy(), self.inertia.copy())

@@ -100,9 +100,10 @@ def simulate(
     """Step a mechanism under its controller.
 
     Args:
-        parents, fixed, axes, slides, bodies: The tree as it is; joints in its order.
+        parents, fixed, axes, slides, bodies: The tree as it is; joints in its order, as in `dynamics.place` and
+            `dynamics.spread`. [N], [N, 4, 4], [N, 3], [N] bool, [N, 13].
         gravity: Gravity as it acts, base frame, m/s2. [3].
-        brain_bodies, brain_gravity: Bodies and gravity as the controller believes them to be.
+        brain_bodies, brain_gravity: Bodies and gravity as the controller believes them to be. [N, 13], [3].
         law: Figures of the joints. [len(LAW), N].
         tip: Joint that moves the tool, -1 where there is none.
         tool: Place of the tool in that joint's frame, m. [3].

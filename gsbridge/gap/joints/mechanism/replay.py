@@ -63,7 +63,7 @@ class Mechanism:
             record: Commands and times.
             setup: The mechanism with its effects.
             spans: Stretches, each simulated from its own state.
-            states: State of the joints at the begin of each stretch, as measured.
+            states: Positions, rad or m, and speeds of the joints at the start of each stretch, as measured. [N] each.
 
         Returns:
             `position`, `velocity`, `effort` (what the controller asks of the motors) at the record's times, and `tool` where
