@@ -245,7 +245,7 @@ def sheet_reflectance(board: Board, pixels_per_m: float, oversampling: int = 4) 
 
     Args:
         board: Layout.
-        pixels_per_m: Resolution of the result.
+        pixels_per_m: Resolution of the result, pixels per metre.
         oversampling: Drawing resolution per pixel and direction before the mean.
     """
     from matplotlib.backends.backend_agg import RendererAgg

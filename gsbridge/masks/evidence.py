@@ -84,7 +84,7 @@ def reached(mask: Array, pixels: Array) -> Array:
 
     Args:
         mask: Pixels of the object as known so far. [h, w] bool.
-        pixels: Where points of the object lie that masks have lost; those with NaN are left out. [K, 2].
+        pixels: Where points of the object lie that masks have lost, px; those with NaN are left out. [K, 2].
 
     Returns:
         [h, w] bool; the same where no group of points lies beside it, and where it is empty: that one has failed.

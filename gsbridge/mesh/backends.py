@@ -71,7 +71,7 @@ def write_colmap_workspace(views: Views, masks: Sequence[Array], folder: Path, p
     Args:
         views, masks: Photos and masks. [H, W] each.
         folder: An empty folder; gets `images/`, `sparse/` and `stereo/`.
-        points: Points on the object; they tell COLMAP the depth range and OpenMVS the neighbours. [N, 3].
+        points: Points on the object, m; they tell COLMAP the depth range and OpenMVS the neighbours. [N, 3].
     """
     for name in ("images", "sparse", "stereo/depth_maps", "stereo/normal_maps", "stereo/consistency_graphs"):
         (folder / name).mkdir(parents=True)
@@ -111,7 +111,7 @@ def external_points(backend: str, views: Views, masks: Sequence[Array], points: 
     Args:
         backend: `pycolmap` or `openmvs`.
         views, masks: Photos and masks. [H, W] each.
-        points: Points on the object. [N, 3].
+        points: Points on the object, m. [N, 3].
         threads: Threads to use.
 
     Returns:

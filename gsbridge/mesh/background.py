@@ -59,7 +59,7 @@ def measure_relief(views: Views, table: TableMap, distance: float, settings: Mes
     Args:
         views: Posed photos.
         table: The filmed cells.
-        distance: Working distance.
+        distance: Working distance, m.
         settings: See `MeshSettings`.
         threads: Threads to use.
     """

@@ -64,7 +64,7 @@ def beside_doubts(mesh: Mesh, points: Array) -> list[str]:
 
     Args:
         mesh: Mesh of the object, standing on z = 0.
-        points: See `points_beside`. [N, 3].
+        points: Measured points, m; see `points_beside`. [N, 3].
     """
     size = float(np.ptp(mesh.vertices, axis=0).max())
     if len(points) == 0:

@@ -72,9 +72,10 @@ def rank_sources(views: Sequence[View], target: Array, count: int, best_deg: flo
 
     Args:
         views: Posed views.
-        target: Middle of what is looked at. [3].
+        target: Middle of what is looked at, m. [3].
         count: Views wanted.
-        best_deg: Wanted angle between the lines of sight: smaller ones measure depth badly, larger ones look different.
+        best_deg: Wanted angle between the lines of sight, degrees: at smaller ones depth is measured badly, at larger ones
+            photos look different.
 
     Returns:
         Indices, best first, for each view; views more than 60 degrees apart are not taken.

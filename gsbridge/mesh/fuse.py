@@ -62,10 +62,10 @@ def unexplained(points: Array, hull: Hull, cloud: DepthCloud, spacing: float) ->
     is needed only where no view that sees it measured anything, and no measured point is near.
 
     Args:
-        points: Points on the hull. [N, 3].
+        points: Points on the hull, m. [N, 3].
         hull: Visual hull of the object.
         cloud: Measured points, and where each view has a confirmed depth.
-        spacing: Distance of neighbours in `points`.
+        spacing: Distance of neighbours in `points`, m.
     """
     measured = np.zeros(len(points), np.int32)
     for view, confirmed in zip(cloud.views, cloud.confirmed, strict=True):
@@ -101,7 +101,7 @@ def poisson(points: Array, normals: Array, depth: int) -> Mesh:
     """Screened Poisson surface of oriented points, on one thread: with more its sums end in another order each time.
 
     Args:
-        points: Points. [N, 3].
+        points: Points, m. [N, 3].
         normals: Their outward normals. [N, 3].
         depth: Depth of the octree.
 

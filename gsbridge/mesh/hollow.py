@@ -90,7 +90,7 @@ def free_space(hull: Hull, views: Sequence[View], depths: Sequence[Array], threa
     Args:
         hull: Visual hull.
         views: Views at the size of their depth maps.
-        depths: Confirmed depth along camera z, 0 where there is none. [h, w] each.
+        depths: Confirmed depth along camera z, m, 0 where there is none. [h, w] each.
         threads: Threads to use.
 
     Returns:
@@ -263,7 +263,7 @@ def guessed_share(mesh: Mesh, points: Array) -> float:
 
     Args:
         mesh: An object, standing on z = 0.
-        points: Measured points. [N, 3].
+        points: Measured points, m. [N, 3].
     """
     size = float(np.ptp(mesh.vertices, axis=0).max())
     return _far_share(mesh, points, (mesh.normals()[:, 2] > 0.5) & (mesh.corners().mean(1)[:, 2] > _LOWER * size))
@@ -278,9 +278,9 @@ def guessed_inside(mesh: Mesh, points: Array, hull: Mesh, centres: Array) -> tup
 
     Args:
         mesh: An object, standing on z = 0.
-        points: Measured points. [N, 3].
+        points: Measured points, m. [N, 3].
         hull: Its visual hull, before depth took anything off.
-        centres: Places of the cameras. [V, 3].
+        centres: Places of the cameras, m. [V, 3].
 
     Returns:
         The share of that surface near which nothing was measured, 0..1, and the distance from all points, as a share of the

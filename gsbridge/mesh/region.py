@@ -57,7 +57,7 @@ def filmed_region(views: Views, sparse: Array, distance: float, settings: MeshSe
     Args:
         views: Posed photos.
         sparse: Sparse points; ground far below the table shows where the table ends. [N, 3].
-        distance: Working distance.
+        distance: Working distance, m.
         settings: See `MeshSettings`.
 
     Raises:

@@ -37,9 +37,9 @@ def agreement(
         sizes: Width and height of each. [V, 2].
         projections: Projections of the views, from the table frame to pixels. [V, 3, 4].
         chosen: Views of each cell, -1 for none. [ny, nx, K].
-        xs, ys: Cell centres. [nx], [ny].
-        heights: Heights to try. [L].
-        pitch: Distance of the patch's sample points on the table.
+        xs, ys: Cell centres, m. [nx], [ny].
+        heights: Heights to try, m. [L].
+        pitch: Distance of the patch's sample points on the table, m.
         radius: Patch radius in sample points.
         texture: Least standard deviation of a patch.
         out: Mean pairwise correlation, -1..1; 0 where fewer than two views show texture. [ny, nx, L] float32, written.
@@ -140,12 +140,12 @@ def smooth_heights(cost: Array, valid: Array, heights: Array, slope: float, limi
     Args:
         cost: Cost of each height, low is good. [ny, nx, L].
         valid: Cells that take part. [ny, nx] bool.
-        heights: The heights, evenly spaced. [L].
+        heights: The heights, m, evenly spaced. [L].
         slope: Penalty of one step of height between neighbours.
         limit: Largest penalty: that of an edge.
 
     Returns:
-        Height of each cell, finer than the steps, and its level. [ny, nx], [ny, nx].
+        Height of each cell, m, finer than the steps, and the index of the nearest step. [ny, nx], [ny, nx].
     """
     total = np.zeros(cost.shape, np.float32)
     data = np.ascontiguousarray(cost, dtype=np.float32)

@@ -267,11 +267,11 @@ def confirm(
     """Average each point with those of other depth maps that agree with it.
 
     Args:
-        points: Points of the lattice pixels, table frame. [h, w, 3].
-        depth: Depths of these pixels; 0 for none. [h, w].
-        others: Depth maps of the other views. [V, h', w'] float32, 0 for none.
+        points: Points of the lattice pixels, table frame, m. [h, w, 3].
+        depth: Depths of these pixels, m; 0 for none. [h, w].
+        others: Depth maps of the other views, m; 0 for none. [V, h', w'] float32.
         poses: `cam_from_table` of the other views. [V, 4, 4].
-        intrinsics: fx, fy, cx, cy of the other views' photos. [V, 4].
+        intrinsics: fx, fy, cx, cy of the other views' photos, px. [V, 4].
         strides: Lattice step of the depth maps, px.
         tolerance: Largest difference of depth, as a share of the depth.
         least: Other views that must agree.

@@ -57,7 +57,7 @@ def find_standing(
     Args:
         points: Sparse points in the table frame, z up, any unit. [N, 3].
         focus: Point that the cameras look at. [3].
-        distance: Working distance: from the cameras to that point.
+        distance: Working distance, from the cameras to that point, in the unit of `points`.
         height_share: Least height of an object's point, as a share of the working distance.
         min_points: Points below which nothing is taken for an object.
 
@@ -130,7 +130,7 @@ def box_sides(points: Array, beyond: float = 0.0) -> Array:
     """Sides of the upright box with the smallest footprint round points: footprint, height. [N, 3] -> [3].
 
     Args:
-        points: Points on an object, z up, z = 0 on the table. [N, 3].
+        points: Points on an object, z up, z = 0 on the table, any unit. [N, 3].
         beyond: Percentage of the points that may lie beyond each side: where single points decide nothing, the same thing
             filmed again has nearly the same sides.
     """

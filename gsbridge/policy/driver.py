@@ -59,7 +59,7 @@ class RobotDriver(Protocol):
         """Set a new target, to be reached within one control period and then held; it replaces the last one.
 
         Args:
-            base_from_tool: Wanted pose. [4, 4].
+            base_from_tool: Wanted pose of the tool, m. [4, 4].
             aperture: Wanted distance of the pads, m; one below the object's width presses.
 
         Returns:
@@ -96,7 +96,7 @@ class JointArm:
         """Joint angles that bring the tool to a pose; None where no posture does.
 
         Args:
-            base_from_tool: Wanted pose of the tool. [4, 4].
+            base_from_tool: Wanted pose of the tool, m. [4, 4].
             now: Joint angles of the last command, rad. [7].
         """
         found = self.kinematics.inverse(base_from_tool, now)

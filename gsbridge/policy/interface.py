@@ -102,7 +102,7 @@ class PolicyInterface:
         """Make sure that an episode begins where those of the training did.
 
         Args:
-            table_from_tool: Measured pose. [4, 4].
+            table_from_tool: Measured pose of the tool, m. [4, 4].
 
         Raises:
             InputError: The tool stands elsewhere: the arm is not in its rest posture, or a frame is wrong.

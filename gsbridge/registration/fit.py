@@ -156,7 +156,7 @@ def consistent(views: RegistrationViews, start: HandEye, *, with_scale: bool, fl
         views: All poses.
         start: Registration to begin with.
         with_scale: The board's size is free.
-        floor_px: Reprojection error up to which no pose is left out.
+        floor_px: Reprojection error, px, up to which no pose is left out.
         least: Poses below which none is left out any more.
 
     Returns:

@@ -42,7 +42,7 @@ def sight_board(tags: Mapping[int, Array], board: Board, camera: Camera, gate_px
         tags: Corners by tag id, as `find_tags` gives them. [4, 2] each.
         board: Layout.
         camera: Intrinsics, with distortion.
-        gate_px: Reprojection error above which tags are left out, one at a time, the worst first.
+        gate_px: Reprojection error, px, above which tags are left out, one at a time, the worst first.
 
     Returns:
         The sighting, or why there is none, in a few words.

@@ -196,7 +196,7 @@ class Kinematics:
         """Geometric Jacobian of a link's origin.
 
         Args:
-            q: Coordinates, or the arm's alone. [Q].
+            q: Coordinates, or the arm's alone, rad or m. [Q].
             link: The link; None for the tip.
 
         Returns:
@@ -221,8 +221,8 @@ class Kinematics:
         to the rest posture until it no longer moves: the answer is a function of the pose, not of the way there.
 
         Args:
-            base_from_tool: Wanted pose of the tip. [4, 4].
-            start: Arm joints to begin from, usually the last command; None for the rest posture. [N].
+            base_from_tool: Wanted pose of the tip, m. [4, 4].
+            start: Arm joints to begin from, rad, usually the last command; None for the rest posture. [N].
             tolerance: Error at which to stop, m (and rad times 0.3 m).
             iterations: Largest number of steps.
 

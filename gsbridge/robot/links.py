@@ -146,7 +146,7 @@ def support_hull(points: Array, directions: int) -> Mesh:
     within about a millimetre of them, always inside.
 
     Args:
-        points: Points to enclose. [N, 3].
+        points: Points to enclose, m. [N, 3].
         directions: Number of directions, at least 8.
 
     Source: directions after Vogel, Mathematical Biosciences 44, 1979 (golden-angle spiral on a sphere).

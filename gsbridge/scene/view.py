@@ -176,7 +176,7 @@ def pooled(colours: Array, alphas: Array, depths: Array, factor: int) -> tuple[A
 
     Args:
         colours: Encoded colours; clamped to 0..1 before. [H, W, 3].
-        alphas, depths: As `draw` gives them. [H, W] each.
+        alphas, depths: Alpha, and alpha-weighted sum of camera z, m, as `draw` gives them. [H, W] each.
         factor: Divides H and W.
 
     Returns:

@@ -131,12 +131,12 @@ def plan_period(arm: Array, goal: Array, point: Array, opening: float, pressing:
 
     Args:
         arm: As in `joint_torques`; its plan is updated. [1].
-        goal: Posture and opening. [N + 1].
-        point: The command, updated. [N + 1].
+        goal: Posture, rad, and opening, m. [N + 1].
+        point: The command in the same units, updated. [N + 1].
         opening: Measured distance of the pads, m.
         pressing: How far the opening's set point may be ahead of the fingers, m.
-        velocity: Largest of each joint, rad/s. [N].
-        speed: Speed of the opening, m/s.
+        velocity: Largest speed of each joint, rad/s. [N].
+        speed: Largest speed of the opening, m/s.
     """
     plan, period, last = arm[0].plan, arm[0].grip[6], len(point) - 1
     # Beyond the fingers the set point may only lie on the side to which they are to go: it presses, or is ahead of them.

@@ -45,11 +45,12 @@ def object_state(motion: Array, inertial_from_body: Array, points: Array, pose: 
     """Pose and velocity of an object's body frame, and the height of its lowest point.
 
     Args:
-        motion: Position (3) and quaternion xyzw (4) of the inertial frame, velocity (3) of the centre of mass, spin (3). [13].
+        motion: Position (3, m) and quaternion xyzw (4) of the inertial frame, velocity (3, m/s) of the centre of mass, angular
+            velocity (3, rad/s). [13].
         inertial_from_body: Constant of the body. [4, 4].
-        points: Vertices of its hull, body frame. [P, 3].
+        points: Vertices of its hull, body frame, m. [P, 3].
         pose: Result, `table_from_body`. [4, 4].
-        velocity: Result, of the body's origin. [3].
+        velocity: Result: velocity of the body's origin, m/s. [3].
 
     Returns:
         Height of the lowest vertex over the table, m.
@@ -87,11 +88,11 @@ def state_row(
     """All numbers of a `gsbridge.tasks.state.State`, in the order of its fields.
 
     Args:
-        tool, item: `table_from_tool`, `table_from_object`. [4, 4].
+        tool, item: `table_from_tool`, `table_from_object`, m. [4, 4].
         aperture: Opening of the gripper, m.
         forces: Left pad, right pad, robot, object, N. [4].
-        velocity, spin: Velocity and spin of the object's body frame. [3].
-        clearance: m.
+        velocity, spin: Velocity, m/s, and angular velocity, rad/s, of the object's body frame. [3].
+        clearance: Height of the object's lowest vertex over the table, m.
         out: Result. [26].
     """
     for i in range(3):

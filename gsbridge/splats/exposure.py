@@ -38,7 +38,7 @@ class Exposure:
 
     Args:
         gains: Factors on linear light. [3].
-        offsets: Linear light. [3].
+        offsets: Added to linear light. [3].
     """
 
     gains: Array
@@ -60,7 +60,7 @@ def exposed(colours: Tensor, gains: Tensor, offsets: Tensor) -> Tensor:
     Args:
         colours: sRGB, encoded. [..., 3].
         gains: Factors on linear light. [3].
-        offsets: Linear light. [3].
+        offsets: Added to linear light. [3].
     """
     # Powers of numbers that are not positive have no slope, also where the straight part is chosen.
     bright = ((colours.clamp_min(0.04045) + 0.055) / 1.055) ** 2.4

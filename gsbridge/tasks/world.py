@@ -28,9 +28,9 @@ class World(Protocol):
         """Set the target that `step` moves to and holds; tool pointing down.
 
         Args:
-            position: Tool point. [3].
-            yaw: Turn of the tool about the vertical, 0 with the camera's side along the table's x.
-            aperture: Distance of the pads.
+            position: Tool point, table frame, m. [3].
+            yaw: Turn of the tool about the vertical, rad, 0 with the camera's side along the table's x.
+            aperture: Distance of the pads, m.
 
         Raises:
             InputError: The target is not finite.

@@ -174,7 +174,7 @@ class BodyCase:
     Args:
         hidden: Sizes of what is hidden, by name.
         parameters: Parameters that a perfect diagnosis gives, by name; none where the law is another than the catalogue's.
-        units: Size in units.
+        units: Size, in units of what the noise of the starts hides; see `_SHARE`.
         model: Content of the model's file.
         throws: Throws by role.
         settings: The scene in words, for the truth's file.
@@ -193,7 +193,7 @@ def draw_body_case(names: tuple[str, ...], units: float, seed: int, count: int =
 
     Args:
         names: What is hidden, of `KNOWN` or `STRANGE`; each of `units` by itself, or as much as its range allows.
-        units: Size.
+        units: Size of each, in units of what the noise of the starts hides; see `_SHARE`.
         seed: Seed of everything.
         count: Throws of each role.
     """

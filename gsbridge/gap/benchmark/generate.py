@@ -116,7 +116,7 @@ def draw_case(
     Args:
         plant: The mechanism.
         names: What is hidden; each of `units` by itself.
-        units: Size.
+        units: Size of each, in units of the detection limit.
         seed: Seed of signs and noise.
         course_seed: Seed of the courses, which cases may share.
         duration: Length of each record, s.

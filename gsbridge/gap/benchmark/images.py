@@ -126,7 +126,7 @@ class DrawnImageCase:
     Args:
         name: Name of the case.
         hidden: Sizes by name; empty for an effect-free case.
-        units: Size in units of what can be seen.
+        units: Size in units of the detection limit.
         pairs: Photos by role.
         clean: What `verify` would have been without noise. [N, H, W, 3].
         plain: What `verify` would have been with nothing hidden. [N, H, W, 3].
@@ -150,7 +150,7 @@ def draw_image_case(
     Args:
         site: Camera, scene and light of the photos.
         names: What is hidden; each of `units` by itself.
-        units: Size.
+        units: Size of each, in units of the detection limit.
         seed: Seed of views, signs, directions and noise.
         moving: Whether the camera moves while photos are taken; None where something is hidden that shows in motion alone.
 

@@ -14,7 +14,7 @@ from gsbridge.gap.benchmark.verdicts import OUTCOMES, JudgedCase, read_verdicts
 from gsbridge.statistics import wilson_interval
 
 LARGE = 5.0
-"""Units from which on naming counts."""
+"""Smallest size of an effect, in the benchmark's units, from which naming counts."""
 
 _BINS = (0.0, 0.5, 0.8, 0.95, 1.0)
 """Edges of the stated probabilities of being best."""
@@ -35,7 +35,7 @@ def score_findings(
         cases: Cases that `generate_cases` made.
         truths: What they hide, from the same call.
         findings: Folders of findings by method.
-        large: Units from which on naming counts.
+        large: Smallest size of an effect, in the benchmark's units, from which naming counts.
 
     Raises:
         InputError: A truth was changed, or a finding is missing.
@@ -51,7 +51,7 @@ def score(verdicts: Iterable[JudgedCase], large: float = LARGE) -> dict[str, Any
 
     Args:
         verdicts: Verdicts of all cases.
-        large: Units from which on naming counts.
+        large: Smallest size of an effect, in the benchmark's units, from which naming counts.
     """
     cases = list(verdicts)
     hidden = [case for case in cases if case.hidden]

@@ -20,8 +20,8 @@ def course(kind: str, centre: Array, reach: Array, duration: float, rng: np.rand
 
     Args:
         kind: `multisine`, `steps` (smooth, between random postures) or `chirp`.
-        centre: Middle posture, where it begins at rest. [N].
-        reach: Largest distance from it. [N].
+        centre: Middle posture, where it begins at rest, rad or m. [N].
+        reach: Largest distance of each joint from it, rad or m. [N].
         duration: Length of the course, s.
         rng: Random numbers for phases, postures and frequencies.
     """

@@ -59,7 +59,7 @@ def object_path(
         frames: Number of frames.
         height: Height of the object, m.
         rng: Random numbers.
-        elevation_deg: First and last elevation of the camera.
+        elevation_deg: First and last elevation of the camera, degrees.
 
     Returns:
         cam_from_table. [frames, 4, 4].

@@ -45,7 +45,7 @@ def body_mesh(name: str, seed: int, detail: float) -> tuple[Mesh, Array]:
     Args:
         name: One of the mirror's objects.
         seed: Seed of the world's textures and shapes.
-        detail: See `make_object`.
+        detail: Spacing of the mesh as a multiple of 0.6 to 0.7 mm; see `make_object`.
 
     Returns:
         The mesh, m, with linear colours, and the vertex normals. [V, 3].
@@ -69,7 +69,7 @@ def shown_mesh(name: str, seed: int, detail: float) -> tuple[Mesh, Array]:
     Args:
         name: One of the mirror's objects.
         seed: Seed of the world's textures and shapes.
-        detail: Spacing of the mesh; see `make_object`.
+        detail: Spacing of the mesh as a multiple of 0.6 to 0.7 mm; see `make_object`.
 
     Returns:
         The mesh, m, with linear colours, and the vertex normals. [V, 3].

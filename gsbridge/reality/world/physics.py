@@ -106,8 +106,8 @@ class MirrorPhysics:
         Args:
             q: Arm joints, rad. [7].
             aperture: Distance of the pads, m.
-            object_pose: x, y, yaw on the table, or a whole `table_from_object`, as of an object in the hand; None puts the
-                object out of sight. [3] or [4, 4].
+            object_pose: x, y (m) and yaw (rad) on the table, or a whole `table_from_object`, as of an object in the hand; None
+                puts the object out of sight. [3] or [4, 4].
 
         Raises:
             InputError: The pose is neither.

@@ -147,7 +147,7 @@ def passer_pose(hidden: Hidden, lamp: Array, aim: Array, seed: int, seconds: flo
         lamp: Place of the lamp, table frame, m. [3].
         aim: Point that the lamp lights, table frame, m. [3].
         seed: Seed of the episode; it decides when somebody passes and from which side.
-        seconds: Time since the episode began.
+        seconds: Time since the episode began, s.
         episode: How long episodes last, about, s.
     """
     rng = np.random.default_rng([seed, zlib.crc32(b"passer")])

@@ -27,8 +27,8 @@ def resample(path: Array, spacing: float = SPACING) -> Array:
     """Points at equal distances along a path; its first alone where it is shorter than half of one.
 
     Args:
-        path: Points of the path, N >= 1. [N, D].
-        spacing: Distance along the path, rounded so that it divides the length.
+        path: Points of the path, m, N >= 1. [N, D].
+        spacing: Distance along the path, m, rounded so that it divides the length.
 
     Returns:
         [M, D]; first and last point are the path's own where there are several.

@@ -109,7 +109,7 @@ def lines(chain: Chain, centres: Array, q: Array) -> Array:
     Args:
         chain: The mechanism.
         centres: Centres of mass, joint frames, m. [N, 3].
-        q: Joint positions in the order of the records. [N].
+        q: Joint positions in the order of the records, rad or m. [N].
 
     Returns:
         Pairs of points, base frame, m. [2 N, 2, 3].

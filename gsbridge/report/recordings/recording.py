@@ -155,7 +155,7 @@ def log_views(
         images: Folder of the photos.
         parent: Entity whose frame the poses belong to.
         timeline: Name of the sequence.
-        plane: Distance at which images are drawn.
+        plane: Distance from the camera at which images are drawn, m.
     """
     for index, view in enumerate(views):
         stem = rr.escape_entity_path_part(Path(view.name).stem)

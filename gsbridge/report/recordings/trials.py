@@ -79,9 +79,9 @@ def hand_lines(position: Array, yaw: float, aperture: float) -> list[Array]:
     """The gripper as lines: pads, bars to the palm, palm. Table frame, m; the tool points down.
 
     Args:
-        position: Tool point, between the pads. [3].
-        yaw: Turn about the vertical; the pads move across it.
-        aperture: Distance of the pads.
+        position: Tool point, between the pads, m. [3].
+        yaw: Turn about the vertical, rad; the pads move across it.
+        aperture: Distance of the pads, m.
     """
     along, across = np.array([np.cos(yaw), np.sin(yaw), 0.0]), np.array([-np.sin(yaw), np.cos(yaw), 0.0])
     palm = position + np.array([0.0, 0.0, PALM_M])

@@ -104,7 +104,7 @@ def camera_scores(centres: Array, true_centres: Array, rotations: Array, area_ce
 
     Args:
         centres: Estimated camera positions, table frame, m. [N, 3].
-        true_centres: True ones, same order. [N, 3].
+        true_centres: True camera positions in the same order, m. [N, 3].
         rotations: `true_table_from_table` as each camera alone tells it: `true R^T @ estimated R`. [N, 3, 3].
         area_centre: Centre of the working area on the table, m. [2].
 

@@ -356,7 +356,7 @@ def rasterize(
     """The backend `cpu` of `gsbridge.splats.rasterize.rasterize`, which has checked the shapes.
 
     Args:
-        means, quats, scales, opacities, colours: Splats, with gradients. [N, 3], [N, 4], [N, 3], [N], [N, 3].
+        means, quats, scales, opacities, colours: Splats, m, with gradients. [N, 3], [N, 4], [N, 3], [N], [N, 3].
         camera, cam_from_table, background, near: As in `render`. [4, 4], [3].
 
     Returns:

@@ -49,7 +49,7 @@ def rasterize(
     """The backend `cuda` of `gsbridge.splats.rasterize.rasterize`, which has checked the shapes.
 
     Args:
-        means, quats, scales, opacities, colours: Splats, with gradients. [N, 3], [N, 4], [N, 3], [N], [N, 3].
+        means, quats, scales, opacities, colours: Splats, m, with gradients. [N, 3], [N, 4], [N, 3], [N], [N, 3].
         camera: Pinhole camera.
         cam_from_table: Pose of the camera. [4, 4].
         background: Colour behind the splats, black when None. [3].

@@ -38,7 +38,7 @@ def prepare(means: Array, quats: Array, scales: Array, opacities: Array, colours
     """Covariances of splats, and all that `project` reads, side by side for eight splats at a time.
 
     Args:
-        means, quats, scales, opacities, colours: Flat arrays of splats, whose number is a multiple of eight. [N * 3], [N * 4],
+        means, quats, scales, opacities, colours: Flat arrays of splats, m, N a multiple of eight. [N * 3], [N * 4],
             [N * 3], [N], [N * 3].
         lanes: Output. [N * `LANES`].
     """

@@ -126,7 +126,7 @@ def project(
         antialiased: Lower a splat's opacity in the proportion in which the blur on the screen enlarges its area.
         records: Filled with one record per visible splat, in the order of the splats. [N * RECORD].
         sources: Filled with the number of the splat of each record. [N].
-        depths: Filled with the camera z of each record. [N].
+        depths: Filled with the camera z of each record, m. [N].
         boxes: Filled, per record, with the first block of its box (high half) and its `MASK` (low half). [N] int64.
         capacity: Added to: upper bound of the entries in each block's list, as a second difference over rows and columns of
             blocks. [(rows + 1) * (columns + 1)].

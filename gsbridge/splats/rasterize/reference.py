@@ -41,7 +41,7 @@ def rasterize(
     """The backend `reference` of `gsbridge.splats.rasterize.rasterize`, which has checked the shapes.
 
     Args:
-        means, quats, scales, opacities, colours: Splats, with gradients, of any floating type. [N, 3], [N, 4],
+        means, quats, scales, opacities, colours: Splats, m, with gradients, of any floating type. [N, 3], [N, 4],
             [N, 3], [N], [N, 3].
         camera: Pinhole camera.
         cam_from_table: Pose of the camera. [4, 4].

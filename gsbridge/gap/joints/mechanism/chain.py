@@ -59,7 +59,7 @@ class Chain:
 
         Args:
             link: Name of the link.
-            q: Positions in the order of the joints here. [T, N].
+            q: Positions in the order of the joints here, rad or m. [T, N].
 
         Returns:
             [T, 3].
@@ -73,7 +73,7 @@ class Chain:
         Args:
             joint: Which; -1 for the base.
             point: In the joint's frame, m. [3].
-            q: Positions in the order of the joints here. [T, N].
+            q: Positions in the order of the joints here, rad or m. [T, N].
 
         Returns:
             [T, 3].

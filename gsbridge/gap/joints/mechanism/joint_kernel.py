@@ -103,15 +103,15 @@ def simulate(
         parents, fixed, axes, slides, bodies: The tree as it is; joints in its order, as in `dynamics.place` and
             `dynamics.spread`. [N], [N, 4, 4], [N, 3], [N] bool, [N, 13].
         gravity: Gravity as it acts, base frame, m/s2. [3].
-        brain_bodies, brain_gravity: Bodies and gravity as the controller believes them to be. [N, 13], [3].
+        brain_bodies, brain_gravity: Bodies and gravity as the controller believes them to be. [N, 13], m/s2 [3].
         law: Figures of the joints. [len(LAW), N].
         tip: Joint that moves the tool, -1 where there is none.
         tool: Place of the tool in that joint's frame, m. [3].
         surface: What the tool presses on: upward direction (3), height along it (m) and stiffness (N/m). [5].
         mode: One of `MODE`.
         bandwidth: rad/s (mode position).
-        target, speed, extra: Commands of each step. [K, N].
-        q0, v0: State at the start. [N].
+        target, speed, extra: Commands of each step: positions, speeds and torques, SI units. [K, N].
+        q0, v0: Positions and speeds at the start, SI units. [N].
         start: Time of the start since the record's begin, s.
         step: Step of time, s.
         every: Physics steps per control step.

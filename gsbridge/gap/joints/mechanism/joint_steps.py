@@ -83,12 +83,12 @@ def advance(
 
     Args:
         system: Inertia with all that acts implicitly. [N, N].
-        right: Torques, overwritten. [N].
-        grip: Largest dry friction. [N].
-        skew: More of it forwards, less backwards. [N].
+        right: Torques, N m, overwritten. [N].
+        grip: Largest dry friction, N m. [N].
+        skew: More of it forwards, less backwards, N m. [N].
         step: Step of time, s.
-        v: Speeds, updated. [N].
-        impulse: Impulses of the last step, the solver's start; updated. [N].
+        v: Speeds, rad/s, updated. [N].
+        impulse: Impulses of the last step, N m s, the solver's start; updated. [N].
         factor, inverse: Overwritten. [N, N] each.
     """
     count = len(v)
