@@ -28,24 +28,27 @@ tables: $(INSTALLED)
 	$(SNAKEMAKE)
 
 help:
-	@echo "make tables   reconstruct, train, try, and write results/tables/index.html"
-	@echo "make toy      the same on one object, in the folder toy/"
-	@echo "make test     lint, types, unit, rule and end-to-end tests"
-	@echo "make status   what is left of make tables, about how long it takes, what is degraded and why"
-	@echo "make dag      the graph of rules as rules.svg (needs graphviz; rules.dot without it)"
-	@echo "make gpu-check what a GPU can do here: parity, speed, one object of the paper's budget"
-	@echo "make study    ways of learning compared, further worlds, the gap's blind cases: hours"
-	@echo "make evidence all that is recorded, measured anew in parts: PART=tables, simulator, shapes, study, worlds, loops, severity, gap"
-	@echo "make results  measured figures against their floors: benchmarks/RESULTS.md"
+	@echo "make tables        reconstruct, train, try, and write results/tables/index.html"
+	@echo "make toy           the same on one object, in the folder toy/"
+	@echo "make test          lint, types, unit, rule and end-to-end tests"
+	@echo "make status        what is left of make tables, about how long it takes, what is degraded and why"
+	@echo "make dag           the graph of rules as rules.svg (needs graphviz; rules.dot without it)"
+	@echo "make gpu-check     what a GPU can do here: parity, speed, one object of the paper's budget"
+	@echo "make study         ways of learning compared, further worlds, the gap's blind cases: hours"
+	@echo "make evidence      all that is recorded, measured anew; a part of it with PART=NAME, one of: $(PARTS)"
+	@echo "make results       measured figures against their floors: benchmarks/RESULTS.md"
 	@echo "make results-page  the same page without measuring: which recorded figures are of this tree, and which are stale"
-	@echo "make pictures the pictures of README and docs, from the toy; make docs: the pages as a site in site/"
-	@echo "make setup    the environment alone; make lint, make format, make schema, make clean-toy"
+	@echo "make pictures      the pictures of README and docs, from the toy"
+	@echo "make docs          the pages as a site in site/"
+	@echo "make setup         the environment alone"
+	@echo "Further: make lint, format, schema, locks, clean-toy, test-fuzz, test-faults. A run of your own: gsbridge run --help"
 
 status: $(INSTALLED)
 	@$(BIN)/gsbridge status
 
 dag: $(INSTALLED)
-	@$(SNAKEMAKE) --rulegraph dot 2>/dev/null > rules.dot && test -s rules.dot
+	@$(SNAKEMAKE) --rulegraph dot > rules.dot 2> rules.log || { grep ^ERROR rules.log || cat rules.log; rm rules.dot rules.log; exit 1; } >&2
+	@rm rules.log
 	@if command -v dot > /dev/null; then dot -Tsvg rules.dot -o rules.svg && rm rules.dot && echo rules.svg; else echo rules.dot; fi
 
 # What the policy needs goes first: its training is the longest way to the tables, and leaves a core to everything else.

@@ -106,13 +106,18 @@ def _add_masks(commands: Any) -> None:
 
 
 def _masks(options: argparse.Namespace) -> int:
+    from gsbridge.configuration.faults import listed, near
     from gsbridge.configuration.whole import read_configuration
     from gsbridge.report.pages.mask_sheet import write_mask_sheet
 
     if not options.config.is_file():
         raise InputError(options.config, "there is no such file here", "Go to the project's folder, or name it with --config")
     scenes = read_configuration(yaml.safe_load(options.config.read_text(encoding="utf-8")))["scenes"]
-    points = scenes[options.scene]["masks"]["points"] if options.scene in scenes else []
+    objects = [name for name, scene in scenes.items() if scene["kind"] == "object"]
+    if options.scene not in objects:
+        problem = "it is a background, which has no masks" if options.scene in scenes else f"{options.config} has no such scene"
+        raise InputError(options.scene, problem, f"{near(options.scene, objects)}Objects: {listed(objects)}")
+    points = scenes[options.scene]["masks"]["points"]
     folder = options.results / "scenes" / options.scene
     out = options.out or folder / "mask_sheet.html"
     count = write_mask_sheet(options.scene, folder, out, options.photo, points)

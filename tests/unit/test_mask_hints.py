@@ -95,7 +95,14 @@ def test_masks_obey_and_the_sheet_shows_it(scene, tmp_path, capsys):
     assert views[3].name in text
     assert "http" not in re.sub(r"data:[^\"]+", "", text)
     assert main(["masks", "ball", "--photo", "none.png", *given]) == 1
-    assert main(["masks", "nothing", *given]) == 1
+    for name, said in (
+        ("bal", "Did you mean 'ball'?"),
+        ("foam_pad", "a background"),
+        ("mug", "results/scenes/mug/align/align.json"),
+    ):
+        capsys.readouterr()
+        assert main(["masks", name, *given]) == 1
+        assert said in capsys.readouterr().err
     assert main(["masks", "ball", "--config", str(tmp_path / "none.yaml")]) == 1
     assert "Go to the project's folder" in capsys.readouterr().err
     if BROWSER is not None:

@@ -47,9 +47,11 @@ def write_mask_sheet(
     """
     base = Path(folder)
     if not (base / "align/views.json").is_file():
-        raise InputError(
-            base / "align/views.json", "this scene has no registered photos yet", f"Run snakemake {base}/align/align.json"
-        )
+        # The folder of the run holds `results`.
+        run = base.parents[1].parent
+        where = "" if run.resolve() == Path.cwd() else f"--directory {run} "
+        remedy = f"Run snakemake {where}-- results/scenes/{scene}/align/align.json"
+        raise InputError(base / "align/views.json", "this scene has no registered photos yet", remedy)
     views = {view.name: view for view in read_views(base / "align/views.json", base / "sfm/images")}
     unknown = [name for name in names if name not in views]
     if unknown:
