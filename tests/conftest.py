@@ -1,8 +1,12 @@
-"""In CI a test may be skipped only for a reason that stands here: others mean that an installation is missing."""
+"""One thread for each process of the tests, and reasons for which CI may skip one: others mean that something is missing."""
 
 import os
 
 import pytest
+
+# As snakemake sets it for a job of one thread, before numpy is loaded: threads of OpenBLAS spin while they wait for each other.
+# On cores that are busy with other tests they spend many times what the work itself takes.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 ALLOWED_SKIPS = {
     "needs a CUDA GPU": "the machines of CI have none",
