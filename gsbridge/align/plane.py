@@ -128,7 +128,7 @@ def find_table(points: Array, looks: Attention, *, threshold: float, seed: int, 
 
 
 def why_no_table(points: Array, looks: Attention, *, threshold: float, seed: int) -> str:
-    """What was refused and why where `find_table` finds nothing: the plane with the most points, in one clause.
+    """Why `find_table` finds nothing: what speaks against the plane with the most points, in one clause.
 
     Args:
         points: Sparse points, arbitrary scale. [N, 3].

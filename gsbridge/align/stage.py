@@ -40,7 +40,7 @@ UNKNOWN_EXTENT = 0.1
 """Longest side of the object where nothing tells the scale, m: a guess of the right order, said so in the record."""
 
 _STRAGGLERS = 1.0
-"""Percentage of the object's points beyond each side that do not count for that unit: turned photos gave others of them."""
+"""Percentage of points beyond each side of the object's box that are ignored: the same photos, turned, give others."""
 
 
 @dataclass(frozen=True)

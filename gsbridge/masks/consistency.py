@@ -33,7 +33,7 @@ _GROUND = 0.004
 """The hull starts this share of the working distance above the table: a shadow, which lies on it, is no part of the hull."""
 
 _FEW = 0.1
-"""Share of masks that may disagree with the hull, which the others outvote."""
+"""Largest share of masks that may disagree with the hull; the others outvote them."""
 
 
 def hull_of_masks(
@@ -134,7 +134,7 @@ def disagreements(agreement: Sequence[float], names: Sequence[str], least: float
 
     Args:
         agreement: Overlap (IoU) of each mask with the common hull as its photo sees it.
-        names: Of the photos.
+        names: Names of the photos.
         least: Overlap below which masks are in doubt.
     """
     mean = float(np.mean(agreement))

@@ -25,7 +25,7 @@ _NEAR = 0.015
 _FEWEST = 12
 """Points of the object, or of its lowest part, that a photo must show before they say anything about its mask."""
 _CHANCE = 2
-"""So many points outside its mask are wrong matches."""
+"""Points outside a mask that may be wrong matches; only more of them count."""
 _LOW = 0.25
 """The lowest part of an object, where its shadow lies, as a share of its height."""
 _LOOSE = 0.015
@@ -33,28 +33,28 @@ _LOOSE = 0.015
 _FEWEST_SOUND = 6
 """Masks without bites that a hull needs."""
 BITTEN = 0.1
-"""Share of a photo's points outside its mask from which the mask is bitten; wrong matches are some 2 %."""
+"""A mask lacks a part of the object (it is *bitten*) if it leaves out this share of the object's points in its photo."""
 SPILT = 0.1
-"""Points of the table within a mask, per point of the object, from which it holds a part of the table; usual are none."""
+"""A mask holds a part of the table if so many of the table's points lie in it per point of the object; usually none do."""
 MANY = 0.1
-"""Share of bitten masks from which the shape is in doubt, too."""
+"""If more than this share of the masks is bitten, the object's shape is in doubt, too."""
 _LOST = 0.3
-"""Masks have lost a point if this share of those whose photos show it leave it out. One beside the object is seen before it."""
+"""Masks have *lost* a point if more than this share of those whose photos show it leave it out."""
 _HIDDEN_LOST = 0.06
-"""Likewise of all masks, those whose photos do not show the point included: a hull of the rest would lose it there."""
+"""The same share among all masks, with those whose photos do not show the point: their hull would lose it."""
 _LOCAL = 0.25
-"""And then so large a share of the points nearby must be lost, too: wrong matches lie beside points that no mask leaves out."""
+"""Such a point counts only if this share of the points near it is lost, too: wrong matches lie among points that are not."""
 _SPREAD_DEG = 6.0
-"""A point's place is sure where the photos that show it look from this far to a side of their mean direction."""
+"""A point's position is certain if the photos that show it look from directions this far from their mean."""
 _WIDEST_GAP_DEG = 160.0
-"""And where the photos go round: from one side alone, what stands beside an object is not told from it."""
+"""And if the photos leave no wider gap round it: from one side alone, an object's neighbour looks like a part of it."""
 _REACH = 0.08
-"""Gaps between measured points, or between them and the mask, of less than this are the object, too: share of the root of the
+"""Narrower gaps between measured points, or between them and the mask, belong to the object, too; a share of the root of the
 mask's area."""
 _PART, _PART_POINTS = 0.1, 5
-"""So many lost points within this share of the object's size are a part; wrong matches lie apart, two of them at most."""
+"""A part of the object is missing where five lost points lie within a tenth of its size; of wrong matches at most two do."""
 _COMPANY = 3
-"""Measured points beside a mask of which so many must lie within three times that reach: a lone one is a wrong match."""
+"""Measured points beside a mask count if so many lie within three times `_REACH`: a lone one is a wrong match."""
 
 
 @dataclass(frozen=True)
@@ -62,9 +62,9 @@ class Missed:
     """Points that a photo shows on the wrong side of its mask's outline.
 
     Args:
-        share: Share of the object's outside; 0 where the photo shows too few to tell.
-        low: Share of those on the object's lowest part; likewise.
-        table: Points of the table well inside, per point of the object; likewise.
+        share: Share of the object's points that lie outside the mask; 0 where the photo shows too few to tell.
+        low: The same share among the points on the object's lowest part; 0 where those are too few.
+        table: Points of the table well inside the mask, per point of the object; 0 where those are too few.
     """
 
     share: float
@@ -73,12 +73,12 @@ class Missed:
 
     @property
     def bitten(self) -> bool:
-        """Whether they are too many for chance."""
+        """Whether more points of the object lie outside the mask than wrong matches explain."""
         return max(self.share, self.low) > BITTEN
 
 
 def reached(mask: Array, pixels: Array) -> Array:
-    """A mask or outline that also holds the measured points beside it: a hull loses what some of the masks leave out.
+    """Extend a mask or outline to the measured points beside it: a hull loses what some of the masks leave out.
 
     A point of the object lies within the object's outline in every photo, seen there or hidden.
 
@@ -87,7 +87,7 @@ def reached(mask: Array, pixels: Array) -> Array:
         pixels: Where points of the object lie that masks have lost, px; those with NaN are left out. [K, 2].
 
     Returns:
-        [h, w] bool; the same where no group of points lies beside it, and where it is empty: that one has failed.
+        [h, w] bool; unchanged where no group of points lies beside it, and where it is empty, which is a failed mask.
     """
     if not mask.any():
         return mask
@@ -149,7 +149,7 @@ def surely_placed(views: Sequence[View], sparse: SparsePoints) -> Array:
 def lost_points(
     views: Sequence[View], masks: Sequence[Array], sparse: SparsePoints, members: Array, slack: float = 0.0
 ) -> Array:
-    """Points of the object that masks have lost, as they lose a foot of its shadow's colour.
+    """Points of the object that masks have lost, for instance a foot that has the colour of its shadow.
 
     Photos that do not show a point count, too: looked at from above, a bowl's side is too oblique to match, but it is there.
 
@@ -248,14 +248,14 @@ def mended(
     missed: Sequence[Missed],
     hull_of: Callable[[list[int]], Mesh],
 ) -> list[Array]:
-    """Masks whose bites are filled by the hull of the masks that have none.
+    """Fill masks that lack a part of the object from the hull of those that lack none.
 
     Args:
         views: Posed photos, in the order of the sparse model's.
         masks: One per view, 0..1. [H, W] each.
         sparse: The sparse model.
         members: Points of the object. [N] bool.
-        missed: Of each mask, see `missed_points`.
+        missed: What `missed_points` gave for each mask.
         hull_of: Visual hull of some of the masks, by their numbers.
 
     Returns:
@@ -285,8 +285,8 @@ def doubts(missed: Sequence[Missed], names: Sequence[str]) -> list[str]:
     """Why masks may lack a part of the object, or hold a part of the table.
 
     Args:
-        missed: Of each photo, see `missed_points`.
-        names: Of the photos.
+        missed: What `missed_points` gave for each photo.
+        names: Names of the photos.
     """
     reasons = []
     bitten = [number for number, item in enumerate(missed) if item.bitten]

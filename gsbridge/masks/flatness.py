@@ -69,7 +69,7 @@ def fine_detail(photo: Array, patch: Array | None = None) -> Array:
         patch: Pixels that alone count, so that what lies beside them leaves no trace; None for all. [h, w] bool.
 
     Returns:
-        Some thousandths, 0 beside the patch. [h, w] float32.
+        Detail, typically some thousandths; 0 outside the patch. [h, w] float32.
     """
     grey = cv2.cvtColor(photo, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255.0
     if patch is None:

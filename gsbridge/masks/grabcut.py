@@ -102,8 +102,8 @@ def stamp(labels: Array, pixels: Array, radius: int, value: int) -> None:
 def cut_out(image: Array, labels: Array, iterations: int, seed: int) -> Array:
     """GrabCut in the Lab colour space.
 
-    What lies beyond the image is taken for back, of the colour of its edge: an object that nearly touches the edge would
-    otherwise claim the sliver between, in which no pixel is surely back.
+    Beyond the image lies background in the colour of the image's edge: otherwise an object that nearly touches the edge would
+    claim the sliver between, in which no pixel is known to be background.
 
     Args:
         image: RGB, 8-bit. [h, w, 3].
@@ -112,7 +112,7 @@ def cut_out(image: Array, labels: Array, iterations: int, seed: int) -> Array:
         seed: Seed of the colour clusters.
 
     Returns:
-        True on the object; nothing where the labels hold no front or no back at all. [h, w] bool.
+        True on the object; nowhere if the labels hold no object or no background at all. [h, w] bool.
 
     Source: Rother, Kolmogorov, Blake, SIGGRAPH 2004 (OpenCV's implementation).
     """

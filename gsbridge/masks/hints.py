@@ -1,4 +1,4 @@
-"""What a person says about single pixels: the last resort where the prompt takes the wrong thing, or a part of it."""
+"""Corrections by hand at single pixels: the last resort if the prompt selects the wrong thing, or only a part of the object."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def hinted(prompt: Prompt, sparse: SparsePoints, views: Sequence[View], hints: S
         prompt: What the sparse model says by itself.
         sparse: The sparse model.
         views: Posed views.
-        hints: Of each view.
+        hints: Hints of each view.
     """
     own = rows_among(sparse.points, prompt.points)
     table = np.zeros(len(sparse.points), bool)

@@ -1,7 +1,7 @@
 """Photos laid onto the table as another photo sees it, and the median of such layers.
 
 The layers stay 8-bit, with a table of colours each for their gain: medians of a layer come from a histogram, and the median
-across layers from one kernel. The values are those of floats, in a quarter of the time.
+across layers from one kernel. That is faster than floats and gives the same values.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ class Layers:
     """Photos laid onto the table as one photo sees it.
 
     Args:
-        shown: Their levels. [L, h, w, 3] uint8.
-        bare: Where they show the table. [L, h, w] bool.
-        colours: sRGB 0..1 of their levels and channels, as that photo's exposure would show them. [L, 256, 3] float32.
+        shown: Grey levels of each channel of the laid photos. [L, h, w, 3] uint8.
+        bare: Where the laid photos show the table. [L, h, w] bool.
+        colours: sRGB 0..1 of each level and channel, as that photo's exposure would show it. [L, 256, 3] float32.
     """
 
     shown: Array
@@ -110,7 +110,7 @@ def median_colour(photo: Array, where: Array) -> Array:
 
 
 def median_layer(layers: Layers, where: Array, fallback: Array, needed: int) -> tuple[Array, Array]:
-    """Median colour of the layers at the pixels of which enough of them show the table.
+    """Median colour of the layers at pixels where enough of them show the table.
 
     Args:
         layers: At least one.

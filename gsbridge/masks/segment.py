@@ -33,9 +33,9 @@ from gsbridge.photogrammetry.sparse import SparsePoints, read_points
 logger = logging.getLogger("gsbridge")
 
 _SEEN_RADIUS = 0.006
-"""A photo that shows a point of the object shows it on a disc of this radius, as a share of the longest side of what is cut."""
+"""Round a measured point, a photo shows the object on a disc of this radius, a share of the longest side of what is cut."""
 _HINT_RADIUS = 0.012
-"""A hint is sure of a disc of this radius, as a share of the longest side of what is cut."""
+"""A hint holds for a disc of this radius, as a share of the longest side of what is cut."""
 
 
 def _pixels(view: View, points: Array) -> Array:

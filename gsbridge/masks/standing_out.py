@@ -1,6 +1,6 @@
 """What stands out from the table: a first shape for things so plain that hardly a point is measured on them.
 
-A white box shows no two photos the same spot, but it hides the table's pattern from each of them.
+No spot of a white box can be matched between photos, but the box hides the table's pattern in each of them.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ _OTHERS = 24
 NEEDED = 5
 """Photos that must show a spot of the table before its colour is believed."""
 _USUAL = 4.0
-"""A pixel is strange from this many times the median difference of bare table on."""
+"""A pixel differs from the table if it does so by this many times the median difference of bare table."""
 _LEAST_DIFFERENCE = 0.045
 """Smallest difference that counts, 0..1 sRGB; below it sensor noise and interpolation decide."""
 _MISPLACED_PX = 0.5
@@ -62,8 +62,8 @@ class Evidence:
     """Evidence from the bare table about the pixels of one photo.
 
     Args:
-        strange: The pixel does not have the table's colour of that spot. [h, w] bool.
-        plain: It has, clearly. [h, w] bool. Neither where too few photos see the spot.
+        strange: The pixel does not have the table's colour at that spot. [h, w] bool.
+        plain: The pixel clearly has it. [h, w] bool. Both are False where too few photos see the spot.
         table: The bare table, RGB 0..1, where it is known; the photo elsewhere. [h, w, 3].
         foot: Its line of sight meets the table where the object may stand, and no photo shows that spot bare. [h, w] bool.
     """
@@ -125,12 +125,12 @@ def compare_with_table(
 
 
 def excess_over_table(own: Array, table: Array, bare: Array) -> tuple[Array, float]:
-    """By how much a photo differs from the table, beyond what a pose a little off explains, and how much is strange.
+    """Difference between a photo and the table, beyond what small errors of the pose explain, and from where on it counts.
 
     Args:
         own: The photo, 0..1. [h, w, 3].
         table: The bare table behind it. [h, w, 3].
-        bare: Where the photo may be taken to show it. [h, w] bool.
+        bare: Pixels that are taken to show the bare table. [h, w] bool.
     """
     grey = cv2.GaussianBlur((table[..., 0] + table[..., 1] + table[..., 2]) / 3, (0, 0), 0.7)
     slope = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0, scale=0.125), cv2.Sobel(grey, cv2.CV_32F, 0, 1, scale=0.125))
@@ -142,7 +142,7 @@ def excess_over_table(own: Array, table: Array, bare: Array) -> tuple[Array, flo
 
 
 def compared_photos(index: int, photos: Sequence[Array | None]) -> list[int]:
-    """Photos that one is compared with: at most `_OTHERS`, evenly from all that show the place. [h, w, 3] each."""
+    """Photos to compare photo `index` with, by number: at most `_OTHERS`, evenly from all there are. [h, w, 3] each."""
     others = [i for i, other in enumerate(photos) if other is not None and i != index]
     if len(others) > _OTHERS:
         others = [others[i] for i in np.linspace(0, len(others) - 1, _OTHERS).round().astype(int)]
@@ -180,10 +180,10 @@ def _over(ground: Array, camera: Camera, pose: Array) -> Array:
 
 
 def amend(mask: Array, evidence: Evidence, allowed: Array | None = None) -> Array:
-    """A mask with what the bare table says: strange patches beside it are added, and its foot; plain rims are taken off.
+    """Correct a mask by the bare table: add patches that differ from it, and the foot; take off rims that look like it.
 
-    Whoever looks at the ground under an object sees the object. A dark foot on a dark table is as little strange as the
-    table, but no photo shows the table where it stands.
+    A dark foot on a dark table differs as little from the table as the table itself, but no photo shows the table bare where
+    the foot stands.
 
     Args:
         mask: The object so far. [h, w] bool.

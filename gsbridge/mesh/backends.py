@@ -1,4 +1,4 @@
-"""Outside programs for depth: pycolmap's dense stereo where CUDA is there, OpenMVS where its binaries are found."""
+"""External programs for depth: pycolmap's dense stereo where CUDA is available, OpenMVS where its binaries are found."""
 
 from __future__ import annotations
 
@@ -47,7 +47,8 @@ def choose_backend(wanted: str) -> str:
         wanted: `auto`, `sweep`, `pycolmap` or `openmvs`.
 
     Returns:
-        `sweep`, `pycolmap` or `openmvs`. `auto` takes pycolmap where CUDA is there, then OpenMVS, then the sweep.
+        `sweep`, `pycolmap` or `openmvs`. `auto` takes pycolmap where CUDA is available, else OpenMVS where it
+        is installed, else the sweep.
 
     Raises:
         InputError: The backend cannot run here.
@@ -106,7 +107,7 @@ def write_colmap_workspace(views: Views, masks: Sequence[Array], folder: Path, p
 
 
 def external_points(backend: str, views: Views, masks: Sequence[Array], points: Array, threads: int) -> tuple[Array, Array]:
-    """Dense points of an outside program.
+    """Dense points of an external program.
 
     Args:
         backend: `pycolmap` or `openmvs`.

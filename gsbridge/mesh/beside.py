@@ -27,15 +27,15 @@ _AROUND = 0.12
 _VOXELS = 96
 """Samples of the hull of the widened masks."""
 _ACROSS = 32
-"""Depths wanted along the root of a mask's area: a part that is lost is noticed, not drawn."""
+"""Depths wanted along the root of a mask's area: enough to notice a part that is lost, not to reconstruct it."""
 _OFF = 0.05
 """Points this far from the mesh, as a share of its size, are not its own. At an outline stereo errs by nearly as much."""
 _LOW = 0.06
 """Points below this share of the size may be the table's."""
 _PART = 0.003
-"""Share of all points from which a heap of them is a part of the object: chance heaps up fewer, a lost chimney more."""
+"""A cluster with at least this share of all points is a part of the object: chance clusters are smaller, a chimney larger."""
 _FEWEST = 20
-"""And the fewest of them."""
+"""Fewest points of such a cluster."""
 
 
 def points_beside(views: Views, masks: Sequence[Array], settings: MeshSettings, seed: int = 0, threads: int = 1) -> Array:

@@ -22,7 +22,7 @@ _UNSEEN = 0.5
 _GUESSED = 0.15
 """Share of the upward surface, or of that inside the outlines, far from all measured points above which it is a guess."""
 _FEW_POINTS = 30
-"""Points below which they say nothing about a mesh."""
+"""With fewer measured points than this, they say nothing about a mesh."""
 _OUTLINE_WIDTH = 320
 """Masks are compared with the mesh at this width, px."""
 _COVERED = 0.9
@@ -43,7 +43,8 @@ def doubts(mesh: Mesh, members: Array, shares: Mapping[str, float]) -> list[str]
         members: Sparse points of what stands there. [K, 3].
         shares: `open_share`, of the upward surface without depth; `cavity_share`, of the hull's volume that measured depth has
             emptied; `guessed_share` and `guessed_inside_share`, of the upward surface and of that inside the outlines near
-            which nothing was measured; `guessed_inside_reach`, how far from all points the latter lies, of the size; 0..1.
+            which nothing was measured; `guessed_inside_reach`, how far from all points the latter lies, as a share of the
+            object's size; 0..1.
 
     Returns:
         One reason for each disagreement; none for a mesh to be trusted.
@@ -110,11 +111,11 @@ def outline_overlaps(mesh: Mesh, views: Sequence[View], masks: Sequence[Array]) 
 
 
 def outline_doubts(overlaps: Array, names: Sequence[str]) -> list[str]:
-    """What the outlines have against a mesh.
+    """Why outlines contradict a mesh.
 
     Args:
         overlaps: See `outline_overlaps`. [V].
-        names: Of the photos.
+        names: Names of the photos.
     """
     known = overlaps[np.isfinite(overlaps)]
     if len(known) == 0:

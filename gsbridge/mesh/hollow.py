@@ -197,7 +197,7 @@ def needed_height(hull: Hull, views: Sequence[View], masks: Sequence[Array]) -> 
 def lowered(hull: Hull, views: Sequence[View], masks: Sequence[Array], measure: Callable[[], DepthCloud]) -> Hull:
     """A hull without a top that neither the outlines nor measured points need; the same object where there is none.
 
-    Matches on a top that is not there are chance, and they hide what lies below: it goes before depth is measured in earnest.
+    Matches on a top that does not exist are accidental and hide what lies below, so it goes before the final depth search.
 
     Args:
         hull: Visual hull.

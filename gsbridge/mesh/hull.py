@@ -112,7 +112,7 @@ def object_box(outlines: Sequence[Silhouette]) -> tuple[Array, Array]:
 
 
 def fewest_views(masks: int) -> int:
-    """Masks, of so many that show the object, that must see a place before the hull can hold it."""
+    """Number of masks, out of those that show the object, that must cover a point before the hull can contain it."""
     return max(2, masks // 6)
 
 

@@ -35,7 +35,7 @@ logger = logging.getLogger("gsbridge")
 _FULL_ORBIT_DEG = 200.0
 """Views spread over less than this leave a side of the object unseen."""
 _WHOLE_ORBIT_DEG = 270.0
-"""And over less than this a part of one side: outlines from the other side still bound it, but no photo shows it."""
+"""Views spread over less than this leave a part of one side unseen, which only outlines from the other side then bound."""
 
 
 def azimuth_coverage(views: Views, middle: Array) -> float:

@@ -71,7 +71,7 @@ class ArmTrials:
 
 
 def arm_setup(driver: WorldDriver, registration: Registration, interface: PolicyInterface) -> Setup:
-    """Setup of a world's arm: its time is its own, and a picture may stay the same where nothing is looked at.
+    """Setup of a world's arm: it has a clock of its own, and pictures may repeat where the policy does not use them.
 
     Args:
         driver: The world as an arm.

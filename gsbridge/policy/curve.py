@@ -45,7 +45,7 @@ class Meter:
         self._counts: dict[str, int] = {}
 
     def see(self, figures: Mapping[str, float]) -> None:
-        """Take figures in; largest values are kept of some, means of the others."""
+        """Add figures: of some the largest value is kept, of the others the mean."""
         for name, value in figures.items():
             if name in _HIGHEST:
                 self._sums[name] = max(self._sums.get(name, -np.inf), value)
@@ -55,7 +55,7 @@ class Meter:
                 self._counts[name] = self._counts.get(name, 0) + 1
 
     def take(self, *names: str) -> Row:
-        """Figures by name, None where nothing was seen; the meter begins anew."""
+        """Return the figures by name, None where there were none, and start again."""
         out = {name: self._sums[name] / self._counts[name] if name in self._sums else None for name in names}
         self._sums.clear()
         self._counts.clear()

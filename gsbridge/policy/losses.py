@@ -10,8 +10,8 @@ With a' drawn from the actor at the next state s', b' the baseline controller's 
 
 The paper prints the second, its code computes the first, and they diverge: a controller saturates, where log pi(b') falls
 without bound as the actor grows confident, so that the fake bonus for the action that it does *not* take outweighs the reward.
-With alpha 0.05 targets of 14.7 were measured where the largest return is 1. The paper prints no terminal mask d either; its
-code has one.
+Targets then exceed the largest return, which is 1, many times over. The paper prints no terminal mask d either; its code has
+one.
 """
 
 from __future__ import annotations

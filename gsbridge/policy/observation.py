@@ -84,7 +84,7 @@ class ObservedFrame:
 
 @dataclass(frozen=True)
 class Sight:
-    """All that is kept of one state.
+    """What a training keeps of one state.
 
     Args:
         image: uint8 [H, W, 3].
@@ -106,7 +106,7 @@ class Observer:
 
     Args:
         frame: See `ObservedFrame`.
-        controller: Labels states; None for none.
+        controller: Gives the action that each state is labelled with; None for no labels.
     """
 
     def __init__(self, frame: ObservedFrame, controller: Controller | None = None) -> None:

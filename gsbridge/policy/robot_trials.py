@@ -120,7 +120,7 @@ class Person:
         self.ask(f"{pose.describe()}. Then keep clear of the arm; Enter starts the episode: ")
 
     def over(self) -> bool:
-        """A person says so with Ctrl-C."""
+        """Always False: a person ends an episode with Ctrl-C."""
         return False
 
     def judge(self, log: EpisodeLog) -> Verdict | None:

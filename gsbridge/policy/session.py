@@ -26,7 +26,7 @@ class Operator(Protocol):
         """Have the object stand there, and nobody near the arm."""
 
     def over(self) -> bool:
-        """Asked after each step: whether the episode is over before its time."""
+        """Whether the episode is to end early; asked after each step."""
 
     def judge(self, log: EpisodeLog) -> Verdict | None:
         """Judge the trial that has ended; None where it does not count and is to be repeated."""

@@ -26,7 +26,7 @@ POOR = 0.9
 """A policy that succeeds less often in the world that it was trained in is degraded."""
 
 RINGING = 0.05
-"""Share of updates with targets beyond the largest return from which critics diverge; young ones overshoot now and then."""
+"""Critics count as diverging if at least this share of updates had targets beyond the largest return; early on some do."""
 
 
 def train_policy(
@@ -52,7 +52,7 @@ def train_policy(
         seed: Seed of everything random.
         state: Folder of checkpoints; it is removed at the end.
         controller_offset: Error of the baseline controller, see `BiasedController`, m and rad. [4].
-        unchanged_teacher: The controller takes no heed of the model's delay.
+        unchanged_teacher: Whether the controller ignores the model's delay.
 
     Raises:
         InputError: A file is missing, damaged or of the wrong kind; settings do not fit together.
@@ -105,7 +105,7 @@ def train_policy(
 def cpu_seconds_to(rows: list[Row], success: float) -> float | None:
     """CPU seconds of acting and learning, rendering included, until an evaluation first reached a success; None if none did.
 
-    Evaluations are left out: they are as many as one asks for, and teach nothing.
+    Evaluations are left out: the settings choose their number, and nothing is learned from them.
     """
     for row in rows:
         if (row["success"] or 0.0) >= success:

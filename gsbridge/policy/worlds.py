@@ -180,15 +180,15 @@ class Window:
         self.size = size
 
     def begin(self, seed: int) -> None:
-        """The world has its seed already."""
+        """Do nothing: the world already has its seed."""
 
     def look(self, world: Sealed) -> Array:
-        """uint8 [size, size, 3]."""
+        """The picture. uint8 [size, size, 3]."""
         return world.image(self.size)
 
 
 class Dark:
-    """Black pictures, for what acts without looking: a path tracer takes its time.
+    """Black pictures, for controllers that do not look: path tracing would be wasted time.
 
     Args:
         size: Edge of the picture, px.
@@ -198,10 +198,10 @@ class Dark:
         self.size, self._picture = size, np.zeros((size, size, 3), np.uint8)
 
     def begin(self, seed: int) -> None:
-        """There is nothing to begin."""
+        """Do nothing: black pictures need no seed."""
 
     def look(self, world: Sealed) -> Array:
-        """uint8 [size, size, 3]."""
+        """The picture. uint8 [size, size, 3]."""
         return self._picture
 
 

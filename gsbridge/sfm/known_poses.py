@@ -24,7 +24,7 @@ ROUGH_PX = 1.0
 """Mean reprojection error of the given poses, px, above which they may be rough: exact ones leave the noise of the features."""
 
 BETTER = 0.8
-"""They are rough where an adjustment lowers that error to this share, or where the photos alone give that many more points."""
+"""Given poses are rough if an adjustment lowers that error to this share, or if the photos alone give as many more points."""
 
 LOOSE = 0.03
 """Mean distance of given and found camera places, as a share of their spread, from which the unit is in doubt."""

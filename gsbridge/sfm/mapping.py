@@ -21,7 +21,7 @@ from gsbridge.sfm.photos import Photos
 logger = logging.getLogger("gsbridge")
 
 DOUBLED_UP_TO_PX = 1000
-"""Longer side up to which images are doubled before the search for features; in large ones the finest are mostly noise."""
+"""Longer side up to which images are doubled before the search for features; the finest of larger images are mostly noise."""
 
 REMATCH_PX = 4.0
 """Largest distance of a match from its epipolar line once the poses are known, px."""
@@ -32,7 +32,7 @@ MIN_IMAGE_POINTS = 30
 
 @dataclass(frozen=True)
 class Attempt:
-    """One attempt of the ladder. `enough`: share of registered images that ends it here; None: the share that passes."""
+    """One attempt at a model. `enough`: share of registered images that ends it here; None: the share that passes."""
 
     name: str
     exhaustive: bool
@@ -54,8 +54,9 @@ class MappingOutcome:
 def ladder(photos: Photos, settings: SfmSettings) -> list[Attempt]:
     """Attempts in order of cost and trust; the global mapper is last.
 
-    Names of photos mostly follow the way round the thing: where there are many, neighbours are tried before all pairs, which
-    are more than twice as many from 50 photos on. They need not be neighbours, so that no photo may be missing then.
+    Names of photos mostly follow the camera's way round the object. So where there are many, photos with neighbouring names are
+    matched first: from 50 photos on that is less than half of all pairs. Names may mislead, so that attempt must register every
+    photo.
     """
     count = len(photos.names)
     if not photos.ordered:
@@ -82,7 +83,7 @@ def map_photos(
     threads: int,
     confirm: Callable[[pycolmap.Reconstruction], str | None],
 ) -> MappingOutcome:
-    """Climb the ladder until enough images register.
+    """Make one attempt after the other until enough images register.
 
     Args:
         photos: Input.
@@ -129,7 +130,7 @@ def map_photos(
 
 
 def extract(database: Path, photos: Photos, settings: SfmSettings, threads: int, *, per_image: bool = False) -> None:
-    """Find SIFT features of all photos; their camera is one for each size, or one per image.
+    """Find SIFT features of all photos, which share a camera per image size or have one each.
 
     Args:
         database: COLMAP's database, which gets the features.
@@ -254,7 +255,7 @@ def map_database(
 
 
 def drop_weak_images(model: pycolmap.Reconstruction) -> None:
-    """Take back poses that hang on few points: relaxed thresholds let images in that land metres off."""
+    """Remove poses that rest on few points: relaxed thresholds accept images whose poses are wrong by metres."""
     for image_id in sorted(model.reg_image_ids()):
         image = model.image(image_id)
         if image.num_points3D < MIN_IMAGE_POINTS:

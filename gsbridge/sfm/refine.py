@@ -22,7 +22,7 @@ MAX_WORSENING = 1.05
 """Growth of the natural features' residual up to which the refined model is kept: a bent or misprinted board pulls more."""
 
 TAG_COPIES = 8
-"""How often a corner counts: corners of a tag are found several times more precisely than natural features."""
+"""Weight of a tag's corner, in natural features: it is found several times more precisely than one of them."""
 
 LAYOUT_SLACK = 2e-4
 """Growth of the layout's residual that is no objection, as a share of the board's width (0.06 mm on A4)."""

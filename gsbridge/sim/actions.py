@@ -16,8 +16,8 @@ SIZE = 5
 
 
 TETHER = 1.5
-"""Actions of 1 by which the command may be ahead of the arm. With more, an arm with latency overshoots: with 2.5 the mirror's
-runs into one of 96 bananas. Episodes are no longer for it."""
+"""Actions of 1 by which the command may be ahead of the arm. With more, an arm with latency overshoots and may run into the
+object. Episodes do not take longer because of the bound."""
 
 
 @dataclass(frozen=True)

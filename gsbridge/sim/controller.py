@@ -122,8 +122,8 @@ class Controller:
     def begin_period(self, opening: float) -> None:
         """Choose where the command stands at the end of the coming control period.
 
-        A gripper's motion starts where the fingers are. Without that, fingers that press on an object 105 mm wide would let go
-        only when the set point has come back from 0: 14 steps after they were told to open.
+        A gripper's motion starts where the fingers are. Otherwise fingers that press on a wide object would let go only when
+        the set point had come back from 0, many steps after they were told to open.
 
         Args:
             opening: Measured distance of the pads, m.

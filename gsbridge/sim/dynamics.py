@@ -107,7 +107,7 @@ def _record_type(fields: tuple[tuple[str, np.dtype[Any], tuple[int, ...]], ...])
 
 
 def packed(**arrays: Array) -> Array:
-    """Arrays in one record: a kernel is called 50 times per control period, and every array handed over costs 50 ns. [1]."""
+    """Arrays in one record: a kernel is called 50 times per control period, and every array handed over takes time. [1]."""
     out = np.zeros(1, _record_type(tuple((name, value.dtype, value.shape) for name, value in arrays.items())))
     for name, value in arrays.items():
         out[name][0] = value

@@ -36,7 +36,7 @@ _FIXED, _MOVING = (2, ~2), (1, -1)
 """Bullet's own collision groups, and those that each meets: what does not move meets only what does."""
 
 _RIGID = 1e18
-"""Stiffness of what gives way nowhere, N/m, as Bullet has it for bodies of which nothing is said."""
+"""Stiffness of a rigid body, N/m: Bullet's own for bodies without a stated stiffness."""
 
 _GEAR_FORCE = 1e4
 """Torque the fingers' coupling may carry, N m: practically rigid."""

@@ -20,7 +20,7 @@ from gsbridge.errors import InputError
 from gsbridge.reading import load_yaml, refusing
 
 EFFECTS = (JOINT_EFFECTS, BODY_EFFECTS, IMAGE_EFFECTS)
-"""Effects that a model may hold, those that say a reason why not aside."""
+"""Effects that a model may hold, except those that state a reason why it may not."""
 
 ARM = 7
 """Joints of the arm."""

@@ -27,7 +27,7 @@ CONTACT_SAMPLES = 5
 """Times per control period at which contact forces are read; the state holds their mean."""
 
 SETTLE_SECONDS = 0.2
-"""Given to the object after it was set down, while the arm holds still."""
+"""Time that the object has to settle after it was set down, while the arm holds still, s."""
 
 
 class SimWorld:

@@ -1,4 +1,4 @@
-"""How splats hang on a mesh: hard (GaMeS), with or without vertices that move, soft (the paper's equation 2), refined, or not.
+"""How splats are bound to a mesh: hard (GaMeS), also with moving vertices, soft (the paper's equation 2), refined, or not.
 
 A bound splat belongs to one face with corners v1, v2, v3 and unit normal n. Its centre is
 
@@ -113,7 +113,7 @@ def _quats(rotations: Tensor) -> Tensor:
 
 @dataclass
 class Binding:
-    """Splats and how they hang on a mesh. The parameters are what training changes.
+    """Splats and their binding to a mesh. Training changes the parameters.
 
     Args:
         kind: `games`, `games_vertices`, `soft`, `refined` or `unbound`.
@@ -147,7 +147,7 @@ class Binding:
         return Frames(*(item[index] for item in frames))
 
     def settle(self) -> None:
-        """Make the places to which a training moved the vertices the rest mesh; nothing where none can move."""
+        """Take the vertices as the training moved them for the rest mesh; does nothing where vertices are fixed."""
         if "vertices" in self.parameters:
             self.vertices = self.parameters.pop("vertices").detach().numpy().astype(np.float64)
 

@@ -93,7 +93,7 @@ class Exposures:
         return exposed(colours, torch.exp(gains[photo]), offsets[photo])
 
     def penalty(self) -> Tensor:
-        """What keeps photos together that their pixels do not tell apart."""
+        """Term of the loss that holds all photos near the mean exposure where their pixels do not determine it."""
         gains, offsets = self._all()
         return PENALTY["gains"] * gains.square().mean() + PENALTY["offsets"] * offsets.square().mean()
 
@@ -130,7 +130,7 @@ def to_record(exposures: Mapping[str, Exposure]) -> dict[str, Any]:
 
 
 def from_record(record: Mapping[str, Any] | None) -> dict[str, Exposure] | None:
-    """Inverse of `to_record`; None of None.
+    """Inverse of `to_record`; None stays None.
 
     Raises:
         KeyError, TypeError, ValueError: The record is damaged.

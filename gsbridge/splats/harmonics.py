@@ -35,7 +35,7 @@ _3E = math.sqrt(105 / (16 * math.pi))
 
 
 def first(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
-    """The three functions of degree 1 have these values.
+    """Values of the three functions of degree 1.
 
     Args:
         x, y, z: Components of unit vectors: numbers, arrays, tensors, or a kernel's lanes.
@@ -44,7 +44,7 @@ def first(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
 
 
 def second(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
-    """The five functions of degree 2 have these values.
+    """Values of the five functions of degree 2.
 
     Args:
         x, y, z: Components of unit vectors: numbers, arrays, tensors, or a kernel's lanes.
@@ -59,7 +59,7 @@ def second(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
 
 
 def third(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
-    """The seven functions of degree 3 have these values.
+    """Values of the seven functions of degree 3.
 
     Args:
         x, y, z: Components of unit vectors: numbers, arrays, tensors, or a kernel's lanes.
@@ -120,10 +120,10 @@ def third_slopes(x: Any, y: Any, z: Any) -> tuple[Any, ...]:
 
 
 def degree_of(terms: int) -> int:
-    """Degree of so many harmonics beside the constant one.
+    """Degree whose harmonics, the constant one aside, have this number.
 
     Raises:
-        ValueError: No degree from 0 to 3 has as many.
+        ValueError: No degree from 0 to 3 has this number.
     """
     if terms not in TERMS:
         raise ValueError(f"{terms} harmonics belong to no degree: there are {', '.join(map(str, TERMS))} of degree 0 to 3")
@@ -131,7 +131,7 @@ def degree_of(terms: int) -> int:
 
 
 def basis(x: Any, y: Any, z: Any, degree: int) -> tuple[Any, ...]:
-    """All functions of degree 1 to `degree` have these values. Kernels cannot call it.
+    """Values of all functions of degree 1 to `degree`. Kernels cannot call it.
 
     Args:
         x, y, z: Components of unit vectors: numbers, arrays or tensors.

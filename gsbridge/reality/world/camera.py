@@ -72,9 +72,9 @@ class Quality:
 
     Args:
         samples: Samples per pixel, at least: the default sampler makes 35 of 32.
-        depth: Longest path. The films have 4; at 3 the picture is 1 % darker in linear light. 2 is direct light with its
-            shadows, by rays to the lights alone: another 1.3 % darker, in half the time.
-        sampler: Mitsuba's sampler; `independent` takes three quarters of the time and is several times as noisy.
+        depth: Longest path. The films have 4; at 3 the picture is slightly darker. 2 is direct light with its shadows, by rays
+            to the lights alone: slightly darker again, and faster.
+        sampler: Mitsuba's sampler; `independent` is faster and noisier.
     """
 
     samples: int = 32

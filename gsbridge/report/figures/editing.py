@@ -37,7 +37,7 @@ CONTROL = "soft, centres only"
 
 REST = "undeformed"
 WHITE = 1.0
-"""Behind the object: holes and spikes stand out against a dark bear, and print needs no ink."""
+"""Grey level behind the object, 0..1: holes and spikes stand out against a dark bear, and print needs no ink."""
 
 DIVISIONS = 2
 """Each division of the coloured mesh halves its edges; two make them smaller than a photo's pixels on the object."""

@@ -36,7 +36,7 @@ TITLES = {
 AMPLIFIED = 5.0
 """Factor of the difference pictures."""
 GREY = 0.5
-"""Behind objects: shows dark and light halos alike."""
+"""Grey level behind objects, 0..1: it shows dark and light halos alike."""
 ASPECT = 4 / 3
 FRAME_COLOUR = "#ffcf33"
 

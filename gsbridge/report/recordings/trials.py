@@ -24,7 +24,7 @@ WORLD_COLOURS = [[36, 102, 168], [217, 100, 30], [44, 122, 75], [150, 90, 200]]
 RUNNING, WON, LOST = [40, 40, 40], [44, 122, 75], [190, 44, 52]
 
 PAUSE_S = 0.5
-"""Between two trials on the timeline; curves have a gap there."""
+"""Pause between two trials on the timeline, s; curves have a gap there."""
 WINDOW_S = 3.0
 """Part of the curves shown on either side of the moment that is looked at: about a trial."""
 PAD_M, PALM_M = 0.02, 0.06

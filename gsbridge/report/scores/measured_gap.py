@@ -85,7 +85,8 @@ def gap_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, A
 def baseline_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     """What the other methods name rightly and wrongly on the same cases of arms, and how many of them are beaten.
 
-    A baseline is beaten that names more wrongly and no more rightly. One that did not run in every tier is left out.
+    A baseline counts as beaten if it names more effects wrongly and no more of them rightly. One that did not run in every
+    tier is left out.
 
     Args:
         tiers: Scores by tier.
@@ -135,7 +136,7 @@ def real_figures(found: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def mismatch_figures(found: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """How truths are told whose laws are not the diagnosis' own (tier T6), from `benchmarks/gap_mismatch.py`.
+    """How well truths are named whose laws the diagnosis does not know (tier T6), from `benchmarks/gap_mismatch.py`.
 
     Args:
         found: Figures that the program wrote.
@@ -155,7 +156,7 @@ def mismatch_figures(found: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def pooled(rates: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """A rate over the cases of several."""
+    """A rate over the cases of several tiers."""
     total = sum(rate["n"] for rate in rates)
     if not total:
         return {"value": None, "n": 0}
@@ -195,7 +196,7 @@ def write_gap_figures(
         scores: `scores.json` of each tier.
         preset: Preset that they ran with.
         real: What was said about real logs; None where they are not on this machine.
-        mismatch: What was said about laws that are not the diagnosis' own; None where that did not run.
+        mismatch: Figures of tier T6, see `mismatch_figures`; None where it did not run.
 
     Raises:
         InputError: A file is missing or damaged.

@@ -1,7 +1,7 @@
 """Figures of the area `shapes`: hollow, wide-footed, see-through and plain things, and other takes of them.
 
-What a stage calls degraded is not held against the floors of its meshes, but shown beside them; what is wrong and `pass` counts
-in a figure of its own.
+Meshes of a stage that says `degraded` are not compared with the floors but shown beside them; wrong ones of a stage that says
+`pass` count in a figure of their own.
 """
 
 from __future__ import annotations

@@ -18,9 +18,9 @@ from gsbridge.photogrammetry.cavity import cavity_depth
 _LEAST_HOLE = 16
 """Fewer pixels are an outline's raggedness rather than a hole."""
 WRONG_M = 0.005
-"""A mesh that is off by more is wrong."""
+"""A mesh that is off by more than this is wrong, m."""
 WRONG_IOU = 0.85
-"""A mask that overlaps less with the true one is wrong."""
+"""A mask whose overlap (IoU) with the true one is smaller than this is wrong."""
 
 
 def shape_scores(name: str, mesh: Mesh, reference: Mesh) -> dict[str, float]:

@@ -45,7 +45,7 @@ def relative_change(sim_rate: float, real_rate: float) -> float | None:
 def mean_relative_drop(changes: Sequence[float | None]) -> float | None:
     """Mean of the relative drops of several cells, that is of the changes with their sign turned; positive for a loss.
 
-    Every cell counts the same, a gain takes away from the mean. None without cells or where one change is not defined.
+    Every cell counts the same, and a gain lowers the mean. None without cells or where one change is not defined.
     """
     known = [change for change in changes if change is not None]
     return -sum(known) / len(known) if known and len(known) == len(changes) else None

@@ -37,7 +37,7 @@ AHEAD = 32
 
 
 def use_threads(count: int) -> None:
-    """Let the parallel kernels use a number of threads, as far as numba was started with as many."""
+    """Let the parallel kernels use a number of threads, at most as many as numba was started with."""
     numba.set_num_threads(min(count, options.NUMBA_NUM_THREADS))
 
 

@@ -1,4 +1,4 @@
-"""The rasteriser on the processor: compiled kernels, work space used again, autograd.
+"""The rasteriser on the CPU: compiled kernels, reused work space, autograd.
 
 Project and cull, sort by depth, list the splats of every 4x4 block, blend. One thread runs plain kernels; several share the
 rows of blocks.
@@ -25,7 +25,7 @@ from gsbridge.splats.rasterize.workspace import Workspace, aligned
 
 
 class _Pool(threading.local):
-    """Work spaces of one thread that no rendering holds."""
+    """Work spaces of one thread that no rendering uses at present."""
 
     def __init__(self) -> None:
         self.free: list[Workspace] = []

@@ -1,4 +1,4 @@
-"""Arrays of a rendering on the processor, used again from one rendering to the next."""
+"""Arrays of a rendering on the CPU, reused from one rendering to the next."""
 
 from __future__ import annotations
 
