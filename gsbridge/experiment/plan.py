@@ -13,6 +13,7 @@ from gsbridge.configuration.checks import check_capture
 from gsbridge.errors import InputError
 from gsbridge.experiment.capture_files import capture_files, content_digests
 from gsbridge.experiment.policies import PolicyFiles, workspace_of
+from gsbridge.given import read_given_json
 from gsbridge.reading import absent
 
 BINDINGS = ("games", "soft", "refined", "unbound", "games_vertices")
@@ -169,13 +170,17 @@ class Experiment:
         """File or folder that a scene's keyframes are taken from.
 
         Raises:
-            InputError: A capture is not there. With results in place snakemake would go on with an earlier capture's frames.
+            InputError: A capture is not there, or its list of photos is damaged. With results in place snakemake would go
+                on with an earlier capture's frames.
         """
         kind, value = self.source(scene)
         if kind == "film":
             return f"results/films/{scene}/film.json"
         check_capture(scene, self.config["scenes"][scene]["source"], self.capture_places(value))
-        return self.capture_path(value)
+        path = self.capture_path(value)
+        if kind == "nerfstudio":
+            read_given_json(self.working / path, "Export it again from the program that made it, or name another file")
+        return path
 
     def board_folder(self, path: str) -> str:
         """Folder of the photos of the board that register the workspace.

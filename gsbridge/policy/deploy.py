@@ -10,9 +10,10 @@ from typing import Any
 
 from gsbridge.environment.build import StageFiles
 from gsbridge.errors import InputError
+from gsbridge.given import read_given_json
 from gsbridge.policy.driver import RobotDriver, WallClock, load_driver
 from gsbridge.policy.episode_log import EpisodeLog
-from gsbridge.policy.export import Policy, load_policy
+from gsbridge.policy.export import SPEC, Policy, load_policy
 from gsbridge.policy.interface import PolicyInterface
 from gsbridge.policy.onnx import OnnxPolicy, load_onnx
 from gsbridge.policy.robot_trials import Person, StartPose, TrialFile, Verdict, start_poses, still_to_try
@@ -98,6 +99,7 @@ def deploy(wanted: Deployment, ask: Callable[[str], str]) -> list[tuple[EpisodeL
         InputError: Files, driver and policy do not belong together; see `run_policy`.
     """
     # All that can be wrong with files is found before an arm is touched.
+    read_given_json(wanted.policy / SPEC, "Name the folder of a trained policy, or copy it once more from where it was trained")
     trained = load_policy(wanted.policy)
     interface = PolicyInterface.of(trained.spec)
     facts = {
@@ -109,6 +111,7 @@ def deploy(wanted: Deployment, ask: Callable[[str], str]) -> list[tuple[EpisodeL
         "registration": str(wanted.registration),
     }
     policy: Policy | OnnxPolicy = load_onnx(wanted.policy) if wanted.runtime == "onnx" else trained
+    read_given_json(wanted.registration, "Name the registration of this arm, or register again: see docs/registration.md")
     registration = read_registration(wanted.registration)
     for reason in registration.reasons:
         logger.warning("the registration is degraded: %s", reason)

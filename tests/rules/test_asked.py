@@ -43,6 +43,17 @@ def test_a_missing_capture_is_told_in_one_line(snakemake, config, write_config, 
         assert last_words(snakemake(*call, check=False)) == sentence
 
 
+def test_a_damaged_list_of_photos_is_told_before_any_job(snakemake, config, write_config, tmp_path):
+    """Without the advice to delete it, which is for what stages make."""
+    path = tmp_path / "transforms.json"
+    path.write_text('{"frames": [')
+    config["scenes"]["own"] = {"kind": "object", "source": {"nerfstudio": str(path)}}
+    call = [*write_config(config), "--dry-run", "--directory", str(tmp_path), "--", "results/scenes/own/sfm/sfm.json"]
+    line = last_words(snakemake(*call, check=False))
+    assert "transforms.json: this is not valid JSON" in line
+    assert line.endswith(". Export it again from the program that made it, or name another file")
+
+
 def test_a_real_run_leaves_no_lock_behind(snakemake, config, write_config, tmp_path):
     config["scenes"]["own"] = {"kind": "object", "source": {"video": "lost.mp4"}}
     folder = tmp_path / "run"

@@ -9,7 +9,7 @@ import pytest
 from gsbridge import digests
 
 ROOT = Path(__file__).resolve().parents[2]
-GROUND = "errors logs files geometry cameras images meshes libraries kernels digests configuration statistics "
+GROUND = "errors logs files given geometry cameras images meshes libraries kernels digests configuration statistics "
 GROUND += "notebook run_status workflow_faults workflow_lock workflow_storage workflow_targets reading"
 FLOORS = [
     # The ground floor has no packages; its modules may build on one another.

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from gsbridge.errors import InputError
-from gsbridge.files import read_json
+from gsbridge.given import read_given_json
 
 KINDS = {
     "observation.state": "position",
@@ -50,7 +50,7 @@ def read_lerobot(folder: Path, part: str, joints: tuple[str, ...]) -> tuple[pd.D
     """
     if not (folder / "meta/info.json").is_file():
         raise InputError(folder, "this folder is no LeRobot data set: meta/info.json is missing", "Name its top folder")
-    info = read_json(folder / "meta/info.json")
+    info = read_given_json(folder / "meta/info.json", "Copy or download the data set again")
     version = str(info.get("codebase_version", ""))
     if version.lstrip("v").split(".")[0] not in ("2", "3"):
         raise InputError(folder, f"data sets of version '{version}' are not known", "Convert it with LeRobot to v2 or v3")

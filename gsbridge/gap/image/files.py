@@ -23,10 +23,10 @@ import numpy as np
 
 from gsbridge.cameras import Camera
 from gsbridge.errors import InputError
-from gsbridge.files import read_json
 from gsbridge.gap.diagnosis.results import ROLES
 from gsbridge.gap.image.pairs import Pairs
 from gsbridge.geometry import Array
+from gsbridge.given import read_given_json
 from gsbridge.images import read_image
 from gsbridge.reading import refusing
 from gsbridge.tasks.views import DEPTHS, VIEWS
@@ -130,7 +130,7 @@ def read_splat_pairs(
 
 def read_views(views: Path) -> tuple[Camera, Sequence[dict[str, Any]], Array]:
     """Camera, what there is to say of each view, and depths. [N, H, W]."""
-    content = read_json(views / VIEWS)
+    content = read_given_json(views / VIEWS, f"Draw the views again, or correct the case. {_PAGE}")
     camera, rows = _camera(content, views / VIEWS), _rows(content, views / VIEWS)
     return camera, rows, _depths(views / DEPTHS, (len(rows), camera.height, camera.width))
 
