@@ -2,7 +2,8 @@
 
 Snakemake watches the date of a rule's script only, and dates change with every clone. Each rule therefore carries, as a
 parameter, a digest over its script and the static import closure of that. Comments, docstrings and formatting do not count, nor
-do logging and error texts. Files beside the code, such as templates, belong to the package in whose folder they lie.
+do the modules `logs` and `errors`; the text of a message inside any other module does. Files beside the code, such as
+templates, belong to the package in whose folder they lie.
 """
 
 from __future__ import annotations
