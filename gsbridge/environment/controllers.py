@@ -31,7 +31,7 @@ LAG = 3.0
 """Control steps by which an arm without delay lags behind its command."""
 
 DESCENT = 2.0 / 3.0
-"""Share of `GAIN` used while going down on the object: with a lag of three steps the whole of it overshoots by 6 mm."""
+"""Share of `GAIN` used while going down on the object: with a lag of three steps the whole of it overshoots."""
 
 APERTURE_GAIN = 0.15
 """Share of an error of the opening that one step answers: the command must not run away from fingers of 7.5 mm per step."""

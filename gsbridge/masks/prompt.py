@@ -20,9 +20,9 @@ class Prompt:
 
     Args:
         points: Points on the object. [K, 3].
-        table: Indices (into the sparse points) of points on the table, away from the object.
+        table: Indices (into the sparse points) of points on the table, away from the object. [M].
         low, high: Box that holds the object, with a margin; `low` lies on the table. [3] each.
-        distance: Working distance: from the cameras to the point they look at.
+        distance: Working distance, from the cameras to the point they look at, m.
     """
 
     points: Array

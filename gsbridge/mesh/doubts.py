@@ -26,7 +26,7 @@ _FEW_POINTS = 30
 _OUTLINE_WIDTH = 320
 """Masks are compared with the mesh at this width, px."""
 _COVERED = 0.9
-"""Mean overlap (IoU) of masks and mesh below which one of them is wrong; sound ones reach 0.95 and more."""
+"""Mean overlap (IoU) of masks and mesh below which one of them is wrong."""
 _AHEAD = 0.03
 """How far before a surface the photos must still look for it to be the object's own end, as a share of the object's size."""
 _CUT_OFF = 0.02

@@ -30,7 +30,7 @@ class Batch:
     """Transitions; pictures uint8 [B, H, W, 3], all else float32. `next_` is at the state that the step led to.
 
     Args:
-        image, next_image: Pictures.
+        image, next_image: Pictures before and after the action. [B, H, W, 3] uint8.
         proprio, next_proprio: Proprioception before and after the action. [B, 12].
         privileged, next_privileged: Privileged vectors before and after the action. [B, 30].
         base, next_base: The controller's actions. [B, 5].

@@ -22,10 +22,10 @@ class JointLimits:
 
     Args:
         names: Joint names.
-        lower: Smallest angles, rad.
-        upper: Largest angles, rad.
-        velocity: Largest speeds, rad/s.
-        effort: Largest torques, N m.
+        lower: Smallest angles, rad. [N].
+        upper: Largest angles, rad. [N].
+        velocity: Largest speeds, rad/s. [N].
+        effort: Largest torques, N m. [N].
     """
 
     names: tuple[str, ...]

@@ -39,10 +39,10 @@ class Reach:
 
     Args:
         positions: Tool points, table frame, m. [M, 3].
-        yaws: Yaws of the tool that are tried, rad.
-        position_errors: Distance by which each pose is missed, m.
-        angle_errors: Angle by which each pose is missed, rad.
-        margins: Distance of the nearest joint limit, rad.
+        yaws: Yaws of the tool that are tried, rad. [M].
+        position_errors: Distance by which each pose is missed, m. [M].
+        angle_errors: Angle by which each pose is missed, rad. [M].
+        margins: Distance of the nearest joint limit, rad. [M].
     """
 
     positions: Array

@@ -17,7 +17,7 @@ from gsbridge.splats.cloud import Cloud
 
 OVERLAP = 2.3
 """Standard deviation of a disc over that of the patch it covers. Less leaves gaps at the patches' corners, more blurs edges:
-with this, front and back of a closed mesh together let 0.2 % through, and edges blur by a patch (see `link_fit`)."""
+with this, front and back of a closed mesh together let hardly any light through, and edges blur by a patch (see `link_fit`)."""
 
 OPACITY = 0.99
 """The rasteriser clips alpha here."""

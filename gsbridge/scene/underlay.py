@@ -1,7 +1,7 @@
 """A floor under a background's splats: what shows through their gaps then has the table's colour instead of black.
 
-Trained splats leave a per cent or two of the light through, more near the camera, where the gaps between them grow on the
-image. A coarse, opaque layer some way below the surface catches it.
+Trained splats let a little of the light through, more near the camera, where the gaps between them grow on the image. A coarse,
+opaque layer some way below the surface catches it.
 """
 
 from __future__ import annotations

@@ -96,8 +96,8 @@ class Surface:
         friction: Lateral coefficient.
         rolling_friction: Rolling resistance: lever of the normal force, m.
         spinning_friction: Resistance to spinning about the normal: lever, m.
-        restitution: Share of the impact's speed that the contact gives back; of a soft contact, which takes longer than a
-            step, less comes out (0.6 gives a ratio of 0.47 for 60 g at the nominal stiffness and damping).
+        restitution: Share of the impact's speed that the contact gives back; a soft contact, which takes longer than a
+            step, gives back less.
     """
 
     friction: Annotated[float, Range("", 0, 5)]

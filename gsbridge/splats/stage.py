@@ -31,7 +31,7 @@ from gsbridge.splats.train import train
 logger = logging.getLogger("gsbridge")
 
 MIN_TRAINING_PSNR = 24.0
-"""Masked PSNR on the training photos below which a model is underfitted, dB: sound ones reach 28 and more."""
+"""Masked PSNR on the training photos below which a model is underfitted, dB."""
 
 VISIBLE_OPACITY = 0.3
 """Splats below this opacity hardly show; their offsets are left out of the statistics."""

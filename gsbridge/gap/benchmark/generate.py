@@ -61,7 +61,7 @@ class BenchmarkMechanism:
         truth: Simulates how it really moves.
         sizes: Size to begin the search for the unit with, and its sign (0 for both), by every name that may be hidden.
         largest: Sizes beyond which an effect is no longer a likely fault of a machine, by its name, with or without its joint.
-        plain: Effect-free motions, kept from case to case: by role, seed of the courses, duration and rate.
+        plain: Effect-free motions, kept from case to case: by role, seed of the courses, duration and rate. [T, N] each.
     """
 
     joints: tuple[str, ...]

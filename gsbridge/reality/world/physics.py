@@ -42,7 +42,7 @@ class MirrorPhysics:
         stand: Places of table and plate.
         body: The true object; None for a bare table (then `state` is not to be had).
         hidden: Hidden parameters.
-        plate: Convex pieces of the plate.
+        plate: Corners of the plate's convex pieces, own frame, m. [N, 3] each.
 
     Attributes:
         commanded_from: `base_from_table` by which commands become postures: the true one, until whoever commands sets what the

@@ -17,12 +17,12 @@ class Chain:
     """Joints of a mechanism, each after the one that carries it.
 
     Args:
-        order: Column of each joint in the records.
+        order: Column of each joint in the records. [N] int.
         parents: Index of the joint that carries each, -1 for the base. [N] int.
         fixed: Pose of each joint's frame at zero in the frame of the joint that carries it. [N, 4, 4].
         axes: Direction, joint frame. [N, 3].
         slides: Whether the joint slides instead of turning. [N] bool.
-        links: By link: index of the joint that moves it, and the link's pose in that joint's frame.
+        links: By link: index of the joint that moves it, and the link's pose in that joint's frame. [4, 4].
     """
 
     order: Array
