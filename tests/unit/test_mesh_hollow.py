@@ -1,5 +1,6 @@
 """Open and hollow things: what measured depth and the outlines say, against solids known from formulas."""
 
+import functools
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +26,7 @@ CAMERA = Camera(200, 150, 235.0, 235.0, 100.0, 75.0)
 MIDDLE = np.array([0.0, 0.0, 0.025])
 
 
+@functools.cache
 def look(solid, lifts_deg, count=18):
     """Views of a solid, its outlines, their hull, and the true depth as if all of it had been confirmed."""
     views = around(CAMERA, count, lifts_deg, MIDDLE)
