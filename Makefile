@@ -77,7 +77,8 @@ docs: .venv-docs/.installed
 
 # All that is recorded, in parts of a night of two cores each: `make evidence PART=study`. Stopped, a part goes on where it was; on a
 # cluster `make evidence PROFILE=profiles/slurm` does all at once. The gap is judged on a seal that is drawn once and kept, so that
-# nobody has tuned on it; real logs and captures count where GSBRIDGE_MEASURED and GSBRIDGE_CAPTURES name their folders.
+# nobody has tuned on it; real logs and captures count where GSBRIDGE_MEASURED and GSBRIDGE_CAPTURES name their folders. A clone
+# holds the records of areas without their results, and so snakemake would find nothing to do: the records are made anew.
 PART ?= $(PARTS)
 PARTS := tables simulator shapes study worlds loops severity gap
 SEAL := results/.state/seal
@@ -87,7 +88,7 @@ EVIDENCE_shapes := benchmarks/scores/shapes.json
 EVIDENCE_study := study benchmarks/scores/study.json
 EVIDENCE_worlds := benchmarks/scores/worlds.json
 EVIDENCE_loops := benchmarks/scores/loops.json
-EVIDENCE_severity := results/severity_controller.md results/severity_policies.md
+EVIDENCE_severity := results/severity_controller.md results/worth.md results/graded.md
 EVIDENCE_gap := benchmarks/scores/gap.json
 
 evidence: $(addprefix evidence-,$(PART))
@@ -97,7 +98,7 @@ evidence: $(addprefix evidence-,$(PART))
 evidence-%: $(INSTALLED)
 	@test -n "$(EVIDENCE_$*)" || { echo "there is no part '$*'; use $(PARTS)" >&2; exit 1; }
 	@mkdir -p $(dir $(SEAL)) && test -s $(SEAL) || shuf -i 10001-999999999 -n 1 > $(SEAL)
-	GSBRIDGE_SEAL=$$(cat $(SEAL)) $(SNAKEMAKE) $(if $(PROFILE),--workflow-profile $(PROFILE)) --keep-going -- $(EVIDENCE_$*)
+	GSBRIDGE_SEAL=$$(cat $(SEAL)) $(SNAKEMAKE) $(if $(PROFILE),--workflow-profile $(PROFILE)) --keep-going --forcerun record_scores -- $(EVIDENCE_$*)
 
 results: $(INSTALLED)
 	$(SNAKEMAKE) --forcerun record_scores -- benchmarks/RESULTS.md

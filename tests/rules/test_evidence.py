@@ -1,0 +1,35 @@
+"""`make evidence` measures what is recorded, in a clone that already holds the records, too."""
+
+import re
+import shlex
+import shutil
+import subprocess
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def calls_of_make() -> list[list[str]]:
+    """What each part gives to snakemake."""
+    said = subprocess.run(["make", "--dry-run", "evidence"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    return [shlex.split(re.sub(r"^.*? run ", "", line)) for line in said.splitlines() if line.startswith("GSBRIDGE_SEAL")]
+
+
+def test_all_parts_of_the_evidence_are_measured_anew(snakemake, tmp_path):
+    calls = calls_of_make()
+    parts = re.search(r"^PARTS := (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    assert parts is not None
+    assert len(calls) == len(parts[1].split())
+    (options,) = {tuple(call[: call.index("--")]) for call in calls}
+    targets = [target for call in calls for target in call[call.index("--") + 1 :]]
+    # As a clone is: the records are there, the results are not.
+    shutil.copytree(ROOT / "benchmarks/scores", tmp_path / "benchmarks/scores")
+    plan = snakemake(
+        "--dry-run", "--quiet", "rules", "--directory", str(tmp_path), *options, "--", *targets, GSBRIDGE_SEAL="20001"
+    )
+    jobs = dict(re.findall(r"^(\w+) +(\d+)$", plan.stdout, re.MULTILINE))
+    records = [target for target in targets if target.startswith("benchmarks/scores/")]
+    assert int(jobs["record_scores"]) == len(set(records)) == 8
+    for score in ("real2sim", "shapes", "simulator", "policies", "worlds", "gap"):
+        assert jobs[f"score_{score}"] == "1"
+    assert jobs["collect_worth"] == "2"
