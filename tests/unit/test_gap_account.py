@@ -31,7 +31,7 @@ from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.pooled import PooledResiduals, spread_of
 from gsbridge.gap.joints.residuals import JointResiduals
-from gsbridge.gap.joints.scatter import scatter_between
+from gsbridge.gap.joints.scatter import RecordSizes, widened
 from gsbridge.gap.joints.screen import Screen
 from gsbridge.gap.joints.widening import Look, strained
 
@@ -211,10 +211,33 @@ def test_intervals_know_how_far_records_disagree(axis):
     for logs in (other, same):
         views = [JointResiduals.of(Mechanism(axis[0]), record) for record in logs.values()]
         found = fit(views[0], (friction,), ({"torque": 0.3},))
-        spreads.append(float(scatter_between(views, found)[0]))
+        spreads.append(float(RecordSizes.of(views, found).scatter()[0]))
     # A standard deviation of 0.30, 0.33, 0.36.
     assert spreads[0] == pytest.approx(0.03, rel=0.15)
     assert spreads[1] < 0.003
+
+
+@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("between", [0.0, 1.0, 3.0, 30.0])
+def test_intervals_hold_what_they_say_where_records_disagree(count, between):
+    """A fit to one record, and to two of them, with sizes that scatter as much as noise, much more, and not at all."""
+    rng, noise, draws = np.random.default_rng(7), np.array([0.8, 1.0, 1.0]), 4000
+    values = np.hypot(noise, between)[:, None] * rng.standard_normal((3, draws))
+    sizes = RecordSizes(values, np.broadcast_to(noise[:, None], values.shape))
+    weights = 1.0 / noise[:count] ** 2
+    fitted = weights @ values[:count] / weights.sum()
+    spread = widened(np.full(draws, 1.0 / np.sqrt(weights.sum())), sizes, count)
+    held = float(np.mean(np.abs(fitted) <= 1.645 * spread))
+    assert 0.85 < held < 0.97
+
+
+def test_records_that_agree_widen_no_interval():
+    sizes = RecordSizes(np.array([[1.0, 2.0], [1.1, 2.0], [0.9, 2.0]]), np.array([[0.2, np.inf], [0.2, np.inf], [0.3, np.inf]]))
+    assert sizes.told.tolist() == [3, 0]
+    assert widened(np.array([0.1, np.inf]), sizes, 2).tolist() == pytest.approx([0.1, np.inf])
+    # A record that decides nothing averages nothing.
+    assert sizes.alone(2).tolist() == pytest.approx([0.5, 1.0])
+    assert RecordSizes(np.zeros((2, 1)), np.array([[0.1], [9.0]])).alone(2)[0] == pytest.approx(1.0, abs=1e-3)
 
 
 def test_an_effect_is_fitted_beside_its_special_cases(axis):

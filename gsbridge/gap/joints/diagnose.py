@@ -37,7 +37,7 @@ from gsbridge.gap.joints.integral_action import integral_action
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals, share_noise
-from gsbridge.gap.joints.scatter import scatter_between
+from gsbridge.gap.joints.scatter import RecordSizes, widened
 from gsbridge.gap.joints.widening import Widening
 
 logger = logging.getLogger("gsbridge")
@@ -124,13 +124,15 @@ def diagnose_joints(
     account, named = None, mechanism.runs - made - mechanism.shared
     if finding.best is not None and finding.verdict not in SILENT and not instead:
         if told := finding.verdict in ("named", "ambiguous"):
-            spread = _unsure(finding.best.fit, tuple(views.values()), finding.after)
+            spread = _unsure(finding.best.fit, tuple(views.values()), 1, finding.after)
             finding = replace(finding, best=replace(finding.best, fit=spread))
         floors = (search.floor_first, search.floor)
         wide = Widening(first, second, who, search.screen, search.rules, floors, search.remains)
         whole = wide.widen(finding)
         if whole is not None and not (told and _same(whole.fit.effects, effects)):
-            whole = replace(whole, fit=_unsure(whole.fit, tuple(views.values())))
+            # What no further effect was found beside is still a fit to one record.
+            count = 1 if _same(whole.fit.effects, effects) else len(wide.both.views)
+            whole = replace(whole, fit=_unsure(whole.fit, tuple(views.values()), count))
         account = None if whole is None else account_of(wide, finding, whole, third)
         if account is not None and verification is not None and not told:
             # Shares of hardly any gap are shares of nothing, and an account that explains none of it is no account.
@@ -197,18 +199,20 @@ def _second_look(
     checked = verify(views[-1], found.best.fit.effects, np.random.default_rng(seed))
     if not checked.transfers(search.rules, several=True):
         return None
-    return replace(found, best=replace(found.best, fit=_unsure(found.best.fit, views, found.after))), checked
+    return replace(found, best=replace(found.best, fit=_unsure(found.best.fit, views, 1, found.after))), checked
 
 
-def _unsure(fit: EffectFit, views: Sequence[JointResiduals], size: float = 1.0) -> EffectFit:
+def _unsure(fit: EffectFit, views: Sequence[JointResiduals], count: int, size: float = 1.0) -> EffectFit:
     """A fit with deviations that know how far records disagree.
 
     Args:
         fit: The fit.
         views: Residuals on all records.
+        count: How many of the first of them it was fitted to.
         size: What is left, in units of the noise, by which deviations are multiplied later.
     """
-    return replace(fit, deviations=np.hypot(fit.deviations, scatter_between(views, fit) / max(1.0, size)))
+    wide = max(1.0, size)
+    return replace(fit, deviations=widened(wide * fit.deviations, RecordSizes.of(views, fit), count) / wide)
 
 
 def _as_accounted(finding: Finding, best: Hypothesis, account: GapAccount) -> Finding:
