@@ -43,18 +43,22 @@ def targets_of(command: Sequence[str], parser: Callable[[], argparse.ArgumentPar
 
 
 def check_targets(asked: Iterable[str], rules: Iterable[Rule]) -> None:
-    """Refuse targets that no rule makes.
+    """Refuse targets that no rule makes, and rules that make a file for each scene, policy or case.
 
     Args:
         asked: Names of rules and paths of files.
         rules: All rules of the workflow.
 
     Raises:
-        InputError: One is neither a rule nor the file of one; with the nearest that is.
+        InputError: One is neither a rule nor the file of one, with the nearest that is; or a rule's files have wildcards.
     """
     known = list(rules)
-    names = {rule.name for rule in known}
+    names = {rule.name: [_plain(str(file)) for file in rule.output] for rule in known}
     for target in asked:
+        many = [file for file in names.get(target, []) if "{" in file]
+        if many:
+            record = next((file for file in many if file.endswith(".json")), many[0])
+            raise InputError(target, "this rule makes a file for each scene, policy or case", f"Ask for one of them: {record}")
         path = os.path.relpath(target) if not os.path.isabs(target) else target
         if target not in names and not _is_made(path, known):
             raise InputError(target, "no rule makes this", f"{_advice(path, known)}docs/stages.md lists what can be asked for")
@@ -88,12 +92,17 @@ def _filled(pattern: str, path: str) -> str:
     """
     values: dict[str, str] = {}
     # A constraint may hold slashes, which are none of the path's.
-    plain, allowed = _WILDCARD.sub(r"{\1}", pattern), dict(_WILDCARD.findall(pattern))
+    plain, allowed = _plain(pattern), dict(_WILDCARD.findall(pattern))
     for part, given in zip(plain.split("/"), path.split("/"), strict=False):
         found = re.fullmatch("".join(_loose(piece) for piece in re.split(r"(\{\w+\})", part)), given)
         for name, value in zip(_names(part), found.groups() if found else (), strict=False):
             values.setdefault(name, _allowed(value, name, allowed))
     return _WILDCARD.sub(lambda wildcard: values.get(wildcard[1], f"{{{wildcard[1]}}}"), plain)
+
+
+def _plain(pattern: str) -> str:
+    """A file's pattern without the constraints of its wildcards."""
+    return _WILDCARD.sub(r"{\1}", pattern)
 
 
 def _names(part: str) -> list[str]:

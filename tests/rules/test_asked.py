@@ -22,6 +22,10 @@ def last_words(process):
     [
         ("results/tabels", "ERROR results/tabels: no rule makes this. Did you mean 'results/tables'? "),
         ("results/scenes/mug/mesh.json", "no rule makes this. Did you mean 'results/scenes/mug/mesh/mesh.json'? "),
+        (
+            "mesh_object",
+            "ERROR mesh_object: this rule makes a file for each scene, policy or case. Ask for one of them: results/scenes/",
+        ),
         ("results/scenes/mugg/mesh/mesh.json", "'mugg' is no scene. Did you mean 'mug'? Scenes of the config: "),
     ],
 )

@@ -55,6 +55,11 @@ def test_a_misspelt_target_is_told_with_what_may_be_meant(asked, advice):
     assert str(told_error.value).startswith(f"{asked}: no rule makes this")
 
 
+def test_a_rule_for_many_files_is_told_with_one_of_them():
+    with pytest.raises(InputError, match=r"Ask for one of them: results/scenes/\{scene\}/mesh/mesh\.json$"):
+        check_targets(["mesh_object"], RULES)
+
+
 def test_an_absolute_path_is_told_as_the_run_knows_it(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=r"Name it from the folder of the run: results/tables\. "):
@@ -63,7 +68,14 @@ def test_an_absolute_path_is_told_as_the_run_knows_it(tmp_path, monkeypatch):
 
 def test_what_can_be_made_is_not_refused():
     check_targets(
-        ["simulator", "results/tables/", "./results/scenes/mug/mesh/mesh.json", "results/project/models/nominal.yaml"], RULES
+        [
+            "simulator",
+            "assemble_tables",
+            "results/tables/",
+            "./results/scenes/mug/mesh/mesh.json",
+            "results/project/models/nominal.yaml",
+        ],
+        RULES,
     )
 
 
