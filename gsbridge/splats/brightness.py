@@ -13,7 +13,7 @@ from gsbridge.splats.targets import Target, shown_faces
 
 NOTICEABLE = 0.05
 """Standard deviation of photos' logarithmic brightness from which `exposure: auto` fits each photo's own. A grey that is off by
-so much limits the PSNR to 40 dB, where noise limits it, too; a fit that was not needed costs 0.1 dB (docs/splats.md)."""
+so much limits the PSNR to 40 dB, as noise does; a fit that was not needed costs next to nothing (docs/splats.md)."""
 
 _USABLE = 0.005, 0.9
 """Linear light that is neither lost in noise nor near where a camera clips."""
