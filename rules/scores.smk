@@ -143,6 +143,10 @@ rule score_shapes:
         "../scripts/score_shapes.py"
 
 
+TOY_ROWS = ROOT / "toy/results/rows/grasping.csv"
+WALL_TIMES = "results/benchmarks/wall_times.json"
+
+
 rule score_policies:
     input:
         floors=project_file("benchmarks/floors.yaml"),
@@ -151,16 +155,8 @@ rule score_policies:
         pick_and_place=measured_rows("pick_and_place"),
         training=measured_rows("training"),
         # Rows of a toy run and wall times of whole runs, where there were any.
-        toy=[
-            PLAN.portable(path)
-            for path in [ROOT / "toy/results/rows/grasping.csv"]
-            if path.is_file()
-        ],
-        wall_times=[
-            path
-            for path in ["results/benchmarks/wall_times.json"]
-            if Path(path).is_file()
-        ],
+        toy=PLAN.portable(TOY_ROWS) if TOY_ROWS.is_file() else [],
+        wall_times=WALL_TIMES if Path(WALL_TIMES).is_file() else [],
     output:
         measured="results/scores/measured/policies.json",
         scores="results/scores/policies.json",

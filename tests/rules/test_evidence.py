@@ -1,10 +1,13 @@
 """`make evidence` measures what is recorded, in a clone that already holds the records, too."""
 
+import json
 import re
 import shlex
 import shutil
 import subprocess
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -33,3 +36,15 @@ def test_all_parts_of_the_evidence_are_measured_anew(snakemake, tmp_path):
     for score in ("real2sim", "shapes", "simulator", "policies", "worlds", "gap"):
         assert jobs[f"score_{score}"] == "1"
     assert jobs["collect_worth"] == "2"
+
+
+def test_wall_times_count_where_they_were_measured(snakemake, config, write_config, tmp_path):
+    """The list that a rule makes of one file is no path: figures were called damaged as soon as there was a time."""
+    config["cells"] = []
+    times = tmp_path / "results/benchmarks/wall_times.json"
+    times.parent.mkdir(parents=True)
+    times.write_text(json.dumps({"make_toy": {"wall_s": 300.0, "cores": 2}}))
+    call = [*write_config(config), "--cores", "1", "--directory", str(tmp_path), "--", "results/scores/policies.json"]
+    snakemake(*call)
+    measured = json.loads((tmp_path / "results/scores/measured/policies.json").read_text())
+    assert measured["figures"]["make_toy_wall"]["value"] == pytest.approx(5.0)
