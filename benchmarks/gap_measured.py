@@ -206,7 +206,7 @@ def summary(findings: dict[str, Any]) -> dict[str, Any]:
             {"name": item["name"], "joint": item["joint"], "parameters": item["parameters"]} for item in findings["effects"]
         ],
         "rivals": findings["rivals"][:6],
-        "where": findings.get("where"),
+        "residual_map": findings.get("residual_map"),
         "simulations": findings["simulations"],
         "seconds": round(findings["seconds"], 1),
     }

@@ -50,7 +50,7 @@ SEED = config["seed"]
 PLAN = Experiment(config, ROOT, Path.cwd())
 TABLES = Tables(PLAN)
 LOOP = JointLoop(PLAN)
-SIGHT = PictureLoop(PLAN)
+PICTURE_GAP = PictureLoop(PLAN)
 SEVERITY = SeverityStudy(PLAN)
 GAP = PLAN.settings("gap")
 settings = PLAN.settings
@@ -409,7 +409,7 @@ wildcard_constraints:
     task="grasp|pick_and_place",
     seed=r"\d+",
     origin="mirror|real",
-    table="grasping|renderer_contrast|pick_and_place|worlds|sight",
+    table="grasping|renderer_contrast|pick_and_place|worlds|picture_gap",
     case=one_of([*GAP_CASES, *LOOP.cases]),
     tier="t[0-9]",
     method="[a-z_]+",

@@ -83,18 +83,18 @@ rule amend_arm_wrongly:
 rule amend_camera_wrongly:
     input:
         nominal=project_file("models/nominal.yaml"),
-        views="results/sight/postures",
-        before=f"results/sight/photos/{SIGHT.settings['reference']}",
-        after="results/sight/photos/{world}",
-        findings="results/sight/{world}/findings.json",
+        views="results/picture_gap/postures",
+        before=f"results/picture_gap/photos/{PICTURE_GAP.settings['reference']}",
+        after="results/picture_gap/photos/{world}",
+        findings="results/picture_gap/{world}/findings.json",
     output:
-        model="results/sight/{world}/wrong_name/model.yaml",
+        model="results/picture_gap/{world}/wrong_name/model.yaml",
     log:
         "results/logs/amend_camera_wrongly/{world}.log",
     benchmark:
         "results/benchmarks/amend_camera_wrongly/{world}.jsonl"
     wildcard_constraints:
-        world=one_of(SIGHT.settings["amended"]),
+        world=one_of(PICTURE_GAP.settings["amended"]),
     conda:
         "../envs/gap.yaml"
     resources:

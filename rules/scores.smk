@@ -235,7 +235,7 @@ rule score_loops:
     input:
         **{
             loop["table"]: f"results/rows/{loop['table']}.csv"
-            for loop in closed_loops(LOOP, SIGHT)
+            for loop in closed_loops(LOOP, PICTURE_GAP)
         },
         floors=project_file("benchmarks/floors.yaml"),
     output:
@@ -253,7 +253,7 @@ rule score_loops:
     params:
         code=script_digest("score_loops"),
         behind=provenance("loops", config),
-        loops=closed_loops(LOOP, SIGHT),
+        loops=closed_loops(LOOP, PICTURE_GAP),
         preset=config["preset"],
     message:
         "Compare the closed loops with the floors"

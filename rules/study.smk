@@ -3,7 +3,7 @@ rule study:
         "results/study.md",
         [f"results/{table}.md" for table in TABLES.world_variants],
         "results/gap-benchmark/report.html",
-        rows_of(sorted({loop["table"] for loop in closed_loops(LOOP, SIGHT)})),
+        rows_of(sorted({loop["table"] for loop in closed_loops(LOOP, PICTURE_GAP)})),
     localrule: True
 
 
@@ -41,7 +41,7 @@ rule write_world_variants:
     benchmark:
         "results/benchmarks/write_world_variants/{table}.jsonl"
     wildcard_constraints:
-        table="worlds|sight",
+        table="worlds|picture_gap",
     localrule: True
     conda:
         "../envs/report.yaml"

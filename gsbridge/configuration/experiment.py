@@ -68,7 +68,7 @@ Variants = Annotated[dict[Name, Variant], AfterValidator(_with_default)]
 Level = Annotated[Whole, Field(ge=0, le=4)]
 
 
-class Severity(Settings):
+class SeveritySettings(Settings):
     """Severity of a world, look and physics apart."""
 
     look: Level = 0
@@ -82,7 +82,7 @@ class WorldSettings(Settings):
 
     seed: OrNull[Annotated[Whole, Field(ge=0)]] = None
     """Seed of the hidden parameters that `hidden` does not set; null takes the configuration's seed."""
-    severity: Level | Severity = 0
+    severity: Level | SeveritySettings = 0
     """Severity of the world's surprises, from 0 to 4 for both or for `look` and `physics` apart (docs/mirror.md)."""
     hidden: dict[str, Free] = Field(default={})
     """Hidden parameters that this world sets, by name (docs/mirror.md)."""
@@ -151,13 +151,13 @@ class Study(Settings):
     """Number of policies of each variant, each trained with its own seed."""
     worlds: Names = Field(default=[])
     """Further worlds in which every policy that was trained on splats is tried."""
-    sight: PictureStudy = Field(default_factory=PictureStudy)
+    picture_gap: PictureStudy = Field(default_factory=PictureStudy)
     """Study of changes that only the camera sees (docs/gap_images.md)."""
     severity: SeverityTrials = Field(default_factory=SeverityTrials)
     """Trials that show success against severity (docs/mirror.md)."""
 
 
-class Loop(Settings):
+class LoopSettings(Settings):
     """The demonstration of the closed loop, on one cell."""
 
     cell: Work = Field(default_factory=lambda: Work(task="grasp", object="cake", background="foam_pad"))

@@ -15,7 +15,7 @@ from gsbridge.configuration.experiment import (
     CellSettings,
     GapBenchmark,
     GapSettings,
-    Loop,
+    LoopSettings,
     Study,
     Variant,
     Variants,
@@ -134,7 +134,7 @@ class Configuration(Sections):
     """Mirrors, by name, in which policies are judged besides the simulation (docs/mirror.md)."""
     study: Study = Field(default_factory=Study)
     """Comparison of ways of learning at equal numbers of environment steps."""
-    loop: Loop = Field(default_factory=Loop)
+    loop: LoopSettings = Field(default_factory=LoopSettings)
     """The demonstration of the closed loop (docs/gap_loop.md)."""
     shapes: Distinct[str] = Field(default=[])
     """The mirror's objects, beside those of the presets, whose masks and meshes the area `shapes` of `benchmarks/RESULTS.md`

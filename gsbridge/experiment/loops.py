@@ -136,8 +136,8 @@ class PictureLoop(Loop):
     @property
     def settings(self) -> Mapping[str, Any]:
         """Worlds, variants, postures and repeats."""
-        sight: Mapping[str, Any] = self.plan.config["study"]["sight"]
-        return sight
+        section: Mapping[str, Any] = self.plan.config["study"]["picture_gap"]
+        return section
 
     @property
     def cell(self) -> dict[str, Any]:
@@ -198,5 +198,5 @@ def closed_loops(joints: JointLoop, pictures: PictureLoop) -> list[dict[str, str
         after = variants[0] if variants else ""
         before = pictures.same_but_model(after) if after else "default"
         worlds = {"reference": pictures.settings["reference"], "world": world}
-        loops.append({"table": "sight_loop", **worlds, "before": before, "after": after})
+        loops.append({"table": "picture_loop", **worlds, "before": before, "after": after})
     return loops

@@ -117,7 +117,7 @@ RULES: Mapping[str, tuple[str, ...]] = {
         "amend_arm_wrongly",
         "amend_camera_wrongly",
         "collect_loop",
-        "collect_sight_loop",
+        "collect_picture_loop",
         "score_loops",
     ),
 }

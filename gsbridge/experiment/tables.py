@@ -101,9 +101,9 @@ class Tables:
         """Policies that a table shows; those trained on a mesh stand beside the splats of the same cell."""
         if table == "worlds":
             return [policy for policy in self.policies if policy.renderer == "gs"]
-        if table == "sight":
+        if table == "picture_gap":
             study = self.plan.config["study"]
-            return [PolicyFiles.of(study["cell"], variant) for variant in study["sight"]["variants"]]
+            return [PolicyFiles.of(study["cell"], variant) for variant in study["picture_gap"]["variants"]]
         task = "pick_and_place" if table == "pick_and_place" else "grasp"
         chosen = [policy for policy in self.policies if policy.task == task]
         if table != "renderer_contrast":
@@ -114,7 +114,7 @@ class Tables:
     def shown_worlds(self, table: str) -> list[str]:
         """Worlds that a table shows."""
         study = self.plan.config["study"]
-        further = {"worlds": study["worlds"], "sight": study["sight"]["worlds"]}
+        further = {"worlds": study["worlds"], "picture_gap": study["picture_gap"]["worlds"]}
         return ["sim", *further[table]] if table in further else self.worlds
 
     @property
@@ -125,7 +125,7 @@ class Tables:
     @property
     def world_variants(self) -> list[str]:
         """Names of the tables about further worlds, where any are named."""
-        named = [table for table in ("worlds", "sight") if len(self.shown_worlds(table)) > 1]
+        named = [table for table in ("worlds", "picture_gap") if len(self.shown_worlds(table)) > 1]
         return [table for table in named if self.shown(table)]
 
     @property

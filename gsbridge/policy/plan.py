@@ -15,7 +15,7 @@ from gsbridge.reality.world.world_variants import world_variant
 AMENDED = "results/loop/model.yaml"
 """Simulation model that the loop amends."""
 
-SEEN = "results/sight/{world}/model.yaml"
+SEEN = "results/picture_gap/{world}/model.yaml"
 """Simulation model that the gap of pictures amends, for each world."""
 
 
@@ -53,14 +53,18 @@ def check_policies(config: Mapping[str, Any], root: str | Path) -> None:
                     f"Use one of: {', '.join(sorted(config['worlds']))}",
                 )
     study = config["study"]
-    for place, section in (("study", study), ("study.sight", study["sight"]), ("study.severity", study["severity"])):
+    for place, section in (
+        ("study", study),
+        ("study.picture_gap", study["picture_gap"]),
+        ("study.severity", study["severity"]),
+    ):
         for key, kind in (("variants", "variants"), ("graded", "variants"), ("worlds", "worlds")):
             for name in section.get(key, []):
                 if name not in config[kind]:
                     choices = ", ".join(sorted(config[kind]))
                     raise InputError(f"config: {place}.{key}", f"'{name}' is not configured", f"Use one of: {choices}")
-    if config["study"]["sight"]["amended"]:
-        _check_sight(config)
+    if config["study"]["picture_gap"]["amended"]:
+        _check_picture_gap(config)
     if config["loop"]["variant"] != "default":  # the default stands for no demonstration at all
         _check_loop(config)
     for name, world in config["worlds"].items():
@@ -68,28 +72,30 @@ def check_policies(config: Mapping[str, Any], root: str | Path) -> None:
         world_variant(config["seed"], seed, world["hidden"], f"config: worlds.{name}.hidden")
 
 
-def _check_sight(config: Mapping[str, Any]) -> None:
+def _check_picture_gap(config: Mapping[str, Any]) -> None:
     """Whether the loop of pictures can be run.
 
     Raises:
         InputError: It names what is not configured, a world is the reference, or a variant learns with another model.
     """
-    sight, cell = config["study"]["sight"], config["study"]["cell"]
+    photographed, cell = config["study"]["picture_gap"], config["study"]["cell"]
     for key in ("object", "background"):
         if cell[key] not in config["scenes"]:
             choices = ", ".join(sorted(config["scenes"]))
             raise InputError(f"config: study.cell.{key}", f"'{cell[key]}' is not configured", f"Use one of: {choices}")
-    for world in (sight["reference"], *sight["amended"]):
+    for world in (photographed["reference"], *photographed["amended"]):
         if world not in config["worlds"]:
             choices = ", ".join(sorted(config["worlds"]))
-            raise InputError("config: study.sight", f"'{world}' is not configured", f"Use one of: {choices}")
-    for world, names in sight["controls"].items():
-        if not sight["amended"].get(world):
-            raise InputError(f"config: study.sight.controls.{world}", "no variant learns for it", "Name one under 'amended'")
-        _check_controls(config, f"study.sight.controls.{world}", names)
-    for world, variants in sight["amended"].items():
-        place = f"config: study.sight.amended.{world}"
-        if world == sight["reference"]:
+            raise InputError("config: study.picture_gap", f"'{world}' is not configured", f"Use one of: {choices}")
+    for world, names in photographed["controls"].items():
+        if not photographed["amended"].get(world):
+            raise InputError(
+                f"config: study.picture_gap.controls.{world}", "no variant learns for it", "Name one under 'amended'"
+            )
+        _check_controls(config, f"study.picture_gap.controls.{world}", names)
+    for world, variants in photographed["amended"].items():
+        place = f"config: study.picture_gap.amended.{world}"
+        if world == photographed["reference"]:
             raise InputError(place, "this world is the reference", "Name a world in which something changed")
         for name in variants:
             if name not in config["variants"]:

@@ -21,7 +21,7 @@ def test_without_cells_the_page_is_about_splats_alone(snakemake, config, write_c
 
 
 def test_pages_of_further_worlds_try_the_policies_that_are_meant(snakemake, tmp_path):
-    plan = snakemake("--dry-run", "--directory", str(tmp_path), "--", "results/worlds.md", "results/sight.md").stdout
+    plan = snakemake("--dry-run", "--directory", str(tmp_path), "--", "results/worlds.md", "results/picture_gap.md").stdout
     assert "in mirror_2: pick_and_place cake on plate, gs" in plan
     assert "in mirror_3: grasp bear on tablecloth, gs" in plan
     assert "in mirror_2: grasp bear on foam_pad, mesh" not in plan

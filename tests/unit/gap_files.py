@@ -77,14 +77,19 @@ def write_case(folder: Path, found: dict, joints: tuple[str, ...] = ("axis",)) -
     values[0, 1] = 31.0
     values[-1, 0] = np.nan
     before = a_map(channels, values, values > 2)
-    row = {"whole": 30.0, "channels": dict.fromkeys(channels, 1.0), "noise": dict.fromkeys(channels, 2e-4), "where": before}
+    row = {
+        "whole": 30.0,
+        "channels": dict.fromkeys(channels, 1.0),
+        "noise": dict.fromkeys(channels, 2e-4),
+        "residual_map": before,
+    }
     write_json(paths["comparison"], {**head, "unit": "noise", "records": dict.fromkeys(roles, row)})
     alike = [{"pair": ["coulomb:axis", "backlash:axis"], "cosine": 0.97}]
     screen = {
         **head,
         "candidates": ["coulomb:axis"],
         "unseen": ["warming:axis"],
-        "alike": alike,
+        "signature_similarity": alike,
         "signatures": 3,
         "simulations": 9,
     }

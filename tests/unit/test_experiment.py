@@ -63,7 +63,7 @@ def config():
             "seeds": 2,
             "variants": ["default", "other"],
             "worlds": ["mirror_2"],
-            "sight": {
+            "picture_gap": {
                 "variants": ["other", "default"],
                 "worlds": [],
                 "reference": "mirror",
@@ -218,13 +218,13 @@ def test_loops_compare_what_differs_in_the_model_alone(plan):
     assert len(pictures.tables) == len(pictures.rows) == 2 * 3 + 2
     assert closed_loops(joints, pictures) == [
         {"table": "loop", "reference": "mirror", "world": "mirror_heavy", "before": "default", "after": "after"},
-        {"table": "sight_loop", "reference": "mirror", "world": "mirror_dark", "before": "default", "after": "after"},
+        {"table": "picture_loop", "reference": "mirror", "world": "mirror_dark", "before": "default", "after": "after"},
     ]
 
 
 def test_controls_are_tried_in_the_changed_world_and_trained_as_often(config, tmp_path):
     config["loop"] |= {"controls": ["other"], "trainings": 3}
-    config["study"]["sight"] |= {"controls": {"mirror_dark": ["other"]}, "trainings": 2}
+    config["study"]["picture_gap"] |= {"controls": {"mirror_dark": ["other"]}, "trainings": 2}
     plan = Experiment(config, tmp_path, tmp_path)
     joints, pictures = JointLoop(plan), PictureLoop(plan)
     assert joints.rows[-1] == {"variant": "other", "world": "mirror_heavy"}

@@ -301,7 +301,7 @@ def test_friction_of_another_engine_is_named(thrown):
     assert row["interval90"][0] <= row["value"] <= row["interval90"][1]
     assert findings["verify"]["removed"] > 0.7
     assert findings["verify"]["closure"] > 0.8
-    assert findings["where"]["after"][1] < 0.4 * findings["where"]["after"][0]
+    assert findings["residual_map"]["after"][1] < 0.4 * findings["where"]["after"][0]
 
 
 def test_the_amended_model_can_be_read_and_holds_the_name(thrown):

@@ -284,7 +284,7 @@ def test_the_map_of_pictures_agrees_with_residuals_taken_by_hand(stages, folder)
     """A third of the image by slices, and cells of a brightness by its rank, of one role."""
     pairs = read_pairs(*parts(folder))
     view = ImageResiduals(pairs["select"], learn_noise(list(pairs.values())))
-    found = read_json(stages["comparison"])["records"]["select"]["where"]
+    found = read_json(stages["comparison"])["records"]["select"]["residual_map"]
     columns = [name for names in found["groups"].values() for name in names]
     values = np.array(found["values"], dtype=float)
     pictures, mask = view.pictures(view.residual()).astype(float), view.mask > 0
@@ -313,7 +313,7 @@ def test_what_photos_can_tell_is_said_before_any_fit(stages, folder):
         applied = Applied(name, "", {parameter.name: parameter.typical})
         changes.append((view.residual() - view.residual([applied])).ravel().astype(float))
     cosine = abs(changes[0] @ changes[1]) / np.linalg.norm(changes[0]) / np.linalg.norm(changes[1])
-    found = {tuple(sorted(item["pair"])): item["cosine"] for item in said["alike"]}
+    found = {tuple(sorted(item["pair"])): item["cosine"] for item in said["signature_similarity"]}
     assert found["black_level", "exposure"] == pytest.approx(cosine, rel=1e-3)
     assert all(value >= 0.95 for value in found.values())
 

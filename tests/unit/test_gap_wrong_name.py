@@ -116,9 +116,9 @@ def test_what_a_diagnosis_is_worth_is_told_beyond_its_best_control():
 
 def test_the_configured_controls_differ_from_their_variant_in_one_thing():
     config = yaml.safe_load(Path("config.yaml").read_text(encoding="utf-8"))
-    sight, variants = config["study"]["sight"], config["variants"]
-    for world, names in sight["controls"].items():
-        (mine,) = sight["amended"][world]
+    pictures, variants = config["study"]["picture_gap"], config["variants"]
+    for world, names in pictures["controls"].items():
+        (mine,) = pictures["amended"][world]
         for name in names:
             given = variants[name]
             if name != "wider_jitter":

@@ -10,8 +10,8 @@ from gsbridge.report.tables.rows import write_rows
 
 CELL = {"task": "grasp", "object": "bear", "background": "foam_pad", "training_steps": 5000}
 LOOPS = [
-    {"table": "sight_loop", "reference": "mirror", "world": "tint", "before": "plain", "after": "sees"},
-    {"table": "sight_loop", "reference": "mirror", "world": "moved", "before": "default", "after": ""},
+    {"table": "picture_loop", "reference": "mirror", "world": "tint", "before": "plain", "after": "sees"},
+    {"table": "picture_loop", "reference": "mirror", "world": "moved", "before": "default", "after": ""},
     {"table": "loop", "reference": "mirror", "world": "late", "before": "default", "after": "amended"},
 ]
 
@@ -24,11 +24,11 @@ def row(variant, world, successes, trials=64):
 
 @pytest.fixture
 def tables(tmp_path):
-    sight = [row("plain", "mirror", 64), row("plain", "tint", 8), row("sees", "tint", 56), row("sees", "sim", 60)]
-    sight += [row("default", "mirror", 62), row("default", "moved", 63)]
-    write_rows(tmp_path / "sight_loop.csv", COLUMNS, sight)
+    pictures = [row("plain", "mirror", 64), row("plain", "tint", 8), row("sees", "tint", 56), row("sees", "sim", 60)]
+    pictures += [row("default", "mirror", 62), row("default", "moved", 63)]
+    write_rows(tmp_path / "picture_loop.csv", COLUMNS, pictures)
     write_rows(tmp_path / "loop.csv", COLUMNS, [row("default", "mirror", 64), row("default", "late", 32)])
-    return {name: tmp_path / f"{name}.csv" for name in ("sight_loop", "loop")}
+    return {name: tmp_path / f"{name}.csv" for name in ("picture_loop", "loop")}
 
 
 def test_each_world_is_told_before_since_and_after(tables, tmp_path):

@@ -118,7 +118,7 @@ def photo_closure(folder: str | Path, clean: Array, plain: Array, effects: Seque
     noise = learn_noise(list(pairs.values()))
 
     def gap(photos: Array, with_effects: Sequence[Applied]) -> float:
-        view = ImageResiduals(replace(pairs["verify"], after=photos.astype(np.float32)), noise, grain=False)
+        view = ImageResiduals(replace(pairs["verify"], after=photos.astype(np.float32)), noise, compare_noise=False)
         return float(np.sqrt((view.residual(with_effects).astype(np.float64) ** 2).mean()))
 
     floor, before, after = gap(plain, ()), gap(clean, ()), gap(clean, effects)

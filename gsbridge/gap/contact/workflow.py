@@ -90,7 +90,7 @@ class ThrowBackend(CaseBackend):
         return {
             "candidates": list(found.names),
             "unseen": list(found.unseen(replay)),
-            "alike": _alike(replay.part(FEW), found),
+            "signature_similarity": _alike(replay.part(FEW), found),
             "signatures": sum(len(grid(name)) for name in found.names),
             "simulations": round(found.runs),
         }
@@ -177,7 +177,7 @@ def _distances(replay: ThrowReplay) -> dict[str, Any]:
         "whole": 1e3 * float(replay.gaps().mean()),
         "channels": dict(zip(CHANNELS, sizes.tolist(), strict=True)),
         "noise": dict.fromkeys(CHANNELS, replay.noise.position),
-        "where": _map(replay).record(),
+        "residual_map": _map(replay).record(),
     }
 
 

@@ -51,7 +51,7 @@ class Diagnosis:
         seconds: Time that the whole diagnosis took, s.
         intervals: 90 % intervals of the best hypothesis' parameters, by effect, where its deviations do not tell them.
         figures: What the model's own figures were and become with these effects, by effect and parameter, where it has such.
-        where: Size of the gap in each phase before and after, where a case has phases.
+        residual_map: Size of the gap in each phase before and after, where a case has phases.
         account: All effects that explain a part of the gap, where a case is told so; `verification` is of all of them then.
         warnings: What a reader must know before the figures.
         account_runs: Simulations for the account, beside those.
@@ -66,7 +66,7 @@ class Diagnosis:
     seconds: float
     intervals: tuple[Mapping[str, tuple[float, float]], ...] = ()
     figures: tuple[Mapping[str, tuple[float, float]], ...] = ()
-    where: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    residual_map: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     account: GapAccount | None = None
     warnings: tuple[str, ...] = ()
     account_runs: int = 0
@@ -136,7 +136,7 @@ class Account:
         """
         finding, scale = diagnosis.finding, self.scale
         reasons = [*reasons, *self.doubts(diagnosis)]
-        where = {phase: [scale * before, scale * after] for phase, (before, after) in diagnosis.where.items()}
+        residual_map = {phase: [scale * before, scale * after] for phase, (before, after) in diagnosis.residual_map.items()}
         return {
             "status": "degraded" if reasons else "pass",
             "reasons": reasons,
@@ -161,7 +161,7 @@ class Account:
             ],
             "select": {"before": scale * finding.before, "after": scale * finding.after, "unit": self.unit},
             "verify": self._verified(diagnosis.verification),
-            **({"where": where} if where else {}),
+            **({"residual_map": residual_map} if residual_map else {}),
             "noise_floor": dict(diagnosis.floor),
             "unseen": list(finding.unseen),
             "simulations": {"bank": diagnosis.bank_runs, "case": diagnosis.runs, **_account_runs(diagnosis)},

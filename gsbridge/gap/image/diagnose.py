@@ -154,12 +154,12 @@ def few_photos(registration: Pairs) -> tuple[str, ...]:
 
 
 def channel_sizes(view: ImageResiduals, table: Array) -> dict[str, float]:
-    """Root mean square of pictures and of grain in a residual, in units of the noise. [N * h + N, 3 * w]."""
-    pictures, grain = view.pictures(table), view.grains(table)
-    measured = max(int((grain != 0).sum()), 1)
+    """Root mean square of pictures and of their noise in a residual, in units of the noise. [N * h + N, 3 * w]."""
+    pictures, noise = view.pictures(table), view.noise_part(table)
+    measured = max(int((noise != 0).sum()), 1)
     return {
         "picture": float(np.sqrt((pictures**2).sum() / max(3.0 * view.mask.sum(), 1.0))),
-        "grain": float(np.sqrt((grain**2).sum() / measured)),
+        "noise": float(np.sqrt((noise**2).sum() / measured)),
     }
 
 

@@ -184,7 +184,7 @@ class ImageIdentification:
         out, gap = [], self.plain_chi2 + _squares(self.start) - self.floor - self.first.numbers
         for trial in trials:
             parts = [t for t in trials if set(t.fit.who) < set(trial.fit.who)]
-            least = max(self.rules.join * max(1.0, trial.chi2 / self.floor), self.first.law * gap)
+            least = max(self.rules.join * max(1.0, trial.chi2 / self.floor), self.first.model_tolerance * gap)
             if all(t.score - trial.score > least for t in parts):
                 out.append(trial)
         return out
@@ -214,7 +214,7 @@ class ImageIdentification:
 
     def _widened(self, found: EffectFit) -> EffectFit:
         """The fit with standard deviations that also hold how far the effects' laws are known to be wrong."""
-        law = np.sqrt(self.first.law * max(_squares(self.start) - self.first.numbers, 0.0))
+        law = np.sqrt(self.first.model_tolerance * max(_squares(self.start) - self.first.numbers, 0.0))
         return replace(found, deviations=found.deviations * np.hypot(1.0, law))
 
 

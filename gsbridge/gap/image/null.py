@@ -50,7 +50,7 @@ def sums(view: ImageResiduals, table: Array, filled: Filled | None = None) -> Ar
         for scale, total, weight in zip(SCALES, _blocks(values), weights, strict=True):
             means = np.where(weight >= _FILLED * scale**2, total / np.sqrt(np.maximum(weight, 1.0)), 0.0)
             out.append((means.astype(np.float64) ** 2).sum(axis=(0, 1, 2)))
-    grain = view.grains(table).astype(np.float64)
+    grain = view.noise_part(table).astype(np.float64)
     measured = np.maximum((grain != 0).sum(axis=0), 1)
     mean = grain.sum() ** 2 / max(int((grain != 0).sum()), 1)
     out.append(np.array([(grain**2).sum(), (grain.sum(axis=0) ** 2 / measured).sum(), mean]))

@@ -126,28 +126,29 @@ class ImageResiduals:
     Args:
         pairs: The views.
         noise: Noise of one photo.
-        grain: Whether the photos' grain is compared, too: means of several photos have less.
+        compare_noise: Whether the photos' noise is compared, too: means of several photos have less.
         height: Rows, about, at which they are compared: few, to find what moved far; their noise is then not that of blocks.
         expectation: Expectation of the same earlier photos, where there is one: removing their noise again is the slowest step.
 
     Attributes:
-        law: Share of a gap's squares within which the laws of effects are known: one effect more must explain more than that.
+        model_tolerance: Share of a gap's squares that the models of effects may miss: one effect more must explain more than
+            that.
         shape: Photos, rows, columns as they are compared.
         mask: Where photos are compared. [N, h, w].
     """
 
-    law: ClassVar[float] = 1e-3
+    model_tolerance: ClassVar[float] = 1e-3
 
     def __init__(
         self,
         pairs: Pairs,
         noise: PhotoNoise,
         *,
-        grain: bool = True,
+        compare_noise: bool = True,
         height: int = HEIGHT,
         expectation: Expectation | None = None,
     ) -> None:
-        self.pairs, self.noise, self._grainy = pairs, noise, grain
+        self.pairs, self.noise, self._compares_noise = pairs, noise, compare_noise
         self.expectation = expectation or Expectation(pairs)
         self._known: OrderedDict[tuple[object, ...], Array] = OrderedDict()
         self.size = shrinking(pairs, height)
@@ -199,8 +200,8 @@ class ImageResiduals:
         count, height, width = self.shape
         return table[: count * height].reshape(count, height, width, 3)
 
-    def grains(self, table: Array) -> Array:
-        """The part that is grain. [N * h + N, 3 * w] -> [N, 3 * w]."""
+    def noise_part(self, table: Array) -> Array:
+        """The part that compares the photos' noise. [N * h + N, 3 * w] -> [N, 3 * w]."""
         return table[self.shape[0] * self.shape[1] :]
 
     def size_of(self, table: Array) -> float:
@@ -225,7 +226,7 @@ class ImageResiduals:
     def replicate(self, rng: np.random.Generator) -> Array:
         """A residual in which nothing has changed: what photos of one day differ by, with signs drawn anew, so that outliers
         of the noise stay, and what lies together does not. [N * h + N, 3 * w]."""
-        usual, measured = self.usual, self.grains(self.residual()) != 0
+        usual, measured = self.usual, self.noise_part(self.residual()) != 0
         size = np.sqrt(np.maximum(1.0 + _UNSURE * rng.standard_normal(usual.shape[-1]), 0.0)).astype(np.float32)
         # One sign for all colours of a pixel: what makes one of them brighter often does so to all.
         white = usual * rng.choice(np.array((-1.0, 1.0), np.float32), (*usual.shape[:-1], 1)) * size
@@ -240,12 +241,12 @@ class ImageResiduals:
 
     def coarse(self) -> ImageResiduals:
         """These views in so few rows that what moved far is still found."""
-        return ImageResiduals(self.pairs, self.noise, grain=False, height=COARSE, expectation=self.expectation)
+        return ImageResiduals(self.pairs, self.noise, compare_noise=False, height=COARSE, expectation=self.expectation)
 
     def quiet(self) -> ImageResiduals:
         """Residuals of these views with nothing changed; see `Pairs.quiet`."""
         grainy = self.pairs.repeats == 1
-        return ImageResiduals(self.pairs.quiet(), self.noise, grain=grainy, expectation=self.expectation)
+        return ImageResiduals(self.pairs.quiet(), self.noise, compare_noise=grainy, expectation=self.expectation)
 
     @cached_property
     def _flats(self) -> Flats:
@@ -265,7 +266,7 @@ class ImageResiduals:
     def _spread(self) -> Array:
         """Deviation of the logarithm of the ratio of two measured grains. [N, L]."""
         spread = np.sqrt(2.0) * self._flats.deviations()
-        return spread if self._grainy else np.full_like(spread, np.inf)
+        return spread if self._compares_noise else np.full_like(spread, np.inf)
 
     @cached_property
     def _grain(self) -> Array:
@@ -297,7 +298,7 @@ class ImageResiduals:
 
     def _rough(self, how: Shooting) -> Array:
         """Logarithm of the later photos' grain over the expected one, in deviations; 0 where it is not measured. [N, L, 3]."""
-        if not self._grainy:
+        if not self._compares_noise:
             return np.zeros((*self._spread.shape, 3))
         # What moves the picture alone leaves the grain of a camera that did not move as it was.
         still = not (how.light or how.sensor or how.softness)

@@ -98,13 +98,13 @@ class SplatResiduals(ImageResiduals):
         expectation: Expectation of the same pictures, where there is one.
     """
 
-    law = 1e-2
+    model_tolerance = 1e-2
 
     def __init__(
         self, pairs: Pairs, error: SplatError, *, height: int = HEIGHT, expectation: Expectation | None = None
     ) -> None:
         self.error, self._spread_of = error, error.layers.get(height)
-        super().__init__(pairs, PhotoNoise(_LEAST, 0.0), grain=False, height=height, expectation=expectation)
+        super().__init__(pairs, PhotoNoise(_LEAST, 0.0), compare_noise=False, height=height, expectation=expectation)
 
     def _variance(self) -> Array:
         before = shrunk(self.pairs.before, self.size).astype(np.float32)
@@ -133,7 +133,7 @@ class SplatResiduals(ImageResiduals):
 
 def plain_view(pairs: Pairs) -> ImageResiduals:
     """Drawn pictures and photos with the same spread everywhere."""
-    return ImageResiduals(pairs, PhotoNoise(0.5 * _ROUGH**2, 0.0), grain=False)
+    return ImageResiduals(pairs, PhotoNoise(0.5 * _ROUGH**2, 0.0), compare_noise=False)
 
 
 def calibrated(pairs: Pairs, effects: Sequence[Applied]) -> Pairs:

@@ -113,7 +113,7 @@ class ImageBackend(CaseBackend):
         return {
             "candidates": [str(one) for one in who],
             "unseen": list(unseen_of(view, who, groups)),
-            "alike": similar_pairs(*cosines(groups)),
+            "signature_similarity": similar_pairs(*cosines(groups)),
             "signatures": sum(len(group.tables) for group in groups),
             "simulations": view.expectation.pictures,
         }
@@ -190,7 +190,7 @@ def _differences(view: ImageResiduals) -> dict[str, Any]:
         "whole": view.size_of(table),
         "channels": channel_sizes(view, table),
         "noise": view.noise.levels(),
-        "where": map_pictures(view, table).record(),
+        "residual_map": map_pictures(view, table).record(),
     }
 
 

@@ -96,7 +96,7 @@ class JointBackend(CaseBackend):
         return {
             "candidates": [str(candidate) for candidate in who],
             "unseen": sorted(str(candidate) for candidate in set(who) - shown),
-            "alike": _alike(view, found, who),
+            "signature_similarity": _alike(view, found, who),
             "signatures": len(found.signatures),
             "simulations": found.runs,
         }
@@ -162,7 +162,7 @@ def _residuals(view: JointResiduals) -> dict[str, Any]:
         "whole": float(np.sqrt((residual**2).sum() / view.freedom)),
         "channels": dict(zip(found.channels, np.sqrt((residual**2).mean(axis=0)).tolist(), strict=True)),
         "noise": dict(zip(found.channels, view.sigma.tolist(), strict=True)),
-        "where": found.record(),
+        "residual_map": found.record(),
     }
 
 

@@ -67,7 +67,7 @@ def write_gap_report(case: str, files: CaseFiles, out: str | Path) -> None:
         return
     series = read_series(files.series)
     select, explained = replays["records"]["select"], f"{JUDGED}/after" in series
-    before_map = comparison["records"]["select"]["where"]
+    before_map = comparison["records"]["select"]["residual_map"]
     parts = THROWS if about["mode"] == "body" else MECHANISM
     write_page(
         out,
@@ -86,7 +86,7 @@ def write_gap_report(case: str, files: CaseFiles, out: str | Path) -> None:
         effect_notes=effect_notes(findings),
         where=draw_residual_map(before_map, select["remains"] if explained else None),
         where_text=_residual_map_text(before_map, findings["select"]["unit"]),
-        where_caption=parts.where_caption,
+        map_caption=parts.map_caption,
         rivals=_rivals(findings, parts.short),
         rivals_text=_rivals_text(findings, parts),
         rivals_note=parts.rivals_note,

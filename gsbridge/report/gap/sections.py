@@ -42,7 +42,7 @@ class Parts(ABC):
         short: Unit of the rivals' distances, empty for multiples of the noise.
         enough: How far rivals must be behind, where that is one number.
         whole: What an effect without a joint acts on.
-        where_caption: Caption of the map of residuals.
+        map_caption: Caption of the map of residuals.
         rivals_note: Note below the table of rivals.
         noise_note: Note below the table of the noise.
     """
@@ -51,7 +51,7 @@ class Parts(ABC):
     short: str
     enough: str
     whole: str
-    where_caption: str
+    map_caption: str
     rivals_note: str
     noise_note: str
 
@@ -181,7 +181,7 @@ MECHANISM = MechanismParts(
     short="",
     enough="; 9 would do",
     whole="whole mechanism",
-    where_caption="Root mean square residual on the record select, in units of the noise (1 is noise alone), by channel and "
+    map_caption="Root mean square residual on the record select, in units of the noise (1 is noise alone), by channel and "
     "by what the joint does; + and − are its directions. Bold: noise alone does not explain it (of the bold cells, one in a "
     "hundred may be chance). Dots: too few samples.",
     rivals_note="Behind: squared residual more than the best one's, in units of the noise. The probability is one of "
@@ -195,7 +195,7 @@ THROWS = ThrowParts(
     short="mm",
     enough="",
     whole="body and contact",
-    where_caption="Root mean square distance on the throws select, in mm, along the axes of each throw, by phase (flight "
+    map_caption="Root mean square distance on the throws select, in mm, along the axes of each throw, by phase (flight "
     "until the first touch, impact for 60 ms behind it, after) and by how the throw starts. Bold: noise and chaos do not "
     "explain it (of the bold cells, one in a hundred may be chance). Dots: too few throws.",
     rivals_note="Behind: mean distance more than the best one's. The probability is a bootstrap over throws.",

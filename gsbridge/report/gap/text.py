@@ -156,7 +156,7 @@ def looks_like(findings: Mapping[str, Any], screening: Mapping[str, Any]) -> str
     out = []
     for item in findings["effects"]:
         name = f"{item['name']}:{item['joint']}" if item["joint"] else item["name"]
-        near = [(set(row["pair"]) - {name}, row["cosine"]) for row in screening["alike"] if name in row["pair"]]
+        near = [(set(row["pair"]) - {name}, row["cosine"]) for row in screening["signature_similarity"] if name in row["pair"]]
         listed = ", ".join(f"{effect_title(other)} ({cosine:.3f})" for others, cosine in near[:6] for other in others)
         title = effect_title(name)
         title = title[0].upper() + title[1:]

@@ -15,15 +15,15 @@ CHAIN = {
     "register_world": 2,
     "calibrate_wrist_camera_of_world": 2,
     "amend_camera_wrongly": 2,
-    "collect_sight_loop": 1,
+    "collect_picture_loop": 1,
 }
 
 
 @pytest.fixture(scope="module")
 def plan(snakemake, tmp_path_factory):
     """Dry run of the table on an empty folder."""
-    folder = tmp_path_factory.mktemp("sight")
-    return snakemake("--dry-run", "--directory", str(folder), "--", "results/rows/sight_loop.csv").stdout
+    folder = tmp_path_factory.mktemp("picture_gap")
+    return snakemake("--dry-run", "--directory", str(folder), "--", "results/rows/picture_loop.csv").stdout
 
 
 def test_one_target_makes_the_whole_way(plan):
@@ -37,7 +37,7 @@ def test_policies_that_learn_anew_wait_for_the_findings(plan):
     for variant, world in (("sees_tint", "mirror_tint"), ("sees_turned", "mirror_turned")):
         training = [job for job in jobs if f"Train the policy {variant} " in job]
         assert len(training) == 3
-        assert f"results/sight/{world}/model.yaml" in training[0]
+        assert f"results/picture_gap/{world}/model.yaml" in training[0]
 
 
 def test_who_diagnoses_reads_photos_and_no_truth(plan):
@@ -50,7 +50,7 @@ def test_who_diagnoses_reads_photos_and_no_truth(plan):
 
 
 def test_a_model_of_another_world_is_refused(snakemake, config, write_config, tmp_path):
-    config["variants"]["sees_tint"]["model"] = "results/sight/mirror_moved/model.yaml"
+    config["variants"]["sees_tint"]["model"] = "results/picture_gap/mirror_moved/model.yaml"
     process = snakemake("--dry-run", "--directory", str(tmp_path), *write_config(config), check=False)
     assert process.returncode != 0
     assert "it is not what photos of mirror_tint amend" in process.stdout + process.stderr

@@ -1,10 +1,10 @@
 rule draw_postures:
     input:
-        **simulated_world(SIGHT.cell["object"], SIGHT.cell["background"]),
+        **simulated_world(PICTURE_GAP.cell["object"], PICTURE_GAP.cell["background"]),
         light="results/workspace/light.json",
     output:
-        views=directory("results/sight/postures"),
-        record="results/sight/postures.json",
+        views=directory("results/picture_gap/postures"),
+        record="results/picture_gap/postures.json",
     log:
         "results/logs/draw_postures.log",
     benchmark:
@@ -17,7 +17,7 @@ rule draw_postures:
         runtime="20m",
     params:
         code=script_digest("draw_postures"),
-        postures=SIGHT.settings["postures"],
+        postures=PICTURE_GAP.settings["postures"],
         size=settings("views")["size"],
         seed=SEED,
     message:
@@ -28,18 +28,18 @@ rule draw_postures:
 
 rule photograph_postures:
     input:
-        views="results/sight/postures",
-        record="results/sight/postures.json",
-        item=f"results/scenes/{SIGHT.cell['object']}/asset/asset.json",
+        views="results/picture_gap/postures",
+        record="results/picture_gap/postures.json",
+        item=f"results/scenes/{PICTURE_GAP.cell['object']}/asset/asset.json",
     output:
-        photos=directory("results/sight/photos/{world}"),
-        record="results/sight/photos/{world}.json",
+        photos=directory("results/picture_gap/photos/{world}"),
+        record="results/picture_gap/photos/{world}.json",
     log:
         "results/logs/photograph_postures/{world}.log",
     benchmark:
         "results/benchmarks/photograph_postures/{world}.jsonl"
     wildcard_constraints:
-        world=one_of(SIGHT.worlds),
+        world=one_of(PICTURE_GAP.worlds),
     conda:
         "../envs/world.yaml"
     threads: 1
@@ -48,12 +48,12 @@ rule photograph_postures:
         runtime="60m",
     params:
         code=script_digest("photograph_postures"),
-        cell=SIGHT.cell,
+        cell=PICTURE_GAP.cell,
         world=world_settings,
-        shots=lambda wildcards: SIGHT.shots(wildcards.world),
-        first=lambda wildcards: SIGHT.first_shot(wildcards.world),
+        shots=lambda wildcards: PICTURE_GAP.shots(wildcards.world),
+        first=lambda wildcards: PICTURE_GAP.first_shot(wildcards.world),
         size=settings("views")["size"],
-        samples=SIGHT.settings["samples"],
+        samples=PICTURE_GAP.settings["samples"],
         sheet=settings("films")["sheet"],
         pieces="results/.state/pieces",
         seed=SEED,
@@ -65,18 +65,18 @@ rule photograph_postures:
 
 rule diagnose_photos:
     input:
-        views="results/sight/postures",
-        before=f"results/sight/photos/{SIGHT.settings['reference']}",
-        after="results/sight/photos/{world}",
+        views="results/picture_gap/postures",
+        before=f"results/picture_gap/photos/{PICTURE_GAP.settings['reference']}",
+        after="results/picture_gap/photos/{world}",
     output:
-        findings="results/sight/{world}/findings.json",
-        pictures="results/sight/{world}/pictures.npz",
+        findings="results/picture_gap/{world}/findings.json",
+        pictures="results/picture_gap/{world}/pictures.npz",
     log:
         "results/logs/diagnose_photos/{world}.log",
     benchmark:
         "results/benchmarks/diagnose_photos/{world}.jsonl"
     wildcard_constraints:
-        world=one_of(SIGHT.worlds),
+        world=one_of(PICTURE_GAP.worlds),
     conda:
         "../envs/gap.yaml"
     threads: 1
@@ -86,7 +86,7 @@ rule diagnose_photos:
     params:
         code=script_digest("diagnose_photos"),
         # Of the reference, the last photo of each posture stands for a later day.
-        shot=lambda wildcards: SIGHT.shots(wildcards.world) - 1,
+        shot=lambda wildcards: PICTURE_GAP.shots(wildcards.world) - 1,
         seed=SEED,
     message:
         "Find what changed in the photos of {wildcards.world}"
@@ -96,12 +96,12 @@ rule diagnose_photos:
 
 rule report_photos:
     input:
-        findings="results/sight/{world}/findings.json",
-        pictures="results/sight/{world}/pictures.npz",
+        findings="results/picture_gap/{world}/findings.json",
+        pictures="results/picture_gap/{world}/pictures.npz",
     output:
         page=report(
-            "results/sight/{world}/report.html",
-            caption="captions/sight.rst",
+            "results/picture_gap/{world}/report.html",
+            caption="captions/picture_gap.rst",
             category="Gap",
             labels={"result": "what the pictures lack", "of": "{world}"},
         ),
@@ -110,7 +110,7 @@ rule report_photos:
     benchmark:
         "results/benchmarks/report_photos/{world}.jsonl"
     wildcard_constraints:
-        world=one_of(SIGHT.worlds),
+        world=one_of(PICTURE_GAP.worlds),
     conda:
         "../envs/report.yaml"
     resources:
@@ -127,17 +127,17 @@ rule report_photos:
 rule amend_camera:
     input:
         nominal=project_file("models/nominal.yaml"),
-        findings="results/sight/{world}/findings.json",
+        findings="results/picture_gap/{world}/findings.json",
         # In photos of one day nothing may be found.
-        reference=f"results/sight/{SIGHT.settings['reference']}/findings.json",
+        reference=f"results/picture_gap/{PICTURE_GAP.settings['reference']}/findings.json",
     output:
-        model="results/sight/{world}/model.yaml",
+        model="results/picture_gap/{world}/model.yaml",
     log:
         "results/logs/amend_camera/{world}.log",
     benchmark:
         "results/benchmarks/amend_camera/{world}.jsonl"
     wildcard_constraints:
-        world=one_of(SIGHT.settings["amended"]),
+        world=one_of(PICTURE_GAP.settings["amended"]),
     conda:
         "../envs/policy.yaml"
     resources:
@@ -151,20 +151,26 @@ rule amend_camera:
         "../scripts/amend_camera.py"
 
 
-rule collect_sight_loop:
+rule collect_picture_loop:
     input:
-        trials=SIGHT.tables,
-        trainings=SIGHT.trainings,
-        photos=collect("results/sight/photos/{world}.json", world=SIGHT.worlds),
-        findings=collect("results/sight/{world}/findings.json", world=SIGHT.worlds),
+        trials=PICTURE_GAP.tables,
+        trainings=PICTURE_GAP.trainings,
+        photos=collect(
+            "results/picture_gap/photos/{world}.json", world=PICTURE_GAP.worlds
+        ),
+        findings=collect(
+            "results/picture_gap/{world}/findings.json", world=PICTURE_GAP.worlds
+        ),
         # The pages that tell how the findings came about.
-        reports=collect("results/sight/{world}/report.html", world=SIGHT.worlds),
+        reports=collect(
+            "results/picture_gap/{world}/report.html", world=PICTURE_GAP.worlds
+        ),
     output:
-        rows="results/rows/sight_loop.csv",
-        page="results/sight/loop.md",
+        rows="results/rows/picture_loop.csv",
+        page="results/picture_gap/loop.md",
         figure=report(
-            "results/figures/sight_loop.png",
-            caption="captions/sight_loop.rst",
+            "results/figures/picture_loop.png",
+            caption="captions/picture_loop.rst",
             category="Gap",
             labels={
                 "result": "closing the loop of pictures",
@@ -172,21 +178,21 @@ rule collect_sight_loop:
             },
         ),
     log:
-        "results/logs/collect_sight_loop.log",
+        "results/logs/collect_picture_loop.log",
     benchmark:
-        "results/benchmarks/collect_sight_loop/all.jsonl"
+        "results/benchmarks/collect_picture_loop/all.jsonl"
     conda:
         "../envs/report.yaml"
     resources:
         mem_mb=1000,
         runtime="10m",
     params:
-        code=script_digest("collect_sight_loop"),
-        plan=SIGHT.rows,
-        comparisons=SIGHT.comparisons,
-        cell=SIGHT.cell,
-        worlds=SIGHT.worlds,
+        code=script_digest("collect_picture_loop"),
+        plan=PICTURE_GAP.rows,
+        comparisons=PICTURE_GAP.comparisons,
+        cell=PICTURE_GAP.cell,
+        worlds=PICTURE_GAP.worlds,
     message:
         "Collect the successes before and after the camera was amended, and the price"
     script:
-        "../scripts/collect_sight_loop.py"
+        "../scripts/collect_picture_loop.py"
