@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from gsbridge.asset.photos import Photos
+from gsbridge.asset.photos import AssetPhotos
 from gsbridge.asset.stage import AssetInputs, AssetOutputs, build_asset
 from gsbridge.cameras import read_views
 from gsbridge.configuration.asset import AssetSettings
@@ -25,7 +25,7 @@ build_asset(
     name=snakemake.wildcards.scene,
     kind=snakemake.params.kind,
     seed=snakemake.params.seed,
-    photos=Photos(
+    photos=AssetPhotos(
         views=read_views(snakemake.input.views, snakemake.input.images),
         masks=snakemake.input.get("mask_images") or None,
         record=snakemake.input.splats_record,

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.figures.paired_trials import TrialFiles
+from gsbridge.report.figures.paired_trials import ShownTrials
 from gsbridge.report.figures.trial_films import write_trial_film
 from gsbridge.report.tables.result_paths import CellPaths
 
@@ -14,6 +14,6 @@ start(snakemake.threads, snakemake.log[0])
 files = zip(snakemake.params.worlds, snakemake.params.seeds, snakemake.input.tables, snakemake.input.logs, strict=True)
 write_trial_film(
     CellPaths(**dict(snakemake.wildcards.items())),
-    [TrialFiles(*file) for file in files],
+    [ShownTrials(*file) for file in files],
     snakemake.output.film,
 )

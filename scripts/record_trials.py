@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from gsbridge.logs import start
-from gsbridge.report.figures.paired_trials import TrialFiles
+from gsbridge.report.figures.paired_trials import ShownTrials
 from gsbridge.report.recordings.trials import record_trials
 from gsbridge.report.tables.result_paths import CellPaths
 
@@ -14,7 +14,7 @@ start(snakemake.threads, snakemake.log[0])
 files = zip(snakemake.params.worlds, snakemake.params.seeds, snakemake.input.tables, snakemake.input.logs, strict=True)
 record_trials(
     CellPaths(**dict(snakemake.wildcards.items())),
-    [TrialFiles(*file) for file in files],
+    [ShownTrials(*file) for file in files],
     snakemake.input.item,
     snakemake.input.background,
     snakemake.output.recording,

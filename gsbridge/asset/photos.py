@@ -21,7 +21,7 @@ LOSS_DB = 0.05
 
 
 @dataclass(frozen=True)
-class Photos:
+class AssetPhotos:
     """Files and settings that the check of an asset's pictures needs.
 
     Args:
@@ -38,14 +38,14 @@ class Photos:
 
 
 def compare_with_photos(
-    cloud: Cloud, body_from_table: Array, photos: Photos, *, kind: str, visual: str | Path
+    cloud: Cloud, body_from_table: Array, photos: AssetPhotos, *, kind: str, visual: str | Path
 ) -> dict[str, Any]:
     """PSNR of the bundle's splats put back into the table frame, beside the splats stage's own.
 
     Args:
         cloud: Splats, body frame.
         body_from_table: Transform from the table frame to the body frame. [4, 4].
-        photos: See `Photos`.
+        photos: See `AssetPhotos`.
         kind: `object` or `background`.
         visual: Mesh of the mesh stage; says which pixels of a background count.
 

@@ -15,7 +15,7 @@ from gsbridge.asset.body import body_from_table, mass_properties, narrowest_widt
 from gsbridge.asset.bullet import rest_check
 from gsbridge.asset.density import DENSITIES
 from gsbridge.asset.hulls import decompose, hull_mesh, inset, seat, simplify
-from gsbridge.asset.photos import Photos, compare_with_photos
+from gsbridge.asset.photos import AssetPhotos, compare_with_photos
 from gsbridge.asset.relief import RELIEF_URDF, find_relief, simplified
 from gsbridge.asset.rim import find_rim
 from gsbridge.asset.urdf import write_body_urdf, write_obj
@@ -88,7 +88,7 @@ def build_asset(
     name: str,
     kind: str = "object",
     seed: int = 0,
-    photos: Photos | None = None,
+    photos: AssetPhotos | None = None,
 ) -> None:
     """Bundle a scene for simulators.
 

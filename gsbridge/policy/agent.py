@@ -22,7 +22,7 @@ from gsbridge.geometry import Array
 from gsbridge.policy import losses
 from gsbridge.policy.augment import Augmentation, Augmenter
 from gsbridge.policy.networks import Actor, Critics, TanhGaussian
-from gsbridge.policy.observation import Sight, picture
+from gsbridge.policy.observation import TrainingState, picture
 from gsbridge.policy.replay import Batch
 from gsbridge.sim.actions import SIZE
 
@@ -78,28 +78,28 @@ class Agent:
         return float(self.log_alpha.detach().exp())
 
     @torch.no_grad()
-    def act_all(self, sights: Sequence[Sight], share: float) -> list[Choice]:
+    def act_all(self, states: Sequence[TrainingState], share: float) -> list[Choice]:
         """Choose an action in each of several states.
 
         With probability lambda the controller's; otherwise, in `sacwb`, the one of greater min Q of the controller's and one
         drawn from the actor; in `dagger` the actor's mean, in `sac` one drawn from the actor.
 
         Args:
-            sights: The states.
+            states: The states.
             share: lambda, 0..1.
         """
         settings = self.settings
         coins, bases = [], []
-        for sight in sights:
+        for state in states:
             # Drawn in any case, so that the stream does not depend on the outcome.
             coins.append(float(torch.rand((), generator=self.generator)))
             noise = settings.base_noise * torch.randn(SIZE, generator=self.generator)
-            bases.append(np.clip(sight.base + noise.numpy(), -1.0, 1.0).astype(np.float32))
+            bases.append(np.clip(state.base + noise.numpy(), -1.0, 1.0).astype(np.float32))
         out = [Choice(base, by_actor=False) for base in bases]
         asked = [k for k, coin in enumerate(coins) if not (settings.has_controller and coin < share)]
         if not asked:
             return out
-        seen = [sights[k] for k in asked]
+        seen = [states[k] for k in asked]
         distribution = self._distribution(seen)
         action = distribution.mode if settings.algo == "dagger" else distribution.sample(self.generator)[0]
         better = np.ones(len(asked), bool)
@@ -113,9 +113,9 @@ class Agent:
         return out
 
     @torch.no_grad()
-    def value(self, sight: Sight) -> float:
+    def value(self, state: TrainingState) -> float:
         """min Q of the actor's mean action: what it expects to return from here."""
-        return float(self.critics.least(self._stack([sight], "privileged"), self._distribution([sight]).mode))
+        return float(self.critics.least(self._stack([state], "privileged"), self._distribution([state]).mode))
 
     def update(self, batch: Batch, share: float) -> dict[str, float]:
         """Take one gradient step of everything that the algorithm learns.
@@ -245,13 +245,13 @@ class Agent:
         with torch.autocast(kind, dtype=torch.bfloat16, enabled=self.settings.bf16):
             return self.actor(pictures, proprio)
 
-    def _distribution(self, sights: Sequence[Sight]) -> TanhGaussian:
+    def _distribution(self, states: Sequence[TrainingState]) -> TanhGaussian:
         """The actor in full precision, for some states."""
-        return self.actor(picture(self._stack(sights, "image")), self._stack(sights, "proprio"))[0]
+        return self.actor(picture(self._stack(states, "image")), self._stack(states, "proprio"))[0]
 
-    def _stack(self, sights: Sequence[Sight], name: str) -> Tensor:
+    def _stack(self, states: Sequence[TrainingState], name: str) -> Tensor:
         """One field of some states, on the networks' device. [B, ...]."""
-        return torch.from_numpy(np.stack([getattr(sight, name) for sight in sights])).to(self.device)
+        return torch.from_numpy(np.stack([getattr(state, name) for state in states])).to(self.device)
 
 
 @torch.no_grad()

@@ -83,7 +83,7 @@ class ObservedFrame:
 
 
 @dataclass(frozen=True)
-class Sight:
+class TrainingState:
     """What a training keeps of one state.
 
     Args:
@@ -102,7 +102,7 @@ class Sight:
 
 
 class Observer:
-    """Makes a `Sight` of what an environment tells.
+    """Makes a `TrainingState` of what an environment tells.
 
     Args:
         frame: See `ObservedFrame`.
@@ -112,13 +112,13 @@ class Observer:
     def __init__(self, frame: ObservedFrame, controller: Controller | None = None) -> None:
         self.frame, self.controller = frame, controller
 
-    def __call__(self, observation: Mapping[str, Array], info: Mapping[str, Any]) -> Sight:
-        """The sight of one state."""
+    def __call__(self, observation: Mapping[str, Array], info: Mapping[str, Any]) -> TrainingState:
+        """One state, with what training keeps of it."""
         state = state_of(info)
         memory = np.array([[float(info["terms"].get(name, 0.0)) for name in ("streak", "excess")]])
         base = np.zeros(SIZE, np.float32) if self.controller is None else np.asarray(self.controller(state)[0], np.float32)
         proprio = np.asarray(observation["proprio"], np.float32)
-        return Sight(
+        return TrainingState(
             np.asarray(observation["image"]),
             proprio,
             privileged(state, proprio[None], self.frame, memory)[0],

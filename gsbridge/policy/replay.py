@@ -21,7 +21,7 @@ from gsbridge.environment.env import PROPRIO
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.geometry import Array
-from gsbridge.policy.observation import POSITION, PRIVILEGED, Sight
+from gsbridge.policy.observation import POSITION, PRIVILEGED, TrainingState
 from gsbridge.sim.actions import SIZE
 
 
@@ -90,19 +90,19 @@ class Replay:
         """Memory of a full buffer, bytes."""
         return sum(array.nbytes for array in self._arrays.values())
 
-    def begin(self, sight: Sight) -> None:
+    def begin(self, state: TrainingState) -> None:
         """Store the first state of an episode."""
-        self._store(sight)
+        self._store(state)
         self._open = True
 
-    def add(self, action: Array, reward: float, terminated: bool, sight: Sight, *, ended: bool = False) -> None:
+    def add(self, action: Array, reward: float, terminated: bool, state: TrainingState, *, ended: bool = False) -> None:
         """Store a step from the state stored last.
 
         Args:
             action: What was done. [5].
             reward: Reward for the action.
             terminated: The task ended the episode; False for a truncation.
-            sight: The state that it led to.
+            state: The state that it led to.
             ended: The episode is over, in either way; the next call must be `begin`.
 
         Raises:
@@ -111,7 +111,7 @@ class Replay:
         if not self._open:
             raise ValueError("no episode has begun")
         arrays, here = self._arrays, (self._next - 1) % self.capacity
-        self._store(sight)
+        self._store(state)
         arrays["action"][here], arrays["reward"][here], arrays["terminated"][here] = action, reward, terminated
         arrays["starts"][here] = True
         self._open = not (ended or terminated)
@@ -165,10 +165,10 @@ class Replay:
         out._next, out._filled, out._open = position, filled, bool(opened)
         return out
 
-    def _store(self, sight: Sight) -> None:
+    def _store(self, state: TrainingState) -> None:
         """Fill the next slot; the transition that started in it is gone."""
         for name in ("image", "proprio", "privileged", "base", "position"):
-            self._arrays[name][self._next] = getattr(sight, name)
+            self._arrays[name][self._next] = getattr(state, name)
         self._arrays["starts"][self._next] = False
         self._next = (self._next + 1) % self.capacity
         self._filled = max(self._filled, self._next or self.capacity)

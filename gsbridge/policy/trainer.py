@@ -26,7 +26,7 @@ from gsbridge.policy.checkpoints import Checkpoint, load_checkpoint, save_checkp
 from gsbridge.policy.curve import LEARNED, Meter, Row, TrainingClock, evaluation_row, write_curve
 from gsbridge.policy.evaluation import bare, episode_seed, evaluate, evaluate_controller, evaluation_poses
 from gsbridge.policy.export import Policy, describe, save_policy
-from gsbridge.policy.observation import Controller, ObservedFrame, Observer, Sight
+from gsbridge.policy.observation import Controller, ObservedFrame, Observer, TrainingState
 from gsbridge.policy.replay import Replay
 from gsbridge.policy.rollouts import Rollouts
 
@@ -79,13 +79,13 @@ class _Episode:
     """An episode that is being played beside others.
 
     Args:
-        sight: What is seen in its present state.
+        state: What is seen in its present state.
         past: Its steps so far, as `Replay.add` takes them; the first state is `first`.
     """
 
-    first: Sight
-    sight: Sight
-    past: list[tuple[np.ndarray, float, bool, Sight]] = field(default_factory=list)
+    first: TrainingState
+    state: TrainingState
+    past: list[tuple[np.ndarray, float, bool, TrainingState]] = field(default_factory=list)
 
 
 class Trainer:
@@ -178,18 +178,18 @@ class Trainer:
         seed = episode_seed(self.seed, 0, at.episode)
         with clock.on("environment"):
             observation, info = self.environment.reset(seed=seed)
-            sight = self.observer(observation, info)
-        self.replay.begin(sight)
+            state = self.observer(observation, info)
+        self.replay.begin(state)
         ended = False
         while not ended:
             share = settings.lambda_at(at.step)
             with clock.on("act"):
-                action, by_actor = self._act(sight, share)
+                action, by_actor = self._act(state, share)
             with clock.on("environment"):
                 observation, reward, terminated, truncated, info = self.environment.step(action)
-                sight = self.observer(observation, info)
+                state = self.observer(observation, info)
             ended = terminated or truncated
-            self.replay.add(action, float(reward), terminated, sight, ended=ended)
+            self.replay.add(action, float(reward), terminated, state, ended=ended)
             at.step += 1
             self.meter.see({"actor_share": float(by_actor)})
             with clock.on("update"):
@@ -209,7 +209,7 @@ class Trainer:
         while at.step < min(at.next_eval, settings.steps):
             share = settings.lambda_at(at.step)
             with clock.on("act"):
-                chosen = self._act_all([running[k].sight for k in range(len(rollouts))], share)
+                chosen = self._act_all([running[k].state for k in range(len(rollouts))], share)
             over: list[int] = []
             with clock.on("environment"):
                 taken = rollouts.step(np.stack([action for action, _ in chosen]))
@@ -217,8 +217,8 @@ class Trainer:
                     zip(taken, chosen, strict=True)
                 ):
                     episode = running[k]
-                    episode.sight = self.observer(*seen)
-                    episode.past.append((action, reward, terminated, episode.sight))
+                    episode.state = self.observer(*seen)
+                    episode.past.append((action, reward, terminated, episode.state))
                     self.meter.see({"actor_share": float(by_actor)})
                     if terminated or truncated:
                         over.append(k)
@@ -239,26 +239,26 @@ class Trainer:
         for number in numbers:
             seeds[number] = episode_seed(self.seed, 0, self.at.episode)
             self.at.episode += 1
-        sights = {number: self.observer(*seen) for number, seen in rollouts.begin(seeds).items()}
-        return {number: _Episode(sight, sight) for number, sight in sights.items()}
+        states = {number: self.observer(*seen) for number, seen in rollouts.begin(seeds).items()}
+        return {number: _Episode(state, state) for number, state in states.items()}
 
     def _keep(self, episode: _Episode) -> None:
         """Put an episode into the replay."""
         if not episode.past:
             return
         self.replay.begin(episode.first)
-        for number, (action, reward, terminated, sight) in enumerate(episode.past, 1):
-            self.replay.add(action, reward, terminated, sight, ended=number == len(episode.past))
+        for number, (action, reward, terminated, state) in enumerate(episode.past, 1):
+            self.replay.add(action, reward, terminated, state, ended=number == len(episode.past))
 
-    def _act(self, sight: Sight, share: float) -> tuple[np.ndarray, bool]:
+    def _act(self, state: TrainingState, share: float) -> tuple[np.ndarray, bool]:
         """An action in training, see `_act_all`."""
-        return self._act_all([sight], share)[0]
+        return self._act_all([state], share)[0]
 
-    def _act_all(self, sights: Sequence[Sight], share: float) -> list[tuple[np.ndarray, bool]]:
+    def _act_all(self, states: Sequence[TrainingState], share: float) -> list[tuple[np.ndarray, bool]]:
         """Actions in training, and whether they are the actor's; before the first update at random for `sac`."""
         if self.settings.algo == "sac" and self.at.step < self.settings.start_steps:
-            return [(self.rng.uniform(-1.0, 1.0, len(sight.base)).astype(np.float32), False) for sight in sights]
-        choices = self.agent.act_all(sights, 1.0 if self.at.step < self.settings.start_steps else share)
+            return [(self.rng.uniform(-1.0, 1.0, len(state.base)).astype(np.float32), False) for state in states]
+        choices = self.agent.act_all(states, 1.0 if self.at.step < self.settings.start_steps else share)
         return [(choice.action, choice.by_actor) for choice in choices]
 
     def _learn(self, share: float) -> None:

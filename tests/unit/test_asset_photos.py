@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gsbridge.asset.photos import Photos, compare_with_photos
+from gsbridge.asset.photos import AssetPhotos, compare_with_photos
 from gsbridge.cameras import Camera, View, Views, look_at
 from gsbridge.errors import InputError
 from gsbridge.files import write_json
@@ -35,7 +35,7 @@ def scene(tmp_path):
     registered = Views(tmp_path / "images", tuple(views))
     metrics = evaluate_cloud(cloud, object_targets(registered, tmp_path / "masks", 12), kind="object")
     write_json(tmp_path / "splats.json", {"metrics": metrics})
-    return cloud, Photos(registered, tmp_path / "masks", tmp_path / "splats.json")
+    return cloud, AssetPhotos(registered, tmp_path / "masks", tmp_path / "splats.json")
 
 
 def body_from_table(shift) -> np.ndarray:
@@ -64,7 +64,9 @@ def test_a_shift_of_two_millimetres_shows(scene):
 def test_missing_masks_and_metrics_are_refused(scene, tmp_path):
     cloud, photos = scene
     with pytest.raises(InputError, match="need masks"):
-        compare_with_photos(cloud, np.eye(4), Photos(photos.views, None, photos.record), kind="object", visual="unused.ply")
+        compare_with_photos(
+            cloud, np.eye(4), AssetPhotos(photos.views, None, photos.record), kind="object", visual="unused.ply"
+        )
     write_json(tmp_path / "splats.json", {})
     with pytest.raises(InputError, match="no metrics"):
         compare_with_photos(cloud, np.eye(4), photos, kind="object", visual="unused.ply")

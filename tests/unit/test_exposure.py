@@ -13,7 +13,7 @@ import trimesh
 from ball_scene import RADIUS, VIEWS, held_out, targets
 from test_train import TINY, scene  # noqa: F401  (a fixture)
 
-from gsbridge.asset.photos import Photos, compare_with_photos
+from gsbridge.asset.photos import AssetPhotos, compare_with_photos
 from gsbridge.cameras import Views
 from gsbridge.errors import InputError
 from gsbridge.images import linear_from_srgb, read_image_u8, srgb_from_linear, write_image
@@ -174,7 +174,7 @@ def test_the_stage_says_how_photos_were_scored_and_the_asset_is_compared_alike(s
     assert "fitted to its other half" in record["exposure"]["held_out"]
     assert sorted(record["exposure"]["photos"]) == [view.name for view in views if view.split == "train"]
     assert record["sh_degree"] == 1
-    photos = Photos(views, folder / "masks", out / "splats.json", settings.margin_px)
+    photos = AssetPhotos(views, folder / "masks", out / "splats.json", settings.margin_px)
     looks = compare_with_photos(read_ply(out / "splats.ply"), np.eye(4), photos, kind="object", visual=folder / "mesh.ply")
     assert looks["kept"]
     assert looks["psnr"] == pytest.approx(looks["stage_psnr"], abs=0.02)

@@ -5,13 +5,13 @@ import pytest
 import torch
 
 from gsbridge.errors import InputError
-from gsbridge.policy.observation import POSITION, PRIVILEGED, Sight
+from gsbridge.policy.observation import POSITION, PRIVILEGED, TrainingState
 from gsbridge.policy.replay import Replay
 
 
-def sight(number: int) -> Sight:
+def sight(number: int) -> TrainingState:
     """A state that can be recognised: every array holds its number."""
-    return Sight(
+    return TrainingState(
         np.full((8, 8, 3), number, np.uint8),
         np.full(12, number, np.float32),
         np.full(PRIVILEGED, number, np.float32),

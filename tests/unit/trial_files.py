@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from gsbridge.environment.trial_log import TrialPath, encode, write_trial_log
-from gsbridge.report.figures.paired_trials import TrialFiles
+from gsbridge.report.figures.paired_trials import ShownTrials
 
 COLUMNS = (
     *("pose_set", "index", "quadrant", "x", "y", "yaw"),
@@ -37,7 +37,7 @@ def path(pose_set: str, index: int, states: int, shift: float = 0.0) -> TrialPat
 
 def write_trials(
     folder: Path, world: str, *, shift: float = 0.0, states: int = 6, failed: dict | None = None, seed: int = 1, poses=POSES
-) -> TrialFiles:
+) -> ShownTrials:
     """Write table and log.
 
     Args:
@@ -62,4 +62,4 @@ def write_trials(
             start = [f"{value:.6f}" for value in (0.01 * index, 0.2, -0.5)]
             writer.writerow((pose_set, index, 1 + index // 8, *start, *judged, failure, states - 1, 0, 0))
     write_trial_log(log, [path(*pose, states, shift * (1 + number)) for number, pose in enumerate(poses)])
-    return TrialFiles(world, seed, table, log)
+    return ShownTrials(world, seed, table, log)

@@ -11,8 +11,8 @@ import numpy as np
 
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
-from gsbridge.report.figures.behaviour_drawing import Block, Line, write_behaviour_figure
-from gsbridge.report.figures.paired_trials import SIM, Start, TrialFiles, read_starts
+from gsbridge.report.figures.behaviour_drawing import Block, PolicyLine, write_behaviour_figure
+from gsbridge.report.figures.paired_trials import SIM, ShownTrials, Start, read_starts
 from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.report.tables.rows import write_rows
 from gsbridge.tasks.poses import POSE_SETS
@@ -48,7 +48,7 @@ class Behaviour:
         return {world: np.array([start.distance_mm(world) for start in self.starts]) for world in self.worlds}
 
 
-def write_behaviour(policies: Sequence[tuple[CellPaths, Sequence[TrialFiles]]], figure: str | Path, rows: str | Path) -> None:
+def write_behaviour(policies: Sequence[tuple[CellPaths, Sequence[ShownTrials]]], figure: str | Path, rows: str | Path) -> None:
     """Compare the hand's paths of all policies: rows for each, and the paper's figure.
 
     The figure shows the cells that were learned from meshes too beside what was learned from splats; without any, the first
@@ -131,5 +131,5 @@ def _block(members: Sequence[Behaviour], world: str) -> Block:
     return Block(tuple(_line(member, world) for member in members), tuple(chosen))
 
 
-def _line(behaviour: Behaviour, world: str) -> Line:
-    return Line(behaviour.cell, behaviour.starts, behaviour.distances_mm[world])
+def _line(behaviour: Behaviour, world: str) -> PolicyLine:
+    return PolicyLine(behaviour.cell, behaviour.starts, behaviour.distances_mm[world])

@@ -39,7 +39,7 @@ _FONT: dict[Any, Any] = {"font.size": 9, "font.family": "DejaVu Sans", "axes.lin
 
 
 @dataclass(frozen=True)
-class Line:
+class PolicyLine:
     """Trials of one policy, one line of the figure.
 
     Args:
@@ -57,11 +57,11 @@ class Line:
 class Block:
     """Policies of one cell, one line each; `chosen` is the number of the start pose whose pictures stand for each line."""
 
-    lines: tuple[Line, ...]
+    lines: tuple[PolicyLine, ...]
     chosen: tuple[int, ...]
 
 
-def write_behaviour_figure(blocks: Sequence[Block], lines: Sequence[Line], world: str, out: str | Path) -> None:
+def write_behaviour_figure(blocks: Sequence[Block], lines: Sequence[PolicyLine], world: str, out: str | Path) -> None:
     """Draw the figure.
 
     Args:
@@ -131,7 +131,7 @@ def _limits(starts: Sequence[Start], world: str) -> tuple[Array, Array]:
     return lower - room, upper + room
 
 
-def _draw_space(part: SubFigure, line: Line, world: str, limits: tuple[Array, Array]) -> None:
+def _draw_space(part: SubFigure, line: PolicyLine, world: str, limits: tuple[Array, Array]) -> None:
     """Paths in space, the table below them."""
     axes: Axes3D = part.add_subplot(projection="3d", computed_zorder=False)
     starts = spread_starts(line.starts)
@@ -141,7 +141,7 @@ def _draw_space(part: SubFigure, line: Line, world: str, limits: tuple[Array, Ar
     _dress(axes, *limits)
 
 
-def _draw_top(part: SubFigure, line: Line, world: str, limits: tuple[Array, Array]) -> None:
+def _draw_top(part: SubFigure, line: PolicyLine, world: str, limits: tuple[Array, Array]) -> None:
     """Draw the paths as seen from above."""
     axes = part.subplots()
     starts = spread_starts(line.starts)
@@ -191,7 +191,7 @@ def _dress(axes: Axes3D, lower: Array, upper: Array) -> None:
     axes.set_title("in space, cm", fontsize=7.5, pad=0)
 
 
-def _draw_strips(part: SubFigure, line: Line, start: Start, distance_mm: float, world: str) -> None:
+def _draw_strips(part: SubFigure, line: PolicyLine, start: Start, distance_mm: float, world: str) -> None:
     """What the camera saw in both worlds from one start pose."""
     axes = part.subplots(2, SHOWN, gridspec_kw={"wspace": 0.02, "hspace": 0.02})
     for row, name in zip(axes, (SIM, world), strict=True):
@@ -237,7 +237,7 @@ def _box() -> dict:
     return {"bbox": {"facecolor": "black", "alpha": 0.5, "pad": 1.2, "edgecolor": "none"}}
 
 
-def _summary(line: Line, start: Start, distance_mm: float, world: str) -> str:
+def _summary(line: PolicyLine, start: Start, distance_mm: float, world: str) -> str:
     count = len(line.starts)
     wins = {name: sum(one.trials[name].success for one in line.starts) for name in (SIM, world)}
     return (
@@ -247,7 +247,7 @@ def _summary(line: Line, start: Start, distance_mm: float, world: str) -> str:
     )
 
 
-def _draw_distances(part: SubFigure, lines: Sequence[Line], world: str) -> None:
+def _draw_distances(part: SubFigure, lines: Sequence[PolicyLine], world: str) -> None:
     """Distances of all trials, one line per policy, medians as bars."""
     axes = part.subplots()
     rng = np.random.default_rng(0)

@@ -13,7 +13,7 @@ from gsbridge.environment.build import StageFiles
 from gsbridge.environment.onlooker import OnlookerView
 from gsbridge.environment.trial_log import decode
 from gsbridge.geometry import Array
-from gsbridge.report.figures.paired_trials import STEP_S, Start, TrialFiles, Tried, cell_name, failures_first, read_starts
+from gsbridge.report.figures.paired_trials import STEP_S, ShownTrials, Start, Tried, cell_name, failures_first, read_starts
 from gsbridge.report.figures.trial_films import HOLD_S, INK, LOST, PAPER, RUNNING, SOFT, WON, label_font, write_film
 from gsbridge.report.tables.result_paths import CellPaths
 
@@ -26,7 +26,7 @@ MOST_BYTES = 900_000
 SUBTITLE = "from beside the table, drawn from splats (stand and outer ground: plain); in the corner, what the policy saw"
 
 
-def write_onlooker_film(cell: CellPaths, files: Sequence[TrialFiles], scene: StageFiles, out: str | Path) -> None:
+def write_onlooker_film(cell: CellPaths, files: Sequence[ShownTrials], scene: StageFiles, out: str | Path) -> None:
     """Film two starts of a policy: the quickest success and the first failure, or two successes where nothing failed.
 
     Args:

@@ -22,7 +22,7 @@ from gsbridge.files import atomic_file
 from gsbridge.geometry import Array
 from gsbridge.images import read_image
 from gsbridge.report.figures.onlooker_films import BORDER, EVERY, HEIGHT, WIDTH, told_starts, trial_tile
-from gsbridge.report.figures.paired_trials import SIM, STEP_S, Start, TrialFiles, cell_name, read_starts
+from gsbridge.report.figures.paired_trials import SIM, STEP_S, ShownTrials, Start, cell_name, read_starts
 from gsbridge.report.figures.trial_films import INK, PAPER, SOFT, label_font, write_film
 from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.report.tables.success import POSE_TITLES
@@ -70,7 +70,7 @@ class FilmedScene:
 
 
 def write_overview(
-    cell: CellPaths, trials: Sequence[TrialFiles], scene: StageFiles, films: Mapping[str, FilmedScene], out: Mapping[str, str]
+    cell: CellPaths, trials: Sequence[ShownTrials], scene: StageFiles, films: Mapping[str, FilmedScene], out: Mapping[str, str]
 ) -> None:
     """Write picture and clip.
 

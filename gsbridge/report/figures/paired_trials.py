@@ -27,7 +27,7 @@ _AGAIN = "Delete it and try the policy again"
 
 
 @dataclass(frozen=True)
-class TrialFiles:
+class ShownTrials:
     """Trials of one policy in one world.
 
     Args:
@@ -113,7 +113,7 @@ def trials_by_cell(
     seeds: Sequence[int],
     tables: Sequence[str | Path],
     logs: Sequence[str | Path],
-) -> list[tuple[CellPaths, list[TrialFiles]]]:
+) -> list[tuple[CellPaths, list[ShownTrials]]]:
     """Group files of trials by their policy. The lists have one entry per file each, in the same order.
 
     Args:
@@ -126,9 +126,9 @@ def trials_by_cell(
     Returns:
         Cells in the order of their first file, each with its files.
     """
-    out: dict[CellPaths, list[TrialFiles]] = {}
+    out: dict[CellPaths, list[ShownTrials]] = {}
     for cell, world, seed, table, log in zip(cells, worlds, seeds, tables, logs, strict=True):
-        out.setdefault(CellPaths(**cell), []).append(TrialFiles(world, seed, table, log))
+        out.setdefault(CellPaths(**cell), []).append(ShownTrials(world, seed, table, log))
     return list(out.items())
 
 
@@ -137,7 +137,7 @@ def cell_name(cell: CellPaths) -> str:
     return f"{cell.object} on {cell.background}".replace("_", " ")
 
 
-def read_starts(files: Sequence[TrialFiles]) -> list[Start]:
+def read_starts(files: Sequence[ShownTrials]) -> list[Start]:
     """Join trials of one cell by their start poses.
 
     Args:
@@ -175,7 +175,7 @@ def failures_first(starts: Sequence[Start]) -> list[Start]:
     return sorted(starts, key=rank)
 
 
-def _read(file: TrialFiles) -> dict[tuple[str, int], tuple[Row, Tried]]:
+def _read(file: ShownTrials) -> dict[tuple[str, int], tuple[Row, Tried]]:
     """Row and trial by pose set and index."""
     rows, paths = read_rows(file.table, COLUMNS), read_trial_log(file.log)
     known = {(path.pose_set, path.index): path for path in paths}
@@ -193,7 +193,7 @@ def _read(file: TrialFiles) -> dict[tuple[str, int], tuple[Row, Tried]]:
     return out
 
 
-def _check_same(one: Mapping, two: Mapping, file: TrialFiles, other: TrialFiles) -> None:
+def _check_same(one: Mapping, two: Mapping, file: ShownTrials, other: ShownTrials) -> None:
     """Refuse two worlds that were tried from different start poses."""
 
     def start(row: Row) -> Array:

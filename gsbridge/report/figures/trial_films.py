@@ -15,7 +15,7 @@ from gsbridge.environment.trial_log import decode
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.geometry import Array
-from gsbridge.report.figures.paired_trials import STEP_S, Start, TrialFiles, Tried, cell_name, failures_first, read_starts
+from gsbridge.report.figures.paired_trials import STEP_S, ShownTrials, Start, Tried, cell_name, failures_first, read_starts
 from gsbridge.report.tables.result_paths import CellPaths
 
 MOST_FAILURES = 4
@@ -33,7 +33,7 @@ PAPER, INK, SOFT = (251, 252, 253), (29, 39, 51), (91, 107, 123)
 RUNNING, WON, LOST = (203, 211, 219), (44, 122, 75), (190, 44, 52)
 
 
-def write_trial_film(cell: CellPaths, files: Sequence[TrialFiles], out: str | Path) -> None:
+def write_trial_film(cell: CellPaths, files: Sequence[ShownTrials], out: str | Path) -> None:
     """Write the film of one policy: failures first, then a success of each quadrant.
 
     Args:

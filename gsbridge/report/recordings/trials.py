@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 
 from gsbridge.asset.bundle import read_asset
 from gsbridge.geometry import Array
-from gsbridge.report.figures.paired_trials import SIM, STEP_S, Start, TrialFiles, Tried, cell_name, failures_first, read_starts
+from gsbridge.report.figures.paired_trials import SIM, STEP_S, ShownTrials, Start, Tried, cell_name, failures_first, read_starts
 from gsbridge.report.recordings.recording import log_centres, log_scene_axes, recording
 from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.tasks.episode import FORCES
@@ -34,7 +34,7 @@ EYE_M, TARGET_M = (0.55, -0.35, 0.50), (0.0, 0.26, 0.08)
 
 
 def record_trials(
-    cell: CellPaths, files: Sequence[TrialFiles], item: str | Path, background: str | Path, out: str | Path
+    cell: CellPaths, files: Sequence[ShownTrials], item: str | Path, background: str | Path, out: str | Path
 ) -> None:
     """Record all trials of one policy on the timelines `time` (s, one trial after the other) and `trial` (its number).
 
