@@ -198,21 +198,6 @@ def workspace_background(wildcards):
     return f"results/scenes/{background}/asset/asset.json" if background else []
 
 
-def workspace_light(wildcards):
-    """What shows an object's shadow on the table of the work place; nothing where no object was filmed there."""
-    item, background = config["workspace"]["light"], config["workspace"]["background"]
-    # The mirror's objects stand on the mirror's table, yours on yours.
-    if None in (item, background) or (item in FILMED) != (background in FILMED):
-        return {}
-    return {
-        "item": f"results/scenes/{item}/asset/asset.json",
-        "views": f"results/scenes/{item}/align/views.json",
-        "images": f"results/scenes/{item}/sfm/images",
-        "masks": f"results/scenes/{item}/masks/images",
-        "background": f"results/scenes/{background}/asset/asset.json",
-    }
-
-
 def film_settings(wildcards):
     """Size and quality of a film; the dense one, which looks like a video, has its own."""
     return settings("dense_film" if wildcards.scene == "dense_pan" else "films")
@@ -358,16 +343,6 @@ def rows_of(names):
 def measured_rows(name):
     """Rows about policies that a score is made of; nothing where the preset trains none."""
     return f"results/rows/{name}.csv" if name in TABLES.rows else []
-
-
-def recordings(wildcards):
-    """The rerun recordings of all stages of the preset's scenes."""
-    stages = ["capture", "sfm", "align", "mesh"]
-    every = [f"{stage}/{scene}" for stage in stages for scene in PLAN.scenes]
-    every += [f"masks/{scene}" for scene in PLAN.scenes_of("object")]
-    every += [f"asset/{scene}" for scene in PLAN.bundled]
-    every += [f"splats/{name}-{way}" for name in PLAN.scenes for way in BINDINGS[:3]]
-    return [f"results/rerun/{name}.rrd" for name in every] + TABLES.recordings
 
 
 # The gap

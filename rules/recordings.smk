@@ -149,7 +149,8 @@ rule record_splats:
 
 rule recordings:
     input:
-        recordings,
+        PLAN.stage_recordings,
+        TABLES.recordings,
     localrule: True
 
 

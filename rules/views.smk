@@ -50,7 +50,7 @@ rule calibrate_wrist_camera:
 
 rule calibrate_light:
     input:
-        unpack(workspace_light),
+        **PLAN.workspace_light,
         robot="results/robot/description",
         kernels=ancient("results/.state/compile_kernels.done"),
     output:

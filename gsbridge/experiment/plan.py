@@ -141,12 +141,36 @@ class Experiment:
         masks = [f"{scene}/masks/masks" for scene in self.scenes_of("object")]
         return [f"results/scenes/{name}.json" for name in (*early, *surfaces, *masks)]
 
+    @property
+    def stage_recordings(self) -> list[str]:
+        """Rerun recordings of all stages of the scenes that run here."""
+        every = [f"{stage}/{scene}" for stage in ("capture", "sfm", "align", "mesh") for scene in self.scenes]
+        every += [f"masks/{scene}" for scene in self.scenes_of("object")]
+        every += [f"asset/{scene}" for scene in self.bundled]
+        every += [f"splats/{scene}-{binding}" for scene in self.scenes for binding in BINDINGS[:3]]
+        return [f"results/rerun/{name}.rrd" for name in every]
+
     def page_records(self, scene: str) -> list[str]:
         """Records of a scene that its page shows, whether the preset has it or not; an asset where it becomes a body."""
         kept = self.config["scenes"][scene]
         stages = ["capture/keyframes", "sfm/sfm", "align/align", "mesh/mesh", "splats/soft/splats"]
         stages += ["masks/masks"] * (kept["kind"] == "object") + ["asset/asset"] * kept["require_scale"]
         return [f"results/scenes/{scene}/{stage}.json" for stage in stages]
+
+    @property
+    def workspace_light(self) -> dict[str, str]:
+        """What shows an object's shadow on the table of the work place, by name; nothing where no object was filmed there."""
+        item, background = self.config["workspace"]["light"], self.config["workspace"]["background"]
+        # The mirror's objects stand on the mirror's table, yours on yours.
+        if None in (item, background) or (item in self.films) != (background in self.films):
+            return {}
+        return {
+            "item": f"results/scenes/{item}/asset/asset.json",
+            "views": f"results/scenes/{item}/align/views.json",
+            "images": f"results/scenes/{item}/sfm/images",
+            "masks": f"results/scenes/{item}/masks/images",
+            "background": f"results/scenes/{background}/asset/asset.json",
+        }
 
     # Captures
 

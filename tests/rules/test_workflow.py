@@ -62,6 +62,12 @@ def test_a_rules_log_and_benchmark_carry_its_name_and_its_wildcards(name):
     assert script is None or script[1] == {"train_comparison": "train_splats"}.get(name, name)
 
 
+def test_what_rules_look_up_is_short():
+    """Decisions belong to gsbridge/experiment, where they are tested without snakemake."""
+    files = sorted((ROOT / "rules").glob("common*.smk"))
+    assert sum(len(path.read_text(encoding="utf-8").splitlines()) for path in files) <= 400
+
+
 def test_jobs_ask_for_what_they_use_wherever_the_run_was_started():
     """On a cluster, the cores of the submitting host mean nothing, and a job without a GPU in its request gets none."""
     assert not [name for name, text in rules().items() if "workflow.cores" in text]

@@ -113,6 +113,24 @@ def test_examples_that_are_not_here_are_left_out(plan):
     assert plan.settings("trials") == {"policies": 2, "worlds": ["mirror", "mirror_2"]}
 
 
+def test_every_stage_of_a_scene_is_recorded(plan):
+    recorded = plan.stage_recordings
+    assert "results/rerun/capture/desk.rrd" in recorded
+    assert "results/rerun/splats/pad-refined.rrd" in recorded
+    assert [name for name in recorded if "/masks/" in name] == ["results/rerun/masks/cube.rrd"]
+    assert [name for name in recorded if "/asset/" in name] == ["results/rerun/asset/cube.rrd", "results/rerun/asset/pad.rrd"]
+    assert not any("mug" in name for name in recorded)
+
+
+def test_light_is_measured_where_object_and_table_are_of_one_world(plan, config):
+    config["workspace"] = {"light": "cube", "background": "pad"}
+    assert plan.workspace_light["masks"] == "results/scenes/cube/masks/images"
+    assert plan.workspace_light["background"] == "results/scenes/pad/asset/asset.json"
+    for light, background in (("cube", "desk"), ("mug", "pad"), (None, "pad"), ("cube", None)):
+        config["workspace"] = {"light": light, "background": background}
+        assert plan.workspace_light == {}
+
+
 def test_jobs_read_the_models_of_the_project_that_variants_name(plan, config):
     assert plan.project_files == {"benchmarks/floors.yaml", "models/nominal.yaml", "x.yaml"}
     config["variants"]["other"]["model"] = "/elsewhere/x.yaml"
