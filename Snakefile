@@ -70,7 +70,8 @@ rule all:
     default_target: True
     input:
         "results/tables",
-        recordings,
+        PLAN.stage_recordings,
+        TABLES.recordings,
     localrule: True
 
 
