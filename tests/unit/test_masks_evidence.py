@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solid_scene import around, pot, solid_scene, traced
+from solid_scene import around, pot, solid_scene, statue, traced
 
 from gsbridge.cameras import Camera
 from gsbridge.masks.evidence import doubts, lost_parts, lost_points, mended, missed_points, reached, surely_placed
+from gsbridge.masks.seen_past import seen_past
 from gsbridge.mesh.hull import build_hull
 from gsbridge.photogrammetry.sparse import SparsePoints, read_points
 
@@ -120,6 +121,57 @@ def test_a_thin_part_that_all_masks_lack_is_said(scene):
     (reason,) = lost_parts(views, masks, with_rod, members)
     assert "in one place" in reason
     assert lost_parts(views, masks, sparse, members_of(sparse)) == []
+
+
+def with_points(sparse, added, seen_in):
+    """The sparse model with more points, each seen in its own photos."""
+    start = len(sparse.points)
+    return SparsePoints(
+        np.concatenate([sparse.points, added]),
+        np.concatenate([sparse.view_index, *map(np.asarray, seen_in)]),
+        np.concatenate([sparse.point_index, *(np.full(len(seen), start + index) for index, seen in enumerate(seen_in))]),
+    )
+
+
+def behind(view, point, count, rng):
+    """Points of the table that a photo shows within a pixel of a point which stands before them."""
+    aside = rng.normal(0, 5e-4, (count, 3))
+    rays = point + aside - view.centre
+    return view.centre + rays * (-view.centre[2] / rays[:, 2:])
+
+
+def test_points_that_photos_look_past_are_no_part(scene):
+    """Ends of edges where the outline crosses the table's pattern, beside the foot, in a few photos that agree on each."""
+    views, masks, sparse = scene
+    angle = np.linspace(0.0, 0.4, 8)
+    ends = np.c_[0.032 * np.cos(angle), 0.032 * np.sin(angle), np.full(8, 0.006)]
+    few = [[index % 4, index % 4 + 1, 12, 13] for index in range(8)]
+    plain = with_points(sparse, ends, few)
+    members = np.append(members_of(sparse), np.ones(8, bool))
+    # On a table without a pattern they could be a part of its colour.
+    (reason,) = lost_parts(views, masks, plain, members)
+    assert "in one place" in reason
+    rng = np.random.default_rng(2)
+    table = [(behind(view, point, 1, rng), number) for number, view in enumerate(views) for point in ends]
+    patterned = with_points(plain, np.concatenate([at for at, _ in table]), [[number] for _, number in table])
+    members = np.append(members, np.zeros(len(table), bool))
+    assert lost_parts(views, masks, patterned, members) == []
+
+
+def test_a_lost_plinth_hides_the_table_behind_it_and_is_said(tmp_path):
+    views = around(CAMERA, 14, (35.0,), np.array([0.0, 0.0, 0.04]))
+    made = solid_scene(tmp_path, statue, views, points=200)
+    sparse, whole = read_points(made.points_npz), [mask.astype(np.float32) for mask in made.inside]
+    members = members_of(sparse)
+    assert lost_parts(views, whole, sparse, members) == []
+    bare = [
+        np.where(traced(view, statue)[0][..., 2] < 0.0165, 0.0, mask).astype(np.float32)
+        for view, mask in zip(views, whole, strict=True)
+    ]
+    (reason,) = lost_parts(views, bare, sparse, members)
+    assert "a part is missing" in reason
+    lost = np.flatnonzero(lost_points(views, bare, sparse, members, 0.015))
+    assert seen_past(views, bare, sparse, lost, 0.015, 0.1).mean() < 0.05
 
 
 def test_photos_from_one_side_place_no_point_surely(scene):
