@@ -35,6 +35,7 @@ from gsbridge.geometry import Array
 from gsbridge.robot.limits import Workspace
 from gsbridge.sim.actions import SIZE, ToolTarget
 from gsbridge.sim.camera import respond
+from gsbridge.sim.camera_values import respond_unrounded
 from gsbridge.sim.model import CameraModel
 from gsbridge.tasks import grasp, place
 from gsbridge.tasks.outcome import Outcome, Progress
@@ -58,7 +59,10 @@ class Eye(Protocol):
 
 
 class DrawnEye:
-    """Pictures drawn by a renderer and passed through the simulated camera's response.
+    """Pictures drawn by a renderer and passed through the simulated camera's response and what the model's effects change.
+
+    With effects the picture stays in float32 until all is done to it, and is rounded to 8 bits once. Without any, the response
+    is a table over the bytes of the drawn picture.
 
     Args:
         renderer: See `Renderer`.
@@ -78,9 +82,13 @@ class DrawnEye:
     def look(self, world: World) -> Array:
         """See `Eye`."""
         pose = world.camera_pose() if self.lens is None else self.lens.pose(world.camera_pose())
-        image = self.renderer.render(world.body_poses(), pose)
-        image = image if self.response is None else respond(image, self.response, self._rng)
-        return image if self.lens is None else self.lens.photo(image, pose, self._rng)
+        if self.lens is None or self.lens.plain:
+            image = self.renderer.render(world.body_poses(), pose)
+            return image if self.response is None else respond(image, self.response, self._rng)
+        values = self.renderer.draw(world.body_poses(), pose)
+        if self.response is not None:
+            values = respond_unrounded(values, self.response, self._rng)
+        return self.lens.photo(values, pose, self._rng)
 
 
 class OwnEye:

@@ -80,7 +80,11 @@ class GaussianRenderer:
 
     def render(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Array:
         """The picture; see `Renderer`. [H, W, 3] uint8."""
-        return to_bytes(self._drawn(body_poses, cam_from_table)[0])
+        return to_bytes(self.draw(body_poses, cam_from_table))
+
+    def draw(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Array:
+        """The picture before it is rounded; see `Renderer`. [H, W, 3] float32."""
+        return self._drawn(body_poses, cam_from_table)[0]
 
     def shot(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Shot:
         """The picture with alpha and depth; its `coverage` tells how much of the view the splats fill.

@@ -79,12 +79,18 @@ class MeshRenderer:
 
     def render(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Array:
         """The picture; see `Renderer`. [H, W, 3] uint8."""
+        if self.shadows is not None:
+            return to_bytes(self.draw(body_poses, cam_from_table))
         self.pose(body_poses)
-        if self.shadows is None:
-            return self.composition.render(self.camera, cam_from_table, self.backdrop)
+        return self.composition.render(self.camera, cam_from_table, self.backdrop)
+
+    def draw(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Array:
+        """The picture before it is rounded; see `Renderer`. [H, W, 3] float32."""
+        self.pose(body_poses)
         colours, alphas, depths = self.composition.draw(self.camera, cam_from_table, self.backdrop)
-        self.shadows.dim(colours, depths, alphas, self.camera, cam_from_table, body_poses)
-        return to_bytes(colours)
+        if self.shadows is not None:
+            self.shadows.dim(colours, depths, alphas, self.camera, cam_from_table, body_poses)
+        return colours
 
     def coverage(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> float:
         """Share of a view that meshes fill, with bodies and camera at their poses. [4, 4] each."""

@@ -50,6 +50,16 @@ class Renderer(Protocol):
             sRGB. [H, W, 3] uint8.
         """
 
+    def draw(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Array:
+        """The picture before `render` rounds it, for what changes it further.
+
+        Args:
+            body_poses, cam_from_table: As in `render`. [4, 4] each.
+
+        Returns:
+            sRGB 0..1; overlapping splats may add up to more. [H, W, 3] float32.
+        """
+
 
 def check_drawn(names: tuple[str, ...], body_poses: Mapping[str, Array]) -> None:
     """Make sure that everything that is drawn has a pose. [4, 4] each.
@@ -78,3 +88,7 @@ class BlankRenderer:
     def render(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Array:
         """The picture, black; see `Renderer`. [H, W, 3] uint8."""
         return self._picture
+
+    def draw(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Array:
+        """The picture, black; see `Renderer`. [H, W, 3] float32."""
+        return self._picture.astype(np.float32)

@@ -68,7 +68,7 @@ def develop(light: Array, frame: CameraFrame, shooting: Shooting) -> Array:
 
 
 def with_noise(photos: Array, shooting: Shooting, rng: np.random.Generator) -> Array:
-    """Photos with noise, clamped and rounded to 8 bits.
+    """Photos with noise, clamped and not rounded.
 
     Args:
         photos: Photos without noise, encoded, 0..1. [...].
@@ -76,10 +76,10 @@ def with_noise(photos: Array, shooting: Shooting, rng: np.random.Generator) -> A
         rng: Random numbers.
 
     Returns:
-        Values of k / 255 in the shape of `photos`, float32.
+        Encoded values, 0..1, in the shape of `photos`. float32.
     """
     spread = np.sqrt(shooting.read_variance + shooting.shot_variance * photos)
-    return np.rint(np.clip(photos + spread * rng.standard_normal(photos.shape), 0.0, 1.0) * 255.0).astype(np.float32) / 255.0
+    return np.clip(photos + spread * rng.standard_normal(photos.shape), 0.0, 1.0).astype(np.float32)
 
 
 def blurred(image: Array, sigma: float) -> Array:

@@ -73,6 +73,15 @@ def test_all_renderers_show_the_same_scene(renderers):
     np.testing.assert_array_equal(images["mesh"], images["mesh_vertex"])
 
 
+def test_the_picture_before_rounding_is_that_of_the_bytes(renderers):
+    where, view = poses(0.03, 0.25)
+    for renderer in renderers.values():
+        drawn, image = renderer.draw(where, view), renderer.render(where, view)
+        assert drawn.dtype == np.float32
+        # Half a level, and what float32 loses in the mean of four samples.
+        assert np.abs(255 * np.clip(drawn, 0, 1).astype(np.float64) - image).max() < 0.5 + 1e-4
+
+
 def test_what_is_small_in_the_picture_keeps_its_size():
     """A ball of eleven pixels, of many splats, against its outline; splats as wide as a pixel make it half as large again."""
     ball = splats_on_mesh(shape(trimesh.creation.icosphere(4, 0.03), RED), 2000)
