@@ -237,8 +237,8 @@ def test_a_wrong_model_is_refused(change, said):
 
 def test_a_urdf_that_is_no_rigid_body_is_refused(tmp_path):
     model = {"urdf": "two.urdf", "controller": {"mode": "body"}, "contact": {"friction": 0.3}}
-    with pytest.raises(InputError, match="there is no such file"):
-        parse_body(model, tmp_path)
+    with pytest.raises(InputError, match=r"there is no such file.* Check 'urdf' in own\.yaml$"):
+        parse_body(model, tmp_path, "own.yaml")
     (tmp_path / "two.urdf").write_text('<robot name="a"><link name="a"/><link name="b"/></robot>')
     with pytest.raises(InputError, match="2 links"):
         parse_body(model, tmp_path)

@@ -16,10 +16,11 @@ from scipy.spatial.transform import Rotation
 from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.effects.registry import Applied, read_effects
 from gsbridge.errors import InputError
+from gsbridge.gap.formats.description_file import read_description_root
 from gsbridge.gap.formats.yaml_file import read_yaml
 from gsbridge.geometry import Array
 from gsbridge.reading import load_yaml, refusing
-from gsbridge.robot.urdf import read_description
+from gsbridge.robot.urdf import description_of
 
 _LARGEST = 10.0
 """Longest edge of a box that somebody may throw, m: beyond it, the edges must be in another unit."""
@@ -172,7 +173,7 @@ def parse_body(content: Any, folder: Path, source: str | Path = "model") -> Free
     if "box" in content:
         shapes, mass, com, inertia = _box(content, source)
     else:
-        shapes, mass, com, inertia = _link(folder / str(content["urdf"]))
+        shapes, mass, com, inertia = _link(folder / str(content["urdf"]), source)
         scale = number(content.get("mass", mass), source, "mass") / mass
         mass, inertia = mass * scale, inertia * scale
     com = _row(content.get("centre_of_mass"), com, source, "centre_of_mass")
@@ -257,13 +258,13 @@ def _box(content: Mapping[str, Any], source: Path) -> tuple[tuple[str, ...], flo
     return (f'<collision><geometry><box size="{_text(edges)}"/></geometry></collision>',), mass, np.zeros(3), inertia
 
 
-def _link(path: Path) -> tuple[tuple[str, ...], float, Array, Array]:
-    """Shapes and mass properties of a URDF of one link.
+def _link(path: Path, source: Path) -> tuple[tuple[str, ...], float, Array, Array]:
+    """Shapes and mass properties of a URDF of one link, which the model `source` names.
 
     Raises:
         InputError: It cannot be read, has several links, no shape or no mass.
     """
-    description = read_description(path)
+    description = description_of(read_description_root(path, "urdf", source), path)
     if len(description.links) != 1:
         raise InputError(
             path, f"the URDF has {len(description.links)} links", "A thrown body is one rigid link; merge fixed parts into it"

@@ -8,9 +8,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from gsbridge.gap.formats.description_file import read_description_root
 from gsbridge.geometry import Array
 from gsbridge.robot.mjcf import description_of_mjcf, is_mjcf
-from gsbridge.robot.urdf import Description, description_of, read_description
+from gsbridge.robot.urdf import Description, description_of
 
 
 @dataclass(frozen=True)
@@ -26,13 +27,19 @@ class Stated:
     armature: dict[str, float]
 
 
-def read_mechanism_description(path: str | Path) -> Description:
+def read_mechanism_description(path: str | Path, key: str = "urdf", named_in: str | Path = "the model") -> Description:
     """Read a description of either kind.
+
+    Args:
+        path: The file.
+        key: Key of the model that names it, for messages.
+        named_in: File of the model, for messages.
 
     Raises:
         InputError: As `gsbridge.robot.urdf.read_description` and `gsbridge.robot.mjcf.description_of_mjcf`.
     """
-    return description_of(description_of_mjcf(path), path) if _is_mjcf(path) else read_description(path)
+    root = read_description_root(path, key, named_in)
+    return description_of(description_of_mjcf(path) if is_mjcf(root) else root, path)
 
 
 def stated_besides(description: Description) -> Stated:
@@ -50,7 +57,7 @@ def description_bytes(path: Path) -> bytes:
 
 
 def _is_mjcf(path: str | Path) -> bool:
-    """Whether a file is MJCF; what cannot be read is left to the reader of URDFs to refuse."""
+    """Whether a file is MJCF; what cannot be read is none."""
     try:
         return is_mjcf(ElementTree.parse(path).getroot())
     except (OSError, ElementTree.ParseError, LookupError, ValueError):

@@ -176,7 +176,7 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
     if mode not in MODES:
         raise InputError(source, f"controller.mode is '{mode}'", f"Use one of {', '.join(MODES)}")
     urdf = folder / content[described]
-    description = read_mechanism_description(urdf)
+    description = read_mechanism_description(urdf, described, source)
     besides = stated_besides(description)
     # In the file's order, which is that of the records where the model names no joints.
     by_name = {joint.name: joint for joint in description.joints if joint.kind in ("revolute", "continuous", "prismatic")}

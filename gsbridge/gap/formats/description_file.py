@@ -1,0 +1,29 @@
+"""Descriptions of robots and bodies that a model of the user's own names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+from gsbridge.errors import InputError
+
+
+def read_description_root(path: str | Path, key: str, named_in: str | Path) -> ElementTree.Element:
+    """Read the root element of a URDF or MJCF.
+
+    Advice goes to whoever wrote the model: `gsbridge.robot.urdf.read_description` is for robots that are built here.
+
+    Args:
+        path: The file.
+        key: Key of the model that names it.
+        named_in: File of the model.
+
+    Raises:
+        InputError: There is no such file, or it is no XML.
+    """
+    try:
+        return ElementTree.parse(path).getroot()
+    except OSError as error:
+        raise InputError(path, "there is no such file, or it cannot be read", f"Check '{key}' in {named_in}") from error
+    except (ElementTree.ParseError, LookupError, ValueError) as error:
+        raise InputError(path, f"this is no valid XML ({error})", "Correct it, or export it again") from error
