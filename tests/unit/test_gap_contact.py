@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
-from gsbridge.gap.benchmark.body_truth import Scene, throw_box
+from gsbridge.gap.benchmark.body_truth import ThrowScene, throw_box
 from gsbridge.gap.contact.body import parse_body, read_body
 from gsbridge.gap.contact.case import read_throw_case, split_throws
 from gsbridge.gap.contact.diagnose import ThrowAccount, diagnose_throws
@@ -216,7 +216,7 @@ def test_closure_counts_from_the_floor():
 
 def own_throws(friction, count, seed, scene=None):
     """Throws whose truth is the simulator itself, with another friction, and noise."""
-    seeds = throw_box(scene or Scene(duration=0.1), count, seed)
+    seeds = throw_box(scene or ThrowScene(duration=0.1), count, seed)
     starts, _ = starts_of(seeds)
     body = parse_body({**MODEL, "contact": {"friction": friction}}, ".")
     time = np.arange(75) / 150
@@ -266,7 +266,7 @@ def test_contacts_of_another_engine_are_attributed_to_nothing_but_a_gust_is_an_a
     """Where nothing may be named but friction, and it is right: a slow contact moves bodies, a gust even before."""
     body, found = parse_body({**MODEL, "contact": {"friction": 0.3}}, "."), {}
     for name, change in (("slow", {"slowness": 0.012}), ("gust", {"gust": 2.0})):
-        scene = Scene(friction=0.3, duration=HORIZON, **change)
+        scene = ThrowScene(friction=0.3, duration=HORIZON, **change)
         throws = {role: throw_box(scene, 12, seed) for seed, role in enumerate(("fit", "select", "verify"))}
         diagnosis = diagnose_throws(body, throws, tmp_path, names=("contact_friction",), horizon=HORIZON)
         assert diagnosis.finding.p_value < 0.01
@@ -285,7 +285,7 @@ def thrown(tmp_path_factory):
     """A case from files: MuJoCo throws with friction 0.2, a PyBullet model with 0.5."""
     folder = tmp_path_factory.mktemp("thrown")
     for seed, role in enumerate(("fit", "select", "verify")):
-        write_throws(folder / f"{role}.csv", throw_box(Scene(friction=0.2, duration=HORIZON), 12, seed))
+        write_throws(folder / f"{role}.csv", throw_box(ThrowScene(friction=0.2, duration=HORIZON), 12, seed))
     (folder / "model.yaml").write_text(yaml.safe_dump(MODEL))
     case = {"model": "model.yaml", "records": {role: f"{role}.csv" for role in ("fit", "select", "verify")}}
     (folder / "case.yaml").write_text(yaml.safe_dump({**case, "effects": list(NAMES), "horizon": HORIZON}))
@@ -301,7 +301,7 @@ def test_friction_of_another_engine_is_named(thrown):
     assert row["interval90"][0] <= row["value"] <= row["interval90"][1]
     assert findings["verify"]["removed"] > 0.7
     assert findings["verify"]["closure"] > 0.8
-    assert findings["residual_map"]["after"][1] < 0.4 * findings["where"]["after"][0]
+    assert findings["residual_map"]["after"][1] < 0.4 * findings["residual_map"]["after"][0]
 
 
 def test_the_amended_model_can_be_read_and_holds_the_name(thrown):
