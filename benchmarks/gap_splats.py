@@ -27,7 +27,7 @@ from gsbridge.environment.build import StageFiles, plate_of
 from gsbridge.environment.postures import draw_postures
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.files import write_json
-from gsbridge.gap.benchmark.mirror_photos import SIZES, MirrorStudio, Plant
+from gsbridge.gap.benchmark.mirror_photos import SIZES, MirrorStudio, PlantedFault
 from gsbridge.gap.diagnosis.results import ROLES
 from gsbridge.gap.image.diagnose import diagnose_splats
 from gsbridge.gap.image.files import read_views
@@ -97,7 +97,7 @@ def measure(world: str, given: argparse.Namespace, results: Path, views: Path) -
     poses = np.stack([row["cam_from_world"] for row in rows])
     middle = np.mean([_middle(pose) for pose in poses], axis=0)
     names = given.names if given.names is not None else ["", *SIZES]
-    plants = [Plant.draw("" if name == "none" else name, seed, middle) for name in names]
+    faults = [PlantedFault.draw("" if name == "none" else name, seed, middle) for name in names]
     # Moments of a grasp go by fours, so that both days have all of them.
     early, late = ([n for n in range(2 * VIEWS) if n // 4 % 2 == day] for day in (0, 1))
     item = results / "scenes" / given.object / "asset" / "asset.json"
@@ -108,13 +108,13 @@ def measure(world: str, given: argparse.Namespace, results: Path, views: Path) -
         taken = photos.astype(np.float32) / np.float32(255.0)
         return Pairs(camera, drawn[chosen], drawn[chosen], taken, depths[chosen], poses[chosen], name=name, drawn=True)
 
-    nothing = Plant.draw("", seed)
+    nothing = PlantedFault.draw("", seed)
     error = learn_splat_error(pairs(early, studio.photos([states[n] for n in early], [nothing], 0)[0], "registration"))
-    photos = studio.photos([states[n] for n in late], plants, len(early))
+    photos = studio.photos([states[n] for n in late], faults, len(early))
     if given.keep:
         np.savez_compressed(Path(given.keep) / f"{severity}-{seed}.npz", drawn=drawn[late], photos=photos, depths=depths[late])
     out = []
-    for plant, taken in zip(plants, photos, strict=True):
+    for fault, taken in zip(faults, photos, strict=True):
         parts = {}
         for role in ROLES:
             chosen = [k for k, n in enumerate(late) if rows[n]["role"] == role]
@@ -123,9 +123,9 @@ def measure(world: str, given: argparse.Namespace, results: Path, views: Path) -
         diagnosis = diagnose_splats(parts, error, seed=seed)
         finding = diagnosis.finding
         found = list(finding.best.names) if finding.best is not None and finding.verdict == "named" else []
-        wanted = [plant.name] if plant.name else []
+        wanted = [fault.name] if fault.name else []
         row = {
-            "severity": severity, "seed": seed, "planted": plant.name, "size": plant.size, "verdict": finding.verdict,
+            "severity": severity, "seed": seed, "planted": fault.name, "size": fault.size, "verdict": finding.verdict,
             "named": found, "best": list(finding.best.names) if finding.best is not None else [],
             "ambiguous": list(finding.ambiguous), "right": found == wanted, "wrong": bool(found) and found != wanted,
             "p": finding.p_value, "before": finding.before, "after": finding.after, "left": list(error.left),

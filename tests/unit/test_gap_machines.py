@@ -9,7 +9,7 @@ from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.benchmark import body_cases, machines
-from gsbridge.gap.benchmark.body_truth import Scene, throw_box
+from gsbridge.gap.benchmark.body_truth import ThrowScene, throw_box
 from gsbridge.gap.benchmark.generate import _joined
 from gsbridge.gap.benchmark.hidden_parts import true_parameters
 from gsbridge.gap.benchmark.trajectories import course
@@ -68,7 +68,7 @@ def test_a_drawn_body_can_be_read_and_flies_by_what_is_hidden(tmp_path):
 
 
 def test_throws_of_mujoco_fall_by_gravity_before_they_touch():
-    scene = Scene(edges=(0.1, 0.1, 0.1), gravity=9.0, duration=0.1, noise=(0.0, 0.0), lag=0.0, rate=200.0)
+    scene = ThrowScene(edges=(0.1, 0.1, 0.1), gravity=9.0, duration=0.1, noise=(0.0, 0.0), lag=0.0, rate=200.0)
     for throw in throw_box(scene, 3, 0).items:
         fall = throw.position[0] + throw.velocity * throw.time[:, None] - 4.5 * throw.time[:, None] ** 2 * [0, 0, 1]
         early = throw.time < 0.05

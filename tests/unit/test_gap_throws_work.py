@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from gsbridge import digests
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
-from gsbridge.gap.benchmark.body_truth import Scene, throw_box
+from gsbridge.gap.benchmark.body_truth import ThrowScene, throw_box
 from gsbridge.gap.contact import bank
 from gsbridge.gap.contact.bank import grid_bank
 from gsbridge.gap.contact.body import parse_body, read_body
@@ -44,7 +44,7 @@ COUNT = 9
 def write_case(folder, friction=0.2, **changes):
     """Throws of another engine with less friction than the model's."""
     for seed, role in enumerate(ROLES):
-        write_throws(folder / f"{role}.csv", throw_box(Scene(friction=friction, duration=HORIZON), COUNT, seed))
+        write_throws(folder / f"{role}.csv", throw_box(ThrowScene(friction=friction, duration=HORIZON), COUNT, seed))
     (folder / "model.yaml").write_text(yaml.safe_dump(MODEL))
     case = {"model": "model.yaml", "records": {role: f"{role}.csv" for role in ROLES}, "horizon": HORIZON}
     (folder / "case.yaml").write_text(yaml.safe_dump({**case, "effects": ["contact_friction", "table_height"], **changes}))
@@ -137,7 +137,7 @@ def test_kinds_of_cases_are_told_apart_by_their_model(stages):
 
 
 def test_throws_survive_the_store(tmp_path):
-    throws = throw_box(Scene(duration=0.2), 3, 0)
+    throws = throw_box(ThrowScene(duration=0.2), 3, 0)
     bare = Throws(tuple(replace(item, velocity=None, spin=None) for item in throws.items), "abc", "bare")
     save_throws(tmp_path / "throws.npz", {"fit": throws, "select": bare})
     back = load_throws(tmp_path / "throws.npz")
@@ -153,7 +153,7 @@ def test_throws_survive_the_store(tmp_path):
 
 
 def test_a_bank_is_made_once_and_again_where_it_is_damaged(tmp_path, monkeypatch):
-    body, throws = parse_body(MODEL, "."), throw_box(Scene(duration=0.2), 8, 0)
+    body, throws = parse_body(MODEL, "."), throw_box(ThrowScene(duration=0.2), 8, 0)
 
     def matches():
         replay = ThrowReplay(body, throws, 0.2)
@@ -181,7 +181,7 @@ def test_a_bank_is_made_once_and_again_where_it_is_damaged(tmp_path, monkeypatch
 
 
 def test_a_difference_in_height_behind_the_impact_is_found_there():
-    body, throws = parse_body(MODEL, "."), throw_box(Scene(friction=0.5, duration=HORIZON), 16, 1)
+    body, throws = parse_body(MODEL, "."), throw_box(ThrowScene(friction=0.5, duration=HORIZON), 16, 1)
     replay = ThrowReplay(body, throws, HORIZON)
     plain = replay.flights()
     rng = np.random.default_rng(0)
@@ -204,7 +204,7 @@ def test_a_difference_in_height_behind_the_impact_is_found_there():
 
 def test_axes_of_a_throw_are_those_of_its_start():
     """A difference along the start's direction shows there and nowhere else, whatever that direction is."""
-    body, throws = parse_body(MODEL, "."), throw_box(Scene(duration=0.2), 8, 2)
+    body, throws = parse_body(MODEL, "."), throw_box(ThrowScene(duration=0.2), 8, 2)
     replay = ThrowReplay(body, throws, 0.2)
     ahead = replay.starts.velocity * [1, 1, 0]
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
@@ -296,7 +296,7 @@ def test_throws_that_hardly_move_are_not_called_contradictory():
 
 def test_bad_throws_leave_nothing(tmp_path):
     case = write_case(tmp_path)
-    throws = throw_box(Scene(duration=HORIZON), COUNT, 5)
+    throws = throw_box(ThrowScene(duration=HORIZON), COUNT, 5)
     write_throws(tmp_path / "select.csv", changed(throws, position=lambda t: 1e3 * t.position))
     with pytest.raises(InputError, match=r"select.csv: .*millimetres"):
         write_case_records(case, tmp_path / "out/records.npz", tmp_path / "out/records.json")

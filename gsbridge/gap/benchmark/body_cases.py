@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from gsbridge.gap.benchmark.body_truth import Scene, throw_box
+from gsbridge.gap.benchmark.body_truth import ThrowScene, throw_box
 from gsbridge.gap.contact.throws import Throws, write_throws
 from gsbridge.geometry import Array
 
@@ -38,12 +38,12 @@ _PROBES = 10
 """Throws by which sizes are found."""
 
 Parameters = dict[str, float]
-Hide = Callable[[Scene, float, Array], tuple[Scene, Parameters]]
+Hide = Callable[[ThrowScene, float, Array], tuple[ThrowScene, Parameters]]
 """Scene, size and a random direction [3] -> scene with it, and the parameters of the effect that a perfect diagnosis gives."""
 
 
 @dataclass(frozen=True)
-class Hidden:
+class HiddenEffect:
     """One thing that may be hidden.
 
     Args:
@@ -64,7 +64,7 @@ class Hidden:
 def _figure(field: str, parameter: str, *, share: bool = False) -> Hide:
     """A scene's figure that is changed by the size, or by a share of itself."""
 
-    def hide(scene: Scene, size: float, way: Array) -> tuple[Scene, Parameters]:
+    def hide(scene: ThrowScene, size: float, way: Array) -> tuple[ThrowScene, Parameters]:
         now = float(getattr(scene, field))
         content: dict[str, Any] = {field: now * (1.0 + size) if share else now + size}
         return replace(scene, **content), {parameter: size}
@@ -75,7 +75,7 @@ def _figure(field: str, parameter: str, *, share: bool = False) -> Hide:
 def _unlike(field: str) -> Hide:
     """A figure for which the catalogue has another law, so that no parameter can be compared."""
 
-    def hide(scene: Scene, size: float, way: Array) -> tuple[Scene, Parameters]:
+    def hide(scene: ThrowScene, size: float, way: Array) -> tuple[ThrowScene, Parameters]:
         content: dict[str, Any] = {field: size}
         return replace(scene, **content), {}
 
@@ -85,7 +85,7 @@ def _unlike(field: str) -> Hide:
 def _vector(field: str, names: tuple[str, ...]) -> Hide:
     """A direction, drawn at random."""
 
-    def hide(scene: Scene, size: float, way: Array) -> tuple[Scene, Parameters]:
+    def hide(scene: ThrowScene, size: float, way: Array) -> tuple[ThrowScene, Parameters]:
         along = way[: len(names)] / np.linalg.norm(way[: len(names)])
         content: dict[str, Any] = {field: tuple(np.asarray(getattr(scene, field)) + size * along)}
         return replace(scene, **content), dict(zip(names, (size * along).tolist(), strict=True))
@@ -93,59 +93,59 @@ def _vector(field: str, names: tuple[str, ...]) -> Hide:
     return hide
 
 
-def _resize(scene: Scene, size: float, way: Array) -> tuple[Scene, Parameters]:
+def _resize(scene: ThrowScene, size: float, way: Array) -> tuple[ThrowScene, Parameters]:
     """Larger in all lengths with the mass properties of before."""
     grown = tuple(edge * (1.0 + size) for edge in scene.edges)
     return replace(scene, edges=grown, inertia=scene.inertia / (1.0 + size) ** 2), {"share": size}
 
 
-def _soften(scene: Scene, size: float, way: Array) -> tuple[Scene, Parameters]:
+def _soften(scene: ThrowScene, size: float, way: Array) -> tuple[ThrowScene, Parameters]:
     """A contact that swings with a period of `size` seconds, half damped."""
     pulse = 2 * np.pi / size
     return replace(scene, compliance=1.0 / (scene.mass * pulse**2), softened=scene.mass * pulse), {}
 
 
-def _push(scene: Scene, size: float, way: Array) -> tuple[Scene, Parameters]:
+def _push(scene: ThrowScene, size: float, way: Array) -> tuple[ThrowScene, Parameters]:
     """A force that accelerates the body by `size` m/s2."""
     along = scene.mass * size * way[:2] / np.linalg.norm(way[:2])
     return replace(scene, force=tuple(np.asarray(scene.force) + along)), {"x": float(along[0]), "y": float(along[1])}
 
 
-def _heavier(scene: Scene, size: float, way: Array) -> tuple[Scene, Parameters]:
+def _heavier(scene: ThrowScene, size: float, way: Array) -> tuple[ThrowScene, Parameters]:
     """Heavier, with a force that does not grow with the mass."""
     return replace(scene, mass=scene.mass * (1.0 + size)), {"share": size}
 
 
-KNOWN: Mapping[str, Hidden] = {
-    "angular_damping": Hidden(0.2, 8.0, _unlike("angular")),
-    "contact_friction": Hidden(0.03, 0.5, _figure("friction", "friction"), signed=True),
-    "contact_softness": Hidden(0.02, 0.15, _soften),
-    "gravity_scale": Hidden(0.005, 0.15, _figure("gravity", "share", share=True), signed=True),
-    "inertia_scale": Hidden(0.05, 1.5, _figure("inertia", "share", share=True)),
-    "linear_damping": Hidden(0.05, 4.0, _unlike("linear")),
-    "object_com": Hidden(0.001, 0.02, _vector("com", ("x", "y", "z"))),
-    "object_mass": Hidden(0.1, 2.0, _heavier),
-    "object_size": Hidden(0.01, 0.2, _resize, signed=True),
-    "restitution": Hidden(0.1, 0.8, _figure("restitution", "restitution")),
-    "rolling_friction": Hidden(3e-4, 0.01, _figure("rolling", "arm")),
-    "spinning_friction": Hidden(1e-3, 0.03, _figure("spinning", "arm")),
-    "steady_force": Hidden(0.02, 3.0, _push),
-    "table_height": Hidden(5e-4, 0.02, _figure("height", "height"), signed=True),
-    "table_tilt": Hidden(0.005, 0.15, _vector("tilt", ("about_x", "about_y"))),
-    "tracking_lag": Hidden(1e-3, 0.02, _figure("lag", "time")),
-    "tracking_offset": Hidden(0.001, 0.02, _vector("offset", ("x", "y", "z"))),
-    "tracking_rate": Hidden(0.005, 0.15, _figure("clock", "share", share=True), signed=True),
-    "tracking_scale": Hidden(0.005, 0.15, _figure("stretched", "share", share=True), signed=True),
+KNOWN: Mapping[str, HiddenEffect] = {
+    "angular_damping": HiddenEffect(0.2, 8.0, _unlike("angular")),
+    "contact_friction": HiddenEffect(0.03, 0.5, _figure("friction", "friction"), signed=True),
+    "contact_softness": HiddenEffect(0.02, 0.15, _soften),
+    "gravity_scale": HiddenEffect(0.005, 0.15, _figure("gravity", "share", share=True), signed=True),
+    "inertia_scale": HiddenEffect(0.05, 1.5, _figure("inertia", "share", share=True)),
+    "linear_damping": HiddenEffect(0.05, 4.0, _unlike("linear")),
+    "object_com": HiddenEffect(0.001, 0.02, _vector("com", ("x", "y", "z"))),
+    "object_mass": HiddenEffect(0.1, 2.0, _heavier),
+    "object_size": HiddenEffect(0.01, 0.2, _resize, signed=True),
+    "restitution": HiddenEffect(0.1, 0.8, _figure("restitution", "restitution")),
+    "rolling_friction": HiddenEffect(3e-4, 0.01, _figure("rolling", "arm")),
+    "spinning_friction": HiddenEffect(1e-3, 0.03, _figure("spinning", "arm")),
+    "steady_force": HiddenEffect(0.02, 3.0, _push),
+    "table_height": HiddenEffect(5e-4, 0.02, _figure("height", "height"), signed=True),
+    "table_tilt": HiddenEffect(0.005, 0.15, _vector("tilt", ("about_x", "about_y"))),
+    "tracking_lag": HiddenEffect(1e-3, 0.02, _figure("lag", "time")),
+    "tracking_offset": HiddenEffect(0.001, 0.02, _vector("offset", ("x", "y", "z"))),
+    "tracking_rate": HiddenEffect(0.005, 0.15, _figure("clock", "share", share=True), signed=True),
+    "tracking_scale": HiddenEffect(0.005, 0.15, _figure("stretched", "share", share=True), signed=True),
 }
 """All effects of bodies; ranges were stated before anything was diagnosed."""
 
-STRANGE: Mapping[str, Hidden] = {
-    "magnus": Hidden(0.005, 0.4, _unlike("magnus")),
-    "patchy": Hidden(0.05, 0.4, _unlike("patchy")),
-    "gust": Hidden(0.05, 3.0, _unlike("gust")),
-    "bent": Hidden(0.02, 0.6, _unlike("bent")),
-    "slosh": Hidden(0.05, 0.6, _unlike("slosh")),
-    "bump": Hidden(5e-4, 0.015, _unlike("bump")),
+STRANGE: Mapping[str, HiddenEffect] = {
+    "magnus": HiddenEffect(0.005, 0.4, _unlike("magnus")),
+    "patchy": HiddenEffect(0.05, 0.4, _unlike("patchy")),
+    "gust": HiddenEffect(0.05, 3.0, _unlike("gust")),
+    "bent": HiddenEffect(0.02, 0.6, _unlike("bent")),
+    "slosh": HiddenEffect(0.05, 0.6, _unlike("slosh")),
+    "bump": HiddenEffect(5e-4, 0.015, _unlike("bump")),
 }
 """What no catalogue holds: a spin that carries the body aside, friction that depends on the place, wind that comes and goes, a
 tracker whose lengths are bent, something that swings inside, a wavy surface."""
@@ -208,7 +208,7 @@ def draw_body_case(names: tuple[str, ...], units: float, seed: int, count: int =
     scene, hidden, parameters, found = bare, {}, {}, 0.0
     for name, entry in entries.items():
 
-        def put(on: Scene, size: float, name: str = name, entry: Hidden = entry) -> tuple[Scene, Parameters]:
+        def put(on: ThrowScene, size: float, name: str = name, entry: HiddenEffect = entry) -> tuple[ThrowScene, Parameters]:
             return entry.hide(on, signs[name] * size, ways[name])
 
         size, shown = _sized(entry, lambda at, put=put: _moved(bare, put(bare, at)[0], seeds[3]) / unit, units)  # type: ignore[misc]
@@ -221,11 +221,11 @@ def draw_body_case(names: tuple[str, ...], units: float, seed: int, count: int =
     return BodyCase(hidden, parameters, found, _model(bare), throws, settings)
 
 
-def _drawn_scene(shape: str, names: tuple[str, ...], rng: np.random.Generator) -> Scene:
+def _drawn_scene(shape: str, names: tuple[str, ...], rng: np.random.Generator) -> ThrowScene:
     """A body without anything hidden."""
     edge = float(rng.uniform(0.05, 0.12))
     edges = tuple(float(value) for value in edge * rng.uniform(0.7, 1.3, 3)) if shape == "box" else (edge,) * 3
-    scene = Scene(
+    scene = ThrowScene(
         shape, edges,
         mass=float(rng.uniform(0.1, 0.6)),
         friction=float(rng.uniform(0.2, 0.6)),
@@ -242,7 +242,7 @@ def _drawn_scene(shape: str, names: tuple[str, ...], rng: np.random.Generator) -
     return scene
 
 
-def _apart(scene: Scene, seed: int) -> float:
+def _apart(scene: ThrowScene, seed: int) -> float:
     """Mean distance between throws and the same throws with starts that are known as well as the tracker tells them, m."""
     samples = 0.06 * scene.rate
     # Slope of a parabola over the first 60 ms, by which a diagnosis learns how a throw starts.
@@ -250,12 +250,12 @@ def _apart(scene: Scene, seed: int) -> float:
     return _distance(scene, scene, seed, (scene.noise[0] * gain, scene.noise[1] * gain))
 
 
-def _moved(bare: Scene, scene: Scene, seed: int) -> float:
+def _moved(bare: ThrowScene, scene: ThrowScene, seed: int) -> float:
     """Mean distance to which what is hidden drives throws, m."""
     return _distance(bare, scene, seed, (0.0, 0.0))
 
 
-def _distance(one: Scene, other: Scene, seed: int, noise: tuple[float, float]) -> float:
+def _distance(one: ThrowScene, other: ThrowScene, seed: int, noise: tuple[float, float]) -> float:
     """Mean distance of throws of two scenes, the other's with noise on its start speeds (m/s, rad/s)."""
     quiet = [replace(scene, noise=(0.0, 0.0)) for scene in (one, other)]
     first, second = throw_box(quiet[0], _PROBES, seed), throw_box(quiet[1], _PROBES, seed, shaken=noise)
@@ -263,7 +263,7 @@ def _distance(one: Scene, other: Scene, seed: int, noise: tuple[float, float]) -
     return float(np.mean([np.linalg.norm(a.position - b.position, axis=1).mean() for a, b in pairs]))
 
 
-def _sized(entry: Hidden, shown: Callable[[float], float], units: float) -> tuple[float, float]:
+def _sized(entry: HiddenEffect, shown: Callable[[float], float], units: float) -> tuple[float, float]:
     """A size within its range that shows as wanted, or the nearest, and how it shows."""
     low, high = entry.low, entry.high
     best = (high, shown(high))
@@ -279,7 +279,7 @@ def _sized(entry: Hidden, shown: Callable[[float], float], units: float) -> tupl
     return best
 
 
-def _model(scene: Scene) -> dict[str, Any]:
+def _model(scene: ThrowScene) -> dict[str, Any]:
     """What the simulation believes: all but what is hidden."""
     model: dict[str, Any] = {"controller": {"mode": "body"}, "contact": {"friction": scene.friction}}
     if scene.shape == "box":

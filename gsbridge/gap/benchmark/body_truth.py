@@ -26,7 +26,7 @@ _SHAKEN = (7.0, 2 * np.pi)
 
 
 @dataclass(frozen=True)
-class Scene:
+class ThrowScene:
     """A body, a surface, and how the body is thrown and logged.
 
     Args:
@@ -98,7 +98,7 @@ class Scene:
     bump: float = 0.0
 
 
-def throw_box(scene: Scene, count: int, seed: int, *, shaken: tuple[float, float] = (0.0, 0.0)) -> Throws:
+def throw_box(scene: ThrowScene, count: int, seed: int, *, shaken: tuple[float, float] = (0.0, 0.0)) -> Throws:
     """Throw a body `count` times: low, at 0.5-1.5 m/s, with spins of some rad/s.
 
     Args:
@@ -129,7 +129,7 @@ def throw_box(scene: Scene, count: int, seed: int, *, shaken: tuple[float, float
     return Throws(tuple(items))
 
 
-def _logged(scene: Scene, model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator, name: str) -> Throw:
+def _logged(scene: ThrowScene, model: mujoco.MjModel, data: mujoco.MjData, rng: np.random.Generator, name: str) -> Throw:
     """One throw as a tracker sees it."""
     time = np.arange(int(scene.duration * scene.rate) + 1) / scene.rate
     steps = np.round(time / STEP).astype(int)
@@ -163,7 +163,7 @@ def _logged(scene: Scene, model: mujoco.MjModel, data: mujoco.MjData, rng: np.ra
     return Throw(name, stamps, position, quat, velocity, spin / scene.clock + rng.normal(0.0, 20 * scene.noise[1], 3))
 
 
-def _speeds(data: mujoco.MjData, scene: Scene) -> tuple[Array, Array]:
+def _speeds(data: mujoco.MjData, scene: ThrowScene) -> tuple[Array, Array]:
     """Velocity of the tracked point and angular velocity, both in the world's axes. [3], [3]."""
     turn = rotation_from_quat(data.qpos[3:7].copy())
     spin = turn @ data.qvel[3:6]
@@ -172,7 +172,7 @@ def _speeds(data: mujoco.MjData, scene: Scene) -> tuple[Array, Array]:
     return velocity + np.cross(spin, turn @ np.asarray(scene.offset, dtype=np.float64)), spin
 
 
-def _disturb(scene: Scene, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+def _disturb(scene: ThrowScene, model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """What acts from outside for one step."""
     push = np.array([*scene.force, 0.0])
     if scene.gust:
@@ -187,7 +187,7 @@ def _disturb(scene: Scene, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         model.geom_pos[0, 2] = scene.height + scene.bump * np.sin(20.0 * data.qpos[0]) * np.sin(20.0 * data.qpos[1])
 
 
-def _contact(scene: Scene) -> list[float]:
+def _contact(scene: ThrowScene) -> list[float]:
     """MuJoCo's reference of a contact: hard and slow, one that rebounds, or one that gives way."""
     if scene.compliance:
         return [-1.0 / (scene.compliance * scene.mass), -scene.softened / scene.mass]
@@ -198,7 +198,7 @@ def _contact(scene: Scene) -> list[float]:
     return [scene.slowness, 1.0]
 
 
-def _compile(scene: Scene) -> mujoco.MjModel:
+def _compile(scene: ThrowScene) -> mujoco.MjModel:
     spec = mujoco.MjSpec()
     spec.option.timestep = STEP
     spec.option.gravity = [0.0, 0.0, -scene.gravity]

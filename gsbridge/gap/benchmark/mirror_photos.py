@@ -54,7 +54,7 @@ _RAYS = 2
 
 
 @dataclass(frozen=True)
-class Plant:
+class PlantedFault:
     """What is wrong on the later day.
 
     Args:
@@ -68,7 +68,7 @@ class Plant:
     spin: Mapping[str, float]
 
     @classmethod
-    def draw(cls, name: str, seed: int, middle: Sequence[float] = (0.0, 0.0)) -> Plant:
+    def draw(cls, name: str, seed: int, middle: Sequence[float] = (0.0, 0.0)) -> PlantedFault:
         """Draw a fault.
 
         Args:
@@ -126,22 +126,22 @@ class MirrorStudio:
             world = build_mirror(setting, robot, base, hidden, pieces=pieces, quality=Quality(_RAYS, 2))
         return cls(world, hidden, size, body)
 
-    def photos(self, states: Sequence[ViewState], plants: Sequence[Plant], first: int) -> Array:
+    def photos(self, states: Sequence[ViewState], faults: Sequence[PlantedFault], first: int) -> Array:
         """Photos of every state with each fault. [P, N, S, S, 3] uint8.
 
         Args:
             states: Arm and object.
-            plants: Faults.
+            faults: Faults.
             first: Number of the first photo; each has noise of its own.
         """
-        out = np.zeros((len(plants), len(states), self.size, self.size, 3), np.uint8)
+        out = np.zeros((len(faults), len(states), self.size, self.size, 3), np.uint8)
         for n, state in enumerate(states):
             self.world.place(state.q, state.aperture, whole_pose(state.object_pose) @ self.body_from_true, first + n)
             self.world.camera.move(self.world.body_poses())
             pose = self.world.camera_pose()
             plain = self._traced(pose, first + n)
-            for p, plant in enumerate(plants):
-                out[p, n] = self._photo(plant, plain, pose, (first + n) * 64 + p)
+            for p, fault in enumerate(faults):
+                out[p, n] = self._photo(fault, plain, pose, (first + n) * 64 + p)
         return out
 
     def _traced(self, pose: Array, number: int) -> Array:
@@ -153,12 +153,12 @@ class MirrorStudio:
         edge = self.size + 2 * pad
         return camera.cropped(-pad, -pad, edge, edge).scaled(FINE)
 
-    def _photo(self, plant: Plant, plain: Array, pose: Array, number: int) -> Array:
+    def _photo(self, fault: PlantedFault, plain: Array, pose: Array, number: int) -> Array:
         """One photo with one fault. uint8 [S, S, 3]."""
-        sizes = {plant.name: plant.size} if plant.name else {}
+        sizes = {fault.name: fault.size} if fault.name else {}
         camera, hidden = wrist_camera(self.size), self.hidden
-        truth = TruthCamera(_NOTHING, camera, sizes, plant.spin)
-        if plant.name == "extrinsics":
+        truth = TruthCamera(_NOTHING, camera, sizes, fault.spin)
+        if fault.name == "extrinsics":
             pose = np.linalg.inv(truth.mount()) @ pose
             plain = self._traced(pose, number)
         focal = (1.0 + sizes.get("focal", 0.0)) * (1.0 + hidden.focal_error)
@@ -173,7 +173,7 @@ class MirrorStudio:
             cv2.remap(plain.astype(np.float32), columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         )
         usual = cv2.resize(light, (self.size, self.size), interpolation=cv2.INTER_AREA)
-        if plant.name == "shadow":
+        if fault.name == "shadow":
             light = light * truth.lamp(_on_table(rays, pose)).reshape(*light.shape[:2], 1)
         gathered = truth.gathered(light)
         electronics = Electronics(hidden, 0.05)

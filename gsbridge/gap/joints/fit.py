@@ -52,7 +52,7 @@ _NOTHING = 1e-150
 """Square of a derivative, in units of the noise, that is none."""
 
 
-class Seen(Protocol):
+class ReplayedRecords(Protocol):
     """Records as a fit sees them; residuals and what is like them have any one shape."""
 
     @property
@@ -72,7 +72,7 @@ class Seen(Protocol):
 class _Problem:
     """Parameters of several candidates as one vector, with bounds and scales."""
 
-    def __init__(self, view: Seen, who: Sequence[Candidate]) -> None:
+    def __init__(self, view: ReplayedRecords, who: Sequence[Candidate]) -> None:
         self.view, self.who = view, tuple(who)
         parameters = [p for candidate in who for p in candidate.effect.parameters]
         self.cuts = np.cumsum([len(candidate.effect.parameters) for candidate in who])[:-1]
@@ -131,7 +131,7 @@ class _Problem:
 
 
 def fit(
-    view: Seen,
+    view: ReplayedRecords,
     who: Sequence[Candidate],
     start: Sequence[dict[str, float]],
     bar: float = np.inf,
@@ -161,7 +161,7 @@ def fit(
     return _descend(problem, x, r, jacobian, bar, fresh=screen is None and known is None, limit=limit)
 
 
-def derivatives(view: Seen, fitted: EffectFit) -> Array:
+def derivatives(view: ReplayedRecords, fitted: EffectFit) -> Array:
     """Derivatives of residuals by the parameters of a fit, where it ended, by differences. [residuals, parameters]."""
     problem = _Problem(view, fitted.who)
     x = np.concatenate([np.zeros(0), *(c.vector(values) for c, values in zip(fitted.who, fitted.values, strict=True))])
@@ -171,7 +171,7 @@ def derivatives(view: Seen, fitted: EffectFit) -> Array:
     return out
 
 
-def nearer(view: Seen, who: Candidate, start: dict[str, float], affords: Callable[[int], bool]) -> dict[str, float]:
+def nearer(view: ReplayedRecords, who: Candidate, start: dict[str, float], affords: Callable[[int], bool]) -> dict[str, float]:
     """A start nearer to the best size of what begins at a threshold: a signature tells nothing of sizes beside its own.
 
     Args:
@@ -198,7 +198,7 @@ def nearer(view: Seen, who: Candidate, start: dict[str, float], affords: Callabl
     return values
 
 
-def polish(view: Seen, rough: EffectFit, limit: float = np.inf) -> EffectFit:
+def polish(view: ReplayedRecords, rough: EffectFit, limit: float = np.inf) -> EffectFit:
     """Improve a fit: derivatives are taken anew where it ended, and at most a few steps more are made.
 
     Args:
@@ -214,7 +214,7 @@ def polish(view: Seen, rough: EffectFit, limit: float = np.inf) -> EffectFit:
     return _descend(problem, x, r, jacobian, np.inf, fresh=True, share=0.0, last=True, limit=limit)
 
 
-def settled(view: Seen, fitted: EffectFit, limit: float = np.inf) -> EffectFit:
+def settled(view: ReplayedRecords, fitted: EffectFit, limit: float = np.inf) -> EffectFit:
     """A fit whose sizes of what begins at a threshold are no better a little smaller or larger, where slopes lead astray.
 
     Args:

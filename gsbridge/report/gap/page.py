@@ -11,7 +11,7 @@ from gsbridge.files import read_json
 from gsbridge.gap.image.case import PHOTOS
 from gsbridge.report.gap.figures import channel_name, channel_units, draw_residual_map
 from gsbridge.report.gap.picture_page import write_picture_report
-from gsbridge.report.gap.sections import JUDGED, MECHANISM, THROWS, Parts, read_series
+from gsbridge.report.gap.sections import JUDGED, MECHANISM, THROWS, CaseSections, read_series
 from gsbridge.report.gap.text import (
     effect_notes,
     effect_rows,
@@ -152,7 +152,7 @@ def _rivals(findings: Mapping[str, Any], short: str, count: int = 8) -> list[dic
     ]
 
 
-def _rivals_text(findings: Mapping[str, Any], parts: Parts) -> str:
+def _rivals_text(findings: Mapping[str, Any], parts: CaseSections) -> str:
     """How clear the race is."""
     text = f"Explanations that were fitted to one set of {parts.logs} and judged on another."
     if findings["verdict"] == "ambiguous":

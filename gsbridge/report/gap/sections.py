@@ -34,7 +34,7 @@ def read_series(path: str | Path) -> dict[str, Array]:
 
 
 @dataclass(frozen=True)
-class Parts(ABC):
+class CaseSections(ABC):
     """Parts of the report that differ between kinds of cases.
 
     Args:
@@ -91,7 +91,7 @@ class Parts(ABC):
         """
 
 
-class MechanismParts(Parts):
+class MechanismSections(CaseSections):
     """Sections about records of a mechanism; gaps are multiples of the noise."""
 
     def numbers(self, findings: Mapping[str, Any], judged: Mapping[str, Any], explained: bool) -> list[dict[str, str]]:
@@ -131,7 +131,7 @@ class MechanismParts(Parts):
         }
 
 
-class ThrowParts(Parts):
+class ThrowSections(CaseSections):
     """Sections about throws; gaps are in millimetres."""
 
     def numbers(self, findings: Mapping[str, Any], judged: Mapping[str, Any], explained: bool) -> list[dict[str, str]]:
@@ -176,7 +176,7 @@ class ThrowParts(Parts):
         }
 
 
-MECHANISM = MechanismParts(
+MECHANISM = MechanismSections(
     logs="records",
     short="",
     enough="; 9 would do",
@@ -190,7 +190,7 @@ MECHANISM = MechanismParts(
 )
 """Sections of the report on any model with joints."""
 
-THROWS = ThrowParts(
+THROWS = ThrowSections(
     logs="throws",
     short="mm",
     enough="",
