@@ -4,9 +4,9 @@ import os
 import sys
 from pathlib import Path
 
-from gsbridge.configuration.files import check_files
 from gsbridge.configuration.whole import read_configuration
 from gsbridge.workflow_faults import told
+from gsbridge.workflow_files import check_configuration_files
 from gsbridge.workflow_lock import end_when_asked
 from gsbridge.workflow_storage import see_new_folders
 from gsbridge.workflow_targets import check_targets, targets_of
@@ -20,7 +20,7 @@ min_version("9.19")
 ROOT = Path(os.path.abspath(workflow.current_basedir.get_path_or_uri(secret_free=True)))
 # Before snakemake reads them: it names no line.
 with told():
-    check_files([f"{ROOT}/config.yaml", *workflow.configfiles])
+    check_configuration_files([f"{ROOT}/config.yaml", *workflow.configfiles])
 
 
 configfile: f"{ROOT}/config.yaml"

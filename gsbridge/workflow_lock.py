@@ -22,6 +22,8 @@ from typing import NoReturn
 import psutil
 
 from gsbridge.errors import InputError
+from gsbridge.workflow_faults import told
+from gsbridge.workflow_files import check_configuration_files, configuration_files
 
 _PASSIVE = frozenset(
     {
@@ -112,7 +114,10 @@ def start_workflow(arguments: Sequence[str], say: Callable[[str], None]) -> NoRe
 
     Raises:
         InputError: Another run works in the folder.
+        SystemExit: A file of `--configfile` cannot be used, which snakemake would tell with a traceback.
     """
+    with told():
+        check_configuration_files(configuration_files(arguments))
     # The module of this Python, not whichever snakemake the shell finds first.
     command = [sys.executable, "-m", "snakemake", *arguments]
     if not _PASSIVE.intersection(arguments):

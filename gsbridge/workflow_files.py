@@ -1,0 +1,67 @@
+"""Configuration files of a run: snakemake reads those of `--configfile` before the Snakefile, and with words of its own.
+
+It also evaluates the expressions of a file that says `__use_yte__: true`, which are Python: a configuration must not run code.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from gsbridge.configuration.files import check_files
+from gsbridge.errors import InputError
+from gsbridge.reading import LARGEST_TEXT, load_yaml, regular_file
+
+_REMEDY = "Correct the path, or write KEY: VALUE in each line, as config.yaml does"
+_TEMPLATE = "__use_yte__"
+
+
+def configuration_files(arguments: Sequence[str]) -> list[Path]:
+    """Files that a call of snakemake lays over config.yaml.
+
+    Args:
+        arguments: Arguments as on snakemake's command line.
+    """
+    found: list[str] = []
+    before = list(itertools.takewhile(lambda argument: argument != "--", arguments))
+    for place, argument in enumerate(before):
+        option, given, value = argument.partition("=")
+        if option in ("--configfile", "--configfiles"):
+            following = itertools.takewhile(lambda word: not word.startswith("-"), before[place + 1 :])
+            # As with every option that is given twice, the last one counts.
+            found = [value] if given else list(following)
+    return [Path(path) for path in found]
+
+
+def check_configuration_files(paths: Iterable[str | Path]) -> None:
+    """Refuse configuration files that snakemake could not read, or would read as a program.
+
+    Args:
+        paths: The configuration files in use.
+
+    Raises:
+        InputError: A file is missing, is no YAML (with the line), a key stands twice, it holds no keys at its top level, or it
+            asks snakemake to evaluate expressions.
+    """
+    for path in paths:
+        regular_file(path, "configuration", _REMEDY, LARGEST_TEXT)
+        check_files([path])
+        content = _content(path)
+        if not isinstance(content, Mapping):
+            raise InputError(path, "this is no configuration: it holds no keys at its top level", _REMEDY)
+        if _TEMPLATE in content:
+            raise InputError(path, f"with '{_TEMPLATE}' snakemake would run code that the file holds", "Write the values out")
+
+
+def _content(path: str | Path) -> Any:
+    try:
+        # Indented with tabs it is JSON and no YAML.
+        return json.loads(Path(path).read_text(encoding="utf-8"))
+    except ValueError:
+        return load_yaml(path, "configuration", _REMEDY)
+
+
+__all__ = ["check_configuration_files", "configuration_files"]
