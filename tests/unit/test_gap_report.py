@@ -1,6 +1,7 @@
 """The report of a case: what it says, and that a browser shows it without a network."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -72,6 +73,16 @@ def test_an_account_is_told_line_by_line(tmp_path):
     ):
         assert said in text, said
     assert "To prove Coulomb friction: compare slow with fast constant speed" in text
+
+
+@pytest.mark.usefixtures("without_figures")
+def test_what_is_all_but_impossible_is_told_without_powers_of_ten(tmp_path):
+    found = findings()
+    found["rivals"][0]["probability"], found["rivals"][1]["probability"] = 1.0 - 5.85e-12, 5.85e-227
+    text = page(tmp_path, {**found, "p_value": 1e-6, "p_remaining": 1e-6, "something_remains": True})
+    for said in ("&lt; 0.1 %", "&gt; 99.9 %", "&lt; 0.001", "More than noise (p &lt; 0.001)"):
+        assert said in text, said
+    assert not re.search(r"\d[eE]-\d", re.sub(r'data:[^"]*|<style>.*?</style>', "", text, flags=re.DOTALL))
 
 
 @pytest.mark.usefixtures("without_figures")

@@ -10,6 +10,7 @@ import numpy as np
 
 from gsbridge.effects.base import Effect, Parameter
 from gsbridge.effects.registry import Applied, Registry
+from gsbridge.gap.diagnosis.chances import p_sentence
 from gsbridge.gap.diagnosis.results import (
     ABSTAINING,
     LIKELY,
@@ -281,7 +282,7 @@ class Account:
             return self.alone if finding.p_value < Rules.alarm else self.unexcited
         best = finding.best
         if best is None:
-            return f"Something is missing (p = {finding.p_value:.2g}), and no known effect could be fitted to it."
+            return f"Something is missing ({p_sentence(finding.p_value)}), and no known effect could be fitted to it."
         if finding.verdict == "none_of_the_known":
             if diagnosis.account is not None and diagnosis.account.entries:
                 return self._closest(diagnosis.account)

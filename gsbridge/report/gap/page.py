@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gsbridge.files import read_json
+from gsbridge.gap.diagnosis.chances import percentage
 from gsbridge.gap.image.case import PHOTOS
 from gsbridge.report.gap.figures import channel_name, channel_units, draw_residual_map
 from gsbridge.report.gap.picture_page import write_picture_report
@@ -146,7 +147,7 @@ def _rivals(findings: Mapping[str, Any], short: str, count: int = 8) -> list[dic
             "share": f"{100 * min(max(row['closure'], 0.0), 1.0):.1f}",
             "closure": f"{100 * row['closure']:.0f} %" if row["closure"] > 0 else "none",
             "behind": "–" if number == 0 else f"{plain(row['behind'])} {short}".rstrip(),
-            "probability": f"{100 * row['probability']:.3g} %",
+            "probability": percentage(row["probability"]),
         }
         for number, row in enumerate(findings["rivals"][:count])
     ]

@@ -18,6 +18,7 @@ import numpy as np
 
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
+from gsbridge.gap.diagnosis.chances import p_value, percentage
 from gsbridge.geometry import Array
 from gsbridge.report.gap.figures import data_uri
 from gsbridge.report.gap.text import advice, effect_notes, effect_rows, head, plain
@@ -100,8 +101,7 @@ def _numbers(found: Mapping[str, Any]) -> list[dict[str, str]]:
         out.append(
             {"value": f"{100 * checked['closure']:.0f} %", "label": "of what stands above the noise is closed", "tone": ""}
         )
-    chance = f"{found['p_value']:.2g}"
-    return [*out, {"value": chance, "label": "p: chance of such photos if nothing had changed", "tone": ""}]
+    return [*out, {"value": p_value(found["p_value"]), "label": "p: chance of such photos if nothing had changed", "tone": ""}]
 
 
 def _steps(found: Mapping[str, Any]) -> list[str]:
@@ -132,7 +132,7 @@ def _rivals(found: Mapping[str, Any], count: int = 8) -> list[dict[str, str]]:
             "share": f"{100 * min(max(row['closure'], 0.0), 1.0):.1f}",
             "closure": f"{100 * row['closure']:.0f} %" if row["closure"] > 0 else "none",
             "behind": "–" if number == 0 else plain(row["behind"]),
-            "probability": f"{100 * row['probability']:.3g} %",
+            "probability": percentage(row["probability"]),
         }
         for number, row in enumerate(found["rivals"][:count])
     ]

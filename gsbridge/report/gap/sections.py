@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from gsbridge.errors import InputError
+from gsbridge.gap.diagnosis.chances import p_value
 from gsbridge.geometry import Array
 from gsbridge.report.gap.figures import draw_channels, draw_each, draw_residuals, draw_throws
 from gsbridge.report.gap.text import plain
@@ -102,7 +103,7 @@ class MechanismSections(CaseSections):
         if checked and explained:
             out.append(_number(f"{plain(checked['after'])} ×", f"the noise: gap {_adopted(findings)}", "after"))
             out.append(_number(f"{100 * checked['closure']:.0f} %", "of what stands above the noise is closed"))
-        return [*out, _number(f"{findings['p_value']:.2g}", "p: chance of such residuals without any gap")]
+        return [*out, _number(p_value(findings["p_value"]), "p: chance of such residuals without any gap")]
 
     def pictures(
         self,
@@ -143,7 +144,7 @@ class ThrowSections(CaseSections):
             out.append(_number(f"{checked['after']:.3g} mm", f"mean distance {_adopted(findings)}", "after"))
             out.append(_number(f"{100 * checked['removed']:.0f} %", "of the distance is gone"))
         out.append(_number(f"{_floor(findings):.3g} mm", "is what noise and chaos explain"))
-        return [*out, _number(f"{findings['p_value']:.2g}", "p: chance of such distances without any gap")]
+        return [*out, _number(p_value(findings["p_value"]), "p: chance of such distances without any gap")]
 
     def pictures(
         self,

@@ -9,6 +9,7 @@ import numpy as np
 
 from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.effects.joints import JOINT_EFFECTS
+from gsbridge.gap.diagnosis.chances import p_sentence
 from gsbridge.report.gap.figures import channel_name
 
 LABELS = {
@@ -141,8 +142,8 @@ def remains(findings: Mapping[str, Any], after: Mapping[str, Any]) -> str:
     if not findings["effects"]:
         return "All of it: no effect was fitted." + (f" Most of it: {where}." if where else "")
     if not findings["something_remains"]:
-        return f"Nothing beyond the noise (p = {findings['p_remaining']:.2g})."
-    left = f"More than noise (p = {findings['p_remaining']:.2g})."
+        return f"Nothing beyond the noise ({p_sentence(findings['p_remaining'])})."
+    left = f"More than noise ({p_sentence(findings['p_remaining'])})."
     return f"{left} Most of it: {where}." if where else f"{left} It is spread thinly: no cell of the map stands out."
 
 
