@@ -11,8 +11,9 @@ _PLUGIN = "snakemake_storage_plugin_s3"
 def see_new_folders() -> None:
     """Let snakemake see folders in a bucket that a job on another machine has made.
 
-    Its S3 plugin (0.3.6) asks once, before the job, whether a name is a folder, and keeps the answer; the job's folders then
-    count as missing, and the run ends. Of its answers, a no is forgotten here. Nothing happens where the plugin is not in use.
+    Snakemake's S3 plugin (0.3.6) asks only once, before the job, whether a name is a folder. It keeps the answer no, so that
+    folders which the job makes count as missing, and the run ends. With this function it asks again after each no. Where the
+    plugin is not in use, nothing happens.
     """
     plugin = sys.modules.get(_PLUGIN)
     kind: Any = getattr(plugin, "StorageObject", None)

@@ -1,4 +1,4 @@
-"""From files to an environment: what a rule has at hand, put together; picklable, so that every process builds its own."""
+"""Builds an environment from the files that a rule has. Builders can be pickled: every process builds its own environment."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ def build_controller(
         item: `asset.json` of the object.
         settings: Task and action scale.
         stroke: Largest opening of the gripper, m.
-        delay: Delay of commands, control periods: the later they act, the gentler it is.
+        delay: Delay of commands, control periods. With a longer delay the controller corrects errors more slowly.
     """
     asset = _asset(item, "object")
     assert asset.properties is not None

@@ -44,7 +44,7 @@ HAND_BORDER = 2
 
 FEWEST_PIXELS = 500
 FEWEST_OF_LINK = 60
-"""Pixels, over all photos, from which a colour is measured."""
+"""Smallest number of pixels, over all photos, from which the colour of a link is measured."""
 
 SOFT = 0.03
 """Residual, encoded, beyond which a pixel counts less: shadows of arm and hand, glints, detail that the splats lack."""

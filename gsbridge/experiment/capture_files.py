@@ -16,14 +16,14 @@ _REMEDY = "Name the folder in which the photos lie"
 
 
 def capture_files(kind: str, path: Path) -> list[Path]:
-    """Files that a capture is read from, beside the one file that `path` may be.
+    """Files that the reader of a capture opens; where `path` is a file, it is not among them.
 
     Args:
         kind: Kind of the source: `images`, `colmap`, `nerfstudio`, `video`.
         path: Its file or folder.
 
     Raises:
-        InputError: So much lies there that this is no capture.
+        InputError: The folder holds so many files that it cannot be a capture.
     """
     if kind == "nerfstudio":
         return _listed_photos(path)

@@ -13,14 +13,14 @@ _STAMP = ".snakemake_timestamp"
 
 
 def restore_dates(working: Path) -> list[str]:
-    """Date results to when they were made, so that a copy of finished ones reruns nothing.
+    """Give results the dates at which they were made, so that a copy of finished results reruns nothing.
 
-    Where the dates speak for a rerun, snakemake compares the contents of files; of folders it compares the date of a stamp
-    alone. The record of the job knows when that stamp was written, and as nothing but a job writes it, its date tells no more
-    than the record does. A file that is older than its job came from an archive that rounds dates, or from a machine with
-    another clock; it is dated forward, or it would seem older than the folders that it was made from. A file that is younger
-    may have been edited, and keeps its date. None is dated later than now, where a clock was ahead: whatever is made of it
-    would be older, which snakemake takes for an error.
+    Where dates ask for a rerun, snakemake compares the contents of files, but for a folder it compares only the date of a
+    stamp file inside it. Only a job writes this stamp, and the record of the job says when it ended, so the stamp takes that
+    date. A file that is older than the end of its job came from an archive that rounds dates, or from a machine whose clock
+    was behind. It takes the date of the record; otherwise it would seem older than the folders that it was made from. A file
+    that is younger may have been edited and keeps its date. No date is set later than now, even where another machine's clock
+    was ahead: snakemake refuses outputs that are older than their inputs.
 
     Args:
         working: Folder in which snakemake works: results and records lie below it.

@@ -13,32 +13,32 @@ from gsbridge.masks.layers import grown
 from gsbridge.photogrammetry.sparse import SparsePoints
 
 _BEHIND = 0.02
-"""A point lies behind another if it is farther away by more than this share of the object's size: depths are less sure."""
+"""A point lies behind another if it is farther away by more than this share of the object's size, as depths are uncertain."""
 
 
 def seen_past(
     views: Sequence[View], masks: Sequence[Array], sparse: SparsePoints, chosen: Array, slack: float, size: float
 ) -> Array:
-    """Which points no part can stand at, since the photos whose masks leave them out show what lies behind them.
+    """Points at which no part of the object can be, since photos whose masks exclude them show what lies behind them.
 
     Where an outline crosses the pattern of the table, there is a corner in the photo but none in space: it slides from photo
     to photo, and neighbouring photos agree on a place beside the object. Like points of the object it may have a long track, a
     small residual and rays far apart. But a part of the object hides what lies behind it: the points that other photos show
-    at that place lie on the part, or before it. Beside the object they lie on the table behind. Photos that show the point
-    itself are no witnesses, for they are what is in doubt: a thin part that all of them show stands, and so does a point
-    before a table without a pattern, behind which nothing is seen.
+    at that place lie on the part, or before it. Beside the object they lie on the table behind. Photos in which the point
+    itself was found do not count, since these photos may be wrong. A thin part that is found in all photos is therefore
+    kept, and so is a point in front of a table without a pattern, where no point behind it was found.
 
     Args:
         views: Posed photos, in the order of the sparse model's.
         masks: One per view, 0..1. [H, W] each.
         sparse: The sparse model.
         chosen: Numbers of the points. [K].
-        slack: How far beside a mask a point is still on its outline, and beside a pixel still at its place, as a share of the
-            root of the mask's area.
+        slack: Distance in a photo up to which a point beside a mask counts as inside, and two points count as at the same
+            place, as a share of the square root of the mask's area.
         size: Longest side of the object, m.
 
     Returns:
-        [K] bool.
+        Whether each chosen point was looked past. [K] bool.
     """
     there, behind = np.zeros((2, len(chosen)))
     for number, (view, mask) in enumerate(zip(views, masks, strict=True)):

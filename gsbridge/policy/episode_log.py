@@ -22,7 +22,7 @@ COLUMNS = (
     *("command_x", "command_y", "command_z", "command_yaw", "command_aperture"),
     *("late_s", "refused"),
 )
-"""Table frame, m, rad. `time_s` since the first step, when the arm was measured; `late_s` by which the step missed its time."""
+"""Table frame, m, rad. `time_s` counts from the first step to when the arm was measured; `late_s` is the delay of the step."""
 
 
 @dataclass
@@ -36,7 +36,7 @@ class EpisodeLog:
         keep_pictures: Whether pictures are kept.
         end: Why it ended.
         overruns: Steps that were late.
-        worst_late_s: Time by which the latest step was late, s.
+        worst_late_s: Largest delay of a step, s.
         clipped: Number of commands cut to the workspace.
         saturated: Number of actions with an entry outside -1..1.
         refused: Number of commands that the arm refused.

@@ -18,13 +18,13 @@ class Failure(StrEnum):
     NOT_FINITE = "not_finite"
     """The world broke down: its state is not finite."""
     NOT_GRASPED = "not_grasped"
-    """Both pads never held the object."""
+    """The two pads never held the object between them."""
     NOT_LIFTED = "not_lifted"
     """It was held, but never came off the table."""
     DROPPED = "dropped"
     """It was lifted and then lost."""
     TIME_OUT = "time_out"
-    """The robot was on the right way, but out of time."""
+    """Time ran out before the task was done, though nothing had gone wrong."""
     PUSHED_AWAY = "pushed_away"
     """It left the area in which the robot can work."""
     NOT_RELEASED = "not_released"
@@ -52,21 +52,21 @@ class Progress:
     excess: Array
 
     def require(self, count: int) -> None:
-        """Make sure that this is the memory of so many worlds.
+        """Check that this memory has the given number of worlds.
 
         Raises:
-            ValueError: It is of another number.
+            ValueError: It has another number.
         """
         if len(self.streak) != count:
             raise ValueError(f"the memory of {len(self.streak)} worlds does not fit {count} states")
 
     @classmethod
     def start(cls, count: int) -> Progress:
-        """The begin of an episode in `count` worlds."""
+        """Memory at the beginning of an episode, in `count` worlds."""
         return cls(np.zeros(count, dtype=np.int64), *(np.zeros(count, dtype=bool) for _ in range(3)))
 
     def reset(self, rows: Array) -> Progress:
-        """The progress with some worlds at the begin of a new episode. rows: bool or int [N]."""
+        """A copy in which some worlds are at the beginning of a new episode. rows: bool or int [N]."""
         values = {name: getattr(self, name).copy() for name in ("streak", "gripped", "lifted", "excess")}
         for value in values.values():
             value[rows] = 0

@@ -1,4 +1,4 @@
-"""Effects of a free body: what they share, and what whatever simulates one offers them."""
+"""What effects of a free body have in common, and the interface through which they change a simulation of one."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class BodyEffect(Effect):
             change(self.figures[parameter.name], values[parameter.name])
 
     def directions(self) -> tuple[dict[str, float], ...]:
-        """Each amplitude alone, both ways where both make sense, shapes as they are."""
+        """One set of parameters per amplitude and per sign within its bounds; shape parameters have their typical values."""
         rest = {p.name: 0.0 if p.amplitude else p.typical for p in self.parameters}
         out = []
         for parameter in self.parameters:

@@ -27,6 +27,6 @@ class BaseTilt(JointEffect):
         return tuple({"about_x": a, "about_y": b} for a, b in ((0.02, 0), (-0.02, 0), (0, 0.02), (0, -0.02)))
 
     def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:
-        """Turn gravity the other way."""
+        """Turn gravity by the opposite angle, which is the same as turning the base."""
         turn = Rotation.from_rotvec([values["about_x"], values["about_y"], 0.0])
         setup.gravity = turn.inv().apply(setup.gravity)

@@ -1,4 +1,4 @@
-"""Which effects are the same equation on a mechanism, so that no data can part them: by theory, written down per plant.
+"""Effects with the same equation on a mechanism, which no data can tell apart: derived by hand for each mechanism.
 
 Axis (one revolute joint, weight carried by the controller, no losses in the model), with W the weight's torque, I the inertia:
 
@@ -6,8 +6,8 @@ Axis (one revolute joint, weight carried by the controller, no losses in the mod
   1 + g = 1 / (1 + m).
 - `payload` adds M x to the moment and M (x^2 + z^2) to the inertia with three free numbers: `link_mass` is one choice of them.
 - `encoder_offset` e and `base_tilt` b about the axis: the controller holds q + e where the weight is W cos q, or q where it is
-  W cos(q - b); nothing else depends on the angle. To first order either adds e W sin q, which a `payload` beside the arm does
-  too, with as little inertia as it likes, being heavy and near.
+  W cos(q - b); nothing else depends on the angle. To first order either adds e W sin q. So does a `payload` beside the arm,
+  and a heavy one near the axis adds hardly any inertia.
 - `command_delay` d and `lag` T: expanded in them, the responses are equal to first order and differ by d^2 / 2 times the
   acceleration to second, a share of w d / 2 at the frequency w; below 2 ms and 2 Hz that is 1.3 %, about one standard deviation
   of a signature of twenty units.
@@ -15,8 +15,9 @@ Axis (one revolute joint, weight carried by the controller, no losses in the mod
 The arm of the benchmark: its first axis is upright, so that the first link's weight turns nothing, and its mass acts as inertia
 about that axis alone, as `armature` does: mass M, distance d and moment I of the link give (M d^2 + I) m for a share m.
 
-Any arm: `command_delay` and `lag` likewise. Without efforts, on both: `viscous` and `gain_d` are one term of the equation of
-motion, and a delay of all commands shifts positions as `clock_offset` does.
+On any arm, `command_delay` and `lag` are equal to first order, too. Where no efforts are logged, on axis and arms alike,
+`viscous` and `gain_d` are one term of the equation of motion, and a delay of all commands shifts positions as `clock_offset`
+does.
 """
 
 from __future__ import annotations
@@ -39,12 +40,12 @@ _BLIND = (("viscous", "gain_d"), ("command_delay", "clock_offset"))
 
 
 def twins_of(plant: str, hidden: Mapping[str, float], channels: Iterable[str]) -> tuple[frozenset[str], ...]:
-    """Sets of effects that are the same equation as what is hidden, itself not among them.
+    """Sets of effects with the same equation as the hidden ones; the hidden set itself is left out.
 
     Args:
         plant: `axis` or `arm`.
         hidden: Sizes by name, `name:joint` for one joint.
-        channels: Logged ones.
+        channels: Channels that are logged.
     """
     groups: list[tuple[str, ...]] = list(_AXIS if plant == "axis" else ())
     if "effort" not in channels:

@@ -17,13 +17,13 @@ from gsbridge.gap.diagnosis.results import Finding
 from gsbridge.geometry import Array
 
 FEWER = 10
-"""Throws on which grids are walked on top of an explanation; no bank can hold those."""
+"""Number of throws on which one more effect is searched for beside those already found; the bank has no such simulations."""
 
 _NEAR = 1.5
 """Multiple of the best fit's error up to which others are fitted on all throws too."""
 
 _FINE = 0.3
-"""Share of the grid's spacing in which a size that was fitted on a few throws is looked for on all."""
+"""A size that was fitted on a few throws is refined on all of them within this share of the grid's spacing."""
 
 logger = logging.getLogger("gsbridge")
 
@@ -35,14 +35,14 @@ class ThrowRules:
     Args:
         alarm: p-value below which a discrepancy counts.
         rivals: Effects that are fitted.
-        sure: Probability of being best that a name needs.
-        margin: Share of the gap by which all rivals must be behind.
-        sigmas: Standard errors by which they must be behind.
-        closure: Share of the gap, in plain distances, that a name must close where something remains.
-        gain: Share of what is left above the floor that an effect must take away on throws it has not seen.
-        most: Effects that are looked for at once.
+        sure: Probability of being the best effect that is needed for naming one.
+        margin: Share of the gap by which the best effect must lead all rivals.
+        sigmas: Number of standard errors by which it must lead them.
+        closure: Share of the gap, in unweighted distances, that named effects must close where something unexplained remains.
+        gain: Share of the error above the floor that a further effect must remove, on throws that it was not fitted to.
+        most: Largest number of effects in one explanation.
         draws: Number of draws of the bootstrap over throws.
-        budget: Passes over the throws of a role beside the bank, after which no further effect is looked for.
+        budget: Number of passes over the throws of a role, without those of the bank, after which no further effect is sought.
     """
 
     alarm: float = 0.01
@@ -59,12 +59,12 @@ class ThrowRules:
 
 @dataclass(frozen=True)
 class ThrowHypothesis:
-    """A fit and how it does on throws that it has not seen.
+    """A fit, and its errors on throws that it was not fitted to.
 
     Args:
         fit: The fit.
         errors: Mean error of each throw of `select`, m. [N].
-        closure: Share of the gap above the floor that it closes, once all were judged.
+        closure: Share of the gap above the floor that it closes; 0 until all hypotheses were judged.
     """
 
     fit: ThrowFit
@@ -88,8 +88,8 @@ class ThrowFinding(Finding[ThrowHypothesis]):
 
     Args:
         floor: Mean distance that noise, chaos and the engine's choices explain, m.
-        weighed: That mean in weighed distances, by which throws are fitted and judged.
-        spread: What is expected at a moment, as `ThrowReplay.weigh` takes it.
+        weighed: `floor` in the weighted distances by which throws are fitted and judged.
+        spread: Expected distance at each moment of a throw, as `ThrowReplay.weigh` takes it.
     """
 
     floor: float = 0.0
@@ -97,7 +97,7 @@ class ThrowFinding(Finding[ThrowHypothesis]):
     spread: Callable[[Array], Array] = np.ones_like
 
     def closure(self, error: float) -> float:
-        """Share of the gap above the floor that an error leaves closed."""
+        """Share of the gap above the floor that is closed where this error remains."""
         return closure(self.before, error, self.floor)
 
 

@@ -67,7 +67,7 @@ def read_mcap(path: Path, part: str, joints: tuple[str, ...], sliding: Collectio
 
     Args:
         path: The file.
-        part: `TOPIC` of the measurements, or `TOPIC,COMMANDS`; may be empty where one topic alone can be meant.
+        part: `TOPIC` of the measurements, or `TOPIC,COMMANDS`; may be empty where only one topic has measurements.
         joints: Joints of the mechanism.
         sliding: Names of the joints that slide.
 

@@ -1,4 +1,4 @@
-"""What is left of pictures by place: in cells of the world, or of the image where the world is seen for the first time."""
+"""Mean residuals of pictures by place: by cell of the world, or by cell of the image where no earlier view shows the place."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _IMAGE_CELLS = 8
 """Cells along the height of the image."""
 
 _PRIOR = 2.0
-"""Weight of what is assumed of a cell before any view of it, in views: mean zero, and the variance of all cells."""
+"""Weight, in views, of what is assumed about a cell that no view shows: mean zero, and the mean variance of all cells."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,8 @@ class Cells:
 
     Args:
         keys: Numbers of the cells, rising. [C].
-        means: Mean residual of each, shrunk towards none. [C, 3].
-        variances: Variance of a pixel about it, in views that were not averaged. [C].
+        means: Mean residual of each cell, shrunk towards zero. [C, 3].
+        variances: Variance of a pixel about that mean in a new view, one that was not averaged over. [C].
     """
 
     keys: Array
@@ -60,7 +60,7 @@ class Cells:
         return cls(whole, means, spread)
 
     def at(self, keys: Array) -> tuple[Array, Array, Array]:
-        """Mean, variance, and whether the cell was seen, of pixels. [P, 3], [P], [P] bool."""
+        """Mean and variance of the cell of each pixel, and whether that cell was seen. [P, 3], [P], [P] bool."""
         place = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
         known = self.keys[place] == keys
         return np.where(known[:, None], self.means[place], 0.0), np.where(known, self.variances[place], 0.0), known
@@ -68,7 +68,7 @@ class Cells:
 
 @dataclass(frozen=True)
 class Lack:
-    """What is left by place: in the world where it was seen before, in the image elsewhere.
+    """Residuals by place: by cell of the world where a view has shown it, by cell of the image elsewhere.
 
     Args:
         world: Cells of the world.
@@ -80,11 +80,11 @@ class Lack:
 
     @classmethod
     def learn(cls, view: ImageResiduals, apart: Array, chosen: Sequence[int]) -> Lack:
-        """Average what is left of some views.
+        """Average the residuals of some views.
 
         Args:
             view: Drawn pictures and photos.
-            apart: Photos less drawn pictures, encoded, as compared. [N, h, w, 3].
+            apart: Photos minus drawn pictures, encoded, at the size at which they are compared. [N, h, w, 3].
             chosen: Numbers of the views that count.
         """
         inside = [view.mask[n] > 0 for n in chosen]
@@ -96,7 +96,7 @@ class Lack:
         )
 
     def at(self, view: ImageResiduals) -> tuple[Array, Array]:
-        """Mean and variance of what is left, in each pixel of some views as compared. [N, h, w, 3], [N, h, w]."""
+        """Mean and variance of the residual that is expected in each compared pixel of some views. [N, h, w, 3], [N, h, w]."""
         mean, variance, known = self.world.at(world_cells(view).ravel())
         elsewhere, wide, _ = self.image.at(image_cells(view).ravel())
         mean, variance = np.where(known[:, None], mean, elsewhere), np.where(known, variance, wide)

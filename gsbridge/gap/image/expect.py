@@ -1,8 +1,9 @@
-"""What photos would look like after a change: earlier photos, seen by a camera that sits, bends or develops otherwise.
+"""What earlier photos would look like after a change of the camera's pose, lens or response.
 
-The change is that of further photos of the view, whose light is moved by the depth of what it shows, so that all detail and
-every shade is there; it is added to the photo. Were the photo itself blurred or moved, its noise would get less, and whatever
-blurs would explain every pair of photos better than nothing does.
+The change is computed on an almost noise-free copy of the photo, made with further photos of the view. The light of each pixel
+is moved according to its depth, so that detail and shading stay as they are. The difference is then added to the photo. If
+the photo itself were blurred or moved, its noise would decrease, and any effect that blurs would explain every pair of photos
+better than no effect.
 """
 
 from __future__ import annotations
@@ -26,19 +27,19 @@ _STRENGTH = 3.0
 """Differences, of 255, that count as noise in a single photo."""
 
 _ROUND = 5
-"""Pixels on either side over which texture is taken to be alike."""
+"""Half width of the window, px, over which the share of texture that both photos show is averaged."""
 
 _TURNS = 5
 """Iterations of the search for the depth along a ray."""
 
 _HIDING = 0.5
-"""Least shift between near and far things, px, at which it is worked out what hides what."""
+"""Occlusion is computed only where near and far things shift against each other by at least this much, px."""
 
 _SAME = 0.02
 """Largest relative difference between an interpolated and a moved depth that count as the same place."""
 
 _KEPT = 4
-"""Ways of looking whose light is kept: a search changes colours more often than places."""
+"""Number of camera geometries whose light is kept: a search changes colours more often than geometry."""
 
 
 def _clean(photo: Array, other: Array, strength: float) -> Array:
@@ -85,11 +86,11 @@ class Expectation:
         return pairs.before + (changed - self.clean)
 
     def shown(self, how: Shooting) -> Array:
-        """Which pixels show what the earlier photo shows somewhere, and not what lies beyond its edges. [N, H, W] bool."""
+        """Whether a pixel shows something that the earlier photo shows, too, and not what lay outside it. [N, H, W] bool."""
         return self._seen(how)[1]
 
     def flat(self, how: Shooting) -> Array:
-        """Expected photos of a camera that did not move, with a lens as sharp; they tell the grain. [N, H, W, 3] float32."""
+        """Expected photos of a camera that was not moved or defocused, to measure noise in. [N, H, W, 3] float32."""
         still = replace(how, mount=np.eye(4), focal=1.0, distortion=np.zeros(2), delay=0.0, row_time=0.0, exposure_time=0.0)
         still = replace(still, blur=0.0)
         return np.stack([develop(self._before[n], self._frame(n, still), still) for n in range(len(self.pairs))])

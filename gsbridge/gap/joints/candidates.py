@@ -17,10 +17,10 @@ from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
 _LOWEST = (0.02, 0.08, 0.2)
-"""Where surfaces are looked for, in shares of the range of commanded heights above the lowest."""
+"""Heights at which a surface is tried, as shares of the range of commanded heights, counted from the lowest."""
 
 _LEVEL = 0.01
-"""Range of heights, m, below which nothing is said of surfaces."""
+"""Range of commanded heights, m, up to which no surface is tried."""
 
 
 @dataclass(frozen=True, order=True)
@@ -29,7 +29,7 @@ class JointCandidate(Candidate):
 
     Args:
         slides: Whether the joint slides, so that the effect's figures are in metres and newtons.
-        heights: Where a surface may lie in the way of the tool, m above the base's origin.
+        heights: Heights at which a surface may be in the way of the tool, m above the base's origin.
     """
 
     registry = JOINT_EFFECTS
@@ -38,11 +38,11 @@ class JointCandidate(Candidate):
 
     @property
     def effect(self) -> JointEffect:
-        """Its entry in the registry of what the joint does."""
+        """Its entry in the registry of effects of turning or of sliding joints."""
         return (SLIDING_EFFECTS if self.slides else JOINT_EFFECTS).effect(self.name)
 
     def directions(self) -> tuple[dict[str, float], ...]:
-        """Parameter sets whose multiples are looked at first: of the effect, or a surface at each height."""
+        """Sets of parameters of which multiples are tried first: those of the effect, at each height where it is a surface."""
         own = super().directions()
         return tuple({**values, "height": height} for values in own for height in self.heights) if self.heights else own
 
@@ -50,12 +50,12 @@ class JointCandidate(Candidate):
 def candidates(
     view: JointResiduals, names: Collection[str] | None = None, others: Sequence[JointResiduals] = ()
 ) -> tuple[JointCandidate, ...]:
-    """All candidates of a mechanism; of these effects only, if `names` is given.
+    """All candidates of a mechanism, or only those of the effects in `names`.
 
     Args:
         view: A record and the mechanism that replays it.
         names: Effects that may be the reason; None for the whole catalogue.
-        others: Further records that may reach where this one never goes.
+        others: Further records, whose commands may reach lower heights.
     """
     system, out = view.mechanism.system, list[JointCandidate]()
     for name, effect in JOINT_EFFECTS.items():
@@ -75,7 +75,7 @@ def candidates(
 
 
 def thresholds(who: Sequence[Candidate], view: JointResiduals, residual: Array) -> list[Candidate]:
-    """Candidates of one size that begins at a threshold, on the joint that errs most.
+    """Candidates that act only above a threshold, with one parameter, on the joint with the largest residual.
 
     Args:
         who: Candidates.

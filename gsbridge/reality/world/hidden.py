@@ -1,4 +1,4 @@
-"""What the mirror hides: parameters drawn by seed from stated ranges, and further worlds by naming a few of them.
+"""What the mirror hides: parameters drawn by seed from stated ranges, and further worlds that set some of them by name.
 
 Nothing that learns or diagnoses may read a `Hidden`; only the scores do.
 """
@@ -60,24 +60,25 @@ class Hidden:
 
     What follows is drawn by severity alone (`gsbridge.reality.world.severity`), and docs/mirror.md tells what it means:
 
-        encoder_offset: By how much each joint measures more than its angle, rad.
+        encoder_offset: Measured angle of each joint minus its true angle, rad.
         link_offset: By how much each of the arm's seven joints stands beside its drawing, along the axes of the link before it,
             x, y, z of the first joint, then of the second, and so on, m.
         gravity_error: Share of the robot's weight that is compensated too much.
-        latency_jitter: Most by which a command is later than `latency`, s.
+        latency_jitter: Largest delay of a command beyond `latency`, s.
         lost_commands: Share of commands that never arrive.
-        object_com: Centre of mass beside its place along the object's x and y, share of its width.
-        exposure_time: How long a picture takes light, s.
-        readout: From the first row of a picture to the last, s.
-        auto_exposure, auto_balance: Shares of a difference from grey that the camera answers.
+        object_com: Offset of the centre of mass along the object's x and y, as a share of the object's width.
+        exposure_time: Time for which a picture is exposed, s.
+        readout: Time between the first row of a picture and its last, s.
+        auto_exposure, auto_balance: Share of a picture's difference from grey, in brightness and in colour, that the camera
+        corrects.
         distortion: Radial distortion k1 beyond what is calibrated.
         focal_error: Share by which the focal length is longer than calibrated.
         compression: 100 less the quality of the pictures' JPEG; 0 for none.
-        dropped_frames: Share of pictures in whose place the last one comes again.
+        dropped_frames: Share of pictures that are replaced by the one before.
         late_frames: Share of pictures that show the moment one step before.
         light_hue: Log of red against green light, and of green against blue.
         lamp_dim: Share of the lamp that is out.
-        window: Radiance of a window beside the table, of the lamp's.
+        window: Radiance of a window beside the table, as a share of the lamp's.
         window_heading: Direction in which the window lies, rad.
         passer: Half the width of somebody who passes between lamp and table, m.
         gloss_object, gloss_plate, gloss_robot, gloss_table: 0 matt to 1 wet.

@@ -1,4 +1,4 @@
-"""The whole way in one picture and in a clip of some twenty seconds: film, splats, arm, what came of it."""
+"""The whole pipeline in one picture and in a clip of some twenty seconds: film, splats, arm, and how many trials succeeded."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ BAR = (96, WIDTH - 62)
 """Where shares 0 and 1 lie in the picture of the counts, px."""
 
 Panel = tuple[Array, str]
-"""A picture, uint8 [HEIGHT, WIDTH, 3], and what stands below it."""
+"""A picture, uint8 [HEIGHT, WIDTH, 3], and its caption."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,11 @@ class FilmedScene:
     source: str
 
     def read(self) -> Views:
-        """All registered views; refuses none at all."""
+        """Read all registered views.
+
+        Raises:
+            InputError: There is none.
+        """
         found = read_views(self.views, self.images)
         if not len(found):
             raise InputError(self.views, "it holds no view", "Run the align stage again")

@@ -20,7 +20,7 @@ import numpy as np
 from gsbridge.geometry import Array
 
 SPACING = 0.003
-"""Length of a piece, m. Two paths that cross err by less than half of it, those side by side not at all."""
+"""Length of a piece, m. The distance of paths that cross is wrong by less than half of it, that of parallel paths is exact."""
 
 
 def resample(path: Array, spacing: float = SPACING) -> Array:

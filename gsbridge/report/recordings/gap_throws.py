@@ -34,7 +34,7 @@ def summary(found: Mapping[str, Any], note: str) -> str:
 
 
 SHOWN = 12
-"""Throws in a recording, spread evenly over the order of their distances before."""
+"""Number of throws in a recording, spread evenly over all throws in the order of their distances before."""
 
 PAUSE = 0.4
 """Pause between two throws, s."""

@@ -1,7 +1,8 @@
 """Kernels that walk each block's list again, front to back, for the gradients of its records.
 
-No second state is kept: what a pixel still receives from behind a splat is its final value less what it has got so far. A unit
-of weight is worth the gradient along its colour and depth, plus that of alpha, less that of the background it hides.
+Nothing beside a pixel's final value is kept for this: what the pixel receives from behind a splat is the final value minus
+the sum up to that splat. The gradient with respect to a splat's weight is the one along its colour and depth, plus that of
+alpha, minus that of the background which the splat hides.
 """
 
 from __future__ import annotations
@@ -181,10 +182,11 @@ def sum_gradients(blocks: tuple[Any, ...], gradients: tuple[Array, ...], sums: A
 
 @njit(error_model="numpy")
 def share_entries(blocks: tuple[Any, ...], bands: int, first_band: Array, targets: Array, owners: Array) -> int:
-    """Sums for the entries of bands of rows that share none: those of a record belong to the first band which shows it.
+    """Assign sums to all entries so that no two bands of rows write to the same ones.
 
-    In a later band each entry of such a record gets sums of its own. In the order of the blocks they are then added to the
-    record's, as one thread would have added them: float sums depend on their order.
+    The first band that shows a record writes to the record's own sums. In a later band, each entry of that record gets sums of
+    its own, which are afterwards added to the record's in the order of the blocks. So one thread would have added them, and
+    float sums depend on their order.
 
     Args:
         blocks: As in `sum_gradients`.

@@ -1,6 +1,6 @@
 """Kernels that project splats to the screen, eight at a time, and take gradients back.
 
-EWA splatting: a 3D Gaussian's covariance goes through the projection's slope at its centre.
+EWA splatting: the covariance of a 3D Gaussian is mapped by the Jacobian of the projection at its centre.
 
 Source: Zwicker et al., "EWA volume splatting", 2001; Kerbl et al., "3D Gaussian splatting", 2023; without aliasing: Yu et al.,
 "Mip-Splatting", 2024, section 5.2.
