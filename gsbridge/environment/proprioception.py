@@ -67,7 +67,7 @@ class Reached:
         return cls(np.array(table_from_tool[:3, 3], dtype=np.float64), _yaw(np.asarray(table_from_tool)), float(aperture))
 
     def after(self, before: Reached | None) -> Reached:
-        """This reading with the travel of the fingers since the one before, which is None at the begin of an episode."""
+        """This reading with the travel of the fingers since the one before, which is None at the beginning of an episode."""
         travel = 0.0 if before is None else self.aperture - before.aperture
         return Reached(self.position, self.yaw, self.aperture, travel)
 

@@ -32,7 +32,7 @@ COLUMNS = (
 )
 """`target_max`, `surprise_max`: largest since the last row; other learned figures: means. `surprise_max` is the largest
 -log pi of a controller's action, nats; `advantage` the mean of Q(controller) - Q(actor); `alarm` the share of updates whose
-targets exceed the largest return. `cpu_*_s`: CPU seconds since the begin of the training, by what they went into."""
+targets exceed the largest return. `cpu_*_s`: CPU seconds since the beginning of the training, by what they went into."""
 
 _HIGHEST = ("target_max", "surprise_max")
 

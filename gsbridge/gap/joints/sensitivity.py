@@ -39,7 +39,7 @@ class Sensitivity:
     Args:
         nudges: By position and speed of each joint at the start, in SI units. [2 N, T, kinds, N]; with a tool the last axis has
             at least three columns, and what is not there is not-a-number.
-        stepping: What a finer step changes: engines differ by about as much, each taking speeds or positions of the begin or
+        stepping: What a finer step changes: engines differ by about as much, each taking speeds or positions of the beginning or
             the end of a step. [T, kinds, N].
         curving: What it changes if commands that the model joins by lines ran along a curve through them: they may have been
             sent more often than they were logged. Zero where they are held. [T, kinds, N].
@@ -59,10 +59,10 @@ def start_states(mechanism: Mechanism, record: Record, spans: Sequence[Span], me
         mechanism: Simulates.
         record: Commands and measurements.
         spans: Stretches of the record.
-        measured: State of the joints at the begin of each stretch, as measured.
+        measured: State of the joints at the beginning of each stretch, as measured.
 
     Returns:
-        State of the joints at the begin of each stretch.
+        State of the joints at the beginning of each stretch.
     """
     if not mechanism.system.controller.closed_loop or "command" not in record.commands:
         return list(measured)
@@ -86,7 +86,7 @@ def sensitivity_of(
         mechanism: Simulates.
         record: Commands and measurements.
         spans: Stretches of the record.
-        measured: State of the joints at the begin of each stretch, as measured.
+        measured: State of the joints at the beginning of each stretch, as measured.
         folder: Where sensitivities are kept; nothing is kept when None.
     """
     states = start_states(mechanism, record, spans, measured)

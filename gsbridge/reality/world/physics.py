@@ -31,7 +31,7 @@ _PLATE_DETAIL = 2.0
 """Spacing of the plate's mesh behind its pieces, of that in films."""
 
 _SETTLE = 0.05
-"""Time for the object to find its rest at the begin of an episode, s."""
+"""Time for the object to find its rest at the beginning of an episode, s."""
 
 
 class MirrorPhysics:
@@ -275,7 +275,7 @@ class MirrorPhysics:
         """Poses as in `body_poses` and `camera_pose` at an earlier moment of the last control period, since pictures take time.
 
         Args:
-            before: How long ago, s; where nothing has moved since the begin, it was as it is.
+            before: How long ago, s; where nothing has moved since the beginning, it was as it is.
         """
         if not self._trail:
             return self.body_poses(), self.camera_pose()
