@@ -91,6 +91,25 @@ def test_other_separators_are_named(tmp_path, mark, name):
         read_record(path, LAYOUT)
 
 
+@pytest.mark.parametrize("mark", [",", ";", "\t", " "])
+def test_a_table_without_a_header_line_is_told_so(tmp_path, mark):
+    """Its numbers were listed as the names of its columns."""
+    path = written(tmp_path, table())
+    path.write_text("\n".join(path.read_text().replace(",", mark).splitlines()[1:]))
+    with pytest.raises(InputError, match=r"it has no header line: its first line holds numbers\. Write the columns' names"):
+        read_record(path, LAYOUT)
+
+
+@pytest.mark.parametrize("again", ["position.axis [rad]", "position.axis [deg]"])
+def test_a_column_that_stands_twice_is_refused(tmp_path, again):
+    """One of the two would be lost, and nobody would know which."""
+    path = written(tmp_path, table())
+    header, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([f"{header},{again}", *(f"{row},0.5" for row in rows)]))
+    with pytest.raises(InputError, match=r"the column 'position\.axis' stands twice"):
+        read_record(path, LAYOUT)
+
+
 def test_a_header_and_a_case_that_disagree_are_refused(tmp_path):
     said = refused(tmp_path, table(), Layout(("axis",), units={"position": "deg"}))
     assert "states [rad] for the column 'position.axis', the case [deg]" in said

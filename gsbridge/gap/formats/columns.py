@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,6 +21,9 @@ LARGEST_TABLE = 2 * 2**30
 _LISTED = 14
 """Columns that a message names."""
 
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)", re.IGNORECASE)
+_EXAMPLE = "time [s],NAME [UNIT], and so on"
+
 
 def read_table(path: Path, what: str) -> tuple[pd.DataFrame, bytes]:
     """A table from CSV (header `name [unit]`) or Parquet, and the file's bytes.
@@ -29,18 +33,36 @@ def read_table(path: Path, what: str) -> tuple[pd.DataFrame, bytes]:
         what: What it holds, for the message: `record`, `throws`.
 
     Raises:
-        InputError: The file cannot be read, or is no table.
+        InputError: The file cannot be read, is no table, or has no header line; or two columns have the same name.
     """
     regular_file(path, what, "Check the path in the case", LARGEST_TABLE)
     with refusing(path, "this is no table", "Give CSV with a header line, or Parquet"):
         data = path.read_bytes()
-        table = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path)
+        if path.suffix == ".parquet":
+            table = pd.read_parquet(path)
+        else:
+            _check_header(path)
+            table = pd.read_csv(path)
     for mark, name in ((";", "semicolons"), ("\t", "tabs")):
         if any(mark in str(header) for header in table.columns):
             raise InputError(
                 path, f"its columns are separated by {name}", "Separate them with commas, and write decimals with a point"
             )
     return table, data
+
+
+def _check_header(path: Path) -> None:
+    """Refuse a CSV file that begins with numbers, and one in which two columns have the same name: one would be lost."""
+    headers = [str(header) for header in pd.read_csv(path, header=None, nrows=1, dtype=str).iloc[0].dropna()]
+    words = [word for header in headers for word in re.split(r"[;\s]+", header) if word]
+    if words and all(_NUMBER.fullmatch(word) for word in words):
+        raise InputError(
+            path, "it has no header line: its first line holds numbers", f"Write the columns' names there: {_EXAMPLE}"
+        )
+    names = [split_header(header)[0] for header in headers]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice:
+        raise InputError(path, f"the column '{twice}' stands twice", "Keep one of them, or give the other another name")
 
 
 @dataclass(frozen=True)
