@@ -15,17 +15,17 @@ from gsbridge.libraries import import_open3d
 from gsbridge.meshes import Mesh
 
 RAISED = 0.003
-"""Height over the table from which a surface is no unevenness of a reconstruction, m."""
+"""Smallest height over the table, m, that is taken for a raised part; lower ones may be unevenness of the reconstruction."""
 
 SMALLEST = 0.03
-"""Radius from which something raised is a place to put things, m."""
+"""Smallest radius, m, of a raised part on which objects can be placed."""
 
 RELIEF_URDF = "relief.urdf"
 """Name of the relief's description in the folder of the asset's hulls."""
 
 COLLISION_FACES = 800
-"""Triangles of the body. The time of contacts grows with them: with the several thousand of a reconstruction, physics of an
-object on a plate takes longer than the control step that it simulates; these change its surface by less than a millimetre."""
+"""Largest number of triangles of the body. With the several thousand of a reconstruction, the physics of an object on a plate
+takes longer than the control step that it simulates. This number changes the surface by less than a millimetre."""
 
 _DISC = np.array([[r * np.cos(a), r * np.sin(a)] for r in (0.2, 0.6, 1.0) for a in np.arange(8) * np.pi / 4])
 _INNER = 0.5
@@ -94,7 +94,7 @@ def find_relief(mesh: Mesh) -> tuple[Relief, Mesh] | None:
 
 
 def simplified(surface: Mesh, faces: int = COLLISION_FACES) -> Mesh:
-    """A surface with fewer triangles, for collisions; as it is where it has no more.
+    """Reduce a surface to few triangles, for collisions; one that has few already stays as it is.
 
     Args:
         surface: Part of a mesh, m.

@@ -35,12 +35,12 @@ logger = logging.getLogger("gsbridge")
 
 MIN_KEYFRAMES = 3
 ADVISED_KEYFRAMES = 40
-"""Steps of 5 to 9 degrees over an orbit and more: enough for a complete model, see `docs/capture.md`."""
+"""Number of keyframes that is enough for a complete model: steps of 5 to 9 degrees over an orbit or more (docs/capture.md)."""
 
 
 _AROUND, _BLURRED = 3, 0.6
-"""Arcs on each side with which an arc is compared, and the share of their sharpness below which it counts as blurred: a blur
-of a few pixels takes half of a picture's sharpness and more, what comes into view in a few arcs less."""
+"""Number of arcs on each side with which an arc is compared, and the share of their sharpness below which it counts as blurred.
+A blur of a few pixels takes away at least half of a picture's sharpness; what comes into view within a few arcs, less."""
 
 
 @dataclass(frozen=True)
@@ -96,8 +96,8 @@ def choose(motions: list[FrameMotion], settings: KeyframeSettings, width: int) -
         width: Width of the images, px.
 
     Returns:
-        Rising positions: the sharpest frame of each of equal arcs of image motion; arcs without a sharp frame have none, be it
-        that all are below the floor or that all are blurred beside their neighbours.
+        Rising positions: the sharpest frame of each arc, where all arcs have equal image motion. An arc has none if all its
+        frames are less sharp than the settings ask for, or blurred compared with those of its neighbours.
     """
     path = np.array([motion.path_px for motion in motions])
     total = float(path[-1])

@@ -146,7 +146,7 @@ def write_trials(
         task: `grasp` or `pick_and_place`.
         name: The world's name.
         pose_set: `fixed` or `unseen`.
-        facts: More for the record.
+        facts: Further entries of the record.
     """
     seeds = list(dict.fromkeys(trial.seed for trial in trials))
     counts = {

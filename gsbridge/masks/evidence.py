@@ -36,26 +36,26 @@ _FEWEST_SOUND = 6
 BITTEN = 0.1
 """A mask lacks a part of the object (it is *bitten*) if it leaves out this share of the object's points in its photo."""
 SPILT = 0.1
-"""A mask holds a part of the table if so many of the table's points lie in it per point of the object; usually none do."""
+"""A mask holds a part of the table if this many of the table's points, or more, lie in it per point of the object."""
 MANY = 0.1
 """If more than this share of the masks is bitten, the object's shape is in doubt, too."""
 _LOST = 0.3
 """Masks have *lost* a point if more than this share of those whose photos show it leave it out."""
 _HIDDEN_LOST = 0.06
-"""The same share among all masks, with those whose photos do not show the point: their hull would lose it."""
+"""Share that counts as lost among all masks, those whose photos do not show the point included: their hull would lose it."""
 _LOCAL = 0.25
 """Such a point counts only if this share of the points near it is lost, too: wrong matches lie among points that are not."""
 _SPREAD_DEG = 6.0
 """A point's position is certain if the photos that show it look from directions this far from their mean."""
 _WIDEST_GAP_DEG = 160.0
-"""And if the photos leave no wider gap round it: from one side alone, an object's neighbour looks like a part of it."""
+"""A position is also uncertain if photos leave a wider gap around it: from one side, a neighbour looks like a part."""
 _REACH = 0.08
 """Narrower gaps between measured points, or between them and the mask, belong to the object, too; a share of the root of the
 mask's area."""
 _PART, _PART_POINTS = 0.1, 5
 """A part of the object is missing where five lost points lie within a tenth of its size; of wrong matches at most two do."""
 _COMPANY = 3
-"""Measured points beside a mask count if so many lie within three times `_REACH`: a lone one is a wrong match."""
+"""Measured points beside a mask count if this many lie within three times `_REACH`; a single one is a wrong match."""
 
 
 @dataclass(frozen=True)

@@ -132,8 +132,8 @@ def _path(log: EpisodeLog, driver: WorldDriver, pose_set: str, index: int) -> Tr
 
 
 class SeeingController:
-    """The baseline controller as what acts on an arm: it is told where the object is and what it touches, as by perfect eyes
-    and fingers; of its own arm it knows what is measured.
+    """The baseline controller in the role of a policy on an arm. It is told where the object is and what it touches, as by
+    perfect sensors; of its own arm it knows only what is measured.
 
     Args:
         controller: The controller.

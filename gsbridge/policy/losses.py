@@ -113,7 +113,7 @@ def soft_loss(q_actor: Tensor, log_prob: Tensor, alpha: float) -> Tensor:
 
 
 def imitated(q_base: Tensor, q_actor: Tensor, coin: Tensor, share: float) -> Tensor:
-    """Marks of imitated transitions: any with probability lambda, otherwise those where the controller's action is worth more.
+    """Marks of imitated transitions: each with probability lambda, or else where the controller's action has the larger Q.
 
     Args:
         q_base, q_actor: min Q of the controller's and of the actor's action. [B].
@@ -121,7 +121,7 @@ def imitated(q_base: Tensor, q_actor: Tensor, coin: Tensor, share: float) -> Ten
         share: lambda.
 
     Returns:
-        1 where it is, else 0. float [B].
+        1 where a transition is imitated, else 0. float [B].
     """
     return ((coin < share) | (q_base > q_actor)).float()
 

@@ -19,7 +19,7 @@ _DROPPED, _TIME_OUT = map(REASONS.index, (Failure.DROPPED, Failure.TIME_OUT))
 
 
 OFF_TABLE = 0.005
-"""Clearance from which a held object counts as lifted at all, m: more than contact and rocking make."""
+"""Smallest clearance, m, at which a held object counts as lifted at all: more than contact and rocking cause."""
 
 
 def judge(state: State, progress: Progress, task: Grasp) -> tuple[Progress, Outcome]:

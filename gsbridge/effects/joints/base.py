@@ -1,4 +1,4 @@
-"""Effects of driven joints: what they share, and what whatever simulates a mechanism offers them."""
+"""What effects of driven joints have in common, and the interface through which they change a simulated mechanism."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ from gsbridge.effects.joints.base import JointEffect, MechanismSetup, Parameter
 
 
 class Damping(JointEffect):
-    """Another damping of all joints' controllers than stated, by one share: servos of one kind err alike."""
+    """Damping of all joints' controllers differs from what is stated by one share: servos of one kind have the same error."""
 
     name = "damping"
     title = "another damping of all joints' controllers"

@@ -1,4 +1,4 @@
-"""A small world of its own for blind image cases: a textured table with boxes, seen along rays. Nothing of it is splats.
+"""A small world of its own for blind image cases: a textured table with boxes, drawn by tracing rays and without splats.
 
 Colours are linear light. Textures are sums of waves and patches with edges, or pictures that are given.
 """
@@ -90,7 +90,7 @@ class Box:
     """A box that stands on the table.
 
     Args:
-        middle: On the table, m. [2].
+        middle: Its centre on the table, m. [2].
         turn: About z, rad.
         half: Half edges, m. [3].
         texture: Texture of its top and, stretched, of its sides.
@@ -104,11 +104,11 @@ class Box:
 
 @dataclass(frozen=True)
 class ImageWorld:
-    """A table at z = 0 without an end, and boxes.
+    """An endless table at z = 0, and boxes on it.
 
     Args:
         table: Texture of the table.
-        boxes: On it.
+        boxes: Boxes that stand on the table.
     """
 
     table: Texture

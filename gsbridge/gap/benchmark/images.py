@@ -261,7 +261,7 @@ def size_of_units(
 
 
 def _noise_of_units(plain: Array, aim: float) -> float:
-    """Deviation of added noise whose logarithm of variance exceeds that of the photos by so many of its own deviations."""
+    """Standard deviation of added noise that raises the log variance of the photos' noise by `aim` of its own deviations."""
     usual = float((READ**2 + SHOT * plain).mean())
     # The logarithm of a variance from n numbers has a variance of 2 / n; that of a ratio twice as much.
     return float(np.sqrt(usual * np.expm1(aim * np.sqrt(4.0 / plain.size))))

@@ -1,5 +1,8 @@
-"""How far replay and measurement would be apart if nothing were missing: starts are known with noise, engines choose for
-themselves how hard a contact is pushed apart and how long a step is, and chaos enlarges both."""
+"""Distances between replay and measurement that are expected where the model lacks nothing.
+
+They have three causes: start states are measured with noise, each engine has its own length of step and its own way of pushing
+bodies apart in a contact, and chaos enlarges both.
+"""
 
 from __future__ import annotations
 
@@ -15,28 +18,28 @@ from gsbridge.gap.contact.world import Flight, Numerics
 from gsbridge.geometry import Array, quat_multiply
 
 REPLICATES = 6
-"""Sets of throws that are simulated."""
+"""Number of simulated sets of throws."""
 
 FEW = 40
-"""Throws in each: more say little more about one throw."""
+"""Number of throws in each set; more would tell little more about one throw."""
 
 _DRAWS = 499
 
 _STEPS = (0.7, 2.0)
-"""Factors of the step."""
+"""Smallest and largest factor on the length of a step."""
 
 _BIN = 0.02
-"""Width of the steps in which the spread of distances is told, s."""
+"""Width of the intervals of time for which the spread of distances is measured, s."""
 
 _UNSURE = 0.01
-"""Share of a body's radius of gyration that no model and no tracker gets right."""
+"""Share of a body's radius of gyration by which models and trackers are always wrong."""
 
 _PUSHES = (0.05, 0.3)
-"""Shares of a penetration that a step takes back."""
+"""Smallest and largest share of a penetration that is corrected in one step."""
 
 
 _EARLY = 2
-"""Place among the statistics of the one before the first touch."""
+"""Index of the statistic about the time before the first touch."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ class ThrowNull:
         errors: Mean weighed distance of each throw, m. [K, M].
         draws: Statistics of sets drawn from them. [D, 3].
         plain: Mean distance of the tracked point, m.
-        spread: What is expected at a moment, as `ThrowReplay.weigh` takes it.
+        spread: Expected distance at each moment of a throw, as `ThrowReplay.weigh` takes it.
     """
 
     errors: Array
@@ -125,7 +128,7 @@ def throw_null(replay: ThrowReplay, effects: Sequence[Applied], rng: np.random.G
         replay: Throws and model.
         effects: Effects of truth and replay.
         rng: Random numbers of noise, first states, the engine's choices and the draws of sets.
-        weigh: Whether the throws' distances are weighed from now on by what is found.
+        weigh: Whether distances of the throws are weighted from now on by the spread that is found.
     """
     few = replay.part(FEW)
     sets = replicates(few, effects, rng)

@@ -15,10 +15,10 @@ from gsbridge.gap.formats.columns import Columns, read_table
 from gsbridge.geometry import Array
 
 FEWEST = 8
-"""Throws in a role: with fewer no bootstrap over throws means anything."""
+"""Smallest number of throws in a role: with fewer, a bootstrap over throws tells nothing."""
 
 SHORTEST = 0.1
-"""Length of a throw, s."""
+"""Smallest length of a throw, s."""
 
 _ROWS = 10
 """Fewest samples in a throw."""
@@ -60,7 +60,7 @@ class Throws:
     """Throws of one body.
 
     Args:
-        items: One by one.
+        items: The throws.
         digest: SHA-256 of the files, or of the arrays.
         name: Name for reports.
     """
@@ -90,12 +90,12 @@ def read_throws(path: str | Path, columns: Mapping[str, str] | None = None, unit
 
     Args:
         path: File or folder.
-        columns: Our name of a column to that of the files; others keep our name.
-        units: Our name of a column, or its kind alone, to its unit; for files whose headers state none.
+        columns: Names of the files' columns, by our names; columns that are left out have our names.
+        units: Units by our name of a column or by its kind, for files whose headers state none.
 
     Raises:
-        InputError: Nothing can be read, a column or unit is missing, a value is no number, a clock runs backwards, quaternions
-            are none, or a throw is too short.
+        InputError: The files cannot be read, a column or unit is missing, a value is no number, times do not rise, a
+            quaternion is not of unit length, or a throw is too short.
     """
     path = Path(path)
     files = [path]

@@ -182,7 +182,7 @@ def _distances(replay: ThrowReplay) -> dict[str, Any]:
 
 
 def _alike(few: ThrowReplay, bank: GridBank) -> list[dict[str, Any]]:
-    """Pairs of effects of which some directions look alike in these throws, the closest first."""
+    """Pairs of effects with similar signatures in these throws, in any of their directions, the most similar first."""
     plain = _stack(few.flights())
     shapes = {}
     for name in bank.names:

@@ -50,7 +50,7 @@ class Backend(Protocol):
         """Content of `comparison.json`: residuals of the model as it is, and where they show."""
 
     def screen(self, bank: str | Path) -> dict[str, Any]:
-        """Content of `screen.json`: which effects show, and which look alike, before any fit. Fills the bank."""
+        """Content of `screen.json`: which effects show, and which have similar signatures, before any fit. Fills the bank."""
 
     def diagnose(self, bank: str | Path, seed: int) -> dict[str, Any]:
         """Content of `findings.json`: what is missing, proven on `verify`."""

@@ -379,7 +379,7 @@ def _rounded(value: float, interval: Sequence[float]) -> str:
 
 
 def similar_pairs(names: Sequence[str], cosines: Array) -> list[dict[str, Any]]:
-    """Pairs of effects whose signatures look alike before any fit, the closest first, as in `screen.json`.
+    """Pairs of effects with similar signatures before any fit, the most similar first, as in `screen.json`.
 
     Args:
         names: Names of the effects. [N].

@@ -118,9 +118,9 @@ def _chances(trials: Sequence[Hypothesis]) -> Array:
 
 
 def slim(trials: Sequence[Hypothesis], rules: Rules, floor: float, plain: float) -> list[Hypothesis]:
-    """Leave out sets that are hardly better than one of their subsets, or by less than a line of an account is worth.
+    """Leave out sets that are hardly better than one of their subsets, or by less than an entry of an account must explain.
 
-    What explains so little of a gap mends the law of what explains the rest.
+    An effect that explains so little of a gap makes up for errors in the model of those that explain the rest.
 
     Args:
         trials: Fits of sets of effects.
@@ -187,7 +187,7 @@ def told_apart(some: Sequence[Array], others: Sequence[Array]) -> float:
 
 
 def _memory(left: Array, part: Array) -> float:
-    """By how much the variance of the product of what is left and something else is larger since blocks are alike. Both [T, C].
+    """Factor on the variance of the product of residual and change, since neighbouring blocks are correlated. Both [T, C].
 
     Source: Newey and West, Econometrica 55, 1987.
     """

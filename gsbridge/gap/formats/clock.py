@@ -1,4 +1,4 @@
-"""Stamps that scatter about a clock that does not: a logger that stamps what it reads late, now more, now less."""
+"""Time stamps that scatter about a steady clock, as those of a logger that stamps each sample after another delay."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from gsbridge.gap.formats.records import Record
 from gsbridge.geometry import Array
 
 _RAGGED = 0.03
-"""Scatter of stamps about a steady clock, in shares of its period, from which on it is asked which of the two is right."""
+"""Scatter of stamps about a steady clock, as a share of its period, from which on clock and stamps are compared."""
 
 _SMOOTHER = 0.7
-"""Roughness of the motion by a steady clock, in shares of that by the stamps, up to which the steady clock is taken."""
+"""Largest roughness of the motion by the steady clock, relative to that by the stamps, with which the clock is taken."""
 
 _ASTRAY = 0.06
-"""By how much the median time between samples may miss a steady clock's period, as a share of it."""
+"""Largest deviation of the median time between samples from the steady clock's period, as a share of the period."""
 
 _FIRST = 4000
-"""Samples from which a clock's period is told first; it is made surer by twice as many, until all have told."""
+"""Number of samples of the first estimate of the period; each further estimate takes twice as many, until all are in."""
 
 
 def steadied(record: Record) -> tuple[Record, float | None]:
-    """A record on a steady clock, where its stamps scatter about one and the motion is much smoother by it.
+    """Put a record on a steady clock if its stamps scatter about one and the motion is much smoother by that clock.
 
     Samples may be missing: each keeps its place on the clock. Where the motion says nothing, or sampling was as uneven as the
     stamps say, the record stays as it is.

@@ -1,4 +1,4 @@
-"""Grain of photos: the variance of their noise, in flat places, where neither edges nor a displaced picture disturb it."""
+"""Variance of the noise of photos, in flat places, where neither edges nor a displaced picture disturb it."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy as np
 from gsbridge.geometry import Array
 
 LEVELS = 5
-"""Classes of brightness in which grain is measured."""
+"""Number of classes of brightness in which noise is measured."""
 
 ENOUGH = 20
-"""Least pixels of a class whose grain is measured."""
+"""Smallest number of pixels of a class in which noise is measured."""
 
 LEAST = (0.3 / 255.0) ** 2
 """Variance that 8 bits leave at least."""
@@ -71,11 +71,11 @@ class Flats:
 
     @cached_property
     def _places(self) -> dict[tuple[int, int], Array]:
-        """Numbers of the pixels of every photo and class that has enough: a fit asks for grain at every step."""
+        """Numbers of the pixels of every photo and class that has enough; kept, as a fit asks for noise at every step."""
         return {(int(n), int(k)): np.flatnonzero(self.masks[n, k]) for n, k in np.argwhere(self.counts >= ENOUGH)}
 
     def variances(self, pictures: Array) -> Array:
-        """Grain in every class, robust against what is no grain. [N, H, W, 3] -> [N, L, 3]."""
+        """Variance of noise in every class, robust against anything else. [N, H, W, 3] -> [N, L, 3]."""
         fine = np.stack([cv2.filter2D(image, -1, _SECOND, borderType=cv2.BORDER_REPLICATE) for image in pictures])
         out = np.full((*self.counts.shape, 3), np.nan)
         for n, k in np.argwhere(self.counts >= ENOUGH):

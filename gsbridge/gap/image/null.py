@@ -33,7 +33,7 @@ def filled_blocks(view: ImageResiduals) -> Filled:
 def sums(view: ImageResiduals, table: Array, filled: Filled | None = None) -> Array:
     """Squares of a residual and of its means over blocks, of each photo and of what all have in common. [K].
 
-    Every colour by itself and their sum, at every scale; then the grain: of classes, of their means over photos, of all.
+    Every colour by itself and their sum, at every scale; then the noise: of classes, of their means over photos, of all.
 
     Args:
         view: The photos that the residual belongs to.

@@ -41,7 +41,7 @@ _OUTLIER = 4.0
 """Deviations beyond which a difference of two equal photos is no noise."""
 
 _NEAR = 5
-"""Pixels as compared, on either side, over which noise is taken to be alike."""
+"""Half width of the window over which noise is taken to be the same, in pixels at the size at which they are compared."""
 
 _KEPT = 64
 """Residuals that are kept."""
@@ -99,7 +99,7 @@ def learn_noise(pairs: Sequence[Pairs]) -> PhotoNoise:
 
 
 def shrinking(pairs: Pairs, height: int = HEIGHT) -> int:
-    """Edge of the blocks of pixels over which photos are averaged, for about so many rows."""
+    """Edge of the blocks of pixels over which photos are averaged to have about `height` rows."""
     return max(1, round(pairs.camera.height / height))
 
 
@@ -160,13 +160,13 @@ class ImageResiduals:
     def _variance(self) -> Array:
         """Variance of the difference of a later and an earlier photo. [N, h, w, 1 or 3]."""
         before, again = (shrunk(photos, self.size) for photos in (self.pairs.before, self.pairs.again))
-        # Noisier photos say less, whatever made them so; that they are noisier, their grain alone says.
+        # Noisier photos say less, whatever made them so; that they are noisier is told by their noise alone.
         local = self._local(again - before, self.noise.at(before))
         variance = local * (self._rougher() * self.noise.at(self.after) + self.noise.at(before))
         return variance + PLACE**2 * slopes_of(before.astype(np.float32))[..., None]
 
     def residual(self, effects: Sequence[Applied] = ()) -> Array:
-        """Later photos less expected ones, a row per line of a photo, then the grain of every photo. [N * h + N, 3 * w]."""
+        """Later photos less expected ones, a row per line of a photo, then the noise of every photo. [N * h + N, 3 * w]."""
         # A fit asks for the same effects again where it takes derivatives and where it ends.
         key = tuple((effect.name, *sorted(effect.parameters.items())) for effect in effects)
         if key not in self._known:
@@ -264,7 +264,7 @@ class ImageResiduals:
 
     @cached_property
     def _spread(self) -> Array:
-        """Deviation of the logarithm of the ratio of two measured grains. [N, L]."""
+        """Standard deviation of the logarithm of the ratio of two measured variances of noise. [N, L]."""
         spread = np.sqrt(2.0) * self._flats.deviations()
         return spread if self._compares_noise else np.full_like(spread, np.inf)
 
@@ -274,7 +274,7 @@ class ImageResiduals:
 
     @cached_property
     def _still(self) -> Array:
-        """Grain that is expected without any change of light or sensor. [N, L, 3]."""
+        """Variance of noise that is expected without any change of light or sensor. [N, L, 3]."""
         return self._flats.variances(self.expectation.flat(shooting()))
 
     def _local(self, apart: Array, variance: Array) -> Array:
@@ -297,10 +297,10 @@ class ImageResiduals:
         return float(np.exp(mean)) if mean > _CLEAR / np.sqrt(3.0 * weight.sum()) else 1.0
 
     def _rough(self, how: Shooting) -> Array:
-        """Logarithm of the later photos' grain over the expected one, in deviations; 0 where it is not measured. [N, L, 3]."""
+        """Log ratio of the later photos' noise variance to the expected one, in deviations; 0 where not measured. [N, L, 3]."""
         if not self._compares_noise:
             return np.zeros((*self._spread.shape, 3))
-        # What moves the picture alone leaves the grain of a camera that did not move as it was.
+        # What moves the picture alone leaves the noise of a camera that did not move as it was.
         still = not (how.light or how.sensor or how.softness)
         expected = self._still if still else self._flats.variances(self.expectation.flat(how))
         expected = expected + how.read_variance + how.shot_variance * np.clip(self._flats.levels, 0.0, 1.0)

@@ -127,7 +127,7 @@ def unseen_of(view: ImageResiduals, who: Sequence[Candidate], groups: Sequence[G
 
 
 def cosines(groups: Sequence[Group]) -> tuple[list[str], Array]:
-    """Names of the effects, and cosines of their longest signatures, which tell how alike they look. [N, N]."""
+    """Names of the effects, and cosines of their longest signatures, which tell how similar they are. [N, N]."""
     longest: dict[str, Array] = {}
     for group in groups:
         row = max(group.tables, key=lambda table: float((table**2).sum()))

@@ -123,7 +123,7 @@ class SplatResiduals(ImageResiduals):
         return np.concatenate([white.reshape(count * height, 3 * width), np.zeros((count, 3 * width), np.float32)])
 
     def tells(self, candidate: Candidate) -> bool:
-        """Whether an effect can be told at all: drawn pictures have no grain to compare."""
+        """Whether an effect can be told at all: drawn pictures have no noise to compare."""
         return super().tells(candidate) and not candidate.effect.noise_only
 
     def coarse(self) -> ImageResiduals:

@@ -210,7 +210,7 @@ class JointResiduals:
         return self.whiten(self._raw(self.stack(moved) + self._fine))
 
     def rests(self, effects: Sequence[Applied], joints: Sequence[str]) -> Array:
-        """In which samples a replay with effects holds one of some joints still, as positions tell. [T]."""
+        """Whether the replay with effects holds one of some joints still, for each sample, judged by its positions. [T]."""
         out = np.zeros(len(self.record.time), bool)
         for joint in joints:
             where = ("position", self.record.joints.index(joint))

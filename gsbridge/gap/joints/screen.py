@@ -13,10 +13,10 @@ from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
 _STRETCH = (0.4, 60.0)
-"""Factors by which a signature of one size may stand for others: it just stands out from the noise, a gap may be large."""
+"""Range of factors by which a signature may be scaled for other sizes: it just stands out from noise, a gap may be large."""
 
 _PROJECTED = 1.2
-"""Squared residual that a projection onto all signatures must remove beyond the best one alone, for a fit to start there."""
+"""A fit starts from a sum of signatures if that removes this many times the squared residual which the best one removes."""
 
 _SMALL, _LARGE = 1e-2, 4.0
 """Squared lengths of signatures, as shares of the residual's, that may take part in a sum of several."""
@@ -30,7 +30,7 @@ class SignatureMatch:
     """How well a candidate explains a residual before any fit.
 
     Args:
-        candidate: Who.
+        candidate: The candidate.
         gain: Squared residual that the best of its signatures removes, in units of the noise.
         cosine: Cosine of the angle between residual and signature.
         starts: Parameters to start a fit from, best first.
@@ -157,8 +157,8 @@ class Screen:
         return max(float(((along[part] @ axes) ** 2 / values).sum()) for part, axes, values in self._blocks[who])
 
     def columns(self, who: Candidate, values: dict[str, float]) -> Array:
-        """Derivatives of the replay by a candidate's amplitudes near `values`, from its signatures; not-a-number where they
-        do not tell. [T * C, P]."""
+        """Derivatives of the replay with respect to a candidate's amplitudes near `values`, taken from its signatures; NaN
+        where these do not tell them. [T * C, P]."""
         parameters = who.effect.parameters
         out = np.full((self.shapes.shape[1], len(parameters)), np.nan)
         strengths = [k for k, p in enumerate(parameters) if p.amplitude]
@@ -246,7 +246,7 @@ class Screen:
 
 
 def cosines(view: JointResiduals, signatures: Sequence[Signature]) -> Array:
-    """How alike signatures look: 1 means that no fit can tell them apart. [S, S]."""
+    """Similarity of signatures: 1 means that no fit can tell them apart. [S, S]."""
     shapes = np.stack([view.whiten(s.change.astype(np.float64)).ravel() for s in signatures])
     shapes /= np.maximum(np.linalg.norm(shapes, axis=1, keepdims=True), 1e-12)
     return shapes @ shapes.T

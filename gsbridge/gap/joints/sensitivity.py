@@ -39,8 +39,8 @@ class Sensitivity:
     Args:
         nudges: By position and speed of each joint at the start, in SI units. [2 N, T, kinds, N]; with a tool the last axis has
             at least three columns, and what is not there is not-a-number.
-        stepping: What a finer step changes: engines differ by about as much, each taking speeds or positions of the beginning or
-            the end of a step. [T, kinds, N].
+        stepping: What a finer step changes. Engines differ by about as much, since each takes speeds or positions at the
+            beginning or at the end of a step. [T, kinds, N].
         curving: What it changes if commands that the model joins by lines ran along a curve through them: they may have been
             sent more often than they were logged. Zero where they are held. [T, kinds, N].
         made: Simulations spent on it now; 0 where it was read.

@@ -1,7 +1,7 @@
-"""An explanation that grows beyond what is sure: effect by effect, as long as each explains a part of the gap worth a line.
+"""Extends an explanation beyond what is certain, effect by effect, while each explains a part of the gap worth an entry.
 
-A name is fitted to one record and judged on another. An account has the third record to judge it, so that it is fitted to both
-others: one motion alone seldom parts friction, weight and lag, and what it cannot part it tells by chance.
+Named effects are fitted to one record and judged on another. The account is judged on the third record and therefore fitted to
+both others: one motion alone seldom separates friction, weight and lag, and then it divides the gap among them by chance.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ _FITTED = 3
 """Largest number of candidate effects that are fitted in one round."""
 
 _DRY, _AGAIN = 3, 2
-"""Rounds in a row without a further effect after which the search ends, and effects more beside which one that failed is looked
-at once more."""
+"""Number of rounds in a row without a further effect after which the search ends, and number of effects that must be added
+before one that failed is tried again."""
 
 _NEARLY, _ALIKE = 0.8, 0.95
-"""Shares of what an effect gains that a simpler one on the same joint must gain to be told instead, and that one which acts
-nearer to the command must gain."""
+"""Shares of an effect's gain that others must reach to be told in its place: a simpler effect on the same joint, and one that
+acts nearer to the command."""
 
 _EACH = 0.25
-"""Part of what an effect must explain of all records that it must explain of each."""
+"""Of the part that an effect must explain of all records together, the share that it must explain of each."""
 
 _IDLE = 0.01
 """Squared change of a record, in shares of the noise's square, below which an effect does nothing there."""
@@ -47,14 +47,14 @@ _STRAINED = 0.75
 """Share of the largest size that makes sense, beyond which an effect is not taken into an account."""
 
 _AS_GOOD = 0.9
-"""Share of the length that an entry takes off the residual, which another effect must take off in its place to be one of those
-that could stand there."""
+"""Share of an entry's reduction of the residual's length that another effect must reach in its place to be listed as an
+alternative."""
 
 _ALTERNATIVES, _TRIED = 6, 2
 """Largest number of alternatives that an entry of the account lists, and how many of them are fitted in its place."""
 
 _FACTORS = (0.1, 10.0)
-"""Multiples of the size at which a candidate was simulated that its size may be guessed to be."""
+"""Range of the guess at a candidate's size, in multiples of the size at which it was simulated."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Look:
     """What a candidate changes beside some explanation.
 
     Args:
-        candidate: Who.
+        candidate: The candidate.
         values: Its parameters there.
         change: In all records, in units of the noise. [sum of T C].
     """
@@ -72,7 +72,7 @@ class Look:
     change: Array
 
     def beside(self, basis: Array) -> Look:
-        """Return the change without its part that others could make in its place: what it alone explains.
+        """Part of the change that no other effect can make: what is left of it beside the directions of the others.
 
         Args:
             basis: Orthonormal directions in which the residual moves with the parameters of others. [sum of T C, P].
@@ -80,7 +80,7 @@ class Look:
         return replace(self, change=self.change - basis @ (basis.T @ self.change))
 
     def guess(self, row: Array) -> tuple[float, float]:
-        """Factor that suits a residual best, and what the candidate then takes off its square. [sum of T C]."""
+        """Factor that fits a residual best, and by how much the candidate then reduces its square. [sum of T C]."""
         along, size = float(self.change @ row), float(self.change @ self.change)
         if size <= 0.0:
             return 1.0, 0.0
@@ -103,7 +103,7 @@ class Widening:
         who: Candidates.
         screen: Signatures on `fit`.
         rules: Thresholds.
-        floors: What a perfect model would leave on the two, chi squared.
+        floors: Chi squared that a perfect model would leave on each of the two.
         remains: Whether a hypothesis leaves more than noise.
     """
 
@@ -125,10 +125,10 @@ class Widening:
         """An explanation with all effects that help: grown from what was named, or from nothing.
 
         Args:
-            finding: Of `run`.
+            finding: What was named, as `JointIdentification.run` returns it.
 
         Returns:
-            The explanation, of as many effects as earn their place; None where nothing could be fitted.
+            The explanation with all effects that explain enough; None where nothing could be fitted.
         """
         if finding.best is None:
             return None
@@ -193,8 +193,8 @@ class Widening:
         Args:
             whole: The explanation.
             k: Place of the effect.
-            third: Residuals on the record that neither has seen, if those that clearly err more are to be left out: each is
-                fitted in its place, and all records tell.
+            third: Residuals on the third record, if effects with clearly larger errors are to be left out: each is then
+                fitted in the effect's place and judged on all records.
         """
         alike = self._alike(whole, k)[:_ALTERNATIVES]
         if third is not None and alike:
@@ -330,7 +330,7 @@ class Widening:
         return all(helps)
 
     def _idle(self, trial: Hypothesis) -> list[bool]:
-        """In which of the records the last effect of an explanation does nothing, as far as the noise tells."""
+        """For each record, whether the last effect of an explanation changes less there than the noise shows."""
         change = self.both.residual(trial.fit.effects) - self.both.residual(trial.fit.effects[:-1])
         return [
             float((part**2).sum()) < _IDLE * floor for part, floor in zip(self.both.parts(change), self.floors, strict=True)

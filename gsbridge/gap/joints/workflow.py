@@ -167,7 +167,7 @@ def _residuals(view: JointResiduals) -> dict[str, Any]:
 
 
 def _alike(view: JointResiduals, bank: SignatureBank, who: Sequence[Candidate]) -> list[dict[str, Any]]:
-    """Pairs of candidates that look alike in these records, the closest first."""
+    """Pairs of candidates with similar signatures in these records, the most similar first."""
     first: dict[Candidate, Any] = {}
     for signature in bank.signatures:
         first.setdefault(signature.candidate, signature)

@@ -41,7 +41,7 @@ def write_loop_case(
         model: The arm's model.
         records: Logs by role.
         out: The case.
-        calibration: Record of the calibration that made the model; what it leaves counts as noise then.
+        calibration: Record of the calibration that made the model; its residuals then count as noise.
     """
     folder = Path(out).resolve().parent
     content = {

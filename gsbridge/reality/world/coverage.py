@@ -32,7 +32,7 @@ def shows(mi: Any, scene: Any, sensor: Any, camera: Camera, names: Set[str]) -> 
 
 
 def _instances_shown(mi: Any, scene: Any, sensor: Any, camera: Camera, names: Set[str]) -> Array:
-    """The same where that number is one of the shapes within an instance: by what a ray through each pixel meets."""
+    """The same for the compiled variant, which numbers shapes within instances: by what a ray through each pixel meets."""
     import drjit
 
     index = np.arange(camera.width * camera.height)
