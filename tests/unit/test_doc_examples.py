@@ -39,6 +39,9 @@ def test_commands_are_understood(words):
     name = words[0].removeprefix(".venv/bin/").removeprefix("lpips-env/bin/")
     if name == "snakemake":
         get_argument_parser().parse_args(words[1:])
+    elif name == "gsbridge" and words[1] == "run":
+        # Its arguments are snakemake's.
+        get_argument_parser().parse_args(words[2:])
     elif name == "gsbridge":
         parser().parse_args(words[1:])
     elif name == "python" and words[1].startswith("benchmarks/"):
