@@ -15,8 +15,11 @@ _MOMENTS = 25
 _LEFT_OUT = 5
 """Largest number of those parts that are left out."""
 
-_RESTS = 0.5
-"""Share of a record that may be at rest if the motion of the remainder is to tell a closure."""
+_SHOWN = 0.5
+"""Share of a gap's squares that must show in motion if motion alone is to tell a closure."""
+
+_STRETCHES = 3
+"""Stretches of motion, each as long as the longest block, that tell a closure: there and back, and once more."""
 
 _ALLOWED = 0.02
 """Share of a gap's squares that may be left to noise where a closure is judged."""
@@ -71,21 +74,33 @@ def closed_at_most_times(before: Array, after: Array, share: float) -> float:
     return max(closed(before, after, share), closed(before[kept], after[kept], share))
 
 
-def closed_beside_rest(before: Array, after: Array, share: float, rests: Array) -> float:
+def closed_beside_rest(before: Array, after: Array, share: float, rests: Array, echoes: Array | None = None) -> float:
     """`closed`, or as motion alone tells where an explanation leaves no more at rest than there was.
 
-    Of what dry friction holds, its law leaves open where between two bounds it rests, and real friction creeps there.
+    Of what dry friction holds, its law leaves open where between two bounds it rests, and real friction creeps there. The place
+    from which a motion begins is as open, until the controller has pulled the difference in. However long a record rests, its
+    motion tells a closure where it has several stretches and shows most of the gap: what acts at rest alone is not hidden.
 
     Args:
         before: Whitened residual without the explanation. [T, C].
         after: With it. [T, C].
         share: Mean square of noise alone.
         rests: Samples in which friction of the explanation holds something. [T].
+        echoes: Samples in which a controller still pulls in what a rest has left open; none where None. [T].
     """
     whole = closed(before, after, share)
-    if not 0.0 < rests.mean() < _RESTS or (after[rests] ** 2).sum() > (before[rests] ** 2).sum():
+    if not rests.any() or (after[rests] ** 2).sum() > (before[rests] ** 2).sum():
         return whole
-    return max(whole, closed(before[~rests], after[~rests], share))
+    moving = [~rests] if echoes is None else [~rests, ~(rests | echoes)]
+    return max([whole, *(closed(before[kept], after[kept], share) for kept in moving if _tells(before, share, kept))])
+
+
+def _tells(before: Array, share: float, kept: Array) -> bool:
+    """Whether samples hold most of a gap, in several stretches of which each is long enough to be judged. [T, C], [T]."""
+    edges = np.flatnonzero(np.diff(kept.astype(int), prepend=0, append=0))
+    long = edges[1::2] - edges[::2] >= _LENGTHS[-1]
+    beyond = (before.astype(np.float64) ** 2 - share).sum(axis=1)
+    return int(long.sum()) >= _STRETCHES and float(beyond[kept].sum()) >= _SHOWN * float(beyond.sum())
 
 
 def beyond_noise(chi2: float, floor: float) -> float:

@@ -384,8 +384,7 @@ class JointIdentification:
     def _closed(self, trial: Hypothesis) -> float:
         """Share of the gap on `select` that a trial closes, as far as noise tells."""
         held = [c.joint for c in trial.fit.who if c.effect.sticks]
-        rests = self.second.rests(trial.fit.effects, held) if held else np.zeros(len(self.plain), bool)
-        return closed_beside_rest(self.plain, trial.residual, self.null.share, rests)
+        return closed_beside_rest(self.plain, trial.residual, self.null.share, *self.second.rests(trial.fit.effects, held))
 
     def _closed_first(self, trial: Hypothesis) -> float:
         """Share of the gap on `fit` that a trial closes; `select` tells whether something else happened there for a while."""

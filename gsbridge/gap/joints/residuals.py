@@ -41,6 +41,9 @@ _ROUNDED = 0.5
 _STILL = 0.02
 """Share of a joint's speed, root mean square, below which it is at rest."""
 
+_FORGOTTEN = float(np.exp(-1.0))
+"""Share of a displacement to which a controller has pulled it in after its time constant."""
+
 _KEPT = 128
 """Replays kept in memory: fits, their checks and bootstraps ask for some of them again."""
 
@@ -80,6 +83,16 @@ def state_at(record: Record, row: int) -> State:
 
 def _spread(values: Array) -> Array:
     return np.maximum(np.std(np.diff(values, 2, axis=0), axis=0), 1e-9)
+
+
+def _behind(still: Array, memory: int) -> Array:
+    """The first samples behind each rest that lasts as long as what is remembered: a reversal is none. [T] -> [T]."""
+    out = np.zeros(len(still), bool)
+    edges = np.flatnonzero(np.diff(still.astype(int), prepend=0, append=0))
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        if end - begin >= memory:
+            out[end : end + memory] = True
+    return out
 
 
 @dataclass
@@ -209,15 +222,32 @@ class JointResiduals:
         moved = other.run(self.record, apply_effects(other, ()), self.spans, self.states)
         return self.whiten(self._raw(self.stack(moved) + self._fine))
 
-    def rests(self, effects: Sequence[Applied], joints: Sequence[str]) -> Array:
-        """Whether the replay with effects holds one of some joints still, for each sample, judged by its positions. [T]."""
-        out = np.zeros(len(self.record.time), bool)
+    def rests(self, effects: Sequence[Applied], joints: Sequence[str]) -> tuple[Array, Array]:
+        """Where the replay with effects holds one of some joints still, by its positions, and where that is not yet forgotten.
+
+        Args:
+            effects: Effects of the replay.
+            joints: Joints that may be held.
+
+        Returns:
+            Samples at rest, and those behind a rest in which the controller still pulls in what it has left open. [T], [T].
+        """
+        out, behind = np.zeros((2, len(self.record.time)), bool)
         for joint in joints:
-            where = ("position", self.record.joints.index(joint))
-            if where in self.channels:
-                speed = np.abs(np.gradient(self.replay(effects)[:, self.channels.index(where)]))
-                out |= speed < _STILL * np.sqrt((speed**2).mean())
-        return out
+            number = self.record.joints.index(joint)
+            if ("position", number) in self.channels:
+                speed = np.abs(np.gradient(self.replay(effects)[:, self.channels.index(("position", number))]))
+                still = speed < _STILL * np.sqrt((speed**2).mean())
+                out |= still
+                behind |= _behind(still, self._memory(number))
+        return out, behind & ~out
+
+    def _memory(self, joint: int) -> int:
+        """Samples in which a displaced start of a joint falls to 1/e, as the nominal replay tells: all if it never does."""
+        first, end = self.spans[0]
+        moved = np.abs(self.frame.nudges[joint][first:end, KINDS.index("position"), joint])
+        fallen = np.flatnonzero(moved < _FORGOTTEN * moved[0])
+        return int(fallen[0]) if len(fallen) else end - first
 
     def tolerance(self) -> Array:
         """Slow deviations that nobody asks to be explained, in units of the noise: as stated, or an encoder's rounding. [C].
