@@ -1,5 +1,6 @@
 """Mechanisms that others have published: URDFs that hang on a world without a link, and MJCF against MuJoCo itself."""
 
+import os
 from pathlib import Path
 
 import mujoco
@@ -8,12 +9,14 @@ import pytest
 import yaml
 
 from gsbridge.errors import InputError
+from gsbridge.gap.formats.description_file import read_description_root
 from gsbridge.gap.formats.files import case_files
 from gsbridge.gap.joints.mechanism.chain import Chain
 from gsbridge.gap.joints.mechanism.dynamics import bias, inertia, place, spread
 from gsbridge.gap.joints.mechanism.inertials import Skeleton
 from gsbridge.gap.joints.mechanism.joint_kernel import LOADS
 from gsbridge.gap.joints.mechanism.mechanism_model import parse_mechanism_model, read_mechanism_model
+from gsbridge.robot.mjcf_files import mjcf_files
 from gsbridge.robot.urdf import read_description
 
 INERTIAL = '<inertial><mass value="1"/><origin xyz="0 0 -0.3"/><inertia ixx="0.1" iyy="0.1" izz="0.1"/></inertial>'
@@ -130,3 +133,21 @@ def test_what_an_mjcf_includes_is_watched_and_counts(tmp_path):
     before = read_mechanism_model(model).digest()
     (tmp_path / "defaults.xml").write_text(DEFAULTS.replace("800", "900"))
     assert read_mechanism_model(model).digest() != before
+
+
+@pytest.mark.parametrize("key", ["urdf", "mjcf"])
+def test_a_pipe_is_no_description_and_nobody_waits_for_it(tmp_path, key):
+    """Neither the workflow, which looks for files that a description names, nor the reader."""
+    os.mkfifo(tmp_path / "pipe.xml")
+    assert mjcf_files(tmp_path / "pipe.xml") == []
+    with pytest.raises(InputError, match=rf"it is a folder, a device or a pipe\. Check '{key}' in model\.yaml"):
+        read_description_root(tmp_path / "pipe.xml", key, "model.yaml")
+
+
+def test_an_encoding_that_nobody_knows_does_not_stop_the_planning(tmp_path):
+    """The reader tells it afterwards."""
+    path = tmp_path / "arm.xml"
+    path.write_text('<?xml version="1.0" encoding="martian"?><mujoco/>')
+    assert mjcf_files(path) == []
+    with pytest.raises(InputError, match="no valid XML"):
+        read_description_root(path, "mjcf", "model.yaml")

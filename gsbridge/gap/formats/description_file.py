@@ -6,6 +6,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from gsbridge.errors import InputError
+from gsbridge.reading import LARGEST_TEXT, regular_file
 
 
 def read_description_root(path: str | Path, key: str, named_in: str | Path) -> ElementTree.Element:
@@ -19,8 +20,10 @@ def read_description_root(path: str | Path, key: str, named_in: str | Path) -> E
         named_in: File of the model.
 
     Raises:
-        InputError: There is no such file, or it is no XML.
+        InputError: There is no such file, it is a folder, a device or a pipe, or it is no XML.
     """
+    if Path(path).exists():
+        regular_file(path, "description", f"Check '{key}' in {named_in}", LARGEST_TEXT)
     try:
         return ElementTree.parse(path).getroot()
     except OSError as error:
