@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gsbridge.gap.formats.clock import steadied
+from gsbridge.errors import InputError
+from gsbridge.gap.formats.clock import steadied, unbroken
 from gsbridge.gap.formats.records import Record
 
 PERIOD = 0.01
@@ -45,6 +46,32 @@ def test_uneven_sampling_that_is_stamped_rightly_stays():
     at = PERIOD * np.arange(3000) + rng.uniform(0.0, 0.006, 3000)
     record = logged(at, at)
     assert steadied(record) == (record, None)
+
+
+@pytest.mark.parametrize("later", [0.5, 500.0])
+def test_of_a_log_that_breaks_off_the_longest_part_is_taken(later):
+    at = np.concatenate(
+        [PERIOD * np.arange(250), 2.5 + later + PERIOD * np.arange(1000), 20.0 + later + PERIOD * np.arange(300)]
+    )
+    record = logged(at, at)
+    part, said = unbroken(record, "log.csv")
+    assert part.time[0] == 0.0
+    np.testing.assert_array_equal(part.measured["position"], record.measured["position"][250:1250])
+    np.testing.assert_array_equal(part.commands["command"], record.commands["command"][250:1250])
+    assert f"{2.5 + later:.4g} to" in said
+
+
+def test_samples_that_are_missing_are_no_break():
+    rng = np.random.default_rng(4)
+    at = (PERIOD * np.arange(3000))[rng.random(3000) >= 0.4]
+    record = logged(at, at)
+    assert unbroken(record, "log.csv") == (record, "")
+
+
+def test_a_log_of_short_parts_is_refused():
+    at = np.concatenate([3.0 * k + PERIOD * np.arange(100) for k in range(5)])
+    with pytest.raises(InputError, match="no part between lasts 2 s"):
+        unbroken(logged(at, at), "log.csv")
 
 
 def test_a_joint_that_rests_tells_nothing_of_the_clock():

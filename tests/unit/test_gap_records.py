@@ -110,6 +110,55 @@ def test_a_column_that_stands_twice_is_refused(tmp_path, again):
         read_record(path, LAYOUT)
 
 
+@pytest.mark.parametrize(("mark", "name"), [("|", "bars"), (" ", "blanks")])
+def test_separators_that_headers_may_hold_are_named_too(tmp_path, mark, name):
+    path = written(tmp_path, {key.split(" ")[0]: values for key, values in table().items()})
+    path.write_text(path.read_text().replace(",", mark))
+    with pytest.raises(InputError, match=f"separated by {name}"):
+        read_record(path, LAYOUT)
+
+
+def first_value(text, value):
+    """A log whose first value in the first row is another."""
+    header, row, rest = text.split("\n", 2)
+    return "\n".join([header, value + row[row.index(",") :], rest])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda text: "# logged by an arm\n" + text, "begins with a comment: # logged by an arm. Remove the lines above"),
+        (lambda text: "# " + text, "begins with a comment: # time .*Write the header without a mark"),
+        (
+            lambda text: "logged by an arm\n" + text,
+            r"line 2 has 5 values, those above it 1\. The first line has to be the head",
+        ),
+        (lambda text: text.replace("\n0.01,", "\n0.01,7,", 1), r"line 3 has 6 values, those above it 5\. Mend that line"),
+        (lambda text: text.replace("\n", ",\n").replace(",\n", "\n", 1), "1 values more than its header has names"),
+        (lambda text: "\n".join(row.replace(".", ",") if "[" not in row else row for row in text.split("\n")), "with a point"),
+        (lambda text: text.split("\n")[0] + "\n", "a header and no rows"),
+        (lambda text: first_value(text, "2026-03-04T10:00:00"), "'2026-03-04T10:00:00'.*seconds since the first sample"),
+        (lambda text: first_value(text, '"0,01"'), "but '0,01'.*decimals with a point"),
+        (lambda text: first_value(text, "s"), "but 's'.*remove the row of units"),
+    ],
+)
+def test_files_that_are_no_plain_csv_say_what_to_do(tmp_path, spoil, said):
+    path = written(tmp_path, table())
+    path.write_text(spoil(path.read_text()))
+    with pytest.raises(InputError, match=said) as error:
+        read_record(path, LAYOUT)
+    assert error.value.source == str(path)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "latin-1"])
+def test_text_that_is_not_utf8_is_refused(tmp_path, encoding):
+    path = written(tmp_path, renamed(table(), "position.axis [rad]", "position.axis [°]"))
+    path.write_bytes(path.read_text(encoding="utf-8").encode(encoding))
+    with pytest.raises(InputError, match="not in UTF-8"):
+        read_record(path, LAYOUT)
+
+
 def test_a_header_and_a_case_that_disagree_are_refused(tmp_path):
     said = refused(tmp_path, table(), Layout(("axis",), units={"position": "deg"}))
     assert "states [rad] for the column 'position.axis', the case [deg]" in said
@@ -189,6 +238,20 @@ def test_amperes_need_a_gain(tmp_path):
     assert "amperes" in refused(tmp_path, columns)
     record = read_record(written(tmp_path, columns), Layout(("axis",), torque_per_ampere={"axis": 0.1}))
     np.testing.assert_allclose(record.measured["effort"][:, 0], table()["effort.axis [N m]"], atol=1e-9)
+
+
+def test_currents_in_milliamperes_and_gains_of_torques(tmp_path):
+    layout = Layout(("axis",), torque_per_ampere={"axis": 0.5})
+    columns = renamed(table(), "effort.axis [N m]", "effort.axis [mA]", 2e3)
+    record = read_record(written(tmp_path, columns), layout)
+    np.testing.assert_allclose(record.measured["effort"][:, 0], table()["effort.axis [N m]"], atol=1e-12)
+    assert "in [N m], and 'torque_per_ampere' is stated" in refused(tmp_path, table(), layout)
+
+
+def test_joints_that_the_model_holds_are_looked_at(tmp_path):
+    columns = table() | {"position.wrist [deg]": np.full(300, 90.0), "position.hand": np.ones(300)}
+    layout = Layout(("axis",), held={"wrist": False, "hand": False, "thumb": True})
+    assert read_record(written(tmp_path, columns), layout).held == {"wrist": pytest.approx(np.pi / 2)}
 
 
 def test_channel_of_one_joint_only_is_refused(tmp_path):

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
-from gsbridge.gap.formats.records import Record
+from gsbridge.errors import InputError
+from gsbridge.gap.formats.records import SHORTEST, Record
 from gsbridge.geometry import Array
 
 _RAGGED = 0.03
@@ -20,6 +22,38 @@ _ASTRAY = 0.06
 
 _FIRST = 4000
 """Number of samples of the first estimate of the period; each further estimate takes twice as many, until all are in."""
+
+_HOLE, _BREAK = 10, 0.25
+"""Periods, and seconds, without a sample that together are a break of the log: nobody knows what was commanded meanwhile."""
+
+
+def unbroken(record: Record, source: str | Path) -> tuple[Record, str]:
+    """The longest part of a record without a break, in which commands would be unknown.
+
+    Args:
+        record: The record as it was logged.
+        source: Its file, for messages.
+
+    Returns:
+        The record or its part, and what was left out, in words; empty where there is no break.
+
+    Raises:
+        InputError: Every part is too short.
+    """
+    breaks = np.flatnonzero(np.diff(record.time) > max(_HOLE * record.period, _BREAK)) + 1
+    if not len(breaks):
+        return record, ""
+    edges = [0, *breaks.tolist(), len(record.time)]
+    first, end = max(zip(edges[:-1], edges[1:], strict=True), key=lambda part: record.time[part[1] - 1] - record.time[part[0]])
+    begins, ends = float(record.time[first]), float(record.time[end - 1])
+    longest = float(np.diff(record.time).max())
+    if ends - begins < SHORTEST:
+        raise InputError(
+            source, f"the log breaks off for up to {longest:.3g} s, and no part between lasts {SHORTEST:g} s",
+            "Log again, without breaks",
+        )  # fmt: skip
+    part = f"{begins:.4g} to {ends:.4g} s"
+    return record.part(first, end, part), f"it breaks off for up to {longest:.3g} s: only {part} was taken"
 
 
 def steadied(record: Record) -> tuple[Record, float | None]:

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from gsbridge.errors import InputError
-from gsbridge.gap.formats.units import HEADER, factor_to_si, split_header
+from gsbridge.gap.formats.units import CURRENTS, HEADER, factor_to_si, split_header
 from gsbridge.geometry import Array
 from gsbridge.reading import refusing, regular_file
 
@@ -23,6 +23,15 @@ _LISTED = 14
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)", re.IGNORECASE)
 _EXAMPLE = "time [s],NAME [UNIT], and so on"
+
+_SHOWN = 40
+"""Characters of a damaged value or line that a message shows."""
+
+_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "blanks"}
+"""What separates columns in files that are no CSV with commas."""
+
+_UNEVEN = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
+"""What pandas says of a line that is longer than those before."""
 
 
 def read_table(path: Path, what: str) -> tuple[pd.DataFrame, bytes]:
@@ -38,17 +47,49 @@ def read_table(path: Path, what: str) -> tuple[pd.DataFrame, bytes]:
     regular_file(path, what, "Check the path in the case", LARGEST_TABLE)
     with refusing(path, "this is no table", "Give CSV with a header line, or Parquet"):
         data = path.read_bytes()
-        if path.suffix == ".parquet":
-            table = pd.read_parquet(path)
-        else:
-            _check_header(path)
-            table = pd.read_csv(path)
-    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
-        if any(mark in str(header) for header in table.columns):
+        table = pd.read_parquet(path) if path.suffix == ".parquet" else _read_csv(path, data)
+    if not len(table):
+        raise InputError(path, "it has a header and no rows", "Copy the file again, or log again")
+    return table, data
+
+
+def _read_csv(path: Path, data: bytes) -> pd.DataFrame:
+    """A table from CSV.
+
+    Raises:
+        InputError: It is not UTF-8, does not begin with its header, has a name in it twice, or other separators than commas.
+    """
+    first = data[:4096].partition(b"\n")[0].decode("utf-8", errors="replace").strip()
+    if first.startswith(("#", "%", "//")):
+        way = "Write the header without a mark before it" if "," in first else "Remove the lines above the header"
+        raise InputError(path, f"it begins with a comment: {first[:_SHOWN]}", way)
+    try:
+        _check_header(path)
+        table = pd.read_csv(path)
+    except UnicodeDecodeError as error:
+        raise InputError(path, "its text is not in UTF-8", "Save it as UTF-8; for degrees write [deg]") from error
+    except pd.errors.ParserError as error:
+        uneven = _UNEVEN.search(str(error))
+        if uneven is None:
+            raise
+        raise InputError(
+            path, f"line {uneven[2]} has {uneven[3]} values, those above it {uneven[1]}",
+            "The first line has to be the header: remove what stands above it" if int(uneven[1]) == 1 else "Mend that line",
+        ) from error  # fmt: skip
+    headers = [str(header) for header in table.columns]
+    for mark, name in _SEPARATORS.items():
+        # Names and units may hold blanks.
+        if any(mark in header for header in headers) if mark in ";\t" else len(headers) == 1 and headers[0].count(mark) > 1:
             raise InputError(
                 path, f"its columns are separated by {name}", "Separate them with commas, and write decimals with a point"
             )
-    return table, data
+    if not isinstance(table.index, pd.RangeIndex):
+        # pandas takes what is too much for the names of the rows, which moves every value into another column.
+        raise InputError(
+            path, f"its rows have {table.index.nlevels} values more than its header has names",
+            "Write decimals with a point, and no comma behind the last value",
+        )  # fmt: skip
+    return table
 
 
 def _check_header(path: Path) -> None:
@@ -110,11 +151,19 @@ class Columns:
         values = pd.to_numeric(self.table[headers[theirs]], errors="coerce").to_numpy(dtype=np.float64)
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
+            held = self.table[headers[theirs]].iloc[bad[0]]
+            what = f" but '{held[:_SHOWN]}'" if isinstance(held, str) and held.strip() else ""
             raise InputError(
-                self.source, f"the column '{theirs}' holds no number in data row {bad[0] + 1} ({len(bad)} such rows)",
-                "Remove or mend these rows; gaps in time are allowed",
-            )  # fmt: skip
+                self.source,
+                f"the column '{theirs}' holds no number in data row {bad[0] + 1}{what} ({len(bad)} such rows)",
+                _way_to_mend(held, ours == "time", int(bad[0])),
+            )
         kind, _, joint = ours.partition(".")
+        if kind == "effort" and joint in self.gains and stated is not None and stated not in CURRENTS:
+            raise InputError(
+                self.source, f"the effort '{theirs}' is in [{stated}], and 'torque_per_ampere' is stated for it",
+                "Leave the gain out, or state [A] if it is a current",
+            )  # fmt: skip
         where = HEADER if self.headers else f"State it in the case, as 'units: {{{kind}: ...}}'"
         return values * factor_to_si(stated, dimension, self.source, theirs, self.gains.get(joint), where)
 
@@ -128,9 +177,30 @@ class Columns:
         if found is None:
             theirs = split_header(self.names.get(ours, ours))[0]
             shown = ", ".join(list(self._headers())[:_LISTED])
-            raise InputError(self.source, f"the column '{theirs}' is missing", f"It has: {shown}. Name yours under 'columns'")
+            raise InputError(
+                self.source, f"the column '{theirs}' is missing",
+                f"It has: {shown}. Write its header as '{ours} [unit]', or name yours in the case: columns: {{{ours}: YOURS}}",
+            )  # fmt: skip
         return found
 
     def _headers(self) -> dict[str, str]:
         """Headers by the names in them."""
         return {split_header(str(header))[0]: str(header) for header in self.table.columns}
+
+
+def _way_to_mend(held: object, clock: bool, row: int) -> str:
+    """What to do about a value that is no number.
+
+    Args:
+        held: The value.
+        clock: Whether it is a time.
+        row: Its row, from 0.
+    """
+    text = held.strip() if isinstance(held, str) else ""
+    if re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", text):
+        return "Write decimals with a point"
+    if clock and ":" in text:
+        return "Write times as seconds since the first sample, not as dates"
+    if row == 0 and text.strip("[]()")[:1].isalpha():
+        return "Units stand in the header, as 'name [unit]': remove the row of units"
+    return "Remove or mend these rows; a few may be missing"

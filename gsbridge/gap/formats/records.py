@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -53,6 +54,7 @@ class Record:
         digest: SHA-256 of the file, or of the arrays.
         torque_commands: Whether `command` is a torque.
         sliding: Those of the joints that slide, whose figures are in metres and newtons.
+        held: Joints that are logged, but held at zero in the model: how far from there they get, rad or m.
     """
 
     name: str
@@ -66,6 +68,7 @@ class Record:
     torque_commands: bool = False
     tolerance: Mapping[str, Array] = field(default_factory=dict)
     sliding: tuple[str, ...] = ()
+    held: Mapping[str, float] = field(default_factory=dict)
 
     def label(self, kind: str, number: int) -> str:
         """Name of a channel: `position.joint`, or `tool.x`."""
@@ -84,6 +87,17 @@ class Record:
     def with_measured(self, measured: Mapping[str, Array]) -> Record:
         """A record with these commands and other measurements, by kind. [T, N] each."""
         return replace(self, measured=dict(measured))
+
+    def part(self, first: int, end: int, name: str) -> Record:
+        """The samples from `first` to the one before `end`, with a clock of their own and `name` in brackets."""
+        rows = slice(first, end)
+        return replace(
+            self,
+            name=f"{self.name} ({name})",
+            time=self.time[rows] - self.time[first],
+            commands={kind: values[rows] for kind, values in self.commands.items()},
+            measured={kind: values[rows] for kind, values in self.measured.items()},
+        )
 
     def content_digest(self) -> str:
         """SHA-256 over the times and commands: what a simulation of this record depends on besides its initial state."""
@@ -104,6 +118,7 @@ class Layout:
         units: Our name of a column, or its kind alone, to its unit; for files whose headers state none.
         torque_per_ampere: Gain of efforts logged in amperes by joint, N m/A, at a joint that slides N/A.
         sliding: Those of the joints that slide instead of turning.
+        held: Further joints of the mechanism, which the model holds at zero, and whether they slide.
     """
 
     joints: tuple[str, ...]
@@ -112,6 +127,7 @@ class Layout:
     units: Mapping[str, str] = field(default_factory=dict)
     torque_per_ampere: Mapping[str, float] = field(default_factory=dict)
     sliding: tuple[str, ...] = ()
+    held: Mapping[str, bool] = field(default_factory=dict)
 
 
 def read_record(path: str | Path, layout: Layout) -> Record:
@@ -158,11 +174,22 @@ def record_of(table: pd.DataFrame, path: Path, layout: Layout, *, digest: str, h
         columns.need(f"position.{layout.joints[0]}", "angle")
     record = Record(
         path.stem, time - time[0], layout.joints, commands, measured, digest=digest, torque_commands=layout.torque_mode,
-        sliding=layout.sliding,
+        sliding=layout.sliding, held=_held(columns, layout.held),
     )  # fmt: skip
     check_clock(record, path)
     check_degrees(record, path)
     return replace(record, quantum={kind: quantum_of(values) for kind, values in measured.items()})
+
+
+def _held(columns: Columns, joints: Mapping[str, bool]) -> dict[str, float]:
+    """How far the joints of `joints` get from zero, rad or m; those that are not logged, or not with a unit, are left out."""
+    out = {}
+    for joint, slides in joints.items():
+        with contextlib.suppress(InputError):
+            values = columns.get(f"position.{joint}", "length" if slides else "angle")
+            if values is not None:
+                out[joint] = float(np.abs(values).max())
+    return out
 
 
 def _per_joint(
@@ -268,7 +295,7 @@ def check_degrees(record: Record, source: str | Path, limits: Array | None = Non
                 raise InputError(
                     source, f"joint '{joint}' is logged up to {reach:.3g} {unit}, its limit is "
                     f"{np.abs(limits[k]).max():.3g} {unit}: it looks like {wrong}",
-                    f"State the unit that was logged, e.g. {units[0]}",
+                    f"State the unit that was logged, e.g. {units[0]}, or correct the limit",
                 )  # fmt: skip
 
 

@@ -12,18 +12,21 @@ FACTORS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "angle": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180},
     "angular speed": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": math.pi / 180, "rpm": math.pi / 30},
-    "torque": {"N m": 1.0, "Nm": 1.0, "mNm": 1e-3, "A": math.nan},
-    "force": {"N": 1.0, "kN": 1e3, "mN": 1e-3, "A": math.nan},
+    "torque": {"N m": 1.0, "Nm": 1.0, "mNm": 1e-3, "A": math.nan, "mA": math.nan},
+    "force": {"N": 1.0, "kN": 1e3, "mN": 1e-3, "A": math.nan, "mA": math.nan},
     "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6},
     "speed": {"m/s": 1.0, "mm/s": 1e-3},
     "number": {"": 1.0, "1": 1.0},
 }
 """Factor to SI of each unit, by dimension. Amperes become torque or force only with a gain, which the case has to state."""
 
+CURRENTS = {"A": 1.0, "mA": 1e-3}
+"""Units of currents, and their amperes."""
+
 SLIDING = {"angle": "length", "angular speed": "speed", "torque": "force"}
 """Dimension at a joint that slides of each that belongs to one that turns."""
 
-HEADER = "Write it into the header"
+HEADER = "Write it into the header, or under 'units' of the case"
 """Place at which a table states its units."""
 
 _HEADER = re.compile(r"^\s*(?P<name>[^\[\]]+?)\s*(?:\[(?P<unit>[^\]]*)\])?\s*$")
@@ -62,12 +65,12 @@ def factor_to_si(
         raise InputError(source, f"the column '{column}' has no unit", f"{where}, one of {names}")
     if unit not in known:
         raise InputError(source, f"the column '{column}' has the unit [{unit}], which is no {dimension}", f"Use {names}")
-    if unit == "A":
+    if unit in CURRENTS:
         if gain is None:
             raise InputError(
                 source,
-                f"the effort '{column}' is in amperes and no gain is known",
+                f"the effort '{column}' is in [{unit}] and no gain is known",
                 f"State 'torque_per_ampere' ({'N m' if dimension == 'torque' else 'N'}/A) in the case, or leave the column out",
             )
-        return gain
+        return gain * CURRENTS[unit]
     return known[unit]
