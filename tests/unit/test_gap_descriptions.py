@@ -16,6 +16,7 @@ from gsbridge.gap.joints.mechanism.dynamics import bias, inertia, place, spread
 from gsbridge.gap.joints.mechanism.inertials import Skeleton
 from gsbridge.gap.joints.mechanism.joint_kernel import LOADS
 from gsbridge.gap.joints.mechanism.mechanism_model import parse_mechanism_model, read_mechanism_model
+from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.robot.mjcf_files import mjcf_files
 from gsbridge.robot.urdf import read_description
 
@@ -58,6 +59,64 @@ def test_a_world_that_has_no_link_and_a_name_space(tmp_path):
     # What is written out again is whole: engines want every link.
     skeleton.write(tmp_path / "plain.urdf", skeleton.inertials)
     assert read_description(tmp_path / "plain.urdf").links == ("world", "base", "rod")
+
+
+FRAMES = """<robot name="arm"><link name="base"/><link name="frame"/><link name="metal"/><link name="hand"/><link name="jaw"/>
+<link name="other_jaw"/>
+<joint name="hinge" type="revolute"><parent link="base"/><child link="frame"/><axis xyz="0 1 0"/></joint>
+<joint name="bolts" type="fixed"><parent link="frame"/><child link="metal"/>
+<origin xyz="0.1 0 0.2" rpy="0 0 1.5707963267948966"/></joint>
+<joint name="flange" type="fixed"><parent link="metal"/><child link="hand"/></joint>
+<joint name="grip" type="prismatic"><parent link="hand"/><child link="jaw"/><axis xyz="0 1 0"/><origin xyz="0 0 0.3"/></joint>
+<joint name="other_grip" type="prismatic"><parent link="hand"/><child link="other_jaw"/><mimic joint="grip"/></joint>
+</robot>"""
+
+
+def test_a_frame_without_mass_takes_that_of_links_that_are_fixed_to_it(tmp_path):
+    inertial = '<inertial><mass value="{}"/><origin xyz="0.1 0 0"/><inertia ixx="0.1" iyy="0.2" izz="0.3"/></inertial>'
+    text = FRAMES
+    for name, mass in (("metal", 3), ("jaw", 1)):
+        text = text.replace(f'<link name="{name}"/>', f'<link name="{name}">{inertial.format(mass)}</link>')
+    (tmp_path / "arm.urdf").write_text(text)
+    skeleton = Skeleton.read(tmp_path / "arm.urdf", ("hinge",))
+    frame = skeleton.inertials["frame"]
+    assert frame.mass == 4.0
+    # The metal's centre is turned to y, the jaw's too, from 0.3 m higher.
+    np.testing.assert_allclose(frame.centre, [0.1, 0.1, 0.2 + 0.3 / 4], atol=1e-12)
+    # About x: the metal's y; by Steiner as two masses at 0.3 m.
+    np.testing.assert_allclose(frame.inertia[0, 0], 0.2 + 0.2 + 3 * 1 / 4 * 0.3**2, atol=1e-12)
+    assert {"metal", "jaw"}.isdisjoint(skeleton.inertials)
+    # A link with mass of its own stays as it is, and what another joint moves is not fixed.
+    apart = Skeleton.read(tmp_path / "arm.urdf", ("hinge", "grip"))
+    assert (apart.inertials["frame"].mass, apart.inertials["jaw"].mass) == (3.0, 1.0)
+
+
+def test_a_joint_with_nothing_to_move_is_refused(tmp_path):
+    path = write(
+        tmp_path,
+        HANGING.replace(INERTIAL, '<inertial><mass value="0"/><inertia ixx="1" iyy="1" izz="1"/></inertial>'),
+        "p.urdf",
+    )
+    with pytest.raises(InputError, match="joint 'hinge' moves neither mass nor inertia"):
+        Mechanism(read_mechanism_model(path))
+    path.write_text(path.read_text() + "armature: 0.1\n")
+    Mechanism(read_mechanism_model(path))
+
+
+def test_joints_that_follow_others_are_not_driven(tmp_path):
+    assert read_mechanism_model(write(tmp_path, FRAMES, "arm.urdf")).joints == ("hinge", "grip")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="x.xacro"/><link name="base"/></robot>',
+        HANGING.replace('lower="0"', 'lower="${-pi}"'),
+    ],
+)
+def test_a_xacro_file_is_to_be_expanded(tmp_path, text):
+    with pytest.raises(InputError, match=r"xacro file\. Expand it first: xacro arm\.urdf > arm_expanded\.urdf"):
+        read_mechanism_model(write(tmp_path, text, "arm.urdf"))
 
 
 def test_only_the_world_may_be_left_out(tmp_path):

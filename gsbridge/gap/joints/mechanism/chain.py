@@ -109,6 +109,27 @@ class Chain:
         places = [pose[:3, 3] for joint, pose in self.links.values() if joint == last]
         return last, np.ascontiguousarray(max(places, key=lambda place: float(np.linalg.norm(place))))
 
+    def idle(self, bodies: Array) -> Array:
+        """Joints that nothing resists: neither they nor those that they carry move mass or inertia about their axis.
+
+        Args:
+            bodies: From `bodies`. [N, 13].
+
+        Returns:
+            In the order of the records. [N] bool.
+        """
+        out = np.zeros(len(bodies), dtype=bool)
+        busy = np.zeros(len(bodies), dtype=bool)
+        for k in reversed(range(len(bodies))):
+            axis, mass, centre, moments = self.axes[k], bodies[k, 0], bodies[k, 1:4], bodies[k, 4:].reshape(3, 3)
+            arm = np.cross(axis, centre)
+            resists = mass if self.slides[k] else axis @ moments @ axis + mass * (arm @ arm)
+            busy[k] |= resists > 0.0
+            out[self.order[k]] = not busy[k]
+            if self.parents[k] >= 0:
+                busy[self.parents[k]] |= busy[k]
+        return out
+
     def bodies(self, inertials: Mapping[str, Inertial]) -> Array:
         """Mass, centre (3) and inertia about it (9) of what each joint moves, joint frame. [N, 13]."""
         groups: list[list[tuple[float, Array, Array]]] = [[] for _ in self.parents]

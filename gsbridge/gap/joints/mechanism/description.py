@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from gsbridge.errors import InputError
 from gsbridge.gap.formats.description_file import read_description_root
 from gsbridge.geometry import Array
 from gsbridge.robot.mjcf import description_of_mjcf, is_mjcf
@@ -39,6 +40,11 @@ def read_mechanism_description(path: str | Path, key: str = "urdf", named_in: st
         InputError: As `gsbridge.robot.urdf.read_description` and `gsbridge.robot.mjcf.description_of_mjcf`.
     """
     root = read_description_root(path, key, named_in)
+    if any(isinstance(element.tag, str) and "wiki/xacro}" in element.tag for element in root.iter()) or any(
+        "${" in value for element in root.iter() for value in element.attrib.values()
+    ):
+        plain = Path(path).name.removesuffix(".xacro").removesuffix(".urdf")
+        raise InputError(path, "this is a xacro file", f"Expand it first: xacro {Path(path).name} > {plain}_expanded.urdf")
     return description_of(description_of_mjcf(path) if is_mjcf(root) else root, path)
 
 

@@ -42,9 +42,9 @@ class Inertial:
         if total <= 0:
             return Inertial(self.mass, self.centre.copy(), self.inertia.copy())
         centre = (self.mass * self.centre + mass * place) / total
-        return Inertial(total, centre, self._about(centre) + mass * _steiner(place - centre))
+        return Inertial(total, centre, self.about(centre) + mass * _steiner(place - centre))
 
-    def _about(self, point: Array) -> Array:
+    def about(self, point: Array) -> Array:
         """Inertia about another point than the centre. [3, 3]."""
         return self.inertia + self.mass * _steiner(self.centre - point)
 
@@ -95,11 +95,32 @@ class Skeleton:
         for other in [item for item in root if item.tag not in ("link", "joint")]:
             root.remove(other)
         for name in moving:
+            out._gather(out.child_of[name], moving)
             if out.child_of[name] not in out.inertials:
                 raise InputError(
                     urdf, f"the link '{out.child_of[name]}' that joint '{name}' moves has no mass", "Add <inertial>"
                 )
         return out
+
+    def _gather(self, link: str, moving: tuple[str, ...]) -> None:
+        """Give a link that states no mass what is fixed to it, as files do that have links of their own for masses."""
+        if link in self.inertials:
+            return
+        places, parts = {link: np.eye(4)}, list[tuple[Inertial, Array]]()
+        for joint in self.description.joints:
+            if joint.name not in moving and joint.parent in places:
+                places[joint.child] = places[joint.parent] @ joint.parent_from_child
+                if joint.child in self.inertials:
+                    parts.append((self.inertials.pop(joint.child), places[joint.child]))
+        total = sum(part.mass for part, _ in parts)
+        if total <= 0.0:
+            return
+        seen = [
+            Inertial(part.mass, place[:3, :3] @ part.centre + place[:3, 3], place[:3, :3] @ part.inertia @ place[:3, :3].T)
+            for part, place in parts
+        ]
+        centre = np.asarray(sum(part.mass * part.centre for part in seen) / total)
+        self.inertials[link] = Inertial(total, centre, np.asarray(sum(part.about(centre) for part in seen)))
 
     def write(self, path: str | Path, inertials: Mapping[str, Inertial]) -> None:
         """Write the skeleton with the given mass properties."""

@@ -175,13 +175,18 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
     mode = given["mode"]
     if mode not in MODES:
         raise InputError(source, f"controller.mode is '{mode}'", f"Use one of {', '.join(MODES)}")
+    if not isinstance(content[described], str):
+        raise InputError(source, f"'{described}' is {content[described]!r}", f"Write '{described}: FILE'")
     urdf = folder / content[described]
     description = read_mechanism_description(urdf, described, source)
     besides = stated_besides(description)
     # In the file's order, which is that of the records where the model names no joints.
     by_name = {joint.name: joint for joint in description.joints if joint.kind in ("revolute", "continuous", "prismatic")}
     moving = {name: by_name[name] for name in description.origins if name in by_name}
-    joints = tuple(content.get("joints") or moving)
+    named = content.get("joints") or [name for name, joint in moving.items() if joint.follows is None]
+    if not isinstance(named, list):
+        raise InputError(source, f"'joints' is {named!r}", f"Write a list, 'joints: [{', '.join(moving)}]'")
+    joints = tuple(named)
     unknown = [name for name in joints if name not in moving]
     if unknown:
         raise InputError(
@@ -193,22 +198,37 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
 
     def row(values: Any, key: str, default: float) -> Array:
         values = default if values is None else values
+        if isinstance(values, Mapping):
+            raise InputError(source, f"'{key}' is given by joint", f"Give a list in the order of {', '.join(joints)}")
         values = [values] * count if np.isscalar(values) else values
         if len(values) != count:
             raise InputError(
-                source, f"'{key}' has {len(values)} numbers for {count} joints", "Give one per joint, or one for all"
-            )
-        out = np.array([default if value is None else value for value in values], dtype=np.float64)
+                source, f"'{key}' has {len(values)} numbers for {count} joints ({', '.join(joints)})",
+                "Give one per joint, or one for all; name those that are driven under 'joints'",
+            )  # fmt: skip
         # Only a limit may be endless.
-        if np.isnan(out).any() or not (np.isinf(default) or np.isfinite(out).all()):
-            raise InputError(source, f"'{key}' is not finite", "Give numbers")
-        if key.startswith("controller.") and (out < 0).any():
-            raise InputError(source, f"'{key}' is below zero", "Give it without a sign; no drive is stable so")
+        out = np.array([default if value is None else _number(value, key, source, np.isinf(default)) for value in values])
+        if np.isinf(default) and (out == 0).any():
+            raise InputError(source, f"'{key}' is zero, so that the motor does nothing", "Leave it out where there is no limit")
+        if (out < 0).any():
+            raise InputError(source, f"'{key}' is below zero", "Give it without a sign; nothing real is so")
         return out
 
-    rate, physics = float(given.get("rate", 1000.0)), float(content.get("physics_rate", 1000.0))
+    def one(key: str, default: float, low: float, high: float = np.inf) -> float:
+        section = given if key in _CONTROL else content
+        value = _number(section.get(key, default), key, source)
+        if not low <= value <= high:
+            raise InputError(
+                source, f"'{key}' is {value:g}", f"Give a number {'above zero' if low > 0 else f'from {low:g} to {high:g}'}"
+            )
+        return value
+
+    rate, physics = one("rate", 1000.0, 1e-3), one("physics_rate", 1000.0, 1e-3)
     if abs(physics / rate - round(physics / rate)) > 1e-9 or physics < rate:
-        raise InputError(source, f"physics_rate {physics:g} is no multiple of controller.rate {rate:g}", "E.g. 1000 and 500")
+        raise InputError(
+            source, f"physics_rate {physics:g} is no multiple of controller.rate {rate:g}",
+            f"Write 'physics_rate: {rate * np.ceil(1000.0 / rate):g}', for example",
+        )  # fmt: skip
     for key in {"pd": ("stiffness", "damping"), "position": ("bandwidth",)}.get(mode, ()):
         if key not in given:
             raise InputError(source, f"controller.{key} is missing, which mode {mode} needs", "State it; see docs/gap.md")
@@ -221,8 +241,8 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
         rate,
         row(given.get("stiffness"), "controller.stiffness", 0.0),
         row(given.get("damping"), "controller.damping", 0.0),
-        float(given.get("bandwidth", 0.0)),
-        float(given.get("gravity_compensation", 0.0)),
+        one("bandwidth", 1.0, 1e-3) if mode == "position" else 0.0,
+        one("gravity_compensation", 0.0, 0.0, 2.0),
         given.get("velocity_reference", "zero"),
         row(given.get("torque_limit"), "controller.torque_limit", np.inf),
         given.get("between", "hold"),
@@ -237,7 +257,10 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
     sliding = tuple(name for name in joints if moving[name].kind == "prismatic")
     effects = _read_effects(content.get("effects") or [], source, joints, sliding)
     usual = [0.0, 0.0, -9.81] if besides.gravity is None else besides.gravity
-    gravity = np.asarray(content.get("gravity", usual), dtype=np.float64)
+    stated = content.get("gravity", usual)
+    if np.shape(stated) != (3,):
+        raise InputError(source, f"'gravity' is {stated!r}", "Give three numbers, m/s2: [0, 0, -9.81]")
+    gravity = np.array([_number(value, "gravity", source) for value in stated])
     rotors = [besides.armature.get(name, 0.0) for name in joints]
     own = [moving[name].damping for name in joints], [moving[name].friction for name in joints]
     return MechanismModel(
@@ -246,6 +269,23 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
         row(content.get("armature", rotors), "armature", 0.0), limits, physics, effects,
         scheme == "centred", tool, sliding,
     )  # fmt: skip
+
+
+def _number(value: Any, key: str, source: str | Path, endless: bool = False) -> float:
+    """A finite number of a model, or one that may be infinite.
+
+    Raises:
+        InputError: It is none.
+    """
+    try:
+        out = float(value)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            source, f"'{key}' is {value!r}, which is no number", "Give it in SI units, without the unit"
+        ) from error
+    if np.isnan(out) or not (endless or np.isfinite(out)):
+        raise InputError(source, f"'{key}' is not finite", "Give a number")
+    return out
 
 
 def _read_effects(items: Any, source: str | Path, joints: tuple[str, ...], sliding: tuple[str, ...]) -> tuple[Applied, ...]:
@@ -269,7 +309,9 @@ def _check_keys(content: Any, known: tuple[str, ...], needed: tuple[str, ...], s
         raise InputError(source, f"'{prefix.rstrip('.') or 'the model'}' is no section", "Correct it after docs/gap.md")
     for key in content:
         if key not in known:
-            raise InputError(source, f"the key '{prefix}{key}' is unknown", f"Use only: {', '.join(known)}")
+            elsewhere = "It belongs to 'controller'. " if not prefix and key in _CONTROL else ""
+            elsewhere = "It belongs beside 'controller'. " if prefix and key in _KEYS else elsewhere
+            raise InputError(source, f"the key '{prefix}{key}' is unknown", f"{elsewhere}Use only: {', '.join(known)}")
     for key in needed:
         if key not in content:
             raise InputError(source, f"the key '{prefix}{key}' is missing", "See docs/gap.md")

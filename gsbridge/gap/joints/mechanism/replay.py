@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gsbridge.errors import InputError
 from gsbridge.gap.formats.records import AXES, TOOL, Record
 from gsbridge.gap.joints.mechanism.chain import Chain
 from gsbridge.gap.joints.mechanism.inertials import Skeleton
@@ -35,7 +36,7 @@ class Mechanism:
         system: The mechanism.
 
     Raises:
-        InputError: The URDF cannot be used.
+        InputError: The URDF cannot be used, or a joint has nothing to move.
 
     Attributes:
         runs: Simulations so far.
@@ -51,6 +52,13 @@ class Mechanism:
         self.chain = Chain.of(self.skeleton, system.joints)
         self.tip, self.toe = self.chain.end(system.tool)
         self._brain = self.chain.bodies(self.skeleton.inertials)
+        idle = self.chain.idle(self._brain)
+        for k, joint in enumerate(system.joints):
+            if idle[k] and system.armature[k] <= 0.0:
+                raise InputError(
+                    system.urdf, f"joint '{joint}' moves neither mass nor inertia",
+                    "State mass and inertia of what it moves, above zero, or 'armature' in the model",
+                )  # fmt: skip
 
     def setup(self) -> JointSetup:
         """A fresh nominal setup."""
