@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,11 +14,22 @@ from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import read_names
 from gsbridge.errors import InputError
 from gsbridge.gap.diagnosis.results import ROLES
-from gsbridge.gap.formats.clock import steadied
+from gsbridge.gap.formats.clock import steadied, unbroken
 from gsbridge.gap.formats.following import check_following, differenced
 from gsbridge.gap.formats.logs import read_log
-from gsbridge.gap.formats.records import SHORTEST, TOOL, Layout, Record, check_degrees, doubtful_degrees
+from gsbridge.gap.formats.records import (
+    AXES,
+    COMMANDS,
+    MEASURED,
+    SHORTEST,
+    TOOL,
+    Layout,
+    Record,
+    check_degrees,
+    doubtful_degrees,
+)
 from gsbridge.gap.formats.yaml_file import read_case_file
+from gsbridge.gap.joints.mechanism.description import read_mechanism_description
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel, read_mechanism_model
 from gsbridge.gap.joints.noise import white_noise
 from gsbridge.geometry import Array
@@ -31,6 +42,9 @@ _BLOCK = 16
 
 _COMMANDED_ALIKE = 1e-6
 """Distance of commands, rad, up to which two records are repeats of one motion."""
+
+_HELD = 0.05
+"""Distance from zero, rad or m, up to which a joint counts as held there."""
 
 _SPARSE = 100.0
 """Samples per second below which a record is marked: fast effects hide between them."""
@@ -72,6 +86,8 @@ def _joint_case(path: Path) -> JointCase:
         raise InputError(path, "'model' is no file name", "Write 'model: arm.yaml'; see docs/gap.md")
     model = path.parent / content["model"]
     system = read_mechanism_model(model)
+    held = _held(system)
+    _check_sections(content, path, (*system.joints, *held))
     gains = _gains(content.get("torque_per_ampere"), system.joints, path)
     reasons = []
     if gains:
@@ -83,14 +99,26 @@ def _joint_case(path: Path) -> JointCase:
         dict(content.get("units") or {}),
         gains,
         system.sliding,
+        held,
     )
     names = read_names(content.get("effects"), path, JOINT_EFFECTS, BODY_EFFECTS)
     records, scattered = dict[str, Record](), dict[str, float]()
     for role, file in content["records"].items():
         if role not in ROLES:
             raise InputError(path, f"'{role}' is no role of a record", f"The roles are {', '.join(ROLES)}")
-        records[role], scatters = steadied(_check(read_log(path.parent / file, layout), system, path.parent / file, content))
+        if not isinstance(file, str):
+            raise InputError(path, f"records.{role} is {file!r}, which is no file name", f"Write '{role}: log.csv'")
+        records[role], broken, scatters = _read(path.parent / file, layout, system, content)
         scattered |= {} if scatters is None else {role: scatters}
+        reasons += [f"of the record '{role}' {broken}"] if broken else []
+        if system.controller.closed_loop and not np.ptp(records[role].commands["command"], axis=0).any():
+            if role == "fit":
+                raise InputError(
+                    path.parent / file,
+                    "no joint is commanded to move",
+                    "Log motion over the range you care about, with reversals",
+                )
+            reasons.append(f"no joint is commanded to move in the record '{role}', which tells little then")
     if scattered:
         rates = ", ".join(f"{1.0 / records[role].period:.3g} Hz in '{role}'" for role in scattered)
         reasons.append(
@@ -106,7 +134,7 @@ def _joint_case(path: Path) -> JointCase:
         if role not in records:
             raise InputError(path, f"there are repeats of '{role}', but no such record", f"Name it: {', '.join(records)}")
         for file in files if isinstance(files, list) else [files]:
-            again = steadied(_check(read_log(path.parent / file, layout), system, path.parent / file, content))[0]
+            again = _read(path.parent / str(file), layout, system, content)[0]
             for kind, values in _scatter(records[role], again, path.parent / file).items():
                 scatter[kind] = np.maximum(scatter.get(kind, 0.0), values)
     for role, record in records.items():
@@ -121,7 +149,70 @@ def _joint_case(path: Path) -> JointCase:
     if slowest < 0.99 * _SPARSE:
         reasons.append(f"only {slowest:.3g} samples per second are logged: what is faster than a few of them cannot be told")
     reasons += doubtful_degrees(records["fit"], system.limits)
+    for joint in held:
+        far, unit = max(record.held.get(joint, 0.0) for record in records.values()), "m" if held[joint] else "rad"
+        if far > _HELD:
+            reasons.append(
+                f"joint '{joint}' is logged up to {far:.2g} {unit} from zero, where the model holds it, for 'joints' lacks it"
+            )
     return JointCase(model, system, records, names, (*reasons, *split))
+
+
+def _held(system: MechanismModel) -> dict[str, bool]:
+    """Moving joints that the model holds, since it does not name them, and whether they slide."""
+    joints = read_mechanism_description(system.urdf).joints
+    return {
+        joint.name: joint.kind == "prismatic"
+        for joint in joints
+        if joint.kind in ("revolute", "continuous", "prismatic") and joint.name not in system.joints and joint.follows is None
+    }
+
+
+def _check_sections(content: Mapping[str, Any], path: Path, joints: Collection[str]) -> None:
+    """Check what a case says of columns, units, noise and tolerance, by kind of column or by column.
+
+    Args:
+        content: Content of the case.
+        path: Its file.
+        joints: All moving joints of the mechanism.
+
+    Raises:
+        InputError: A section is none, or a key in it is no column of a log.
+    """
+    columns = {
+        "time",
+        *(f"{TOOL}.{axis}" for axis in AXES),
+        *(f"{kind}.{j}" for kind in (*COMMANDS, *MEASURED) for j in joints),
+    }
+    measured = (*MEASURED, TOOL)
+    kinds = ("time", *COMMANDS, *measured)
+    for key, known, example, listed in (
+        ("columns", columns, f"position.{next(iter(joints))}: YOURS", f"Ours are {', '.join(kinds)}, of {', '.join(joints)}"),
+        ("units", {*columns, *kinds}, "position: deg", f"Use {', '.join(kinds)}"),
+        ("noise", measured, "position: 2.0e-4", f"Use {', '.join(measured)}"),
+        ("tolerance", measured, "position: 5.0e-4", f"Use {', '.join(measured)}"),
+    ):
+        section = content.get(key)
+        if section is None:
+            continue
+        if not isinstance(section, Mapping):
+            raise InputError(path, f"'{key}' is {section!r}", f"Write '{key}: {{{example}}}'")
+        for name, value in section.items():
+            if name not in known:
+                raise InputError(
+                    path, f"'{name}' under '{key}' is no name of ours for a column", f"Write '{key}: {{{example}}}'. {listed}"
+                )  # fmt: skip
+            if key in ("columns", "units") and not isinstance(value, str):
+                raise InputError(path, f"{key}.{name} is {value!r}, which is no text", "Put it in quotes")
+
+
+def _read(file: Path, layout: Layout, system: MechanismModel, content: Mapping[str, Any]) -> tuple[Record, str, float | None]:
+    """A record of a case, what was left out of it, and by how much its stamps scattered about a steady clock, s."""
+    record, broken = _check(read_log(file, layout), system, file, content), ""
+    if system.controller.mode != "free":
+        record, broken = unbroken(record, file)
+    record, scatters = steadied(record)
+    return record, broken, scatters
 
 
 def _repeated(records: Mapping[str, Record]) -> list[str]:
@@ -254,17 +345,5 @@ def split_records(records: Mapping[str, Record], source: str | Path) -> tuple[di
             f"Log three records of different motion, or at least {SHORTEST * len(parts):g} s",
         )  # fmt: skip
     for role, first, last in zip(parts, edges[:-1], edges[1:], strict=True):
-        out[role] = _cut(record, int(first), int(last), role)
+        out[role] = record.part(int(first), int(last), role)
     return out, (f"the record '{whole}' was cut into {', '.join(parts[:-1])} and {parts[-1]}, which share one kind of motion",)
-
-
-def _cut(record: Record, first: int, last: int, name: str) -> Record:
-    """Part of a record."""
-    rows = slice(first, last)
-    return replace(
-        record,
-        name=f"{record.name} ({name})",
-        time=record.time[rows] - record.time[first],
-        commands={kind: values[rows] for kind, values in record.commands.items()},
-        measured={kind: values[rows] for kind, values in record.measured.items()},
-    )

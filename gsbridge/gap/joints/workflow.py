@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from gsbridge.effects.registry import Applied
+from gsbridge.errors import InputError
 from gsbridge.gap.diagnosis.backend import CaseBackend, stored_names
 from gsbridge.gap.diagnosis.findings import similar_pairs
 from gsbridge.gap.diagnosis.results import Candidate
@@ -19,6 +20,7 @@ from gsbridge.gap.joints.bank import SignatureBank, signature_bank
 from gsbridge.gap.joints.candidates import candidates
 from gsbridge.gap.joints.case import JointCase, read_joint_case
 from gsbridge.gap.joints.diagnose import JointAccount, diagnose_joints, views_of
+from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
 from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residual_map import map_residuals
@@ -46,7 +48,7 @@ class JointBackend(CaseBackend):
         """
         case = read_joint_case(path)
         # What only building it can tell is told here, too, before anything is written.
-        Mechanism(case.system)
+        _refuse_runaway(Mechanism(case.system), case.records["fit"], case.model)
         return cls(case)
 
     @classmethod
@@ -138,6 +140,25 @@ class JointBackend(CaseBackend):
                 "remains": map_residuals(view, after, explained).record(),
             }
         return arrays, {"unit": "noise", "records": rows, "simulations": mechanism.runs}
+
+
+def _refuse_runaway(mechanism: Mechanism, record: Record, source: Path) -> None:
+    """Refuse a model under feedback that is unstable by itself: nothing could be fitted to it.
+
+    Raises:
+        InputError: Its replay of a record diverges.
+    """
+    if not mechanism.system.controller.closed_loop:
+        return
+    begin = record.measured.get("position", record.commands["command"])[0]
+    state = (begin, np.zeros_like(begin))
+    moved = mechanism.run(record, apply_effects(mechanism, ()), [(0, len(record.time))], [state])["position"]
+    lost = np.flatnonzero(~np.isfinite(moved).all(axis=1))
+    if len(lost):
+        raise InputError(
+            source, f"the model itself is unstable: it runs away after {record.time[lost[0]]:.3g} s of the replay of 'fit'",
+            "Check the units of stiffness and damping; state 'armature' of light joints, or raise 'physics_rate'",
+        )  # fmt: skip
 
 
 def _about(record: Record) -> dict[str, Any]:

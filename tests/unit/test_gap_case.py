@@ -1,0 +1,108 @@
+"""What users get wrong in a case and in its model: each is refused in one line that says which key it is."""
+
+import pytest
+import yaml
+from test_gap_sliding import STIFFNESS, log, write_case, write_model
+
+from gsbridge.errors import InputError
+from gsbridge.gap.joints.case import read_joint_case
+from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
+from gsbridge.gap.joints.workflow import JointBackend
+
+
+def refused(path, read=read_joint_case) -> str:
+    with pytest.raises(InputError) as error:
+        read(path)
+    assert error.value.source == str(path)
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        (
+            {"columns": {"stamp": "time"}},
+            "'stamp' under 'columns' is no name of ours for a column. Write 'columns: {position.ra",
+        ),
+        ({"columns": {"position.rial": "enc"}}, "'position.rial' under 'columns'"),
+        ({"columns": {"position.rail": 3}}, "columns.position.rail is 3, which is no text"),
+        ({"units": {"postion": "m"}}, "'postion' under 'units'"),
+        ({"units": "SI"}, "'units' is 'SI'. Write 'units: {position: deg}'"),
+        ({"noise": {"command": 1e-4}}, "'command' under 'noise'"),
+        ({"tolerance": 1e-4}, "'tolerance' is 0.0001. Write 'tolerance: {position: 5.0e-4}'"),
+        ({"records": {"fit": None}}, "records.fit is None, which is no file name. Write 'fit: log.csv'"),
+    ],
+)
+def test_keys_of_a_case_that_name_nothing(tmp_path, changes, said):
+    assert said in refused(write_case(tmp_path, **changes))
+
+
+CONTROLLER = {"mode": "pd", "stiffness": STIFFNESS, "damping": 900.0}
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"joints": "rail"}, "'joints' is 'rail'. Write a list, 'joints: [rail]'"),
+        ({"gravity": -9.81}, "'gravity' is -9.81. Give three numbers"),
+        ({"gravity": [0, -9.81]}, "Give three numbers"),
+        ({"armature": {"rail": 1.0}}, "'armature' is given by joint. Give a list in the order of rail"),
+        ({"viscous": -1.0}, "'viscous' is below zero"),
+        ({"viscous": [1.0, 2.0]}, "'viscous' has 2 numbers for 1 joints (rail)"),
+        ({"urdf": None}, "'urdf' is None. Write 'urdf: FILE'"),
+        ({"torque_limit": 5.0}, "'torque_limit' is unknown. It belongs to 'controller'"),
+        ({"controller": CONTROLLER | {"armature": 1.0}}, "'controller.armature' is unknown. It belongs beside 'controller'"),
+        ({"controller": CONTROLLER | {"stiffness": "80 N/m"}}, "'controller.stiffness' is '80 N/m', which is no number"),
+        ({"controller": CONTROLLER | {"torque_limit": 0}}, "'controller.torque_limit' is zero, so that the motor does nothing"),
+        ({"controller": CONTROLLER | {"rate": 0}}, "'rate' is 0. Give a number above zero"),
+        ({"controller": CONTROLLER | {"rate": "1 kHz"}}, "'rate' is '1 kHz', which is no number"),
+        ({"controller": CONTROLLER | {"rate": 4000}}, "no multiple of controller.rate 4000. Write 'physics_rate: 4000'"),
+        (
+            {"controller": CONTROLLER | {"gravity_compensation": 100}},
+            "'gravity_compensation' is 100. Give a number from 0 to 2",
+        ),
+        ({"controller": {"mode": "position", "bandwidth": -3}}, "'bandwidth' is -3. Give a number above zero"),
+    ],
+)
+def test_numbers_of_a_model_that_make_no_sense(tmp_path, changes, said):
+    assert said in refused(write_model(tmp_path, **changes), read_mechanism_model)
+
+
+def test_a_model_that_runs_away_by_itself_is_refused(tmp_path):
+    """Gains that no step of a millisecond holds, as those of a light wrist without its rotor."""
+    case = write_case(tmp_path)
+    write_model(tmp_path, controller=CONTROLLER | {"stiffness": 1e9, "damping": 1e7})
+    with pytest.raises(InputError, match=r"the model itself is unstable: it runs away after 0\.\d+ s of") as error:
+        JointBackend.read(case)
+    assert error.value.source == str(tmp_path / "model.yaml")
+
+
+def test_a_log_that_rests_has_nothing_to_fit(tmp_path):
+    case = write_case(tmp_path)
+    still = log(1).assign(**{"command.rail [m]": 0.1})
+    still.to_csv(tmp_path / "select.csv", index=False)
+    assert any("commanded to move in the record 'select'" in reason for reason in read_joint_case(case).reasons)
+    still.to_csv(tmp_path / "fit.csv", index=False)
+    with pytest.raises(InputError, match="no joint is commanded to move") as error:
+        read_joint_case(case)
+    assert error.value.source == str(tmp_path / "fit.csv")
+
+
+def test_breaks_of_a_log_and_joints_that_are_held_are_told(tmp_path):
+    case = write_case(tmp_path)
+    table = log(0)
+    table.loc[600:, "time [s]"] += 60.0
+    table["position.hoist [mm]"] = 200.0
+    table.to_csv(tmp_path / "fit.csv", index=False)
+    urdf = (tmp_path / "gantry.urdf").read_text()
+    joint = (
+        '<link name="hook"/><joint name="hoist" type="prismatic"><parent link="carriage"/><child link="hook"/></joint></robot>'
+    )
+    (tmp_path / "gantry.urdf").write_text(urdf.replace("</robot>", joint))
+    model = yaml.safe_load((tmp_path / "model.yaml").read_text()) | {"joints": ["rail"]}
+    (tmp_path / "model.yaml").write_text(yaml.safe_dump(model))
+    found = read_joint_case(case)
+    assert found.records["fit"].duration == pytest.approx(2.995)
+    assert any("of the record 'fit' it breaks off for up to 60 s" in reason for reason in found.reasons)
+    assert any("joint 'hoist' is logged up to 0.2 m from zero" in reason for reason in found.reasons)
