@@ -131,10 +131,13 @@ def first_value(text, value):
         (lambda text: "# " + text, "begins with a comment: # time .*Write the header without a mark"),
         (
             lambda text: "logged by an arm\n" + text,
-            r"line 2 has 5 values, those above it 1\. The first line has to be the head",
+            r"first line names 1, its rows have 5 values\. The first line has to be the header: remove",
         ),
         (lambda text: text.replace("\n0.01,", "\n0.01,7,", 1), r"line 3 has 6 values, those above it 5\. Mend that line"),
-        (lambda text: text.replace("\n", ",\n").replace(",\n", "\n", 1), "1 values more than its header has names"),
+        (
+            lambda text: text.replace("\n", ",\n").replace(",\n", "\n", 1),
+            "names 5, its rows have 6 values.*no comma behind the last",
+        ),
         (lambda text: "\n".join(row.replace(".", ",") if "[" not in row else row for row in text.split("\n")), "with a point"),
         (lambda text: text.split("\n")[0] + "\n", "a header and no rows"),
         (lambda text: first_value(text, "2026-03-04T10:00:00"), "'2026-03-04T10:00:00'.*seconds since the first sample"),

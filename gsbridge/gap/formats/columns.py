@@ -30,6 +30,8 @@ _SHOWN = 40
 _SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "blanks"}
 """What separates columns in files that are no CSV with commas."""
 
+_ABOVE = "The first line has to be the header: remove what stands above it"
+
 _UNEVEN = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 """What pandas says of a line that is longer than those before."""
 
@@ -74,21 +76,21 @@ def _read_csv(path: Path, data: bytes) -> pd.DataFrame:
             raise
         raise InputError(
             path, f"line {uneven[2]} has {uneven[3]} values, those above it {uneven[1]}",
-            "The first line has to be the header: remove what stands above it" if int(uneven[1]) == 1 else "Mend that line",
+            _ABOVE if int(uneven[1]) == 1 else "Mend that line",
         ) from error  # fmt: skip
     headers = [str(header) for header in table.columns]
+    if not isinstance(table.index, pd.RangeIndex):
+        # pandas takes what is too much for the names of the rows, which moves every value into another column.
+        raise InputError(
+            path, f"its first line names {len(headers)}, its rows have {table.index.nlevels + len(headers)} values",
+            _ABOVE if len(headers) == 1 else "Write decimals with a point, and no comma behind the last value",
+        )  # fmt: skip
     for mark, name in _SEPARATORS.items():
         # Names and units may hold blanks.
         if any(mark in header for header in headers) if mark in ";\t" else len(headers) == 1 and headers[0].count(mark) > 1:
             raise InputError(
                 path, f"its columns are separated by {name}", "Separate them with commas, and write decimals with a point"
             )
-    if not isinstance(table.index, pd.RangeIndex):
-        # pandas takes what is too much for the names of the rows, which moves every value into another column.
-        raise InputError(
-            path, f"its rows have {table.index.nlevels} values more than its header has names",
-            "Write decimals with a point, and no comma behind the last value",
-        )  # fmt: skip
     return table
 
 
