@@ -135,7 +135,7 @@ def test_currents_of_several_joints_have_a_gain_each(tmp_path):
     gains = {"rail": 40.0, "hinge": 0.5}
     record = read_log(tmp_path / "log.csv", Layout(("rail", "hinge"), torque_per_ampere=gains, sliding=("rail",)))
     np.testing.assert_allclose(record.measured["effort"], np.stack([80 * wave, 1.5 * wave], axis=1), atol=1e-9)
-    with pytest.raises(InputError, match=r"effort\.hinge' is in \[A\]"):
+    with pytest.raises(InputError, match=r"effort\.hinge' is in amperes"):
         read_log(tmp_path / "log.csv", Layout(("rail", "hinge"), torque_per_ampere={"rail": 40.0}, sliding=("rail",)))
 
 

@@ -69,7 +69,7 @@ def factor_to_si(
         if gain is None:
             raise InputError(
                 source,
-                f"the effort '{column}' is in [{unit}] and no gain is known",
+                f"the effort '{column}' is in amperes and no gain is known",
                 f"State 'torque_per_ampere' ({'N m' if dimension == 'torque' else 'N'}/A) in the case, or leave the column out",
             )
         return gain * CURRENTS[unit]
