@@ -89,7 +89,13 @@ class Record:
         return replace(self, measured=dict(measured))
 
     def part(self, first: int, end: int, name: str) -> Record:
-        """The samples from `first` to the one before `end`, with a clock of their own and `name` in brackets."""
+        """A part of the record, with a clock of its own.
+
+        Args:
+            first: Its first sample.
+            end: The sample behind its last.
+            name: What it is called, in brackets behind the record's name.
+        """
         rows = slice(first, end)
         return replace(
             self,
