@@ -12,6 +12,7 @@ from gsbridge.errors import InputError
 from gsbridge.gap.formats.description_file import read_description_root
 from gsbridge.gap.formats.files import case_files
 from gsbridge.gap.joints.mechanism.chain import Chain
+from gsbridge.gap.joints.mechanism.description import read_mechanism_description
 from gsbridge.gap.joints.mechanism.dynamics import bias, inertia, place, spread
 from gsbridge.gap.joints.mechanism.inertials import Skeleton
 from gsbridge.gap.joints.mechanism.joint_kernel import LOADS
@@ -210,3 +211,21 @@ def test_an_encoding_that_nobody_knows_does_not_stop_the_planning(tmp_path):
     assert mjcf_files(path) == []
     with pytest.raises(InputError, match="no valid XML"):
         read_description_root(path, "mjcf", "model.yaml")
+
+
+@pytest.mark.parametrize(
+    "inside",
+    [
+        '<worldbody><replicate count="100000000"><body><joint/><geom size="1"/></body></replicate></worldbody>',
+        '<worldbody><replicate count="9999"><replicate count="9999"><body><joint/></body></replicate></replicate></worldbody>',
+        '<asset><hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>',
+        '<asset><texture type="2d" name="t" builtin="flat" width="100000" height="100000"/></asset>',
+    ],
+)
+def test_a_few_words_of_mjcf_that_stand_for_too_much_are_refused_at_once(tmp_path, inside):
+    """MuJoCo worked on the first without an end, and asked for 14 GB for the third. An included file is no way round."""
+    (tmp_path / "arm.xml").write_text(f"<mujoco>{inside}</mujoco>")
+    (tmp_path / "outer.xml").write_text('<mujoco><include file="arm.xml"/></mujoco>')
+    for name in ("arm.xml", "outer.xml"):
+        with pytest.raises(InputError, match="stands for more than a mechanism has"):
+            read_mechanism_description(tmp_path / name)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -11,8 +13,16 @@ import numpy as np
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.description_file import read_description_root
 from gsbridge.geometry import Array
+from gsbridge.reading import refusing
 from gsbridge.robot.mjcf import description_of_mjcf, is_mjcf
+from gsbridge.robot.mjcf_files import mjcf_files
 from gsbridge.robot.urdf import Description, description_of
+
+MOST_ELEMENTS = 100_000
+"""Largest number of elements of an MJCF, repeated ones counted as often as they are."""
+
+MOST_CELLS = 100_000_000
+"""Largest number of values of a height field, and of pixels of a texture: some hundred megabytes."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +55,41 @@ def read_mechanism_description(path: str | Path, key: str = "urdf", named_in: st
     ):
         plain = Path(path).name.removesuffix(".xacro").removesuffix(".urdf")
         raise InputError(path, "this is a xacro file", f"Expand it first: xacro {Path(path).name} > {plain}_expanded.urdf")
-    return description_of(description_of_mjcf(path) if is_mjcf(root) else root, path)
+    if is_mjcf(root):
+        _refuse_giants(root, path)
+        for other in mjcf_files(path):
+            if other.suffix == ".xml":
+                _refuse_giants(read_description_root(other, key, named_in), other)
+        with refusing(path, "MuJoCo cannot read it", "Correct the MJCF"):
+            root = description_of_mjcf(path)
+    return description_of(root, path)
+
+
+def _refuse_giants(root: ElementTree.Element, source: str | Path) -> None:
+    """Refuse MJCF that writes more than a mechanism has with a few words: MuJoCo would work on it without an end.
+
+    Args:
+        root: The description's or an included file's.
+        source: Its file, for the message.
+
+    Raises:
+        InputError: Its repetitions stand for more than `MOST_ELEMENTS` elements, or a grid or a picture has more than
+            `MOST_CELLS` values.
+    """
+    elements, waiting = 0, [(root, 1)]
+    while waiting:
+        element, times = waiting.pop()
+        elements += times
+        times *= _product(element.get("count", ""))
+        waiting += [(child, times) for child in element]
+        cells = max(_product(f"{element.get(a, '')} {element.get(b, '')}") for a, b in (("nrow", "ncol"), ("width", "height")))
+        if max(elements, times) > MOST_ELEMENTS or cells > MOST_CELLS:
+            raise InputError(source, f"its <{element.tag}> stands for more than a mechanism has", "Leave it out of the MJCF")
+
+
+def _product(numbers: str) -> int:
+    """Product of whole numbers; what is none counts as one, and is MuJoCo's to tell."""
+    return math.prod(max(int(word), 1) for word in numbers.split() if re.fullmatch(r"\d{1,18}", word))
 
 
 def stated_besides(description: Description) -> Stated:
