@@ -6,6 +6,7 @@ from test_gap_sliding import STIFFNESS, log, write_case, write_model
 
 from gsbridge.errors import InputError
 from gsbridge.gap.joints.case import read_joint_case
+from gsbridge.gap.joints.effort_scale import EffortScale
 from gsbridge.gap.joints.mechanism.mechanism_model import read_mechanism_model
 from gsbridge.gap.joints.workflow import JointBackend
 
@@ -106,3 +107,10 @@ def test_breaks_of_a_log_and_joints_that_are_held_are_told(tmp_path):
     assert found.records["fit"].duration == pytest.approx(2.995)
     assert any("of the record 'fit' it breaks off for up to 60 s" in reason for reason in found.reasons)
     assert any("joint 'hoist' is logged up to 0.2 m from zero" in reason for reason in found.reasons)
+
+
+@pytest.mark.parametrize(("scale", "told"), [(-1.0, True), (3.0, False)])
+def test_efforts_of_the_other_sign_are_to_be_turned(scale, told):
+    said = EffortScale({"shoulder": 1.0, "elbow": scale}, 900.0, 4.0, 1).sentence
+    assert ("turn the sign of the efforts of elbow, and check the unit" in said) == told
+    assert "check the unit of the efforts" in said

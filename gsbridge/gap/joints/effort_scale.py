@@ -45,10 +45,12 @@ class EffortScale:
         """What a reader must know."""
         sizes = [(squares / self.freedom) ** 0.5 for squares in (self.before, self.after)]
         listed = ", ".join(f"{joint} {scale:.3g}" for joint, scale in self.scales.items() if abs(scale - 1.0) > _SLIGHT)
+        turned = [joint for joint, scale in self.scales.items() if scale < 0.0]
+        check = f"turn the sign of the efforts of {', '.join(turned)}, and " if turned else ""
         return (
             f"Efforts are logged in another scale than the model has: logged by simulated are {listed}. With these scales "
             f"{sizes[1]:.3g} instead of {sizes[0]:.3g} times the noise remain without any effect, which none explains better: "
-            "check the unit of the efforts, and 'torque_per_ampere' where they come from currents."
+            f"{check}check the unit of the efforts, and 'torque_per_ampere' where they come from currents."
         )
 
 
