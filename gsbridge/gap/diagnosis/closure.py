@@ -75,18 +75,19 @@ def closed_at_most_times(before: Array, after: Array, share: float) -> float:
 
 
 def closed_beside_rest(before: Array, after: Array, share: float, rests: Array, echoes: Array | None = None) -> float:
-    """`closed`, or as motion alone tells where an explanation leaves no more at rest than there was.
+    """`closed`, or the same over the motion alone, if an explanation leaves no more at rest than there was without it.
 
-    Of what dry friction holds, its law leaves open where between two bounds it rests, and real friction creeps there. The place
-    from which a motion begins is as open, until the controller has pulled the difference in. However long a record rests, its
-    motion tells a closure where it has several stretches and shows most of the gap: what acts at rest alone is not hidden.
+    Between two bounds, the law of dry friction says nothing about the force that holds a resting joint, and real joints creep
+    there. The place from which the next motion begins is therefore uncertain, too, until the controller has corrected it. The
+    motion decides however long a record rests, provided that it has several stretches and shows most of the gap; an effect
+    that acts at rest alone is not hidden by this.
 
     Args:
         before: Whitened residual without the explanation. [T, C].
         after: With it. [T, C].
         share: Mean square of noise alone.
         rests: Samples in which friction of the explanation holds something. [T].
-        echoes: Samples in which a controller still pulls in what a rest has left open; none where None. [T].
+        echoes: Samples after a rest in which the controller still corrects the place; None for no such samples. [T].
     """
     whole = closed(before, after, share)
     if not rests.any() or (after[rests] ** 2).sum() > (before[rests] ** 2).sum():
@@ -95,10 +96,14 @@ def closed_beside_rest(before: Array, after: Array, share: float, rests: Array, 
     return max([whole, *(closed(before[kept], after[kept], share) for kept in moving if _tells(before, share, kept))])
 
 
+def stretches(mask: Array) -> Array:
+    """First sample of each run of true samples, and the one behind its last. [T] bool -> [runs, 2]."""
+    return np.flatnonzero(np.diff(mask.astype(int), prepend=0, append=0)).reshape(-1, 2)
+
+
 def _tells(before: Array, share: float, kept: Array) -> bool:
     """Whether samples hold most of a gap, in several stretches of which each is long enough to be judged. [T, C], [T]."""
-    edges = np.flatnonzero(np.diff(kept.astype(int), prepend=0, append=0))
-    long = edges[1::2] - edges[::2] >= _LENGTHS[-1]
+    long = np.diff(stretches(kept)) >= _LENGTHS[-1]
     beyond = (before.astype(np.float64) ** 2 - share).sum(axis=1)
     return int(long.sum()) >= _STRETCHES and float(beyond[kept].sum()) >= _SHOWN * float(beyond.sum())
 

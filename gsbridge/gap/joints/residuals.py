@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from gsbridge.effects.registry import Applied
+from gsbridge.gap.diagnosis.closure import stretches
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
@@ -86,10 +87,9 @@ def _spread(values: Array) -> Array:
 
 
 def _behind(still: Array, memory: int) -> Array:
-    """The first samples behind each rest that lasts as long as what is remembered: a reversal is none. [T] -> [T]."""
+    """The first `memory` samples after each rest of at least that length; a reversal is shorter. [T] -> [T]."""
     out = np.zeros(len(still), bool)
-    edges = np.flatnonzero(np.diff(still.astype(int), prepend=0, append=0))
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+    for begin, end in stretches(still):
         if end - begin >= memory:
             out[end : end + memory] = True
     return out
@@ -223,14 +223,15 @@ class JointResiduals:
         return self.whiten(self._raw(self.stack(moved) + self._fine))
 
     def rests(self, effects: Sequence[Applied], joints: Sequence[str]) -> tuple[Array, Array]:
-        """Where the replay with effects holds one of some joints still, by its positions, and where that is not yet forgotten.
+        """Where the replay with effects holds one of some joints still, and where the controller corrects the place afterwards.
 
         Args:
             effects: Effects of the replay.
             joints: Joints that may be held.
 
         Returns:
-            Samples at rest, and those behind a rest in which the controller still pulls in what it has left open. [T], [T].
+            Samples at rest, by the replayed positions, and samples within one time constant of the controller after a rest.
+            [T], [T].
         """
         out, behind = np.zeros((2, len(self.record.time)), bool)
         for joint in joints:
