@@ -8,9 +8,10 @@ import pytest
 from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import Applied
+from gsbridge.errors import InputError
 from gsbridge.gap.benchmark import body_cases, machines
 from gsbridge.gap.benchmark.body_truth import ThrowScene, throw_box
-from gsbridge.gap.benchmark.generate import _joined
+from gsbridge.gap.benchmark.generate import NotShownError, _joined
 from gsbridge.gap.benchmark.hidden_parts import true_parameters
 from gsbridge.gap.benchmark.trajectories import course
 from gsbridge.gap.contact.case import read_throw_case
@@ -65,6 +66,43 @@ def test_a_drawn_body_can_be_read_and_flies_by_what_is_hidden(tmp_path):
     assert {role: len(throws) for role, throws in read.throws.items()} == dict.fromkeys(("fit", "select", "verify"), 8)
     assert case.parameters["gravity_scale"]["share"] == case.hidden["gravity_scale"]
     json.dumps({"settings": case.settings, "parameters": case.parameters})
+
+
+def test_a_clock_that_leaves_all_samples_as_they_are_shows_like_any_other_effect():
+    """No pose moves where a clock is slow: what shows is that a replay falls at another time."""
+    case = body_cases.draw_body_case(("tracking_rate",), 5.0, 1, count=1)
+    assert 5.0 / 1.4 < case.units < 5.0 * 1.4
+    assert abs(case.hidden["tracking_rate"]) < body_cases.KNOWN["tracking_rate"].high
+
+
+def test_what_shows_at_no_size_is_not_hidden(monkeypatch):
+    """A mass shows nowhere where every force grows with it and contacts are hard."""
+    monkeypatch.setattr(body_cases, "_drawn_scene", lambda shape, names, rng: ThrowScene("ball", slowness=0.002, duration=0.4))
+    with pytest.raises(NotShownError) as caught:
+        body_cases.draw_body_case(("object_mass",), 5.0, 2, count=1)
+    assert caught.value.name == "object_mass"
+
+
+def test_another_effect_takes_the_place_of_one_that_does_not_show(monkeypatch):
+    asked = []
+
+    def draw(names, units, seed):
+        asked.append((names, seed))
+        if "object_mass" in names:
+            raise NotShownError("object_mass", "it does not show")
+        return names
+
+    monkeypatch.setattr(body_cases, "draw_body_case", draw)
+    pool = ("object_mass", "restitution", "table_tilt", "tracking_lag")
+    names = body_cases.draw_shown_case(("object_mass", "restitution"), 5.0, 9, pool)
+    assert names[0] == "restitution"
+    assert names[1] in ("table_tilt", "tracking_lag")
+    assert len({seed for tried, seed in asked if "object_mass" in tried}) == len(asked) - 1 == 4
+    first, asked = asked.copy(), []
+    assert body_cases.draw_shown_case(("object_mass", "restitution"), 5.0, 9, pool) == names
+    assert asked == first
+    with pytest.raises(InputError, match="nothing could be hidden"):
+        body_cases.draw_shown_case(("object_mass",), 5.0, 9, ("object_mass",))
 
 
 def test_throws_of_mujoco_fall_by_gravity_before_they_touch():

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+import logging
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,14 @@ from typing import Any
 import numpy as np
 import yaml
 
+from gsbridge.errors import InputError
 from gsbridge.gap.benchmark.body_truth import ThrowScene, throw_box
+from gsbridge.gap.benchmark.body_visibility import BodyVisibility
+from gsbridge.gap.benchmark.generate import NotShownError
 from gsbridge.gap.contact.throws import Throws, write_throws
 from gsbridge.geometry import Array
+
+logger = logging.getLogger("gsbridge")
 
 THROWS = 30
 """Throws of each role."""
@@ -25,17 +31,22 @@ ROLES = ("fit", "select", "verify")
 
 MODEL = "model.yaml"
 
+URDF = "body.urdf"
+
 BODY = "body"
 """What truths call the plant of these cases."""
 
-_SHARE = 0.2
-"""A unit is this share of the distance to which noise of the starts and chaos alone drive the truth apart from itself."""
-
 _TRIES, _CLOSE = 9, 0.12
-"""Tries to find a size, and how near its displacement has to come to the wanted one."""
+"""Tries to find a size, and how near its logarithm of units has to come to the wanted one."""
 
-_PROBES = 10
-"""Throws by which sizes are found."""
+_FAR = 1.4
+"""Factor by which what shows may miss what is wanted: what shows less, or at once more, is not hidden there."""
+
+_TOGETHER = 0.5
+"""Share of the wanted units that effects must show together: two that cancel hide nothing."""
+
+_SCENES, _REDRAWS = 4, 8
+"""Scenes that are tried for one effect, and how often another effect takes the place of one that shows in none of them."""
 
 Parameters = dict[str, float]
 Hide = Callable[[ThrowScene, float, Array], tuple[ThrowScene, Parameters]]
@@ -174,8 +185,9 @@ class BodyCase:
     Args:
         hidden: Sizes of what is hidden, by name.
         parameters: Parameters that a perfect diagnosis gives, by name; none where the law is another than the catalogue's.
-        units: Size, in units of what the noise of the starts hides; see `_SHARE`.
+        units: How well what shows most shows; see `gsbridge.gap.benchmark.body_visibility`.
         model: Content of the model's file.
+        files: Files that the model names, by name.
         throws: Throws by role.
         settings: The scene in words, for the truth's file.
     """
@@ -184,18 +196,51 @@ class BodyCase:
     parameters: Mapping[str, Parameters]
     units: float
     model: Mapping[str, Any]
+    files: Mapping[str, str]
     throws: Mapping[str, Throws]
     settings: Mapping[str, Any]
+
+
+def draw_shown_case(names: tuple[str, ...], units: float, seed: int, pool: Sequence[str]) -> BodyCase:
+    """A case in which what is hidden shows as wanted; what shows in no scene gives way to another effect.
+
+    Args:
+        names: What is hidden first, of `KNOWN` or `STRANGE`.
+        units: Size of each; see `gsbridge.gap.benchmark.body_visibility`.
+        seed: Seed of everything.
+        pool: What may be hidden instead.
+
+    Raises:
+        InputError: Nothing shows.
+    """
+    rng, failed = np.random.default_rng([seed, 1]), set[str]()
+    for _ in range(_REDRAWS):
+        lost = ""
+        for scene_seed in (seed, *(int(value) for value in rng.integers(2**31, size=_SCENES - 1))):
+            try:
+                return draw_body_case(names, units, scene_seed)
+            except NotShownError as error:
+                logger.info("%s", error)
+                lost = error.name
+        failed.add(lost)
+        left = [name for name in pool if name not in failed and name not in names]
+        if not left:
+            break
+        names = tuple(sorted([*(name for name in names if name != lost), str(rng.choice(left))]))
+    raise InputError("benchmark", f"nothing could be hidden; {', '.join(sorted(failed))} do not show", "Take another seed")
 
 
 def draw_body_case(names: tuple[str, ...], units: float, seed: int, count: int = THROWS) -> BodyCase:
     """Draw a body and hide something in it.
 
     Args:
-        names: What is hidden, of `KNOWN` or `STRANGE`; each of `units` by itself, or as much as its range allows.
-        units: Size of each, in units of what the noise of the starts hides; see `_SHARE`.
+        names: What is hidden, of `KNOWN` or `STRANGE`; each of `units` by itself.
+        units: Size of each; see `gsbridge.gap.benchmark.body_visibility`.
         seed: Seed of everything.
         count: Throws of each role.
+
+    Raises:
+        NotShownError: It has no size at which it shows so, or all together show much less.
     """
     rng = np.random.default_rng(seed)
     entries = {name: KNOWN.get(name) or STRANGE[name] for name in names}
@@ -204,21 +249,25 @@ def draw_body_case(names: tuple[str, ...], units: float, seed: int, count: int =
     ways = {name: rng.normal(size=3) for name in names}
     signs = {name: float(rng.choice((-1.0, 1.0))) if entry.signed else 1.0 for name, entry in entries.items()}
     seeds = [int(value) for value in rng.integers(2**31, size=4)]
-    unit = _SHARE * _apart(bare, seeds[3])
-    scene, hidden, parameters, found = bare, {}, {}, 0.0
+    model, scene, hidden, parameters, found = _model(bare), bare, {}, {}, 0.0
+    files = {} if "urdf" not in model else {URDF: _ball(bare.edges[0], bare.mass)}
+    seen = BodyVisibility(model, files, bare, THROWS, seeds[3])
     for name, entry in entries.items():
 
         def put(on: ThrowScene, size: float, name: str = name, entry: HiddenEffect = entry) -> tuple[ThrowScene, Parameters]:
             return entry.hide(on, signs[name] * size, ways[name])
 
-        size, shown = _sized(entry, lambda at, put=put: _moved(bare, put(bare, at)[0], seeds[3]) / unit, units)  # type: ignore[misc]
+        size, shown = _sized(entry, lambda at, put=put: seen.units(put(bare, at)[0]), units)  # type: ignore[misc]
+        if not 1.0 / _FAR < shown / units < _FAR:
+            raise NotShownError(name, f"{name} shows {shown:.2g} units in a {bare.shape} where {units:.2g} are wanted")
         scene, parameters[name] = put(scene, size)
         hidden[name] = signs[name] * size
         found = max(found, shown)
+    if len(names) > 1 and seen.units(scene) < _TOGETHER * units:
+        raise NotShownError(names[-1], f"{' and '.join(names)} hardly show together in a {bare.shape}")
     throws = {role: throw_box(scene, count, number) for role, number in zip(ROLES, seeds[:3], strict=True)}
     settings = {"shape": bare.shape, "edges": list(bare.edges), "mass": bare.mass, "slowness": bare.slowness}
-    settings["unit_mm"] = 1e3 * unit
-    return BodyCase(hidden, parameters, found, _model(bare), throws, settings)
+    return BodyCase(hidden, parameters, found, model, files, throws, settings)
 
 
 def _drawn_scene(shape: str, names: tuple[str, ...], rng: np.random.Generator) -> ThrowScene:
@@ -240,27 +289,6 @@ def _drawn_scene(shape: str, names: tuple[str, ...], rng: np.random.Generator) -
         # In free flight and sliding a mass shows nowhere: something must pull.
         scene = replace(scene, force=tuple(scene.mass * rng.uniform(0.5, 1.5) * np.array([1.0, 0.5])))
     return scene
-
-
-def _apart(scene: ThrowScene, seed: int) -> float:
-    """Mean distance between throws and the same throws with starts that are known as well as the tracker tells them, m."""
-    samples = 0.06 * scene.rate
-    # Slope of a parabola over the first 60 ms, by which a diagnosis learns how a throw starts.
-    gain = 13.9 / (0.06 * np.sqrt(samples))
-    return _distance(scene, scene, seed, (scene.noise[0] * gain, scene.noise[1] * gain))
-
-
-def _moved(bare: ThrowScene, scene: ThrowScene, seed: int) -> float:
-    """Mean distance to which what is hidden drives throws, m."""
-    return _distance(bare, scene, seed, (0.0, 0.0))
-
-
-def _distance(one: ThrowScene, other: ThrowScene, seed: int, noise: tuple[float, float]) -> float:
-    """Mean distance of throws of two scenes, the other's with noise on its start speeds (m/s, rad/s)."""
-    quiet = [replace(scene, noise=(0.0, 0.0)) for scene in (one, other)]
-    first, second = throw_box(quiet[0], _PROBES, seed), throw_box(quiet[1], _PROBES, seed, shaken=noise)
-    pairs = zip(first.items, second.items, strict=True)
-    return float(np.mean([np.linalg.norm(a.position - b.position, axis=1).mean() for a, b in pairs]))
 
 
 def _sized(entry: HiddenEffect, shown: Callable[[float], float], units: float) -> tuple[float, float]:
@@ -285,7 +313,7 @@ def _model(scene: ThrowScene) -> dict[str, Any]:
     if scene.shape == "box":
         model |= {"box": list(scene.edges), "mass": scene.mass}
     else:
-        model |= {"urdf": "body.urdf"}
+        model |= {"urdf": URDF}
     if any(scene.force):
         values = {axis: float(value) for axis, value in zip("xy", scene.force, strict=True)}
         model["effects"] = [{"name": "steady_force", "parameters": values}]
@@ -303,8 +331,8 @@ def write_body_case(folder: Path, case: BodyCase) -> dict[str, str]:
         SHA-256 of the throws' files by role.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    if "urdf" in case.model:
-        (folder / "body.urdf").write_text(_ball(case.settings["edges"][0], case.settings["mass"]), encoding="utf-8")
+    for name, text in case.files.items():
+        (folder / name).write_text(text, encoding="utf-8")
     (folder / MODEL).write_text(yaml.safe_dump(dict(case.model), sort_keys=False), encoding="utf-8")
     digests = {}
     for role, throws in case.throws.items():

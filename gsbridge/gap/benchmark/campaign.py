@@ -16,7 +16,7 @@ import yaml
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_directory, read_json, write_json
 from gsbridge.gap.benchmark.baselines import METHODS, run_baseline
-from gsbridge.gap.benchmark.body_cases import BODY, KNOWN, MODEL, body_twins, draw_body_case, write_body_case
+from gsbridge.gap.benchmark.body_cases import BODY, KNOWN, MODEL, body_twins, draw_shown_case, write_body_case
 from gsbridge.gap.benchmark.body_cases import UNKNOWN_OF as UNKNOWN_BODIES
 from gsbridge.gap.benchmark.case_plan import BODIES, IMAGES, SCORED, SPLITS, TIER_SIZE, TIERS, PlannedCase, plan_cases
 from gsbridge.gap.benchmark.generate import DrawnCase, NotShownError, draw_case
@@ -135,13 +135,15 @@ def _motion_cases(made: Path, hidden: Path, ordered: Ordered) -> tuple[str, list
 def _body_cases(made: Path, hidden: Path, ordered: Ordered) -> list[dict[str, Any]]:
     """Cases of thrown bodies: the manifest's rows."""
     rows = []
-    for number, order in enumerate(ordered.plan(tuple(KNOWN), UNKNOWN_BODIES[ordered.split])):
-        case = draw_body_case(order.names, order.units, order.seed)
+    strange = UNKNOWN_BODIES[ordered.split]
+    for number, order in enumerate(ordered.plan(tuple(KNOWN), strange)):
+        pool = strange if order.kind == "unknown" else tuple(KNOWN)
+        case = draw_shown_case(order.names, order.units, order.seed, pool)
         # No two share throws, and so a bank.
         row = {"key": order.key, "courses": number, "records": write_body_case(made / order.key, case)}
         truth = {**_common(order, ordered), "plant": BODY, "hidden": dict(case.hidden), "units": case.units, "sigma": {}}
         truth |= {"parameters": dict(case.parameters), "settings": dict(case.settings)}
-        truth["twins"] = body_twins(order.names)
+        truth["twins"] = body_twins(tuple(sorted(case.hidden)))
         rows.append({**row, "truth_sha256": _sealed_truth(hidden, truth, {})})
         logger.info("%s drawn", order.key)
     return rows

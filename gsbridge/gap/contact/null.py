@@ -133,7 +133,7 @@ def throw_null(replay: ThrowReplay, effects: Sequence[Applied], rng: np.random.G
     few = replay.part(FEW)
     sets = replicates(few, effects, rng)
     flights = few.flights(effects)
-    spread = _spread(few, flights, sets)
+    spread = expected_spread(few, flights, sets)
     if weigh:
         replay.weigh(spread)
     places, turns = ([[getattr(flight, key) for flight in row] for row in sets] for key in ("position", "quat"))
@@ -146,8 +146,19 @@ def throw_null(replay: ThrowReplay, effects: Sequence[Applied], rng: np.random.G
     return ThrowNull(errors, _statistics(*(values[which[:, None], throws] for values in (errors, early))), plain, spread)
 
 
-def _spread(replay: ThrowReplay, flights: Sequence[Flight], sets: Sequence[Sequence[Flight]]) -> Callable[[Array], Array]:
-    """Mean distance of replicates by the time since the first touch, never falling, with what no model gets right on top."""
+def expected_spread(
+    replay: ThrowReplay, flights: Sequence[Flight], sets: Sequence[Sequence[Flight]]
+) -> Callable[[Array], Array]:
+    """Mean distance of replicates by the time since the first touch, never falling, with what no model gets right on top.
+
+    Args:
+        replay: Throws and model.
+        flights: Their replay.
+        sets: Sets of throws as they are measured where the model lacks nothing.
+
+    Returns:
+        Time since the nominal replay's first touch, s, to a distance, m.
+    """
     rows = [
         np.concatenate(
             [point_distances(f, seen.position, seen.quat, replay.radius) for f, seen in zip(flights, row, strict=True)]
