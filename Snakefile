@@ -8,6 +8,7 @@ from gsbridge.configuration.whole import read_configuration
 from gsbridge.workflow_faults import told
 from gsbridge.workflow_files import check_configuration_files
 from gsbridge.workflow_lock import end_when_asked
+from gsbridge.workflow_plan import is_dry, summarize_plans
 from gsbridge.workflow_storage import see_new_folders
 from gsbridge.workflow_targets import check_targets, targets_of
 from snakemake.cli import get_argument_parser
@@ -29,6 +30,12 @@ configfile: f"{ROOT}/config.yaml"
 # With all defaults, and numbers for what came as text.
 with told():
     config.update(read_configuration(config))
+
+
+if workflow.is_main_process:
+    summarize_plans(
+        logger, lambda: workflow.rules, is_dry(sys.argv, get_argument_parser)
+    )
 
 
 report: "rules/captions/workflow.rst"

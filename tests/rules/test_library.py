@@ -10,7 +10,8 @@ from gsbridge import digests
 
 ROOT = Path(__file__).resolve().parents[2]
 GROUND = "errors logs files given geometry cameras images meshes libraries kernels digests configuration statistics "
-GROUND += "notebook run_status workflow_faults workflow_files workflow_lock workflow_storage workflow_targets reading"
+GROUND += "notebook run_status workflow_faults workflow_files workflow_lock workflow_plan workflow_storage workflow_targets "
+GROUND += "reading"
 FLOORS = [
     # The ground floor has no packages; its modules may build on one another.
     GROUND.split(),

@@ -79,6 +79,11 @@ def test_every_preset_plans(snakemake, tmp_path, preset):
     plan = snakemake("--dry-run", "--directory", str(tmp_path), "--config", f"preset={preset}", "--", "results/tables").stdout
     for rule in ("film_scene", "reconstruct_cameras", "align_scene", "segment_object", "mesh_object", "train_splats"):
         assert rule in plan
+    begin, table = plan.split("Job stats:")
+    assert "Jobs by stage:" in begin
+    assert len(begin.splitlines()) < 25
+    assert plan.rindex("Jobs by stage:") > plan.index("Reasons:")
+    assert "Job stats:" not in table
 
 
 def test_the_catalogs_snakefile_is_the_same_workflow(snakemake, tmp_path):
