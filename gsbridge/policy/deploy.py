@@ -8,7 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from gsbridge.environment.build import StageFiles
+from gsbridge.environment.build import StageFiles, build_renderer, camera_response, lens_of
+from gsbridge.environment.env import DrawnEye
+from gsbridge.environment.rendering import wrist_camera
+from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.errors import InputError
 from gsbridge.given import read_given_json
 from gsbridge.policy.driver import RobotDriver, WallClock, load_driver
@@ -169,4 +172,20 @@ def _driver(wanted: Deployment, interface: PolicyInterface, registration: Regist
         photometry=results / "workspace" / "photometry.json",
         light=results / "workspace" / "light.json",
     )
-    return SimDriver(files, interface.settings)
+    return simulated_arm(files, interface.settings)
+
+
+def simulated_arm(files: StageFiles, settings: EnvironmentSettings) -> WorldDriver:
+    """The simulated world as an arm, whose camera shows the model's effects as it does where a policy is trained.
+
+    Args:
+        files: What the world is made of; its registration is the one that the runner takes.
+        settings: Settings of the policy's environment: picture size and renderer.
+
+    Raises:
+        InputError: A file is missing, of the wrong kind or damaged.
+    """
+    driver = SimDriver(files, settings)
+    driver.eye = DrawnEye(build_renderer(files, settings), camera_response(files), lens_of(files, settings))
+    driver.camera = wrist_camera(driver.eye.size)
+    return driver

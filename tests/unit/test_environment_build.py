@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from robot_fixture import robot
 from sim_fixture import NOMINAL
 from test_asset_relief import plate, table
@@ -32,6 +33,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
 from gsbridge.images import read_image
 from gsbridge.meshes import Mesh, write_mesh
+from gsbridge.policy.deploy import simulated_arm
 from gsbridge.scene.light import directions
 from gsbridge.splats.ply import write_ply
 from gsbridge.tasks.views import read_states
@@ -139,6 +141,27 @@ def test_registration_and_photometry_are_used(files, tmp_path):
     plain, coloured = (build_environment(given, SETTINGS) for given in (stage, seen))
     images = [environment.reset(seed=0, options={"pose": [0, 0.265, 0]})[0]["image"] for environment in (plain, coloured)]
     assert images[1].mean() < 0.9 * images[0].mean()
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [{"name": "exposure", "parameters": {"stops": -1.0}}, {"name": "distortion", "parameters": {"k1": 0.2, "k2": 0.0}}],
+    ids=["light", "lens"],
+)
+def test_a_policy_sees_the_model_s_effects_where_it_runs_as_where_it_is_trained(files, tmp_path, effect):
+    stage, _ = files
+    (tmp_path / "amended.yaml").write_text(yaml.safe_dump({**yaml.safe_load(NOMINAL.read_text()), "effects": [effect]}))
+    pose, pictures = np.array([0.0, 0.265, 0.3]), {}
+    for name, given in (("nominal", stage), ("amended", replace(stage, model=tmp_path / "amended.yaml"))):
+        environment, arm = build_environment(given, SETTINGS), simulated_arm(given, SETTINGS)
+        arm.prepare(pose, 4)
+        arm.rest()
+        pictures[name] = arm.image()
+        np.testing.assert_array_equal(pictures[name], environment.reset(seed=4, options={"pose": pose})[0]["image"])
+        assert (arm.camera.width, arm.camera.height) == (64, 64)
+        environment.close()
+        arm.close()
+    assert np.abs(pictures["amended"].astype(int) - pictures["nominal"]).mean() > 0.5
 
 
 def test_makers_travel_to_other_processes(files):
