@@ -203,7 +203,7 @@ class Contents(Settings):
     """Scenes whose renderings lie there; scenes that the preset does not make are left out."""
 
 
-Method = Literal["gsbridge", "largest_change", "training_bic", "cosine", "sparse", "cma_es"]
+Method = Literal["gsbridge", "largest_change", "training_bic", "cosine", "sparse", "group_lasso", "cma_es", "cma_es_tenfold"]
 
 
 class GapBenchmark(Settings):

@@ -32,12 +32,15 @@ class BenchmarkPlan:
     def methods(self, tier: str) -> list[str]:
         """Ways of naming in one tier.
 
-        CMA-ES needs a package of its own, and the page says where it was left out. On all parameters of pictures it would draw
-        every photo for every guess. Thrown bodies have no other method.
+        CMA-ES needs a package of its own, and the page says where it was left out. In pictures it would draw every photo for
+        every guess, and a lasso's signatures would fill the memory. Thrown bodies have no other method.
         """
         if tier == "t5":
             return ["gsbridge"]
-        without = () if tier != "t4" and importlib.util.find_spec("cma") else ("cma_es",)
+        searches: tuple[str, ...] = ("cma_es", "cma_es_tenfold")
+        without = () if importlib.util.find_spec("cma") else searches
+        if tier == "t4":
+            without = ("group_lasso", *searches)
         return [name for name in self.settings["methods"] if name not in without]
 
     def contents(self, tier: str, kind: str) -> list[str]:

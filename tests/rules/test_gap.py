@@ -153,5 +153,5 @@ def test_the_toys_benchmark_is_small_and_the_truth_is_apart(snakemake, tmp_path)
 def test_the_study_has_every_way_of_naming(snakemake, tmp_path):
     plan = snakemake("--dry-run", "--directory", str(tmp_path), "--", "results/scores/gap.json").stdout
     for tier in ("t0", "t1", "t2"):
-        for method in ("gsbridge", "largest_change", "training_bic", "cosine", "sparse"):
+        for method in ("gsbridge", "largest_change", "training_bic", "cosine", "sparse", "group_lasso"):
             assert f"Diagnose tier {tier} by {method}, chunk 3 of 4" in plan

@@ -36,8 +36,8 @@ def test_the_page_shows_floors_ways_and_wrong_names(tmp_path):
         "Not run: fit everything, name the largest change",
     ):
         assert said in text
-    # Two pictures for all tiers; a race and a matrix for each.
-    assert text.count("<img") == 2 + 2 * 3
+    # Three pictures for all tiers; a race and a matrix for each.
+    assert text.count("<img") == 3 + 2 * 3
     assert 'src="http' not in text
 
 
@@ -197,7 +197,15 @@ def rates(right, wrong, count=40):
     return {
         "named_right": {"value": right, "n": count, "ci95_low": 0.0, "ci95_high": 1.0},
         "named_wrong": {"value": wrong, "n": count, "ci95_low": 0.0, "ci95_high": 1.0},
+        "list": listed(9, 1, 10) if right is None or right >= 0.9 else listed(5, 5, 10),
     }
+
+
+def listed(right, wrong, silent):
+    """Cases as scores list them: the wrong answers are those that a method is least sure of."""
+    sure = [{"confidence": 0.9, "guessed_right": True, "verdict": "named"}] * right
+    unsure = [{"confidence": 0.5, "guessed_right": False, "verdict": "named"}] * wrong
+    return sure + unsure + [{"confidence": None, "guessed_right": False, "verdict": "no_discrepancy"}] * silent
 
 
 def test_a_baseline_is_beaten_that_names_more_wrongly_and_no_more_rightly():
@@ -223,6 +231,10 @@ def test_a_baseline_is_beaten_that_names_more_wrongly_and_no_more_rightly():
     assert found["gap_baselines_beaten"]["value"] == 1.0
     assert found["gap_baselines_wrong"]["value"] == 0.0
     assert found["gap_baselines_right"]["by_scene"]["bold"] == pytest.approx(95.0)
+    # On the curve two of them are wrong more often where they answer as many, and one just as often.
+    assert (found["gap_coverage"]["value"], found["gap_curves_beaten"]["value"]) == (50.0, 2.0)
+    risks = {"gsbridge": 10.0, "shy": 50.0, "bold": 10.0, "worse": 50.0}
+    assert found["gap_risk_at_coverage"]["by_scene"] == pytest.approx(risks)
     # What did not run in every tier is not judged, and nothing is said where nothing else ran.
     del tiers["t2"]["methods"]["worse"]
     assert "worse" not in baseline_figures(tiers)["gap_baselines_wrong"]["by_scene"]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,11 @@ from scipy.stats import chi2 as chi2_law
 
 from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
+from gsbridge.gap.benchmark.cma_search import BUDGET, search
+from gsbridge.gap.benchmark.group_lasso import group_lasso
 from gsbridge.gap.diagnosis.results import Candidate
 from gsbridge.gap.formats.records import Record
-from gsbridge.gap.joints.bank import SignatureBank, signature_bank
+from gsbridge.gap.joints.bank import signature_bank
 from gsbridge.gap.joints.candidates import candidates
 from gsbridge.gap.joints.fit import fit
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
@@ -25,9 +28,13 @@ from gsbridge.gap.joints.residuals import JointResiduals, share_noise
 from gsbridge.gap.joints.screen import Screen
 from gsbridge.geometry import Array
 
-METHODS = ("gsbridge", "largest_change", "training_bic", "cosine", "sparse", "cma_es")
+METHODS = ("gsbridge", "largest_change", "training_bic", "cosine", "sparse", "group_lasso", "cma_es", "cma_es_tenfold")
 """This package's own, and: fit all parameters at once and name the largest change; the best training BIC; the signature of the
-largest cosine; sparse regression on signatures; CMA-ES on all parameters."""
+largest cosine; sparse regression on signatures; cross-validated group lasso on signatures; CMA-ES on the likeliest candidates
+with the simulations of a diagnosis, and with ten times as many."""
+
+SEARCHES = {"cma_es": 1, "cma_es_tenfold": 10}
+"""Multiples of a diagnosis' simulations that the searches have."""
 
 ALARM = 0.01
 """Probability below which a baseline takes a residual for more than noise."""
@@ -35,14 +42,13 @@ ALARM = 0.01
 FITTED = 7
 """Candidates that the training BIC compares."""
 
-_ROUNDS = 30
-_SPREAD = 0.3
-"""Generations and first step of CMA-ES, in typical sizes. Some 600 simulations of an arm, six times the most of a diagnosis."""
+_REFITTED = 6
+"""Most candidates of a lasso that are fitted together; beyond that many their simulations would outgrow a diagnosis'."""
 
 
 def available(method: str) -> str | None:
     """Reason why a method cannot run here, or None."""
-    if method == "cma_es" and importlib.util.find_spec("cma") is None:
+    if method in SEARCHES and importlib.util.find_spec("cma") is None:
         return "CMA-ES needs the package 'cma', which is not installed"
     return None
 
@@ -79,28 +85,47 @@ def run_baseline(
     found: Sequence[Applied] = ()
     if loud:
         screen = Screen(first, bank)
-        rng = np.random.default_rng(seed)
-        found = {
+        ways: dict[str, Callable[[], list[Applied]]] = {
             "largest_change": lambda: _largest(screen, residual),
             "training_bic": lambda: _bic(first, screen, residual),
             "cosine": lambda: _cosine(screen, residual),
             "sparse": lambda: _sparse(screen, residual),
-            "cma_es": lambda: _cma(first, bank, rng),
-        }[method]()
+            "group_lasso": lambda: _grouped(first, second, screen, residual),
+            **{name: functools.partial(_searched, first, second, screen, name, seed) for name in SEARCHES},
+        }
+        found = ways[method]()
+    confidence = held_out(second.residual(), second.residual(found), second.freedom) if found else None
     runs = {"bank": bank.runs, "case": mechanism.runs - made - mechanism.shared}
-    return answer(found, runs, time.perf_counter() - begin)
+    return answer(found, runs, time.perf_counter() - begin, confidence)
 
 
-def answer(found: Sequence[Applied], simulations: Mapping[str, int], seconds: float) -> dict[str, Any]:
+def held_out(before: Array, after: Array, freedom: float) -> float:
+    """Share of a record's squared residual beyond noise that an explanation removes which was not fitted to it: how sure of
+    it a method without a probability of its own may be.
+
+    Args:
+        before: Residual without the explanation, in units of the noise. Any shape.
+        after: With it; the same shape.
+        freedom: Squared residual that noise alone leaves.
+    """
+    plain, left = (float((values.astype(np.float64) ** 2).sum()) for values in (before, after))
+    return float(np.clip(1.0 - max(left - freedom, 0.0) / max(plain - freedom, 1e-9), 0.0, 1.0))
+
+
+def answer(
+    found: Sequence[Applied], simulations: Mapping[str, int], seconds: float, confidence: float | None = None
+) -> dict[str, Any]:
     """Findings of a baseline, in the form of `findings.json` as far as it has any.
 
     Args:
         found: Effects that it names, with their sizes; none where it sees no discrepancy.
         simulations: Simulations that were made, by purpose.
         seconds: Time that it took, s.
+        confidence: How sure it is of them, from 0 to 1: by this it may abstain. None where it names nothing.
     """
     return {
         "status": "pass",
+        "confidence": confidence,
         "verdict": "named" if found else "no_discrepancy",
         "effects": [_described(effect) for effect in found],
         "amended": [effect.record() for effect in found],
@@ -184,26 +209,53 @@ def _sparse(screen: Screen, residual: Array) -> list[Applied]:
     return [_sized(screen, k, float(f)) for k, f in zip(chosen, factors, strict=True)]
 
 
-def _cma(view: JointResiduals, bank: SignatureBank, rng: np.random.Generator) -> list[Applied]:
-    """All amplitudes at once by CMA-ES; the one that moved most in typical sizes."""
-    import cma
+def _grouped(view: JointResiduals, other: JointResiduals, screen: Screen, residual: Array) -> list[Applied]:
+    """Candidates that cross-validation keeps.
 
-    who = list(dict.fromkeys(s.candidate for s in bank.signatures))
-    starts = [next(s.values for s in bank.signatures if s.candidate == candidate) for candidate in who]
+    The few that explain most are fitted anew, since a lasso's own sizes are too small, and those stay that the other record
+    needs.
+    """
+    owners = list(screen.groups)
+    rows = [k for who in owners for k in screen.groups[who]]
+    # Number of each candidate's columns among those rows.
+    ends = np.cumsum([len(screen.groups[who]) for who in owners])
+    groups = [range(end - len(screen.groups[who]), end) for who, end in zip(owners, ends, strict=True)]
+    columns = screen.shapes[rows].astype(np.float64).T.reshape(*residual.shape, len(rows))
+    factors = group_lasso(columns, groups, residual)
+    kept: list[tuple[float, Candidate, Applied]] = []
+    for who, group in zip(owners, groups, strict=True):
+        explained = np.abs(factors[list(group)]) * np.sqrt(screen.sizes[[rows[k] for k in group]])
+        first = int(np.argmax(explained))
+        sized = _sized(screen, rows[group[first]], float(factors[group[first]]))
+        # A sum may want less than nothing of what has one sign.
+        if any(sized.parameters[p.name] for p in who.effect.parameters if p.amplitude):
+            kept.append((float(explained[first]), who, sized))
+    kept = sorted(kept, key=lambda item: -item[0])[:_REFITTED]
+    if not kept:
+        return []
+    refitted = fit(view, [who for _, who, _ in kept], [dict(sized.parameters) for *_, sized in kept], screen=screen)
+    return needed(other, refitted.effects)
 
-    def effects(factors: Array) -> list[Applied]:
-        return [
-            candidate.applied(candidate.effect.scaled(values, float(factor)))
-            for candidate, values, factor in zip(who, starts, factors, strict=True)
-        ]
 
-    def cost(factors: Array) -> float:
-        return float((view.residual(effects(factors)) ** 2).sum())
+def _searched(first: JointResiduals, second: JointResiduals, screen: Screen, method: str, seed: int) -> list[Applied]:
+    """What a search with its budget ends with."""
+    return needed(second, search(first, screen, SEARCHES[method] * BUDGET, seed))
 
-    options = {"maxiter": _ROUNDS, "verbose": -9, "seed": int(rng.integers(1, 2**31)), "bounds": [0, None]}
-    best = np.asarray(cma.fmin2(cost, np.full(len(who), _SPREAD), _SPREAD, options)[0])
-    sizes = [
-        factor * max(abs(values[p.name]) / p.typical for p in candidate.effect.parameters if p.amplitude)
-        for candidate, values, factor in zip(who, starts, best, strict=True)
-    ]
-    return [effects(best)[int(np.argmax(sizes))]]
+
+def needed(view: JointResiduals, found: Sequence[Applied]) -> list[Applied]:
+    """Effects of a set without which a record fits worse than BIC charges for them, the others taken back one by one.
+
+    Args:
+        view: Record to which nothing was fitted.
+        found: The set.
+    """
+    kept, squares = list(found), float((view.residual(found) ** 2).sum())
+    price = float(np.log(view.residual().size))
+    while kept:
+        without = [float((view.residual([*kept[:k], *kept[k + 1 :]]) ** 2).sum()) for k in range(len(kept))]
+        k = int(np.argmin(without))
+        if without[k] - squares > price:
+            break
+        squares = without[k]
+        kept.pop(k)
+    return kept

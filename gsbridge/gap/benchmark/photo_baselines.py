@@ -11,7 +11,7 @@ from scipy.optimize import lsq_linear
 from scipy.stats import chi2 as chi2_law
 
 from gsbridge.effects.registry import Applied
-from gsbridge.gap.benchmark.baselines import ALARM, FITTED, answer
+from gsbridge.gap.benchmark.baselines import ALARM, FITTED, answer, held_out
 from gsbridge.gap.diagnosis.results import Candidate
 from gsbridge.gap.image.fit import fit
 from gsbridge.gap.image.model import image_candidates
@@ -39,7 +39,11 @@ def run_photo_baseline(method: str, pairs: Mapping[str, Pairs]) -> dict[str, Any
         else:
             table = _SignatureTable(groups, residual)
             found = {"largest_change": table.largest, "cosine": table.nearest, "sparse": table.few}[method]()
-    return answer(found, {"bank": 0, "case": first.expectation.pictures}, time.perf_counter() - begin)
+    confidence = None
+    if found:
+        second = ImageResiduals(pairs["select"], first.noise)
+        confidence = held_out(second.residual(), second.residual(found), second.numbers)
+    return answer(found, {"bank": 0, "case": first.expectation.pictures}, time.perf_counter() - begin, confidence)
 
 
 def _bic(view: ImageResiduals, groups: Sequence[Group], residual: Array) -> list[Applied]:

@@ -173,4 +173,6 @@ def _row(case: JudgedCase) -> dict[str, Any]:
         "closure": case.closure,
         "simulations": case.simulations,
         "seconds": case.seconds,
+        "confidence": case.confidence,
+        "guessed_right": case.guessed_right,
     }

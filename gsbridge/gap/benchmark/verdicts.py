@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,9 @@ OUTCOMES = ("right", "covered", "abstained", "missed", "wrong", "quiet", "false_
 """Named as hidden, or ambiguous among nothing but what is the same equation; ambiguous with the truth inside; nothing named
 although something was hidden and seen; taken for no discrepancy; another name, or a set without the truth; silent, or not,
 where nothing was hidden."""
+
+_GUESSED, _NAMED = 0.2, 0.6
+"""Confidence above which this package's own method calls something ambiguous, and names it: they order its answers alone."""
 
 _EFFECTS = {**JOINT_EFFECTS, **BODY_EFFECTS}
 
@@ -58,6 +61,8 @@ class JudgedCase:
         kind: Kind of the case.
         known: Whether what is hidden is in the catalogue.
         twins: Explanations that are the same equation as the truth.
+        confidence: How sure the method is of its guess, from 0 to 1; None where it has no guess.
+        guess: What it would say were it not to abstain: what it names; else the likeliest explanation; else its account.
     """
 
     hidden: frozenset[str]
@@ -77,6 +82,13 @@ class JudgedCase:
     kind: str = "single"
     known: bool = True
     twins: tuple[frozenset[str], ...] = ()
+    confidence: float | None = None
+    guess: frozenset[str] = frozenset()
+
+    @property
+    def guessed_right(self) -> bool:
+        """Whether the guess is what was hidden, or the same equation; where the catalogue lacks it, no guess is right."""
+        return bool(self.guess) and self.known and self.guess in {self.hidden, *self.twins}
 
     @property
     def outcome(self) -> str:
@@ -155,6 +167,7 @@ def _verdict(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> JudgedCase
     short = (lambda name: name.split(":")[0]) if single else (lambda name: name)
     covers = _covers(finding, truth) if finding["verdict"] == "named" else {}
     rivals = finding["rivals"]
+    confidence, guess = _guess(finding, short)
     return JudgedCase(
         frozenset(truth["hidden"]),
         float(truth["units"]),
@@ -171,7 +184,36 @@ def _verdict(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> JudgedCase
         kind=truth["kind"] if truth["kind"] != "free" else f"free, {truth['noise']} noise",
         known=bool(truth["known"]),
         twins=tuple(frozenset(names) for names in truth["twins"]),
+        confidence=confidence,
+        guess=guess,
     )
+
+
+def _guess(finding: Mapping[str, Any], short: Callable[[str], str]) -> tuple[float | None, frozenset[str]]:
+    """How sure a method is, and of what.
+
+    Other methods state how sure they are. This package's own ranks what it names by the probability of being best, then what
+    is ambiguous, then what it names nothing of but gives an account of, by the share that the account explains.
+    """
+    verdict, account = finding["verdict"], finding.get("account") or {}
+    named = frozenset(short(_label(effect)) for effect in finding["effects"])
+    if "confidence" in finding:
+        return finding["confidence"], named
+    if verdict == "named":
+        chance = finding["rivals"][0]["probability"] if finding["rivals"] else 1.0
+        return _NAMED + (1.0 - _NAMED) * chance, named
+    if verdict == "ambiguous" and finding["rivals"]:
+        first = frozenset(short(name) for name in finding["rivals"][0]["effects"])
+        return _GUESSED + (_NAMED - _GUESSED) * finding["rivals"][0]["probability"], first
+    entries = account.get("entries") or []
+    if verdict in ABSTAINING and entries:
+        return _GUESSED * min(max(account["explained"], 0.0), 1.0), frozenset(short(entry["label"]) for entry in entries)
+    return None, frozenset()
+
+
+def _label(effect: Mapping[str, Any]) -> str:
+    """Name of an effect with its joint, as accounts and rivals have it."""
+    return f"{effect['name']}:{effect['joint']}" if effect.get("joint") else str(effect["name"])
 
 
 def _covers(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> dict[str, bool]:

@@ -15,6 +15,7 @@ from matplotlib.colors import LinearSegmentedColormap
 
 from gsbridge.report.figures.legend import legend_above
 from gsbridge.report.gap.figures import PLAIN, data_uri
+from gsbridge.report.scores.risk_coverage import answered, risk_at, risk_coverage
 
 OUTCOMES = {
     "right": ("named right", "#2c7a4b"),
@@ -31,7 +32,9 @@ METHODS = {
     "training_bic": "best training BIC",
     "cosine": "signature cosine alone",
     "sparse": "sparse regression alone",
-    "cma_es": "CMA-ES over all",
+    "group_lasso": "group lasso, cross-validated",
+    "cma_es": "CMA-ES, as many simulations",
+    "cma_es_tenfold": "CMA-ES, ten times as many",
 }
 """Ways of naming, for people."""
 
@@ -47,7 +50,16 @@ TIERS = {
 
 _ACCENT, _SOFT = "#1f6f8b", "#5b6b7b"
 
-_MARKS = (("o", _ACCENT), ("s", "#b08a4f"), ("^", "#8a5fa8"), ("D", "#c0573d"), ("v", "#5d7f3b"), ("P", "#6b7280"))
+_MARKS = (
+    ("o", _ACCENT),
+    ("s", "#b08a4f"),
+    ("^", "#8a5fa8"),
+    ("D", "#c0573d"),
+    ("v", "#5d7f3b"),
+    ("P", "#6b7280"),
+    ("X", "#3f7fbf"),
+    ("<", "#a3416f"),
+)
 _COUNTS = LinearSegmentedColormap.from_list("counts", ["#eaf2f5", "#1f6f8b"])
 _WRONG = LinearSegmentedColormap.from_list("wrong", ["#f6dcda", "#b3261e"])
 
@@ -118,6 +130,33 @@ def draw_methods(tier: str, methods: Mapping[str, Mapping[str, Any]]) -> str:
         axis.set_xlabel("wrong names, % of single effects")
         axis.set_ylabel("right names, % at 5 units and more")
         axis.set_title(tier_title(tier), loc="left", fontsize=11, fontweight="bold")
+        return data_uri(figure)
+
+
+def draw_curves(lists: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """Risk against coverage of every way of naming, on the same cases; lower is better.
+
+    Args:
+        lists: Cases by method, with `confidence`, `guessed_right` and `verdict`.
+    """
+    with plt.rc_context(PLAIN):
+        figure, axis = plt.subplots(figsize=(6.6, 4.2), layout="constrained")
+        for number, (method, rows) in enumerate(lists.items()):
+            coverage, risk = risk_coverage(rows)
+            ours, (_, colour) = method == "gsbridge", _MARKS[number % len(_MARKS)]
+            label = METHODS.get(method, method)
+            axis.step(
+                100 * coverage, 100 * risk, where="post", color=colour, label=label,
+                linewidth=2.4 if ours else 1.3, zorder=3 if ours else 2,
+            )  # fmt: skip
+            if ours and len(coverage):
+                own = answered(rows)
+                axis.plot(100 * own, 100 * (risk_at(rows, own) or 0.0), "o", color=colour, markersize=8, zorder=4)
+        axis.set_xlim(0, 102)
+        axis.set_ylim(-2, 102)
+        axis.set_xlabel("coverage: cases that are answered, %")
+        axis.set_ylabel("risk: wrong among the answers, %")
+        axis.legend(loc="upper left", frameon=False, fontsize=9)
         return data_uri(figure)
 
 

@@ -12,12 +12,13 @@ from gsbridge.report.gap.benchmark_figures import (
     confusion_width,
     draw_calibration,
     draw_confusion,
+    draw_curves,
     draw_methods,
     draw_sizes,
     tier_title,
 )
 from gsbridge.report.pages.html import write_page
-from gsbridge.report.scores.measured_gap import OURS, PHOTOS, gap_figures, pooled, read_tiers, real_figures
+from gsbridge.report.scores.measured_gap import ARMS, OURS, PHOTOS, gap_figures, pooled, read_tiers, real_figures
 from gsbridge.report.scores.results_page import shown, shown_floor, verdict
 from gsbridge.report.scores.score import ANY_PRESET, read_floors, score_figure
 
@@ -52,6 +53,7 @@ def write_gap_benchmark(
         floors=_floors(gap_figures(tiers) | ({} if real is None else real_figures(read_json(real))), floors, preset),
         sizes=draw_sizes(ours),
         tiers=[_tier(tier, found) for tier, found in tiers.items()],
+        curves=_curves(tiers),
         calibration=draw_calibration(ours),
         brier=", ".join(f"{tier_title(tier)} {shown(found['brier'])}" for tier, found in ours.items()),
         wrong=_wrong(ours),
@@ -144,6 +146,14 @@ def _tier(tier: str, found: Mapping[str, Any]) -> dict[str, Any]:
         "kinds": _counts(ours["by_kind"], "kind"),
         "left_out": ", ".join(title for name, title in METHODS.items() if name not in methods),
     }
+
+
+def _curves(tiers: Mapping[str, Mapping[str, Any]]) -> str | None:
+    """Risk against coverage of all ways that ran on the arms' cases; None where there is one way, or no such case."""
+    arms = [tiers[tier]["methods"] for tier in ARMS if tier in tiers] or [found["methods"] for found in tiers.values()]
+    names = [name for name in arms[0] if all(name in methods for methods in arms)] if arms else []
+    lists = {name: [row for methods in arms for row in methods[name]["list"]] for name in names}
+    return draw_curves(lists) if len(lists) > 1 else None
 
 
 def _counts(rows: Sequence[Mapping[str, Any]], title: str) -> list[dict[str, Any]]:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from gsbridge.files import read_json, write_json
+from gsbridge.report.scores.risk_coverage import answered, risk_at
 from gsbridge.statistics import wilson_interval
 
 OURS = "gsbridge"
@@ -32,7 +33,7 @@ MISMATCH = "results/benchmarks/gap_mismatch.json"
 _SURE = ("named", "likely, not proven")
 """Verdicts on the first line of an account that count for it."""
 
-_DYNAMIC = ("t1", "t2")
+ARMS = ("t1", "t2")
 """Tiers whose cases count for names and closures: those of arms, whose truths are engines."""
 
 _STATISTICS = ("false_alarm", "interval_coverage")
@@ -62,7 +63,7 @@ def gap_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, A
         out[f"gap_wrong_{tier}"] = _percent(scores["named_wrong"])
         out[f"gap_interval_coverage_{tier}"] = _percent(scores["interval_coverage"])
         out[f"gap_interval_coverage_upper_{tier}"] = out[f"gap_interval_coverage_{tier}"]
-    dynamic = [scores for tier, scores in ours.items() if tier in _DYNAMIC]
+    dynamic = [scores for tier, scores in ours.items() if tier in ARMS]
     for key, name in POOLED.items():
         over = list(ours.values()) if key in _STATISTICS else dynamic
         out[name] = _percent(pooled([scores[key] for scores in over]))
@@ -78,15 +79,16 @@ def gap_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, A
         values = [scores[key] for scores in simulated if scores[key] is not None]
         out[f"gap_{key}"] = _plain(max(values, default=None), sum(len(scores["list"]) for scores in simulated))
     out["gap_interval_coverage_upper"] = out["gap_interval_coverage"]
-    out |= baseline_figures({tier: found for tier, found in tiers.items() if tier in _DYNAMIC and found["split"] == "scored"})
+    out |= baseline_figures({tier: found for tier, found in tiers.items() if tier in ARMS and found["split"] == "scored"})
     return {name: figure for name, figure in out.items() if figure["value"] is not None}
 
 
 def baseline_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     """What the other methods name rightly and wrongly on the same cases of arms, and how many of them are beaten.
 
-    A baseline counts as beaten if it names more effects wrongly and no more of them rightly. One that did not run in every
-    tier is left out.
+    A baseline counts as beaten if it names more effects wrongly and no more of them rightly; on the curve, if it is wrong more
+    often where it answers as many cases as this package's own, those that it is surest of. One that did not run in every tier
+    is left out.
 
     Args:
         tiers: Scores by tier.
@@ -105,9 +107,17 @@ def baseline_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[s
     if OURS not in methods or right[OURS] is None or wrong[OURS] is None or not others:
         return {}
     beaten = [name for name in others if wrong[name] > wrong[OURS] and right[name] <= right[OURS]]
+    lists = {name: [row for found in tiers.values() for row in found["methods"][name]["list"]] for name in (OURS, *others)}
+    coverage = answered(lists[OURS])
+    risks = {name: risk_at(rows, coverage) for name, rows in lists.items()}
+    shown = {name: 100 * risk for name, risk in risks.items() if risk is not None}
+    worse = [name for name in others if name not in shown or shown[name] > shown.get(OURS, 0.0)]
     cases = rates["named_wrong"][OURS]["n"]
     return {
         "gap_baselines_beaten": _plain(float(len(beaten)), cases),
+        "gap_curves_beaten": _plain(float(len(worse)), len(lists[OURS])),
+        "gap_coverage": _plain(100 * coverage, len(lists[OURS])),
+        "gap_risk_at_coverage": {**_plain(shown.get(OURS), len(lists[OURS])), "by_scene": shown},
         "gap_baselines_wrong": {**_plain(min(wrong[name] for name in others), cases), "by_scene": wrong},
         "gap_baselines_right": {
             **_plain(max(right[name] for name in others), rates["named_right"][OURS]["n"]),

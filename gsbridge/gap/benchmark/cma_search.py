@@ -1,0 +1,57 @@
+"""CMA-ES over the sizes of the likeliest candidates together, with a budget of simulations.
+
+Source: Hansen, The CMA evolution strategy: a tutorial, arXiv:1604.00772, 2016.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gsbridge.effects.registry import Applied
+from gsbridge.gap.diagnosis.results import Candidate, Rules
+from gsbridge.gap.joints.residuals import JointResiduals
+from gsbridge.gap.joints.screen import Screen
+from gsbridge.geometry import Array
+
+BUDGET = Rules().budget
+"""Simulations of the search: those that a diagnosis has."""
+
+_SPREAD = 0.5
+"""First step, in multiples of what a candidate's signature fits best."""
+
+
+def search(view: JointResiduals, screen: Screen, budget: int, seed: int) -> list[Applied]:
+    """All candidates that screening ranks first, with the sizes at which the search ends: of either sign where an effect's are.
+
+    Args:
+        view: Record that sizes are fitted to.
+        screen: Signatures of the first.
+        budget: Simulations of the search.
+        seed: Seed of the draws.
+    """
+    import cma
+
+    matches = screen.matches(view.residual())[: Rules().rivals]
+    who = [match.candidate for match in matches]
+    starts = [match.starts[0] for match in matches]
+    lows = np.array([_lowest(candidate, values) for candidate, values in zip(who, starts, strict=True)])
+
+    def effects(factors: Array) -> list[Applied]:
+        return [
+            candidate.applied(candidate.effect.scaled(values, float(factor)))
+            for candidate, values, factor in zip(who, starts, factors, strict=True)
+        ]
+
+    def cost(factors: Array) -> float:
+        return float((view.residual(effects(factors)) ** 2).sum())
+
+    options = {"maxfevals": budget, "verbose": -9, "seed": seed + 1, "bounds": [lows.tolist(), None]}
+    begin = np.where(lows < 0, 0.0, 0.5 * _SPREAD)
+    best = np.asarray(cma.fmin2(cost, begin, _SPREAD, options)[0])
+    return effects(best)
+
+
+def _lowest(candidate: Candidate, values: dict[str, float]) -> float:
+    """Smallest factor on a candidate's start: below zero where its sizes may have the other sign."""
+    sizes = [p for p in candidate.effect.parameters if p.amplitude]
+    return -np.inf if all(p.low < 0 for p in sizes) and not candidate.effect.threshold else 0.0
