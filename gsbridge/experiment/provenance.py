@@ -139,6 +139,10 @@ _MODULES = {
 _BESIDE = ("areas", "captures", "gap_case", "presets")
 """Sections of the settings that change no recorded figure by themselves; of the presets, the one that ran counts."""
 
+_OF_ONE_AREA = {"gap": "gap"}
+"""Sections that one area alone reads: which cases the gap's benchmark draws, and which ways of naming it compares, changes
+neither a mesh nor a policy. A test holds them against the rules' files."""
+
 
 def _digest(value: Any) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True, default=str).encode()).hexdigest()[:12]
@@ -164,13 +168,20 @@ def settings_behind(config: Mapping[str, Any]) -> dict[str, str]:
     return found
 
 
+def matters(area: str, setting: str) -> bool:
+    """Whether a setting can change figures of an area; `section` or `section.entry`."""
+    section = setting.split(".")[0]
+    return _OF_ONE_AREA.get(section, area) == area
+
+
 def provenance(area: str, config: Mapping[str, Any]) -> dict[str, dict[str, str]]:
     """What stands behind the figures of an area as the tree is now.
 
     Returns:
         {`code`: {rule: digest}, `settings`: {setting: digest}}.
     """
-    return {"code": code_behind(area), "settings": settings_behind(config)}
+    settings = {name: digest for name, digest in settings_behind(config).items() if matters(area, name)}
+    return {"code": code_behind(area), "settings": settings}
 
 
 def provenances(config: Mapping[str, Any]) -> dict[str, dict[str, dict[str, str]]]:

@@ -33,6 +33,18 @@ def test_settings_of_other_presets_and_scenes_do_not_count(config):
     assert {name for name, digest in before.items() if changed[name] != digest} == {f"scenes.{scene}"}
 
 
+def test_settings_of_the_gap_s_benchmark_count_where_they_are_read(config):
+    whole = read_configuration(config)
+    assert {area for area in AREAS if any(name.startswith("gap.") for name in provenance(area, whole)["settings"])} == {"gap"}
+    readers = {
+        path.name for path in (ROOT / "rules").glob("*.smk") if re.search(r"\b(GAP|GAP_CASES|BENCHMARK)\b", path.read_text())
+    }
+    assert readers == {"common.smk", "gap.smk", "gap_benchmark.smk"}
+    # Of the rules in those files, other areas have none that takes a setting of the section: cases are named by hand.
+    rules = set(re.findall(r"(?m)^rule (\w+):", (ROOT / "rules/gap_benchmark.smk").read_text()))
+    assert not rules & {rule for area in AREAS if area != "gap" for rule in RULES[area]}
+
+
 def test_the_page_tells_which_figures_are_of_this_tree(config):
     """After a change of code or settings, `make results-page` writes the states anew."""
     page = (ROOT / "benchmarks/RESULTS.md").read_text()
@@ -40,6 +52,6 @@ def test_the_page_tells_which_figures_are_of_this_tree(config):
     assert set(RULES) == set(AREAS) == set(provenances(whole))
     for area in AREAS:
         record = read_record(ROOT / f"benchmarks/scores/{area}.json")
-        state = freshness(record["provenance"], provenance(area, whole)) if record else "not recorded"
+        state = freshness(area, record["provenance"], provenance(area, whole)) if record else "not recorded"
         line = next(line for line in page.splitlines() if line.startswith(f"| [{area}]"))
         assert ("| fresh |" in line) == (state == "fresh"), area

@@ -402,11 +402,16 @@ def test_the_page_in_the_repository_is_that_of_its_records(tmp_path: Path) -> No
 def test_an_area_is_fresh_until_its_code_or_its_settings_change() -> None:
     recorded = {"commit": "abc", "code": {"a": "1", "b": "2"}, "settings": {"seed": "3", "scenes.mug": "4"}}
     now = {"code": {"a": "1", "b": "2"}, "settings": {"seed": "3", "scenes.mug": "4", "scenes.bowl": "5"}}
-    assert freshness(recorded, now) == "fresh"
-    assert changes(recorded, {**now, "code": {"a": "1", "b": "0", "c": "2"}}) == ["b", "c"]
-    assert changes(recorded, {**now, "code": {"a": "1"}}) == ["b"]
-    assert changes(recorded, {**now, "settings": {"seed": "4"}}) == ["seed", "scenes.mug"]
-    assert freshness(recorded, {**now, "code": {"a": "0", "b": "2"}}) == "**stale** since `a` changed"
+    assert freshness("policies", recorded, now) == "fresh"
+    assert changes("policies", recorded, {**now, "code": {"a": "1", "b": "0", "c": "2"}}) == ["b", "c"]
+    assert changes("policies", recorded, {**now, "code": {"a": "1"}}) == ["b"]
+    assert changes("policies", recorded, {**now, "settings": {"seed": "4"}}) == ["seed", "scenes.mug"]
+    assert freshness("policies", recorded, {**now, "code": {"a": "0", "b": "2"}}) == "**stale** since `a` changed"
     many = {"code": dict.fromkeys("abcdefgh", "1"), "settings": {}}
-    assert freshness(many, {"code": {}, "settings": {}}).endswith("`f` and 2 more changed")
-    assert "before digests" in freshness({"commit": "abc", "code": {}, "settings": {}}, now)
+    assert freshness("policies", many, {"code": {}, "settings": {}}).endswith("`f` and 2 more changed")
+    assert "before digests" in freshness("policies", {"commit": "abc", "code": {}, "settings": {}}, now)
+    # How the gap's benchmark is drawn changes no policy.
+    drawn = {"commit": "abc", "code": {"a": "1"}, "settings": {"gap.methods": "5"}}
+    assert changes("gap", drawn, {"code": {"a": "1"}, "settings": {"gap.methods": "6"}}) == ["gap.methods"]
+    assert changes("policies", drawn, {"code": {"a": "1"}, "settings": {"gap.methods": "6"}}) == []
+    assert changes("policies", drawn, {"code": {"a": "1"}, "settings": {}}) == []

@@ -37,7 +37,7 @@ def readme_block(records: Records, now: Mapping[str, Mapping[str, Mapping[str, s
         records: {area: {`provenance`, `figures`}}, empty for an area that was never recorded.
         now: {area: {code, settings}} of the tree as it is.
     """
-    fresh = [area for area, record in records.items() if record and freshness(record["provenance"], now[area]) == "fresh"]
+    fresh = [area for area, record in records.items() if record and freshness(area, record["provenance"], now[area]) == "fresh"]
     known = {name: (area, score) for area in fresh for name, score in records[area]["figures"].items()}
     lines = []
     for name in HEADLINES:

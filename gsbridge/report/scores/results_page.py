@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from gsbridge.errors import InputError
+from gsbridge.experiment.provenance import matters
 from gsbridge.experiment.seals import read_seals
 from gsbridge.files import atomic_file, read_json
 
@@ -47,10 +48,11 @@ def verdict(score: Mapping[str, Any]) -> str:
     return "met" if score["floor"] is not None else "stretch not met"
 
 
-def changes(recorded: Mapping[str, Mapping[str, str]], now: Mapping[str, Mapping[str, str]]) -> list[str]:
+def changes(area: str, recorded: Mapping[str, Mapping[str, str]], now: Mapping[str, Mapping[str, str]]) -> list[str]:
     """What has changed since an area was recorded: names of rules and settings whose digest is another one now.
 
     Args:
+        area: The area; settings that cannot change its figures do not count, though a record may hold them.
         recorded: {`code`: {rule: digest}, `settings`: {setting: digest}} beside the recorded figures.
         now: Digests of the tree as it is now, in the same layout.
 
@@ -59,15 +61,16 @@ def changes(recorded: Mapping[str, Mapping[str, str]], now: Mapping[str, Mapping
     """
     code, new = recorded["code"], now["code"]
     rules = [name for name in {**code, **new} if code.get(name) != new.get(name)]
-    settings = [name for name, digest in recorded["settings"].items() if now["settings"].get(name) != digest]
+    counting = {name: digest for name, digest in recorded["settings"].items() if matters(area, name)}
+    settings = [name for name, digest in counting.items() if now["settings"].get(name) != digest]
     return rules + settings
 
 
-def freshness(recorded: Mapping[str, Any], now: Mapping[str, Mapping[str, str]]) -> str:
+def freshness(area: str, recorded: Mapping[str, Any], now: Mapping[str, Mapping[str, str]]) -> str:
     """Whether the tree would still make an area's figures: `fresh`, or `stale` with what has changed since."""
     if not recorded.get("code"):
         return "**stale**: recorded before digests stood beside figures"
-    found = changes(recorded, now)
+    found = changes(area, recorded, now)
     if not found:
         return "fresh"
     named = ", ".join(f"`{name}`" for name in found[:NAMED])
@@ -101,7 +104,7 @@ def results_markdown(
         floors = _floors(record)
         met = f"{sum(score['met'] for score in floors)} of {len(floors)}"
         told = record.get("provenance", {})
-        state = freshness(told, now[area]) if record else "not recorded yet"
+        state = freshness(area, told, now[area]) if record else "not recorded yet"
         lines.append(f"| [{area}](#{area}) | {met if record else '–'} | {told.get('commit', '–')} | {state} |")
     for area, record in records.items():
         if not record:
