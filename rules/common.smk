@@ -189,6 +189,10 @@ def workspace_capture(wildcards):
     kind, value = next(iter(config["workspace"]["source"].items()))
     if kind == "mirror":
         return "results/workspace/capture"
+    if kind == "capture" and workflow.is_main_process:
+        from gsbridge.registration.asked import check_board_capture
+
+        check_board_capture(PLAN.board_folder(value))
     return PLAN.board_folder(value) if kind == "capture" else []
 
 

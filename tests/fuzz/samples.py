@@ -31,6 +31,7 @@ from gsbridge.policy.export import load_policy
 from gsbridge.policy.format import FORMAT, PROPRIO_NAMES, SPEC, WEIGHTS
 from gsbridge.policy.networks import Actor
 from gsbridge.reading import load_yaml
+from gsbridge.registration.asked import check_board_capture
 from gsbridge.registration.result import read_registration
 from gsbridge.robot.urdf import read_description
 from gsbridge.sim.model import read_model
@@ -119,6 +120,54 @@ def _mcap(folder: Path) -> Path:
             writer.add_message(channel, 20_000_000 * k, json.dumps(content).encode(), 20_000_000 * k)
         writer.finish()
     return path
+
+
+def _lerobot(folder: Path) -> Path:
+    """A data set of one episode; returns its description."""
+    time = np.arange(150) / 50
+    positions = np.stack([np.sin(time), np.cos(time)], axis=1).astype(np.float32)
+    vector = {"dtype": "float32", "shape": [2], "names": {"motors": [f"{joint}.pos" for joint in JOINTS]}}
+    features = {"observation.state": vector, "action": vector, "timestamp": {"dtype": "float32", "shape": [1], "names": None}}
+    info = {"codebase_version": "v3.0", "fps": 50, "total_episodes": 1, "features": features}
+    columns = {"observation.state": list(positions), "action": list(positions), "timestamp": time.astype(np.float32)}
+    (folder / "set/meta").mkdir(parents=True)
+    (folder / "set/data/chunk-000").mkdir(parents=True)
+    pd.DataFrame({**columns, "episode_index": 0}).to_parquet(folder / "set/data/chunk-000/file-000.parquet")
+    (folder / "set/meta/info.json").write_text(json.dumps(info))
+    return folder / "set/meta/info.json"
+
+
+def _lerobot_rows(folder: Path) -> Path:
+    return _lerobot(folder).parents[1] / "data/chunk-000/file-000.parquet"
+
+
+def _read_lerobot(path: Path) -> object:
+    top = next(parent for parent in path.parents if parent.name == "set")
+    return read_log(f"{top}#0", LAYOUT)
+
+
+def _board(file: str) -> Callable[[Path], Path]:
+    """A board capture with a camera whose arm is told by joints, by poses of its flange, or by a list in JSON."""
+
+    def write(folder: Path) -> Path:
+        names = [write_photo(folder, f"{number}.png").name for number in range(3)]
+        camera = {"width": 64, "height": 48, "fx": 50.0, "fy": 50.0, "cx": 32.0, "cy": 24.0, "distortion": [0.1, 0.0, 0.0, 0.0]}
+        (folder / "camera.json").write_text(json.dumps({"camera": camera}))
+        if file == "arm.json":
+            poses = [{"image": name, "base_from_flange": np.eye(4).tolist()} for name in names]
+            (folder / file).write_text(json.dumps({"poses": poses}))
+        elif file == "flange.csv":
+            rows = [f"{name},0.3,0.1,0.5,1.0,0.0,0.0,0.0" for name in names]
+            (folder / "arm.csv").write_text("\n".join(["image,x,y,z,qw,qx,qy,qz", *rows]))
+        else:
+            (folder / "arm.csv").write_text("\n".join(["image,q1,q2", *(f"{name},0.1,0.2" for name in names)]))
+        return folder / file.replace("flange", "arm")
+
+    return write
+
+
+def _read_board(path: Path) -> object:
+    return check_board_capture(path.parent)
 
 
 URDF = """<robot name="arm"><link name="base"/>
@@ -282,6 +331,12 @@ READERS = {
     "csv": Reader(lambda folder: _log(folder, ".csv"), lambda path: read_log(path, LAYOUT), text=True),
     "parquet": Reader(lambda folder: _log(folder, ".parquet"), lambda path: read_log(path, LAYOUT)),
     "mcap": Reader(_mcap, lambda path: read_log(f"{path}#/joint_states", LAYOUT)),
+    "lerobot": Reader(_lerobot, _read_lerobot, text=True),
+    "lerobot rows": Reader(_lerobot_rows, _read_lerobot),
+    "board": Reader(_board("arm.csv"), _read_board, text=True, numbers=True),
+    "board flange": Reader(_board("flange.csv"), _read_board, text=True, numbers=True),
+    "board list": Reader(_board("arm.json"), _read_board, text=True, numbers=True),
+    "board camera": Reader(_board("camera.json"), _read_board, text=True, numbers=True),
     "mechanism": Reader(_mechanism, read_mechanism_model, text=True, numbers=True),
     "case": Reader(write_case, lambda path: (case_files(path), read_joint_case(path)), text=True),
     "nominal model": Reader(_nominal, read_model, text=True, numbers=True),

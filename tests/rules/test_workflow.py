@@ -267,6 +267,20 @@ def test_a_capture_that_is_gone_stops_stages_whose_inputs_are_there(snakemake, c
     assert "config: scenes.mug.source.video: there is neither " in process.stdout + process.stderr
 
 
+def test_a_damaged_board_capture_is_told_before_any_job(snakemake, config, write_config, tmp_path):
+    (tmp_path / "board").mkdir()
+    (tmp_path / "board/arm.csv").write_text("image,q1\n0.png,half\n")
+    config["workspace"]["source"] = {"capture": str(tmp_path / "board")}
+    config["workspace"]["background"] = None
+    target = "results/workspace/registration.json"
+    call = [*write_config(config), "--dry-run", "--directory", str(tmp_path / "run"), "--", target]
+    process = snakemake(*call, check=False)
+    assert process.returncode != 0
+    said = process.stdout + process.stderr
+    assert "line 2 holds no number where one is due" in said
+    assert "Traceback" not in said
+
+
 def test_missing_capture_is_named(snakemake, config, write_config, tmp_path):
     config["scenes"]["mug"] = {"kind": "object", "source": {"video": "mug.mp4"}}
     process = snakemake(

@@ -14,6 +14,7 @@ from gsbridge.configuration.registration import RegistrationSettings
 from gsbridge.errors import InputError, StageError
 from gsbridge.geometry import quat_from_rotation
 from gsbridge.registration import stage
+from gsbridge.registration.asked import check_board_capture
 from gsbridge.registration.capture import read_board_capture, write_arm_table, write_camera
 from gsbridge.registration.result import pose_error, read_registration
 from gsbridge.registration.typed import typed_pose
@@ -257,3 +258,29 @@ def test_degrees_without_their_name_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(stage, "build_robot", lambda _: __import__("robot_fixture").robot())
     with pytest.raises(InputError, match=r"outside its limits.*q1_deg"):
         stage._flange_poses(read_board_capture(folder))
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "told"),
+    [
+        (
+            "camera.json",
+            '{"camera": {"width": 4, "height": 4, "fx": NaN, "fy": 5, "cx": 3, "cy": 2}}',
+            "a number is not finite",
+        ),
+        ("camera.json", '{"camera": {"width": 64, "height": 48, "fx": -5, "fy": 5, "cx": 3, "cy": 2}}', "fx is -5"),
+        ("camera.json", "[" * 5000, "nested too deeply"),
+        ("arm.csv", "image,q1\n\xff.png,1\n".encode("latin-1"), "the board capture cannot be read"),
+        ("arm.csv", "image,q1\n0.png," + "9" * 200_000, "field larger"),
+        ("arm.csv", "image,q1\n0.png,nan\n", "the pose of 0.png is not finite"),
+    ],
+)
+def test_a_capture_is_looked_at_before_any_job(tmp_path, file, content, told):
+    """Whatever is wrong with it becomes one line."""
+    cv2.imwrite(str(tmp_path / "0.png"), np.zeros((48, 64, 3), np.uint8))
+    (tmp_path / "arm.csv").write_text("image,q1\n0.png,0.5\n")
+    assert check_board_capture(tmp_path).images == ("0.png",)
+    (tmp_path / file).write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(InputError, match=told) as caught:
+        check_board_capture(tmp_path)
+    assert "\n" not in str(caught.value)

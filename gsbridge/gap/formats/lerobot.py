@@ -18,6 +18,7 @@ import pandas as pd
 
 from gsbridge.errors import InputError
 from gsbridge.given import read_given_json
+from gsbridge.reading import refusing
 
 KINDS = {
     "observation.state": "position",
@@ -50,6 +51,12 @@ def read_lerobot(folder: Path, part: str, joints: tuple[str, ...]) -> tuple[pd.D
     """
     if not (folder / "meta/info.json").is_file():
         raise InputError(folder, "this folder is no LeRobot data set: meta/info.json is missing", "Name its top folder")
+    with refusing(folder, "the data set is damaged", "Copy or download it again"):
+        return _read(folder, part, joints)
+
+
+def _read(folder: Path, part: str, joints: tuple[str, ...]) -> tuple[pd.DataFrame, str]:
+    """As `read_lerobot`, in which whatever is wrong with the content becomes one line."""
     info = read_given_json(folder / "meta/info.json", "Copy or download the data set again")
     version = str(info.get("codebase_version", ""))
     if version.lstrip("v").split(".")[0] not in ("2", "3"):
@@ -57,7 +64,7 @@ def read_lerobot(folder: Path, part: str, joints: tuple[str, ...]) -> tuple[pd.D
     features = {
         name: item for name, item in (info.get("features") or {}).items() if name not in _ABOUT_ROWS and _is_vector(item)
     }
-    files = sorted((folder / "data").rglob("*.parquet"))
+    files = sorted(file for file in (folder / "data").rglob("*.parquet") if file.is_file())
     if not files or not features:
         raise InputError(folder, "the data set holds no numbers", "Give one with data/**/*.parquet and numeric features")
     rows = _rows(folder, files, part, list(features), info)
@@ -95,17 +102,15 @@ def _elements(name: str, feature: Mapping[str, Any], count: int) -> list[str]:
 def _rows(folder: Path, files: list[Path], part: str, features: list[str], info: Mapping[str, Any]) -> pd.DataFrame:
     """Rows of one episode in the order of time."""
     total = int(info.get("total_episodes", 1))
-    if part and not part.isdigit():
+    if part and not part.isdecimal():
         raise InputError(f"{folder}#{part}", f"'{part}' is no number of an episode", f"Write {folder.name}#0, for example")
     if not part and total > 1:
         raise InputError(folder, f"the data set has {total} episodes", f"Say which one: {folder.name}#0, for example")
     wanted = int(part or 0)
     found = []
     for file in files:
-        try:
+        with refusing(file, "it cannot be read", "Copy the data set again"):
             table = pd.read_parquet(file, filters=[("episode_index", "==", wanted)])
-        except (OSError, ValueError, KeyError) as error:
-            raise InputError(file, f"it cannot be read ({error})", "Copy the data set again") from error
         if len(table):
             found.append(table[[name for name in ("timestamp", *features) if name in table]])
     if not found:
