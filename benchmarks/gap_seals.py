@@ -1,6 +1,6 @@
 """Score one seal of the gap's benchmark, or a part of it, and write down its first score.
 
-    GSBRIDGE_SEAL=12345 python benchmarks/gap_seals.py --tiers t5 --cases 10 --folder work
+    GSBRIDGE_SEAL=12345 python benchmarks/gap_seals.py --tiers t0 t5 --cases 10 --methods training_bic --folder work
 
 The seal alone draws the cases (`gsbridge.experiment.seals`). What is scored is kept in `benchmarks/seals/{seal}.json`, where a
 later run of the same part changes nothing. Cases that were diagnosed before in the same folder are not diagnosed again, so a
@@ -24,6 +24,7 @@ from gsbridge.experiment.seals import VARIABLE, record_seal, seal_of
 from gsbridge.files import write_json
 from gsbridge.gap.benchmark import campaign
 from gsbridge.gap.benchmark.score import score_findings
+from gsbridge.report.scores.risk_coverage import answered, risk_at
 
 REGISTER = Path(__file__).parent / "seals"
 
@@ -36,6 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tiers", nargs="+", choices=campaign.TIERS, default=list(campaign.TIERS))
     parser.add_argument("--cases", type=int, help="of each tier; all without it")
+    parser.add_argument("--methods", nargs="+", choices=campaign.METHODS[1:], default=[], help="other ways of naming beside")
     parser.add_argument("--folder", type=Path, required=True, help="keeps cases, truths and findings")
     parser.add_argument("--register", type=Path, default=REGISTER, help="folder of the seals' scores")
     options = parser.parse_args(arguments)
@@ -48,8 +50,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         cases, truths = folder / "cases", folder / "truths"
         if not (cases / "manifest.json").exists():
             campaign.generate_cases(tier, campaign.SPLITS[1], cases, truths, count=options.cases, seal=seal)
-        campaign.diagnose_cases(cases, campaign.case_keys(cases), folder / "findings", options.folder / "bank")
-        scores = score_findings(cases, truths, {campaign.METHODS[0]: [folder / "findings"]})
+        # Thrown bodies have no other method, and photos no search.
+        ways = [name for name in options.methods if tier not in ("t4", "t5")]
+        findings = {campaign.METHODS[0]: folder / "findings", **{name: folder / name for name in ways}}
+        for method, found in findings.items():
+            campaign.diagnose_cases(cases, campaign.case_keys(cases), found, options.folder / "bank", method=method)
+        scores = score_findings(cases, truths, {method: [found] for method, found in findings.items()})
         write_json(folder / "scores.json", scores)
         record_seal(options.register, seal, {tier: _told(scores)})
     return 0
@@ -59,6 +65,11 @@ def _told(scores: Mapping[str, Any]) -> dict[str, Any]:
     """What the register says about a tier."""
     found = scores["methods"][campaign.METHODS[0]]
     figures = {key.replace("_", " "): _share(found[key]) for key in SHOWN if found[key]["n"]}
+    lists = {method: content["list"] for method, content in scores["methods"].items()}
+    coverage = answered(lists[campaign.METHODS[0]])
+    risks = {method: risk_at(rows, coverage) for method, rows in lists.items()} if len(lists) > 1 else {}
+    told = [f"{method} {'none' if risk is None else f'{100 * risk:.0f} %'}" for method, risk in risks.items()]
+    figures |= {f"wrong among the {100 * coverage:.0f} % of cases that each is surest of:": "; ".join(told)} if told else {}
     code = code_digest("gsbridge.gap.benchmark.campaign", "gsbridge.gap.benchmark.score")
     commit = subprocess.run(
         ["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=False

@@ -2,6 +2,7 @@
 
 import pytest
 
+from benchmarks import gap_seals
 from gsbridge.errors import InputError
 from gsbridge.experiment.seals import read_seals, record_seal, seal_of
 from gsbridge.gap.benchmark.case_plan import TIERS, plan_cases
@@ -37,3 +38,15 @@ def test_the_first_score_of_a_seal_stays(tmp_path):
     (tmp_path / "5.json").write_text("{}")
     with pytest.raises(InputError, match="no seal"):
         read_seals(tmp_path)
+
+
+def test_a_part_of_a_seal_is_scored_beside_another_method(tmp_path, monkeypatch):
+    monkeypatch.setenv("GSBRIDGE_SEAL", "21")
+    given = ["--tiers", "t0", "--cases", "4", "--methods", "cosine"]
+    assert gap_seals.main([*given, "--folder", str(tmp_path / "work"), "--register", str(tmp_path / "seals")]) == 0
+    (found,) = read_seals(tmp_path / "seals")
+    told = found["parts"]["t0"]
+    assert (found["seal"], told["cases"]) == (21, 4)
+    (ways,) = [text for name, text in told["figures"].items() if name.startswith("wrong among the")]
+    assert ways.startswith("gsbridge ")
+    assert "; cosine " in ways
