@@ -139,6 +139,31 @@ rule diagnose_real_logs:
         " --output {output.figures} > {log} 2>&1"
 
 
+rule diagnose_real_arm:
+    output:
+        figures="results/benchmarks/gap_so101.json",
+    log:
+        "results/logs/diagnose_real_arm.log",
+    benchmark:
+        "results/benchmarks/diagnose_real_arm/all.jsonl"
+    conda:
+        "../envs/gap.yaml"
+    threads: 1
+    resources:
+        mem_mb=2000,
+        runtime="60m",
+    params:
+        code=code_digest("benchmarks.gap_so101"),
+        program=program("gap_so101"),
+        measured=os.environ.get("GSBRIDGE_MEASURED", ""),
+        robots=os.environ.get("GSBRIDGE_ROBOTS", ""),
+    message:
+        "Diagnose a real arm from three motions, judge the account on all others"
+    shell:
+        "{params.program} --measured {params.measured:q} --robots {params.robots:q}"
+        " --turns 3 --output {output.figures} > {log} 2>&1"
+
+
 rule diagnose_mismatched_laws:
     output:
         figures="results/benchmarks/gap_mismatch.json",

@@ -10,4 +10,11 @@ if TYPE_CHECKING:
 
 start(snakemake.threads, snakemake.log[0])
 given = snakemake.input
-write_gap_benchmark(given.scores, given.floors, snakemake.params.preset, snakemake.output.page, real=given.get("real"))
+write_gap_benchmark(
+    given.scores,
+    given.floors,
+    snakemake.params.preset,
+    snakemake.output.page,
+    real=given.get("real"),
+    arm=given.get("arm"),
+)

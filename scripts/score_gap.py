@@ -15,6 +15,7 @@ write_gap_figures(
     snakemake.input.scores,
     preset=snakemake.params.preset,
     real=snakemake.input.get("real"),
+    arm=snakemake.input.get("arm"),
     mismatch=snakemake.input.mismatch,
 )
 write_scores(

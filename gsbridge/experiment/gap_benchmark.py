@@ -60,5 +60,7 @@ class BenchmarkPlan:
 
     @property
     def real_logs(self) -> dict[str, str]:
-        """What is said about real logs, where GSBRIDGE_MEASURED names their folder."""
-        return {"real": "results/benchmarks/gap_measured.json"} if os.environ.get("GSBRIDGE_MEASURED") else {}
+        """What is said about real logs, where GSBRIDGE_MEASURED names their folder, and GSBRIDGE_ROBOTS that of the arm."""
+        named = [name for name in ("GSBRIDGE_MEASURED", "GSBRIDGE_ROBOTS") if os.environ.get(name)]
+        found = {"real": "results/benchmarks/gap_measured.json"} if "GSBRIDGE_MEASURED" in named else {}
+        return found | ({"arm": "results/benchmarks/gap_so101.json"} if len(named) == 2 else {})

@@ -155,3 +155,18 @@ def test_the_study_has_every_way_of_naming(snakemake, tmp_path):
     for tier in ("t0", "t1", "t2"):
         for method in ("gsbridge", "largest_change", "training_bic", "cosine", "sparse", "group_lasso"):
             assert f"Diagnose tier {tier} by {method}, chunk 3 of 4" in plan
+
+
+@pytest.mark.parametrize(
+    ("named", "real", "arm"),
+    [
+        ({}, False, False),
+        ({"GSBRIDGE_MEASURED": "x"}, True, False),
+        ({"GSBRIDGE_MEASURED": "x", "GSBRIDGE_ROBOTS": "y"}, True, True),
+    ],
+    ids=["nothing", "logs", "logs and an arm"],
+)
+def test_real_logs_are_diagnosed_where_their_folders_are_named(snakemake, tmp_path, named, real, arm):
+    plan = snakemake("--dry-run", "--directory", str(tmp_path), "--", "results/scores/gap.json", **named).stdout
+    assert ("Diagnose tosses of a real cube" in plan) == real
+    assert ("Diagnose a real arm from three motions" in plan) == arm

@@ -11,7 +11,15 @@ from gsbridge.gap.benchmark import campaign, chunks, score
 from gsbridge.gap.benchmark.baselines import METHODS
 from gsbridge.report.gap.benchmark_figures import confusion_cells
 from gsbridge.report.gap.benchmark_page import headline, write_gap_benchmark
-from gsbridge.report.scores.measured_gap import baseline_figures, gap_figures, mismatch_figures, pooled, real_figures
+from gsbridge.report.scores.measured_gap import (
+    arm_figures,
+    baseline_figures,
+    gap_figures,
+    logged_figures,
+    mismatch_figures,
+    pooled,
+    real_figures,
+)
 from gsbridge.report.scores.score import read_floors, score_figure
 
 FLOORS = Path(__file__).resolve().parents[2] / "benchmarks/floors.yaml"
@@ -55,6 +63,13 @@ def test_one_tier_of_one_way_makes_a_page(tmp_path):
     assert ">unmet<" not in text
 
 
+def turn(*labels, explained=(0.7, 0.8, 0.9)):
+    """An exchange of `benchmarks/gap_so101.py`."""
+    account = [{"label": label} for label in labels]
+    judged = [{"explained": share} for share in explained]
+    return {"account": account, "judged": judged, "median": sorted(explained)[1], "worst": min(explained)}
+
+
 def mismatched(right=("lag",), outcome="right", first="lag", verdict="named", held=None):
     """A line of `benchmarks/gap_mismatch.py`."""
     return {
@@ -95,6 +110,7 @@ def test_every_floor_of_the_area_can_be_measured():
         "verify": {"removed": 0.85},
     }
     measured = gap_figures(tiers) | real_figures({"tosses": tosses, "pendulum": {"verdict": "none_of_the_known"}})
+    measured |= arm_figures({"turns": [turn("a", "b", "c")] * 3})
     measured |= mismatch_figures({"cases": [mismatched(held={"lag": k > 0}) for k in range(10)] + [mismatched(right=())] * 40})
     scores = {name: score_figure(entry, measured.get(name), "desktop") for name, entry in floors.items()}
     assert all(score["met"] for score in scores.values()), {n: s["reason"] for n, s in scores.items() if not s["met"]}
@@ -257,3 +273,15 @@ def test_real_logs_are_told_as_they_were_diagnosed(verdict, names, named):
     assert ("gap_tosses_closed" in found) == bool(names)
     assert found["gap_pendulum_unnamed"]["value"] == 1.0
     assert real_figures({}) == {}
+
+
+def test_a_real_arm_counts_by_its_worst_exchange(tmp_path):
+    turns = [turn("a", "b", "c", "d"), turn("c", "b", "a", explained=(0.3, 0.7, 0.8)), turn("a", "b", "d", "c")]
+    path = tmp_path / "arm.json"
+    path.write_text(json.dumps({"turns": turns}))
+    found = logged_figures(None, path)
+    assert {name: figure["value"] for name, figure in found.items()} == pytest.approx(
+        {"gap_so101_median": 70.0, "gap_so101_worst": 30.0, "gap_so101_kept": 2.0}
+    )
+    assert all((figure["n"], figure["turns"]) == (3, 3) for figure in found.values())
+    assert logged_figures(None, None) == arm_figures({"turns": [{"judged": []}]}) == {}

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from gsbridge.files import read_json
 from gsbridge.report.gap.benchmark_figures import (
     METHODS,
     confusion_width,
@@ -18,7 +17,7 @@ from gsbridge.report.gap.benchmark_figures import (
     tier_title,
 )
 from gsbridge.report.pages.html import write_page
-from gsbridge.report.scores.measured_gap import ARMS, OURS, PHOTOS, gap_figures, pooled, read_tiers, real_figures
+from gsbridge.report.scores.measured_gap import ARMS, OURS, PHOTOS, gap_figures, logged_figures, pooled, read_tiers
 from gsbridge.report.scores.results_page import shown, shown_floor, verdict
 from gsbridge.report.scores.score import ANY_PRESET, read_floors, score_figure
 
@@ -27,7 +26,13 @@ SHOWN = ("right", "covered", "abstained", "missed", "wrong", "quiet", "false_ala
 
 
 def write_gap_benchmark(
-    scores: Sequence[str | Path], floors: str | Path, preset: str, out: str | Path, *, real: str | Path | None = None
+    scores: Sequence[str | Path],
+    floors: str | Path,
+    preset: str,
+    out: str | Path,
+    *,
+    real: str | Path | None = None,
+    arm: str | Path | None = None,
 ) -> None:
     """Write the page.
 
@@ -37,11 +42,13 @@ def write_gap_benchmark(
         preset: Preset that they ran with.
         out: The HTML file.
         real: What was said about real logs; None where they are not on this machine.
+        arm: The same of a real arm's motions.
 
     Raises:
         InputError: A file is missing or damaged.
     """
     tiers = read_tiers(scores)
+    measured = gap_figures(tiers) | logged_figures(real, arm)
     ours = {tier: found["methods"][OURS] for tier, found in tiers.items()}
     splits = sorted({found["split"] for found in tiers.values()})
     write_page(
@@ -50,7 +57,7 @@ def write_gap_benchmark(
         headline=headline(ours),
         splits=splits,
         preset=preset,
-        floors=_floors(gap_figures(tiers) | ({} if real is None else real_figures(read_json(real))), floors, preset),
+        floors=_floors(measured, floors, preset),
         sizes=draw_sizes(ours),
         tiers=[_tier(tier, found) for tier, found in tiers.items()],
         curves=_curves(tiers),

@@ -28,6 +28,11 @@ PHOTOS = "t4"
 
 REAL = "results/benchmarks/gap_measured.json"
 
+ARM = "results/benchmarks/gap_so101.json"
+
+_FIRST = 3
+"""Entries at the head of an account that should stay where the motions that it learns from are exchanged."""
+
 MISMATCH = "results/benchmarks/gap_mismatch.json"
 
 _SURE = ("named", "likely, not proven")
@@ -145,6 +150,40 @@ def real_figures(found: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     return out
 
 
+def arm_figures(found: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """What was said about a real arm's motions, from `benchmarks/gap_so101.py`: the least that any exchange of the motions that
+    it learnt from has reached.
+
+    Args:
+        found: Figures that the program wrote.
+    """
+    turns = [turn for turn in found["turns"] if turn["judged"]]
+    if not turns:
+        return {}
+    motions = len(turns[0]["judged"])
+    firsts = [frozenset(entry["label"] for entry in turn["account"][:_FIRST]) for turn in turns]
+    values = {
+        "gap_so101_median": 100 * min(turn["median"] for turn in turns),
+        "gap_so101_worst": 100 * min(turn["worst"] for turn in turns),
+        "gap_so101_kept": float(min(len(first & firsts[0]) for first in firsts)),
+    }
+    return {name: {**_plain(value, motions), "turns": len(turns), "where": ARM} for name, value in values.items()}
+
+
+def logged_figures(real: str | Path | None, arm: str | Path | None) -> dict[str, dict[str, Any]]:
+    """What was said about logs of real machines.
+
+    Args:
+        real: File of `real_figures`; None where it did not run.
+        arm: File of `arm_figures`; None where it did not run.
+
+    Raises:
+        InputError: A file is missing or damaged.
+    """
+    found = {} if real is None else real_figures(read_json(real))
+    return found | ({} if arm is None else arm_figures(read_json(arm)))
+
+
 def mismatch_figures(found: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """How well truths are named whose laws the diagnosis does not know (tier T6), from `benchmarks/gap_mismatch.py`.
 
@@ -197,6 +236,7 @@ def write_gap_figures(
     *,
     preset: str,
     real: str | Path | None = None,
+    arm: str | Path | None = None,
     mismatch: str | Path | None = None,
 ) -> None:
     """Write the measured figures.
@@ -206,12 +246,13 @@ def write_gap_figures(
         scores: `scores.json` of each tier.
         preset: Preset that they ran with.
         real: What was said about real logs; None where they are not on this machine.
+        arm: The same of a real arm's motions.
         mismatch: Figures of tier T6, see `mismatch_figures`; None where it did not run.
 
     Raises:
         InputError: A file is missing or damaged.
     """
     figures = gap_figures(read_tiers(scores))
-    figures |= {} if real is None else real_figures(read_json(real))
+    figures |= logged_figures(real, arm)
     figures |= {} if mismatch is None else mismatch_figures(read_json(mismatch))
     write_json(out, {"preset": preset, "figures": figures})
