@@ -39,7 +39,7 @@ help:
 	@echo "make results       measured figures against their floors: benchmarks/RESULTS.md"
 	@echo "make results-page  the same page without measuring: which recorded figures are of this tree, and which are stale"
 	@echo "make pictures      the pictures of README and docs, from the toy"
-	@echo "make docs          the pages as a site in site/"
+	@echo "make docs          the pages of this version as a site in site/, beside other versions that were made there"
 	@echo "make setup         the environment alone"
 	@echo "Further: make lint, format, schema, locks, clean-toy, test-fuzz, test-faults. A run of your own: gsbridge run --help"
 

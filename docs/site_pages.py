@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import posixpath
 import re
 from pathlib import Path
@@ -20,11 +21,41 @@ _LINK = re.compile(r"(\]\()((?!https?://|mailto:|#)[^()\s]+)(\))")
 _ITEM = re.compile(r"^\d+\. ")
 
 
+def version() -> str:
+    """The version that the pages describe."""
+    found = re.search(r'^version = "(.*)"', (ROOT / "pyproject.toml").read_text(encoding="utf-8"), re.MULTILINE)
+    return found[1] if found else ""
+
+
 def on_config(config: Any) -> Any:
-    """Say which version is described."""
-    version = re.search(r'^version = "(.*)"', (ROOT / "pyproject.toml").read_text(encoding="utf-8"), re.MULTILINE)
-    config.copyright = f"gsbridge {version[1] if version else ''}"
+    """Say which version is described, and give it a folder of its own beside those of other versions."""
+    config.copyright = f"gsbridge {version()}"
+    # Not where pages are only shown while one writes them.
+    if Path(config.site_dir) == ROOT / "site":
+        config.site_dir = str(ROOT / "site" / version())
     return config
+
+
+def on_post_build(config: Any) -> None:
+    """List the versions that lie side by side, from which a reader chooses; the newest is what the site begins with."""
+    place = Path(config.site_dir)
+    if place.name == version():
+        list_versions(place.parent)
+
+
+def list_versions(site: Path) -> None:
+    """Write the list of versions as the theme's menu reads it, and the page that leads to the newest.
+
+    Args:
+        site: Folder with a folder for each version.
+    """
+    names = [page.parent.name for page in site.glob("*/index.html")]
+    names.sort(key=lambda name: [int(part) for part in re.findall(r"\d+", name)], reverse=True)
+    listed = [{"version": name, "title": name, "aliases": ["latest"] if name == names[0] else []} for name in names]
+    (site / "versions.json").write_text(json.dumps(listed, indent=1) + "\n", encoding="utf-8")
+    first = f"{names[0]}/index.html"
+    head = f'<!doctype html><meta charset="utf-8"><title>gsbridge</title><meta http-equiv="refresh" content="0; url={first}">'
+    (site / "index.html").write_text(f'{head}\n<a href="{first}">gsbridge {names[0]}</a>\n', encoding="utf-8")
 
 
 def on_files(files: Any, config: Any) -> Any:

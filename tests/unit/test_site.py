@@ -1,7 +1,9 @@
 """The documentation's site: every page stands in its menu once, and pages of the root find their way in it."""
 
 import importlib.util
+import json
 import re
+import types
 from pathlib import Path
 
 import yaml
@@ -48,3 +50,21 @@ def test_links_and_lists_are_rewritten_as_they_should():
     assert hooks.on_page_markdown("1. one\n\n   ```sh\n   a\n   ```\n\n   later\n2. two\n\nend\n   x") == (
         "1. one\n\n    ```sh\n    a\n    ```\n\n    later\n2. two\n\nend\n   x"
     )
+
+
+def test_versions_lie_side_by_side_and_the_site_begins_with_the_newest(tmp_path):
+    for name in ("0.9.0", "0.10.0", hooks.version()):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "index.html").write_text("")
+    (tmp_path / "unfinished").mkdir()
+    hooks.on_post_build(types.SimpleNamespace(site_dir=str(tmp_path / hooks.version())))
+    listed = json.loads((tmp_path / "versions.json").read_text())
+    assert [entry["version"] for entry in listed] == ["0.10.0", "0.9.0", hooks.version()]
+    assert [entry["aliases"] for entry in listed] == [["latest"], [], []]
+    assert "url=0.10.0/index.html" in (tmp_path / "index.html").read_text()
+
+
+def test_a_version_has_a_folder_of_its_own_unless_pages_are_only_shown():
+    config = types.SimpleNamespace(site_dir=str(ROOT / SITE["site_dir"]))
+    assert hooks.on_config(config).site_dir == str(ROOT / "site" / hooks.version())
+    assert hooks.on_config(types.SimpleNamespace(site_dir="/elsewhere")).site_dir == "/elsewhere"
