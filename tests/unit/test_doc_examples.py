@@ -1,13 +1,14 @@
 """What the pages show is tried: commands are understood by what they call, and Python runs, with made-up data where it asks for
 some. The blocks of docs/library.md are run by test_public_names, those of docs/simulator.md on a finished toy."""
 
+import re
 import subprocess
 import sys
 import types
 
 import numpy as np
 import pytest
-from doc_blocks import PAGES, ROOT, blocks, commands
+from doc_blocks import NOT_RUN, PAGES, ROOT, blocks, commands, not_run, program
 from robot_fixture import robot
 from snakemake.cli import get_argument_parser
 from test_gap_image import hidden_case, site  # noqa: F401
@@ -34,9 +35,19 @@ def test_every_block_of_python_is_tried():
     assert {page: count for page, count in found.items() if count} == TRIED
 
 
+def test_every_command_is_planned_or_named_with_what_keeps_it_from_being_run():
+    """Snakemake's are planned by tests/rules/test_doc_targets."""
+    found = {
+        command: not_run(command.split(" ")) for command in {" ".join(words) for page in PAGES for words in commands(page)}
+    }
+    left = [command for command, start in found.items() if start is None]
+    assert [command for command in left if not command.startswith(("snakemake ", "gsbridge run "))] == []
+    assert set(found.values()) - {None} == set(NOT_RUN)
+
+
 @pytest.mark.parametrize("words", COMMANDS)
 def test_commands_are_understood(words):
-    name = words[0].removeprefix(".venv/bin/").removeprefix("lpips-env/bin/")
+    name = program(words)
     if name == "snakemake":
         get_argument_parser().parse_args(words[1:])
     elif name == "gsbridge" and words[1] == "run":
@@ -50,8 +61,9 @@ def test_commands_are_understood(words):
         for word in words[2:]:
             assert not word.startswith("--") or word in helped.stdout, f"{words[1]} knows no {word}"
     elif name == "make":
-        # What its targets are is looked at by test_docs.
         assert len(words) == 2
+        would = subprocess.run(["make", "--dry-run", words[1]], capture_output=True, text=True, cwd=ROOT, check=True).stdout
+        assert re.search(r"touch|snakemake|gsbridge run|pytest|ruff", would)
     else:
         # Environments that are made and filled, and nothing else.
         assert name in (".", "pip", "python"), name
