@@ -86,7 +86,16 @@ RULES: Mapping[str, tuple[str, ...]] = {
         "score_worlds",
     ),
     "study": (*_SCENES, *_OBJECTS, *_WORKSPACE, *_POLICIES, "collect_study", "score_study"),
-    "gap": (*_SCENES, "generate_gap_cases", "diagnose_gap_cases", "score_gap_cases", "diagnose_mismatched_laws", "score_gap"),
+    "gap": (
+        *_SCENES,
+        "generate_gap_cases",
+        "diagnose_gap_cases",
+        "score_gap_cases",
+        "diagnose_mismatched_laws",
+        "diagnose_real_logs",
+        "diagnose_real_arm",
+        "score_gap",
+    ),
     "loops": (
         *_SCENES,
         *_OBJECTS,
@@ -127,6 +136,8 @@ _MODULES = {
     "benchmark_rasterizer": "benchmarks.rasterizer",
     "benchmark_environment": "benchmarks.environment",
     "diagnose_mismatched_laws": "benchmarks.gap_mismatch",
+    "diagnose_real_logs": "benchmarks.gap_measured",
+    "diagnose_real_arm": "benchmarks.gap_so101",
     "train_comparison": "scripts.train_splats",
     "film_board_of_world": "scripts.film_board",
     "register_world": "scripts.register_workspace",
@@ -139,9 +150,10 @@ _MODULES = {
 _BESIDE = ("areas", "captures", "gap_case", "presets")
 """Sections of the settings that change no recorded figure by themselves; of the presets, the one that ran counts."""
 
-_OF_ONE_AREA = {"gap": "gap"}
-"""Sections that one area alone reads: which cases the gap's benchmark draws, and which ways of naming it compares, changes
-neither a mesh nor a policy. A test holds them against the rules' files."""
+_OF_ONE_AREA = {f"gap.{key}": "gap" for key in ("split", "benchmark", "methods", "contents", "chunks")}
+"""Settings that one area alone reads: which cases the gap's benchmark draws, and which ways of naming it compares, changes
+neither a mesh nor a policy. A user's own cases, `gap.cases`, may amend the model of a policy. A test holds this against the
+rules' files."""
 
 
 def _digest(value: Any) -> str:
@@ -169,9 +181,13 @@ def settings_behind(config: Mapping[str, Any]) -> dict[str, str]:
 
 
 def matters(area: str, setting: str) -> bool:
-    """Whether a setting can change figures of an area; `section` or `section.entry`."""
-    section = setting.split(".")[0]
-    return _OF_ONE_AREA.get(section, area) == area
+    """Whether a setting can change figures of an area.
+
+    Args:
+        area: The area.
+        setting: `section` or `section.entry`.
+    """
+    return _OF_ONE_AREA.get(setting, area) == area
 
 
 def provenance(area: str, config: Mapping[str, Any]) -> dict[str, dict[str, str]]:
