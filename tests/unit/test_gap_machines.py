@@ -83,6 +83,13 @@ def test_what_shows_at_no_size_is_not_hidden(monkeypatch):
     assert caught.value.name == "object_mass"
 
 
+@pytest.mark.parametrize("names", [("gravity_scale", "tracking_rate"), ("object_mass", "steady_force")])
+def test_two_that_are_one_equation_are_not_hidden_together(names):
+    with pytest.raises(NotShownError, match="one equation") as caught:
+        body_cases.draw_body_case(names, 5.0, 2, count=1)
+    assert caught.value.name == names[1]
+
+
 def test_another_effect_takes_the_place_of_one_that_does_not_show(monkeypatch):
     asked = []
 

@@ -240,8 +240,10 @@ def draw_body_case(names: tuple[str, ...], units: float, seed: int, count: int =
         count: Throws of each role.
 
     Raises:
-        NotShownError: It has no size at which it shows so, or all together show much less.
+        NotShownError: It has no size at which it shows so, or all together show much less, or two are the same equation.
     """
+    if any(len({*names}.intersection(group)) > 1 for group in _TWINS):
+        raise NotShownError(names[-1], f"{' and '.join(names)} are one equation, and would hide as one of them")
     rng = np.random.default_rng(seed)
     entries = {name: KNOWN.get(name) or STRANGE[name] for name in names}
     shapes = [shape for shape in ("box", "ball") if all(shape in entry.shapes for entry in entries.values())]

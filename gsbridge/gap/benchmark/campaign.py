@@ -142,6 +142,8 @@ def _body_cases(made: Path, hidden: Path, ordered: Ordered) -> list[dict[str, An
         # No two share throws, and so a bank.
         row = {"key": order.key, "courses": number, "records": write_body_case(made / order.key, case)}
         truth = {**_common(order, ordered), "plant": BODY, "hidden": dict(case.hidden), "units": case.units, "sigma": {}}
+        # What shows in no scene gave way to another effect: easier ones are more frequent than the plan has them.
+        truth["asked"] = list(order.names)
         truth |= {"parameters": dict(case.parameters), "settings": dict(case.settings)}
         truth["twins"] = body_twins(tuple(sorted(case.hidden)))
         rows.append({**row, "truth_sha256": _sealed_truth(hidden, truth, {})})
