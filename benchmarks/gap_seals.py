@@ -1,6 +1,6 @@
 """Score one seal of the gap's benchmark, or a part of it, and write down its first score.
 
-    GSBRIDGE_SEAL=12345 python benchmarks/gap_seals.py --tiers t0 t5 --cases 10 --methods training_bic --folder work
+    GSBRIDGE_SEAL=12345 python benchmarks/gap_seals.py --tiers t0 t1 --cases 10 --methods training_bic --folder work
 
 The seal alone draws the cases (`gsbridge.experiment.seals`). What is scored is kept in `benchmarks/seals/{seal}.json`, where a
 later run of the same part changes nothing. Cases that were diagnosed before in the same folder are not diagnosed again, so a
@@ -20,6 +20,7 @@ from typing import Any
 from gsbridge import logs
 from gsbridge.digests import code_digest
 from gsbridge.errors import InputError
+from gsbridge.experiment.gap_benchmark import methods_of
 from gsbridge.experiment.seals import VARIABLE, record_seal, seal_of
 from gsbridge.files import write_json
 from gsbridge.gap.benchmark import campaign
@@ -46,13 +47,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if seal is None:
         raise InputError(VARIABLE, "no seal is set", "Set it to a whole number above 10000 that was never scored")
     for tier in options.tiers:
+        ways = methods_of(tier, options.methods)
+        if set(ways) != set(options.methods):
+            left = ", ".join(name for name in options.methods if name not in ways)
+            raise InputError("--methods", f"{left} cannot run in tier {tier}", "Score that tier in a call without them")
+    for tier in options.tiers:
         folder = options.folder / str(seal) / tier
         cases, truths = folder / "cases", folder / "truths"
         if not (cases / "manifest.json").exists():
             campaign.generate_cases(tier, campaign.SPLITS[1], cases, truths, count=options.cases, seal=seal)
-        # Thrown bodies have no other method, and photos no search.
-        ways = [name for name in options.methods if tier not in ("t4", "t5")]
-        findings = {campaign.METHODS[0]: folder / "findings", **{name: folder / name for name in ways}}
+        findings = {campaign.METHODS[0]: folder / "findings", **{name: folder / name for name in options.methods}}
         for method, found in findings.items():
             campaign.diagnose_cases(cases, campaign.case_keys(cases), found, options.folder / "bank", method=method)
         scores = score_findings(cases, truths, {method: [found] for method, found in findings.items()})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +13,22 @@ from gsbridge.experiment.seals import seal_of
 
 _PLACES = {"photos": "capture/frames", "renders": "splats/soft/views"}
 """Folder in which a scene keeps each kind of pictures."""
+
+
+_SEARCHES = ("cma_es", "cma_es_tenfold")
+"""Methods that need the package `cma`."""
+
+
+def methods_of(tier: str, methods: Sequence[str]) -> list[str]:
+    """Those of some ways of naming that can run in a tier.
+
+    In photos a search would draw every photo for every guess, and a lasso's signatures would fill the memory. Thrown bodies
+    have no other method than this package's own.
+    """
+    without: tuple[str, ...] = () if importlib.util.find_spec("cma") else _SEARCHES
+    if tier == "t4":
+        without = ("group_lasso", *_SEARCHES)
+    return [name for name in methods if name not in without and (tier != "t5" or name == "gsbridge")]
 
 
 @dataclass(frozen=True)
@@ -30,18 +47,8 @@ class BenchmarkPlan:
         return self.plan.settings("gap")
 
     def methods(self, tier: str) -> list[str]:
-        """Ways of naming in one tier.
-
-        CMA-ES needs a package of its own, and the page says where it was left out. In pictures it would draw every photo for
-        every guess, and a lasso's signatures would fill the memory. Thrown bodies have no other method.
-        """
-        if tier == "t5":
-            return ["gsbridge"]
-        searches: tuple[str, ...] = ("cma_es", "cma_es_tenfold")
-        without = () if importlib.util.find_spec("cma") else searches
-        if tier == "t4":
-            without = ("group_lasso", *searches)
-        return [name for name in self.settings["methods"] if name not in without]
+        """Ways of naming in one tier; the page says which were left out."""
+        return methods_of(tier, self.settings["methods"])
 
     def contents(self, tier: str, kind: str) -> list[str]:
         """Folders of pictures that lie on the tables of a tier's worlds: `photos` of scenes, or `renders` of their splats."""

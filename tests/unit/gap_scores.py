@@ -18,6 +18,7 @@ def outcomes(total: int, **counts: int) -> dict:
 def method_scores(right: int = 38, wrong: int = 1, alarms: int = 1) -> dict:
     """Of one way of naming: 40 single effects at each of four sizes, of which `right` are named at the larger two."""
     units = []
+    of = {"sureness": {"gain": 0.9}, "guessed_right": right > wrong}
     for size, good in ((1, right // 4), (2, right // 2), (5, right), (20, right)):
         bad = wrong if size == 5 else 0
         left = 40 - good - bad
@@ -62,8 +63,9 @@ def method_scores(right: int = 38, wrong: int = 1, alarms: int = 1) -> dict:
         ],
         "brier": 0.03,
         "list": [
-            {**wrong_case, **common, "confidence": 0.7, "guessed_right": False},
-            {**right_case, **common, "confidence": 0.9, "guessed_right": right > wrong},
+            *({**right_case, **common, "key": f"t2-{k}", **of} for k in range(20)),
+            {**wrong_case, **common, "sureness": {"gain": 0.7}, "guessed_right": False},
+            {**right_case, **common, **of},
         ],
     }
 

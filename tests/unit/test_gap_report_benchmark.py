@@ -209,19 +209,19 @@ def test_folders_of_findings_are_handed_to_their_methods(tmp_path, monkeypatch):
     }
 
 
-def rates(right, wrong, count=40):
+def rates(right, wrong, count=40, cases=()):
     return {
         "named_right": {"value": right, "n": count, "ci95_low": 0.0, "ci95_high": 1.0},
         "named_wrong": {"value": wrong, "n": count, "ci95_low": 0.0, "ci95_high": 1.0},
-        "list": listed(9, 1, 10) if right is None or right >= 0.9 else listed(5, 5, 10),
+        "list": list(cases),
     }
 
 
 def listed(right, wrong, silent):
     """Cases as scores list them: the wrong answers are those that a method is least sure of."""
-    sure = [{"confidence": 0.9, "guessed_right": True, "verdict": "named"}] * right
-    unsure = [{"confidence": 0.5, "guessed_right": False, "verdict": "named"}] * wrong
-    return sure + unsure + [{"confidence": None, "guessed_right": False, "verdict": "no_discrepancy"}] * silent
+    sure = [{"sureness": {"gain": 9.0}, "guessed_right": True, "verdict": "named"}] * right
+    unsure = [{"sureness": {"gain": 5.0}, "guessed_right": False, "verdict": "named"}] * wrong
+    return sure + unsure + [{"sureness": {}, "guessed_right": False, "verdict": "no_discrepancy"}] * silent
 
 
 def test_a_baseline_is_beaten_that_names_more_wrongly_and_no_more_rightly():
@@ -247,10 +247,6 @@ def test_a_baseline_is_beaten_that_names_more_wrongly_and_no_more_rightly():
     assert found["gap_baselines_beaten"]["value"] == 1.0
     assert found["gap_baselines_wrong"]["value"] == 0.0
     assert found["gap_baselines_right"]["by_scene"]["bold"] == pytest.approx(95.0)
-    # On the curve two of them are wrong more often where they answer as many, and one just as often.
-    assert (found["gap_coverage"]["value"], found["gap_curves_beaten"]["value"]) == (50.0, 2.0)
-    risks = {"gsbridge": 10.0, "shy": 50.0, "bold": 10.0, "worse": 50.0}
-    assert found["gap_risk_at_coverage"]["by_scene"] == pytest.approx(risks)
     # What did not run in every tier is not judged, and nothing is said where nothing else ran.
     del tiers["t2"]["methods"]["worse"]
     assert "worse" not in baseline_figures(tiers)["gap_baselines_wrong"]["by_scene"]
@@ -285,3 +281,24 @@ def test_a_real_arm_counts_by_its_worst_exchange(tmp_path):
     )
     assert all((figure["n"], figure["turns"]) == (3, 3) for figure in found.values())
     assert logged_figures(None, None) == arm_figures({"turns": [{"judged": []}]}) == {}
+
+
+def test_at_equal_coverage_a_method_is_beaten_that_is_clearly_wrong_more_often():
+    def figures(**methods):
+        return baseline_figures({"t1": {"methods": {name: rates(0.9, 0.05, cases=cases) for name, cases in methods.items()}}})
+
+    ours = listed(20, 0, 20)
+    found = figures(
+        gsbridge=ours, worse=listed(12, 20, 8), lucky=listed(18, 20, 2), mute=listed(0, 0, 40), sure=listed(20, 20, 0)
+    )
+    assert found["gap_coverage"]["value"] == 50.0
+    assert found["gap_risk_at_coverage"]["by_scene"] == pytest.approx(
+        {"gsbridge": 0.0, "worse": 40.0, "lucky": 10.0, "sure": 0.0}
+    )
+    # Two wrong of twenty may be chance; silence is no answer, and threshold with hindsight may be as good as ours.
+    assert found["gap_risks_beaten"]["value"] == 1.0
+    # Who answers less is compared where it answers most: one wrong of five, where we have none of five.
+    assert figures(gsbridge=ours, shy=listed(4, 1, 35))["gap_risks_beaten"]["value"] == 0.0
+    assert figures(gsbridge=ours, shy=listed(0, 5, 35))["gap_risks_beaten"]["value"] == 1.0
+    # Who says nothing has beaten nobody.
+    assert figures(gsbridge=listed(0, 0, 40), worse=listed(12, 20, 8))["gap_risks_beaten"]["value"] is None

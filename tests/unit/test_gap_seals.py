@@ -50,3 +50,10 @@ def test_a_part_of_a_seal_is_scored_beside_another_method(tmp_path, monkeypatch)
     (ways,) = [text for name, text in told["figures"].items() if name.startswith("wrong among the")]
     assert ways.startswith("gsbridge ")
     assert "; cosine " in ways
+
+
+def test_methods_that_cannot_run_in_a_tier_are_refused_before_anything_is_drawn(tmp_path, monkeypatch):
+    monkeypatch.setenv("GSBRIDGE_SEAL", "21")
+    with pytest.raises(InputError, match="cosine cannot run in tier t5"):
+        gap_seals.main(["--tiers", "t0", "t5", "--methods", "cosine", "--folder", str(tmp_path / "work")])
+    assert not (tmp_path / "work").exists()

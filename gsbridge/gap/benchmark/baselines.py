@@ -17,7 +17,7 @@ from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.gap.benchmark.cma_search import BUDGET, search
 from gsbridge.gap.benchmark.group_lasso import group_lasso
-from gsbridge.gap.diagnosis.results import Candidate
+from gsbridge.gap.diagnosis.results import Candidate, Rules
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.bank import signature_bank
 from gsbridge.gap.joints.candidates import candidates
@@ -43,7 +43,10 @@ FITTED = 7
 """Candidates that the training BIC compares."""
 
 _REFITTED = 6
-"""Most candidates of a lasso that are fitted together; beyond that many their simulations would outgrow a diagnosis'."""
+"""Most candidates of a lasso that are fitted together."""
+
+Answer = tuple[list[Applied], float | None]
+"""Effects, and by how much they lead what else the method looked at, in its own measure; None where it has no runner-up."""
 
 
 def available(method: str) -> str | None:
@@ -82,10 +85,10 @@ def run_baseline(
     residual = first.residual()
     # Theory's own test, which believes in white noise; none of these methods has another.
     loud = chi2_law.sf((residual**2).sum(), first.freedom) < ALARM
-    found: Sequence[Applied] = ()
+    found, lead = list[Applied](), None
     if loud:
         screen = Screen(first, bank)
-        ways: dict[str, Callable[[], list[Applied]]] = {
+        ways: dict[str, Callable[[], Answer]] = {
             "largest_change": lambda: _largest(screen, residual),
             "training_bic": lambda: _bic(first, screen, residual),
             "cosine": lambda: _cosine(screen, residual),
@@ -93,27 +96,36 @@ def run_baseline(
             "group_lasso": lambda: _grouped(first, second, screen, residual),
             **{name: functools.partial(_searched, first, second, screen, name, seed) for name in SEARCHES},
         }
-        found = ways[method]()
-    confidence = held_out(second.residual(), second.residual(found), second.freedom) if found else None
+        found, lead = ways[method]()
+    sure = sureness(second.residual(), second.residual(found), second.freedom, lead) if found else {}
     runs = {"bank": bank.runs, "case": mechanism.runs - made - mechanism.shared}
-    return answer(found, runs, time.perf_counter() - begin, confidence)
+    return answer(found, runs, time.perf_counter() - begin, sure)
 
 
-def held_out(before: Array, after: Array, freedom: float) -> float:
-    """Share of a record's squared residual beyond noise that an explanation removes which was not fitted to it: how sure of
-    it a method without a probability of its own may be.
+def sureness(before: Array, after: Array, freedom: float, lead: float | None) -> dict[str, float]:
+    """How sure of an explanation a method without a probability of its own may be, by several measures; larger is surer.
+
+    None of them is right for all methods and sizes, so that each method is compared by the one that serves it best.
 
     Args:
-        before: Residual without the explanation, in units of the noise. Any shape.
+        before: Residual without the explanation on a record that it was not fitted to, in units of the noise. Any shape.
         after: With it; the same shape.
         freedom: Squared residual that noise alone leaves.
+        lead: See `Answer`.
+
+    Returns:
+        `gain`, the squared residual that it removes; `share`, as a share of what exceeds noise; `rest`, the squared residual
+        that it leaves beyond noise, with a minus; and `lead`, where there is one.
     """
     plain, left = (float((values.astype(np.float64) ** 2).sum()) for values in (before, after))
-    return float(np.clip(1.0 - max(left - freedom, 0.0) / max(plain - freedom, 1e-9), 0.0, 1.0))
+    # Two standard deviations of noise: below that an excess is none, and a share of it says nothing.
+    excess = max(plain - freedom, 2.0 * float(np.sqrt(2.0 * freedom)))
+    found = {"gain": plain - left, "share": (plain - left) / excess, "rest": freedom - left}
+    return found if lead is None else {**found, "lead": lead}
 
 
 def answer(
-    found: Sequence[Applied], simulations: Mapping[str, int], seconds: float, confidence: float | None = None
+    found: Sequence[Applied], simulations: Mapping[str, int], seconds: float, sure: Mapping[str, float]
 ) -> dict[str, Any]:
     """Findings of a baseline, in the form of `findings.json` as far as it has any.
 
@@ -121,11 +133,11 @@ def answer(
         found: Effects that it names, with their sizes; none where it sees no discrepancy.
         simulations: Simulations that were made, by purpose.
         seconds: Time that it took, s.
-        confidence: How sure it is of them, from 0 to 1: by this it may abstain. None where it names nothing.
+        sure: How sure it is of them; see `sureness`. Empty where it names nothing.
     """
     return {
         "status": "pass",
-        "confidence": confidence,
+        "sureness": dict(sure),
         "verdict": "named" if found else "no_discrepancy",
         "effects": [_described(effect) for effect in found],
         "amended": [effect.record() for effect in found],
@@ -162,34 +174,39 @@ def _typical(screen: Screen, number: int) -> float:
     return max(ratios)
 
 
-def _largest(screen: Screen, residual: Array) -> list[Applied]:
+def _largest(screen: Screen, residual: Array) -> Answer:
     """All candidates together by linear least squares; the one that moved most in typical sizes."""
     rows, columns = _columns(screen, residual)
     lengths = np.linalg.norm(columns, axis=0)
     factors = lsq_linear(columns / lengths, residual.ravel(), bounds=(0, np.inf), max_iter=50).x / lengths
-    best = max(range(len(rows)), key=lambda k: factors[k] * _typical(screen, rows[k]))
-    return [_sized(screen, rows[best], float(factors[best]))] if factors[best] > 0 else []
+    moved = np.array([factor * _typical(screen, row) for factor, row in zip(factors, rows, strict=True)])
+    best = int(np.argmax(moved))
+    found = [_sized(screen, rows[best], float(factors[best]))] if factors[best] > 0 else []
+    return found, ahead(moved)
 
 
-def _bic(view: JointResiduals, screen: Screen, residual: Array) -> list[Applied]:
+def _bic(view: JointResiduals, screen: Screen, residual: Array) -> Answer:
     """The fit with the smallest BIC on the record that it was fitted to."""
-    best, least = [], float((residual**2).sum())
+    best, least = list[Applied](), float((residual**2).sum())
+    tried = [-least]
     for match in screen.matches(residual)[:FITTED]:
         fitted = fit(view, (match.candidate,), (match.starts[0],), screen=screen)
         bic = fitted.chi2 + len(match.candidate.effect.parameters) * np.log(residual.size)
+        tried.append(-bic)
         if bic < least:
             best, least = list(fitted.effects), bic
-    return best
+    return best, ahead(np.array(tried))
 
 
-def _cosine(screen: Screen, residual: Array) -> list[Applied]:
+def _cosine(screen: Screen, residual: Array) -> Answer:
     """The signature that is most nearly parallel to the residual."""
     cosines = screen.along(residual) / np.sqrt(np.maximum(screen.sizes, 1e-300))
     number = int(np.argmax(cosines))
-    return [_sized(screen, number, float(cosines[number] / np.sqrt(screen.sizes[number])))]
+    best = [max(float(cosines[k]) for k in rows) for rows in screen.groups.values()]
+    return [_sized(screen, number, float(cosines[number] / np.sqrt(screen.sizes[number])))], ahead(np.array(best))
 
 
-def _sparse(screen: Screen, residual: Array) -> list[Applied]:
+def _sparse(screen: Screen, residual: Array) -> Answer:
     """Signatures taken one by one by what they explain beside the others, until BIC is against it."""
     shapes, left, chosen = screen.shapes.astype(np.float64), residual.ravel(), list[int]()
     lengths = np.sqrt(np.maximum(screen.sizes, 1e-300))
@@ -206,14 +223,13 @@ def _sparse(screen: Screen, residual: Array) -> list[Applied]:
             break
         chosen, factors, left = tried, np.asarray(solved), np.asarray(new)
         owners.append(screen.signatures[number].candidate)
-    return [_sized(screen, k, float(f)) for k, f in zip(chosen, factors, strict=True)]
+    return [_sized(screen, k, float(f)) for k, f in zip(chosen, factors, strict=True)], None
 
 
-def _grouped(view: JointResiduals, other: JointResiduals, screen: Screen, residual: Array) -> list[Applied]:
+def _grouped(view: JointResiduals, other: JointResiduals, screen: Screen, residual: Array) -> Answer:
     """Candidates that cross-validation keeps.
 
-    The few that explain most are fitted anew, since a lasso's own sizes are too small, and those stay that the other record
-    needs.
+    The few that explain most are fitted anew, since a lasso's own sizes are too small, and `needed` decides which stay.
     """
     owners = list(screen.groups)
     rows = [k for who in owners for k in screen.groups[who]]
@@ -231,31 +247,47 @@ def _grouped(view: JointResiduals, other: JointResiduals, screen: Screen, residu
         if any(sized.parameters[p.name] for p in who.effect.parameters if p.amplitude):
             kept.append((float(explained[first]), who, sized))
     kept = sorted(kept, key=lambda item: -item[0])[:_REFITTED]
-    if not kept:
-        return []
-    refitted = fit(view, [who for _, who, _ in kept], [dict(sized.parameters) for *_, sized in kept], screen=screen)
-    return needed(other, refitted.effects)
+    return needed(view, other, screen, [sized for *_, sized in kept]), None
 
 
-def _searched(first: JointResiduals, second: JointResiduals, screen: Screen, method: str, seed: int) -> list[Applied]:
-    """What a search with its budget ends with."""
-    return needed(second, search(first, screen, SEARCHES[method] * BUDGET, seed))
+def _searched(first: JointResiduals, second: JointResiduals, screen: Screen, method: str, seed: int) -> Answer:
+    """What is needed of that with which a search with its budget ends."""
+    return needed(first, second, screen, search(first, screen, SEARCHES[method] * BUDGET, seed)), None
 
 
-def needed(view: JointResiduals, found: Sequence[Applied]) -> list[Applied]:
-    """Effects of a set without which a record fits worse than BIC charges for them, the others taken back one by one.
+def ahead(values: Array) -> float | None:
+    """By how much the largest of some values exceeds the next. [K]; None for a single one."""
+    return float(np.diff(np.sort(values)[-2:])[0]) if len(values) > 1 else None
+
+
+def needed(first: JointResiduals, second: JointResiduals, screen: Screen, found: Sequence[Applied]) -> list[Applied]:
+    """Fit a set of effects, and take back one after the other as long as BIC on a record that it was not fitted to allows.
+
+    What stays is fitted anew each time: of effects that look alike one takes over what the other had explained. More than a
+    diagnosis may name never stay.
 
     Args:
-        view: Record to which nothing was fitted.
-        found: The set.
+        first: Record that sizes are fitted to.
+        second: Record that decides which stay.
+        screen: Signatures on the first.
+        found: The set, with sizes to start from.
     """
-    kept, squares = list(found), float((view.residual(found) ** 2).sum())
-    price = float(np.log(view.residual().size))
+    price = float(np.log(second.residual().size))
+
+    def fitted(effects: Sequence[Applied]) -> tuple[list[Applied], float]:
+        if not effects:
+            return [], float((second.residual() ** 2).sum())
+        who = [type(screen.signatures[0].candidate)(effect.name, effect.joint) for effect in effects]
+        new = list(fit(first, who, [dict(effect.parameters) for effect in effects], screen=screen).effects)
+        cost = price * sum(len(candidate.effect.parameters) for candidate in who)
+        return new, float((second.residual(new) ** 2).sum()) + cost
+
+    kept, bic = fitted(found)
     while kept:
-        without = [float((view.residual([*kept[:k], *kept[k + 1 :]]) ** 2).sum()) for k in range(len(kept))]
-        k = int(np.argmin(without))
-        if without[k] - squares > price:
+        without = [[*kept[:k], *kept[k + 1 :]] for k in range(len(kept))]
+        weakest = min(without, key=lambda rest: float((second.residual(rest) ** 2).sum()))
+        fewer, new = fitted(weakest)
+        if new > bic and len(kept) <= Rules().most:
             break
-        squares = without[k]
-        kept.pop(k)
+        kept, bic = fewer, new
     return kept

@@ -21,20 +21,23 @@ _SPREAD = 0.5
 
 
 def search(view: JointResiduals, screen: Screen, budget: int, seed: int) -> list[Applied]:
-    """All candidates that screening ranks first, with the sizes at which the search ends: of either sign where an effect's are.
+    """Search for the sizes of the candidates that screening ranks first, of either sign where an effect's may be.
 
     Args:
         view: Record that sizes are fitted to.
-        screen: Signatures of the first.
+        screen: Signatures on that record.
         budget: Simulations of the search.
         seed: Seed of the draws.
+
+    Returns:
+        Each candidate with its size where the search ended, those of no size among them.
     """
     import cma
 
     matches = screen.matches(view.residual())[: Rules().rivals]
     who = [match.candidate for match in matches]
     starts = [match.starts[0] for match in matches]
-    lows = np.array([_lowest(candidate, values) for candidate, values in zip(who, starts, strict=True)])
+    lows = np.array([_lowest(candidate) for candidate in who])
 
     def effects(factors: Array) -> list[Applied]:
         return [
@@ -46,12 +49,14 @@ def search(view: JointResiduals, screen: Screen, budget: int, seed: int) -> list
         return float((view.residual(effects(factors)) ** 2).sum())
 
     options = {"maxfevals": budget, "verbose": -9, "seed": seed + 1, "bounds": [lows.tolist(), None]}
-    begin = np.where(lows < 0, 0.0, 0.5 * _SPREAD)
+    # The likeliest alone as screening sizes it, the others next to nothing.
+    begin = np.where(lows < 0, 0.0, 0.1 * _SPREAD)
+    begin[0] = 1.0
     best = np.asarray(cma.fmin2(cost, begin, _SPREAD, options)[0])
     return effects(best)
 
 
-def _lowest(candidate: Candidate, values: dict[str, float]) -> float:
+def _lowest(candidate: Candidate) -> float:
     """Smallest factor on a candidate's start: below zero where its sizes may have the other sign."""
     sizes = [p for p in candidate.effect.parameters if p.amplitude]
-    return -np.inf if all(p.low < 0 for p in sizes) and not candidate.effect.threshold else 0.0
+    return -np.inf if sizes and all(p.low < 0 for p in sizes) and not candidate.effect.threshold else 0.0

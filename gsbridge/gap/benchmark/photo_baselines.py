@@ -11,7 +11,7 @@ from scipy.optimize import lsq_linear
 from scipy.stats import chi2 as chi2_law
 
 from gsbridge.effects.registry import Applied
-from gsbridge.gap.benchmark.baselines import ALARM, FITTED, answer, held_out
+from gsbridge.gap.benchmark.baselines import ALARM, FITTED, Answer, ahead, answer, sureness
 from gsbridge.gap.diagnosis.results import Candidate
 from gsbridge.gap.image.fit import fit
 from gsbridge.gap.image.model import image_candidates
@@ -32,29 +32,31 @@ def run_photo_baseline(method: str, pairs: Mapping[str, Pairs]) -> dict[str, Any
     first = ImageResiduals(pairs["fit"], learn_noise(list(pairs.values())))
     who = [one for one in image_candidates() if first.pairs.times is not None or not one.effect.timed]
     groups, residual = signatures(first, who), first.residual()
-    found: Sequence[Applied] = ()
+    found, lead = list[Applied](), None
     if chi2_law.sf((residual.astype(np.float64) ** 2).sum(), first.numbers) < ALARM:
         if method == "training_bic":
-            found = _bic(first, groups, residual)
+            found, lead = _bic(first, groups, residual)
         else:
             table = _SignatureTable(groups, residual)
-            found = {"largest_change": table.largest, "cosine": table.nearest, "sparse": table.few}[method]()
-    confidence = None
+            found, lead = {"largest_change": table.largest, "cosine": table.nearest, "sparse": table.few}[method]()
+    sure: Mapping[str, float] = {}
     if found:
         second = ImageResiduals(pairs["select"], first.noise)
-        confidence = held_out(second.residual(), second.residual(found), second.numbers)
-    return answer(found, {"bank": 0, "case": first.expectation.pictures}, time.perf_counter() - begin, confidence)
+        sure = sureness(second.residual(), second.residual(found), second.numbers, lead)
+    return answer(found, {"bank": 0, "case": first.expectation.pictures}, time.perf_counter() - begin, sure)
 
 
-def _bic(view: ImageResiduals, groups: Sequence[Group], residual: Array) -> list[Applied]:
+def _bic(view: ImageResiduals, groups: Sequence[Group], residual: Array) -> Answer:
     """The fit with the smallest BIC on the photos that it was fitted to."""
-    best, least = [], float((residual.astype(np.float64) ** 2).sum())
+    best, least = list[Applied](), float((residual.astype(np.float64) ** 2).sum())
+    tried = [-least]
     for match in screen(groups, residual)[:FITTED]:
         fitted = fit(view, (match.candidate,), (match.start,))
         bic = fitted.chi2 + len(match.candidate.effect.parameters) * np.log(view.numbers)
+        tried.append(-bic)
         if bic < least:
             best, least = list(fitted.effects), bic
-    return best
+    return best, ahead(np.array(tried))
 
 
 class _SignatureTable:
@@ -80,15 +82,18 @@ class _SignatureTable:
         (parameter,) = (p for p in who.effect.parameters if p.name == name)
         return abs(values[name]) / parameter.typical
 
-    def nearest(self) -> list[Applied]:
+    def nearest(self) -> Answer:
         """The signature that is most nearly parallel to the residual."""
         along = self.columns.T @ self.residual
         both = np.array([row[3] < 0 for row in self.rows])
         cosines = np.where(both, np.abs(along), along) / self.lengths
         number = int(np.argmax(cosines))
-        return [self._applied(number, float(along[number] / self.lengths[number] ** 2))]
+        best: dict[Candidate, float] = {}
+        for k, (who, *_) in enumerate(self.rows):
+            best[who] = max(best.get(who, -np.inf), float(cosines[k]))
+        return [self._applied(number, float(along[number] / self.lengths[number] ** 2))], ahead(np.array(list(best.values())))
 
-    def largest(self) -> list[Applied]:
+    def largest(self) -> Answer:
         """Fit for every amplitude the signature that explains most, all together, and keep the one that moved most in
         typical sizes."""
         gains = (self.columns.T @ self.residual / self.lengths) ** 2
@@ -100,10 +105,11 @@ class _SignatureTable:
         lengths, lows = self.lengths[chosen], np.array([self.rows[k][3] for k in chosen])
         bounds = (np.minimum(lows, -1e-12) * lengths, np.inf)
         factors = lsq_linear(self.columns[:, chosen] / lengths, self.residual, bounds=bounds, max_iter=50).x / lengths
-        best = max(range(len(chosen)), key=lambda k: abs(factors[k]) * self._typical(chosen[k]))
-        return [self._applied(chosen[best], float(factors[best]))]
+        moved = np.array([abs(factor) * self._typical(k) for factor, k in zip(factors, chosen, strict=True)])
+        best = int(np.argmax(moved))
+        return [self._applied(chosen[best], float(factors[best]))], ahead(moved)
 
-    def few(self) -> list[Applied]:
+    def few(self) -> Answer:
         """Signatures taken one by one by what they explain beside the others, until BIC is against it."""
         left, chosen, factors = self.residual, list[int](), np.zeros(0)
         owners: list[Candidate] = []
@@ -120,4 +126,4 @@ class _SignatureTable:
                 break
             chosen, factors, left = tried, solved, new
             owners.append(self.rows[number][0])
-        return [self._applied(k, float(f)) for k, f in zip(chosen, factors, strict=True)]
+        return [self._applied(k, float(f)) for k, f in zip(chosen, factors, strict=True)], None

@@ -173,6 +173,6 @@ def _row(case: JudgedCase) -> dict[str, Any]:
         "closure": case.closure,
         "simulations": case.simulations,
         "seconds": case.seconds,
-        "confidence": case.confidence,
+        "sureness": dict(case.sureness),
         "guessed_right": case.guessed_right,
     }

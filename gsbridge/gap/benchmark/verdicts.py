@@ -28,8 +28,8 @@ OUTCOMES = ("right", "covered", "abstained", "missed", "wrong", "quiet", "false_
 although something was hidden and seen; taken for no discrepancy; another name, or a set without the truth; silent, or not,
 where nothing was hidden."""
 
-_GUESSED, _NAMED = 0.2, 0.6
-"""Confidence above which this package's own method calls something ambiguous, and names it: they order its answers alone."""
+_GUESSED, _OPEN, _NAMED = 0.0, 1.0, 2.0
+"""What an account, something ambiguous, and something named begin with in the order of how sure this package is of them."""
 
 _EFFECTS = {**JOINT_EFFECTS, **BODY_EFFECTS}
 
@@ -61,7 +61,8 @@ class JudgedCase:
         kind: Kind of the case.
         known: Whether what is hidden is in the catalogue.
         twins: Explanations that are the same equation as the truth.
-        confidence: How sure the method is of its guess, from 0 to 1; None where it has no guess.
+        sureness: How sure the method is of its guess, by each measure that it has; larger is surer. Empty without a guess.
+        decides: Whether the method always singles one explanation out: what is the same equation as the truth is right then.
         guess: What it would say were it not to abstain: what it names; else the likeliest explanation; else its account.
     """
 
@@ -82,7 +83,8 @@ class JudgedCase:
     kind: str = "single"
     known: bool = True
     twins: tuple[frozenset[str], ...] = ()
-    confidence: float | None = None
+    sureness: Mapping[str, float] = field(default_factory=dict)
+    decides: bool = False
     guess: frozenset[str] = frozenset()
 
     @property
@@ -106,7 +108,8 @@ class JudgedCase:
             if self.hidden not in self.sets:
                 return "wrong"
             return "right" if set(self.sets) <= {self.hidden, *self.twins} else "covered"
-        return "right" if self.named == self.hidden else "wrong"
+        right = {self.hidden, *self.twins} if self.decides else {self.hidden}
+        return "right" if self.named in right else "wrong"
 
     @property
     def answer(self) -> str:
@@ -167,7 +170,7 @@ def _verdict(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> JudgedCase
     short = (lambda name: name.split(":")[0]) if single else (lambda name: name)
     covers = _covers(finding, truth) if finding["verdict"] == "named" else {}
     rivals = finding["rivals"]
-    confidence, guess = _guess(finding, short)
+    sure, guess = _guess(finding, short)
     return JudgedCase(
         frozenset(truth["hidden"]),
         float(truth["units"]),
@@ -184,12 +187,13 @@ def _verdict(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> JudgedCase
         kind=truth["kind"] if truth["kind"] != "free" else f"free, {truth['noise']} noise",
         known=bool(truth["known"]),
         twins=tuple(frozenset(names) for names in truth["twins"]),
-        confidence=confidence,
+        sureness=sure,
+        decides="sureness" in finding,
         guess=guess,
     )
 
 
-def _guess(finding: Mapping[str, Any], short: Callable[[str], str]) -> tuple[float | None, frozenset[str]]:
+def _guess(finding: Mapping[str, Any], short: Callable[[str], str]) -> tuple[Mapping[str, float], frozenset[str]]:
     """How sure a method is, and of what.
 
     Other methods state how sure they are. This package's own ranks what it names by the probability of being best, then what
@@ -197,18 +201,18 @@ def _guess(finding: Mapping[str, Any], short: Callable[[str], str]) -> tuple[flo
     """
     verdict, account = finding["verdict"], finding.get("account") or {}
     named = frozenset(short(_label(effect)) for effect in finding["effects"])
-    if "confidence" in finding:
-        return finding["confidence"], named
-    if verdict == "named":
-        chance = finding["rivals"][0]["probability"] if finding["rivals"] else 1.0
-        return _NAMED + (1.0 - _NAMED) * chance, named
-    if verdict == "ambiguous" and finding["rivals"]:
-        first = frozenset(short(name) for name in finding["rivals"][0]["effects"])
-        return _GUESSED + (_NAMED - _GUESSED) * finding["rivals"][0]["probability"], first
+    if "sureness" in finding:
+        return finding["sureness"], named
+    if verdict in ("named", "ambiguous"):
+        first = finding["rivals"][0]
+        begin = _NAMED if verdict == "named" else _OPEN
+        best = named if verdict == "named" else frozenset(short(name) for name in first["effects"])
+        return {"rank": begin + first["probability"]}, best
     entries = account.get("entries") or []
     if verdict in ABSTAINING and entries:
-        return _GUESSED * min(max(account["explained"], 0.0), 1.0), frozenset(short(entry["label"]) for entry in entries)
-    return None, frozenset()
+        explained = min(max(account["explained"], 0.0), 1.0)
+        return {"rank": _GUESSED + explained}, frozenset(short(entry["label"]) for entry in entries)
+    return {}, frozenset()
 
 
 def _label(effect: Mapping[str, Any]) -> str:

@@ -15,7 +15,7 @@ from matplotlib.colors import LinearSegmentedColormap
 
 from gsbridge.report.figures.legend import legend_above
 from gsbridge.report.gap.figures import PLAIN, data_uri
-from gsbridge.report.scores.risk_coverage import answered, risk_at, risk_coverage
+from gsbridge.report.scores.risk_coverage import answered, best_measure, risk_at, risk_coverage
 
 OUTCOMES = {
     "right": ("named right", "#2c7a4b"),
@@ -137,21 +137,24 @@ def draw_curves(lists: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     """Risk against coverage of every way of naming, on the same cases; lower is better.
 
     Args:
-        lists: Cases by method, with `confidence`, `guessed_right` and `verdict`.
+        lists: Cases by method, as `gsbridge.report.scores.risk_coverage` takes them; the first method is this package's own.
     """
+    own = answered(next(iter(lists.values())))
     with plt.rc_context(PLAIN):
         figure, axis = plt.subplots(figsize=(6.6, 4.2), layout="constrained")
         for number, (method, rows) in enumerate(lists.items()):
-            coverage, risk = risk_coverage(rows)
-            ours, (_, colour) = method == "gsbridge", _MARKS[number % len(_MARKS)]
-            label = METHODS.get(method, method)
-            axis.step(
-                100 * coverage, 100 * risk, where="post", color=colour, label=label,
-                linewidth=2.4 if ours else 1.3, zorder=3 if ours else 2,
+            measure = best_measure(rows, own)
+            if measure is None:
+                continue
+            coverage, risk = risk_coverage(rows, measure)
+            ours, (mark, colour) = not number, _MARKS[number % len(_MARKS)]
+            axis.plot(
+                100 * coverage, 100 * risk, color=colour, label=METHODS.get(method, method),
+                marker=mark if len(coverage) == 1 else None, linewidth=2.4 if ours else 1.3, zorder=3 if ours else 2,
             )  # fmt: skip
-            if ours and len(coverage):
-                own = answered(rows)
-                axis.plot(100 * own, 100 * (risk_at(rows, own) or 0.0), "o", color=colour, markersize=8, zorder=4)
+            at = risk_at(rows, own)
+            if ours and at is not None:
+                axis.plot(100 * own, 100 * at, "o", color=colour, markersize=8, zorder=4)
         axis.set_xlim(0, 102)
         axis.set_ylim(-2, 102)
         axis.set_xlabel("coverage: cases that are answered, %")

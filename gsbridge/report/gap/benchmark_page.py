@@ -155,12 +155,19 @@ def _tier(tier: str, found: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _curves(tiers: Mapping[str, Mapping[str, Any]]) -> str | None:
-    """Risk against coverage of all ways that ran on the arms' cases; None where there is one way, or no such case."""
-    arms = [tiers[tier]["methods"] for tier in ARMS if tier in tiers] or [found["methods"] for found in tiers.values()]
-    names = [name for name in arms[0] if all(name in methods for methods in arms)] if arms else []
-    lists = {name: [row for methods in arms for row in methods[name]["list"]] for name in names}
-    return draw_curves(lists) if len(lists) > 1 else None
+def _curves(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, str] | None:
+    """Risk against coverage of all ways that ran in every tier of arms, or of the others where there is none of arms.
+
+    Returns:
+        `picture` and the titles of its `tiers`; None where there is one way only.
+    """
+    chosen = [tier for tier in ARMS if tier in tiers] or [tier for tier in tiers if len(tiers[tier]["methods"]) > 1]
+    found = [tiers[tier]["methods"] for tier in chosen]
+    names = [name for name in found[0] if all(name in methods for methods in found)] if found else []
+    if len(names) < 2:
+        return None
+    lists = {name: [row for methods in found for row in methods[name]["list"]] for name in names}
+    return {"picture": draw_curves(lists), "tiers": "; ".join(tier_title(tier) for tier in chosen)}
 
 
 def _counts(rows: Sequence[Mapping[str, Any]], title: str) -> list[dict[str, Any]]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from gsbridge.files import read_json, write_json
-from gsbridge.report.scores.risk_coverage import answered, risk_at
+from gsbridge.report.scores.risk_coverage import answered, risk_at, riskier
 from gsbridge.statistics import wilson_interval
 
 OURS = "gsbridge"
@@ -91,9 +91,9 @@ def gap_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, A
 def baseline_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     """What the other methods name rightly and wrongly on the same cases of arms, and how many of them are beaten.
 
-    A baseline counts as beaten if it names more effects wrongly and no more of them rightly; on the curve, if it is wrong more
-    often where it answers as many cases as this package's own, those that it is surest of. One that did not run in every tier
-    is left out.
+    A baseline counts as beaten if it names more effects wrongly and no more of them rightly; at equal coverage, if its answers
+    are clearly wrong more often where it answers as many cases as this package names, those that it is surest of (see
+    `riskier`). One that did not run in every tier is left out.
 
     Args:
         tiers: Scores by tier.
@@ -116,11 +116,11 @@ def baseline_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[s
     coverage = answered(lists[OURS])
     risks = {name: risk_at(rows, coverage) for name, rows in lists.items()}
     shown = {name: 100 * risk for name, risk in risks.items() if risk is not None}
-    worse = [name for name in others if name not in shown or shown[name] > shown.get(OURS, 0.0)]
+    worse = [name for name in others if riskier(lists[name], lists[OURS], coverage)]
     cases = rates["named_wrong"][OURS]["n"]
     return {
         "gap_baselines_beaten": _plain(float(len(beaten)), cases),
-        "gap_curves_beaten": _plain(float(len(worse)), len(lists[OURS])),
+        "gap_risks_beaten": _plain(float(len(worse)) if OURS in shown else None, len(lists[OURS])),
         "gap_coverage": _plain(100 * coverage, len(lists[OURS])),
         "gap_risk_at_coverage": {**_plain(shown.get(OURS), len(lists[OURS])), "by_scene": shown},
         "gap_baselines_wrong": {**_plain(min(wrong[name] for name in others), cases), "by_scene": wrong},

@@ -9,50 +9,93 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from gsbridge.geometry import Array
 
+Rows = Sequence[Mapping[str, Any]]
+"""Cases as scores list them, with `sureness` ({measure: value}, empty for no answer), `guessed_right` and `verdict`."""
 
-def risk_coverage(rows: Sequence[Mapping[str, Any]]) -> tuple[Array, Array]:
-    """The curve of one method: every right to abstain that it could have been given, seen with hindsight.
+LEVEL = 0.05
+"""Probability below which one method's answers count as wrong more often than another's."""
+
+
+def measures(rows: Rows) -> list[str]:
+    """Measures of how sure a method is that stand beside each of its answers."""
+    answers = [set(row["sureness"]) for row in rows if row["sureness"]]
+    return sorted(set.intersection(*answers)) if answers else []
+
+
+def risk_coverage(rows: Rows, measure: str) -> tuple[Array, Array]:
+    """The curve of one method: every threshold on one measure of how sure it is, seen with hindsight.
 
     Cases in which nothing is hidden, or nothing that a catalogue holds, count, and any answer to them is wrong.
 
     Args:
-        rows: Cases as scores list them, with `confidence` (None for no answer) and `guessed_right`.
+        rows: Cases of the method.
+        measure: One of `measures`.
 
     Returns:
         Coverage, the share of all cases that are answered, [K], ascending; and risk, the share of wrong ones among them, [K].
-        Answers of equal confidence are given together.
+        Answers that are equally sure are given together.
     """
-    answers = sorted((-row["confidence"], not row["guessed_right"]) for row in rows if row["confidence"] is not None)
-    if not answers:
-        return np.empty(0), np.empty(0)
-    confidence, wrong = (np.array(values, dtype=np.float64) for values in zip(*answers, strict=True))
-    ends = np.flatnonzero(np.append(np.diff(confidence) != 0, True)) + 1
+    answers = sorted((-row["sureness"][measure], not row["guessed_right"]) for row in rows if row["sureness"])
+    sure, wrong = (np.array(values, dtype=np.float64) for values in zip(*answers, strict=True))
+    ends = np.flatnonzero(np.append(np.diff(sure) != 0, True)) + 1
     return ends / len(rows), np.cumsum(wrong)[ends - 1] / ends
 
 
-def risk_at(rows: Sequence[Mapping[str, Any]], coverage: float) -> float | None:
-    """Risk of a method at a coverage, between two points of its curve by the straight line of wrong answers.
+def best_measure(rows: Rows, coverage: float) -> str | None:
+    """The measure by which a method is wrong least often at a coverage; None where it answers nothing."""
+    return min(measures(rows), key=lambda name: _wrong(rows, name, coverage), default=None)
+
+
+def risk_at(rows: Rows, coverage: float) -> float | None:
+    """Risk of a method at a coverage, by the measure that serves it best there.
 
     Args:
-        rows: As `risk_coverage` takes them.
+        rows: Cases of the method.
         coverage: Share of all cases that it shall answer; one that answers less is taken at its most.
 
     Returns:
-        The risk; None where it answers nothing.
+        The risk; None where it answers nothing, or nothing is asked.
     """
-    shares, risks = risk_coverage(rows)
-    if not len(shares):
-        return None
-    wanted = min(coverage, float(shares[-1]))
-    if wanted <= 0.0:
-        return float(risks[0])
-    wrong = np.interp(wanted, np.append(0.0, shares), np.append(0.0, shares * risks))
-    return float(wrong / wanted)
+    measure = best_measure(rows, coverage)
+    shown = min(coverage, most_covered(rows))
+    return None if measure is None or shown <= 0.0 else _wrong(rows, measure, coverage) / (shown * len(rows))
 
 
-def answered(rows: Sequence[Mapping[str, Any]]) -> float:
+def most_covered(rows: Rows) -> float:
+    """Largest share of the cases that a method can answer."""
+    return sum(bool(row["sureness"]) for row in rows) / len(rows) if rows else 0.0
+
+
+def answered(rows: Rows) -> float:
     """Share of the cases in which a method itself chose to name something."""
     return sum(row["verdict"] == "named" for row in rows) / len(rows) if rows else 0.0
+
+
+def riskier(rows: Rows, than: Rows, coverage: float) -> bool:
+    """Whether a method's answers are wrong more often than another's, both at a coverage or at the most that the first reaches.
+
+    Fisher's exact test, one-sided, on wrong and right answers. Both are judged on the same cases, which the test does not use,
+    so that it errs towards saying no.
+
+    Args:
+        rows: Cases of the method.
+        than: Cases of the other.
+        coverage: Share of all cases.
+    """
+    shown = min(coverage, most_covered(rows), most_covered(than))
+    mine, theirs = best_measure(rows, shown), best_measure(than, shown)
+    if mine is None or theirs is None or shown <= 0.0:
+        return False
+    counts = [(_wrong(some, name, shown), shown * len(some)) for some, name in ((rows, mine), (than, theirs))]
+    table = [[round(wrong), round(total) - round(wrong)] for wrong, total in counts]
+    return bool(stats.fisher_exact(np.array(table), alternative="greater").pvalue < LEVEL)
+
+
+def _wrong(rows: Rows, measure: str, coverage: float) -> float:
+    """Wrong answers at a coverage, or at the most that there is; between two points of the curve by a straight line."""
+    shares, risks = risk_coverage(rows, measure)
+    return float(np.interp(coverage, np.append(0.0, shares), np.append(0.0, shares * risks)) * len(rows))
