@@ -33,7 +33,8 @@ def record_seal(folder: str | Path, seal: int, parts: Mapping[str, Mapping[str, 
     Args:
         folder: Gets `{seal}.json`.
         seal: The seal.
-        parts: By part of the benchmark: `code` (digest of the code), `commit`, and `figures`.
+        parts: By part of the benchmark: `code` (digest of the code), `commit`, and `figures`. A `note`, written by hand, may
+            tell what became known about a score later.
 
     Returns:
         The file.

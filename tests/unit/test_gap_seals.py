@@ -6,6 +6,7 @@ from benchmarks import gap_seals
 from gsbridge.errors import InputError
 from gsbridge.experiment.seals import read_seals, record_seal, seal_of
 from gsbridge.gap.benchmark.case_plan import TIERS, plan_cases
+from gsbridge.report.scores.results_page import seals_markdown
 
 
 def test_a_seal_is_a_whole_number():
@@ -30,11 +31,17 @@ def test_a_seal_alone_decides_what_is_drawn():
 def test_the_first_score_of_a_seal_stays(tmp_path):
     record_seal(tmp_path, 12001, {"t5": {"code": "a", "figures": {"right": 1}}})
     record_seal(tmp_path, 12001, {"t5": {"code": "b", "figures": {"right": 9}}, "t7": {"code": "b", "figures": {}}})
-    record_seal(tmp_path, 11001, {"t5": {"code": "b", "figures": {}}})
+    record_seal(tmp_path, 11001, {"t5": {"code": "b", "cases": 4, "figures": {}}})
     found = read_seals(tmp_path)
     assert [item["seal"] for item in found] == [11001, 12001]
     assert found[1]["parts"]["t5"] == {"code": "a", "figures": {"right": 1}}
     assert found[1]["parts"]["t7"]["code"] == "b"
+    page = seals_markdown(
+        [{"seal": 7, "parts": {"t5": {"code": "a", "cases": 3, "figures": {"right": "1 of 3"}, "note": "Drawn badly."}}}]
+    )
+    assert "| 7 | t5 | `a` | 3 | right 1 of 3 **Drawn badly.** |" in page
+    assert "**" not in seals_markdown(found[:1])
+    assert seals_markdown([]) == ""
     (tmp_path / "5.json").write_text("{}")
     with pytest.raises(InputError, match="no seal"):
         read_seals(tmp_path)

@@ -131,13 +131,14 @@ def seals_markdown(seals: Sequence[Mapping[str, Any]]) -> str:
         return ""
     lines = ["", "## Seals of the gap's benchmark", ""]
     lines += [
-        "Numbers that drew a scored split of their own (`GSBRIDGE_SEAL`), each with its first score and the code behind it."
+        "Numbers that drew a scored split of their own (`GSBRIDGE_SEAL`), each with its first score and its code's digest."
     ]
     lines += ["", "| seal | part | code | cases | figures |", "|---|---|---|---|---|"]
     for item in seals:
         for part, told in item["parts"].items():
             figures = ", ".join(f"{name} {text}" for name, text in told["figures"].items())
-            lines.append(f"| {item['seal']} | {part} | `{told['code']}` | {told['cases']} | {figures} |")
+            note = f" **{told['note']}**" if "note" in told else ""
+            lines.append(f"| {item['seal']} | {part} | `{told['code']}` | {told['cases']} | {figures}{note} |")
     return "\n".join(lines) + "\n"
 
 
