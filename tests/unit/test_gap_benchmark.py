@@ -287,6 +287,12 @@ def said(verdict, named=(), sets=(), hidden=("a",), twins=(), **more):
     return JudgedCase(frozenset(hidden), 5.0, verdict, frozenset(named), sets, twins=tuple(frozenset(t) for t in twins), **more)
 
 
+def test_outcomes_are_counted_in_classes_of_sizes():
+    cases = [replace(said("named", ["a"]), units=units) for units in (1.3, 4.7, 5.0, 9.9, 20.6, 100.0)]
+    found = [(row["units"], row["n"]) for row in score(cases)["by_units"]]
+    assert found == [(0.0, 1), (2.0, 1), (5.0, 2), (10.0, 1), (50.0, 1)]
+
+
 def test_outcomes():
     assert said("named", ["a"]).outcome == "right"
     assert said("named", ["b"]).outcome == "wrong"

@@ -47,6 +47,9 @@ def test_the_page_shows_floors_ways_and_wrong_names(tmp_path):
     # Three pictures for all tiers; a race and a matrix for each.
     assert text.count("<img") == 3 + 2 * 3
     assert 'src="http' not in text
+    # What no floor is asked of has not met one.
+    coverage = text.split("in which this package names something", 1)[1].split("</tr>", 1)[0]
+    assert ">reported<" in coverage
 
 
 def test_one_tier_of_one_way_makes_a_page(tmp_path):

@@ -16,6 +16,9 @@ from gsbridge.statistics import wilson_interval
 LARGE = 5.0
 """Smallest size of an effect, in the benchmark's units, from which naming counts."""
 
+_SIZES = (0.0, 2.0, LARGE, 10.0, 50.0)
+"""Edges of the classes of sizes in which outcomes are counted, in the benchmark's units."""
+
 _BINS = (0.0, 0.5, 0.8, 0.95, 1.0)
 """Edges of the stated probabilities of being best."""
 
@@ -85,13 +88,18 @@ def score(verdicts: Iterable[JudgedCase], large: float = LARGE) -> dict[str, Any
         "bank_most": max((case.bank for case in cases), default=None),
         "seconds_median": _quantile([case.seconds for case in cases], 0.5),
         "seconds_total": float(sum(case.seconds for case in cases)),
-        "by_units": _groups([c for c in single if c.kind == "single"], lambda c: c.units, "units"),
+        "by_units": _groups([c for c in single if c.kind == "single"], lambda c: _class(c.units), "units"),
         "by_effect": _groups(single, lambda c: next(iter(c.hidden)).split(":")[0], "effect"),
         "by_kind": _groups(cases, lambda c: c.kind, "kind"),
         "confusion": _confusion(cases),
         **_calibration([case for case in known if case.chance is not None and case.verdict in ("named", "ambiguous")]),
         "list": [_row(case) for case in cases],
     }
+
+
+def _class(units: float) -> float:
+    """Lower edge of the class of a size; seals and bodies have no two of one size."""
+    return max(edge for edge in _SIZES if units >= edge)
 
 
 def _rate(cases: Sequence[JudgedCase], outcome: str) -> dict[str, Any]:

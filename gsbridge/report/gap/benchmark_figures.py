@@ -93,13 +93,18 @@ def draw_sizes(tiers: Mapping[str, Mapping[str, Any]]) -> str:
             axis.errorbar(
                 range(len(rows)), middles, np.maximum(errors, 0), fmt="none", ecolor="#1d2733", capsize=3, linewidth=1
             )
-            axis.set_xticks(range(len(rows)), [f"{row['units']:g}\n(n = {row['right']['n']})" for row in rows])
+            axis.set_xticks(range(len(rows)), [f"{_from(row['units'])}\n(n = {row['right']['n']})" for row in rows])
             axis.set_title(tier_title(tier), loc="left", fontsize=11, fontweight="bold")
             axis.set_xlabel("size, units of the detection limit")
         axes[0, 0].set_ylabel("cases, %")
         handles, labels = axes[0, 0].get_legend_handles_labels()
         legend_above(figure, handles, labels, 10.5)
         return data_uri(figure)
+
+
+def _from(units: float) -> str:
+    """A class of sizes by its lower edge."""
+    return f"≥ {units:g}" if units else "less"
 
 
 def draw_methods(tier: str, methods: Mapping[str, Mapping[str, Any]]) -> str:
@@ -141,7 +146,7 @@ def draw_curves(lists: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     """
     own = answered(next(iter(lists.values())))
     with plt.rc_context(PLAIN):
-        figure, axis = plt.subplots(figsize=(6.6, 4.2), layout="constrained")
+        figure, axis = plt.subplots(figsize=(6.6, 4.8), layout="constrained")
         for number, (method, rows) in enumerate(lists.items()):
             measure = best_measure(rows, own)
             if measure is None:
@@ -159,7 +164,8 @@ def draw_curves(lists: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
         axis.set_ylim(-2, 102)
         axis.set_xlabel("coverage: cases that are answered, %")
         axis.set_ylabel("risk: wrong among the answers, %")
-        axis.legend(loc="upper left", frameon=False, fontsize=9)
+        # Above: curves may be anywhere.
+        figure.legend(*axis.get_legend_handles_labels(), loc="outside upper left", ncols=2, frameon=False, fontsize=9)
         return data_uri(figure)
 
 

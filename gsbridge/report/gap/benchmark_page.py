@@ -111,6 +111,7 @@ def _floors(measured: Mapping[str, Mapping[str, Any]], floors: str | Path, prese
         interval = score["interval"]
         # What ran small on purpose has not failed.
         judged = entry["preset"] in (ANY_PRESET, preset)
+        word = "met" if score["met"] else "unmet" if judged else "not judged"
         rows.append(
             {
                 "what": score["what"],
@@ -118,7 +119,7 @@ def _floors(measured: Mapping[str, Mapping[str, Any]], floors: str | Path, prese
                 "value": shown(score["value"], score["unit"]),
                 "interval": f"{shown(interval[0])} to {shown(interval[1])}" if interval else "–",
                 "n": str(score["n"]),
-                "met": "met" if score["met"] else "unmet" if judged else "not judged",
+                "met": word if score["floor"] is not None else "reported",
                 "why": "" if score["met"] else verdict(score).removeprefix("**unmet**: "),
             }
         )
