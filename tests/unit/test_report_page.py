@@ -29,10 +29,10 @@ def test_page_of_the_benchmark_in_a_browser(tmp_path):
         write_tiers(tmp_path, t1=tier_scores("t1"), t2=tier_scores("t2")), FLOORS, "desktop", tmp_path / "b.html"
     )
     found = check((tmp_path / "b.html").read_text(encoding="utf-8"), tmp_path)
-    # Sizes and calibration; a race and a matrix of each tier.
-    assert found["pictures"] == 2 + 2 * 2
-    # Floors, sizes, two tiers, calibration, what went wrong.
-    assert found["links"] == 6
+    # Sizes, risk against coverage, calibration; a race and a matrix of each tier.
+    assert found["pictures"] == 3 + 2 * 2
+    # Floors, sizes, risk against coverage, two tiers, calibration, what went wrong.
+    assert found["links"] == 7
 
 
 @needs_axe

@@ -108,8 +108,8 @@ def sureness(before: Array, after: Array, freedom: float, lead: float | None) ->
     None of them is right for all methods and sizes, so that each method is compared by the one that serves it best.
 
     Args:
-        before: Residual without the explanation on a record that it was not fitted to, in units of the noise. Any shape.
-        after: With it; the same shape.
+        before: Residual without the explanation on a record that it was not fitted to, in units of the noise. [...].
+        after: The same with it. [...].
         freedom: Squared residual that noise alone leaves.
         lead: See `Answer`.
 

@@ -67,7 +67,13 @@ def changes(area: str, recorded: Mapping[str, Mapping[str, str]], now: Mapping[s
 
 
 def freshness(area: str, recorded: Mapping[str, Any], now: Mapping[str, Mapping[str, str]]) -> str:
-    """Whether the tree would still make an area's figures: `fresh`, or `stale` with what has changed since."""
+    """Whether the tree would still make an area's figures: `fresh`, or `stale` with what has changed since.
+
+    Args:
+        area: The area.
+        recorded: {`commit`, `code`, `settings`} beside the recorded figures.
+        now: Digests of the tree as it is now; see `changes`.
+    """
     if not recorded.get("code"):
         return "**stale**: recorded before digests stood beside figures"
     found = changes(area, recorded, now)
