@@ -220,6 +220,7 @@ def _pairs(view: JointResiduals, residual: Array) -> list[_Pair]:
     places = {channel: column for column, channel in enumerate(view.channels)}
     controller, out = view.mechanism.system.controller, []
     witnesses = related(view, residual)
+    measured = view.coloured(residual) * view.sigma
     longest = max(end - first for first, end in view.spans) * view.record.period
     for first, end in view.spans:
         rows = end - first
@@ -234,7 +235,7 @@ def _pairs(view: JointResiduals, residual: Array) -> list[_Pair]:
         ahead, back = window @ waves, window @ waves.conj()
         # The mean is there once, not as two halves.
         ahead[:, 0], back[:, 0] = 0.5 * ahead[:, 0], 0.5 * back[:, 0]
-        values = residual[first:end] * view.sigma
+        values = measured[first:end]
         raw, spectra = np.fft.fft(values, axis=0)[:count], window @ values
         turn = 2j * np.pi * frequencies
 

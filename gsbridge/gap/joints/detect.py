@@ -24,6 +24,9 @@ SCALES = (1, 4, 16, 64)
 REPLICATES = 199
 """Replicates of the noise that a null distribution is made of."""
 
+COLOUR_RECORDS = 2
+"""Records that tell the size of noise whose neighbouring samples are alike: `fit` and `select`."""
+
 _UNSURE = 0.5
 """Spread, in multiples of what a finer step changes, of what is left of the step's error after it was taken off."""
 
@@ -83,7 +86,12 @@ class JointNull:
 
 
 def _estimated(view: JointResiduals, noise: Array) -> Array:
-    """Noise of each channel as it is found on a record. [T, C] -> [C]."""
+    """Noise of each channel as it is found on a record: by neighbouring samples, or as a whole where they are alike.
+
+    [T, C] -> [C].
+    """
+    if view.colour is not None:
+        return np.sqrt((view.coloured(noise) ** 2).mean(axis=0))
     return np.median([white_noise(noise[a:b]) for a, b in view.spans if b - a > 20] or [white_noise(noise)], axis=0)
 
 
@@ -114,7 +122,12 @@ def joint_null(
     excesses, residuals = [], []
     for noise, own in zip(noises, found, strict=True):
         # Other records' estimates are as good as those of other replicates and channels.
-        others = rng.choice(found.ravel(), (view.records - 1, shape[1]))
+        if view.colour is None:
+            others = rng.choice(found.ravel(), (view.records - 1, shape[1]))
+        else:
+            # Each channel has a memory of its own, and the third record tells nothing of its size.
+            others = found[rng.integers(replicates, size=(COLOUR_RECORDS - 1, shape[1])), np.arange(shape[1])]
+            own = found[rng.integers(replicates, size=shape[1]), np.arange(shape[1])]
         size = np.sqrt((np.vstack([own[None], others]) ** 2).mean(axis=0))
         residual = view.project(noise / np.where(declared, np.maximum(size, 1.0), size)) + rng.normal(0.0, _UNSURE) * gap
         if allowed.any():

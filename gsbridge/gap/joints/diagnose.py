@@ -36,6 +36,7 @@ from gsbridge.gap.joints.identify import JointIdentification
 from gsbridge.gap.joints.integral_action import integral_action
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.replay import Mechanism
+from gsbridge.gap.joints.motion import other_noise
 from gsbridge.gap.joints.residuals import JointResiduals, share_noise
 from gsbridge.gap.joints.scatter import RecordSizes, widened
 from gsbridge.gap.joints.widening import Widening
@@ -52,6 +53,12 @@ _BARELY = 1.02
 
 _LOUD = 2.0
 """What is left and no motion, in units of the noise that neighbouring samples show, from which on that noise is doubted."""
+
+_COLOURED = (
+    "The noise remembers itself for up to {memory:.0f} ms, as that of a filter in a sensor does, and exceeds what neighbouring "
+    "samples show. It was taken from what the effects leave, in which no channel moves with another. To be sure of it, log one "
+    "motion twice and name it under 'repeats'."
+)
 
 
 class JointAccount(Account):
@@ -104,7 +111,8 @@ def diagnose_joints(
     made = mechanism.runs - made
     logger.info("%d candidates, %d signatures", len(who), len(bank.signatures))
     search = JointIdentification(first, second, bank, who, rules, seed)
-    finding, verification = search.run(), None
+    search, finding = _with_its_noise(search, search.run(), bank, tuple(views.values()), seed)
+    verification = None
     other = None if finding.best is None else other_way((first, second))
     if other is not None and finding.verdict in ("named", "ambiguous") and other.rivals(finding):
         # Not a fault of the mechanism, perhaps, but of what the model says about the log.
@@ -150,6 +158,8 @@ def diagnose_joints(
     floor = {second.record.label(kind, k): float(s) for (kind, k), s in zip(second.channels, second.sigma, strict=True)}
     further = mechanism.runs - made - mechanism.shared - named
     warnings = _warnings(finding, bank, any(record.sigma or record.tolerance for record in records.values()))
+    if second.colour is not None:
+        warnings = (*warnings, _COLOURED.format(memory=float(second.colour.memory.max()) * second.record.period * 1e3))
     if other is not None and other.tells(finding):
         warnings = (other.sentence, *warnings)
     seconds = time.perf_counter() - begin
@@ -165,6 +175,36 @@ def diagnose_joints(
         account_runs=further,
         instead=instead,
     )
+
+
+def _with_its_noise(
+    search: JointIdentification, finding: Finding, bank: SignatureBank, views: Sequence[JointResiduals], seed: int
+) -> tuple[JointIdentification, Finding]:
+    """A search whose noise is what the best explanation leaves, where that is noise of another colour and then names something.
+
+    Args:
+        search: A search that took the noise for white.
+        finding: What it found.
+        bank: Signatures.
+        views: Residuals on all records, which keep the noise if something is named.
+        seed: Seed of replicates.
+    """
+    if finding.verdict != "none_of_the_known" or finding.best is None:
+        return search, finding
+    left = (finding.best.first, finding.best.residual, views[2].residual(finding.best.fit.effects))
+    found = other_noise(views, left, np.random.default_rng(seed), search.rules.deviations)
+    if found is None:
+        return search, finding
+    white = [(view.sigma, view.records) for view in views]
+    for view, colour in zip(views, found[1], strict=True):
+        view.set_noise(found[0], view.records, colour)
+    again = JointIdentification(views[0], views[1], bank, search.who, search.rules, seed)
+    named = again.run()
+    if named.verdict in ("named", "ambiguous"):
+        return again, named
+    for view, (sigma, records) in zip(views, white, strict=True):
+        view.set_noise(sigma, records)
+    return search, finding
 
 
 def _second_look(

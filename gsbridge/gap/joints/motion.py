@@ -8,6 +8,7 @@ import numpy as np
 
 from gsbridge.gap.diagnosis.verdict import transfer
 from gsbridge.gap.joints.coherence import coherence_p, line_p, without_witness
+from gsbridge.gap.joints.noise_colour import NoiseColour, forgetful
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
@@ -39,6 +40,36 @@ def is_motion(views: Sequence[JointResiduals], residuals: Sequence[Array], rng: 
     if huge.any() and transfer(residuals[-1][:, huge], _without_course(views, residuals)[:, huge]) > deviations:
         return True
     return coherence_p(views, residuals, rng) < _TOGETHER or vibrates(views, residuals, rng)
+
+
+def other_noise(
+    views: Sequence[JointResiduals], residuals: Sequence[Array], rng: np.random.Generator, deviations: float
+) -> tuple[Array, list[NoiseColour]] | None:
+    """What the noise is, if residuals beyond white noise are noise that forgets itself soon; None if they are motion, perhaps.
+
+    Its size is told by the first two records alone, so that the third can still refute what was found.
+
+    Args:
+        views: The records `fit`, `select` and `verify`, with white noise.
+        residuals: What an explanation leaves of each, whitened. [T, C].
+        rng: Generator of surrogates.
+        deviations: Standard deviations by which a mean gain on `select` must exceed chance.
+
+    Returns:
+        Its standard deviation, [C], and its law in each record.
+    """
+    parts = [[residual[a:b] for a, b in view.spans] for view, residual in zip(views, residuals, strict=True)]
+    sizes = [np.sqrt((residual**2).mean(axis=0)) for residual in residuals]
+    colours = [NoiseColour.of(part) for part in parts]
+    laws = zip(colours, sizes, views, strict=True)
+    if not all(forgetful(colour, size, view.record.period) for colour, size, view in laws):
+        return None
+    told, left = views[:2], residuals[:2]
+    if any(without_witness(view, residual).any() for view, residual in zip(told, left, strict=True)):
+        return None
+    if is_motion(told, left, rng, deviations):
+        return None
+    return np.sqrt(np.mean([(size * view.sigma) ** 2 for size, view in zip(sizes, told, strict=False)], axis=0)), colours
 
 
 def vibrates(views: Sequence[JointResiduals], residuals: Sequence[Array], rng: np.random.Generator) -> bool:

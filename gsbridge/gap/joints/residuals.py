@@ -4,7 +4,7 @@ unknown way of the commands between two samples."""
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.replay import Mechanism, Span, State
 from gsbridge.gap.joints.noise import pooled, white_noise
+from gsbridge.gap.joints.noise_colour import NoiseColour
 from gsbridge.gap.joints.sensitivity import FINE, KINDS, Sensitivity, sensitivity_of, start_states
 from gsbridge.geometry import Array
 
@@ -108,6 +109,7 @@ class JointResiduals:
         channels: Kind and joint of each channel, in the order of the residuals' columns.
         frame: How the replay moves with its initial state and its step.
         records: From how many the noise was estimated.
+        colour: How neighbouring samples of the noise are alike; None for white noise.
     """
 
     mechanism: Mechanism
@@ -118,6 +120,7 @@ class JointResiduals:
     channels: tuple[tuple[str, int], ...]
     frame: Sensitivity
     records: int = 1
+    colour: NoiseColour | None = None
     _fine: Array | float = 0.0
     _replays: dict[str, Array] = field(default_factory=dict, repr=False)
 
@@ -185,14 +188,14 @@ class JointResiduals:
 
     def _find_nuisance(self) -> None:
         """Directions in which the outputs move with the initial state; residuals are taken orthogonal to them."""
-        columns = [self._columns(nudge) / self.sigma for nudge in self.frame.nudges]
+        columns = [self.decoloured(self._columns(nudge) / self.sigma) for nudge in self.frame.nudges]
         self._basis = []
         for first, end in self.spans:
             block = np.stack([np.nan_to_num(column[first:end]).ravel() for column in columns], axis=1)
             left, values, _ = np.linalg.svd(block / np.maximum(np.linalg.norm(block, axis=0), 1e-12), full_matrices=False)
             self._basis.append(left[:, values > 1e-6])
         self._curve, self._less = np.zeros((len(self.record.time), len(self.channels))), 0.0
-        curve = self.project(np.nan_to_num(self._columns(self.frame.curving)) / self.sigma)
+        curve = self.project(self.decoloured(np.nan_to_num(self._columns(self.frame.curving)) / self.sigma))
         size = float(np.linalg.norm(curve))
         if size > _SEEN:
             # As if the commands' way between two samples were known to one such change.
@@ -211,7 +214,18 @@ class JointResiduals:
     def whiten(self, difference: Array) -> Array:
         """Differences in units of the noise, orthogonal to the initial states. [T, C] -> [T, C]."""
         scaled = difference / self.sigma
-        return self.project(np.where(np.isfinite(scaled), np.clip(scaled, -1e6, 1e6), _BROKEN))
+        return self.project(self.decoloured(np.where(np.isfinite(scaled), np.clip(scaled, -1e6, 1e6), _BROKEN)))
+
+    def decoloured(self, scaled: Array) -> Array:
+        """Values in units of the noise, less what the samples before tell of its part in them. [T, C] -> [T, C]."""
+        return scaled if self.colour is None else self._by_span(scaled, self.colour.whiten)
+
+    def coloured(self, residual: Array) -> Array:
+        """The inverse of `decoloured`. [T, C] -> [T, C]."""
+        return residual if self.colour is None else self._by_span(residual, self.colour.colour)
+
+    def _by_span(self, values: Array, act: Callable[[Array], Array]) -> Array:
+        return np.concatenate([act(values[first:end]) for first, end in self.spans])
 
     def residual(self, effects: Sequence[Applied] = ()) -> Array:
         """Measured less simulated, in units of the noise. [T, C]."""
@@ -262,7 +276,7 @@ class JointResiduals:
             rounding = self.record.quantum[kind][k] / np.sqrt(12) / self.sigma[column] if kind in self.record.quantum else 0.0
             if rounding > _ROUNDED:
                 out[column] = max(out[column], rounding)
-        return out
+        return out if self.colour is None else out * self.colour.steady
 
     def stepping(self) -> Array:
         """Change of the nominal replay by another step of time, in units of the noise. [T, C]."""
@@ -291,9 +305,15 @@ class JointResiduals:
         """Independent numbers in a residual."""
         return len(self.record.time) * len(self.channels) - sum(basis.shape[1] for basis in self._basis)
 
-    def set_noise(self, sigma: Array, records: int) -> None:
-        """Take another noise, as estimated from several records. [C]."""
-        self.sigma, self.records = sigma, records
+    def set_noise(self, sigma: Array, records: int, colour: NoiseColour | None = None) -> None:
+        """Take another noise.
+
+        Args:
+            sigma: Standard deviation of each channel. [C].
+            records: From how many records it was estimated.
+            colour: How its neighbouring samples are alike; None for white noise.
+        """
+        self.sigma, self.records, self.colour = sigma, records, colour
         self._find_nuisance()
 
     def digest(self) -> str:
