@@ -133,9 +133,13 @@ test-captures: $(TOOLS)
 test-fuzz: $(TOOLS)
 	GSBRIDGE_FUZZ=10000 $(BIN)/python -m pytest tests/fuzz
 
-# A hundred kills of a small chain, full and read-only disks, two runs in one folder: some minutes.
+# A hundred kills of a small chain, full and read-only disks, two runs in one folder: some minutes. `make test-faults OVER=toy` kills
+# the whole toy as often, at random moments of all its stages, and compares its rows, tables and figures: hours; KILLS=3 for less.
+KILLS ?= 100
+OVER ?= chain
 test-faults: $(TOOLS)
-	GSBRIDGE_FAULTS=100 $(BIN)/python -m pytest tests/faults
+	@test $(OVER) = chain || test $(OVER) = toy || { echo "OVER is chain or toy, not '$(OVER)'" >&2; exit 1; }
+	GSBRIDGE_FAULTS=$(KILLS) GSBRIDGE_FAULTS_OVER=$(OVER) $(BIN)/python -m pytest tests/faults $(if $(filter toy,$(OVER)),-k toy)
 
 # All that needs a GPU, in one table; minutes. Uses the object of `make toy` where that was made.
 gpu-check: $(INSTALLED)

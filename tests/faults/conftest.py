@@ -1,7 +1,9 @@
-"""A small chain of the workflow's own scripts, which takes seconds, and what it makes when nobody disturbs it."""
+"""A small chain of the workflow's own scripts, which takes seconds, and the toy; what each makes when nobody disturbs it."""
 
 import contextlib
+import csv
 import os
+import random
 import resource
 import shutil
 import signal
@@ -23,9 +25,10 @@ SNAKEFILE = Path(__file__).with_name("Snakefile")
 SCENES = ("cup", "jug")
 UNEQUAL = ("logs", "benchmarks", ".state")
 """Folders below `results/` that tell about a run rather than about its results."""
+TIMED = ("timing", "training")
+"""Tables of the toy that say how long something took."""
 MOST_IDLE_S = 90.0
-MOST_WORK_S = 300.0
-"""Longest time without any work, and most processor time; an undisturbed run takes some seconds of the latter."""
+"""Longest time without any work."""
 
 
 def photos(folder: Path, seed: int, count: int = 6) -> None:
@@ -47,7 +50,7 @@ def worked(process: subprocess.Popen) -> float:
         return 0.0
 
 
-def end_of(process: subprocess.Popen) -> int:
+def end_of(process: subprocess.Popen, most_work_s: float) -> int:
     """Exit code of a run, which has no time to be done, but must work: it hangs when none of its processes did for long."""
     before, since = -1.0, time.monotonic()
     while process.poll() is None:
@@ -55,32 +58,43 @@ def end_of(process: subprocess.Popen) -> int:
         if now != before:
             before, since = now, time.monotonic()
         assert time.monotonic() - since < MOST_IDLE_S, f"nothing happens in process {process.pid}"
-        assert now < MOST_WORK_S, f"process {process.pid} works without end"
+        assert now < most_work_s, f"process {process.pid} works without end"
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(timeout=0.2)
     return process.returncode
 
 
-class Chain:
-    """A working folder with captures and a case, and the runs in it."""
+class Runs:
+    """A working folder, and the runs in it."""
+
+    most_work_s: float
+    """Most processor time of one run."""
+    part: float
+    """Up to this part of an undisturbed run's work is done before a run is killed."""
+    in_a_row: int
+    """Most kills before a run may finish: a run must also survive the remains of several."""
 
     def __init__(self, folder: Path, said: Path | None = None) -> None:
         self.folder = folder
         self.file = said or folder.parent / f"{folder.name}.said"
         folder.mkdir(parents=True, exist_ok=True)
-        for seed, name in enumerate(SCENES):
-            photos(folder / "captures" / name, seed)
-        self.config = {"capture": KeyframeSettings().model_dump()}
-        self.write_config()
 
-    def write_config(self) -> None:
-        (self.folder / "config.yaml").write_text(yaml.safe_dump(self.config))
+    def given(self) -> list[str]:
+        """Arguments of every run."""
+        raise NotImplementedError
+
+    def equal(self, results: Path) -> dict[str, bytes]:
+        """What has to be the same whatever happened, by its name."""
+        raise NotImplementedError
+
+    def forget_some(self, draw: random.Random) -> None:
+        """Remove some of the results; the rest is as it was."""
+        raise NotImplementedError
 
     def start(self, *arguments: str, **how) -> subprocess.Popen:
         """Begin a run, in a group of processes of its own; what it says goes to a file."""
-        command = [sys.executable, "-m", "gsbridge", "run", "--snakefile", str(SNAKEFILE), "--directory", str(self.folder)]
-        command += ["--configfile", str(self.folder / "config.yaml"), "--workflow-profile", str(ROOT / "profiles" / "default")]
-        command += ["--cores", "2", *arguments]
+        command = [sys.executable, "-m", "gsbridge", "run", "--directory", str(self.folder)]
+        command += ["--workflow-profile", str(ROOT / "profiles" / "default"), *self.given(), *arguments]
         prepare = how.pop("prepare", lambda: None)
 
         def begin() -> None:
@@ -99,7 +113,11 @@ class Chain:
 
     def run(self, *arguments: str, **how) -> int:
         """A run from beginning to end; its exit code."""
-        return end_of(self.start(*arguments, **how))
+        return self.end_of(self.start(*arguments, **how))
+
+    def end_of(self, process: subprocess.Popen) -> int:
+        """Exit code of a run that was begun."""
+        return end_of(process, self.most_work_s)
 
     def finish(self) -> dict[str, bytes]:
         """What lies there after a plain rerun, which must succeed."""
@@ -108,11 +126,8 @@ class Chain:
         return self.tree()
 
     def tree(self) -> dict[str, bytes]:
-        """Bytes of all results."""
-        results = self.folder / "results"
-        files = (file for file in results.rglob("*") if file.is_file() and file.name != ".snakemake_timestamp")
-        named = ((file.relative_to(results), file) for file in files)
-        return {str(name): file.read_bytes() for name, file in named if name.parts[0] not in UNEQUAL}
+        """What has to be the same, as it lies there now."""
+        return self.equal(self.folder / "results")
 
     def clear(self) -> None:
         """Forget all results."""
@@ -128,19 +143,91 @@ class Chain:
                 continue
 
 
+class Chain(Runs):
+    """Photos of two captures, whose keyframes are chosen, and what is counted of them."""
+
+    most_work_s = 300.0
+    part = 1.1
+    in_a_row = 5
+
+    def __init__(self, folder: Path, said: Path | None = None) -> None:
+        super().__init__(folder, said)
+        for seed, name in enumerate(SCENES):
+            photos(folder / "captures" / name, seed)
+        self.config = {"capture": KeyframeSettings().model_dump()}
+        self.write_config()
+
+    def write_config(self) -> None:
+        (self.folder / "config.yaml").write_text(yaml.safe_dump(self.config))
+
+    def given(self) -> list[str]:
+        return ["--snakefile", str(SNAKEFILE), "--configfile", str(self.folder / "config.yaml"), "--cores", "2"]
+
+    def equal(self, results: Path) -> dict[str, bytes]:
+        """Bytes of all results."""
+        files = (file for file in results.rglob("*") if file.is_file() and file.name != ".snakemake_timestamp")
+        named = ((file.relative_to(results), file) for file in files)
+        return {str(name): file.read_bytes() for name, file in named if name.parts[0] not in UNEQUAL}
+
+    def forget_some(self, draw: random.Random) -> None:
+        shutil.rmtree(self.folder / "results/scenes" / draw.choice(SCENES))
+        (self.folder / "results/digests.txt").unlink()
+
+
+class Toy(Runs):
+    """`make toy`: every stage, on one object and one background. Its runs are killed often before one may finish."""
+
+    most_work_s = 4 * 3600.0
+    part = 0.2
+    in_a_row = 20
+    targets = os.environ.get("GSBRIDGE_FAULTS_TARGETS", "all results/gap-benchmark/report.html").split()
+    same = ("rows/*", "tables/*", "figures/*", "scenes/**/*.ply", "policies/**/*.safetensors", "trials/**/seed*.csv")
+    """What is compared: rows, tables and figures, and the splats, meshes, policies and trials behind them."""
+
+    def given(self) -> list[str]:
+        return ["--snakefile", str(ROOT / "Snakefile"), "--config", "preset=toy", "--", *self.targets]
+
+    def equal(self, results: Path) -> dict[str, bytes]:
+        """Bytes of what tells no times; of the table of trainings, the columns that tell none."""
+        files = (file for pattern in self.same for file in results.glob(pattern) if file.is_file() and file.suffix != ".html")
+        found = {str(file.relative_to(results)): file.read_bytes() for file in files if file.stem not in TIMED}
+        table = results / "rows/training.csv"
+        for number, row in enumerate(csv.DictReader(table.open(newline=""))) if table.is_file() else ():
+            kept = [f"{name}={value}" for name, value in row.items() if not name.startswith(("cpu_", "frames_per_second"))]
+            found[f"rows/training.csv:{number}"] = "\n".join(kept).encode()
+        return found
+
+    def forget_some(self, draw: random.Random) -> None:
+        scenes = sorted(path for path in (self.folder / "results/scenes").iterdir() if path.is_dir())
+        for folder in (draw.choice(scenes), self.folder / "results/tables"):
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def measured(runs: Runs) -> tuple[dict[str, bytes], float]:
+    """Results of a run that nothing happened to, and the processor time that it took, s."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    found = runs.finish()
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return found, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
 @pytest.fixture(scope="session")
 def undisturbed(tmp_path_factory):
-    """Results of a run that nothing happened to, and the processor time that it took, s."""
-    chain = Chain(tmp_path_factory.mktemp("undisturbed") / "run")
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    found = chain.finish()
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    """What the chain makes, and the processor time that it takes, s."""
+    found, work = measured(Chain(tmp_path_factory.mktemp("undisturbed") / "run"))
     assert len(found) > 12
-    return found, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return found, work
 
 
 @pytest.fixture
 def chain(tmp_path):
     made = Chain(tmp_path / "run")
+    yield made
+    made.end()
+
+
+@pytest.fixture
+def toy(tmp_path):
+    made = Toy(tmp_path / "toy")
     yield made
     made.end()

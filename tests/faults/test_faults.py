@@ -1,6 +1,7 @@
 """Whatever happens to a run, the same command afterwards ends with the bytes of an undisturbed one.
 
-`GSBRIDGE_FAULTS=100` kills that many runs; by default there are few enough for every run of the tests.
+`GSBRIDGE_FAULTS=100` kills that many runs of a small chain, which takes minutes; by default there are few enough for every run
+of the tests. `GSBRIDGE_FAULTS_OVER=toy` kills runs of the whole toy, which takes hours.
 """
 
 import contextlib
@@ -14,11 +15,10 @@ import time
 
 import pytest
 
-from tests.faults.conftest import SCENES, Chain, end_of, worked
+from tests.faults.conftest import SCENES, Chain, Runs, measured, worked
 
 KILLS = int(os.environ.get("GSBRIDGE_FAULTS", "3"))
-IN_A_ROW = 5
-"""Most kills before a run may finish: a run must also survive the remains of several."""
+OVER_TOY = os.environ.get("GSBRIDGE_FAULTS_OVER") == "toy"
 LATE = "results/late.txt"
 WAYS = {
     # Power loss; the out-of-memory killer, whose victim's jobs work on; a scheduler's time limit; Ctrl-C.
@@ -29,36 +29,50 @@ WAYS = {
 }
 
 
-def stop(process: subprocess.Popen, how: str) -> None:
+def stop(runs: Runs, process: subprocess.Popen, how: str) -> None:
     """Send a run its signal, alone or with all its jobs; it may have ended already."""
     sent, group = WAYS[how]
     with contextlib.suppress(ProcessLookupError):
         (os.killpg if group else os.kill)(process.pid, sent)
-    end_of(process)
+    runs.end_of(process)
 
 
-def test_a_run_killed_anywhere_goes_on_to_the_same_bytes(chain, undisturbed):
-    expected, work = undisturbed
+def kill_and_finish(runs: Runs, expected: dict[str, bytes], work: float) -> None:
+    """Kill runs at random moments, several in a row, and look at what a plain rerun makes, until there were enough kills."""
     draw = random.Random(20261124)
     killed = 0
     while killed < KILLS:
-        for _ in range(draw.randint(1, min(IN_A_ROW, KILLS - killed))):
-            process = chain.start()
-            until, pause = draw.uniform(0, 1.1 * work), draw.uniform(0, 0.3)
+        for _ in range(draw.randint(1, min(runs.in_a_row, KILLS - killed))):
+            process = runs.start()
+            until, pause = draw.uniform(0, runs.part * work), draw.uniform(0, 0.3)
             while process.poll() is None and worked(process) < until:
                 time.sleep(0.02)
             # Jobs also wait, without any work.
             time.sleep(pause)
-            stop(process, draw.choice(list(WAYS)))
+            stop(runs, process, draw.choice(list(WAYS)))
             killed += 1
-        assert chain.finish() == expected
-        assert not [path for path in chain.folder.rglob("*.part") if ".state" not in path.parts]
+        found = runs.finish()
+        assert sorted(found) == sorted(expected)
+        assert [name for name in expected if found[name] != expected[name]] == []
+        assert not [path for path in runs.folder.rglob("*.part") if ".state" not in path.parts]
         if draw.random() < 0.5:
-            chain.clear()
+            runs.clear()
         else:
-            # Half of them: the rest is as it was.
-            shutil.rmtree(chain.folder / "results/scenes" / draw.choice(SCENES))
-            (chain.folder / "results/digests.txt").unlink()
+            runs.forget_some(draw)
+
+
+def test_a_run_killed_anywhere_goes_on_to_the_same_bytes(chain, undisturbed):
+    kill_and_finish(chain, *undisturbed)
+
+
+# Not among the skips of every run of the tests: it is asked for, or it is not there.
+if OVER_TOY:
+
+    def test_the_toy_killed_anywhere_goes_on_to_the_same_rows_tables_and_figures(toy):
+        expected, work = measured(toy)
+        assert expected
+        toy.clear()
+        kill_and_finish(toy, expected, work)
 
 
 def test_a_run_that_is_asked_to_end_while_it_waits_for_a_file_does(chain):
@@ -70,7 +84,7 @@ def test_a_run_that_is_asked_to_end_while_it_waits_for_a_file_does(chain):
     time.sleep(1)
     assert process.poll() is None
     (chain.folder / "appear").touch()
-    assert end_of(process) != 0, chain.said()
+    assert chain.end_of(process) != 0, chain.said()
     assert (chain.folder / LATE).is_file()
     # At most one job was begun meanwhile.
     assert not (chain.folder / "results/digests.txt").exists()
@@ -123,7 +137,7 @@ def test_results_that_may_not_be_written_end_in_one_line(small_disk, undisturbed
 
 def test_of_two_runs_in_one_folder_one_is_refused_and_the_other_finishes(chain, undisturbed):
     first, second = chain.start(), chain.start()
-    codes = sorted([end_of(first), end_of(second)])
+    codes = sorted([chain.end_of(first), chain.end_of(second)])
     assert codes in ([0, 1], [0, 0])
     assert chain.finish() == undisturbed[0]
 
@@ -134,7 +148,7 @@ def test_a_configuration_that_is_edited_meanwhile_counts_for_the_next_run(chain,
         time.sleep(0.02)
     chain.config["capture"] = {**chain.config.get("capture", {}), "max_side": 64}
     chain.write_config()
-    assert end_of(process) == 0
+    assert chain.end_of(process) == 0
     assert chain.tree() == undisturbed[0]
     edited = Chain(tmp_path / "edited")
     edited.config["capture"] = chain.config["capture"]
@@ -150,7 +164,7 @@ def test_photos_that_are_exchanged_meanwhile_count_for_the_next_run(chain, undis
     data = [path.read_bytes() for path in sorted(folders[1].iterdir())]
     for path, content in zip(sorted(folders[0].iterdir()), data, strict=True):
         path.write_bytes(content)
-    end_of(process)
+    chain.end_of(process)
     found = chain.finish()
     start = "scenes/{}/capture/frames/"
     cup, jug = ({name: data for name, data in found.items() if name.startswith(start.format(each))} for each in SCENES)
