@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import signal
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -87,11 +89,28 @@ def _add_board(commands: Any) -> None:
 
 def _board(options: argparse.Namespace) -> int:
     layout = standard_board(options.sheet)
-    write_sheet(layout, options.path)
+    with _writing(options.path):
+        write_sheet(layout, options.path)
     if options.layout:
-        write_board(options.layout, layout)
+        with _writing(options.layout):
+            write_board(options.layout, layout)
     print(f"{options.path}: print it at 100 % on {options.sheet.upper()} and check the ruler on it")
     return 0
+
+
+@contextlib.contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Name the file that was asked for where it cannot be written, and not the temporary one beside it.
+
+    Raises:
+        InputError: It cannot be written.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise InputError(
+            path, f"it cannot be written: {(error.strerror or str(error)).lower()}", "Name another file"
+        ) from error
 
 
 def _add_masks(commands: Any) -> None:
@@ -108,11 +127,15 @@ def _add_masks(commands: Any) -> None:
 def _masks(options: argparse.Namespace) -> int:
     from gsbridge.configuration.faults import listed, near
     from gsbridge.configuration.whole import read_configuration
+    from gsbridge.reading import load_yaml
     from gsbridge.report.pages.mask_sheet import write_mask_sheet
+    from gsbridge.workflow_files import check_configuration_files
 
-    if not options.config.is_file():
+    if not options.config.exists():
         raise InputError(options.config, "there is no such file here", "Go to the project's folder, or name it with --config")
-    scenes = read_configuration(yaml.safe_load(options.config.read_text(encoding="utf-8")))["scenes"]
+    check_configuration_files([options.config])
+    content = load_yaml(options.config, "configuration", "Name the project's config.yaml with --config")
+    scenes = read_configuration(content)["scenes"]
     objects = [name for name, scene in scenes.items() if scene["kind"] == "object"]
     if options.scene not in objects:
         problem = "it is a background, which has no masks" if options.scene in scenes else f"{options.config} has no such scene"

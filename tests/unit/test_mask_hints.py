@@ -109,6 +109,17 @@ def test_masks_obey_and_the_sheet_shows_it(scene, tmp_path, capsys):
         assert check(text, tmp_path)["pictures"] == 1
 
 
+@pytest.mark.parametrize("content", [b"scenes: [\n", b"\x83\xff\x00", b"words\n", b"", b"scenes: &a [*a]\n"])
+def test_a_broken_configuration_is_named_in_one_line(content, tmp_path, capsys):
+    file = tmp_path / "mine.yaml"
+    file.write_bytes(content)
+    for path in (file, tmp_path):
+        assert main(["masks", "ball", "--config", str(path)]) == 1
+        said = capsys.readouterr().err
+        assert said.startswith(f"gsbridge: {path}: ")
+        assert said.count("\n") == 1
+
+
 def test_rulers_stand_at_round_pixels():
     assert [ruler_step(longest) for longest in (14, 130, 640, 4000)] == [1, 10, 50, 500]
     picture = np.zeros((120, 160, 3), np.uint8)

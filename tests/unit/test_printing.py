@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from gsbridge.capture.printing import sheet_reflectance, sheet_shapes, write_sheet
+from gsbridge.cli import main
 from gsbridge.errors import InputError
 from gsbridge.images import srgb_from_linear, to_u8
 from gsbridge.photogrammetry.board import find_tags, standard_board, tag_pixels
@@ -137,3 +138,15 @@ def test_other_suffixes_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"\.pdf or \.svg"):
         write_sheet(standard_board("a4"), tmp_path / "board.png")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("arguments", [["taken/board.pdf"], ["board.pdf", "--layout", "folder"]])
+def test_a_file_that_cannot_be_written_is_named_as_it_was_given(arguments, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "taken").touch()
+    assert main(["board", *arguments]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith(f"gsbridge: {arguments[-1]}: it cannot be written: ")
+    assert said.count("\n") == 1
+    assert ".part" not in said
