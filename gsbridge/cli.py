@@ -73,8 +73,12 @@ def main(arguments: list[str] | None = None) -> int:
     except EOFError:
         print("gsbridge: a question was not answered, since the input has ended. Run it in a terminal", file=sys.stderr)
         return 1
-    except (GsbridgeError, OSError) as error:
+    except GsbridgeError as error:
         print(f"gsbridge: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        named = f"{error.filename}: {str(error.strerror).lower()}. Check the path" if error.filename else str(error)
+        print(f"gsbridge: {named}", file=sys.stderr)
         return 1
 
 
