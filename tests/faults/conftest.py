@@ -183,13 +183,14 @@ class Toy(Runs):
     targets = os.environ.get("GSBRIDGE_FAULTS_TARGETS", "all results/gap-benchmark/report.html").split()
     same = ("rows/*", "tables/*", "figures/*", "scenes/**/*.ply", "policies/**/*.safetensors", "trials/**/seed*.csv")
     """What is compared: rows, tables and figures, and the splats, meshes, policies and trials behind them."""
+    kinds = (".csv", ".md", ".tex", ".png", ".ply", ".safetensors")
 
     def given(self) -> list[str]:
         return ["--snakefile", str(ROOT / "Snakefile"), "--config", "preset=toy", "--", *self.targets]
 
     def equal(self, results: Path) -> dict[str, bytes]:
         """Bytes of what tells no times; of the table of trainings, the columns that tell none."""
-        files = (file for pattern in self.same for file in results.glob(pattern) if file.is_file() and file.suffix != ".html")
+        files = (file for pattern in self.same for file in results.glob(pattern) if file.suffix in self.kinds)
         found = {str(file.relative_to(results)): file.read_bytes() for file in files if file.stem not in TIMED}
         table = results / "rows/training.csv"
         for number, row in enumerate(csv.DictReader(table.open(newline=""))) if table.is_file() else ():
