@@ -80,7 +80,7 @@ docs: .venv-docs/.installed
 # nobody has tuned on it; real logs and captures count where GSBRIDGE_MEASURED and GSBRIDGE_CAPTURES name their folders. A clone
 # holds the records of areas without their results, and so snakemake would find nothing to do: the records are made anew.
 PART ?= $(PARTS)
-PARTS := tables simulator shapes study worlds loops severity gap
+PARTS := tables simulator shapes study worlds loops severity worth gap
 SEAL := results/.state/seal
 EVIDENCE_tables := all benchmarks/scores/real2sim.json benchmarks/scores/policies.json
 EVIDENCE_simulator := simulator benchmarks/scores/simulator.json
@@ -88,7 +88,8 @@ EVIDENCE_shapes := benchmarks/scores/shapes.json
 EVIDENCE_study := study benchmarks/scores/study.json
 EVIDENCE_worlds := benchmarks/scores/worlds.json
 EVIDENCE_loops := benchmarks/scores/loops.json
-EVIDENCE_severity := results/severity_controller.md results/worth.md results/graded.md
+EVIDENCE_severity := results/severity_controller.md results/severity.md benchmarks/scores/severity.json
+EVIDENCE_worth := results/worth.md results/graded.md benchmarks/scores/worth.json
 EVIDENCE_gap := benchmarks/scores/gap.json
 
 evidence: $(addprefix evidence-,$(PART))

@@ -44,6 +44,61 @@ def success(area: str) -> dict[str, float]:
     return out
 
 
+def graded_trials(area: str, kind: str) -> pd.DataFrame:
+    """Trials inside the training square and outside it, with the severity of their world; `sim` for simulation."""
+    trials, told = rows(area, kind), rows(area, "rows")
+    if trials.empty:
+        return trials
+    trials[[*CELL, "world", "training"]] = trials.file.str.split("/", expand=True)[[2, 3, 4, 5, 6, 7]].to_numpy()
+    trials["good"] = trials.success_tolerant.where(trials.world != "sim", trials.success)
+    worlds = told[(told.look == told.physics) & (told.world != "sim")].drop_duplicates("world").set_index("world")
+    trials["level"] = trials.world.map(worlds.look.astype(int).astype(str)).where(trials.world != "sim", "sim")
+    trials["outside"] = (trials.pose_set == "outside").map({True: "_outside", False: ""})
+    return trials.dropna(subset="level")
+
+
+def severity() -> dict[str, float]:
+    """Mean success over the cells of the tables at each severity, %."""
+    trials = graded_trials("severity", "trials")
+    if trials.empty:
+        return {}
+    kind = {("grasp", "gs"): "grasp", ("pick_and_place", "gs"): "place", ("grasp", "mesh"): "mesh"}
+    trials["kind"] = [kind.get(pair) for pair in zip(trials.task, trials.renderer, strict=True)]
+    means = trials.groupby(["kind", "outside", "level", "task", "pair"]).good.mean().groupby(level=[0, 1, 2]).mean() * 100
+    return {f"severity_{kind}{outside}_{level}": rate for (kind, outside, level), rate in means.items() if level != "sim"}
+
+
+def worth() -> dict[str, float]:
+    """Success of splats, %, and what they lead meshes by, points; how well simulation foretells graded policies."""
+    out = {}
+    trials = graded_trials("worth", "worth")
+    if not trials.empty:
+        trials["way"] = trials.variant.map({"default": "jitter", "no_jitter": "no_jitter"})
+        cells = trials.groupby(["outside", "way", "level", "task", "pair", "renderer"]).good.mean().mul(100).unstack()
+        means = cells.groupby(level=[0, 1, 2]).mean()
+        for (outside, way, level), rate in means.iterrows():
+            out[f"worth_splats_{way}{outside}_{level}"] = rate.gs
+            meshes = rate[[name for name in rate.index if "mesh" in name]].dropna()
+            if not outside and len(meshes):
+                out[f"worth_lead_best_mesh_{way}_{level}"] = rate.gs - meshes.max()
+                if "mesh_shaded" in meshes:
+                    out[f"worth_lead_one_colour_{way}_{level}"] = rate.gs - meshes["mesh_shaded"]
+    trials = graded_trials("worth", "graded")
+    if not trials.empty:
+        rates = trials[trials.outside == ""].groupby(["variant", "training", "level"]).good.mean().unstack()
+        out["graded_spread"] = 100 * (rates.sim.max() - rates.sim.min())
+        for level in rates.columns.drop("sim"):
+            both = rates[["sim", level]].dropna()
+            if both.sim.nunique() > 1 and both[level].nunique() > 1:
+                out[f"graded_r_{level}"] = both.sim.corr(both[level])
+            every = both.reset_index(drop=True).rename_axis("policy").reset_index()
+            pairs = every.merge(both, how="cross", suffixes=("", "_b"))
+            wrong = (pairs.sim > pairs.sim_b) != (pairs[level] > pairs[f"{level}_b"])
+            by_how_much = (pairs[level] - pairs[f"{level}_b"]).abs().where(wrong, 0.0)
+            out[f"graded_mmrv_{level}"] = by_how_much.groupby(pairs.policy).max().mean()
+    return out
+
+
 def reconstruction() -> dict[str, float]:
     """Errors of cameras, scale, masks and meshes over the scenes, and leads of bindings, dB."""
     scenes, out = rows("real2sim", "scenes").pivot(index="file", columns="key", values="value"), {}
@@ -81,6 +136,8 @@ if __name__ == "__main__":
         "real2sim": reconstruction(),
         "policies": success("policies"),
         "worlds": success("worlds"),
+        "severity": severity(),
+        "worth": worth(),
         "gap": gap(),
     }.items():
         recorded = json.loads((HERE / "scores" / f"{area}.json").read_text(encoding="utf-8"))["figures"] if found else {}

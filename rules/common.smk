@@ -349,6 +349,11 @@ def measured_rows(name):
     return f"results/rows/{name}.csv" if name in TABLES.rows else []
 
 
+def compared_rows(who):
+    """Rows of a comparison at different severities that a score is made of; nothing where nobody is compared."""
+    return f"results/rows/{who}.csv" if SEVERITY.compares(who) else []
+
+
 # The gap
 
 

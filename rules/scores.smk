@@ -205,6 +205,59 @@ rule score_worlds:
         "../scripts/score_worlds.py"
 
 
+rule score_severity:
+    input:
+        floors=project_file("benchmarks/floors.yaml"),
+        rows=compared_rows("severity"),
+    output:
+        measured="results/scores/measured/severity.json",
+        scores="results/scores/severity.json",
+    log:
+        "results/logs/score_severity.log",
+    benchmark:
+        "results/benchmarks/score_severity/all.jsonl"
+    conda:
+        "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
+    params:
+        code=script_digest("score_severity"),
+        behind=provenance("severity", config),
+        preset=config["preset"],
+    message:
+        "Compare the policies of the tables on worse days with the floors"
+    script:
+        "../scripts/score_severity.py"
+
+
+rule score_worth:
+    input:
+        floors=project_file("benchmarks/floors.yaml"),
+        worth=compared_rows("worth"),
+        graded=compared_rows("graded"),
+    output:
+        measured="results/scores/measured/worth.json",
+        scores="results/scores/worth.json",
+    log:
+        "results/logs/score_worth.log",
+    benchmark:
+        "results/benchmarks/score_worth/all.jsonl"
+    conda:
+        "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
+    params:
+        code=script_digest("score_worth"),
+        behind=provenance("worth", config),
+        preset=config["preset"],
+    message:
+        "Compare what splats are worth with the floors"
+    script:
+        "../scripts/score_worth.py"
+
+
 rule score_study:
     input:
         floors=project_file("benchmarks/floors.yaml"),

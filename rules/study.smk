@@ -77,6 +77,32 @@ rule collect_severity:
         "../scripts/collect_severity.py"
 
 
+rule collect_severity_cells:
+    input:
+        trials=SEVERITY.trials("severity", "csv"),
+        trial_records=SEVERITY.trials("severity", "json"),
+        policies=SEVERITY.trainings("severity"),
+    output:
+        rows="results/rows/severity.csv",
+        page="results/severity.md",
+    log:
+        "results/logs/collect_severity_cells.log",
+    benchmark:
+        "results/benchmarks/collect_severity_cells/all.jsonl"
+    conda:
+        "../envs/report.yaml"
+    resources:
+        mem_mb=1000,
+        runtime="10m",
+    params:
+        code=script_digest("collect_severity_cells"),
+        severities=SEVERITY.levels,
+    message:
+        "Compare the policies of the tables at different severities"
+    script:
+        "../scripts/collect_severity_cells.py"
+
+
 rule collect_worth:
     input:
         trials=lambda wildcards: SEVERITY.trials(wildcards.who, "csv"),

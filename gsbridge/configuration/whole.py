@@ -38,7 +38,7 @@ from gsbridge.configuration.scenes import Scene, SharedCamera, WorkspaceSettings
 from gsbridge.configuration.sfm import SfmSettings
 from gsbridge.configuration.splats import SplatSettings
 
-Area = Literal["real2sim", "shapes", "simulator", "policies", "worlds", "study", "gap", "loops"]
+Area = Literal["real2sim", "shapes", "simulator", "policies", "worlds", "severity", "worth", "study", "gap", "loops"]
 
 
 class Sections(Settings):

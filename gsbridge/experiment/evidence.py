@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from gsbridge.experiment.gap_benchmark import BenchmarkPlan
 from gsbridge.experiment.loops import JointLoop, PictureLoop
 from gsbridge.experiment.plan import Experiment
+from gsbridge.experiment.severity_study import SeverityStudy
 from gsbridge.experiment.tables import Tables
 
 Kinds = Mapping[str, list[str]]
@@ -32,6 +33,8 @@ class EvidencePlan:
             "simulator": self._simulator,
             "policies": self._policies,
             "worlds": lambda: {"trials": Tables(self.plan).table_trials("worlds", "csv")},
+            "severity": lambda: self._compared("severity"),
+            "worth": lambda: self._compared("worth", "graded"),
             "study": self._study,
             "gap": self._gap,
             "loops": lambda: {"trials": sorted({*JointLoop(self.plan).tables, *PictureLoop(self.plan).tables})},
@@ -73,6 +76,13 @@ class EvidencePlan:
             return {}
         trials = [path for table in tables.successes for path in tables.table_trials(table, "csv")]
         return {"trials": sorted(set(trials)), "training": ["results/rows/training.csv"]}
+
+    def _compared(self, *names: str) -> Kinds:
+        """Trials at different severities, and the rows that say how severe each world is."""
+        study = SeverityStudy(self.plan)
+        found = [who for who in names if study.compares(who)]
+        trials = {who if len(names) > 1 else "trials": study.trials(who, "csv") for who in found}
+        return {**trials, "rows": [f"results/rows/{who}.csv" for who in found]}
 
     def _study(self) -> Kinds:
         tables = Tables(self.plan)

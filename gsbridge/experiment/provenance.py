@@ -32,6 +32,8 @@ _WORKSPACE = (
     "fit_robot_splats",
 )
 _POLICIES = ("train_policy", "try_policy_in_sim")
+_WORSE_DAYS = ("film_board_of_world", "register_world", "try_policy_in_mirror")
+"""Trials in worlds of some severity, in which the work place is registered anew."""
 
 RULES: Mapping[str, tuple[str, ...]] = {
     "real2sim": (
@@ -85,6 +87,16 @@ RULES: Mapping[str, tuple[str, ...]] = {
         "collect_success",
         "score_worlds",
     ),
+    "severity": (
+        *_SCENES,
+        *_OBJECTS,
+        *_WORKSPACE,
+        *_POLICIES,
+        *_WORSE_DAYS,
+        "collect_severity_cells",
+        "score_severity",
+    ),
+    "worth": (*_SCENES, *_OBJECTS, *_WORKSPACE, *_POLICIES, *_WORSE_DAYS, "collect_worth", "score_worth"),
     "study": (*_SCENES, *_OBJECTS, *_WORKSPACE, *_POLICIES, "collect_study", "score_study"),
     "gap": (
         *_SCENES,

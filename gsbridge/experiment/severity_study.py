@@ -8,15 +8,19 @@ from typing import Any
 
 from gsbridge.experiment.plan import Experiment
 from gsbridge.experiment.policies import PolicyFiles, policy_files
+from gsbridge.experiment.tables import Tables
 
-CONTROLLER, GRADED = "controller", "graded"
+CONTROLLER, CELLS, WORTH, GRADED = "controller", "severity", "worth", "graded"
 SIM = "sim"
+
+JUDGED = (2, 3)
+"""Severities that the policies of the tables are judged at: an ordinary lab, and worse."""
 
 
 @dataclass(frozen=True)
 class SeverityStudy:
-    """Trials by severity: of the baseline controller, of policies that learned from splats and from meshes (`worth`), and of
-    policies from poor to good (`graded`).
+    """Trials by severity: of the baseline controller, of the policies of the tables (`severity`), of policies that learned from
+    splats and from meshes (`worth`), and of policies from poor to good (`graded`).
 
     Args:
         plan: Scenes, cells and settings.
@@ -39,6 +43,11 @@ class SeverityStudy:
         return {world["world"]: (world["look"], world["physics"]) for world in self.worlds}
 
     @property
+    def judged(self) -> list[str]:
+        """Worlds in which the policies of the tables are tried: those of a severity in `JUDGED`, look and physics alike."""
+        return [name for name, severity in self.levels.items() if severity in {(level, level) for level in JUDGED}]
+
+    @property
     def controller(self) -> list[dict[str, Any]]:
         """One entry per record of the controller's trials, in the first cell: `file`, who acted, and in which world."""
         first = self._settings["cells"][0]
@@ -50,7 +59,9 @@ class SeverityStudy:
         ]
 
     def policies(self, who: str) -> list[PolicyFiles]:
-        """Policies of `worth`, cell by cell, or the `graded` ones of the first cell."""
+        """Policies of the tables (`severity`), those of `worth`, cell by cell, or the `graded` ones of the first cell."""
+        if who == CELLS:
+            return Tables(self.plan).policies
         study = self._settings
         if who == GRADED:
             return [PolicyFiles.of(study["cells"][0], variant) for variant in study["graded"]]
@@ -63,20 +74,32 @@ class SeverityStudy:
 
     def seeds(self, who: str) -> list[int]:
         """Seeds of the trainings of each policy; graded policies differ enough by themselves."""
+        if who == CELLS:
+            return Tables(self.plan).seeds
         first: int = self.plan.config["seed"]
         return list(range(first, first + (1 if who == GRADED else self._settings["seeds"])))
 
+    def worlds_of(self, who: str) -> list[str]:
+        """Names of the worlds that policies are tried in; simulation among them, but for `worth`."""
+        if who == CELLS:
+            return [SIM, *self.judged]
+        return [SIM] * (who == GRADED) + list(self._settings["worlds"])
+
+    def compares(self, who: str) -> bool:
+        """Whether there is a policy to try, and a world of some severity to try it in."""
+        return bool(self.policies(who)) and self.worlds_of(who) not in ([], [SIM])
+
     def trials(self, who: str, ending: str) -> list[str]:
-        """Paths of the files about trials, of graded policies in simulation, too.
+        """Paths of the files about trials, of all but `worth` in simulation, too.
 
         Args:
-            who: `worth` or `graded`.
+            who: `severity`, `worth` or `graded`.
             ending: Ending of the files' names, such as `csv`.
         """
-        worlds = [SIM] * (who == GRADED) + list(self._settings["worlds"])
-        return [
-            policy.trials(world, seed, ending) for policy in self.policies(who) for seed in self.seeds(who) for world in worlds
-        ]
+        worlds, policies = self.worlds_of(who), self.policies(who)
+        if who == CELLS:
+            return Tables(self.plan).trials(policies, worlds, ending)
+        return [policy.trials(world, seed, ending) for policy in policies for seed in self.seeds(who) for world in worlds]
 
     def trainings(self, who: str) -> list[str]:
         """Records of the trainings."""

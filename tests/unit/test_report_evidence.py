@@ -6,20 +6,25 @@ import json
 import re
 import subprocess
 import sys
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from policy_files import trial_rows, write_trials
 
 from gsbridge.errors import InputError
 from gsbridge.files import write_json
 from gsbridge.report.scores import evidence
 from gsbridge.report.scores.evidence import flattened, write_evidence, write_packed, write_timings
 from gsbridge.report.scores.measured_policies import success_figures
+from gsbridge.report.scores.measured_severity import graded_figures, severity_figures, worth_figures
 from gsbridge.report.scores.readme_block import BEGIN, END, HEADLINES, readme_block, with_block
-from gsbridge.report.tables.paper import PAPER_GRASPS
+from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SUCCESS
+from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.report.tables.rows import read_rows, write_rows
+from gsbridge.report.tables.severity_rows import write_severity_rows
 from gsbridge.report.tables.success_rows import COLUMNS, TRIAL_COLUMNS, read_trial_files, success_rows
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -113,6 +118,70 @@ def test_success_and_drops_are_told_again_from_the_trials(tmp_path, monkeypatch)
     assert set(found) == set(wanted)
     for name, figure in wanted.items():
         assert found[name] == pytest.approx(figure["value"], abs=1e-2), name
+
+
+def trials_of(folder, cell, world, seed, rng):
+    """Made-up trials of a policy, some with excess contact, as a file below `results`."""
+    sets = {"fixed": 32, "unseen": 32} | ({"outside": 16} if cell.task == "grasp" else {})
+    rows = [
+        one
+        for name, count in sets.items()
+        for one in trial_rows({name: int(rng.integers(count - 1))}, count=count, forgiven=2, failure="time_out")
+    ]
+    return str(write_trials(folder, cell, world, rows, seed=seed).relative_to(folder))
+
+
+LABS = {"lab_1": (1, 1), "lab_2": (2, 2), "lab_3": (3, 3), "dim": (3, 1)}
+
+
+def kept(folder, area, kinds):
+    """Keep the trials of each kind as evidence of an area, with the rows that are made of them; returns these by kind."""
+    made = {who: f"results/rows/{who}.csv" for who in kinds}
+    (folder / "results/rows").mkdir(parents=True)
+    for who, paths in kinds.items():
+        write_severity_rows(made[who], paths, LABS)
+    trials = {"trials" if who == "severity" else who: paths for who, paths in kinds.items()}
+    write_evidence({**trials, "rows": list(made.values())}, folder / f"evidence/{area}")
+    return {who: read_rows(path) for who, path in made.items()}
+
+
+def test_success_at_severity_is_told_again_from_the_trials(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(1)
+    paths = [trials_of(tmp_path, cell, world, 1, rng) for cell in PAPER_SUCCESS for world in ("sim", "lab_2", "lab_3", "dim")]
+    wanted = severity_figures(kept(tmp_path, "severity", {"severity": paths})["severity"])
+    found = recompute(tmp_path, monkeypatch).severity()
+    assert {"severity_grasp_2", "severity_place_3", "severity_mesh_2", "severity_grasp_outside_3"} <= set(found)
+    assert found == pytest.approx({name: figure["value"] for name, figure in wanted.items()})
+
+
+def test_what_splats_are_worth_is_told_again_from_the_trials(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(2)
+    places = (("grasp", "small_cube", "foam_pad"), ("grasp", "bear", "tablecloth"), ("pick_and_place", "cake", "plate"))
+    drawn = product(places, ("gs", "gs_soft", "mesh_vertex_shaded", "mesh_shaded"), ("no_jitter", "default"))
+    cells = [CellPaths(*place, renderer, variant) for place, renderer, variant in drawn]
+    grades = [CellPaths(*places[0], variant=f"steps_{grade}") for grade in range(12)]
+    kinds = {
+        "worth": [trials_of(tmp_path, *one, rng) for one in product(cells, ("lab_1", "lab_2", "lab_3"), (1, 2))],
+        "graded": [trials_of(tmp_path, *one, rng) for one in product(grades, ("sim", "lab_2", "lab_3"), (1,))],
+    }
+    rows = kept(tmp_path, "worth", kinds)
+    wanted = {**worth_figures(rows["worth"]), **graded_figures(rows["graded"])}
+    found = recompute(tmp_path, monkeypatch).worth()
+    assert {"worth_lead_one_colour_no_jitter_2", "worth_lead_best_mesh_jitter_3"} <= set(found)
+    assert {"graded_r_2", "graded_mmrv_2", "graded_spread"} <= set(found)
+    assert found == pytest.approx({name: figure["value"] for name, figure in wanted.items()})
+
+
+def test_a_smaller_study_is_told_again_too(tmp_path, monkeypatch):
+    """Without graded policies, and without a mesh."""
+    monkeypatch.chdir(tmp_path)
+    cell = CellPaths("grasp", "bear", "foam_pad")
+    kept(tmp_path, "worth", {"worth": [trials_of(tmp_path, cell, "lab_2", 1, np.random.default_rng(3))]})
+    program = recompute(tmp_path, monkeypatch)
+    assert set(program.worth()) == {"worth_splats_jitter_2", "worth_splats_jitter_outside_2"}
+    assert program.severity() == {}
 
 
 def test_names_and_alarms_are_told_again_from_the_cases(tmp_path, monkeypatch):

@@ -42,6 +42,25 @@ def test_every_one_is_tried_in_every_world():
     assert [path.split("/")[6] for path in found.trials("graded", "csv")] == ["sim", "fair", "dim"]
 
 
+def test_the_policies_of_the_tables_are_tried_on_worse_days_whatever_they_are_called():
+    worlds = {"fair": 0, "shed": 2, "yard": {"look": 3, "physics": 3}, "dim": {"look": 2, "physics": 3}, "storm": 4}
+    found = study({name: {"severity": severity} for name, severity in worlds.items()})
+    assert found.judged == ["shed", "yard"]
+    cells = found.plan.config["cells"]
+    trials = found.trials("severity", "csv")
+    # Each once in simulation and on both days.
+    assert len(trials) == len(set(trials)) == 3 * len(cells)
+    assert trials[:3] == [
+        f"results/trials/grasp/small_cube+foam_pad/gs/default/{world}/seed1.csv" for world in ("sim", "shed", "yard")
+    ]
+    assert "results/trials/grasp/bear+foam_pad/mesh/default/yard/seed1.csv" in trials
+    assert "results/trials/pick_and_place/cake+plate/gs/default/shed/seed1.csv" in trials
+    assert len(found.trainings("severity")) == len(cells)
+    assert [found.compares(who) for who in ("severity", "worth", "graded")] == [True] * 3
+    assert [study({"fair": {"severity": 0}}).compares(who) for who in ("severity", "worth", "graded")] == [False, True, True]
+    assert not any(study({}).compares(who) for who in ("severity", "worth", "graded"))
+
+
 def test_rows_and_table_say_what_the_trials_say(tmp_path):
     trials = [
         {"success_tolerant": k < 5, "failure": "" if k < 5 else "dropped" if k < 7 else "time_out", "steps": 30 + k}

@@ -10,15 +10,10 @@ from gsbridge.errors import InputError
 from gsbridge.files import write_json
 from gsbridge.report.figures.worth import write_graded_figure, write_worth_figure
 from gsbridge.report.tables.rows import read_rows, write_rows
+from gsbridge.report.tables.severity_rows import COLUMNS, tallies_of, write_severity_rows
 from gsbridge.report.tables.statistics import lead_interval, mean_interval, mean_rate
 from gsbridge.report.tables.success_rows import TRIAL_COLUMNS
-from gsbridge.report.tables.worth import (
-    COLUMNS,
-    tallies_of,
-    write_graded_page,
-    write_severity_rows,
-    write_worth_page,
-)
+from gsbridge.report.tables.worth import write_graded_page, write_worth_page
 
 ROOT = Path(__file__).resolve().parents[2]
 PLACE = {"task": "grasp", "object": "small_cube", "background": "foam_pad"}
@@ -98,6 +93,36 @@ def test_the_page_says_whether_the_papers_claim_holds(tmp_path, mesh, words):
     assert "outside the training square" in page
     write_worth_figure(path, tmp_path / "figure.png")
     assert (tmp_path / "figure.png").stat().st_size > 5000
+
+
+@pytest.mark.parametrize(
+    ("splats", "mesh", "words"),
+    [
+        (30, 10, "lead of +62 points (95 % interval: "),
+        (31, 24, "it is too kind (30 points are asked for)"),
+        (12, 8, "the splats are too poor for it (30 points are asked for)"),
+    ],
+)
+def test_the_page_says_whether_the_mirror_tells_splats_from_a_mesh_and_if_not_what_is_to_blame(tmp_path, splats, mesh, words):
+    rows = [row(name, k, good, "lab_2", 2) for k in (1, 2, 3) for name, good in (("gs", splats), ("mesh_shaded", mesh))]
+    write_worth_page(rows_file(tmp_path, rows), tmp_path / "page.md")
+    page = (tmp_path / "page.md").read_text()
+    assert words in page
+    assert ("**tells** them apart" in page) == (splats - mesh >= 0.3 * 32)
+    assert "Nothing was tried at severity 3" in page
+    assert "severity 1:" not in page
+    assert "Rests on 1 cell, 3 trainings of each policy, and 32 starts of each training" in page
+
+
+def test_a_smaller_study_is_a_page_too(tmp_path):
+    """One training of splats alone in one world: no lead, and it says on how little it rests."""
+    path = rows_file(tmp_path, [row("gs", 1, 30)])
+    write_worth_page(path, tmp_path / "page.md")
+    page = (tmp_path / "page.md").read_text()
+    assert "1 training of each policy" in page
+    assert "say nothing of other trainings" in page
+    assert "the paper's claim is not judged here" in page
+    write_worth_figure(path, tmp_path / "figure.png")
 
 
 def test_graded_policies_tell_how_well_simulation_foretells(tmp_path):

@@ -14,22 +14,21 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gsbridge.configuration.renderers import TITLES
-from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.report.figures.learning_curves import COLOURS
 from gsbridge.report.figures.legend import legend_above
-from gsbridge.report.tables.rows import read_rows
-from gsbridge.report.tables.statistics import mean_interval, mean_rate
-from gsbridge.report.tables.success_rows import STRICT_WORLD
-from gsbridge.report.tables.worth import (
-    COLUMNS,
+from gsbridge.report.tables.severity_rows import (
     INSIDE,
     OUTSIDE,
     Tallies,
+    graded_pairs,
     graded_rates,
+    read_severity_rows,
+    severity_label,
     tallies_of,
     worlds_of,
 )
+from gsbridge.report.tables.statistics import mean_interval, mean_rate
 
 _SETS = {"start poses inside the training square": INSIDE, "outside": OUTSIDE}
 _WAYS = {"default": "varied colours", "no_jitter": "colours as they are"}
@@ -46,9 +45,7 @@ def write_worth_figure(rows_csv: str | Path, out: str | Path) -> None:
     Raises:
         InputError: The rows are damaged, or there are none.
     """
-    rows = read_rows(rows_csv, COLUMNS)
-    if not rows:
-        raise InputError(rows_csv, "it holds no trials", "Delete the file and run the rule again")
+    rows = read_severity_rows(rows_csv)
     worlds = worlds_of(rows)
     sets = {title: found for title, names in _SETS.items() if (found := tallies_of(rows, names))}
     variants = list(dict.fromkeys(row["variant"] for row in rows))
@@ -83,15 +80,10 @@ def _draw(axis: Axes, tallies: Tallies, worlds: Mapping[str, tuple[str, str]], v
         axis.errorbar(
             places, rates, yerr=(below, above), fmt="o-", color=COLOURS[name], markersize=4, linewidth=1.4, label=TITLES[name]
         )
-    axis.set_xticks(range(len(worlds)), [_severity(severity) for severity in worlds.values()])
+    axis.set_xticks(range(len(worlds)), [severity_label(severity) for severity in worlds.values()])
     axis.set_ylim(-3, 103)
     axis.set_xlabel("severity")
     _plain(axis)
-
-
-def _severity(severity: tuple[str, str]) -> str:
-    look, physics = severity
-    return look if look == physics else f"{look}/{physics}"
 
 
 def write_graded_figure(rows_csv: str | Path, out: str | Path) -> None:
@@ -104,25 +96,22 @@ def write_graded_figure(rows_csv: str | Path, out: str | Path) -> None:
     Raises:
         InputError: The rows are damaged, or there are none.
     """
-    rows = read_rows(rows_csv, COLUMNS)
-    if not rows:
-        raise InputError(rows_csv, "it holds no trials", "Delete the file and run the rule again")
+    rows = read_severity_rows(rows_csv)
     rates, worlds = graded_rates(rows), worlds_of(rows)
     figure, axes = plt.subplots(
         1, len(worlds), figsize=(0.8 + 2.4 * len(worlds), 3.0), squeeze=False, sharey=True, layout="constrained"
     )
     for axis, (world, severity) in zip(axes[0], worlds.items(), strict=True):
-        pairs = [(found[STRICT_WORLD], found[world]) for found in rates.values() if STRICT_WORLD in found and world in found]
-        _draw_pairs(axis, pairs)
-        axis.set_title(f"severity {_severity(severity)}", fontsize=10)
+        _draw_pairs(axis, *graded_pairs(rates, world))
+        axis.set_title(f"severity {severity_label(severity)}", fontsize=10)
         axis.set_xlabel("success in simulation / %")
     axes[0, 0].set_ylabel("success there / %")
     _save(figure, out)
 
 
-def _draw_pairs(axis: Axes, pairs: Sequence[tuple[float, float]]) -> None:
+def _draw_pairs(axis: Axes, sim: Sequence[float], real: Sequence[float]) -> None:
     axis.plot((0, 100), (0, 100), color="#b8c0c8", linewidth=1.0)
-    axis.plot([100 * sim for sim, _ in pairs], [100 * real for _, real in pairs], "o", color=COLOURS["gs"], markersize=5)
+    axis.plot([100 * rate for rate in sim], [100 * rate for rate in real], "o", color=COLOURS["gs"], markersize=5)
     axis.set_xlim(-3, 103)
     axis.set_ylim(-3, 103)
     _plain(axis)

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from gsbridge.report.figures.worth import write_graded_figure, write_worth_figure
-from gsbridge.report.tables.worth import write_graded_page, write_severity_rows, write_worth_page
+from gsbridge.report.tables.severity_rows import write_severity_rows
+from gsbridge.report.tables.worth import write_graded_page, write_worth_page
 
 _WRITERS = {"worth": (write_worth_page, write_worth_figure), "graded": (write_graded_page, write_graded_figure)}
 

@@ -11,7 +11,7 @@ from gsbridge.experiment.provenance import matters
 from gsbridge.experiment.seals import read_seals
 from gsbridge.files import atomic_file, read_json
 
-AREAS = ("real2sim", "shapes", "simulator", "policies", "worlds", "study", "gap", "loops")
+AREAS = ("real2sim", "shapes", "simulator", "policies", "worlds", "severity", "worth", "study", "gap", "loops")
 """Areas of the figures, in the page's order."""
 
 NAMED = 6

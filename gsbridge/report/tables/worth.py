@@ -1,115 +1,45 @@
-"""What splats are worth: success of policies that learned from splats and from meshes, against severity; and how well
-simulation foretells which of several policies is the better one.
-
-Columns of the rows of both, one for each training, world and set of start poses:
-
-| column | content |
-|---|---|
-| `task`, `object`, `background` | what the policy does, and where |
-| `renderer`, `variant`, `training` | what it saw as it learned, its way of learning, its seed |
-| `world`, `look`, `physics` | where it was tried, and how severe that world is; empty for simulation |
-| `pose_set` | `fixed`, `unseen` or `outside` |
-| `trials`, `successes` | counts; excess contact is forgiven, as in every world but the simulated one |
-| `status`, `reasons` | `degraded` where a scene, the policy or its trials are |
-"""
+"""Pages on what splats are worth: success of policies that learned from splats and from meshes, against severity; and on how
+well simulation foretells which of several policies is the better one. Their rows are those of `severity_rows`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 from gsbridge.configuration.renderers import TITLES
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.report.tables.formats import Table, markdown
-from gsbridge.report.tables.result_paths import CellPaths
-from gsbridge.report.tables.rows import Row, read_rows, write_rows
-from gsbridge.report.tables.statistics import (
-    lead_interval,
-    mean_interval,
-    mean_maximum_rank_violation,
-    mean_rate,
-    pearson,
+from gsbridge.report.tables.severity_rows import (
+    OUTSIDE,
+    Group,
+    Lead,
+    Tallies,
+    Worlds,
+    by_severity,
+    doubts,
+    graded_pairs,
+    graded_rates,
+    lead_over_best_mesh,
+    read_severity_rows,
+    resting,
+    tallies_of,
+    worlds_of,
 )
-from gsbridge.report.tables.success_rows import CELL_COLUMNS, STRICT_WORLD, cell_in, read_trial_files
-from gsbridge.statistics import Tally
-from gsbridge.tasks.poses import POSE_SETS
-
-COLUMNS = (*CELL_COLUMNS, *("training", "world", "look", "physics", "pose_set", "trials", "successes", "status", "reasons"))
-
-INSIDE, OUTSIDE = ("fixed", "unseen"), ("outside",)
-"""Sets of start poses inside the training square, which count together, and beyond it."""
+from gsbridge.report.tables.statistics import mean_interval, mean_maximum_rank_violation, mean_rate, pearson
+from gsbridge.report.tables.success_rows import STRICT_WORLD
 
 CLAIM = 0.10
 """Lead of splats over the best mesh at equal variation of colours, severity 3, that the paper's claim needs: a share."""
 
-Group = tuple[str, str, str]
-"""Renderer, variant and world."""
+ONE_COLOUR = "mesh_shaded"
+"""Renderer of the mesh in one colour, in the same shadows as splats."""
 
-Worlds = Mapping[str, tuple[str, str]]
-"""Severity of look and of physics by the name of a world."""
+TELLING = 0.30
+"""Lead of splats over that mesh, both without varied colours, from which a mirror tells the one from the other: a share."""
 
-Tallies = dict[Group, dict[tuple[str, str, str], list[Tally]]]
-"""Successes and trials of each training, by group and by task, object and background."""
-
-
-def write_severity_rows(
-    out_csv: str | Path,
-    trials: Sequence[str | Path],
-    severities: Mapping[str, tuple[int, int]],
-    *,
-    policies: Sequence[str | Path] = (),
-) -> None:
-    """Write `rows/worth.csv` or `rows/graded.csv`.
-
-    Args:
-        out_csv: File to write.
-        trials: Tables of trials, each beside its record.
-        severities: Severity of look and of physics by the name of a world.
-        policies: Records of the trainings.
-
-    Raises:
-        InputError: A file is missing or damaged, or no world is named.
-    """
-    if not severities:
-        raise InputError("config: study.severity.worlds", "no world is named", "Name worlds of different severity")
-    rows = []
-    for file in read_trial_files(trials, policies=policies):
-        look, physics = severities.get(file.world, ("", ""))
-        for pose_set in POSE_SETS:
-            found = file.trials.of(pose_set)
-            if len(found):
-                rows.append(
-                    {
-                        **{name: getattr(file.cell, name) for name in CELL_COLUMNS},
-                        **{"training": file.seed, "world": file.world, "look": look, "physics": physics},
-                        **{"pose_set": pose_set, "trials": len(found), "successes": int(found.judged(file.world).sum())},
-                        "status": "degraded" if file.reasons else "pass",
-                        "reasons": "; ".join(file.reasons),
-                    }
-                )
-    write_rows(out_csv, COLUMNS, rows)
-
-
-def tallies_of(rows: Sequence[Row], pose_sets: Sequence[str] = INSIDE) -> Tallies:
-    """Successes and trials of each training in some sets of start poses.
-
-    Args:
-        rows: Rows of `write_severity_rows`.
-        pose_sets: Names of the sets, whose trials count together.
-    """
-    counts: dict[tuple[Group, tuple[str, str, str], str], list[int]] = {}
-    for row in rows:
-        if row["pose_set"] in pose_sets:
-            group = row["renderer"], row["variant"], row["world"]
-            place = row["task"], row["object"], row["background"]
-            count = counts.setdefault((group, place, row["training"]), [0, 0])
-            count[0] += int(row["successes"])
-            count[1] += int(row["trials"])
-    out: Tallies = {}
-    for (group, place, _), (good, tried) in counts.items():
-        out.setdefault(group, {}).setdefault(place, []).append((good, tried))
-    return out
+WAYS = {"default": "With varied colours", "no_jitter": "Without varied colours"}
+"""What pages call the variants."""
 
 
 def write_worth_page(rows_csv: str | Path, page: str | Path) -> None:
@@ -122,8 +52,8 @@ def write_worth_page(rows_csv: str | Path, page: str | Path) -> None:
     Raises:
         InputError: The rows are damaged, or there are none.
     """
-    rows = _read(rows_csv)
-    worlds, inside = worlds_of(rows), tallies_of(rows)
+    rows = read_severity_rows(rows_csv)
+    worlds, inside, graded = worlds_of(rows), tallies_of(rows), tallies_of(by_severity(rows))
     found = [_success_table(inside, worlds, "Start poses inside the training square"), _lead_table(inside, worlds)]
     if outside := tallies_of(rows, OUTSIDE):
         found.append(_success_table(outside, worlds, "Start poses outside the training square"))
@@ -133,11 +63,14 @@ def write_worth_page(rows_csv: str | Path, page: str | Path) -> None:
         "",
         _QUESTION,
         "",
-        verdict(inside, worlds),
+        verdict(graded),
+        "",
+        *(line for level in ("1", "2") for said in discrimination(graded, level) for line in (said, "")),
+        resting(rows),
         "",
         *map(markdown, found),
         _ABOUT,
-        *_doubts(rows),
+        *doubts(rows),
     ]
     with atomic_file(page) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -165,30 +98,51 @@ _ABOUT = (
 )
 
 
-def verdict(tallies: Tallies, worlds: Worlds) -> str:
-    """Whether splats lead the best mesh by more than the paper's claim needs at severity 3, in a sentence or two."""
-    tried = [world for world, severity in worlds.items() if severity == ("3", "3")]
+def verdict(tallies: Tallies) -> str:
+    """Whether splats lead the best mesh by more than the paper's claim needs at severity 3, in a sentence or two.
+
+    Args:
+        tallies: Successes and trials by renderer, variant and severity.
+    """
     said = []
     for variant in _named(tallies, 1):
-        splats = [tallies[key] for world in tried if (key := ("gs", variant, world)) in tallies]
-        if not splats:
-            continue
-        meshes = [(name, tallies[name, variant, tried[0]]) for name in TITLES if (name, variant, tried[0]) in tallies]
-        meshes = [(name, cells) for name, cells in meshes if not name.startswith("gs") and set(cells) == set(splats[0])]
-        if not meshes:
-            continue
-        name, best = max(meshes, key=lambda item: mean_rate(item[1].values()))
-        lead, (low, high) = (
-            mean_rate(splats[0].values()) - mean_rate(best.values()),
-            lead_interval(list(splats[0].values()), [best[place] for place in splats[0]]),
-        )
-        holds = "holds" if low > CLAIM else "does not hold" if high < CLAIM else "is not decided"
-        said.append(
-            f"{_way(variant)}, severity 3: splats lead the best mesh ({TITLES[name]}) by {points(lead)}"
-            f" (95 % interval: {points(low).removesuffix(' points')} to {points(high)})."
-            f" The paper's claim, more than {100 * CLAIM:.0f} points, **{holds}**."
-        )
+        if found := lead_over_best_mesh(tallies, variant, "3"):
+            name, lead = found
+            low, high = lead.interval
+            holds = "holds" if low > CLAIM else "does not hold" if high < CLAIM else "is not decided"
+            said.append(
+                f"{_way(variant)}, severity 3: splats lead the best mesh ({TITLES[name]}) by {_with_limits(lead)}."
+                f" The paper's claim, more than {100 * CLAIM:.0f} points, **{holds}**."
+            )
     return "\n\n".join(said) or "Nothing was tried at severity 3, so the paper's claim is not judged here."
+
+
+def discrimination(tallies: Tallies, level: str) -> list[str]:
+    """Whether a mirror tells splats from a mesh in one colour, both without varied colours, and if not, which is to blame.
+
+    Args:
+        tallies: Successes and trials by renderer, variant and severity.
+        level: Severity.
+
+    Returns:
+        A sentence or two; none where nothing was tried.
+    """
+    ours, theirs = (tallies.get((name, "no_jitter", level), {}) for name in ("gs", ONE_COLOUR))
+    lead = Lead.over_common_cells(ours, theirs)
+    if lead is None:
+        return []
+    splats, mesh = mean_rate(lead.ours.values()), mean_rate(lead.theirs.values())
+    if lead.value >= TELLING:
+        judged = "The mirror **tells** them apart"
+    else:
+        both = "succeed more often than they fail, so it is too kind"
+        if splats + mesh <= 1.0:
+            both = "fail more often than they succeed, so the splats are too poor for it"
+        judged = f"The mirror **does not tell** them apart: taken together both {both}"
+    return [
+        f"{_way('no_jitter')}, severity {level}: splats {100 * splats:.0f} %, the mesh in one colour {100 * mesh:.0f} %: a "
+        f"lead of {_with_limits(lead)}. {judged} ({100 * TELLING:.0f} points are asked for)."
+    ]
 
 
 def points(share: float) -> str:
@@ -196,14 +150,13 @@ def points(share: float) -> str:
     return f"{100 * share:+.0f} points".replace("-", "−")
 
 
+def _with_limits(lead: Lead) -> str:
+    low, high = lead.interval
+    return f"{points(lead.value)} (95 % interval: {points(low).removesuffix(' points')} to {points(high)})"
+
+
 def _way(variant: str) -> str:
-    return {"default": "With varied colours", "no_jitter": "Without varied colours"}.get(variant, variant)
-
-
-def worlds_of(rows: Sequence[Row]) -> dict[str, tuple[str, str]]:
-    """Severity of look and of physics of the worlds of the rows, kindest first; simulation is left aside."""
-    found = {row["world"]: (row["look"], row["physics"]) for row in rows if row["world"] != STRICT_WORLD}
-    return dict(sorted(found.items(), key=lambda item: (item[1], item[0])))
+    return WAYS.get(variant, variant)
 
 
 def _head(world: str, severity: tuple[str, str]) -> str:
@@ -243,10 +196,9 @@ def _lead_table(tallies: Tallies, worlds: Worlds) -> Table:
         ours = tallies.get((first, *group[1:]), {})
         if group not in tallies or set(ours) != set(tallies[group]):
             return ""
-        theirs = tallies[group]
-        low, high = lead_interval(list(ours.values()), [theirs[place] for place in ours])
-        lead = points(mean_rate(ours.values()) - mean_rate(theirs.values()))
-        return f"{lead} ({100 * low:.0f} to {100 * high:.0f})".replace("-", "−")
+        lead = Lead(ours, {place: tallies[group][place] for place in ours})
+        low, high = lead.interval
+        return f"{points(lead.value)} ({100 * low:.0f} to {100 * high:.0f})".replace("-", "−")
 
     others = {group: cells for group, cells in tallies.items() if group[0] != first}
     columns = ("instead of", "colours", *(_head(*item) for item in worlds.items()))
@@ -262,23 +214,6 @@ def _cell_tables(tallies: Tallies, worlds: Worlds) -> list[Table]:
     return [_success_table(one, worlds, title) for one, title in zip(own, titles, strict=True)]
 
 
-def _read(rows_csv: str | Path) -> list[Row]:
-    rows = read_rows(rows_csv, COLUMNS)
-    if not rows:
-        raise InputError(rows_csv, "it holds no trials", "Delete the file and run the rule again")
-    return rows
-
-
-def _doubts(rows: Sequence[Row]) -> list[str]:
-    """What degraded policies or trials are degraded for, each with how many trainings it concerns."""
-    reasons: dict[str, set[tuple[CellPaths, str]]] = {}
-    for row in rows:
-        for reason in filter(None, row["reasons"].split("; ")):
-            reasons.setdefault(reason, set()).add((cell_in(row), row["training"]))
-    listed = [f"- {reason} ({len(found)} policies)" for reason, found in sorted(reasons.items())]
-    return ["", "Degraded:", "", *listed] if listed else []
-
-
 def write_graded_page(rows_csv: str | Path, page: str | Path) -> None:
     """Write how well simulation foretells each world: Pearson's r and MMRV over policies from poor to good.
 
@@ -289,20 +224,19 @@ def write_graded_page(rows_csv: str | Path, page: str | Path) -> None:
     Raises:
         InputError: The rows are damaged, or no policy was tried in simulation.
     """
-    rows = _read(rows_csv)
+    rows = read_severity_rows(rows_csv)
     rates = graded_rates(rows)
     worlds = worlds_of(rows)
     if not any(STRICT_WORLD in found for found in rates.values()):
         raise InputError(rows_csv, "no policy was tried in simulation", "Delete the file and run the rule again")
     body = []
     for world, severity in worlds.items():
-        pairs = [(found[STRICT_WORLD], found[world]) for found in rates.values() if STRICT_WORLD in found and world in found]
-        sim, real = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+        sim, real = graded_pairs(rates, world)
         r, violation = pearson(sim, real), mean_maximum_rank_violation(sim, real)
-        shares = tuple(f"{100 * min(side):.0f} to {100 * max(side):.0f} %" for side in (sim, real))
+        shares = tuple(f"{100 * min(side):.0f} to {100 * max(side):.0f} %" if side else "–" for side in (sim, real))
         body.append(
             (
-                *(_head(world, severity), str(len(pairs)), *shares),
+                *(_head(world, severity), str(len(sim)), *shares),
                 "–" if r is None else f"{r:.3f}",
                 "–" if violation is None else f"{violation:.3f}",
             )
@@ -318,23 +252,9 @@ def write_graded_page(rows_csv: str | Path, page: str | Path) -> None:
     lines = tuple(
         (name, *(f"{100 * found[world]:.0f} %" if world in found else "" for world in names)) for name, found in rates.items()
     )
-    parts = [markdown(foretold), markdown(Table("Success of each policy", columns, lines)), *_doubts(rows)]
+    parts = [resting(rows), "", markdown(foretold), markdown(Table("Success of each policy", columns, lines)), *doubts(rows)]
     with atomic_file(page) as temporary:
         temporary.write_text(
             "\n".join(["# Policies from poor to good: does simulation foretell the mirror?", "", *parts]) + "\n",
             encoding="utf-8",
         )
-
-
-def graded_rates(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
-    """Success by policy and world, inside the training square."""
-    out: dict[str, dict[str, float]] = {}
-    counts: dict[tuple[str, str], list[int]] = {}
-    for row in rows:
-        if row["pose_set"] in INSIDE:
-            count = counts.setdefault((f"{row['variant']}, training {row['training']}", row["world"]), [0, 0])
-            count[0] += int(row["successes"])
-            count[1] += int(row["trials"])
-    for (policy, world), (good, tried) in counts.items():
-        out.setdefault(policy, {})[world] = good / tried
-    return out
