@@ -109,3 +109,15 @@ def test_an_effect_is_named_beside_filtered_noise_and_what_is_in_no_catalogue_is
         assert abs(value - case.hidden[hidden]) < 4.0 * deviation
         assert result.verification.closure > 0.9
         assert any("remembers itself" in warning for warning in result.warnings)
+
+
+@pytest.mark.parametrize(("hidden", "seed"), [(("coulomb", "encoder_scale"), 43), (("armature", "coulomb"), 44)])
+def test_two_effects_are_named_together_beside_filtered_noise(axis, hidden, seed):
+    case = draw_case(axis[1], hidden, 20.0, seed, 41, spoil="coloured")
+    result = diagnose_joints(axis[0], case.records, axis[2] / "bank", seed=1)
+    assert result.finding.verdict == "named"
+    assert set(result.finding.best.names) == {f"{name}:axis" for name in hidden}
+    assert result.account.explained > 0.85
+    assert len(result.account.entries) == 2
+    assert result.runs <= 200
+    assert result.seconds > 0.0

@@ -105,14 +105,47 @@ def diagnose_joints(
     begin = time.perf_counter()
     mechanism = Mechanism(system)
     views = views_of(mechanism, {role: records[role] for role in ROLES}, bank_folder)
-    first, second, third = views.values()
+    first, second = views["fit"], views["select"]
     who, made = candidates(first, names, (second,)), mechanism.runs
     bank = signature_bank(first, who, bank_folder)
     made = mechanism.runs - made
     logger.info("%d candidates, %d signatures", len(who), len(bank.signatures))
     search = JointIdentification(first, second, bank, who, rules, seed)
-    search, finding = _with_its_noise(search, search.run(), bank, tuple(views.values()), seed)
-    verification = None
+    finding = search.run()
+    seen = tuple(views.values())
+    if finding.verdict == "none_of_the_known" and finding.best is not None:
+        search, finding = _with_other_noise(search, bank, seen, finding.best.fit.effects, seed) or (search, finding)
+    diagnosis = _diagnosis(search, finding, bank, views, made, seed)
+    if diagnosis.finding.verdict == "none_of_the_known" and diagnosis.account is not None and second.colour is None:
+        # Several effects leave their noise to the account alone.
+        found = _with_other_noise(search, bank, seen, diagnosis.account.effects, seed)
+        if found is not None:
+            account_runs = diagnosis.account_runs
+            diagnosis = _diagnosis(*found, bank, views, made + account_runs, seed)
+            diagnosis = replace(diagnosis, account_runs=account_runs + diagnosis.account_runs)
+    return replace(diagnosis, seconds=time.perf_counter() - begin)
+
+
+def _diagnosis(
+    search: JointIdentification,
+    finding: Finding,
+    bank: SignatureBank,
+    views: Mapping[str, JointResiduals],
+    made: int,
+    seed: int,
+) -> Diagnosis:
+    """What was found, verified and taken account of.
+
+    Args:
+        search: The search.
+        finding: What it found.
+        bank: Signatures.
+        views: Residuals on all records, by role.
+        made: Simulations that the signatures took, and an earlier account.
+        seed: Seed of replicates.
+    """
+    first, second, third = views.values()
+    mechanism, who, rules, verification = first.mechanism, search.who, search.rules, None
     other = None if finding.best is None else other_way((first, second))
     if other is not None and finding.verdict in ("named", "ambiguous") and other.rivals(finding):
         # Not a fault of the mechanism, perhaps, but of what the model says about the log.
@@ -157,19 +190,18 @@ def diagnose_joints(
         finding = _as_accounted(finding, finding.best, account)
     floor = {second.record.label(kind, k): float(s) for (kind, k), s in zip(second.channels, second.sigma, strict=True)}
     further = mechanism.runs - made - mechanism.shared - named
-    warnings = _warnings(finding, bank, any(record.sigma or record.tolerance for record in records.values()))
+    warnings = _warnings(finding, bank, any(view.record.sigma or view.record.tolerance for view in views.values()))
     if second.colour is not None:
         warnings = (*warnings, _COLOURED.format(memory=float(second.colour.memory.max()) * second.record.period * 1e3))
     if other is not None and other.tells(finding):
         warnings = (other.sentence, *warnings)
-    seconds = time.perf_counter() - begin
     return Diagnosis(
         finding,
         verification,
         floor,
         bank.runs,
         named,
-        seconds,
+        0.0,
         account=account,
         warnings=warnings,
         account_runs=further,
@@ -177,24 +209,26 @@ def diagnose_joints(
     )
 
 
-def _with_its_noise(
-    search: JointIdentification, finding: Finding, bank: SignatureBank, views: Sequence[JointResiduals], seed: int
-) -> tuple[JointIdentification, Finding]:
-    """A search whose noise is what the best explanation leaves, where that is noise of another colour and then names something.
+def _with_other_noise(
+    search: JointIdentification,
+    bank: SignatureBank,
+    views: Sequence[JointResiduals],
+    effects: Sequence[Applied],
+    seed: int,
+) -> tuple[JointIdentification, Finding] | None:
+    """A search whose noise is what some effects leave, and what it names; None if that is motion, or if nothing is named.
 
     Args:
         search: A search that took the noise for white.
-        finding: What it found.
         bank: Signatures.
         views: Residuals on all records, which keep the noise if something is named.
+        effects: The effects.
         seed: Seed of replicates.
     """
-    if finding.verdict != "none_of_the_known" or finding.best is None:
-        return search, finding
-    left = (finding.best.first, finding.best.residual, views[2].residual(finding.best.fit.effects))
+    left = [view.residual(effects) for view in views]
     found = other_noise(views, left, np.random.default_rng(seed), search.rules.deviations)
     if found is None:
-        return search, finding
+        return None
     white = [(view.sigma, view.records) for view in views]
     for view, colour in zip(views, found[1], strict=True):
         view.set_noise(found[0], view.records, colour)
@@ -204,7 +238,7 @@ def _with_its_noise(
         return again, named
     for view, (sigma, records) in zip(views, white, strict=True):
         view.set_noise(sigma, records)
-    return search, finding
+    return None
 
 
 def _second_look(
