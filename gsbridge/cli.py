@@ -77,7 +77,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"gsbridge: {error}", file=sys.stderr)
         return 1
     except OSError as error:
-        named = f"{error.filename}: {str(error.strerror).lower()}. Check the path" if error.filename else str(error)
+        named = f"{error.filename}: {error.strerror}. Check the path and its permissions" if error.filename else str(error)
         print(f"gsbridge: {named}", file=sys.stderr)
         return 1
 
