@@ -1,5 +1,6 @@
 """A small chain of the workflow's own scripts, which takes seconds, and the toy; what each makes when nobody disturbs it."""
 
+import abc
 import contextlib
 import csv
 import os
@@ -64,7 +65,7 @@ def end_of(process: subprocess.Popen, most_work_s: float) -> int:
     return process.returncode
 
 
-class Runs:
+class Runs(abc.ABC):
     """A working folder, and the runs in it."""
 
     most_work_s: float
@@ -79,17 +80,17 @@ class Runs:
         self.file = said or folder.parent / f"{folder.name}.said"
         folder.mkdir(parents=True, exist_ok=True)
 
+    @abc.abstractmethod
     def given(self) -> list[str]:
         """Arguments of every run."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def equal(self, results: Path) -> dict[str, bytes]:
         """What has to be the same whatever happened, by its name."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def forget_some(self, draw: random.Random) -> None:
         """Remove some of the results; the rest is as it was."""
-        raise NotImplementedError
 
     def start(self, *arguments: str, **how) -> subprocess.Popen:
         """Begin a run, in a group of processes of its own; what it says goes to a file."""
