@@ -10,7 +10,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import write_json
 from gsbridge.report.figures.worth import write_graded_figure, write_worth_figure
 from gsbridge.report.tables.rows import read_rows, write_rows
-from gsbridge.report.tables.severity_rows import COLUMNS, tallies_of, write_severity_rows
+from gsbridge.report.tables.severity_rows import COLUMNS, doubts, tallies_of, write_severity_rows
 from gsbridge.report.tables.statistics import lead_interval, mean_interval, mean_rate
 from gsbridge.report.tables.success_rows import TRIAL_COLUMNS
 from gsbridge.report.tables.worth import write_graded_page, write_worth_page
@@ -35,14 +35,17 @@ def test_rows_hold_every_set_of_every_trial_file(tmp_path):
     table = tmp_path / "trials/grasp/small_cube+foam_pad/gs/no_jitter/lab_2/seed3.csv"
     table.parent.mkdir(parents=True)
     write_rows(table, TRIAL_COLUMNS, trial_rows({"fixed": 12, "unseen": 20}, forgiven=3))
-    write_json(table.with_suffix(".json"), {"status": "degraded", "reasons": ["policy: young"]})
+    write_json(table.with_suffix(".json"), {"status": "degraded", "reasons": ["policy: young; it learned a day"]})
     write_severity_rows(tmp_path / "rows.csv", [table], {"lab_2": (2, 1)})
     fixed, unseen = read_rows(tmp_path / "rows.csv", COLUMNS)
     # Excess contact is forgiven, three times in each set.
     assert (fixed["pose_set"], fixed["trials"], fixed["successes"]) == ("fixed", "32", "15")
     assert (unseen["pose_set"], unseen["successes"], unseen["look"], unseen["physics"]) == ("unseen", "23", "2", "1")
     assert (fixed["training"], fixed["status"]) == ("3", "degraded")
-    assert "young" in fixed["reasons"]
+    # A reason with a semicolon stays one reason.
+    assert [line for line in doubts([fixed, unseen]) if "young" in line] == [
+        "- trials: policy: young; it learned a day (1 policy)"
+    ]
     documented = (ROOT / "docs/mirror.md").read_text().split("### What is it worth?")[1]
     assert all(f"`{name}`" in documented for name in COLUMNS)
     with pytest.raises(InputError, match=r"study.severity.worlds"):

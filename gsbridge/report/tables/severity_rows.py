@@ -9,7 +9,7 @@ Columns of the rows, one for each training, world and set of start poses:
 | `world`, `look`, `physics` | where it was tried, and how severe that world is; empty for simulation |
 | `pose_set` | `fixed`, `unseen` or `outside` |
 | `trials`, `successes` | counts; excess contact is forgiven, as in every world but the simulated one |
-| `status`, `reasons` | `degraded` where a scene, the policy or its trials are |
+| `status`, `reasons` | `degraded` where a scene, the policy or its trials are; a bar stands between two reasons |
 """
 
 from __future__ import annotations
@@ -29,6 +29,9 @@ from gsbridge.statistics import Tally
 from gsbridge.tasks.poses import POSE_SETS
 
 COLUMNS = (*CELL_COLUMNS, *("training", "world", "look", "physics", "pose_set", "trials", "successes", "status", "reasons"))
+
+BETWEEN_REASONS = " | "
+"""Stands between two reasons; a semicolon may be part of one."""
 
 INSIDE, OUTSIDE = ("fixed", "unseen"), ("outside",)
 """Sets of start poses inside the training square, which count together, and beyond it."""
@@ -81,7 +84,7 @@ def write_severity_rows(
                         **{"training": file.seed, "world": file.world, "look": look, "physics": physics},
                         **{"pose_set": pose_set, "trials": len(found), "successes": int(found.judged(file.world).sum())},
                         "status": "degraded" if file.reasons else "pass",
-                        "reasons": "; ".join(file.reasons),
+                        "reasons": BETWEEN_REASONS.join(file.reasons),
                     }
                 )
     write_rows(out_csv, COLUMNS, rows)
@@ -242,7 +245,7 @@ def doubts(rows: Sequence[Row]) -> list[str]:
     """What degraded policies or trials are degraded for, each with how many trainings it concerns, as lines of a page."""
     reasons: dict[str, set[tuple[CellPaths, str]]] = {}
     for row in rows:
-        for reason in filter(None, row["reasons"].split("; ")):
+        for reason in filter(None, row["reasons"].split(BETWEEN_REASONS)):
             reasons.setdefault(reason, set()).add((cell_in(row), row["training"]))
     listed = [f"- {why} ({len(who)} {'policy' if len(who) == 1 else 'policies'})" for why, who in sorted(reasons.items())]
     return ["", "Degraded:", "", *listed] if listed else []
