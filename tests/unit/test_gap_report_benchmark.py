@@ -42,6 +42,7 @@ def test_the_page_shows_floors_ways_and_wrong_names(tmp_path):
         "Of 240 hidden effects of at least five times the detection limit, 88.3 %",
         *("signature cosine alone", "t2-007", "gain_d:a2", "no effort", "outside the floor", "Brier scores"),
         "Not run: fit everything, name the largest change",
+        "viscous friction (viscous)",
     ):
         assert said in text
     # Three pictures for all tiers; a race and a matrix for each.

@@ -1,6 +1,7 @@
 """Seals: one number draws a scored split, and its first score stays."""
 
 import pytest
+from scipy import stats
 
 from benchmarks import gap_seals
 from gsbridge.errors import InputError
@@ -45,6 +46,24 @@ def test_the_first_score_of_a_seal_stays(tmp_path):
     (tmp_path / "5.json").write_text("{}")
     with pytest.raises(InputError, match="no seal"):
         read_seals(tmp_path)
+
+
+def test_first_scores_are_added_up_part_by_part():
+    def seal(number, **parts):
+        told = {part: {"code": "a", "cases": 9, "figures": figures} for part, figures in parts.items()}
+        return {"seal": number, "parts": told}
+
+    first = seal(
+        1, t1={"named right": "8 of 8", "among the surest": "gsbridge 0 %; cosine 9 of 10 %"}, t5={"named right": "1 of 2"}
+    )
+    page = seals_markdown([first, seal(2, t1={"named right": "15 of 16", "named wrong": "0 of 0"})])
+    table = page.split("All first scores together")[1]
+    assert "| part | seals | named right | named wrong |" in table
+    low, high = stats.binomtest(23, 24).proportion_ci(method="wilson")
+    assert f"| t1 | 2 | 23 of 24 ({100 * low:.0f} to {100 * high:.0f}) | – |" in table
+    assert "| t5 | 1 | 1 of 2 (9 to 91) | – |" in table
+    # One score is no sum.
+    assert "together" not in seals_markdown([first])
 
 
 def test_a_part_of_a_seal_is_scored_beside_another_method(tmp_path, monkeypatch):

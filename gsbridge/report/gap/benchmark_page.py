@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from gsbridge.effects.bodies import BODY_EFFECTS
+from gsbridge.effects.images import IMAGE_EFFECTS
+from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.report.gap.benchmark_figures import (
     METHODS,
     confusion_width,
@@ -150,7 +153,7 @@ def _tier(tier: str, found: Mapping[str, Any]) -> dict[str, Any]:
         "race": draw_methods(tier, methods) if len(methods) > 1 else None,
         "confusion": draw_confusion(ours["confusion"]),
         "confusion_rem": confusion_width(ours["confusion"]),
-        "effects": _counts(ours["by_effect"], "effect"),
+        "effects": _counts(ours["by_effect"], "effect", _effect_title),
         "kinds": _counts(ours["by_kind"], "kind"),
         "left_out": ", ".join(title for name, title in METHODS.items() if name not in methods),
     }
@@ -171,11 +174,22 @@ def _curves(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, str] | None:
     return {"picture": draw_curves(lists), "tiers": "; ".join(tier_title(tier) for tier in chosen)}
 
 
-def _counts(rows: Sequence[Mapping[str, Any]], title: str) -> list[dict[str, Any]]:
+def _plain(name: str) -> str:
+    """A name's words."""
+    return name.replace("_", " ")
+
+
+def _effect_title(name: str) -> str:
+    """What an effect's name stands for, with the name itself, which figures show; the name alone where no catalogue has it."""
+    effect = next((known[name] for known in (JOINT_EFFECTS, BODY_EFFECTS, IMAGE_EFFECTS) if name in known), None)
+    return f"{effect.title} ({_plain(name)})" if effect and effect.title != _plain(name) else _plain(name)
+
+
+def _counts(rows: Sequence[Mapping[str, Any]], group: str, title: Callable[[str], str] = _plain) -> list[dict[str, Any]]:
     """Cases of each group by outcome, from rates."""
     return [
         {
-            "title": str(row[title]).replace("_", " "),
+            "title": title(str(row[group])),
             "n": str(row["n"]),
             "outcomes": [str(round((row[name]["value"] or 0.0) * row[name]["n"])) for name in SHOWN],
         }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,16 @@ from gsbridge.errors import InputError
 from gsbridge.experiment.provenance import matters
 from gsbridge.experiment.seals import read_seals
 from gsbridge.files import atomic_file, read_json
+from gsbridge.statistics import wilson_interval
 
 AREAS = ("real2sim", "shapes", "simulator", "policies", "worlds", "severity", "worth", "study", "gap", "loops")
 """Areas of the figures, in the page's order."""
 
 NAMED = 6
 """Largest number of changes that the page names."""
+
+COUNT = re.compile(r"(\d+) of (\d+)")
+"""A figure of a seal that is counted, and so can be added to others."""
 
 SIGNS = {"at_least": "≥", "at_most": "≤"}
 
@@ -145,7 +150,37 @@ def seals_markdown(seals: Sequence[Mapping[str, Any]]) -> str:
             figures = ", ".join(f"{name} {text}" for name, text in told["figures"].items())
             note = f" **{told['note']}**" if "note" in told else ""
             lines.append(f"| {item['seal']} | {part} | `{told['code']}` | {told['cases']} | {figures}{note} |")
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines + _all_seals(seals)) + "\n"
+
+
+def _all_seals(seals: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Lines of the table that adds up, part by part, the figures that are counts; none where no part was scored twice."""
+    counts: dict[str, dict[str, list[tuple[int, int]]]] = {}
+    scored: dict[str, int] = {}
+    for item in seals:
+        for part, told in item["parts"].items():
+            scored[part] = scored.get(part, 0) + 1
+            for name, text in told["figures"].items():
+                if count := COUNT.fullmatch(str(text)):
+                    counts.setdefault(part, {}).setdefault(name, []).append((int(count[1]), int(count[2])))
+    if max(scored.values(), default=0) < 2:
+        return []
+    names = list(dict.fromkeys(name for found in counts.values() for name in found))
+    lines = ["", "All first scores together, whatever the code was. Brackets are Wilson's 95 % intervals.", ""]
+    lines += ["| part | seals | " + " | ".join(names) + " |", "|---" * (len(names) + 2) + "|"]
+    for part in sorted(counts):
+        cells = " | ".join(_added_up(counts[part].get(name, [])) for name in names)
+        lines.append(f"| {part} | {scored[part]} | {cells} |")
+    return lines
+
+
+def _added_up(counts: Sequence[tuple[int, int]]) -> str:
+    """The sum of `a of n`, with the interval of the rate in percent; a dash where nothing was counted."""
+    good, tried = (sum(column) for column in zip(*counts, strict=True)) if counts else (0, 0)
+    if not tried:
+        return "–"
+    low, high = wilson_interval(good, tried)
+    return f"{good} of {tried} ({100 * low:.0f} to {100 * high:.0f})"
 
 
 def _floors(record: Mapping[str, Mapping[str, Any]]) -> list[Mapping[str, Any]]:
