@@ -100,6 +100,7 @@ evidence-%: $(INSTALLED)
 	@test -n "$(EVIDENCE_$*)" || { echo "there is no part '$*'; use $(PARTS)" >&2; exit 1; }
 	@mkdir -p $(dir $(SEAL)) && test -s $(SEAL) || shuf -i 10001-999999999 -n 1 > $(SEAL)
 	GSBRIDGE_SEAL=$$(cat $(SEAL)) $(SNAKEMAKE) $(if $(PROFILE),--workflow-profile $(PROFILE)) --keep-going --forcerun record_scores -- $(EVIDENCE_$*)
+	$(if $(filter gap,$*),$(BIN)/python -m benchmarks.gap_seals --scored results/gap-benchmark/*/scores.json)
 
 results: $(INSTALLED)
 	$(SNAKEMAKE) --forcerun record_scores -- benchmarks/RESULTS.md

@@ -5,6 +5,10 @@
 The seal alone draws the cases (`gsbridge.experiment.seals`). What is scored is kept in `benchmarks/seals/{seal}.json`, where a
 later run of the same part changes nothing. Cases that were diagnosed before in the same folder are not diagnosed again, so a
 run that was stopped goes on.
+
+What the workflow has scored with a seal is written down with
+
+    python benchmarks/gap_seals.py --scored results/gap-benchmark/*/scores.json
 """
 
 from __future__ import annotations
@@ -22,7 +26,7 @@ from gsbridge.digests import code_digest
 from gsbridge.errors import InputError
 from gsbridge.experiment.gap_benchmark import methods_of
 from gsbridge.experiment.seals import VARIABLE, record_seal, seal_of
-from gsbridge.files import write_json
+from gsbridge.files import read_json, write_json
 from gsbridge.gap.benchmark import campaign
 from gsbridge.gap.benchmark.score import score_findings
 from gsbridge.report.scores.risk_coverage import answered, risk_at
@@ -39,10 +43,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--tiers", nargs="+", choices=campaign.TIERS, default=list(campaign.TIERS))
     parser.add_argument("--cases", type=int, help="of each tier; all without it")
     parser.add_argument("--methods", nargs="+", choices=campaign.METHODS[1:], default=[], help="other ways of naming beside")
-    parser.add_argument("--folder", type=Path, required=True, help="keeps cases, truths and findings")
+    parser.add_argument("--folder", type=Path, help="keeps cases, truths and findings")
+    parser.add_argument(
+        "--scored", type=Path, nargs="+", default=[], help="scores of tiers that are there already; nothing runs"
+    )
     parser.add_argument("--register", type=Path, default=REGISTER, help="folder of the seals' scores")
     options = parser.parse_args(arguments)
     logs.start(1, None)
+    if options.scored:
+        _register(options.scored, options.register)
+        return 0
+    if options.folder is None:
+        parser.error("--folder is missing: it keeps cases, truths and findings")
     seal = seal_of(os.environ)
     if seal is None:
         raise InputError(VARIABLE, "no seal is set", "Set it to a whole number above 10000 that was never scored")
@@ -63,6 +75,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         write_json(folder / "scores.json", scores)
         record_seal(options.register, seal, {tier: _told(scores)})
     return 0
+
+
+def _register(paths: Sequence[Path], register: Path) -> None:
+    """Write down the scores of tiers that a seal has drawn.
+
+    Raises:
+        InputError: A file is damaged, or holds scores that no seal has drawn.
+    """
+    found = [read_json(path) for path in paths]
+    for path, scores in zip(paths, found, strict=True):
+        if not scores.get("seal"):
+            raise InputError(path, "no seal has drawn these cases", f"Run the benchmark with {VARIABLE} set to a fresh number")
+    for scores in found:
+        record_seal(register, scores["seal"], {scores["tier"]: _told(scores)})
 
 
 def _told(scores: Mapping[str, Any]) -> dict[str, Any]:

@@ -29,6 +29,7 @@ def method_scores(right: int = 38, wrong: int = 1, alarms: int = 1) -> dict:
     right_case = {"key": "t2-008", "hidden": "coulomb:a4", "answer": "coulomb:a4", "outcome": "right", "closure": 0.95}
     return {
         "named_right": rate(2 * right, 80),
+        "named_or_covered": rate(min(2 * right + 2, 80), 80),
         "named_wrong": rate(wrong, 160),
         "false_alarm": rate(alarms, 160),
         "unknown_abstained": rate(23, 24),

@@ -1,6 +1,9 @@
 """Seals: one number draws a scored split, and its first score stays."""
 
+import json
+
 import pytest
+from gap_scores import tier_scores
 from scipy import stats
 
 from benchmarks import gap_seals
@@ -76,6 +79,23 @@ def test_a_part_of_a_seal_is_scored_beside_another_method(tmp_path, monkeypatch)
     (ways,) = [text for name, text in told["figures"].items() if name.startswith("wrong among the")]
     assert ways.startswith("gsbridge ")
     assert "; cosine " in ways
+
+
+def test_what_the_workflow_has_scored_with_a_seal_is_written_down(tmp_path, monkeypatch):
+    monkeypatch.delenv("GSBRIDGE_SEAL", raising=False)
+    drawn = tmp_path / "t0.json"
+    drawn.write_text(json.dumps({**tier_scores("t0"), "seal": 12001}))
+    assert gap_seals.main(["--scored", str(drawn), "--register", str(tmp_path / "seals")]) == 0
+    (found,) = read_seals(tmp_path / "seals")
+    ours = tier_scores("t0")["methods"]["gsbridge"]["named_right"]
+    assert found["seal"] == 12001
+    assert found["parts"]["t0"]["figures"]["named right"] == f"{round(ours['value'] * ours['n'])} of {ours['n']}"
+    # A split that is no seal's, or whose seal was forgotten, has no place there.
+    other = tmp_path / "t1.json"
+    other.write_text(json.dumps({**tier_scores("t1"), "seal": None}))
+    with pytest.raises(InputError, match="no seal has drawn"):
+        gap_seals.main(["--scored", str(drawn), str(other), "--register", str(tmp_path / "others")])
+    assert not (tmp_path / "others").exists()
 
 
 def test_methods_that_cannot_run_in_a_tier_are_refused_before_anything_is_drawn(tmp_path, monkeypatch):
