@@ -9,7 +9,7 @@ from gsbridge.geometry import Array
 _SHARE = 0.1
 """Share of the replicates that tells how the tail falls."""
 
-_LEAST = 1e-6
+LEAST = 1e-6
 """p-value below which a tail from so few replicates says nothing."""
 
 
@@ -28,4 +28,4 @@ def tail_pvalue(replicas: Array, value: float) -> float:
     if value <= edge:
         return float((1 + (replicas >= value).sum()) / (1 + len(replicas)))
     beyond = replicas[replicas > edge] - edge
-    return max(_SHARE * float(np.exp(-(value - edge) / max(float(beyond.mean()), 1e-300))), _LEAST)
+    return max(_SHARE * float(np.exp(-(value - edge) / max(float(beyond.mean()), 1e-300))), LEAST)

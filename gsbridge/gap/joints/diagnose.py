@@ -37,6 +37,7 @@ from gsbridge.gap.joints.integral_action import integral_action
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.motion import other_noise
+from gsbridge.gap.joints.parameter_error import beside_parameter_error
 from gsbridge.gap.joints.residuals import JointResiduals, share_noise
 from gsbridge.gap.joints.scatter import RecordSizes, widened
 from gsbridge.gap.joints.widening import Widening
@@ -159,7 +160,7 @@ def _diagnosis(
         finding = finding.refuted()
     if finding.best is not None:
         effects = finding.best.fit.effects
-        verification = verify(third, effects, np.random.default_rng(seed))
+        verification = verify(third, effects, np.random.default_rng(seed), (first, finding.best.fit), rules.alarm)
         said = finding.verdict in ("named", "ambiguous")
         finding = finding.refuted() if said and not verification.transfers(rules) else finding
     account, named = None, mechanism.runs - made - mechanism.shared
@@ -270,7 +271,8 @@ def _second_look(
     )
     if found is None or found.verdict != "named" or found.best is None:
         return None
-    checked = verify(views[-1], found.best.fit.effects, np.random.default_rng(seed))
+    fitted = views[0], found.best.fit
+    checked = verify(views[-1], found.best.fit.effects, np.random.default_rng(seed), fitted, search.rules.alarm)
     if not checked.transfers(search.rules, several=True):
         return None
     return replace(found, best=replace(found.best, fit=_unsure(found.best.fit, views, 1, found.after))), checked
@@ -348,13 +350,21 @@ def views_of(
     return views
 
 
-def verify(view: JointResiduals, effects: Sequence[Applied], rng: np.random.Generator) -> Verification:
+def verify(
+    view: JointResiduals,
+    effects: Sequence[Applied],
+    rng: np.random.Generator,
+    fitted: tuple[JointResiduals, EffectFit] | None = None,
+    alarm: float = 0.0,
+) -> Verification:
     """Replay a record with and without effects; sizes are root mean squares in units of the noise (1 is noise alone).
 
     Args:
         view: Residuals of a record neither fitted nor used to choose.
         effects: What was found.
         rng: Random numbers for effect-free replicates.
+        fitted: The record of the fit, and the fit: what the error of its parameters leaves is then no alarm.
+        alarm: p-value below which a discrepancy counts.
     """
     sizes, residual = [], np.zeros(0)
     for added in ((), tuple(effects)):
@@ -364,5 +374,8 @@ def verify(view: JointResiduals, effects: Sequence[Applied], rng: np.random.Gene
     gap, left = np.sqrt(max(before**2 - 1.0, 1e-12)), np.sqrt(max(after**2 - 1.0, 0.0))
     names = [view.record.label(kind, k) for kind, k in view.channels]
     channels = {name: (float(a), float(b)) for name, a, b in zip(names, rows_before, rows_after, strict=True)}
-    p_remaining = joint_null(view, rng).p_value(residual)
+    null = joint_null(view, rng)
+    p_remaining = null.p_value(residual)
+    if fitted is not None and p_remaining < alarm:
+        p_remaining = max(p_remaining, null.p_value(beside_parameter_error(view, *fitted)))
     return Verification(before, after, float(1.0 - left / gap), channels, after <= before, p_remaining)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from gsbridge.gap.diagnosis.closure import beyond_noise, closed_at_most_times, closed_beside_rest
+from gsbridge.gap.diagnosis.pvalues import LEAST
 from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Finding, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import Decision, decide, slim, transfer
 from gsbridge.gap.joints.bank import SignatureBank
@@ -16,6 +17,7 @@ from gsbridge.gap.joints.coherence import related
 from gsbridge.gap.joints.detect import JointNull, joint_null
 from gsbridge.gap.joints.fit import fit, nearer, polish
 from gsbridge.gap.joints.motion import is_motion, vibrates
+from gsbridge.gap.joints.parameter_error import beside_parameter_error
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import SETS, Mixture, Screen, SignatureMatch
 
@@ -72,6 +74,7 @@ class JointIdentification:
         self.floor, self.floor_first = self.null.share * self.plain.size, self.null_first.share * self.start.size
         self.plain_chi2 = float((self.plain**2).sum())
         self.lost: set[str] = set()
+        self._beside: dict[int, tuple[EffectFit, float]] = {}
         self._seen: tuple[list[Hypothesis], Sequence[SignatureMatch], float, tuple[str, ...]] | None = None
 
     def run(self) -> Finding:
@@ -180,8 +183,28 @@ class JointIdentification:
         """Probability that noise leaves as much on either record, or as much that looks like some effect."""
         left = self.screen.matches(trial.first)
         p_gain = self.null_first.p_gain(left[0].gain) if left else 1.0
-        looks = (self.null.p_value(trial.residual), self.null_first.p_value(trial.first), p_gain)
-        return min(1.0, len(looks) * min(looks))
+        looks = (self.null_first.p_value(trial.first), p_gain)
+        unseen, alarm = self.null.p_value(trial.residual), self.rules.alarm / (1 + len(looks))
+        if unseen < alarm <= min(looks):
+            unseen = max(unseen, self._p_beside_parameter_error(trial, unseen))
+        return min(1.0, (1 + len(looks)) * min(unseen, *looks))
+
+    def _p_beside_parameter_error(self, trial: Hypothesis, unseen: float) -> float:
+        """Probability that noise leaves as much on `select` as a trial, but for the error of its parameters.
+
+        Args:
+            trial: The trial.
+            unseen: The same without regard to that error. One beyond all replicates has another cause.
+        """
+        fitted = trial.fit
+        needed = 2 * (1 + sum(len(who.effect.parameters) for who in fitted.who))
+        if not fitted.who or unseen <= LEAST or self.first.mechanism.runs + needed > self._limit(0):
+            return unseen
+        known = self._beside.get(id(fitted))
+        if known is None:
+            residual = beside_parameter_error(self.second, self.first, fitted)
+            known = self._beside[id(fitted)] = fitted, self.null.p_value(residual)
+        return known[1]
 
     def _singles(self, matches: Sequence[SignatureMatch]) -> list[Hypothesis]:
         """Fits of one effect each; those that cannot reach the best are not fitted, those that did not converge are told."""
