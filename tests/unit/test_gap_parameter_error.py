@@ -10,9 +10,9 @@ from gsbridge.gap.benchmark.mechanisms import axis_plant
 from gsbridge.gap.joints.candidates import JointCandidate
 from gsbridge.gap.joints.detect import joint_null
 from gsbridge.gap.joints.diagnose import verify, views_of
-from gsbridge.gap.joints.fit import fit, polish
+from gsbridge.gap.joints.fit import derivatives, fit, polish
 from gsbridge.gap.joints.mechanism.replay import Mechanism
-from gsbridge.gap.joints.parameter_error import beside_parameter_error
+from gsbridge.gap.joints.parameter_error import BesideParameterError, beside_parameter_error
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def test_it_is_what_parameters_fitted_to_both_records_leave(axis):
 
     begin = [fitted.values[0]["torque"], fitted.values[1]["coefficient"]]
     best = least_squares(both, begin, x_scale=np.abs(begin), diff_step=1e-3).x
-    found = beside_parameter_error(views["verify"], views["fit"], fitted).ravel()
+    found = BesideParameterError(views["verify"], views["fit"], derivatives)(fitted).ravel()
     alone, together = residual(begin, "verify"), residual(best, "verify")
     assert np.linalg.norm(together - alone) > 0.3
     assert np.linalg.norm(found - together) < 0.1 * np.linalg.norm(together - alone)
@@ -53,7 +53,8 @@ def test_an_error_of_its_parameters_is_no_alarm_and_what_is_missing_besides_is(a
     view, rng = views["verify"], np.random.default_rng(0)
     null = joint_null(view, rng)
     slow = 2.0 * np.sin(np.arange(len(view.record.time)) / 15.0)[:, None]
-    left = beside_parameter_error(view, views["fit"], fitted)
+    here, there = (derivatives(one, fitted) for one in (view, views["fit"]))
+    left = beside_parameter_error(view.residual(fitted.effects), here, there)
     assert null.p_value(left) > 0.01
     assert null.p_value(left + view.project(slow * np.ones_like(left))) < 1e-4
 

@@ -32,6 +32,7 @@ from gsbridge.gap.joints.between import other_way
 from gsbridge.gap.joints.candidates import candidates
 from gsbridge.gap.joints.detect import joint_null
 from gsbridge.gap.joints.effort_scale import effort_scale
+from gsbridge.gap.joints.fit import derivatives
 from gsbridge.gap.joints.identify import JointIdentification
 from gsbridge.gap.joints.integral_action import integral_action
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
@@ -377,5 +378,6 @@ def verify(
     null = joint_null(view, rng)
     p_remaining = null.p_value(residual)
     if fitted is not None and p_remaining < alarm:
-        p_remaining = max(p_remaining, null.p_value(beside_parameter_error(view, *fitted)))
+        here, there = (derivatives(one, fitted[1]) for one in (view, fitted[0]))
+        p_remaining = max(p_remaining, null.p_value(beside_parameter_error(residual, here, there)))
     return Verification(before, after, float(1.0 - left / gap), channels, after <= before, p_remaining)

@@ -15,11 +15,11 @@ from gsbridge.gap.joints.bank import SignatureBank
 from gsbridge.gap.joints.candidates import thresholds
 from gsbridge.gap.joints.coherence import related
 from gsbridge.gap.joints.detect import JointNull, joint_null
-from gsbridge.gap.joints.fit import fit, nearer, polish
+from gsbridge.gap.joints.fit import derivatives, fit, nearer, polish
 from gsbridge.gap.joints.motion import is_motion, vibrates
-from gsbridge.gap.joints.parameter_error import beside_parameter_error
+from gsbridge.gap.joints.parameter_error import BesideParameterError
 from gsbridge.gap.joints.residuals import JointResiduals
-from gsbridge.gap.joints.screen import SETS, Mixture, Screen, SignatureMatch
+from gsbridge.gap.joints.screen import SETS, Screen, SignatureMatch
 
 _RESERVE = 12
 """Simulations kept for the derivatives of the best explanation."""
@@ -74,7 +74,7 @@ class JointIdentification:
         self.floor, self.floor_first = self.null.share * self.plain.size, self.null_first.share * self.start.size
         self.plain_chi2 = float((self.plain**2).sum())
         self.lost: set[str] = set()
-        self._beside: dict[int, tuple[EffectFit, float]] = {}
+        self._beside = BesideParameterError(second, first, derivatives)
         self._seen: tuple[list[Hypothesis], Sequence[SignatureMatch], float, tuple[str, ...]] | None = None
 
     def run(self) -> Finding:
@@ -161,11 +161,9 @@ class JointIdentification:
         return transfer(self.plain, trial.residual) > self.rules.deviations
 
     def _quiet(self, verdict: str, p_value: float, unseen: tuple[str, ...]) -> Finding:
-        size = float(np.sqrt(self.plain_chi2 / self.second.freedom))
+        size, lost = float(np.sqrt(self.plain_chi2 / self.second.freedom)), tuple(sorted(self.lost))
         remains = verdict == "none_of_the_known"
-        return Finding(
-            verdict, None, (), (), remains, p_value, p_value, size, size, self._used(), unseen, lost=tuple(sorted(self.lost))
-        )
+        return Finding(verdict, None, (), (), remains, p_value, p_value, size, size, self._used(), unseen, lost=lost)
 
     def trial_of(self, fitted: EffectFit) -> Hypothesis:
         """Judge a fit on `select`."""
@@ -184,27 +182,13 @@ class JointIdentification:
         left = self.screen.matches(trial.first)
         p_gain = self.null_first.p_gain(left[0].gain) if left else 1.0
         looks = (self.null_first.p_value(trial.first), p_gain)
-        unseen, alarm = self.null.p_value(trial.residual), self.rules.alarm / (1 + len(looks))
-        if unseen < alarm <= min(looks):
-            unseen = max(unseen, self._p_beside_parameter_error(trial, unseen))
-        return min(1.0, (1 + len(looks)) * min(unseen, *looks))
-
-    def _p_beside_parameter_error(self, trial: Hypothesis, unseen: float) -> float:
-        """Probability that noise leaves as much on `select` as a trial, but for the error of its parameters.
-
-        Args:
-            trial: The trial.
-            unseen: The same without regard to that error. One beyond all replicates has another cause.
-        """
-        fitted = trial.fit
-        needed = 2 * (1 + sum(len(who.effect.parameters) for who in fitted.who))
-        if not fitted.who or unseen <= LEAST or self.first.mechanism.runs + needed > self._limit(0):
-            return unseen
-        known = self._beside.get(id(fitted))
-        if known is None:
-            residual = beside_parameter_error(self.second, self.first, fitted)
-            known = self._beside[id(fitted)] = fitted, self.null.p_value(residual)
-        return known[1]
+        unseen, alarm = self.null.p_value(trial.residual), self.rules.alarm / 3
+        # What is beyond all replicates has another cause than the error of the parameters.
+        if LEAST < unseen < alarm <= min(looks) and self.first.mechanism.runs + 2 * len(
+            trial.fit.deviations
+        ) + 2 <= self._limit(0):
+            unseen = max(unseen, self.null.p_value(self._beside(trial.fit)))
+        return min(1.0, 3 * min(unseen, *looks))
 
     def _singles(self, matches: Sequence[SignatureMatch]) -> list[Hypothesis]:
         """Fits of one effect each; those that cannot reach the best are not fitted, those that did not converge are told."""
@@ -286,7 +270,7 @@ class JointIdentification:
         trials = list(singles)
         for count in range(2, self.rules.most + 1):
             tried: set[frozenset[Candidate]] = set()
-            mixtures = self._grown(best, count) + self.screen.mixtures(self.start, count, 6)
+            mixtures = self.screen.beside(best.fit, best.first, count) + self.screen.mixtures(self.start, count, 6)
             reached = np.inf
             for mixture in mixtures:
                 who = frozenset(mixture.who)
@@ -306,13 +290,6 @@ class JointIdentification:
             if not self.remains(best):
                 break
         return slim(trials, self.rules, self.floor, self.plain_chi2)
-
-    def _grown(self, base: Hypothesis, count: int) -> list[Mixture]:
-        """What screens best beside an explanation with one effect less."""
-        if len(base.fit.who) != count - 1:
-            return []
-        found = [match for match in self.screen.matches(base.first) if match.candidate not in base.fit.who][:3]
-        return [Mixture((*base.fit.who, m.candidate), (*base.fit.values, m.starts[0]), m.gain) for m in found]
 
     def _decide(
         self, trials: list[Hypothesis], matches: Sequence[SignatureMatch], p_value: float, unseen: tuple[str, ...]

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from gsbridge.gap.diagnosis.results import EffectFit
-from gsbridge.gap.joints.fit import derivatives
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
 
-def beside_parameter_error(view: JointResiduals, seen: JointResiduals, fitted: EffectFit) -> Array:
+def beside_parameter_error(left: Array, here: Array, there: Array) -> Array:
     """The residual of a record with the parameters on which it and the record of the fit agree best.
 
     Parameters are as unsure as the noise of the record that they were fitted to makes them. On another record, which may move
@@ -18,15 +19,13 @@ def beside_parameter_error(view: JointResiduals, seen: JointResiduals, fitted: E
     records together leave noise alone where nothing else is missing.
 
     Args:
-        view: The record, which the fit has not seen.
-        seen: The record of the fit.
-        fitted: The fit.
+        left: What the fit leaves of the record, in units of the noise. [T, C].
+        here: Derivatives of the record's residuals by the parameters. [T C, P].
+        there: The same of the record of the fit, whose residuals may be of another number. [residuals, P].
 
     Returns:
         Measured less simulated, in units of the noise. [T, C].
     """
-    left = view.residual(fitted.effects)
-    here, there = derivatives(view, fitted), derivatives(seen, fitted)
     curvature = here.T @ here + there.T @ there
     # Parameters differ by orders of magnitude; one that does not show on either record stays where it is.
     sizes = np.sqrt(np.diag(curvature))
@@ -34,3 +33,27 @@ def beside_parameter_error(view: JointResiduals, seen: JointResiduals, fitted: E
     inverse = np.linalg.pinv(curvature * np.outer(scale, scale), rcond=1e-10) * np.outer(scale, scale)
     moved = left.ravel() - here @ (inverse @ (here.T @ left.ravel()))
     return moved.reshape(left.shape)
+
+
+class BesideParameterError:
+    """`beside_parameter_error` of fits to one record on another; what was asked before is not simulated again.
+
+    Args:
+        view: The record, which no fit has seen.
+        seen: The record of the fits.
+        derivatives: Derivatives of a record's residuals by a fit's parameters.
+    """
+
+    def __init__(
+        self, view: JointResiduals, seen: JointResiduals, derivatives: Callable[[JointResiduals, EffectFit], Array]
+    ) -> None:
+        self._view, self._seen, self._derivatives = view, seen, derivatives
+        self._known: dict[int, tuple[EffectFit, Array]] = {}
+
+    def __call__(self, fitted: EffectFit) -> Array:
+        """The residual, in units of the noise. [T, C]."""
+        if id(fitted) not in self._known:
+            here, there = (self._derivatives(view, fitted) for view in (self._view, self._seen))
+            residual = beside_parameter_error(self._view.residual(fitted.effects), here, there)
+            self._known[id(fitted)] = fitted, residual
+        return self._known[id(fitted)][1]

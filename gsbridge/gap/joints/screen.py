@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gsbridge.gap.diagnosis.results import Candidate
+from gsbridge.gap.diagnosis.results import Candidate, EffectFit
 from gsbridge.gap.joints.bank import Signature, SignatureBank
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
@@ -20,6 +20,9 @@ _PROJECTED = 1.2
 
 _SMALL, _LARGE = 1e-2, 4.0
 """Squared lengths of signatures, as shares of the residual's, that may take part in a sum of several."""
+
+_MORE = 3
+"""Candidates that are tried as one effect more."""
 
 SETS = 6
 """Sets of effects that are tried for each number of effects in a set."""
@@ -183,6 +186,19 @@ class Screen:
             return out
         out[:, strengths] = (solved @ self.shapes[[rows[k] for k in best]].astype(np.float64)).T
         return out
+
+    def beside(self, fitted: EffectFit, residual: Array, count: int) -> list[Mixture]:
+        """The effects of a fit with one more: of the candidates whose signatures explain most of what it leaves.
+
+        Args:
+            fitted: The fit.
+            residual: What it leaves, in units of the noise. [T, C].
+            count: Effects of each sum; there are no sums if the fit has not one effect less.
+        """
+        if len(fitted.who) != count - 1:
+            return []
+        found = [match for match in self.matches(residual) if match.candidate not in fitted.who][:_MORE]
+        return [Mixture((*fitted.who, m.candidate), (*fitted.values, m.starts[0]), m.gain) for m in found]
 
     def mixtures(self, residual: Array, count: int, keep: int) -> list[Mixture]:
         """The best sums of `count` signatures of different candidates, each with a factor near one.
