@@ -17,6 +17,7 @@ from gsbridge.gap.contact.body import parse_body, read_body
 from gsbridge.gap.contact.case import read_throw_case, split_throws
 from gsbridge.gap.contact.diagnose import ThrowAccount, diagnose_throws
 from gsbridge.gap.contact.identify import closure
+from gsbridge.gap.contact.interval import intervals
 from gsbridge.gap.contact.replay import ThrowReplay
 from gsbridge.gap.contact.search import lowest, refine
 from gsbridge.gap.contact.setup import body_setup
@@ -230,13 +231,24 @@ def own_throws(friction, count, seed, scene=None):
     )
 
 
-def test_a_size_at_the_bound_of_its_figure_has_not_converged():
+def test_a_figure_that_cannot_be_negative_may_be_nothing():
     """Throws without any friction: the coefficient cannot go below zero, whatever the parameter could."""
     replay = ThrowReplay(parse_body(MODEL, "."), own_throws(0.0, 8, 2), HORIZON)
     fit = refine(replay, (Applied("contact_friction", "", {"friction": -0.45}),))
     assert fit.effects[0].parameters["friction"] == pytest.approx(-0.5, abs=0.02)
     assert min(min(profile) for profile in fit.profiles.values()) >= -0.5
-    assert not fit.converged
+    assert fit.converged
+    (spans,) = intervals(replay, fit, np.random.default_rng(0))
+    assert spans["friction"][0] == -0.5
+    assert -0.5 < spans["friction"][1] < -0.4
+
+
+def test_a_size_at_any_other_bound_has_not_converged():
+    """What was nothing before is not named for staying so, nor what would be smaller than the catalogue allows."""
+    replay = ThrowReplay(parse_body(MODEL, "."), own_throws(0.5, 8, 2), HORIZON)
+    assert not refine(replay, (Applied("rolling_friction", "", {"arm": 0.0}),)).converged
+    far = ThrowReplay(parse_body({**MODEL, "box": [0.4, 0.4, 0.4]}, "."), own_throws(0.5, 8, 2), HORIZON)
+    assert not refine(far, (Applied("object_size", "", {"share": -0.5}),)).converged
 
 
 def test_a_fitted_size_is_the_hidden_one():

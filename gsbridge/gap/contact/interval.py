@@ -11,7 +11,7 @@ from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.contact import null
 from gsbridge.gap.contact.replay import ThrowReplay
-from gsbridge.gap.contact.search import ThrowFit
+from gsbridge.gap.contact.search import ThrowFit, reach
 from gsbridge.geometry import Array
 
 _POINTS = np.linspace(-1.0, 1.0, 5)
@@ -55,34 +55,43 @@ def intervals(replay: ThrowReplay, fit: ThrowFit, rng: np.random.Generator) -> l
                 return replay.errors(at(size))
 
             best = float(errors(value).mean())
+            least, most = reach(replay, [*effects[:place], *effects[place + 1 :]], BODY_EFFECTS[applied.name], parameter)
+            # Beyond a bound nothing changes any more.
+            sides = [sign for sign, bound in ((-1.0, least), (1.0, most)) if value != bound]
+            places = _POINTS if len(sides) == 2 else sides[0] * (1.0 + _POINTS) / 2.0
             width = _width(fit.profiles[place, parameter.name], best) or max(0.15 * abs(value), 0.2 * abs(parameter.typical))
             for _ in range(_TRIES):
-                rise = min(float(errors(value + sign * width).mean()) for sign in (-1.0, 1.0)) / best - 1.0
+                rise = min(float(errors(value + sign * width).mean()) for sign in sides) / best - 1.0
                 if rise < _RISES[0]:
                     width *= 2.0
                 elif rise > _RISES[1]:
                     width *= 0.5
                 else:
                     break
-            points = [value + width * point for point in _POINTS]
+            points = [value + width * point for point in places]
             draws = rng.integers(0, len(replay), (_DRAWS, len(replay)))
-            centres = value + width * _lowest(np.stack([errors(point) for point in points])[:, draws].mean(axis=2))
+            centres = value + width * _lowest(np.stack([errors(point) for point in points])[:, draws].mean(axis=2), places)
             low, high = np.quantile(centres, [0.05, 0.95])
             flights = [few.flights(at(point)) for point in points]
-            other = [_lowest(np.stack([few.apart(row, *poses).mean(keepdims=True) for row in flights])) for poses in seen]
+            other = [
+                _lowest(np.stack([few.apart(row, *poses).mean(keepdims=True) for row in flights]), places) for poses in seen
+            ]
             engine = _NINETY * width * float(np.sqrt(np.mean(np.square(other))))
+            # Of what ends at a bound, other throws hardly move the best size: it is known to where the error visibly rises.
+            engine = engine if len(sides) == 2 else max(engine, width)
             # The interval is about the value that is named, which need not be the parabola's lowest point.
             low = value - misfit * float(np.hypot(max(value - low, 0.0), engine))
             high = value + misfit * float(np.hypot(max(high - value, 0.0), engine))
-            rows[parameter.name] = (max(low, parameter.low), min(high, parameter.high))
+            rows[parameter.name] = (max(low, least), min(high, most))
         out.append(rows)
     return out
 
 
-def _lowest(profile: Array) -> Array:
-    """Places of the lowest points of parabolas through values at `_POINTS`, within them. [P, D] -> [D]."""
-    square, slope, _ = np.polyfit(_POINTS, profile, 2)
-    return np.clip(np.where(square > 0, -slope / (2.0 * np.maximum(square, 1e-300)), np.sign(-slope)), -1.0, 1.0)
+def _lowest(profile: Array, places: Array) -> Array:
+    """Lowest points of parabolas through values at some places, within these. [P, D], [P] -> [D]."""
+    square, slope, _ = np.polyfit(places, profile, 2)
+    found = np.where(square > 0, -slope / (2.0 * np.maximum(square, 1e-300)), np.sign(-slope))
+    return np.clip(found, places.min(), places.max())
 
 
 def _width(profile: Mapping[float, float], best: float) -> float | None:

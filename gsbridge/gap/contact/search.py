@@ -53,7 +53,8 @@ class ThrowFit:
     Args:
         effects: The effects.
         error: Mean error over the throws, m.
-        converged: Whether every size is inside its bounds and its bracket.
+        converged: Whether every size is inside its bounds and its bracket, or makes a figure vanish that cannot be negative:
+            a body may well slide without friction.
         profiles: Values that were looked at and their errors, by place and parameter.
     """
 
@@ -120,6 +121,20 @@ def reach(replay: ThrowReplay, others: Sequence[Applied], effect: BodyEffect, pa
     return max(low, parameter.low), min(high, parameter.high)
 
 
+def vanishing(replay: ThrowReplay, others: Sequence[Applied], effect: BodyEffect, parameter: Parameter) -> float | None:
+    """Value of a parameter at which its figure is nothing; None where that is no bound, or where it is nothing anyway.
+
+    Args:
+        replay: Throws and model.
+        others: Effects that are there besides.
+        effect: The effect.
+        parameter: Name of the parameter.
+    """
+    figure = effect.figures[parameter.name]
+    now = body_setup(replay.body, others).figures[figure]
+    return -now if not effect.relative and BOUNDS[figure][0] == 0.0 and now > 0.0 else None
+
+
 def refine(replay: ThrowReplay, effects: Sequence[Applied], share: float = 1.0) -> ThrowFit:
     """Fit all sizes together, one after the other, from where the grid found them.
 
@@ -141,9 +156,11 @@ def refine(replay: ThrowReplay, effects: Sequence[Applied], share: float = 1.0) 
             width = share * _width(effect, parameter.name, value)
             others = [*current[:place], *current[place + 1 :]]
             known, free = lowest(error, value, width, *reach(replay, others, effect, parameter))
+            best = min(known, key=lambda at: known[at])
             profiles[place, parameter.name] = known
+            free = free or best == vanishing(replay, others, effect, parameter)
             inside[place, parameter.name] = free or not parameter.amplitude
-            current[place] = _with(current[place], parameter.name, min(known, key=lambda at: known[at]))
+            current[place] = _with(current[place], parameter.name, best)
     return ThrowFit(tuple(current), mean_error(replay, current), all(inside.values()), profiles)
 
 
