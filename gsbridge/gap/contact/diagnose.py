@@ -21,7 +21,11 @@ from gsbridge.gap.contact.setup import body_setup
 from gsbridge.gap.contact.starts import pooled_speeds
 from gsbridge.gap.contact.throws import Throws
 from gsbridge.gap.diagnosis.findings import Account, Diagnosis, digits_of
-from gsbridge.gap.diagnosis.results import ROLES, TRANSFERS, Verification
+from gsbridge.gap.diagnosis.results import ROLES, Verification
+
+_HOLDS = 2.0 / 3.0
+"""Share of the gap, in weighed distances, that a name must close on throws which neither fitting nor choosing has seen: a small
+loss of speed takes up half of what a softer contact does."""
 
 
 def diagnose_throws(
@@ -63,7 +67,7 @@ def diagnose_throws(
         third.weigh(finding.spread)
         share = closure(float(third.errors().mean()), float(third.errors(effects).mean()), finding.weighed)
         verification = Verification(before, after, share, {"position": (before, after)}, after <= before)
-        if finding.verdict == "named" and not verification.transfers():
+        if finding.verdict == "named" and verification.closure < _HOLDS:
             finding = finding.refuted()
         spans = intervals(first, best.fit, np.random.default_rng([seed, 1]))
         figures = _changes(body, effects)
@@ -119,7 +123,7 @@ class ThrowAccount(Account):
     def leaves(self, diagnosis: Diagnosis) -> str:
         """Sentence on what an explanation leaves, or how little it closes on other throws."""
         finding, checked = diagnosis.finding, diagnosis.verification
-        if checked is not None and not checked.transfers() and finding.closure(finding.after) >= TRANSFERS:  # type: ignore[attr-defined]
+        if checked is not None and checked.closure < _HOLDS <= finding.closure(finding.after):  # type: ignore[attr-defined]
             return f"closes {checked.closure:.0%} of the gap on throws that it has not seen"
         before, after, floor = (f"{1e3 * x:.3g} mm" for x in (finding.before, finding.after, diagnosis.floor["position"]))
         return f"leaves {after} of {before}, where noise and chaos explain {floor}"
