@@ -19,7 +19,7 @@ from gsbridge.gap.contact.diagnose import ThrowAccount, diagnose_throws
 from gsbridge.gap.contact.identify import closure
 from gsbridge.gap.contact.interval import intervals
 from gsbridge.gap.contact.replay import ThrowReplay
-from gsbridge.gap.contact.search import lowest, refine
+from gsbridge.gap.contact.search import lowest, refine, screen
 from gsbridge.gap.contact.setup import body_setup
 from gsbridge.gap.contact.starts import pooled_speeds, quat_from_turn, starts_of, turn_between
 from gsbridge.gap.contact.throws import Throw, Throws, read_throws, write_throws
@@ -215,14 +215,14 @@ def test_closure_counts_from_the_floor():
     assert closure(0.09, 0.13, 0.01) < 0
 
 
-def own_throws(friction, count, seed, scene=None):
-    """Throws whose truth is the simulator itself, with another friction, and noise."""
+def own_throws(friction, count, seed, scene=None, effects=()):
+    """Throws whose truth is the simulator itself, with another friction and effects, and noise."""
     seeds = throw_box(scene or ThrowScene(duration=0.1), count, seed)
     starts, _ = starts_of(seeds)
     body = parse_body({**MODEL, "contact": {"friction": friction}}, ".")
     time = np.arange(75) / 150
     rng = np.random.default_rng(seed)
-    flights = simulate(body, body_setup(body), starts, [time] * count)
+    flights = simulate(body, body_setup(body, effects), starts, [time] * count)
     return Throws(
         tuple(
             Throw(str(k), time, f.position + rng.normal(0, 1e-4, f.position.shape), f.quat, starts.velocity[k], starts.spin[k])
@@ -249,6 +249,17 @@ def test_a_size_at_any_other_bound_has_not_converged():
     assert not refine(replay, (Applied("rolling_friction", "", {"arm": 0.0}),)).converged
     far = ThrowReplay(parse_body({**MODEL, "box": [0.4, 0.4, 0.4]}, "."), own_throws(0.5, 8, 2), HORIZON)
     assert not refine(far, (Applied("object_size", "", {"share": -0.5}),)).converged
+
+
+def test_a_table_that_tilts_about_both_axes_is_found():
+    """Its tilt is far from what either axis alone explains, and a search along the axes ends in the valley of one of them."""
+    body = parse_body(MODEL, ".")
+    tilt = {"about_x": -0.08, "about_y": 0.06}
+    replay = ThrowReplay(body, own_throws(0.5, 12, 3, effects=(Applied("table_tilt", "", tilt),)), HORIZON)
+    match = screen(replay, "table_tilt")
+    assert all(match.effect.parameters[name] * size > 0.0 for name, size in tilt.items())
+    fit = refine(replay, (match.effect,))
+    assert fit.effects[0].parameters == pytest.approx(tilt, abs=0.01)
 
 
 def test_a_fitted_size_is_the_hidden_one():

@@ -99,8 +99,39 @@ def screen(replay: ThrowReplay, name: str, base: Sequence[Applied] = ()) -> Grid
     for applied in points[len(effect.sizes) - 1 :: len(effect.sizes)]:
         moved = zip(plain, replay.flights((*base, applied)), strict=True)
         change = max(change, float(np.mean([np.linalg.norm(a.position - b.position, axis=1).mean() for a, b in moved])))
+    together = _together(effect, points, errors, mean_error(replay, base))
+    if together is not None:
+        points, errors = [*points, together], [*errors, mean_error(replay, (*base, together))]
     best = int(np.argmin(errors))
     return GridMatch(points[best], errors[best], change)
+
+
+def _together(effect: BodyEffect, points: Sequence[Applied], errors: Sequence[float], plain: float) -> Applied | None:
+    """The best of every amplitude at once; None where fewer than two of them help alone.
+
+    A table that tilts about both axes is far from each of them, and a search that moves along one after the other stays at the
+    first valley.
+
+    Args:
+        effect: The effect.
+        points: The points of its grid.
+        errors: Mean error at each, m.
+        plain: Mean error without it, m.
+    """
+    amplitudes = [parameter.name for parameter in effect.parameters if parameter.amplitude]
+    found: dict[str, float] = {}
+    for name in amplitudes:
+        own = [
+            k for k, point in enumerate(points) if all((point.parameters[key] != 0.0) == (key == name) for key in amplitudes)
+        ]
+        best = min(own, key=lambda k: errors[k], default=None)
+        if best is not None and errors[best] < plain:
+            found[name] = points[best].parameters[name]
+    return (
+        Applied(effect.name, "", {**points[0].parameters, **dict.fromkeys(amplitudes, 0.0), **found})
+        if len(found) > 1
+        else None
+    )
 
 
 def reach(replay: ThrowReplay, others: Sequence[Applied], effect: BodyEffect, parameter: Parameter) -> tuple[float, float]:
