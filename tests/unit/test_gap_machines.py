@@ -75,6 +75,13 @@ def test_a_clock_that_leaves_all_samples_as_they_are_shows_like_any_other_effect
     assert abs(case.hidden["tracking_rate"]) < body_cases.KNOWN["tracking_rate"].high
 
 
+def test_no_friction_is_less_than_none():
+    scene, parameters = body_cases.KNOWN["contact_friction"].hide(ThrowScene("box", friction=0.3), -0.5, np.ones(3))
+    assert (scene.friction, parameters) == (0.0, {"friction": -0.3})
+    scene, parameters = body_cases.KNOWN["table_height"].hide(ThrowScene("box"), -0.01, np.ones(3))
+    assert (scene.height, parameters) == (-0.01, {"height": -0.01})
+
+
 def test_what_shows_at_no_size_is_not_hidden(monkeypatch):
     """A mass shows nowhere where every force grows with it and contacts are hard."""
     monkeypatch.setattr(body_cases, "_drawn_scene", lambda shape, names, rng: ThrowScene("ball", slowness=0.002, duration=0.4))

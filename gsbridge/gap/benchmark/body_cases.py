@@ -72,11 +72,12 @@ class HiddenEffect:
     shapes: tuple[str, ...] = ("box", "ball")
 
 
-def _figure(field: str, parameter: str, *, share: bool = False) -> Hide:
-    """A scene's figure that is changed by the size, or by a share of itself."""
+def _figure(field: str, parameter: str, *, share: bool = False, least: float = -np.inf) -> Hide:
+    """A scene's figure that is changed by the size, or by a share of itself, and is never less than `least`."""
 
     def hide(scene: ThrowScene, size: float, way: Array) -> tuple[ThrowScene, Parameters]:
         now = float(getattr(scene, field))
+        size = max(size, least - now)
         content: dict[str, Any] = {field: now * (1.0 + size) if share else now + size}
         return replace(scene, **content), {parameter: size}
 
@@ -129,7 +130,7 @@ def _heavier(scene: ThrowScene, size: float, way: Array) -> tuple[ThrowScene, Pa
 
 KNOWN: Mapping[str, HiddenEffect] = {
     "angular_damping": HiddenEffect(0.2, 8.0, _unlike("angular")),
-    "contact_friction": HiddenEffect(0.03, 0.5, _figure("friction", "friction"), signed=True),
+    "contact_friction": HiddenEffect(0.03, 0.5, _figure("friction", "friction", least=0.0), signed=True),
     "contact_softness": HiddenEffect(0.02, 0.15, _soften),
     "gravity_scale": HiddenEffect(0.005, 0.15, _figure("gravity", "share", share=True), signed=True),
     "inertia_scale": HiddenEffect(0.05, 1.5, _figure("inertia", "share", share=True)),
