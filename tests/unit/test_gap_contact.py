@@ -9,6 +9,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
@@ -260,6 +261,20 @@ def test_a_table_that_tilts_about_both_axes_is_found():
     assert all(match.effect.parameters[name] * size > 0.0 for name, size in tilt.items())
     fit = refine(replay, (match.effect,))
     assert fit.effects[0].parameters == pytest.approx(tilt, abs=0.01)
+
+
+@pytest.mark.parametrize(("name", "size"), [("inertia_scale", 0.05), ("restitution", 0.03)])
+def test_a_size_below_the_smallest_of_the_grid_is_found(name, size):
+    """The smallest size that is tried goes so far beyond the hidden one that nothing at all does better than it."""
+    parameter = BODY_EFFECTS[name].parameters[0]
+    replay = ThrowReplay(
+        parse_body(MODEL, "."), own_throws(0.5, 12, 4, effects=(Applied(name, "", {parameter.name: size}),)), HORIZON
+    )
+    least = Applied(name, "", {parameter.name: parameter.typical})
+    assert replay.errors((least,)).mean() > replay.errors().mean()
+    match = screen(replay, name)
+    assert 0.2 * size < match.effect.parameters[parameter.name] < 3.0 * size
+    assert match.error < 0.8 * replay.errors().mean()
 
 
 def test_a_fitted_size_is_the_hidden_one():

@@ -13,6 +13,7 @@ from gsbridge.effects.bodies.base import BodyEffect
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.contact.replay import ThrowReplay
 from gsbridge.gap.contact.setup import BOUNDS, body_setup
+from gsbridge.gap.contact.world import Flight
 
 _GOLDEN = 0.5 * (3.0 - np.sqrt(5.0))
 """Share of the wider half of a bracket at which a golden section looks."""
@@ -26,6 +27,9 @@ tells nothing. A wide one says little, since errors rise like a V."""
 
 _WIDEN = 6
 """How often a bracket may be doubled while the error still falls at its edge."""
+
+_BETWEEN = 0.1
+"""Share of the squared distances that a size below the grid's smallest must promise to explain to be looked at."""
 
 _LOOKS = 12
 """Values that a search looks at within its bracket, at most."""
@@ -99,11 +103,40 @@ def screen(replay: ThrowReplay, name: str, base: Sequence[Applied] = ()) -> Grid
     for applied in points[len(effect.sizes) - 1 :: len(effect.sizes)]:
         moved = zip(plain, replay.flights((*base, applied)), strict=True)
         change = max(change, float(np.mean([np.linalg.norm(a.position - b.position, axis=1).mean() for a, b in moved])))
-    together = _together(effect, points, errors, mean_error(replay, base))
+    unchanged = mean_error(replay, base)
+    smallest = [k for k in range(0, len(points), len(effect.sizes)) if errors[k] >= unchanged]
+    for applied in (points[k] for k in smallest):
+        share, explained = _projected(replay, plain, replay.flights((*base, applied)))
+        if 0.0 < share < 1.0 and explained > _BETWEEN:
+            points.append(Applied(name, "", effect.scaled(applied.parameters, share)))
+            errors.append(mean_error(replay, (*base, points[-1])))
+    together = _together(effect, points, errors, unchanged)
     if together is not None:
-        points, errors = [*points, together], [*errors, mean_error(replay, (*base, together))]
+        points.append(together)
+        errors.append(mean_error(replay, (*base, together)))
     best = int(np.argmin(errors))
     return GridMatch(points[best], errors[best], change)
+
+
+def _projected(replay: ThrowReplay, plain: Sequence[Flight], moved: Sequence[Flight]) -> tuple[float, float]:
+    """How much of a change explains best what a replay leaves.
+
+    Args:
+        replay: Throws.
+        plain: The replay.
+        moved: The replay with the change.
+
+    Returns:
+        Factor on the change, and the share of the squared distances that it then explains.
+    """
+    along = size = left = 0.0
+    for before, after, measured, weight in zip(plain, moved, replay.measured, replay.weights, strict=True):
+        rest = weight[:, None] * (measured - before.position)
+        shift = weight[:, None] * (after.position - before.position)
+        along += float((rest * shift).sum())
+        size += float((shift**2).sum())
+        left += float((rest**2).sum())
+    return along / max(size, 1e-300), along**2 / max(size * left, 1e-300)
 
 
 def _together(effect: BodyEffect, points: Sequence[Applied], errors: Sequence[float], plain: float) -> Applied | None:
