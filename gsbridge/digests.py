@@ -94,7 +94,7 @@ def _read(text: str) -> _Facts:
             relative = relative or bool(node.level)
             if node.module and node.module.split(".")[0] in FOLLOWED:
                 found.update([node.module, *(f"{node.module}.{alias.name}" for alias in node.names)])
-    return _Facts(hashlib.sha256(ast.dump(tree).encode()).hexdigest(), sorted(found), relative)
+    return _Facts(hashlib.sha256(_dumped(tree).encode()).hexdigest(), sorted(found), relative)
 
 
 def _tree(text: str) -> ast.Module:
@@ -106,6 +106,19 @@ def _tree(text: str) -> ast.Module:
             # An empty body would not be valid syntax; the digest only needs it to be constant.
             node.body = [item for item in body if not _is_text(item)] or [ast.Pass()]  # type: ignore[attr-defined]
     return tree
+
+
+def _dumped(tree: ast.Module) -> str:
+    """The tree as text, the same whichever Python reads it: results and records are not of another code for a new Python."""
+    if sys.version_info < (3, 12):
+        return ast.dump(tree)
+    for node in ast.walk(tree):
+        if vars(node).get("type_params") == []:
+            del vars(node)["type_params"]
+        if isinstance(node, ast.JoinedStr):
+            # Early releases of 3.12 end some with nothing.
+            node.values = [part for part in node.values if not (isinstance(part, ast.Constant) and part.value == "")]
+    return ast.dump(tree, show_empty=True) if sys.version_info >= (3, 13) else ast.dump(tree)
 
 
 def _is_text(node: ast.AST) -> bool:

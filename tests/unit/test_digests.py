@@ -1,6 +1,7 @@
 """An edit of the code changes the digest of exactly the rules whose script reaches it."""
 
 import ast
+import hashlib
 import json
 import re
 import subprocess
@@ -22,6 +23,23 @@ MODULES = sorted(
     ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__") for path in ROOT.glob("gsbridge/**/*.py")
 )
 CACHES = (digests.module_file, digests._facts, digests._data, digests.direct_imports, digests._closure)
+
+
+EVERY_PYTHON = '''
+class Shape(object):
+    sides: int = 4
+
+    def told(self, *, wide: bool = False) -> str:
+        """Doc."""
+        note = f"{self.sides!r:>{10}} of {len([])} {{}}" f"{'wide' if wide else ''}"
+        return note + f"{self.sides:.1f} "
+
+
+async def nothing() -> None:
+    global sides
+    sides = [value for value in () if value is not None] or None
+'''
+"""What Python 3.12 and 3.13 write otherwise into a syntax tree: type parameters, parts of f-strings, empty lists."""
 
 
 def forget():
@@ -81,6 +99,12 @@ def test_digest_follows_meaning(package, file, text, changed):
     (package / file).write_text(text)
     forget()
     assert {name for name in before if digests.script_digest(name) != before[name]} == changed
+
+
+def test_a_syntax_tree_is_the_same_text_on_every_python():
+    """As `ast.dump` of Python 3.11 has it: neither results nor records are of other code on another Python."""
+    text = digests._dumped(digests._tree(EVERY_PYTHON))
+    assert hashlib.sha256(text.encode()).hexdigest() == "675466bc70a86996c56e8bd493e8fd1d4df4ce237297681e541a58617651dc7d"
 
 
 def test_renaming_a_file_beside_the_code_counts(package):
