@@ -179,14 +179,13 @@ class JointIdentification:
 
     def _p_remaining(self, trial: Hypothesis) -> float:
         """Probability that noise leaves as much on either record, or as much that looks like some effect."""
-        left = self.screen.matches(trial.first)
-        p_gain = self.null_first.p_gain(left[0].gain) if left else 1.0
+        matches = self.screen.matches(trial.first)
+        p_gain = self.null_first.p_gain(matches[0].gain) if matches else 1.0
         looks = (self.null_first.p_value(trial.first), p_gain)
         unseen, alarm = self.null.p_value(trial.residual), self.rules.alarm / 3
         # What is beyond all replicates has another cause than the error of the parameters.
-        if LEAST < unseen < alarm <= min(looks) and self.first.mechanism.runs + 2 * len(
-            trial.fit.deviations
-        ) + 2 <= self._limit(0):
+        left = self._limit(0) - self.first.mechanism.runs
+        if LEAST < unseen < alarm <= min(looks) and 2 * len(trial.fit.deviations) + 2 <= left:
             unseen = max(unseen, self.null.p_value(self._beside(trial.fit)))
         return min(1.0, 3 * min(unseen, *looks))
 
