@@ -4,13 +4,14 @@ import json
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.gap.benchmark import body_cases, machines
-from gsbridge.gap.benchmark.body_truth import ThrowScene, throw_box
+from gsbridge.gap.benchmark.body_truth import ThrowScene, damping_ratio, throw_box
 from gsbridge.gap.benchmark.generate import NotShownError, _joined
 from gsbridge.gap.benchmark.hidden_parts import true_parameters
 from gsbridge.gap.benchmark.trajectories import course
@@ -130,3 +131,29 @@ def test_throws_of_mujoco_fall_by_gravity_before_they_touch():
 def test_equations_that_are_the_same_are_twins():
     assert body_cases.body_twins(("gravity_scale",)) == [["tracking_rate"]]
     assert body_cases.body_twins(("restitution",)) == []
+
+
+@pytest.mark.parametrize("restitution", [0.05, 0.3, 0.7, 0.95])
+def test_a_damper_gives_back_what_was_asked_for(restitution):
+    """Against the equation of motion of a spring and a damper that let go when they would pull."""
+    ratio = damping_ratio(restitution)
+
+    def released(_, state):
+        return state[0] + 2.0 * ratio * state[1] if state[1] > 0.0 or state[0] > 0.0 else -1.0
+
+    released.terminal = True
+    solved = solve_ivp(
+        lambda _, s: [s[1], -s[0] - 2.0 * ratio * s[1]], (0.0, 50.0), [0.0, -1.0], events=released, rtol=1e-10, atol=1e-12
+    )
+    assert solved.y[1, -1] == pytest.approx(restitution, abs=2e-3)
+
+
+@pytest.mark.parametrize("restitution", [0.1, 0.4, 0.8])
+def test_every_ball_of_the_truth_rebounds_with_its_restitution(restitution):
+    """At whatever moment of a step it touches."""
+    scene = ThrowScene("ball", (0.06,) * 3, restitution=restitution, rate=2000.0, duration=0.3, noise=(0.0, 0.0))
+    for throw in throw_box(scene, 12, 5).items:
+        speed = np.gradient(throw.position[:, 2], throw.time)
+        fastest = int(np.argmin(speed))
+        back = speed[fastest : fastest + 40].max()
+        assert back / -speed[fastest] == pytest.approx(restitution, abs=0.03)

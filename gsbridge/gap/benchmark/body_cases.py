@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 
 from gsbridge.errors import InputError
-from gsbridge.gap.benchmark.body_truth import ThrowScene, throw_box
+from gsbridge.gap.benchmark.body_truth import STEP, ThrowScene, throw_box
 from gsbridge.gap.benchmark.body_visibility import BodyVisibility
 from gsbridge.gap.benchmark.generate import NotShownError
 from gsbridge.gap.contact.throws import Throws, write_throws
@@ -123,6 +123,12 @@ def _push(scene: ThrowScene, size: float, way: Array) -> tuple[ThrowScene, Param
     return replace(scene, force=tuple(np.asarray(scene.force) + along)), {"x": float(along[0]), "y": float(along[1])}
 
 
+def _late(scene: ThrowScene, size: float, way: Array) -> tuple[ThrowScene, Parameters]:
+    """Start speeds of a later moment, by whole steps of the engine: between them it has none to log."""
+    lag = STEP * round(size / STEP)
+    return replace(scene, lag=lag), {"time": lag}
+
+
 def _heavier(scene: ThrowScene, size: float, way: Array) -> tuple[ThrowScene, Parameters]:
     """Heavier, with a force that does not grow with the mass."""
     return replace(scene, mass=scene.mass * (1.0 + size)), {"share": size}
@@ -144,7 +150,7 @@ KNOWN: Mapping[str, HiddenEffect] = {
     "steady_force": HiddenEffect(0.02, 3.0, _push),
     "table_height": HiddenEffect(5e-4, 0.02, _figure("height", "height"), signed=True),
     "table_tilt": HiddenEffect(0.005, 0.15, _vector("tilt", ("about_x", "about_y"))),
-    "tracking_lag": HiddenEffect(1e-3, 0.02, _figure("lag", "time")),
+    "tracking_lag": HiddenEffect(1e-3, 0.02, _late),
     "tracking_offset": HiddenEffect(0.001, 0.02, _vector("offset", ("x", "y", "z"))),
     "tracking_rate": HiddenEffect(0.005, 0.15, _figure("clock", "share", share=True), signed=True),
     "tracking_scale": HiddenEffect(0.005, 0.15, _figure("stretched", "share", share=True), signed=True),
