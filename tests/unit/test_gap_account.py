@@ -33,7 +33,7 @@ from gsbridge.gap.joints.pooled import PooledResiduals, spread_of
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.scatter import RecordSizes, widened
 from gsbridge.gap.joints.screen import Screen
-from gsbridge.gap.joints.widening import Look, strained
+from gsbridge.gap.joints.widening import Look, Widening, strained
 
 SEED, COURSES = 40, 41
 
@@ -487,3 +487,34 @@ def test_a_controller_with_an_integral_is_told_and_nothing_is_blamed_for_it(axis
             assert findings["status"] == "degraded"
             assert "N m/(rad s)" in findings["sentence"]
             assert findings["amended"] == []
+
+
+class Leaning:
+    """Two records of 1,000 moments and two channels, in units of the noise; the arm leans on something in 30 of the second."""
+
+    def __init__(self, explained, gap=3000.0):
+        rng = np.random.default_rng(4)
+        self.row, self.change = rng.normal(size=(2, 1000, 2)), np.zeros((2, 1000, 2))
+        self.row[1, 100:130] += 100.0
+        self.change[1, 100:130] = 100.0 * explained
+        self.weights, self.rules, self.gap = None, Rules(), gap
+        self.both = self
+
+    def parts(self, row):
+        return list(row.reshape(2, 1000, 2))
+
+    def _plain(self, effects):
+        return np.full(1, self.gap)
+
+    def supports(self):
+        return Widening._supports(self, self.row.ravel(), self.change.ravel())
+
+
+@pytest.mark.parametrize(("explained", "taken"), [(1.0, True), (0.6, True), (0.2, False), (2.5, False), (0.0, False)])
+def test_a_surface_explains_most_of_what_is_left_where_an_arm_leans_on_it(explained, taken):
+    assert Leaning(explained).supports() == taken
+
+
+def test_a_surface_that_explains_next_to_nothing_of_a_gap_is_no_line():
+    assert Leaning(1.0, gap=1e5).supports()
+    assert not Leaning(1.0, gap=1e6).supports()

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.stats import norm
 
 from gsbridge.effects.joints.base import HOOKS
+from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.closure import beyond_noise
 from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Finding, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import told_apart, transfer
@@ -33,6 +34,9 @@ _DRY, _AGAIN = 3, 2
 """Number of rounds in a row without a further effect after which the search ends, and number of effects that must be added
 before one that failed is tried again."""
 
+_BESIDE = 4
+"""Number of effects beside which the one that was taken first is looked at again."""
+
 _NEARLY, _ALIKE = 0.8, 0.95
 """Shares of an effect's gain that others must reach to be told in its place: a simpler effect on the same joint, and one that
 acts nearer to the command."""
@@ -42,6 +46,13 @@ _EACH = 0.25
 
 _IDLE = 0.01
 """Squared change of a record, in shares of the noise's square, below which an effect does nothing there."""
+
+_LEANS, _MOSTLY = 3.0, 0.5
+"""Change, in units of the noise, of a moment in which an arm leans on a surface, and share of what is left there that a surface
+may leave to be fitted before all others."""
+
+_HALVINGS, _NEAR = 2, 2e-3
+"""How often the heights are halved between which a surface is looked at, in each round, and the distance from which on, m."""
 
 _STRAINED = 0.75
 """Share of the largest size that makes sense, beyond which an effect is not taken into an account."""
@@ -139,7 +150,7 @@ class Widening:
         best = finding.best if said else nothing
         best = self._grown(best)
         if best is not nothing and best is not finding.best:
-            better = self._exchanged(best)
+            better = self._exchanged(best, best.fit.who)
             best = best if better is best else self._grown(better)
         if best is nothing or best is finding.best:
             return self._as_told(finding.best, finding)
@@ -150,20 +161,27 @@ class Widening:
     def _grown(self, best: Hypothesis) -> Hypothesis:
         """An explanation with all effects that earn their place beside it."""
         failed: dict[Candidate, int] = {}
-        dry = 0
+        dry, first = 0, best.fit.who == ()
         while dry < _DRY and len(best.fit.who) < self.rules.entries and (not best.fit.who or self.remains(best)):
             grown = self._wider(best, failed)
             dry = dry + 1 if grown is best else 0
             best = grown
+            if first and len(best.fit.who) == _BESIDE:
+                # What was taken beside nothing, before more is fitted to what it leaves.
+                best, first = self._exchanged(best, best.fit.who[:1]), False
         return best
 
-    def _exchanged(self, best: Hypothesis) -> Hypothesis:
+    def _exchanged(self, best: Hypothesis, taken: Sequence[Candidate]) -> Hypothesis:
         """An explanation in which others stand for effects that were taken early, where the whole explains more with them.
 
         Beside nothing, a filter of the commands and a damped controller look alike; beside friction they do not.
+
+        Args:
+            best: The explanation.
+            taken: The effects in question.
         """
         allowed = self.rules.join * max(1.0, self._squares(best.fit) / sum(self.floors))
-        for who in best.fit.who:
+        for who in taken:
             k = best.fit.who.index(who)
             others, values = [c for c in best.fit.who if c != who], [v for j, v in enumerate(best.fit.values) if j != k]
             for look in self._alike(best, k)[:_TRIED]:
@@ -239,7 +257,8 @@ class Widening:
         """An explanation with the effect more that helps most; the same one where none earns its place."""
         self.both = self.both.robust(best.fit.effects)
         known = derivatives(self.both, best.fit)
-        for look in self._promising(best, failed, np.linalg.qr(known)[0]):
+        looks = self._promising(best, failed, np.linalg.qr(known)[0])
+        for look in [*self._leaning(best, failed), *looks]:
             if self.both.mechanism.runs >= self._end:
                 break
             who, start = (*best.fit.who, look.candidate), (*best.fit.values, look.values)
@@ -268,8 +287,10 @@ class Widening:
         for candidate, values in self._starts(best):
             if _key(candidate, values) not in self._looks and self.both.mechanism.runs < self._end:
                 self._look(best, candidate, values)
-        # What failed beside fewer effects may help beside more.
-        left_out = {who for who, count in failed.items() if len(best.fit.who) < count + _AGAIN}
+        for who in self._surfaces():
+            if who not in best.fit.who:
+                self._look_between(best, who, row)
+        left_out = _out_of_turn(best, failed)
         stale = [look for (who, _), look in self._looks.items() if who not in best.fit.who and who not in left_out]
         ranked = dict[Candidate, Look]()
         for look in sorted((look.beside(basis) for look in stale), key=lambda look: -look.guess(row)[1]):
@@ -287,13 +308,76 @@ class Widening:
         found.sort(key=lambda item: -item[0])
         return [look for _, look in _plainest_first(found)][:_FITTED]
 
+    def _look_between(self, best: Hypothesis, surface: Candidate, row: Array) -> None:
+        """Look at a surface between the heights where it was looked at: it helps a little higher or lower than at the best one.
+
+        Args:
+            best: The explanation so far.
+            surface: The candidate.
+            row: What the explanation leaves. [sum of T C].
+        """
+        for _ in range(_HALVINGS):
+            looks = [look for (who, _), look in self._looks.items() if who == surface]
+            top = max(looks, key=lambda look: look.guess(row)[1])
+            at = [look.values["height"] for look in looks if look.values["stiffness"] == top.values["stiffness"]]
+            lower = max((h for h in at if h < top.values["height"]), default=None)
+            higher = min((h for h in at if h > top.values["height"]), default=None)
+            for height in (h for h in (lower, higher) if h is not None and abs(h - top.values["height"]) > _NEAR):
+                values = {**top.values, "height": 0.5 * (height + top.values["height"])}
+                if self.both.mechanism.runs < self._end:
+                    self._look(best, surface, values)
+
+    def _leaning(self, best: Hypothesis, failed: dict[Candidate, int]) -> list[Look]:
+        """The surface that explains most of what is left where the arm leans on it, if any does.
+
+        Other effects are judged by whole records, of which an arm leans on something in a few moments only. These moments
+        count in full here, although nothing explains them yet: they are just what a surface is about.
+
+        Args:
+            best: The explanation so far.
+            failed: Candidates that were fitted in vain, and beside how many effects.
+        """
+        row = self._plain(best.fit.effects)
+        left_out = {*best.fit.who, *_out_of_turn(best, failed)}
+        surfaces = [who for who in self._surfaces() if who not in left_out]
+        found: list[tuple[float, Look]] = []
+        for look in (look for (who, _), look in self._looks.items() if who in surfaces):
+            change = look.change if self.both.weights is None else look.change / self.both.weights
+            if self._supports(row, change):
+                found.append((float(row @ row - (row - change) @ (row - change)), look))
+        return [max(found, key=lambda item: item[0])[1]] if found else []
+
+    def _supports(self, row: Array, change: Array) -> bool:
+        """Whether a surface explains most of what is left where the arm leans on it, and enough of the whole gap for a line.
+
+        Args:
+            row: What is left without it, all moments alike. [sum of T C].
+            change: What it changes. [sum of T C].
+        """
+        parts = list(zip(self.both.parts(row), self.both.parts(change), strict=True))
+        touched = [(change**2).sum(axis=1) > _LEANS**2 for _, change in parts]
+        before, after = (
+            sum(float((rows[moments] ** 2).sum()) for rows, moments in zip(kind, touched, strict=True))
+            for kind in ([left for left, _ in parts], [left - change for left, change in parts])
+        )
+        share = (np.linalg.norm(row) - np.linalg.norm(row - change)) / np.linalg.norm(self._plain(()))
+        return after < _MOSTLY * before and float(share) >= _EACH * self.rules.worth
+
+    def _plain(self, effects: Sequence[Applied]) -> Array:
+        """Residual of both records in which all moments count the same. [sum of T C]."""
+        return replace(self.both, weights=None).residual(effects)
+
+    def _surfaces(self) -> list[Candidate]:
+        """Candidates that are something in the arm's way, at a height to find."""
+        return [who for who in self.who if who.effect.threshold and not who.effect.blends]
+
     def _starts(self, best: Hypothesis) -> list[tuple[Candidate, dict[str, float]]]:
         """Candidates with parameters to look at them beside an explanation.
 
         What a threshold changes tells nothing of another threshold: such a size is looked at anew where another one suits what
         is left, a surface at every height, since `fit` alone may never come near it, and on the joint that errs most any size.
         """
-        surfaces = [who for who in self.who if who.effect.threshold and not who.effect.blends]
+        surfaces = self._surfaces()
         out = [(m.candidate, m.starts[0]) for m in self.screen.matches(best.first) if m.candidate not in surfaces]
         for who in (*surfaces, *thresholds(self.who, self.first, best.first)):
             out += [(who, who.effect.scaled(way, size)) for way in who.directions() for size in who.effect.sizes]
@@ -315,7 +399,9 @@ class Widening:
             return False
         gaps, before, after = (self._lengths(fitted) for fitted in (self._nothing, best, trial))
         shares = [(a - b) / max(gap, 1e-9) for a, b, gap in zip(before, after, gaps, strict=True)]
-        if shares[0] < self.rules.worth:
+        surface = trial.fit.who[-1] in self._surfaces()
+        row = self._plain(best.fit.effects)
+        if not (self._supports(row, row - self._plain(trial.fit.effects)) if surface else shares[0] >= self.rules.worth):
             return False
         helps = [share >= _EACH * self.rules.worth for share in shares[1:]]
         pairs = ((best.first, trial.first), (best.residual, trial.residual))
@@ -335,6 +421,11 @@ class Widening:
         return [
             float((part**2).sum()) < _IDLE * floor for part, floor in zip(self.both.parts(change), self.floors, strict=True)
         ]
+
+
+def _out_of_turn(best: Hypothesis, failed: dict[Candidate, int]) -> set[Candidate]:
+    """Candidates that failed beside about as many effects; what failed beside fewer may help beside more."""
+    return {who for who, count in failed.items() if len(best.fit.who) < count + _AGAIN}
 
 
 def _key(candidate: Candidate, values: dict[str, float]) -> tuple[Candidate, tuple[float, ...]]:
