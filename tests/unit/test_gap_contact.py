@@ -17,7 +17,7 @@ from gsbridge.gap.benchmark.body_truth import ThrowScene, throw_box
 from gsbridge.gap.contact.body import parse_body, read_body
 from gsbridge.gap.contact.case import read_throw_case, split_throws
 from gsbridge.gap.contact.diagnose import ThrowAccount, diagnose_throws
-from gsbridge.gap.contact.identify import closure
+from gsbridge.gap.contact.identify import ThrowHypothesis, ThrowIdentification, ThrowRules, closure
 from gsbridge.gap.contact.interval import intervals
 from gsbridge.gap.contact.replay import ThrowReplay
 from gsbridge.gap.contact.search import lowest, refine, screen
@@ -244,6 +244,17 @@ def test_a_figure_that_cannot_be_negative_may_be_nothing():
     assert -0.5 < spans["friction"][1] < -0.4
 
 
+def test_where_a_body_sticks_the_least_friction_that_holds_it_is_taken():
+    """Any larger coefficient explains as much, up to the largest that makes sense."""
+    replay = ThrowReplay(parse_body({**MODEL, "contact": {"friction": 0.1}}, "."), own_throws(1.1, 8, 3), HORIZON)
+    fit = refine(replay, (Applied("contact_friction", "", {"friction": 0.9}),))
+    assert fit.converged
+    assert 0.6 < fit.effects[0].parameters["friction"] <= 1.0
+    (spans,) = intervals(replay, fit, np.random.default_rng(0))
+    assert 0.6 < spans["friction"][0] < 1.0
+    assert spans["friction"][1] == 2.0
+
+
 def test_a_size_at_any_other_bound_has_not_converged():
     """What was nothing before is not named for staying so, nor what would be smaller than the catalogue allows."""
     replay = ThrowReplay(parse_body(MODEL, "."), own_throws(0.5, 8, 2), HORIZON)
@@ -275,6 +286,18 @@ def test_a_size_below_the_smallest_of_the_grid_is_found(name, size):
     match = screen(replay, name)
     assert 0.2 * size < match.effect.parameters[parameter.name] < 3.0 * size
     assert match.error < 0.8 * replay.errors().mean()
+
+
+def test_a_size_that_the_smallest_of_the_grid_overshoots_is_found():
+    """The smallest size that is tried does help, but what lies below it helps more."""
+    replay = ThrowReplay(
+        parse_body(MODEL, "."), own_throws(0.5, 12, 4, effects=(Applied("inertia_scale", "", {"share": 0.11}),)), HORIZON
+    )
+    least = Applied("inertia_scale", "", {"share": BODY_EFFECTS["inertia_scale"].parameters[0].typical})
+    assert replay.errors((least,)).mean() < replay.errors().mean()
+    match = screen(replay, "inertia_scale")
+    assert match.effect.parameters["share"] == pytest.approx(0.11, abs=0.05)
+    assert match.error < 0.7 * replay.errors((least,)).mean()
 
 
 def test_a_fitted_size_is_the_hidden_one():
@@ -385,3 +408,14 @@ def test_a_wrong_case_is_refused_and_nothing_is_written(thrown, tmp_path, change
     with pytest.raises(InputError):
         run_case(folder / "wrong.yaml", tmp_path / "out", tmp_path / "bank")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("left", "better"), [(0.17, False), (0.14, True)])
+def test_one_effect_more_takes_a_tenth_of_the_whole_gap_away(left, better):
+    """Of a gap of 1 mm above a floor of 0.1, of which the first effect leaves 0.25."""
+    rng = np.random.default_rng(1)
+    search = object.__new__(ThrowIdentification)
+    search.rules, search.plain = ThrowRules(), np.full(30, 1e-3)
+    noise = 1e-6 * rng.normal(size=(2, 30))
+    old, new = (ThrowHypothesis(None, 1e-3 * size + row) for size, row in zip((0.25, left), noise, strict=True))
+    assert search._better(new, old, 1e-4) == better

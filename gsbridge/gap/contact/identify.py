@@ -40,6 +40,8 @@ class ThrowRules:
         sigmas: Number of standard errors by which it must lead them.
         closure: Share of the gap, in unweighted distances, that named effects must close where something unexplained remains.
         gain: Share of the error above the floor that a further effect must remove, on throws that it was not fitted to.
+        least: Share of the whole gap that it must remove there: engines turn a body at impacts a little more or less, which
+            another inertia takes up beside anything else.
         most: Largest number of effects in one explanation.
         draws: Number of draws of the bootstrap over throws.
         budget: Number of passes over the throws of a role, without those of the bank, after which no further effect is sought.
@@ -52,6 +54,7 @@ class ThrowRules:
     sigmas: float = 3.0
     closure: float = 0.8
     gain: float = 0.15
+    least: float = 0.1
     most: int = 3
     draws: int = 500
     budget: float = 90.0
@@ -197,11 +200,12 @@ class ThrowIdentification:
         )
 
     def _better(self, new: ThrowHypothesis, old: ThrowHypothesis, floor: float) -> bool:
-        """Whether one trial is better than another on `select`, beyond chance, by a part of what is left, and by more than what
-        it leaves: what is smaller than the model's own error is not named."""
+        """Whether one trial is better than another on `select`, beyond chance, by a part of what is left and of the whole gap,
+        and by more than what it leaves: what is smaller than the model's own error is not named."""
         gain = old.errors - new.errors
         chance = self.rules.sigmas * float(gain.std(ddof=1)) / np.sqrt(len(gain))
-        return float(gain.mean()) > max(chance, self.rules.gain * max(old.score - floor, 0.0), new.score - floor)
+        parts = (self.rules.gain * (old.score - floor), self.rules.least * (float(self.plain.mean()) - floor))
+        return float(gain.mean()) > max(chance, *parts, new.score - floor)
 
     def _several(self, singles: Sequence[ThrowHypothesis], floor: float) -> ThrowHypothesis:
         """Add effects while throws that were not fitted agree: the best addition, swaps of earlier ones, dropping."""

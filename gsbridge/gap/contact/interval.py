@@ -57,7 +57,10 @@ def intervals(replay: ThrowReplay, fit: ThrowFit, rng: np.random.Generator) -> l
             best = float(errors(value).mean())
             least, most = reach(replay, [*effects[:place], *effects[place + 1 :]], BODY_EFFECTS[applied.name], parameter)
             # Beyond a bound nothing changes any more.
-            sides = [sign for sign, bound in ((-1.0, least), (1.0, most)) if value != bound]
+            bounds = {-1.0: least, 1.0: most}
+            sides = [sign for sign, bound in bounds.items() if value != bound]
+            level = [sign for sign in sides if _level(errors, bounds[sign], best, fit.profiles[place, parameter.name], value)]
+            sides = [sign for sign in sides if sign not in level] or sides
             places = _POINTS if len(sides) == 2 else sides[0] * (1.0 + _POINTS) / 2.0
             width = _width(fit.profiles[place, parameter.name], best) or max(0.15 * abs(value), 0.2 * abs(parameter.typical))
             for _ in range(_TRIES):
@@ -82,9 +85,27 @@ def intervals(replay: ThrowReplay, fit: ThrowFit, rng: np.random.Generator) -> l
             # The interval is about the value that is named, which need not be the parabola's lowest point.
             low = value - misfit * float(np.hypot(max(value - low, 0.0), engine))
             high = value + misfit * float(np.hypot(max(high - value, 0.0), engine))
-            rows[parameter.name] = (max(low, least), min(high, most))
+            rows[parameter.name] = (
+                least if -1.0 in level else max(low, least),
+                most if 1.0 in level else min(high, most),
+            )
         out.append(rows)
     return out
+
+
+def _level(errors: Callable[[float], Array], bound: float, best: float, profile: Mapping[float, float], value: float) -> bool:
+    """Whether nothing up to a bound does worse than the best value, so that nobody knows how much more it is.
+
+    Args:
+        errors: Error of each throw at a value.
+        bound: The bound.
+        best: Mean error at the best value, m.
+        profile: Values that the search has looked at and their errors.
+        value: The best value.
+    """
+    beyond = [error for at, error in profile.items() if (at - value) * (bound - value) > 0.0]
+    level = bool(beyond) and max(beyond) < (1.0 + _RISES[0]) * min(profile.values())
+    return level and bool(np.isfinite(bound)) and float(errors(bound).mean()) < (1.0 + _RISES[0]) * best
 
 
 def _lowest(profile: Array, places: Array) -> Array:

@@ -31,6 +31,9 @@ _WIDEN = 6
 _BETWEEN = 0.1
 """Share of the squared distances that a size below the grid's smallest must promise to explain to be looked at."""
 
+_NEARER = 0.8
+"""Such a size is looked at up to this share of the smallest one: what is nearer to it tells nothing new."""
+
 _LOOKS = 12
 """Values that a search looks at within its bracket, at most."""
 
@@ -104,10 +107,11 @@ def screen(replay: ThrowReplay, name: str, base: Sequence[Applied] = ()) -> Grid
         moved = zip(plain, replay.flights((*base, applied)), strict=True)
         change = max(change, float(np.mean([np.linalg.norm(a.position - b.position, axis=1).mean() for a, b in moved])))
     unchanged = mean_error(replay, base)
-    smallest = [k for k in range(0, len(points), len(effect.sizes)) if errors[k] >= unchanged]
+    ways = [range(k, k + len(effect.sizes)) for k in range(0, len(points), len(effect.sizes))]
+    smallest = [way[0] for way in ways if min(way, key=lambda k: errors[k]) == way[0]]
     for applied in (points[k] for k in smallest):
         share, explained = _projected(replay, plain, replay.flights((*base, applied)))
-        if 0.0 < share < 1.0 and explained > _BETWEEN:
+        if 0.0 < share < _NEARER and explained > _BETWEEN:
             points.append(Applied(name, "", effect.scaled(applied.parameters, share)))
             errors.append(mean_error(replay, (*base, points[-1])))
     together = _together(effect, points, errors, unchanged)
@@ -222,10 +226,27 @@ def refine(replay: ThrowReplay, effects: Sequence[Applied], share: float = 1.0) 
             known, free = lowest(error, value, width, *reach(replay, others, effect, parameter))
             best = min(known, key=lambda at: known[at])
             profiles[place, parameter.name] = known
+            if not free:
+                best, free = _plateau(known, best)
             free = free or best == vanishing(replay, others, effect, parameter)
             inside[place, parameter.name] = free or not parameter.amplitude
             current[place] = _with(current[place], parameter.name, best)
     return ThrowFit(tuple(current), mean_error(replay, current), all(inside.values()), profiles)
+
+
+def _plateau(known: Mapping[float, float], best: float) -> tuple[float, bool]:
+    """Where a plateau begins on which a search ended: a body that sticks does so with any larger friction.
+
+    Args:
+        known: Values that were looked at and their errors.
+        best: The best of them.
+
+    Returns:
+        The smallest value that is as good, and whether any does worse on both sides of it, or as well beyond it.
+    """
+    level = [value for value in known if known[value] <= (1.0 + _GAIN) * known[best]]
+    begin = min(level, key=abs)
+    return begin, begin != best and min(known) < begin < max(known)
 
 
 def _with(applied: Applied, key: str, value: float) -> Applied:
