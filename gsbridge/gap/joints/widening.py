@@ -12,16 +12,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import norm
 
-from gsbridge.effects.joints.base import HOOKS
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.closure import beyond_noise
 from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Finding, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import told_apart, transfer
 from gsbridge.gap.joints.candidates import thresholds
 from gsbridge.gap.joints.fit import derivatives, fit, settled
+from gsbridge.gap.joints.looks import Look, key_of, plainest_first
 from gsbridge.gap.joints.pooled import PooledResiduals, spread_of
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import Screen
+from gsbridge.gap.joints.surfaces import heights_between, is_surface, supports
 from gsbridge.geometry import Array
 
 _FRESH = 8
@@ -37,22 +38,14 @@ before one that failed is tried again."""
 _BESIDE = 4
 """Number of effects beside which the one that was taken first is looked at again."""
 
-_NEARLY, _ALIKE = 0.8, 0.95
-"""Shares of an effect's gain that others must reach to be told in its place: a simpler effect on the same joint, and one that
-acts nearer to the command."""
-
 _EACH = 0.25
 """Of the part that an effect must explain of all records together, the share that it must explain of each."""
 
 _IDLE = 0.01
 """Squared change of a record, in shares of the noise's square, below which an effect does nothing there."""
 
-_LEANS, _MOSTLY = 3.0, 0.5
-"""Change, in units of the noise, of a moment in which an arm leans on a surface, and share of what is left there that a surface
-may leave to be fitted before all others."""
-
-_HALVINGS, _NEAR = 2, 2e-3
-"""How often the heights are halved between which a surface is looked at, in each round, and the distance from which on, m."""
+_HALVINGS = 2
+"""How often the heights are halved between which a surface is looked at, in each round."""
 
 _STRAINED = 0.75
 """Share of the largest size that makes sense, beyond which an effect is not taken into an account."""
@@ -63,45 +56,6 @@ alternative."""
 
 _ALTERNATIVES, _TRIED = 6, 2
 """Largest number of alternatives that an entry of the account lists, and how many of them are fitted in its place."""
-
-_FACTORS = (0.1, 10.0)
-"""Range of the guess at a candidate's size, in multiples of the size at which it was simulated."""
-
-
-@dataclass(frozen=True)
-class Look:
-    """What a candidate changes beside some explanation.
-
-    Args:
-        candidate: The candidate.
-        values: Its parameters there.
-        change: In all records, in units of the noise. [sum of T C].
-    """
-
-    candidate: Candidate
-    values: dict[str, float]
-    change: Array
-
-    def beside(self, basis: Array) -> Look:
-        """Part of the change that no other effect can make: what is left of it beside the directions of the others.
-
-        Args:
-            basis: Orthonormal directions in which the residual moves with the parameters of others. [sum of T C, P].
-        """
-        return replace(self, change=self.change - basis @ (basis.T @ self.change))
-
-    def guess(self, row: Array) -> tuple[float, float]:
-        """Factor that fits a residual best, and by how much the candidate then reduces its square. [sum of T C]."""
-        along, size = float(self.change @ row), float(self.change @ self.change)
-        if size <= 0.0:
-            return 1.0, 0.0
-        factor = 1.0 if self.candidate.effect.threshold else float(np.clip(along / size, *_FACTORS))
-        return factor, 2.0 * factor * along - factor**2 * size
-
-    def scaled(self, factor: float) -> dict[str, float]:
-        """Parameters times a factor."""
-        out: dict[str, float] = self.candidate.effect.scaled(self.values, factor)
-        return out
 
 
 @dataclass
@@ -258,7 +212,10 @@ class Widening:
         self.both = self.both.robust(best.fit.effects)
         known = derivatives(self.both, best.fit)
         looks = self._promising(best, failed, np.linalg.qr(known)[0])
-        for look in [*self._leaning(best, failed), *looks]:
+        surface = self._leaning(best, failed)
+        if surface is not None:
+            looks = [surface, *(look for look in looks if look.candidate != surface.candidate)]
+        for look in looks:
             if self.both.mechanism.runs >= self._end:
                 break
             who, start = (*best.fit.who, look.candidate), (*best.fit.values, look.values)
@@ -285,11 +242,13 @@ class Widening:
         """
         row = self.both.residual(best.fit.effects)
         for candidate, values in self._starts(best):
-            if _key(candidate, values) not in self._looks and self.both.mechanism.runs < self._end:
+            if key_of(candidate, values) not in self._looks and self.both.mechanism.runs < self._end:
                 self._look(best, candidate, values)
-        for who in self._surfaces():
-            if who not in best.fit.who:
-                self._look_between(best, who, row)
+        for who in (who for who in self.who if is_surface(who) and who not in best.fit.who):
+            for _ in range(_HALVINGS):
+                for values in heights_between([look for (seen, _), look in self._looks.items() if seen == who], row):
+                    if self.both.mechanism.runs < self._end:
+                        self._look(best, who, values)
         left_out = _out_of_turn(best, failed)
         stale = [look for (who, _), look in self._looks.items() if who not in best.fit.who and who not in left_out]
         ranked = dict[Candidate, Look]()
@@ -306,28 +265,9 @@ class Widening:
             if gain > 0.0 and min(gains) > -0.1 * gain:
                 found.append((gain, Look(fresh.candidate, fresh.scaled(factor), fresh.change)))
         found.sort(key=lambda item: -item[0])
-        return [look for _, look in _plainest_first(found)][:_FITTED]
+        return [look for _, look in plainest_first(found)][:_FITTED]
 
-    def _look_between(self, best: Hypothesis, surface: Candidate, row: Array) -> None:
-        """Look at a surface between the heights where it was looked at: it helps a little higher or lower than at the best one.
-
-        Args:
-            best: The explanation so far.
-            surface: The candidate.
-            row: What the explanation leaves. [sum of T C].
-        """
-        for _ in range(_HALVINGS):
-            looks = [look for (who, _), look in self._looks.items() if who == surface]
-            top = max(looks, key=lambda look: look.guess(row)[1])
-            at = [look.values["height"] for look in looks if look.values["stiffness"] == top.values["stiffness"]]
-            lower = max((h for h in at if h < top.values["height"]), default=None)
-            higher = min((h for h in at if h > top.values["height"]), default=None)
-            for height in (h for h in (lower, higher) if h is not None and abs(h - top.values["height"]) > _NEAR):
-                values = {**top.values, "height": 0.5 * (height + top.values["height"])}
-                if self.both.mechanism.runs < self._end:
-                    self._look(best, surface, values)
-
-    def _leaning(self, best: Hypothesis, failed: dict[Candidate, int]) -> list[Look]:
+    def _leaning(self, best: Hypothesis, failed: dict[Candidate, int]) -> Look | None:
         """The surface that explains most of what is left where the arm leans on it, if any does.
 
         Other effects are judged by whole records, of which an arm leans on something in a few moments only. These moments
@@ -339,37 +279,22 @@ class Widening:
         """
         row = self._plain(best.fit.effects)
         left_out = {*best.fit.who, *_out_of_turn(best, failed)}
-        surfaces = [who for who in self._surfaces() if who not in left_out]
+        surfaces = [who for who in self.who if is_surface(who) and who not in left_out]
         found: list[tuple[float, Look]] = []
         for look in (look for (who, _), look in self._looks.items() if who in surfaces):
             change = look.change if self.both.weights is None else look.change / self.both.weights
             if self._supports(row, change):
                 found.append((float(row @ row - (row - change) @ (row - change)), look))
-        return [max(found, key=lambda item: item[0])[1]] if found else []
+        return max(found, key=lambda item: item[0])[1] if found else None
 
     def _supports(self, row: Array, change: Array) -> bool:
-        """Whether a surface explains most of what is left where the arm leans on it, and enough of the whole gap for a line.
-
-        Args:
-            row: What is left without it, all moments alike. [sum of T C].
-            change: What it changes. [sum of T C].
-        """
-        parts = list(zip(self.both.parts(row), self.both.parts(change), strict=True))
-        touched = [(change**2).sum(axis=1) > _LEANS**2 for _, change in parts]
-        before, after = (
-            sum(float((rows[moments] ** 2).sum()) for rows, moments in zip(kind, touched, strict=True))
-            for kind in ([left for left, _ in parts], [left - change for left, change in parts])
-        )
-        share = (np.linalg.norm(row) - np.linalg.norm(row - change)) / np.linalg.norm(self._plain(()))
-        return after < _MOSTLY * before and float(share) >= _EACH * self.rules.worth
+        """Whether a surface explains most of what is left where the arm leans on it, and enough of the whole gap for a line."""
+        gap = float(np.linalg.norm(self._plain(())))
+        return supports(self.both.parts(row), self.both.parts(change), _EACH * self.rules.worth * gap)
 
     def _plain(self, effects: Sequence[Applied]) -> Array:
         """Residual of both records in which all moments count the same. [sum of T C]."""
         return replace(self.both, weights=None).residual(effects)
-
-    def _surfaces(self) -> list[Candidate]:
-        """Candidates that are something in the arm's way, at a height to find."""
-        return [who for who in self.who if who.effect.threshold and not who.effect.blends]
 
     def _starts(self, best: Hypothesis) -> list[tuple[Candidate, dict[str, float]]]:
         """Candidates with parameters to look at them beside an explanation.
@@ -377,7 +302,7 @@ class Widening:
         What a threshold changes tells nothing of another threshold: such a size is looked at anew where another one suits what
         is left, a surface at every height, since `fit` alone may never come near it, and on the joint that errs most any size.
         """
-        surfaces = self._surfaces()
+        surfaces = [who for who in self.who if is_surface(who)]
         out = [(m.candidate, m.starts[0]) for m in self.screen.matches(best.first) if m.candidate not in surfaces]
         for who in (*surfaces, *thresholds(self.who, self.first, best.first)):
             out += [(who, who.effect.scaled(way, size)) for way in who.directions() for size in who.effect.sizes]
@@ -387,7 +312,7 @@ class Widening:
         """Simulate a candidate beside an explanation."""
         effects = best.fit.effects
         change = self.both.residual(effects) - self.both.residual((*effects, candidate.applied(values)))
-        look = self._looks[_key(candidate, values)] = Look(candidate, values, change.astype(np.float32))
+        look = self._looks[key_of(candidate, values)] = Look(candidate, values, change.astype(np.float32))
         return look
 
     def _earns(self, trial: Hypothesis, best: Hypothesis) -> bool:
@@ -399,8 +324,8 @@ class Widening:
             return False
         gaps, before, after = (self._lengths(fitted) for fitted in (self._nothing, best, trial))
         shares = [(a - b) / max(gap, 1e-9) for a, b, gap in zip(before, after, gaps, strict=True)]
-        surface = trial.fit.who[-1] in self._surfaces()
         row = self._plain(best.fit.effects)
+        surface = is_surface(trial.fit.who[-1])
         if not (self._supports(row, row - self._plain(trial.fit.effects)) if surface else shares[0] >= self.rules.worth):
             return False
         helps = [share >= _EACH * self.rules.worth for share in shares[1:]]
@@ -428,11 +353,6 @@ def _out_of_turn(best: Hypothesis, failed: dict[Candidate, int]) -> set[Candidat
     return {who for who, count in failed.items() if len(best.fit.who) < count + _AGAIN}
 
 
-def _key(candidate: Candidate, values: dict[str, float]) -> tuple[Candidate, tuple[float, ...]]:
-    """Return what a candidate's change stands for: all of its sizes, or this one alone where it begins at a threshold."""
-    return candidate, tuple(values.values()) if candidate.effect.threshold else ()
-
-
 def strained(fitted: EffectFit) -> bool:
     """Whether the last effect has a size that hardly makes sense: it stands in for something else."""
     candidate, values = fitted.who[-1], fitted.values[-1]
@@ -441,33 +361,6 @@ def strained(fitted: EffectFit) -> bool:
         for parameter in candidate.effect.parameters
         for bound in (parameter.low, parameter.high)
     )
-
-
-def _plainest_first(found: list[tuple[float, Look]]) -> list[tuple[float, Look]]:
-    """Candidates in order of merit, with the best one behind a plainer one that does about as well.
-
-    Plainer is what has fewer parameters on the same joint; or, of effects with as many that act on the same joints, what takes
-    hold nearer to the command, so that two that no motion tells apart are always told by the same name.
-    """
-    if not found:
-        return []
-    gain, best = found[0]
-
-    def order(look: Look) -> tuple[int, int, str]:
-        effect = look.candidate.effect
-        return len(effect.parameters), HOOKS.index(effect.hook), effect.name
-
-    plain = [
-        item
-        for item in found[1:]
-        if item[1].candidate.joint == best.candidate.joint
-        and (
-            (item[0] > _NEARLY * gain and order(item[1])[0] < order(best)[0])
-            or (item[0] > _ALIKE * gain and order(item[1]) < order(best))
-        )
-    ]
-    head = min(plain, key=lambda item: order(item[1]), default=found[0])
-    return [head, *(item for item in found if item is not head)]
 
 
 def _spread(both: PooledResiduals, fitted: EffectFit) -> Array:
