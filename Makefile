@@ -80,7 +80,7 @@ docs: .venv-docs/.installed
 # nobody has tuned on it; real logs and captures count where GSBRIDGE_MEASURED and GSBRIDGE_CAPTURES name their folders. A clone
 # holds the records of areas without their results, and so snakemake would find nothing to do: the records are made anew.
 PART ?= $(PARTS)
-PARTS := tables simulator shapes study worlds loops severity worth gap
+PARTS := tables simulator shapes study worlds loops severity worth gap gap_rivals gap_bodies gap_pictures gap_real
 SEAL := results/.state/seal
 EVIDENCE_tables := all benchmarks/scores/real2sim.json benchmarks/scores/policies.json
 EVIDENCE_simulator := simulator benchmarks/scores/simulator.json
@@ -91,6 +91,7 @@ EVIDENCE_loops := benchmarks/scores/loops.json
 EVIDENCE_severity := results/severity_controller.md results/severity.md benchmarks/scores/severity.json
 EVIDENCE_worth := results/worth.md results/graded.md benchmarks/scores/worth.json
 EVIDENCE_gap := benchmarks/scores/gap.json
+$(foreach part,rivals bodies pictures real,$(eval EVIDENCE_gap_$(part) := benchmarks/scores/gap_$(part).json))
 
 evidence: $(addprefix evidence-,$(PART))
 	$(SNAKEMAKE) --forcerun record_timings -- benchmarks/evidence/timings.csv.gz
@@ -100,7 +101,7 @@ evidence-%: $(INSTALLED)
 	@test -n "$(EVIDENCE_$*)" || { echo "there is no part '$*'; use $(PARTS)" >&2; exit 1; }
 	@mkdir -p $(dir $(SEAL)) && test -s $(SEAL) || shuf -i 10001-999999999 -n 1 > $(SEAL)
 	GSBRIDGE_SEAL=$$(cat $(SEAL)) $(SNAKEMAKE) $(if $(PROFILE),--workflow-profile $(PROFILE)) --keep-going --forcerun record_scores -- $(EVIDENCE_$*)
-	$(if $(filter gap,$*),$(BIN)/python -m benchmarks.gap_seals --scored results/gap-benchmark/*/scores.json)
+	$(if $(filter gap gap_bodies gap_pictures,$*),$(BIN)/python -m benchmarks.gap_seals --scored results/gap-benchmark/*/scores.json)
 
 results: $(INSTALLED)
 	$(SNAKEMAKE) --forcerun record_scores -- benchmarks/RESULTS.md

@@ -117,17 +117,19 @@ def reconstruction() -> dict[str, float]:
     return out
 
 
-def gap() -> dict[str, float]:
+def gap(area: str) -> dict[str, float]:
     """Share of single effects of five units and more that were named rightly, and of false alarms among empty cases, %."""
-    found = rows("gap", "tiers")
+    found = rows(area, "tiers")
     found = found[found.key.str.startswith("methods.gsbridge.list.")]
     if found.empty:
         return {}
     found[["case", "what"]] = found.key.str.extract(r"list\.(\d+)\.(\w+)").to_numpy()
     cases = found.pivot(index=["file", "case"], columns="what", values="value").reset_index()
-    plain = cases[(cases.kind == "single") & (pd.to_numeric(cases.units) >= 5)]
-    out = {f"gap_named_right_{file.split('/')[2]}": 100 * (of.outcome == "right").mean() for file, of in plain.groupby("file")}
-    return out | {"gap_false_alarm": 100 * (cases[cases.hidden.isna()].outcome == "false_alarm").mean()}
+    cases["tier"] = cases.file.str.split("/").str[2]
+    plain, empty = cases[(cases.kind == "single") & (pd.to_numeric(cases.units) >= 5)], cases[cases.hidden.isna()]
+    out = {f"gap_named_right_{tier}": 100 * (of.outcome == "right").mean() for tier, of in plain.groupby("tier")}
+    out |= {f"gap_false_alarm_{tier}": 100 * (of.outcome == "false_alarm").mean() for tier, of in empty.groupby("tier")}
+    return out | {"gap_false_alarm": 100 * (empty.outcome == "false_alarm").mean()}
 
 
 if __name__ == "__main__":
@@ -138,7 +140,7 @@ if __name__ == "__main__":
         "worlds": success("worlds"),
         "severity": severity(),
         "worth": worth(),
-        "gap": gap(),
+        **{area: gap(area) for area in ("gap", "gap_bodies", "gap_pictures")},
     }.items():
         recorded = json.loads((HERE / "scores" / f"{area}.json").read_text(encoding="utf-8"))["figures"] if found else {}
         for name, value in found.items():

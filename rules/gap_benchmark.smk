@@ -59,13 +59,16 @@ rule score_gap_cases:
     input:
         cases="results/gap-benchmark/{tier}/cases",
         truths="results/truth/gap/{tier}",
-        findings=lambda wildcards: BENCHMARK.findings(wildcards.tier),
+        findings=lambda wildcards: BENCHMARK.findings(wildcards.tier, wildcards.scores),
     output:
-        scores="results/gap-benchmark/{tier}/scores.json",
+        scores="results/gap-benchmark/{tier}/{scores}.json",
     log:
-        "results/logs/score_gap_cases/{tier}.log",
+        "results/logs/score_gap_cases/{tier}-{scores}.log",
     benchmark:
-        "results/benchmarks/score_gap_cases/{tier}.jsonl"
+        "results/benchmarks/score_gap_cases/{tier}-{scores}.jsonl"
+    # Of this package alone, or beside all other ways of naming.
+    wildcard_constraints:
+        scores="scores|compared",
     conda:
         "../envs/gap.yaml"
     threads: 1
@@ -74,7 +77,7 @@ rule score_gap_cases:
         runtime="10m",
     params:
         code=script_digest("score_gap_cases"),
-        methods=lambda wildcards: BENCHMARK.methods(wildcards.tier),
+        methods=lambda wildcards: BENCHMARK.scored(wildcards.tier, wildcards.scores),
         chunks=GAP["chunks"],
     message:
         "Score the findings of tier {wildcards.tier} against what was hidden"
@@ -86,9 +89,7 @@ rule report_gap_benchmark:
     input:
         **BENCHMARK.real_logs,
         floors=project_file("benchmarks/floors.yaml"),
-        scores=collect(
-            "results/gap-benchmark/{tier}/scores.json", tier=list(GAP["benchmark"])
-        ),
+        scores=BENCHMARK.shown,
     output:
         page=report(
             "results/gap-benchmark/report.html",
@@ -189,19 +190,17 @@ rule diagnose_mismatched_laws:
 
 rule score_gap:
     input:
-        **BENCHMARK.real_logs,
-        mismatch="results/benchmarks/gap_mismatch.json",
+        unpack(lambda wildcards: BENCHMARK.figures(wildcards.area)),
         floors=project_file("benchmarks/floors.yaml"),
-        scores=collect(
-            "results/gap-benchmark/{tier}/scores.json", tier=list(GAP["benchmark"])
-        ),
     output:
-        measured="results/scores/measured/gap.json",
-        scores="results/scores/gap.json",
+        measured="results/scores/measured/{area}.json",
+        scores="results/scores/{area}.json",
     log:
-        "results/logs/score_gap.log",
+        "results/logs/score_gap/{area}.log",
     benchmark:
-        "results/benchmarks/score_gap/all.jsonl"
+        "results/benchmarks/score_gap/{area}.jsonl"
+    wildcard_constraints:
+        area=one_of(BENCHMARK.areas),
     conda:
         "../envs/gap.yaml"
     resources:
@@ -209,9 +208,9 @@ rule score_gap:
         runtime="10m",
     params:
         code=script_digest("score_gap"),
-        behind=provenance("gap", config),
+        behind=lambda wildcards: provenance(wildcards.area, config),
         preset=config["preset"],
     message:
-        "Compare the benchmark of the gap with the floors"
+        "Compare {wildcards.area}, of the gap, with the floors"
     script:
         "../scripts/score_gap.py"

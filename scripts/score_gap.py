@@ -1,4 +1,4 @@
-"""Compare the blind benchmark of the gap with the floors."""
+"""Compare figures about the gap with the floors: of the blind benchmark, or of logs of real machines."""
 
 from typing import TYPE_CHECKING
 
@@ -12,17 +12,17 @@ if TYPE_CHECKING:
 start(snakemake.threads, snakemake.log[0])
 write_gap_figures(
     snakemake.output.measured,
-    snakemake.input.scores,
+    snakemake.input.get("scores", []),
     preset=snakemake.params.preset,
     real=snakemake.input.get("real"),
     arm=snakemake.input.get("arm"),
-    mismatch=snakemake.input.mismatch,
+    mismatch=snakemake.input.get("mismatch"),
 )
 write_scores(
     snakemake.input.floors,
     [snakemake.output.measured],
     snakemake.output.scores,
-    area="gap",
+    area=snakemake.wildcards.area,
     preset=snakemake.params.preset,
     provenance=snakemake.params.behind,
 )

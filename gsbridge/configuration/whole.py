@@ -38,7 +38,10 @@ from gsbridge.configuration.scenes import Scene, SharedCamera, WorkspaceSettings
 from gsbridge.configuration.sfm import SfmSettings
 from gsbridge.configuration.splats import SplatSettings
 
-Area = Literal["real2sim", "shapes", "simulator", "policies", "worlds", "severity", "worth", "study", "gap", "loops"]
+Area = Literal[
+    "real2sim", "shapes", "simulator", "policies", "worlds", "severity", "worth", "study", "gap", "gap_rivals", "gap_bodies",
+    "gap_pictures", "gap_real", "loops",
+]  # fmt: skip
 
 
 class Sections(Settings):

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
+from gsbridge.experiment.gap_benchmark import AREAS as GAP_AREAS
 from gsbridge.experiment.gap_benchmark import BenchmarkPlan
 from gsbridge.experiment.loops import JointLoop, PictureLoop
 from gsbridge.experiment.plan import Experiment
@@ -36,7 +38,7 @@ class EvidencePlan:
             "severity": lambda: self._compared("severity"),
             "worth": lambda: self._compared("worth", "graded"),
             "study": self._study,
-            "gap": self._gap,
+            **{name: partial(self._gap, name) for name in GAP_AREAS},
             "loops": lambda: {"trials": sorted({*JointLoop(self.plan).tables, *PictureLoop(self.plan).tables})},
         }
         return found[area]() if area in found else {}
@@ -88,10 +90,8 @@ class EvidencePlan:
         tables = Tables(self.plan)
         return {"trials": tables.study_files("csv", trials=True), "study": ["results/rows/study.csv"]}
 
-    def _gap(self) -> Kinds:
-        gap = BenchmarkPlan(self.plan)
-        return {
-            "tiers": [f"results/gap-benchmark/{tier}/scores.json" for tier in gap.settings["benchmark"]],
-            "mismatch": ["results/benchmarks/gap_mismatch.json"],
-            "measured": list(gap.real_logs.values()),
-        }
+    def _gap(self, area: str) -> Kinds:
+        files = BenchmarkPlan(self.plan).figures(area)
+        names = {"tiers": ("scores",), "mismatch": ("mismatch",), "measured": ("real", "arm")}
+        found = {kind: [files[name] for name in given if name in files] for kind, given in names.items()}
+        return {**found, "tiers": files.get("scores", [])}

@@ -15,6 +15,16 @@ _PLACES = {"photos": "capture/frames", "renders": "splats/soft/views"}
 """Folder in which a scene keeps each kind of pictures."""
 
 
+_OURS = "gsbridge"
+"""This package's own method, the first of all."""
+
+_TIERS = {"gap": ("t0", "t1", "t2", "t7"), "gap_rivals": ("t1", "t2"), "gap_bodies": ("t5",), "gap_pictures": ("t4",)}
+"""Tiers of each area of recorded figures. An area is what can be measured anew in some hours of two cores: arms, thrown bodies
+and pictures share little, and other ways of naming simulate far more than this package does."""
+
+AREAS = (*_TIERS, "gap_real")
+"""Areas of the figures about the gap."""
+
 _SEARCHES = ("cma_es", "cma_es_tenfold")
 """Methods that need the package `cma`."""
 
@@ -29,6 +39,13 @@ def methods_of(tier: str, methods: Sequence[str]) -> list[str]:
     if tier == "t4":
         without = ("group_lasso", *_SEARCHES)
     return [name for name in methods if name not in without and (tier != "t5" or name == "gsbridge")]
+
+
+MISMATCH = "results/benchmarks/gap_mismatch.json"
+
+
+def _scores(tier: str, scores: str) -> str:
+    return f"results/gap-benchmark/{tier}/{scores}.json"
 
 
 @dataclass(frozen=True)
@@ -55,10 +72,37 @@ class BenchmarkPlan:
         scenes = [name for name in self.settings["contents"][kind] if name in self.plan.scenes]
         return [f"results/scenes/{name}/{_PLACES[kind]}" for name in scenes if tier == "t4"]
 
-    def findings(self, tier: str) -> list[str]:
-        """Findings of all ways of naming in one tier, a folder per chunk: those of a way lie side by side."""
+    def scored(self, tier: str, scores: str) -> list[str]:
+        """Ways of naming that a file of scores holds: `scores` this package's own, `compared` all."""
+        return self.methods(tier) if scores == "compared" else [_OURS]
+
+    def findings(self, tier: str, scores: str) -> list[str]:
+        """Findings behind a file of scores of a tier, a folder per chunk: those of a way of naming lie side by side."""
         folder, chunks = f"results/gap-benchmark/{tier}/findings", self.settings["chunks"]
-        return [f"{folder}/{name}-{chunk}" for name in self.methods(tier) for chunk in range(chunks)]
+        return [f"{folder}/{name}-{chunk}" for name in self.scored(tier, scores) for chunk in range(chunks)]
+
+    @property
+    def shown(self) -> list[str]:
+        """Scores of all tiers on the benchmark's page: with other ways of naming wherever any runs."""
+        tiers = self.settings["benchmark"]
+        return [_scores(tier, "compared" if len(self.methods(tier)) > 1 else "scores") for tier in tiers]
+
+    def figures(self, area: str) -> dict[str, Any]:
+        """Files from which the figures of an area are gathered, by the names that `score_gap` gives them.
+
+        Args:
+            area: One of `AREAS`.
+        """
+        if area == "gap_real":
+            return dict(self.real_logs)
+        tiers = [tier for tier in _TIERS[area] if tier in self.settings["benchmark"]]
+        found = {"scores": [_scores(tier, "compared" if area == "gap_rivals" else "scores") for tier in tiers]}
+        return {**found, "mismatch": MISMATCH} if area == "gap" else found
+
+    @property
+    def areas(self) -> list[str]:
+        """Areas of the figures about the gap."""
+        return list(AREAS)
 
     @property
     def seal(self) -> int | None:

@@ -32,6 +32,7 @@ _WORKSPACE = (
     "fit_robot_splats",
 )
 _POLICIES = ("train_policy", "try_policy_in_sim")
+_BENCHMARK = ("generate_gap_cases", "diagnose_gap_cases", "score_gap_cases", "score_gap")
 _WORSE_DAYS = ("film_board_of_world", "register_world", "try_policy_in_mirror")
 """Trials in worlds of some severity, in which the work place is registered anew."""
 
@@ -98,16 +99,11 @@ RULES: Mapping[str, tuple[str, ...]] = {
     ),
     "worth": (*_SCENES, *_OBJECTS, *_WORKSPACE, *_POLICIES, *_WORSE_DAYS, "collect_worth", "score_worth"),
     "study": (*_SCENES, *_OBJECTS, *_WORKSPACE, *_POLICIES, "collect_study", "score_study"),
-    "gap": (
-        *_SCENES,
-        "generate_gap_cases",
-        "diagnose_gap_cases",
-        "score_gap_cases",
-        "diagnose_mismatched_laws",
-        "diagnose_real_logs",
-        "diagnose_real_arm",
-        "score_gap",
-    ),
+    "gap": (*_BENCHMARK, "diagnose_mismatched_laws"),
+    "gap_rivals": _BENCHMARK,
+    "gap_bodies": _BENCHMARK,
+    "gap_pictures": (*_SCENES, *_BENCHMARK),
+    "gap_real": ("diagnose_real_logs", "diagnose_real_arm", "score_gap"),
     "loops": (
         *_SCENES,
         *_OBJECTS,
@@ -162,8 +158,14 @@ _MODULES = {
 _BESIDE = ("areas", "captures", "gap_case", "presets")
 """Sections of the settings that change no recorded figure by themselves; of the presets, the one that ran counts."""
 
-_OF_ONE_AREA = {f"gap.{key}": "gap" for key in ("split", "benchmark", "methods", "contents", "chunks")}
-"""Settings that one area alone reads: which cases the gap's benchmark draws, and which ways of naming it compares, changes
+_BLIND = ("gap", "gap_rivals", "gap_bodies", "gap_pictures")
+
+_OF_SOME_AREAS: Mapping[str, tuple[str, ...]] = {
+    **{f"gap.{key}": _BLIND for key in ("split", "benchmark", "chunks")},
+    "gap.methods": ("gap_rivals",),
+    "gap.contents": ("gap_pictures",),
+}
+"""Settings that some areas alone read: which cases the gap's benchmark draws, and which ways of naming it compares, changes
 neither a mesh nor a policy. A user's own cases, `gap.cases`, may amend the model of a policy. A test holds this against the
 rules' files."""
 
@@ -199,7 +201,7 @@ def matters(area: str, setting: str) -> bool:
         area: The area.
         setting: `section` or `section.entry`.
     """
-    return _OF_ONE_AREA.get(setting, area) == area
+    return area in _OF_SOME_AREAS.get(setting, (area,))
 
 
 def provenance(area: str, config: Mapping[str, Any]) -> dict[str, dict[str, str]]:

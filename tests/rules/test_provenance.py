@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from gsbridge.configuration.whole import read_configuration
+from gsbridge.experiment.gap_benchmark import AREAS as GAP
 from gsbridge.experiment.provenance import RULES, provenance, provenances, settings_behind
 from gsbridge.report.scores.results_page import AREAS, freshness, read_record
 
@@ -38,9 +39,12 @@ def test_settings_of_other_presets_and_scenes_do_not_count(config):
 def test_settings_of_the_gap_s_benchmark_count_where_they_are_read(config):
     whole = read_configuration(config)
     alone = {f"gap.{key}" for key in ("split", "benchmark", "methods", "contents", "chunks")}
+    read = {area: {"gap.split", "gap.benchmark", "gap.chunks"} for area in ("gap", "gap_rivals", "gap_bodies", "gap_pictures")}
+    read["gap_rivals"].add("gap.methods")
+    read["gap_pictures"].add("gap.contents")
     for area in AREAS:
         found = {name for name in provenance(area, whole)["settings"] if name.startswith("gap.")}
-        assert found == ({"gap.cases"} if area != "gap" else {"gap.cases", *alone}), area
+        assert found == {"gap.cases", *read.get(area, ())}, area
     # Whoever reads one of them: the rules of the benchmark, which stand behind no other area, and checks before any job.
     keys = "|".join(key.removeprefix("gap.") for key in alone)
     readers = {
@@ -49,7 +53,7 @@ def test_settings_of_the_gap_s_benchmark_count_where_they_are_read(config):
     assert readers == {"common.smk", "gap_benchmark.smk"}
     assert not [path.name for path in (ROOT / "rules").glob("*.smk") if 'config["gap"]' in path.read_text()]
     rules = set(re.findall(r"(?m)^rule (\w+):", (ROOT / "rules/gap_benchmark.smk").read_text()))
-    assert not rules & {rule for area in AREAS if area != "gap" for rule in RULES[area]}
+    assert not rules & {rule for area in AREAS if area not in GAP for rule in RULES[area]}
 
 
 def test_the_page_tells_which_figures_are_of_this_tree(config):

@@ -7,6 +7,7 @@ import pytest
 import yaml
 from gap_scores import method_scores, rate, tier_scores
 
+from gsbridge.experiment.gap_benchmark import AREAS
 from gsbridge.gap.benchmark import campaign, chunks, score
 from gsbridge.gap.benchmark.baselines import METHODS
 from gsbridge.report.gap.benchmark_figures import confusion_cells
@@ -102,8 +103,8 @@ def test_laws_that_are_not_ours_are_counted_as_the_floors_want_it():
     }
 
 
-def test_every_floor_of_the_area_can_be_measured():
-    floors = {name: entry for name, entry in read_floors(FLOORS).items() if entry["area"] == "gap"}
+def test_every_floor_of_the_areas_can_be_measured():
+    floors = {name: entry for name, entry in read_floors(FLOORS).items() if entry["area"] in AREAS}
     tiers = {tier: tier_scores(tier) for tier in ("t0", "t1", "t2", "t4", "t5", "t7")}
     for content in tiers.values():
         content["methods"] |= {name: method_scores(right=20, wrong=20) for name in METHODS[1:]}

@@ -196,7 +196,11 @@ def test_names_and_alarms_are_told_again_from_the_cases(tmp_path, monkeypatch):
     write_json(path, {"methods": {"gsbridge": {"list": cases}, "other": {"list": cases[:1]}}})
     monkeypatch.chdir(tmp_path)
     write_evidence({"tiers": [str(path.relative_to(tmp_path))]}, tmp_path / "evidence/gap")
-    assert recompute(tmp_path, monkeypatch).gap() == {"gap_named_right_t1": 50.0, "gap_false_alarm": 50.0}
+    assert recompute(tmp_path, monkeypatch).gap("gap") == {
+        "gap_named_right_t1": 50.0,
+        "gap_false_alarm_t1": 50.0,
+        "gap_false_alarm": 50.0,
+    }
 
 
 def test_recorded_figures_are_those_of_the_evidence():

@@ -412,6 +412,7 @@ def test_an_area_is_fresh_until_its_code_or_its_settings_change() -> None:
     assert "before digests" in freshness("policies", {"commit": "abc", "code": {}, "settings": {}}, now)
     # How the gap's benchmark is drawn changes no policy.
     drawn = {"commit": "abc", "code": {"a": "1"}, "settings": {"gap.methods": "5"}}
-    assert changes("gap", drawn, {"code": {"a": "1"}, "settings": {"gap.methods": "6"}}) == ["gap.methods"]
+    assert changes("gap_rivals", drawn, {"code": {"a": "1"}, "settings": {"gap.methods": "6"}}) == ["gap.methods"]
+    assert changes("gap", drawn, {"code": {"a": "1"}, "settings": {"gap.methods": "6"}}) == []
     assert changes("policies", drawn, {"code": {"a": "1"}, "settings": {"gap.methods": "6"}}) == []
     assert changes("policies", drawn, {"code": {"a": "1"}, "settings": {}}) == []

@@ -9,6 +9,7 @@ from typing import Any
 from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.effects.images import IMAGE_EFFECTS
 from gsbridge.effects.joints import JOINT_EFFECTS
+from gsbridge.experiment.gap_benchmark import AREAS
 from gsbridge.report.gap.benchmark_figures import (
     METHODS,
     confusion_width,
@@ -105,7 +106,7 @@ def _floors(measured: Mapping[str, Mapping[str, Any]], floors: str | Path, prese
     rows: list[dict[str, str]] = []
     missing: list[str] = []
     for name, entry in read_floors(floors).items():
-        if entry["area"] != "gap":
+        if entry["area"] not in AREAS:
             continue
         score = score_figure(entry, measured.get(name), preset)
         if score["value"] is None:

@@ -1,4 +1,4 @@
-"""Figures of the area `gap`, gathered from the benchmark's scores under the names of `floors.yaml`.
+"""Figures of the areas about the gap, gathered from the benchmark's scores under the names of `floors.yaml`.
 
 A figure that cannot be formed from what is there is left out, and the `score` rule then counts it as unmet.
 """
@@ -68,6 +68,8 @@ def gap_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, A
         out[f"gap_wrong_{tier}"] = _percent(scores["named_wrong"])
         out[f"gap_interval_coverage_{tier}"] = _percent(scores["interval_coverage"])
         out[f"gap_interval_coverage_upper_{tier}"] = out[f"gap_interval_coverage_{tier}"]
+        out[f"gap_false_alarm_{tier}"] = _percent(scores["false_alarm"])
+        out[f"gap_simulations_most_{tier}"] = _plain(scores["simulations_most"], len(scores["list"]))
     dynamic = [scores for tier, scores in ours.items() if tier in ARMS]
     for key, name in POOLED.items():
         over = list(ours.values()) if key in _STATISTICS else dynamic

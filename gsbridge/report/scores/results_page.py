@@ -13,7 +13,22 @@ from gsbridge.experiment.seals import read_seals
 from gsbridge.files import atomic_file, read_json
 from gsbridge.statistics import wilson_interval
 
-AREAS = ("real2sim", "shapes", "simulator", "policies", "worlds", "severity", "worth", "study", "gap", "loops")
+AREAS = (
+    "real2sim",
+    "shapes",
+    "simulator",
+    "policies",
+    "worlds",
+    "severity",
+    "worth",
+    "study",
+    "gap",
+    "gap_rivals",
+    "gap_bodies",
+    "gap_pictures",
+    "gap_real",
+    "loops",
+)
 """Areas of the figures, in the page's order."""
 
 NAMED = 6
