@@ -19,6 +19,7 @@ from gsbridge.gap.contact.case import read_throw_case, split_throws
 from gsbridge.gap.contact.diagnose import ThrowAccount, diagnose_throws
 from gsbridge.gap.contact.identify import ThrowHypothesis, ThrowIdentification, ThrowRules, closure
 from gsbridge.gap.contact.interval import intervals
+from gsbridge.gap.contact.null import ThrowNull
 from gsbridge.gap.contact.replay import ThrowReplay
 from gsbridge.gap.contact.search import lowest, refine, screen
 from gsbridge.gap.contact.setup import body_setup
@@ -419,3 +420,17 @@ def test_one_effect_more_takes_a_tenth_of_the_whole_gap_away(left, better):
     noise = 1e-6 * rng.normal(size=(2, 30))
     old, new = (ThrowHypothesis(None, 1e-3 * size + row) for size, row in zip((0.25, left), noise, strict=True))
     assert search._better(new, old, 1e-4) == better
+
+
+def test_an_engine_more_is_as_far_apart_as_six_engines_lead_one_to_expect():
+    """Engines differ by a third, throws of one by a tenth: of effect-free sets as many are called odd as the p-value says."""
+    rng = np.random.default_rng(6)
+    engines = np.exp(rng.normal(0.0, 0.3, (3000, 7, 1))) * np.exp(rng.normal(0.0, 0.1, (3000, 7, 30)))
+    early = np.linspace(1.0, 2.0, 499)
+    odd = [ThrowNull(sets[:6], early, 1.0, np.ones_like).p_value(sets[6], np.ones(30)) for sets in engines]
+    for level in (0.01, 0.05):
+        assert np.mean(np.array(odd) < level) <= 1.5 * level
+    far = [ThrowNull(sets[:6], early, 1.0, np.ones_like).p_value(5.0 * sets[6], np.ones(30)) for sets in engines]
+    assert np.mean(np.array(far) < 0.01) > 0.8
+    # Before anything is touched no engine has a choice.
+    assert ThrowNull(engines[0, :6], early, 1.0, np.ones_like).p_value(engines[0, 6], np.full(30, 3.0)) < 0.01

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.stats import t as student
 
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.contact.replay import ThrowReplay, distances, point_distances, touch_clocks
@@ -38,23 +39,19 @@ _PUSHES = (0.05, 0.3)
 """Smallest and largest share of a penetration that is corrected in one step."""
 
 
-_EARLY = 2
-"""Index of the statistic about the time before the first touch."""
-
-
 @dataclass(frozen=True)
 class ThrowNull:
     """Errors of effect-free replicates.
 
     Args:
         errors: Mean weighed distance of each throw, m. [K, M].
-        draws: Statistics of sets drawn from them. [D, 3].
+        early: Mean weighed distance before the first touch of sets drawn from them, m. [D].
         plain: Mean distance of the tracked point, m.
         spread: Expected distance at each moment of a throw, as `ThrowReplay.weigh` takes it.
     """
 
     errors: Array
-    draws: Array
+    early: Array
     plain: float
     spread: Callable[[Array], Array] = field(repr=False)
 
@@ -64,17 +61,22 @@ class ThrowNull:
         return float(self.errors.mean())
 
     def p_value(self, errors: Array, early: Array) -> float:
-        """Share of effect-free sets at least as far apart, by the mean, the mean logarithm, or before the first touch.
+        """Probability of an effect-free set at least as far apart, by the mean, the mean logarithm, or before the first touch.
+
+        Each replicate stands for one engine. A handful of them tell how much engines differ as well as a handful of numbers
+        do, which Student's law counts; a share of sets drawn from them would be far too sure. Of three looks the smallest
+        probability counts, three times.
 
         Args:
             errors: Mean weighed distance of each throw, m. [N].
             early: Mean weighed distance of each throw before it first touches anything, m. [N].
+
+        Source: Hahn and Meeker, Statistical Intervals, 1991, section 4.7 (one further observation).
         """
-        middle = np.median(self.draws, axis=0)
-        spread = np.maximum(np.quantile(self.draws, 0.975, axis=0) - middle, 1e-9)
-        sizes = ((self.draws - middle) / spread).max(axis=1)
-        seen = ((_statistics(errors[None], early[None])[0] - middle) / spread).max()
-        return float((1 + (sizes >= seen).sum()) / (1 + len(sizes)))
+        engines, count = _sizes(self.errors), len(self.errors)
+        apart = (_sizes(errors[None])[0] - engines.mean(axis=0)) / np.maximum(engines.std(axis=0, ddof=1), 1e-12)
+        looks = [*student.sf(apart / np.sqrt(1.0 + 1.0 / count), count - 1), self.p_early(early)]
+        return float(min(1.0, len(looks) * min(looks)))
 
     def p_early(self, early: Array) -> float:
         """Share of effect-free sets at least as far apart before the first touch, where no engine has a choice.
@@ -82,13 +84,12 @@ class ThrowNull:
         Args:
             early: Mean weighed distance of each throw before it, m. [N].
         """
-        return float((1 + (self.draws[:, _EARLY] >= early.mean()).sum()) / (1 + len(self.draws)))
+        return float((1 + (self.early >= early.mean()).sum()) / (1 + len(self.early)))
 
 
-def _statistics(errors: Array, early: Array) -> Array:
-    """Mean and mean logarithm of sets, and mean before the first touch: what is large, a small change of every throw, and what
-    no choice of the engine explains. [D, N], [D, N] -> [D, 3]."""
-    return np.stack([errors.mean(axis=1), np.log(np.maximum(errors, 1e-9)).mean(axis=1), early.mean(axis=1)], axis=1)
+def _sizes(errors: Array) -> Array:
+    """Mean and mean logarithm of sets: what is large, and a small change of every throw. [D, N] -> [D, 2]."""
+    return np.stack([errors.mean(axis=1), np.log(np.maximum(errors, 1e-9)).mean(axis=1)], axis=1)
 
 
 def replicates(
@@ -143,7 +144,7 @@ def throw_null(replay: ThrowReplay, effects: Sequence[Applied], rng: np.random.G
     # One engine makes all throws of a set, so that sets are drawn from one replicate each.
     which = rng.integers(0, len(errors), _DRAWS)
     throws = rng.integers(0, errors.shape[1], (_DRAWS, len(replay)))
-    return ThrowNull(errors, _statistics(*(values[which[:, None], throws] for values in (errors, early))), plain, spread)
+    return ThrowNull(errors, early[which[:, None], throws].mean(axis=1), plain, spread)
 
 
 def expected_spread(
