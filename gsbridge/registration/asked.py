@@ -6,10 +6,9 @@ whoever asked still sits before the screen.
 
 from __future__ import annotations
 
+import math
 from dataclasses import astuple
 from pathlib import Path
-
-import numpy as np
 
 from gsbridge.cameras import Camera
 from gsbridge.errors import InputError
@@ -50,7 +49,15 @@ def _check_camera(camera: Camera, source: Path) -> None:
     *numbers, distortion = astuple(camera)
     sizes = {"width": camera.width, "height": camera.height, "fx": camera.fx, "fy": camera.fy}
     wrong = [f"{name} is {value:.6g}" for name, value in sizes.items() if not value > 0]
-    if not np.isfinite([*numbers, *distortion]).all():
+    if not all(map(_finite, [*numbers, *distortion])):
         wrong.append("a number is not finite")
     if wrong:
         raise InputError(source, f"no camera is like this: {', '.join(wrong)}", _REMEDY)
+
+
+def _finite(value: float) -> bool:
+    """Whether a number is one that can be computed with: JSON's whole numbers may have any length."""
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
