@@ -92,6 +92,6 @@ class EvidencePlan:
 
     def _gap(self, area: str) -> Kinds:
         files = BenchmarkPlan(self.plan).figures(area)
-        names = {"tiers": ("scores",), "mismatch": ("mismatch",), "measured": ("real", "arm")}
+        names = {"mismatch": ("mismatch",), "measured": ("real", "arm")}
         found = {kind: [files[name] for name in given if name in files] for kind, given in names.items()}
-        return {**found, "tiers": files.get("scores", [])}
+        return {"tiers": files.get("scores", []), **found}

@@ -42,6 +42,7 @@ def methods_of(tier: str, methods: Sequence[str]) -> list[str]:
 
 
 MISMATCH = "results/benchmarks/gap_mismatch.json"
+"""Figures of tier T6, whose truths follow laws of their own."""
 
 
 def _scores(tier: str, scores: str) -> str:

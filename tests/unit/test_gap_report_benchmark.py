@@ -8,6 +8,7 @@ import yaml
 from gap_scores import method_scores, rate, tier_scores
 
 from gsbridge.experiment.gap_benchmark import AREAS
+from gsbridge.files import read_json, write_json
 from gsbridge.gap.benchmark import campaign, chunks, score
 from gsbridge.gap.benchmark.baselines import METHODS
 from gsbridge.report.gap.benchmark_figures import confusion_cells
@@ -20,6 +21,7 @@ from gsbridge.report.scores.measured_gap import (
     mismatch_figures,
     pooled,
     real_figures,
+    write_gap_figures,
 )
 from gsbridge.report.scores.score import read_floors, score_figure
 
@@ -101,6 +103,24 @@ def test_laws_that_are_not_ours_are_counted_as_the_floors_want_it():
         "gap_false_alarm_t6": (50.0, 2),
         "gap_interval_coverage_t6": (50.0, 2),
     }
+
+
+def test_machines_are_counted_without_bodies_and_photos_wherever_figures_are_gathered(tmp_path):
+    """The page holds all tiers, a record those of its area; one floor means one thing in both."""
+    tiers = {tier: tier_scores(tier) for tier in ("t0", "t1")}
+    others = {tier: tier_scores(tier, right=0, wrong=30) for tier in ("t4", "t5")}
+    names = ("gap_false_alarm", "gap_interval_coverage", "gap_simulations_most", "gap_bank_most")
+    alone, together = gap_figures(tiers), gap_figures(tiers | others)
+    assert [alone[name] for name in names] == [together[name] for name in names]
+    # Machines that move by laws of their own count with the others where nothing is hidden.
+    write_json(tmp_path / "laws.json", {"cases": [{**mismatched(right=()), "outcome": "false_alarm"}] * 3})
+    files = [tmp_path / f"{tier}.json" for tier in tiers]
+    for path, content in zip(files, tiers.values(), strict=True):
+        write_json(path, content)
+    write_gap_figures(tmp_path / "out.json", files, preset="desktop", mismatch=tmp_path / "laws.json")
+    found, before = read_json(tmp_path / "out.json")["figures"]["gap_false_alarm"], alone["gap_false_alarm"]
+    assert found["n"] == found["cases"] == before["n"] + 3
+    assert found["value"] * found["n"] == pytest.approx(before["value"] * before["n"] + 300.0)
 
 
 def test_every_floor_of_the_areas_can_be_measured():

@@ -41,8 +41,11 @@ _SURE = ("named", "likely, not proven")
 ARMS = ("t1", "t2")
 """Tiers whose cases count for names and closures: those of arms, whose truths are engines."""
 
+MOVING = ("t0", "t1", "t2", "t7")
+"""Tiers of axes, arms and other machines, which the area `gap` is about; bodies and photos have figures of their own."""
+
 _STATISTICS = ("false_alarm", "interval_coverage")
-"""What depends on noise and its treatment, not on how hard a name is: over all tiers, as the floors count their cases."""
+"""What depends on noise and its treatment, not on how hard a name is: over all tiers of machines."""
 
 
 def read_tiers(scores: Sequence[str | Path]) -> dict[str, dict[str, Any]]:
@@ -62,6 +65,7 @@ def gap_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, A
         tiers: Scores by tier.
     """
     ours = {tier: found["methods"][OURS] for tier, found in tiers.items() if found["split"] == "scored"}
+    moving = {tier: scores for tier, scores in ours.items() if tier in MOVING}
     out: dict[str, dict[str, Any]] = {}
     for tier, scores in ours.items():
         out[f"gap_named_right_{tier}"] = _percent(scores["named_right"])
@@ -69,10 +73,11 @@ def gap_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, A
         out[f"gap_interval_coverage_{tier}"] = _percent(scores["interval_coverage"])
         out[f"gap_interval_coverage_upper_{tier}"] = out[f"gap_interval_coverage_{tier}"]
         out[f"gap_false_alarm_{tier}"] = _percent(scores["false_alarm"])
-        out[f"gap_simulations_most_{tier}"] = _plain(scores["simulations_most"], len(scores["list"]))
+        for key in ("simulations_most", "bank_most"):
+            out[f"gap_{key}_{tier}"] = _plain(scores[key], len(scores["list"]))
     dynamic = [scores for tier, scores in ours.items() if tier in ARMS]
     for key, name in POOLED.items():
-        over = list(ours.values()) if key in _STATISTICS else dynamic
+        over = list(moving.values()) if key in _STATISTICS else dynamic
         out[name] = _percent(pooled([scores[key] for scores in over]))
     sets = [(scores["set_f1"]["value"], scores["set_f1"]["n"]) for scores in dynamic if scores["set_f1"]["value"] is not None]
     total = sum(n for _, n in sets)
@@ -82,9 +87,8 @@ def gap_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, A
         values = [scores[key] for scores in dynamic if scores[key] is not None]
         out[f"gap_{key}"] = _plain(min(values, default=None), sum(scores["named_right"]["n"] for scores in dynamic))
     for key in ("simulations_most", "bank_most"):
-        simulated = [scores for tier, scores in ours.items() if tier != PHOTOS]
-        values = [scores[key] for scores in simulated if scores[key] is not None]
-        out[f"gap_{key}"] = _plain(max(values, default=None), sum(len(scores["list"]) for scores in simulated))
+        values = [scores[key] for scores in moving.values() if scores[key] is not None]
+        out[f"gap_{key}"] = _plain(max(values, default=None), sum(len(scores["list"]) for scores in moving.values()))
     out["gap_interval_coverage_upper"] = out["gap_interval_coverage"]
     out |= baseline_figures({tier: found for tier, found in tiers.items() if tier in ARMS and found["split"] == "scored"})
     return {name: figure for name, figure in out.items() if figure["value"] is not None}
@@ -256,5 +260,9 @@ def write_gap_figures(
     """
     figures = gap_figures(read_tiers(scores))
     figures |= logged_figures(real, arm)
-    figures |= {} if mismatch is None else mismatch_figures(read_json(mismatch))
+    if mismatch is not None:
+        figures |= mismatch_figures(read_json(mismatch))
+        # Cases of machines in which nothing is hidden, whichever tier draws them.
+        alarms = [figures[name] for name in ("gap_false_alarm", "gap_false_alarm_t6") if name in figures]
+        figures["gap_false_alarm"] = _percent(pooled([{**rate, "value": rate["value"] / 100} for rate in alarms]))
     write_json(out, {"preset": preset, "figures": figures})
