@@ -22,6 +22,7 @@ HEADLINES = (
         "drop_eight_mirror_fixed",
     ),
     *("rl_sim_drop_mirror_fixed", "study_lead_min", "gap_named_right_t2", "gap_wrong_t2", "gap_false_alarm"),
+    *("gap_named_right_t5", "gap_wrong_t5", "gap_tosses_closed", "gap_so101_median", "gap_so101_worst"),
 )
 """Figures that README quotes where they are fresh, in its order."""
 
