@@ -23,8 +23,8 @@ _REBOUND = 1500.0
 """Natural frequency of a contact that gives something back, rad/s."""
 
 _FINER = 10
-"""Steps in one `STEP` where contacts give something back. They last four of the long ones: a ball would come back with 0.3 to
-0.55 of its speed, by the moment at which it touches."""
+"""Steps in one `STEP` where contacts give something back. Such a contact lasts about four times `STEP`, too few steps to follow
+it: a ball would come back with 0.3 to 0.55 of its speed, by the moment at which it touches."""
 
 _SHAKEN = (7.0, 2 * np.pi)
 """Frequencies of a gust, rad/s: along x and along y."""

@@ -64,8 +64,8 @@ class ThrowNull:
         """Probability of an effect-free set at least as far apart, by the mean, the mean logarithm, or before the first touch.
 
         Each replicate stands for one engine. A handful of them tell how much engines differ as well as a handful of numbers
-        do, which Student's law counts; a share of sets drawn from them would be far too sure. Of three looks the smallest
-        probability counts, three times.
+        do, which Student's law counts; a share of sets drawn from them would be far too sure. The smallest of three
+        probabilities is multiplied by three.
 
         Args:
             errors: Mean weighed distance of each throw, m. [N].

@@ -32,7 +32,7 @@ _BETWEEN = 0.1
 """Share of the squared distances that a size below the grid's smallest must promise to explain to be looked at."""
 
 _NEARER = 0.8
-"""Such a size is looked at up to this share of the smallest one: what is nearer to it tells nothing new."""
+"""Such a size is looked at below this share of the grid's smallest alone: what is nearer to it tells nothing new."""
 
 _LOOKS = 12
 """Values that a search looks at within its bracket, at most."""
@@ -60,8 +60,8 @@ class ThrowFit:
     Args:
         effects: The effects.
         error: Mean error over the throws, m.
-        converged: Whether every size is inside its bounds and its bracket, or makes a figure vanish that cannot be negative:
-            a body may well slide without friction.
+        converged: Whether every size is inside its bounds and its bracket, begins a plateau on which any larger one does as
+            well, or makes a figure vanish that cannot be negative: a body may well slide without friction.
         profiles: Values that were looked at and their errors, by place and parameter.
     """
 
@@ -242,7 +242,7 @@ def _plateau(known: Mapping[float, float], best: float) -> tuple[float, bool]:
         best: The best of them.
 
     Returns:
-        The smallest value that is as good, and whether any does worse on both sides of it, or as well beyond it.
+        The smallest value that is as good, and whether values on both sides of it were looked at.
     """
     level = [value for value in known if known[value] <= (1.0 + _GAIN) * known[best]]
     begin = min(level, key=abs)

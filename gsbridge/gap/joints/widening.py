@@ -29,14 +29,14 @@ _FRESH = 8
 """Candidates that are simulated anew beside each explanation, before one of them is fitted."""
 
 _FITTED = 3
-"""Largest number of candidate effects that are fitted in one round."""
+"""Largest number of candidate effects that are fitted in one round, beside a surface that the arm leans on."""
 
 _DRY, _AGAIN = 3, 2
 """Number of rounds in a row without a further effect after which the search ends, and number of effects that must be added
 before one that failed is tried again."""
 
 _BESIDE = 4
-"""Number of effects beside which the one that was taken first is looked at again."""
+"""Number of effects of an explanation at which the one that was taken first, beside nothing, is looked at again."""
 
 _EACH = 0.25
 """Of the part that an effect must explain of all records together, the share that it must explain of each."""
