@@ -102,6 +102,7 @@ evidence-%: $(INSTALLED)
 	@mkdir -p $(dir $(SEAL)) && test -s $(SEAL) || shuf -i 10001-999999999 -n 1 > $(SEAL)
 	GSBRIDGE_SEAL=$$(cat $(SEAL)) $(SNAKEMAKE) $(if $(PROFILE),--workflow-profile $(PROFILE)) --keep-going --forcerun record_scores -- $(EVIDENCE_$*)
 	$(if $(filter gap gap_bodies gap_pictures,$*),$(BIN)/python -m benchmarks.gap_seals --scored results/gap-benchmark/*/scores.json)
+	$(if $(filter gap_rivals,$*),$(BIN)/python -m benchmarks.gap_seals --scored results/gap-benchmark/*/compared.json)
 
 results: $(INSTALLED)
 	$(SNAKEMAKE) --forcerun record_scores -- benchmarks/RESULTS.md

@@ -83,13 +83,18 @@ def test_a_part_of_a_seal_is_scored_beside_another_method(tmp_path, monkeypatch)
 
 def test_what_the_workflow_has_scored_with_a_seal_is_written_down(tmp_path, monkeypatch):
     monkeypatch.delenv("GSBRIDGE_SEAL", raising=False)
-    drawn = tmp_path / "t0.json"
-    drawn.write_text(json.dumps({**tier_scores("t0"), "seal": 12001}))
-    assert gap_seals.main(["--scored", str(drawn), "--register", str(tmp_path / "seals")]) == 0
+    drawn, compared = tmp_path / "t0.json", tmp_path / "compared.json"
+    scores = {**tier_scores("t0"), "seal": 12001}
+    compared.write_text(json.dumps(scores))
+    drawn.write_text(json.dumps({**scores, "methods": {"gsbridge": scores["methods"]["gsbridge"]}}))
+    assert gap_seals.main(["--scored", str(drawn), str(compared), "--register", str(tmp_path / "seals")]) == 0
     (found,) = read_seals(tmp_path / "seals")
     ours = tier_scores("t0")["methods"]["gsbridge"]["named_right"]
     assert found["seal"] == 12001
     assert found["parts"]["t0"]["figures"]["named right"] == f"{round(ours['value'] * ours['n'])} of {ours['n']}"
+    # Beside other ways of naming, which are scored later, a tier is a part of its own.
+    beside = found["parts"]["t0, all ways of naming"]["figures"]
+    assert {name for name in beside if name.startswith("wrong among")} == set(beside) - set(found["parts"]["t0"]["figures"])
     # A split that is no seal's, or whose seal was forgotten, has no place there.
     other = tmp_path / "t1.json"
     other.write_text(json.dumps({**tier_scores("t1"), "seal": None}))
