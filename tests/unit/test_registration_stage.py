@@ -275,7 +275,7 @@ def test_degrees_without_their_name_are_refused(tmp_path, monkeypatch):
             f'{{"camera": {{"width": 1{"0" * 400}, "height": 4, "fx": 5, "fy": 5, "cx": 3, "cy": 2}}}}',
             "a number is not finite",
         ),
-        ("camera.json", "[" * 5000, "nested too deeply"),
+        ("camera.json", "[" * 200_000, "nested too deeply"),
         ("arm.csv", "image,q1\n\xff.png,1\n".encode("latin-1"), "the board capture cannot be read"),
         ("arm.csv", "image,q1\n0.png," + "9" * 200_000, "field larger"),
         ("arm.csv", "image,q1\n0.png,nan\n", "the pose of 0.png is not finite"),
