@@ -34,7 +34,8 @@ def record_seal(folder: str | Path, seal: int, parts: Mapping[str, Mapping[str, 
         folder: Gets `{seal}.json`.
         seal: The seal.
         parts: By part of the benchmark: `code` (digest of the code), `commit`, and `figures`. A `note`, written by hand, may
-            tell what became known about a score later.
+            tell what became known about a score later, and `apart` how its cases differ from those of the benchmark today, with
+            which they are then not added up.
 
     Returns:
         The file.

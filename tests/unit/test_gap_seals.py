@@ -65,6 +65,12 @@ def test_first_scores_are_added_up_part_by_part():
     low, high = stats.binomtest(23, 24).proportion_ci(method="wilson")
     assert f"| t1 | 2 | 23 of 24 ({100 * low:.0f} to {100 * high:.0f}) | – |" in table
     assert "| t5 | 1 | 1 of 2 (9 to 91) | – |" in table
+    # Nor are cases that another benchmark has drawn.
+    old = seal(3, t1={"named right": "0 of 4"})
+    old["parts"]["t1"]["apart"] = "old springs"
+    page = seals_markdown([first, seal(2, t1={"named right": "15 of 16"}), old])
+    assert "| t1 | 2 | 23 of 24" in page
+    assert "| t1, old springs | 1 | 0 of 4" in page
     # One score is no sum.
     assert "together" not in seals_markdown([first])
 

@@ -24,7 +24,7 @@ _REBOUND = 1500.0
 
 _FINER = 10
 """Steps in one `STEP` where contacts give something back. Such a contact lasts about four times `STEP`, too few steps to follow
-it: a ball would come back with 0.3 to 0.55 of its speed, by the moment at which it touches."""
+it: how much of its speed a ball got back would depend on the moment of a step at which it touches."""
 
 _SHAKEN = (7.0, 2 * np.pi)
 """Frequencies of a gust, rad/s: along x and along y."""

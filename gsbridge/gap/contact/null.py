@@ -71,7 +71,7 @@ class ThrowNull:
             errors: Mean weighed distance of each throw, m. [N].
             early: Mean weighed distance of each throw before it first touches anything, m. [N].
 
-        Source: Hahn and Meeker, Statistical Intervals, 1991, section 4.7 (one further observation).
+        Source: Hahn and Meeker, Statistical Intervals, 1991, chapter 4 (prediction of one further observation).
         """
         engines, count = _sizes(self.errors), len(self.errors)
         apart = (_sizes(errors[None])[0] - engines.mean(axis=0)) / np.maximum(engines.std(axis=0, ddof=1), 1e-12)
