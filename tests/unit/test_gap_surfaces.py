@@ -38,3 +38,12 @@ def test_a_surface_is_looked_at_halfway_to_the_heights_next_to_the_best():
     assert [values["height"] for values in between] == pytest.approx([-0.04, -0.015])
     assert {values["stiffness"] for values in between} == {2e3}
     assert heights_between([], row) == heights_between(looks[:1], row) == []
+
+
+def test_where_every_height_that_is_reached_does_harm_a_lower_one_is_looked_at():
+    who, row = JointCandidate("table"), np.ones(4)
+    looks = [
+        Look(who, {"stiffness": 2e3, "height": height}, np.full(4, size))
+        for height, size in ((-0.09, 0.0), (-0.06, 0.0), (-0.03, 3.0), (0.0, 5.0))
+    ]
+    assert [values["height"] for values in heights_between(looks, row)] == pytest.approx([-0.045])

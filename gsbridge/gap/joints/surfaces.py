@@ -28,17 +28,28 @@ def is_surface(who: Candidate) -> bool:
 def heights_between(looks: Sequence[Look], row: Array) -> list[dict[str, float]]:
     """Parameters of a surface halfway from the best height that was looked at to those next to it.
 
+    Where every height that the arm reaches does harm, the highest that it does not reach is best: what fits may lie between.
+
     Args:
         looks: What a surface changes at several heights.
         row: What it might explain. [sum of T C].
     """
     if not looks:
         return []
-    top = max(looks, key=lambda look: look.guess(row)[1]).values
-    at = [look.values["height"] for look in looks if look.values["stiffness"] == top["stiffness"]]
-    lower = max((height for height in at if height < top["height"]), default=top["height"])
-    higher = min((height for height in at if height > top["height"]), default=top["height"])
-    return [{**top, "height": 0.5 * (near + top["height"])} for near in (lower, higher) if abs(near - top["height"]) > _NEAR]
+    top = max(looks, key=lambda look: (look.guess(row)[1], look.values["height"]))
+    alike = [look for look in looks if look.values["stiffness"] == top.values["stiffness"]]
+    height = top.values["height"]
+    lower = max((look for look in alike if look.values["height"] < height), key=lambda look: look.values["height"], default=top)
+    higher = min(
+        (look for look in alike if look.values["height"] > height), key=lambda look: look.values["height"], default=top
+    )
+    # Nothing is reached between two heights that are not.
+    near = [
+        look
+        for look in (lower, higher)
+        if abs(look.values["height"] - height) > _NEAR and (look.change.any() or top.change.any())
+    ]
+    return [{**top.values, "height": 0.5 * (look.values["height"] + height)} for look in near]
 
 
 def supports(left: Sequence[Array], changes: Sequence[Array], least: float) -> bool:

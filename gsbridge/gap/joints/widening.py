@@ -244,13 +244,14 @@ class Widening:
         for candidate, values in self._starts(best):
             if key_of(candidate, values) not in self._looks and self.both.mechanism.runs < self._end:
                 self._look(best, candidate, values)
-        for who in (who for who in self.who if is_surface(who) and who not in best.fit.who):
+        left_out = {*best.fit.who, *_out_of_turn(best, failed)}
+        for who in (who for who in self.who if is_surface(who) and who not in left_out):
             for _ in range(_HALVINGS):
-                for values in heights_between([look for (seen, _), look in self._looks.items() if seen == who], row):
+                seen = [self._weighed(look) for (candidate, _), look in self._looks.items() if candidate == who]
+                for values in heights_between(seen, row):
                     if self.both.mechanism.runs < self._end:
                         self._look(best, who, values)
-        left_out = _out_of_turn(best, failed)
-        stale = [look for (who, _), look in self._looks.items() if who not in best.fit.who and who not in left_out]
+        stale = [self._weighed(look) for (who, _), look in self._looks.items() if who not in left_out]
         ranked = dict[Candidate, Look]()
         for look in sorted((look.beside(basis) for look in stale), key=lambda look: -look.guess(row)[1]):
             ranked.setdefault(look.candidate, look)
@@ -282,9 +283,8 @@ class Widening:
         surfaces = [who for who in self.who if is_surface(who) and who not in left_out]
         found: list[tuple[float, Look]] = []
         for look in (look for (who, _), look in self._looks.items() if who in surfaces):
-            change = look.change if self.both.weights is None else look.change / self.both.weights
-            if self._supports(row, change):
-                found.append((float(row @ row - (row - change) @ (row - change)), look))
+            if self._supports(row, look.change):
+                found.append((float(row @ row - (row - look.change) @ (row - look.change)), look))
         return max(found, key=lambda item: item[0])[1] if found else None
 
     def _supports(self, row: Array, change: Array) -> bool:
@@ -309,11 +309,18 @@ class Widening:
         return out
 
     def _look(self, best: Hypothesis, candidate: Candidate, values: dict[str, float]) -> Look:
-        """Simulate a candidate beside an explanation."""
+        """Simulate a candidate beside an explanation.
+
+        What it changes is kept without the weights of moments, which differ from round to round.
+        """
         effects = best.fit.effects
-        change = self.both.residual(effects) - self.both.residual((*effects, candidate.applied(values)))
+        change = self._plain(effects) - self._plain((*effects, candidate.applied(values)))
         look = self._looks[key_of(candidate, values)] = Look(candidate, values, change.astype(np.float32))
-        return look
+        return self._weighed(look)
+
+    def _weighed(self, look: Look) -> Look:
+        """What a candidate changes by the weights that moments have now."""
+        return look if self.both.weights is None else replace(look, change=self.both.weights * look.change)
 
     def _earns(self, trial: Hypothesis, best: Hypothesis) -> bool:
         """Whether one effect more explains a part of the gap worth a line, of each record, and by more than chance.
@@ -325,8 +332,8 @@ class Widening:
         gaps, before, after = (self._lengths(fitted) for fitted in (self._nothing, best, trial))
         shares = [(a - b) / max(gap, 1e-9) for a, b, gap in zip(before, after, gaps, strict=True)]
         row = self._plain(best.fit.effects)
-        surface = is_surface(trial.fit.who[-1])
-        if not (self._supports(row, row - self._plain(trial.fit.effects)) if surface else shares[0] >= self.rules.worth):
+        leans = is_surface(trial.fit.who[-1]) and self._supports(row, row - self._plain(trial.fit.effects))
+        if shares[0] < self.rules.worth and not leans:
             return False
         helps = [share >= _EACH * self.rules.worth for share in shares[1:]]
         pairs = ((best.first, trial.first), (best.residual, trial.residual))
