@@ -14,6 +14,7 @@ from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.gap.benchmark.body_truth import ThrowScene, throw_box
+from gsbridge.gap.contact import search
 from gsbridge.gap.contact.body import parse_body, read_body
 from gsbridge.gap.contact.case import read_throw_case, split_throws
 from gsbridge.gap.contact.diagnose import ThrowAccount, diagnose_throws
@@ -34,6 +35,7 @@ from gsbridge.sim.model import read_model
 MODEL = {"box": [0.1, 0.1, 0.1], "mass": 0.4, "controller": {"mode": "body"}, "contact": {"friction": 0.5}}
 NAMES = ("contact_friction", "restitution", "table_height")
 HORIZON = 0.5
+_MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 NOMINAL = Path(__file__).resolve().parents[2] / "models" / "nominal.yaml"
 
 
@@ -256,6 +258,21 @@ def test_where_a_body_sticks_the_least_friction_that_holds_it_is_taken():
     assert spans["friction"][1] == 2.0
 
 
+@pytest.mark.parametrize(
+    ("known", "begin"),
+    [
+        ({0.1: 5.0, 0.9: 1.0, 1.4: 1.0, 2.0: 1.0}, 0.9),
+        # As good elsewhere, but not on the way there, or to the other side.
+        ({0.1: 5.0, 0.5: 1.0, 0.9: 3.0, 1.4: 1.0, 2.0: 1.0}, 1.4),
+        ({-0.4: 1.0, 0.1: 5.0, 0.9: 1.0, 2.0: 1.0}, 0.9),
+        ({-2.0: 1.0, -0.9: 1.0, -0.1: 5.0}, -0.9),
+    ],
+)
+def test_a_plateau_begins_where_all_beyond_is_as_good(known, begin):
+    best = max(known, key=lambda value: (known[value] == 1.0, abs(value)))
+    assert search._plateau(known, best) == (begin, True)
+
+
 def test_a_size_at_any_other_bound_has_not_converged():
     """What was nothing before is not named for staying so, nor what would be smaller than the catalogue allows."""
     replay = ThrowReplay(parse_body(MODEL, "."), own_throws(0.5, 8, 2), HORIZON)
@@ -299,6 +316,31 @@ def test_a_size_that_the_smallest_of_the_grid_overshoots_is_found():
     match = screen(replay, "inertia_scale")
     assert match.effect.parameters["share"] == pytest.approx(0.11, abs=0.05)
     assert match.error < 0.7 * replay.errors((least,)).mean()
+
+
+def test_a_large_size_that_fits_by_chance_hides_no_small_one(monkeypatch):
+    """The smallest size that is tried is worse than nothing; here the largest is a little better."""
+    hidden = Applied("inertia_scale", "", {"share": 0.05})
+    replay = ThrowReplay(parse_body(MODEL, "."), own_throws(0.5, 12, 4, effects=(hidden,)), HORIZON)
+    plain, far, measured = replay.errors().mean(), search.grid("inertia_scale")[-1], search.mean_error
+    monkeypatch.setattr(search, "mean_error", lambda on, who: 0.99 * plain if tuple(who) == (far,) else measured(on, who))
+    assert 0.01 < screen(replay, "inertia_scale").effect.parameters["share"] < 0.15
+
+
+def test_an_interval_knows_that_bodies_sink_in(tmp_path):
+    """A contact of some milliseconds lets a ball sink in by some per cent of its radius, at which friction turns it."""
+    moments = " ".join(f'{axes}="{value}"' for axes, value in zip(_MOMENTS, [1.96e-4] * 3 + [0] * 3, strict=True))
+    (tmp_path / "ball.urdf").write_text(
+        f'<robot name="ball"><link name="ball"><inertial><mass value="0.4"/><inertia {moments}/></inertial>'
+        '<collision><geometry><sphere radius="0.035"/></geometry></collision></link></robot>'
+    )
+    model = {"urdf": "ball.urdf", "controller": {"mode": "body"}, "contact": {"friction": 0.4}}
+    ball = ThrowScene("ball", (0.07,) * 3, friction=0.4, inertia=1.4, slowness=0.004, duration=HORIZON, noise=(5e-5, 5e-4))
+    replay = ThrowReplay(parse_body(model, tmp_path), throw_box(ball, 20, 5), HORIZON)
+    fit = refine(replay, (Applied("inertia_scale", "", {"share": 0.3}),))
+    (spans,) = intervals(replay, fit, np.random.default_rng(0))
+    assert spans["share"][0] < 0.4 < spans["share"][1]
+    assert spans["share"][1] - spans["share"][0] < 0.2
 
 
 def test_a_fitted_size_is_the_hidden_one():
@@ -432,5 +474,9 @@ def test_an_engine_more_is_as_far_apart_as_six_engines_lead_one_to_expect():
         assert np.mean(np.array(odd) < level) <= 1.5 * level
     far = [ThrowNull(sets[:6], early, 1.0, np.ones_like).p_value(5.0 * sets[6], np.ones(30)) for sets in engines]
     assert np.mean(np.array(far) < 0.01) > 0.8
+    # Throws that no replicate has, and that chaos drives further apart, make no set odd.
+    more = np.concatenate([engines[0, 6], np.full(60, 9.0)])
+    null = ThrowNull(engines[0, :6], early, 1.0, np.ones_like)
+    assert null.p_value(more, np.ones(90)) == null.p_value(engines[0, 6], np.ones(30))
     # Before anything is touched no engine has a choice.
     assert ThrowNull(engines[0, :6], early, 1.0, np.ones_like).p_value(engines[0, 6], np.full(30, 3.0)) < 0.01

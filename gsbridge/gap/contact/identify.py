@@ -226,10 +226,11 @@ class ThrowIdentification:
         matches: list[GridMatch] = sorted(
             (screen(fewer, name, base) for name in self.bank.names if name not in taken), key=lambda match: match.error
         )
-        left = float(self.few.errors(base).mean())
+        plain, left = (float(self.few.errors(effects).mean()) for effects in ((), base))
         fits = [refine(self.few, (*base, match.effect)) for match in matches[:tries]]
         # What wins less than half of what it must win on other throws is not worth fitting on all.
-        fits = [fit for fit in fits if left - fit.error > 0.5 * self.rules.gain * max(left - floor, 0.0)]
+        wanted = max(self.rules.gain * (left - floor), self.rules.least * (plain - floor), 0.0)
+        fits = [fit for fit in fits if left - fit.error > 0.5 * wanted]
         fits = sorted((fit for fit in fits if fit.converged), key=lambda fit: fit.error)
         return next(iter(self._trials(fits[:1])), None)
 

@@ -64,8 +64,9 @@ class ThrowNull:
         """Probability of an effect-free set at least as far apart, by the mean, the mean logarithm, or before the first touch.
 
         Each replicate stands for one engine. A handful of them tell how much engines differ as well as a handful of numbers
-        do, which Student's law counts; a share of sets drawn from them would be far too sure. The smallest of three
-        probabilities is multiplied by three.
+        do, which Student's law counts; a share of sets drawn from them would be far too sure. They are compared on the throws
+        that replicates have: throws differ, and so would their means on other throws. The smallest of three probabilities is
+        multiplied by three.
 
         Args:
             errors: Mean weighed distance of each throw, m. [N].
@@ -73,8 +74,8 @@ class ThrowNull:
 
         Source: Hahn and Meeker, Statistical Intervals, 1991, chapter 4 (prediction of one further observation).
         """
-        engines, count = _sizes(self.errors), len(self.errors)
-        apart = (_sizes(errors[None])[0] - engines.mean(axis=0)) / np.maximum(engines.std(axis=0, ddof=1), 1e-12)
+        engines, (count, few) = _sizes(self.errors), self.errors.shape
+        apart = (_sizes(errors[None, :few])[0] - engines.mean(axis=0)) / np.maximum(engines.std(axis=0, ddof=1), 1e-12)
         looks = [*student.sf(apart / np.sqrt(1.0 + 1.0 / count), count - 1), self.p_early(early)]
         return float(min(1.0, len(looks) * min(looks)))
 
@@ -93,7 +94,7 @@ def _sizes(errors: Array) -> Array:
 
 
 def replicates(
-    replay: ThrowReplay, effects: Sequence[Applied], rng: np.random.Generator, count: int = REPLICATES
+    replay: ThrowReplay, effects: Sequence[Applied], rng: np.random.Generator, *, sunk: float = 0.0
 ) -> list[list[Flight]]:
     """Sets of throws of a model with these effects as truth, measured with noise.
 
@@ -101,16 +102,19 @@ def replicates(
         replay: Throws and model.
         effects: Effects of the truth.
         rng: Random numbers for noise, first states and the engine's choices.
-        count: Sets.
+        sunk: Largest share of its size by which a body sinks in while it touches; sets have it in equal steps. Friction then
+            turns the body at an arm that is shorter by as much, as if its inertia were larger.
 
     Returns:
         One flight per throw and set.
     """
     noise = replay.noise
     out = []
-    for _ in range(count):
+    for number in range(REPLICATES):
         step, push = (float(np.exp(rng.uniform(np.log(low), np.log(high)))) for low, high in (_STEPS, _PUSHES))
-        truth = replay.simulate(effects, replay.starts.shifted(noise, rng), Numerics(step, push))
+        deep = sunk * (number + 0.5) / REPLICATES
+        heavy = [Applied("inertia_scale", "", {"share": deep})] if deep > 0.0 else []
+        truth = replay.simulate((*effects, *heavy), replay.starts.shifted(noise, rng), Numerics(step, push))
         out.append([_measured(flight, noise, rng) for flight in truth])
     return out
 

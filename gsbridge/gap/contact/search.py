@@ -108,7 +108,8 @@ def screen(replay: ThrowReplay, name: str, base: Sequence[Applied] = ()) -> Grid
         change = max(change, float(np.mean([np.linalg.norm(a.position - b.position, axis=1).mean() for a, b in moved])))
     unchanged = mean_error(replay, base)
     ways = [range(k, k + len(effect.sizes)) for k in range(0, len(points), len(effect.sizes))]
-    smallest = [way[0] for way in ways if min(way, key=lambda k: errors[k]) == way[0]]
+    # A motion that tumbles may fit a far too large size by chance, where the smallest overshoots.
+    smallest = [way[0] for way in ways if errors[way[0]] > unchanged or errors[way[0]] == min(errors[k] for k in way)]
     for applied in (points[k] for k in smallest):
         share, explained = _projected(replay, plain, replay.flights((*base, applied)))
         if 0.0 < share < _NEARER and explained > _BETWEEN:
@@ -242,10 +243,13 @@ def _plateau(known: Mapping[float, float], best: float) -> tuple[float, bool]:
         best: The best of them.
 
     Returns:
-        The smallest value that is as good, and whether values on both sides of it were looked at.
+        The smallest value of its sign from which on all are as good, and whether values on both sides of it were looked at.
     """
-    level = [value for value in known if known[value] <= (1.0 + _GAIN) * known[best]]
-    begin = min(level, key=abs)
+    begin = best
+    for value in sorted((value for value in known if value * best > 0.0 and abs(value) < abs(best)), key=abs, reverse=True):
+        if known[value] > (1.0 + _GAIN) * known[best]:
+            break
+        begin = value
     return begin, begin != best and min(known) < begin < max(known)
 
 
