@@ -212,7 +212,15 @@ def test_recorded_figures_are_those_of_the_evidence():
 
 
 def record(name, value, code):
-    score = {"what": "a figure", "value": value, "unit": "dB", "floor": 1, "direction": "at_least"}
+    score = {
+        "what": "a figure",
+        "value": value,
+        "unit": "dB",
+        "floor": 1,
+        "direction": "at_least",
+        "met": value is not None and value >= 1,
+    }
+    score["interval"] = None if value is None else [value - 1, value + 1]
     return {"provenance": {"code": {"rule": code}, "settings": {}}, "figures": {name: score}}
 
 
@@ -220,12 +228,26 @@ def test_only_fresh_figures_are_quoted():
     records = {"real2sim": record(HEADLINES[0], 7.25, "a"), "gap": record(HEADLINES[1], 8.5, "old"), "study": {}}
     now = {area: {"code": {"rule": "a"}, "settings": {}} for area in records}
     block = readme_block(records, now)
-    assert "| a figure | 7.25 dB | ≥ 1 dB | real2sim |" in block
+    assert "| a figure | 7.25 dB | 6.25 … 8.25 | ≥ 1 dB | real2sim |" in block
     assert "8.5" not in block
-    assert "Stale, or not measured yet: gap, study." in block
+    assert "missed" not in block
+    assert "Measured on an earlier tree: gap." in block
+    assert "Not measured yet: study." in block
     nothing = readme_block({"gap": records["gap"]}, now)
     assert nothing.startswith("No figure is quoted")
     assert not re.search(r"\d", nothing)
+
+
+@pytest.mark.parametrize(
+    ("value", "told"), [(0.5, "| a figure | 0.5 dB | -0.5 … 1.5 | ≥ 1 dB | gap |"), (None, "| a figure | – | – |")]
+)
+def test_every_missed_floor_is_told_whether_it_is_a_headline_or_not(value, told):
+    good, bad = record(HEADLINES[0], 7.25, "a"), record("no_headline", value, "a")
+    block = readme_block(
+        {"real2sim": good, "gap": bad}, {area: {"code": {"rule": "a"}, "settings": {}} for area in ("real2sim", "gap")}
+    )
+    assert "Of 2 floors of the areas that are measured on this tree, 1 are missed:" in block
+    assert told in block.partition("are missed:")[2]
 
 
 def test_the_block_is_replaced_and_nothing_else():

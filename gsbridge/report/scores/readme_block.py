@@ -1,19 +1,20 @@
-"""The block of README that quotes recorded figures: those of areas that are fresh, and no others."""
+"""The block of README that quotes recorded figures: those of areas that are fresh and no others, and every floor they miss."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
-from gsbridge.report.scores.results_page import AREAS, freshness, read_record, shown, shown_floor
+from gsbridge.report.scores.results_page import AREAS, freshness, read_record, shown, shown_floor, shown_interval
 
 HEADLINES = (
     *("make_tables_wall", "make_toy_wall", "camera_error_median", "scale_error_median", "mask_iou_median"),
-    *("chamfer_visual_median", "soft_minus_games_all_mean", "soft_psnr_objects_min", "eye_in_hand_gs_min"),
+    *("chamfer_visual_median", "soft_minus_games_all_mean", "soft_minus_games_vertices_all_mean"),
+    *("soft_psnr_objects_min", "eye_in_hand_gs_min"),
     *(
         "eye_in_hand_lead_unshaded_min",
         "grasp_sim_fixed",
@@ -40,22 +41,38 @@ def readme_block(records: Records, now: Mapping[str, Mapping[str, Mapping[str, s
     """
     fresh = [area for area, record in records.items() if record and freshness(area, record["provenance"], now[area]) == "fresh"]
     known = {name: (area, score) for area in fresh for name, score in records[area]["figures"].items()}
-    lines = []
-    for name in HEADLINES:
-        area, score = known.get(name, ("", {}))
-        if score.get("value") is not None:
-            floor = shown_floor(score) or "reported"
-            lines.append(f"| {score['what']} | {shown(score['value'], score['unit'])} | {floor} | {area} |")
-    if lines:
-        lines = ["| figure | measured | floor | area |", "|---|---|---|---|", *lines, ""]
-    others = [area for area in records if area not in fresh]
-    if others:
-        none = "No figure is quoted here, since every area is stale or was not measured yet"
+    quoted = [known[name] for name in HEADLINES if known.get(name, ("", {}))[1].get("value") is not None]
+    lines = [*_table(quoted), ""] if quoted else []
+    floors = [(area, score) for area, score in known.values() if score.get("floor") is not None]
+    missed = [(area, score) for area, score in floors if not score["met"]]
+    if missed:
+        lines += [
+            f"Of {len(floors)} floors of the areas that are measured on this tree, {len(missed)} are missed:",
+            "",
+            *_table(missed),
+            "",
+        ]
+    stale = [area for area, record in records.items() if record and area not in fresh]
+    never = [area for area, record in records.items() if not record]
+    if not fresh:
+        lines.append("No figure is quoted here, since every area is stale or was not measured yet.")
+    if stale:
         lines.append(
-            f"{'Stale, or not measured yet' if fresh else none}: {', '.join(others)}. "
-            "[RESULTS.md](benchmarks/RESULTS.md) has their last figures, and says what has changed since."
+            f"Measured on an earlier tree: {', '.join(stale)}. [RESULTS.md](benchmarks/RESULTS.md) has their figures, and says "
+            "what has changed since."
         )
+    if never:
+        lines.append(f"Not measured yet: {', '.join(never)}.")
     return "\n".join(lines).strip()
+
+
+def _table(rows: Sequence[tuple[str, Mapping[str, Any]]]) -> list[str]:
+    """Figures as a table, with the intervals that some have."""
+    lines = ["| figure | measured | interval | floor | area |", "|---|---|---|---|---|"]
+    for area, score in rows:
+        value, floor = shown(score["value"], score["unit"]), shown_floor(score) or "reported"
+        lines.append(f"| {score['what']} | {value} | {shown_interval(score)} | {floor} | {area} |")
+    return lines
 
 
 def with_block(text: str, block: str) -> str:

@@ -57,6 +57,12 @@ def shown_floor(score: Mapping[str, Any]) -> str:
     return " ".join(parts)
 
 
+def shown_interval(score: Mapping[str, Any]) -> str:
+    """Both ends of a figure's interval; a dash where it has none."""
+    interval = score.get("interval")
+    return f"{shown(interval[0])} … {shown(interval[1])}" if interval else "–"
+
+
 def verdict(score: Mapping[str, Any]) -> str:
     """`met`, `stretch met`, `reported` where nothing is asked for, or `unmet` with the reason."""
     if not score["met"]:
@@ -140,12 +146,10 @@ def results_markdown(
         lines += ["", f"## {area}", ""]
         lines += ["| figure | floor | measured | interval | n | | from |", "|---|---|---|---|---|---|---|"]
         for name, score in figures.items():
-            interval = score.get("interval")
-            span = f"{shown(interval[0])} … {shown(interval[1])}" if interval else "–"
             counts = f"{score['n']}" + (f" × {score['seeds']} seeds" if score.get("seeds") else "")
             lines.append(
-                f"| {score['what']} (`{name}`) | {shown_floor(score)} | {shown(score['value'], score['unit'])} | {span} "
-                f"| {counts} | {verdict(score)} | `{score['where']}` |"
+                f"| {score['what']} (`{name}`) | {shown_floor(score)} | {shown(score['value'], score['unit'])} "
+                f"| {shown_interval(score)} | {counts} | {verdict(score)} | `{score['where']}` |"
             )
         lines += _by_scene(figures)
     return "\n".join(lines) + "\n"
