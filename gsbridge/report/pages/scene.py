@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from gsbridge.files import read_json
@@ -27,7 +28,7 @@ STAGES = (
     ("sfm/sfm.json", "cameras", "Photos that are farther than 10° from their neighbours, blurred or of a plain thing do not register; add photos between, or lay the board or a newspaper under the object."),
     ("align/align.json", "table and scale", "Lay the printed board beside the object, or give known_length or metres_per_unit (docs/capture.md)."),
     ("masks/masks.json", "masks", "Look at the outlines below. Where they are wrong, `gsbridge masks SCENE` helps by single pixels (docs/masks.md)."),
-    ("mesh/mesh.json", "mesh", "Compare the mesh below with the photos. Photos from above show openings, photos from low down show undercuts."),
+    ("mesh/mesh.json", "mesh", "Compare the mesh below with the photos. Where an opening is closed, photos from above are missing; where an undercut is filled, photos from low down."),
     ("splats/soft/splats.json", "splats", "Look at the held-out photos below; docs/splats.md#quality gives a larger budget."),
     ("asset/asset.json", "body", "docs/assets.md says what the body is tested for."),
 )  # fmt: skip
@@ -67,14 +68,15 @@ def write_scene_page(scene: str, folder: str | Path, out: str | Path) -> None:
     base = Path(folder)
     records = {path: read_json(base / path) for path, _, _ in STAGES if (base / path).is_file()}
     known = records.get("align/align.json", {}).get("scale_source", "unknown") not in (None, "unknown")
-    lines = [_line(name, records.get(path), advice.replace("SCENE", scene), known) for path, name, advice in STAGES]
+    sides = _upright_box(base / "mesh/visual.ply", records.get("mesh/mesh.json", {}))
+    lines = [_line(name, records.get(path), advice.replace("SCENE", scene), known, sides) for path, name, advice in STAGES]
     kind = str(records.get("mesh/mesh.json", {}).get("kind", "scene"))
     write_page(
         out,
         "scene.html.j2",
         scene=scene,
         kind=kind,
-        status="degraded" if any(line.status == "degraded" for line in lines) else "pass",
+        status=_worst(lines),
         lines=lines,
         photos=_photos(base),
         masked=(base / "masks/images").is_dir(),
@@ -83,16 +85,41 @@ def write_scene_page(scene: str, folder: str | Path, out: str | Path) -> None:
     )
 
 
-def _line(name: str, record: dict[str, Any] | None, advice: str, known: bool) -> StageLine:
-    """What a stage's record comes to; `known`: lengths are metres."""
+def _worst(lines: Sequence[StageLine]) -> str:
+    """What a whole page is headed with."""
+    if all(line.status == "not made" for line in lines):
+        return "not made"
+    return "degraded" if any(line.status == "degraded" for line in lines) else "pass"
+
+
+def _upright_box(path: Path, record: dict[str, Any]) -> list[float]:
+    """Length, width and height of the smallest box that stands on the table round a mesh, m: what a ruler measures.
+
+    Args:
+        path: The mesh.
+        record: The mesh stage's, whose extents along the table's axes are taken where there is no mesh; of a table's surface,
+            which has no height, always.
+    """
+    extents = [float(value) for value in record.get("visual", {}).get("extents", [])]
+    if record.get("kind") == "background":
+        return extents[:2]
+    if not extents or not path.is_file():
+        return extents
+    vertices = read_mesh(path).vertices
+    sides = cv2.minAreaRect(np.ascontiguousarray(vertices[:, :2], dtype=np.float32))[1]
+    return [*sorted((float(side) for side in sides), reverse=True), float(np.ptp(vertices[:, 2]))]
+
+
+def _line(name: str, record: dict[str, Any] | None, advice: str, known: bool, sides: Sequence[float]) -> StageLine:
+    """What a stage's record comes to; `known`: lengths are metres, those of the mesh in `sides`."""
     if record is None:
         return StageLine(name, "not made", "", (), "")
     reasons = tuple(str(reason) for reason in record.get("reasons", []))
     status = str(record.get("status", "pass"))
-    return StageLine(name, status, _figures(record, known), reasons, advice if status == "degraded" else "")
+    return StageLine(name, status, _figures(record, known, sides), reasons, advice if status == "degraded" else "")
 
 
-def _figures(record: dict[str, Any], known: bool) -> str:
+def _figures(record: dict[str, Any], known: bool, sides: Sequence[float]) -> str:
     """The figures of a stage that a person asks for first; without a scale lengths are shares of the longest."""
     said = []
     if "frames" in record:
@@ -106,14 +133,14 @@ def _figures(record: dict[str, Any], known: bool) -> str:
     if "consistency" in record:
         said.append(f"outlines of all photos agree to {record['consistency']['mean']:.2f} of 1")
     if "visual" in record and "extents" in record["visual"]:
-        extents = record["visual"]["extents"]
-        sizes = [f"{1e3 * value:.0f}" if known else f"{value / max(extents):.2f}" for value in extents]
-        said.append(" × ".join(sizes) + (" mm" if known else ", relative to its longest side"))
+        sizes = [f"{1e3 * value:.0f}" if known else f"{value / max(sides):.2f}" for value in sides]
+        which = ("length × width × height", "length × width")[len(sizes) == 2]
+        said.append(f"{which} {' × '.join(sizes)}" + (" mm" if known else ", relative to the longest"))
     if "metrics" in record:
         held = record["metrics"]["held_out"]["masked"]["psnr"]
         said.append(f"{record['splats']} splats" + ("" if held is None else f", {held:.1f} dB on held-out photos"))
     if record.get("body"):
-        said.append(f"{record['body']['mass']:.2g} kg, from its volume")
+        said.append(f"{record['body']['mass']:.2g} kg, from its volume and the density in the config")
     return "; ".join(said)
 
 
@@ -138,7 +165,7 @@ def _photos(base: Path) -> list[ScenePicture]:
 
 def _sides(base: Path) -> list[ScenePicture]:
     """Both meshes from all sides."""
-    titles = {"visual": "Surface that the splats hang on", "collision": "Body that touches things"}
+    titles = {"visual": "Surface that the splats hang on", "collision": "Collision mesh: what touches and is touched"}
     paths = {title: base / f"mesh/{name}.ply" for name, title in titles.items()}
     return [
         ScenePicture(title, jpeg_uri(draw_sides(read_mesh(path), _SIDE))) for title, path in paths.items() if path.is_file()
