@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gsbridge.errors import GsbridgeError
-from gsbridge.workflow_files import check_configuration_files, configuration_files
+from gsbridge.workflow_files import check_configuration_files, check_targets, configuration_files
 from gsbridge.workflow_lock import working_folder
 
 _JOB_COUNT = re.compile(r"^(\w+) +(\d+)$", re.MULTILINE)
@@ -109,8 +109,10 @@ def run_status(arguments: Sequence[str]) -> Iterator[str]:
         arguments: Arguments as on snakemake's command line, targets and `--config` included.
 
     Raises:
-        GsbridgeError: A file of `--configfile` cannot be used, or snakemake cannot plan the run; its message follows.
+        GsbridgeError: A file of `--configfile` cannot be used, an option would swallow a target, or snakemake cannot plan the
+            run; its message follows.
     """
+    check_targets(arguments)
     check_configuration_files(configuration_files(arguments))
     command = [sys.executable, "-m", "snakemake", "--dry-run", "--quiet", "rules", "--nolock", *arguments]
     planned = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -1,6 +1,7 @@
-"""Configuration files of a run: snakemake reads those of `--configfile` before the Snakefile, and with words of its own.
+"""What a run's command line says, looked at before snakemake reads it, which has words of its own for what is wrong.
 
-It also evaluates the expressions of a file that says `__use_yte__: true`, which are Python: a configuration must not run code.
+It reads the files of `--configfile` before the Snakefile. It also evaluates the expressions of a file that says
+`__use_yte__: true`, which are Python: a configuration must not run code.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from gsbridge.reading import LARGEST_TEXT, load_yaml, regular_file
 
 _REMEDY = "Correct the path, or write KEY: VALUE in each line, as config.yaml does"
 _TEMPLATE = "__use_yte__"
+_QUIET = ("rules", "progress", "all", "host", "reason")
+"""Words of `--quiet`."""
 
 
 def configuration_files(arguments: Sequence[str]) -> list[Path]:
@@ -25,15 +28,40 @@ def configuration_files(arguments: Sequence[str]) -> list[Path]:
     Args:
         arguments: Arguments as on snakemake's command line.
     """
-    found: list[str] = []
+    # As with every option that is given twice, the last one counts.
+    given = _words_of(arguments, "--configfile", "--configfiles")
+    return [Path(path) for path in (given[-1] if given else [])]
+
+
+def _words_of(arguments: Sequence[str], *options: str) -> list[list[str]]:
+    """Words that an option takes, each time that it is given: all that follow, up to the next option."""
+    found = []
     before = list(itertools.takewhile(lambda argument: argument != "--", arguments))
     for place, argument in enumerate(before):
         option, given, value = argument.partition("=")
-        if option in ("--configfile", "--configfiles"):
+        if option in options:
             following = itertools.takewhile(lambda word: not word.startswith("-"), before[place + 1 :])
-            # As with every option that is given twice, the last one counts.
-            found = [value] if given else list(following)
-    return [Path(path) for path in found]
+            found.append([value] if given else list(following))
+    return found
+
+
+def check_targets(arguments: Sequence[str]) -> None:
+    """Refuse a target that an option would take for a word of its own.
+
+    Args:
+        arguments: Arguments as on snakemake's command line.
+
+    Raises:
+        InputError: `--config` is followed by what holds no `=`, or `--quiet` by what it does not know.
+    """
+    settings = itertools.chain.from_iterable(_words_of(arguments, "--config", "-C"))
+    quiet = itertools.chain.from_iterable(_words_of(arguments, "--quiet", "-q"))
+    taken = [("--config", word) for word in settings if "=" not in word]
+    taken += [("--quiet", word) for word in quiet if word not in _QUIET]
+    for option, word in taken:
+        raise InputError(
+            "the command line", f"{option} takes '{word}' for a word of its own", f"Write -- before targets: -- {word}"
+        )
 
 
 def check_configuration_files(paths: Iterable[str | Path]) -> None:
@@ -64,4 +92,4 @@ def _content(path: str | Path) -> Any:
         return load_yaml(path, "configuration", _REMEDY)
 
 
-__all__ = ["check_configuration_files", "configuration_files"]
+__all__ = ["check_configuration_files", "check_targets", "configuration_files"]

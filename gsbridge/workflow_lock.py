@@ -23,7 +23,7 @@ import psutil
 
 from gsbridge.errors import InputError
 from gsbridge.workflow_faults import told
-from gsbridge.workflow_files import check_configuration_files, configuration_files
+from gsbridge.workflow_files import check_configuration_files, check_targets, configuration_files
 
 _PASSIVE = frozenset(
     {
@@ -114,9 +114,11 @@ def start_workflow(arguments: Sequence[str], say: Callable[[str], None]) -> NoRe
 
     Raises:
         InputError: Another run works in the folder.
-        SystemExit: A file of `--configfile` cannot be used, which snakemake would tell with a traceback.
+        SystemExit: A file of `--configfile` cannot be used, or an option would swallow a target, which snakemake would tell
+            with a traceback.
     """
     with told():
+        check_targets(arguments)
         check_configuration_files(configuration_files(arguments))
     # The module of this Python, not whichever snakemake the shell finds first.
     command = [sys.executable, "-m", "snakemake", *arguments]

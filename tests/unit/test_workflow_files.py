@@ -7,7 +7,7 @@ from snakemake.cli import get_argument_parser
 
 from gsbridge.cli import main
 from gsbridge.errors import InputError
-from gsbridge.workflow_files import check_configuration_files, configuration_files
+from gsbridge.workflow_files import check_configuration_files, check_targets, configuration_files
 
 BOMB = "a: &a [1]\n" + "".join(f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]\n" for a, b in itertools.pairwise("abcdefgh"))
 BROKEN = {
@@ -81,3 +81,27 @@ def test_files_are_found_as_snakemake_finds_them(arguments, files):
     assert [str(path) for path in configuration_files(arguments)] == files
     snakemake = get_argument_parser().parse_known_args(arguments)[0].configfile
     assert [str(path) for path in snakemake or []] == files
+
+
+@pytest.mark.parametrize(
+    ("arguments", "taken"),
+    [
+        (["-n", "--config", "gap_case=a.yaml", "gap"], "gap"),
+        (["-n", "-C", "seed=1", "all"], "all"),
+        (["-n", "--quiet", "rules", "results/tables"], "results/tables"),
+        (["-n", "--quiet", "rules", "--", "results/tables"], None),
+        (["--config", "seed=1", "--quiet", "--", "gap"], None),
+        (["--quiet=rules", "results/tables"], None),
+        (["--config", "editing={scene: bear}", "-n"], None),
+        (["gap", "--config", "seed=1"], None),
+    ],
+)
+def test_no_option_swallows_a_target(arguments, taken, capfd):
+    if taken is None:
+        check_targets(arguments)
+        get_argument_parser().parse_args(arguments)
+        return
+    with pytest.raises(SystemExit) as ended:
+        main(["run", *arguments])
+    assert f"Write -- before targets: -- {taken}" in str(ended.value)
+    assert capfd.readouterr() == ("", "")
