@@ -36,7 +36,8 @@ def findings(verdict: str = "named", **changes) -> dict:
     return {
         "status": "pass",
         "reasons": [],
-        "sentence": "Joint 'axis' lacks Coulomb friction (torque 0.42 ± 0.03 N m); the gap falls from 31 to 2.1 times noise.",
+        "sentence": "The model of joint 'axis' lacks Coulomb friction (torque 0.42 ± 0.03 N m); "
+        "the gap falls from 31 to 2.1 times noise.",
         "verdict": verdict,
         "something_remains": False,
         "effects": [effect] if fitted else [],

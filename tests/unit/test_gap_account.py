@@ -488,3 +488,10 @@ def test_a_controller_with_an_integral_is_told_and_nothing_is_blamed_for_it(axis
             assert findings["status"] == "degraded"
             assert "N m/(rad s)" in findings["sentence"]
             assert findings["amended"] == []
+
+
+def test_it_is_the_model_that_lacks_an_effect():
+    """The joint itself has it."""
+    row = {"value": 0.42, "unit": "N m", "interval90": [0.39, 0.45]}
+    item = {"joint": "axis", "title": "Coulomb friction", "parameters": {"torque": row}}
+    assert JointAccount().lacks(item) == "The model of joint 'axis' lacks Coulomb friction (torque 0.420 ± 0.030 N m)"

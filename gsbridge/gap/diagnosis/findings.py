@@ -328,7 +328,7 @@ class Account:
     def lacks(self, item: Mapping[str, Any]) -> str:
         """One effect that the model lacks, with its figures; an entry of `describe`."""
         figures = _figures(item["parameters"])
-        who = f"Joint '{item['joint']}'" if item["joint"] else "The model"
+        who = f"The model of joint '{item['joint']}'" if item["joint"] else "The model"
         return f"{who} lacks {item['title']} ({figures})"
 
     def change(self, checked: Verification) -> str:
