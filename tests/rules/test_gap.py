@@ -87,6 +87,24 @@ def test_cases_that_are_not_there_are_named(snakemake, tmp_path, target, said):
     assert not (tmp_path / "run/results").exists()
 
 
+@pytest.mark.parametrize(
+    ("records", "said"),
+    [
+        ("{fit: lost.csv}", r"ERROR \S+case\.yaml: the record 'fit' is missing: there is no \S+lost\.csv\. Correct its line"),
+        ("{fitt: log.csv}", r"ERROR \S+case\.yaml: 'fitt' under 'records' is no role of a record\. Did you mean 'fit'\?"),
+    ],
+)
+def test_records_that_are_not_there_are_named_before_anything_runs(snakemake, tmp_path, records, said):
+    case = write_case(tmp_path / "axis", *table())
+    case.write_text(f"model: model.yaml\nrecords: {records}\n")
+    process = snakemake(
+        "--dry-run", "--directory", str(tmp_path / "run"), "--config", f"gap_case={case}", "--", "gap", check=False
+    )
+    assert process.returncode != 0
+    assert len(re.findall(said, process.stdout + process.stderr)) == 1
+    assert "Traceback" not in process.stdout + process.stderr
+
+
 def test_bad_records_end_with_one_sentence_and_leave_nothing(snakemake, tmp_path):
     """Several cases in one run: each fails by itself, and says why."""
     header, rows = table()

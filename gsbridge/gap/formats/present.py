@@ -1,13 +1,16 @@
-"""A case's file and its model, which have to be there before anything of the case runs."""
+"""A case's file, its model and its records, which have to be there before anything of the case runs."""
 
 from __future__ import annotations
 
+import difflib
 import os
 from collections.abc import Sequence
 from pathlib import Path
 
 from gsbridge.errors import InputError
-from gsbridge.gap.formats.files import case_model, case_path
+from gsbridge.gap.diagnosis.results import ROLES
+from gsbridge.gap.formats.files import case_content, case_model, case_path
+from gsbridge.gap.formats.logs import split_part
 from gsbridge.reading import absent
 
 
@@ -32,8 +35,6 @@ def check_own_file(value: str | None, places: Sequence[Path]) -> None:
 def check_model(case: str | Path, made: Path) -> None:
     """Refuse a case whose model is not there; snakemake would only say that an input is missing.
 
-    Records and photos that are not there are told by the stage that reads them, case by case.
-
     Args:
         case: The case's file.
         made: Folder of models that the workflow may make first.
@@ -42,6 +43,42 @@ def check_model(case: str | Path, made: Path) -> None:
         InputError: The model that the case names is neither there nor in that folder.
     """
     case, model = Path(case), case_model(case)
-    if model != case and not os.path.isfile(model) and not Path(os.path.abspath(model)).is_relative_to(os.path.abspath(made)):
+    if model != case and not os.path.isfile(model) and not _below(model, made):
         problem = f"the model is a folder: {model}" if os.path.isdir(model) else f"the model is missing: {absent([model])}"
         raise InputError(case, problem, f"Correct the line `model:`, whose path starts from {case.parent}")
+
+
+def check_records(case: str | Path, made: Path) -> None:
+    """Refuse a case with a record that is not there, or in a role that there is none of: the plan would pass without it.
+
+    Photos that are not there, and what a record holds, are told by the stage that reads them, case by case.
+
+    Args:
+        case: The case's file.
+        made: Folder of records that the workflow may make first.
+
+    Raises:
+        InputError: A record has no known role, or is neither there nor in that folder.
+    """
+    case = Path(case)
+    for section in ("records", "repeats"):
+        named = case_content(case).get(section)
+        for role, files in named.items() if isinstance(named, dict) else ():
+            if role not in ROLES:
+                near = difflib.get_close_matches(str(role), ROLES, 1)
+                hint = f"Did you mean '{near[0]}'? " if near else ""
+                raise InputError(
+                    case, f"'{role}' under '{section}' is no role of a record", f"{hint}The roles are {', '.join(ROLES)}"
+                )
+            for name in files if isinstance(files, list) else [files]:
+                file = split_part(case.parent / str(name))[0]
+                if not os.path.exists(file) and not _below(file, made):
+                    raise InputError(
+                        case, f"the record '{role}' is missing: {absent([file])}"[:500],
+                        f"Correct its line under `{section}:`, whose path starts from {case.parent}",
+                    )  # fmt: skip
+
+
+def _below(file: Path, folder: Path) -> bool:
+    """Whether a file's place is inside a folder, whether or not either is there."""
+    return Path(os.path.abspath(file)).is_relative_to(os.path.abspath(folder))
