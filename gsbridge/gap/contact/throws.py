@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -99,8 +100,8 @@ def read_throws(path: str | Path, columns: Mapping[str, str] | None = None, unit
     """
     path = Path(path)
     files = [path]
-    if path.is_dir():
-        files = sorted((item for item in path.iterdir() if item.suffix in (".csv", ".parquet")), key=_natural)
+    if os.path.isdir(path):
+        files = sorted((item for item in path.iterdir() if item.suffix.lower() in (".csv", ".parquet")), key=_natural)
     if not files:
         raise InputError(
             path, "the folder holds no CSV or Parquet file", "One file per throw, or one file with a column 'throw'"
@@ -109,13 +110,13 @@ def read_throws(path: str | Path, columns: Mapping[str, str] | None = None, unit
     for file in files:
         table, data = read_table(file, "throws")
         digest.update(data)
-        items += _throws_of(Columns(table, file, columns or {}, units or {}), alone=path.is_dir())
+        items += _throws_of(Columns(table, file, columns or {}, units or {}), alone=os.path.isdir(path))
     return Throws(tuple(items), digest.hexdigest(), path.stem)
 
 
 def _natural(path: Path) -> tuple[int, str]:
     """Order of file names that keeps 2 before 10."""
-    digits = "".join(character for character in path.stem if character.isdigit())
+    digits = "".join(character for character in path.stem if character.isdecimal())
     return (int(digits) if digits else -1, path.name)
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.units import CURRENTS, HEADER, factor_to_si, split_header
@@ -17,6 +18,15 @@ from gsbridge.reading import refusing, regular_file
 
 LARGEST_TABLE = 2 * 2**30
 """Largest size of a file, bytes: a day of seven joints at 100 Hz as text."""
+
+MOST_VALUES = 250_000_000
+"""Rows times columns of a Parquet file that are read: a day of seven joints at 100 Hz has 200 million, which take 2 GB."""
+
+_COMPRESSED = (b"\x1f\x8b", b"PK\x03\x04", b"BZh", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd")
+"""First bytes of files that gzip, zip, bzip2, xz and zstd have packed."""
+
+_LARGEST = 1e30
+"""Numbers from here on, SI, measure nothing, and their squares would soon be endless."""
 
 _LISTED = 14
 """Columns that a message names."""
@@ -49,25 +59,53 @@ def read_table(path: Path, what: str) -> tuple[pd.DataFrame, bytes]:
     regular_file(path, what, "Check the path in the case", LARGEST_TABLE)
     with refusing(path, "this is no table", "Give CSV with a header line, or Parquet"):
         data = path.read_bytes()
-        table = pd.read_parquet(path) if path.suffix == ".parquet" else _read_csv(path, data)
+        if path.suffix.lower() == ".parquet":
+            check_parquet(path)
+            table = pd.read_parquet(path)
+        else:
+            table = _read_csv(path, data)
     if not len(table):
         raise InputError(path, "it has a header and no rows", "Copy the file again, or log again")
     return table, data
+
+
+def check_parquet(path: Path) -> None:
+    """Look at what a Parquet file says of itself before its content is read: a few bytes can stand for billions of rows.
+
+    Raises:
+        InputError: It holds more than `MOST_VALUES` values, or two of its columns have the same name.
+    """
+    with pq.ParquetFile(path) as file:
+        rows, columns, names = file.metadata.num_rows, file.metadata.num_columns, file.schema_arrow.names
+    if rows * max(columns, 1) > MOST_VALUES:
+        raise InputError(
+            path, f"it holds {rows} rows of {columns} columns; at most {MOST_VALUES} values are read",
+            "Keep the columns of the joints, and cut the log into parts",
+        )  # fmt: skip
+    _refuse_twice(path, names)
 
 
 def _read_csv(path: Path, data: bytes) -> pd.DataFrame:
     """A table from CSV.
 
     Raises:
-        InputError: It is not UTF-8, does not begin with its header, has a name in it twice, or other separators than commas.
+        InputError: It is compressed or not UTF-8, does not begin with its header, has a name in it twice, or other separators
+            than commas.
     """
-    first = data[:4096].partition(b"\n")[0].decode("utf-8", errors="replace").strip()
+    if data.startswith(_COMPRESSED):
+        raise InputError(path, "it is compressed", f"Unpack {path.name} first, and name the CSV or Parquet file that was in it")
+    first, second = [*data[:65536].decode("utf-8", errors="replace").splitlines(), "", ""][:2]
+    first = first.strip()
     if first.startswith(("#", "%", "//")):
         way = "Write the header without a mark before it" if "," in first else "Remove the lines above the header"
         raise InputError(path, f"it begins with a comment: {first[:_SHOWN]}", way)
     try:
         _check_header(path)
-        table = pd.read_csv(path)
+        for mark in ";\t":
+            # Rows with decimal commas have more commas than the header, of which pandas would speak.
+            if 0 < first.count(mark) == second.count(mark):
+                raise _separated(path, mark)
+        table = pd.read_csv(path, compression=None)
     except UnicodeDecodeError as error:
         raise InputError(path, "its text is not in UTF-8", "Save it as UTF-8; for degrees write [deg]") from error
     except pd.errors.ParserError as error:
@@ -85,23 +123,33 @@ def _read_csv(path: Path, data: bytes) -> pd.DataFrame:
             path, f"its first line names {len(headers)}, its rows have {table.index.nlevels + len(headers)} values",
             _ABOVE if len(headers) == 1 else "Write decimals with a point, and no comma behind the last value",
         )  # fmt: skip
-    for mark, name in _SEPARATORS.items():
+    for mark in _SEPARATORS:
         # Names and units may hold blanks.
         if any(mark in header for header in headers) if mark in ";\t" else len(headers) == 1 and headers[0].count(mark) > 1:
-            raise InputError(
-                path, f"its columns are separated by {name}", "Separate them with commas, and write decimals with a point"
-            )
+            raise _separated(path, mark)
     return table
+
+
+def _separated(path: Path, mark: str) -> InputError:
+    """The error about columns that are separated by something else than commas."""
+    return InputError(
+        path, f"its columns are separated by {_SEPARATORS[mark]}", "Separate them with commas, and write decimals with a point"
+    )
 
 
 def _check_header(path: Path) -> None:
     """Refuse a CSV file that begins with numbers, and one in which two columns have the same name: one would be lost."""
-    headers = [str(header) for header in pd.read_csv(path, header=None, nrows=1, dtype=str).iloc[0].dropna()]
+    headers = [str(header) for header in pd.read_csv(path, header=None, nrows=1, dtype=str, compression=None).iloc[0].dropna()]
     words = [word for header in headers for word in re.split(r"[;\s]+", header) if word]
     if words and all(_NUMBER.fullmatch(word) for word in words):
         raise InputError(
             path, "it has no header line: its first line holds numbers", f"Write the columns' names there: {_EXAMPLE}"
         )
+    _refuse_twice(path, headers)
+
+
+def _refuse_twice(path: Path, headers: Iterable[str]) -> None:
+    """Refuse a table in which two columns have the same name: one would be lost."""
     names = [split_header(header)[0] for header in headers]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice:
@@ -167,7 +215,15 @@ class Columns:
                 "Leave the gain out, or state [A] if it is a current",
             )  # fmt: skip
         where = HEADER if self.headers else f"State it in the case, as 'units: {{{kind}: ...}}'"
-        return values * factor_to_si(stated, dimension, self.source, theirs, self.gains.get(joint), where)
+        with np.errstate(over="ignore"):
+            values = values * factor_to_si(stated, dimension, self.source, theirs, self.gains.get(joint), where)
+        large = np.flatnonzero(~(np.abs(values) < _LARGEST))
+        if len(large):
+            raise InputError(
+                self.source, f"the column '{theirs}' holds {values[large[0]]:.3g} in data row {large[0] + 1}, beyond measure",
+                "Mend or remove such rows",
+            )  # fmt: skip
+        return values
 
     def need(self, ours: str, dimension: str) -> Array:
         """`get` of a column that must be there. [T].

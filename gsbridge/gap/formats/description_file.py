@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -22,7 +23,7 @@ def read_description_root(path: str | Path, key: str, named_in: str | Path) -> E
     Raises:
         InputError: There is no such file, it is a folder, a device or a pipe, or it is no XML.
     """
-    if Path(path).exists():
+    if os.path.exists(path):
         regular_file(path, "description", f"Check '{key}' in {named_in}", LARGEST_TEXT)
     try:
         return ElementTree.parse(path).getroot()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -51,21 +52,23 @@ def case_name(value: str) -> str:
 
 
 def case_files(case: str | Path) -> list[Path]:
-    """Files that a case names and that are there: its model, the model's URDF and its meshes, its records or its photos.
+    """Files that a case names and that are there: its model, the model's URDF and its meshes, its records and
+    their repeats, or its photos.
 
     A damaged case names none.
     """
     case = Path(case)
     content = case_content(case)
     names = [content.get("model"), *_values(content.get("records"))]
+    names += [name for item in _values(content.get("repeats")) for name in (item if isinstance(item, list) else [item])]
     model = case_model(case)
     # What stands behind '#' is a part of a data set.
     found = [case.parent / name.partition("#")[0] for name in names if isinstance(name, str)]
     urdf = case_content(model).get("urdf")
-    if isinstance(urdf, str):
+    if isinstance(urdf, str) and os.path.isfile(model.parent / urdf):
         found += [model.parent / urdf, *collision_meshes(model.parent / urdf)]
     mjcf = case_content(model).get("mjcf")
-    if isinstance(mjcf, str):
+    if isinstance(mjcf, str) and os.path.isfile(model.parent / mjcf):
         found += [model.parent / mjcf, *mjcf_files(model.parent / mjcf)]
     photos = [case.parent / name for name in _values(content.get("photos")) if isinstance(name, str)]
     return [file for paths, kinds in ((found, _NUMBERS), (photos, _PHOTOS)) for path in paths for file in _inside(path, kinds)]
@@ -114,9 +117,9 @@ def _values(content: object) -> list[object]:
 
 def _inside(path: Path, kinds: tuple[str, ...]) -> list[Path]:
     """A file, or the files of some kinds in a folder (a data set, one file per throw, photos); nothing where there is none."""
-    if path.is_dir():
+    if os.path.isdir(path):
         return files_below(path, kinds, "data set", "Name the folder of the data set itself")
-    return [path] if path.is_file() else []
+    return [path] if os.path.isfile(path) else []
 
 
 def check_contents(contents: Mapping[str, Sequence[str]], scenes: Iterable[str]) -> None:

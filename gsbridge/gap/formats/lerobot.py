@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 
 from gsbridge.errors import InputError
+from gsbridge.gap.formats.columns import check_parquet
 from gsbridge.given import read_given_json
 from gsbridge.reading import refusing
 
@@ -110,6 +111,7 @@ def _rows(folder: Path, files: list[Path], part: str, features: list[str], info:
     found = []
     for file in files:
         with refusing(file, "it cannot be read", "Copy the data set again"):
+            check_parquet(file)
             table = pd.read_parquet(file, filters=[("episode_index", "==", wanted)])
         if len(table):
             found.append(table[[name for name in ("timestamp", *features) if name in table]])
