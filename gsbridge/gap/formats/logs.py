@@ -5,6 +5,7 @@ Every format becomes a table with our columns, and that is read and checked by o
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +14,7 @@ from gsbridge.errors import InputError
 from gsbridge.gap.formats.lerobot import read_lerobot
 from gsbridge.gap.formats.mcap import read_mcap
 from gsbridge.gap.formats.records import Layout, Record, read_record, record_of
+from gsbridge.reading import regular_file
 
 OTHERS: Mapping[str, tuple[str, str]] = {
     ".mat": ("a file of MATLAB", "Write it as CSV there: writetable(array2table([t q], 'VariableNames', names), 'log.csv')"),
@@ -29,7 +31,7 @@ def _refuse_others(file: Path) -> None:
     Raises:
         InputError: It is one of these, with the way to convert it.
     """
-    bag = sorted(file.glob("*.mcap")) + sorted(file.glob("*.db3")) if (file / "metadata.yaml").is_file() else []
+    bag = sorted(file.glob("*.mcap")) + sorted(file.glob("*.db3")) if os.path.isfile(file / "metadata.yaml") else []
     if bag and bag[0].suffix == ".mcap":
         raise InputError(file, "this is the folder of a bag of ROS 2", f"Name the file in it: {bag[0].name}#TOPIC,COMMANDS")
     named = bag[0] if bag else file
@@ -58,13 +60,14 @@ def read_log(path: str | Path, layout: Layout) -> Record:
     """
     file, part = split_part(path)
     _refuse_others(file)
-    if file.suffix == ".mcap":
-        table, digest = read_mcap(file, part, layout.joints, layout.sliding)
-    elif file.is_dir():
-        table, digest = read_lerobot(file, part, layout.joints)
+    if file.suffix.lower() == ".mcap":
+        table, digest, cut = read_mcap(file, part, layout.joints, layout.sliding)
+    elif os.path.isdir(file):
+        (table, digest), cut = read_lerobot(file, part, layout.joints), ""
     elif part:
+        regular_file(file, "record", "Check the path in the case")
         raise InputError(path, "only data sets and MCAP files have parts", "Leave out what stands behind '#'")
     else:
         return read_record(file, layout)
     record = record_of(table, Path(path), layout, digest=digest, headers=False)
-    return replace(record, name=f"{file.stem}#{part}" if part else file.stem)
+    return replace(record, name=f"{file.stem}#{part}" if part else file.stem, cut=cut)

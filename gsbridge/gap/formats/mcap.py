@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import importlib
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,8 +20,18 @@ import numpy as np
 import pandas as pd
 
 from gsbridge.errors import InputError
+from gsbridge.gap.formats.records import refuse_backwards
 from gsbridge.geometry import Array
 from gsbridge.reading import refusing, regular_file
+
+MOST_MESSAGES = 2_000_000
+"""Messages of one topic that are read: five hours at 100 Hz."""
+
+LARGEST_TOPICS = 512 * 2**20
+"""Bytes of the messages that are read, and of one chunk as it is unpacked."""
+
+_HOLE, _BREAK = 10, 0.25
+"""Periods, and seconds, for which the last command is taken to hold, whichever is longer."""
 
 UNITS = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "effort": ("N m", "N")}
 """Units of the joint states of ROS: at joints that turn, and at those that slide."""
@@ -62,7 +72,7 @@ class Stream:
         return "array" if isinstance(first.get("data"), (list, tuple)) else "flat"
 
 
-def read_mcap(path: Path, part: str, joints: tuple[str, ...], sliding: Collection[str] = ()) -> tuple[pd.DataFrame, str]:
+def read_mcap(path: Path, part: str, joints: tuple[str, ...], sliding: Collection[str] = ()) -> tuple[pd.DataFrame, str, str]:
     """The joints' log as a table.
 
     Args:
@@ -73,43 +83,69 @@ def read_mcap(path: Path, part: str, joints: tuple[str, ...], sliding: Collectio
 
     Returns:
         Columns `time [s]`, `position.joint` and so on with units where the messages have them; commands as they were last sent
-        at each measurement. And the file's SHA-256.
+        at each measurement. The file's SHA-256. And what was left out, in words; empty where everything was taken.
 
     Raises:
-        InputError: The package `mcap` is missing, the file is damaged, or a topic is missing or holds nothing known.
+        InputError: The package `mcap` is missing, the file is damaged or beyond what is read, a topic is missing or holds
+            nothing known, or its stamps run backwards.
     """
-    streams = _streams(path)
+    reader = _optional("mcap.reader", path)
+    regular_file(path, "record", "Check the path in the case")
+    wanted = [name for name in part.split(",") if name] or [_only_topic(path, reader)]
+    streams = _streams(path, reader, wanted)
     with refusing(path, "its messages do not fit together", "Log the same joints in every message"):
-        return _table(streams, path, part, _Joints(joints, sliding)), hashlib.sha256(path.read_bytes()).hexdigest()
+        table, cut = _table(streams, path, wanted, _Joints(joints, sliding))
+    with open(path, "rb") as file:
+        return table, hashlib.file_digest(file, "sha256").hexdigest(), cut
 
 
-def _table(streams: Mapping[str, Stream], path: Path, part: str, joints: _Joints) -> pd.DataFrame:
-    """The joints' log from the topics that are meant; see `read_mcap`."""
-    wanted = [name for name in part.split(",") if name]
-    for name in wanted:
-        if name not in streams:
-            raise InputError(f"{path}#{part}", f"there is no topic '{name}' that can be read", f"It has: {_listed(streams)}")
-    if not wanted:
-        wanted = [name for name, stream in streams.items() if stream.kind != "array"]
-        if len(wanted) != 1:
-            raise InputError(
-                path, f"it has the topics {_listed(streams)}", f"Say which is measured: {path.name}#TOPIC,COMMANDS"
-            )
-    measured = streams[wanted[0]]
+def _only_topic(path: Path, reader: Any) -> str:
+    """The one topic that has measurements, by the first message of each.
+
+    Raises:
+        InputError: Several have, or none.
+    """
+    streams = _streams(path, reader)
+    found = [name for name, stream in streams.items() if stream.kind != "array"]
+    if len(found) != 1:
+        raise InputError(path, f"it has the topics {_listed(streams)}", f"Say which is measured: {path.name}#TOPIC,COMMANDS")
+    return found[0]
+
+
+def _table(streams: Mapping[str, Stream], path: Path, wanted: Sequence[str], joints: _Joints) -> tuple[pd.DataFrame, str]:
+    """The joints' log from the topics that are meant, and what was left out of it, in words; see `read_mcap`."""
+    measured, cut = streams[wanted[0]], ""
     columns = _columns(measured, joints, "measured", path)
     if len(wanted) > 1:
         sent = streams[wanted[1]]
         both = bool(measured.times and sent.times)
         time, when = (np.array(s.times if both else s.logged) for s in (measured, sent))
+        for values, name in ((time, wanted[0]), (when, wanted[1])):
+            refuse_backwards(values, path, f"message {{row}} of '{name}'")
         rows = np.searchsorted(when, time, side="right") - 1
-        known = rows >= 0
+        known = (rows >= 0) & (time <= _commanded_until(when))
         if known.sum() < 2:
-            raise InputError(path, f"all of '{wanted[0]}' lies before the first of '{wanted[1]}'", "Check the clocks")
+            raise InputError(path, f"no message of '{wanted[0]}' lies between those of '{wanted[1]}'", "Check the clocks")
+        begins, ends = time[known][0], time[known][-1]
+        if max(begins - time[0], time[-1] - ends) > _BREAK:
+            cut = f"'{wanted[1]}' covers {begins - time[0]:.4g} to {ends - time[0]:.4g} s alone: only these were taken"
         columns = {name: values[known] for name, values in columns.items()}
         columns |= {
             name: values[rows[known]] for name, values in _columns(sent, joints, "command", path).items() if "." in name
         }
-    return pd.DataFrame(columns)
+    return pd.DataFrame(columns), cut
+
+
+def _commanded_until(when: Array) -> float:
+    """Time until which the last command is taken to hold, by the stamps of the commands, s.
+
+    Commands that come without end are in force until the next; ones that are sent where something changes hold for as long as
+    any of them did.
+    """
+    if len(when) < 2:
+        return np.inf
+    steps = np.diff(when)
+    return float(when[-1] + max(_BREAK, _HOLE * np.median(steps), steps.max()))
 
 
 def _listed(streams: Mapping[str, Stream]) -> str:
@@ -130,23 +166,40 @@ def _optional(name: str, path: Path) -> Any:
         ) from error
 
 
-def _streams(path: Path) -> dict[str, Stream]:
-    """All topics that can be read, by name."""
-    reader = _optional("mcap.reader", path)
+def _streams(path: Path, reader: Any, wanted: Sequence[str] = ()) -> dict[str, Stream]:
+    """Messages of topics in the order of the log's stamps, by name.
+
+    Args:
+        path: The file.
+        reader: The module `mcap.reader`.
+        wanted: Topics that are read; where none is named, the first message of each topic that can be read.
+
+    Raises:
+        InputError: The file is damaged, a topic is not there or cannot be read, or there is more than is read.
+    """
     out: dict[str, Stream] = {}
     closed: set[str] = set()
+    others: set[str] = set()
+    size = 0
     try:
         factories = [importlib.import_module("mcap_ros2.decoder").DecoderFactory()]
     except ImportError:
         factories = []
-    regular_file(path, "record", "Check the path in the case")
     mend = "Copy it again, or mend it with `mcap recover`"
     with refusing(path, "this is no whole MCAP file", mend), open(path, "rb") as stream:
-        for schema, channel, message in reader.make_reader(stream).iter_messages():
+        for schema, channel, message in _messages(reader.make_reader(stream), path, wanted):
+            if not wanted and channel.topic in (out.keys() | closed | others):
+                continue
+            size += len(message.data)
+            if size > LARGEST_TOPICS or (channel.topic in out and len(out[channel.topic].messages) >= MOST_MESSAGES):
+                raise InputError(
+                    path, f"its topics hold more than the {MOST_MESSAGES} messages or {LARGEST_TOPICS} bytes that are read",
+                    "Cut the log into parts, e.g. with `mcap filter --start-secs --end-secs`",
+                )  # fmt: skip
             content = _decoded(schema, channel, message, factories)
             if content is None:
-                if channel.message_encoding == "cdr" and not factories:
-                    closed.add(channel.topic)
+                unknown = channel.message_encoding == "cdr" and not factories
+                (closed if unknown else others).add(channel.topic)
                 continue
             found = out.setdefault(channel.topic, Stream(channel.topic, channel.message_encoding == "cdr"))
             found.messages.append(content)
@@ -154,15 +207,32 @@ def _streams(path: Path) -> dict[str, Stream]:
             stamp = _stamp(content)
             if stamp is not None:
                 found.times.append(stamp)
-    if not out and closed:
+    if closed and (closed & set(wanted) or not out):
         raise InputError(
             path, "its ROS 2 messages need the package 'mcap-ros2-support'", 'Install it: pip install "gsbridge[mcap]"'
         )
+    missing = [name for name in wanted if name not in out]
+    if missing:
+        there, asked = _listed(_streams(path, reader)), f"{path}#{','.join(wanted)}"
+        raise InputError(asked, f"there is no topic '{missing[0]}' that can be read", f"It has: {there}")
     for found in out.values():
         # Stamps count only where every message has one.
         if len(found.times) < len(found.messages):
             found.times = []
     return out
+
+
+def _messages(reader: Any, path: Path, wanted: Sequence[str]) -> Iterator[Any]:
+    """Messages of the wanted topics, or of all, in the order of the log's stamps.
+
+    Raises:
+        InputError: A chunk of the file would unpack to more than is read.
+    """
+    summary = reader.get_summary()
+    for chunk in summary.chunk_indexes if summary is not None else ():
+        if chunk.uncompressed_size > LARGEST_TOPICS:
+            raise InputError(path, "it has a chunk of more than 512 MB", "Write it with chunks of some megabytes")
+    yield from reader.iter_messages(topics=list(wanted) or None)
 
 
 def _decoded(schema: Any, channel: Any, message: Any, factories: list[Any]) -> Mapping[str, Any] | None:

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from gsbridge.errors import InputError
+from gsbridge.gap.formats.branches import unwrapped
 from gsbridge.gap.formats.columns import Columns, read_table
 from gsbridge.gap.formats.units import SLIDING
 from gsbridge.geometry import Array
@@ -55,6 +56,7 @@ class Record:
         torque_commands: Whether `command` is a torque.
         sliding: Those of the joints that slide, whose figures are in metres and newtons.
         held: Joints that are logged, but held at zero in the model: how far from there they get, rad or m.
+        cut: What was left out of the log as it was read, in words; empty where all of it was taken.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Record:
     tolerance: Mapping[str, Array] = field(default_factory=dict)
     sliding: tuple[str, ...] = ()
     held: Mapping[str, float] = field(default_factory=dict)
+    cut: str = ""
 
     def label(self, kind: str, number: int) -> str:
         """Name of a channel: `position.joint`, or `tool.x`."""
@@ -184,7 +187,25 @@ def record_of(table: pd.DataFrame, path: Path, layout: Layout, *, digest: str, h
     )  # fmt: skip
     check_clock(record, path)
     check_degrees(record, path)
-    return replace(record, quantum={kind: quantum_of(values) for kind, values in measured.items()})
+    # By the digits as they were logged: a turn is no whole number of steps.
+    return replace(_unwrapped(record), quantum={kind: quantum_of(values) for kind, values in measured.items()})
+
+
+def _unwrapped(record: Record) -> Record:
+    """A record whose joints that turn do not jump by a turn; see `gsbridge.gap.formats.branches.unwrapped`."""
+    measured, commands = dict(record.measured), dict(record.commands)
+    angles = [(measured, "position")] + ([] if record.torque_commands else [(commands, "command")])
+    columns = {kind: part[kind].copy() for part, kind in angles if kind in part}
+    for k, joint in enumerate(record.joints):
+        if joint not in record.sliding:
+            told = [columns[kind][:, k] if kind in columns else None for kind in ("position", "command")]
+            for kind, values in zip(("position", "command"), unwrapped(record.time, *told), strict=True):
+                if values is not None:
+                    columns[kind][:, k] = values
+    for part, kind in angles:
+        if kind in columns:
+            part[kind] = columns[kind]
+    return replace(record, measured=measured, commands=commands)
 
 
 def _held(columns: Columns, joints: Mapping[str, bool]) -> dict[str, float]:
@@ -235,17 +256,7 @@ def check_clock(record: Record, source: str | Path) -> None:
     steps = np.diff(record.time)
     if len(steps) < 10:
         raise InputError(source, f"the record has {len(record.time)} rows", "A record needs many; log at 50 Hz or more")
-    back = np.flatnonzero(steps <= 0)
-    if len(back):
-        row = int(back[0])
-        # Rows in disorder lie a few periods apart; a clock that was set anew must not be sorted into what came before.
-        anew = -steps[row] > 10 * np.median(np.abs(steps))
-        does = f"runs backwards by {-steps[row]:.3g} s" if steps[row] else "stands still"
-        raise InputError(
-            source, f"the clock {does} at data row {row + 2}",
-            "It was set anew: cut the log there, and give the longer part" if anew
-            else "Sort the log by its source's time stamps, and drop rows that were logged twice",
-        )  # fmt: skip
+    refuse_backwards(record.time, source, "data row {row}", still=True)
     # Stamps of a faster or slower clock than any logger has are those of another unit.
     if not 1e-5 < record.period < 1.0:
         raise InputError(
@@ -254,6 +265,32 @@ def check_clock(record: Record, source: str | Path) -> None:
         )  # fmt: skip
     if record.duration < SHORTEST:
         raise InputError(source, f"the record lasts {record.duration:.3g} s", f"Log at least {SHORTEST:g} s of motion")
+
+
+def refuse_backwards(time: Array, source: str | Path, place: str, *, still: bool = False) -> None:
+    """Refuse times that run backwards.
+
+    Args:
+        time: Times, s. [T].
+        source: Their file, for messages.
+        place: Where the clock runs backwards, with `{row}` for the number of its row, for messages.
+        still: Whether a clock that stands still is refused, too.
+
+    Raises:
+        InputError: The times run backwards.
+    """
+    steps = np.diff(time)
+    back = np.flatnonzero(steps <= 0 if still else steps < 0)
+    if len(back):
+        row = int(back[0])
+        # Rows in disorder lie a few periods apart; a clock that was set anew must not be sorted into what came before.
+        anew = -steps[row] > 10 * np.median(np.abs(steps))
+        does = f"runs backwards by {-steps[row]:.3g} s" if steps[row] else "stands still"
+        raise InputError(
+            source, f"the clock {does} at {place.format(row=row + 2)}",
+            "It was set anew: cut the log there, and give the longer part" if anew
+            else "Sort the log by its source's time stamps, and drop rows that were logged twice",
+        )  # fmt: skip
 
 
 def check_degrees(record: Record, source: str | Path, limits: Array | None = None) -> None:
