@@ -2,13 +2,54 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from gsbridge.configuration.files import check_files
+from gsbridge.effects.registry import checked_number
 from gsbridge.errors import InputError
-from gsbridge.reading import load_yaml
+from gsbridge.reading import YAML_LOADER, load_yaml
+
+_EXPONENT = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
+"""Numbers that YAML 1.1 takes for text, as `5e-4`, which has no point before its exponent."""
+
+
+_MISREAD = re.compile(r"[-+]?(0[0-7_]+|\d[\d_]*(:[0-5]?\d)+(\.\d*)?)")
+"""Plain numbers that YAML 1.1 takes for another than is written: 060 for 48, 1:30 for 90."""
+
+
+def plain_number(value: Any) -> float | None:
+    """A number as a YAML file holds it; None for whatever is none, as text and truth values. `5e-4` is one."""
+    if isinstance(value, str) and _EXPONENT.fullmatch(value):
+        return float(value)
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return None
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
+def stated_number(value: Any, low: float, high: float, key: str, unit: str, source: str | Path) -> float:
+    """A number of a case or a model, within its range.
+
+    Args:
+        value: Value as the file holds it.
+        low, high: The range.
+        key: Where it stands in the file, for messages.
+        unit: Its unit, for messages.
+        source: The file, for messages.
+
+    Raises:
+        InputError: It is no number, not finite, or out of range.
+    """
+    number = plain_number(value)
+    return checked_number(value if number is None else number, low, high, key, unit, str(source))
 
 
 def read_yaml(path: str | Path, what: str, page: str) -> Any:
@@ -20,10 +61,18 @@ def read_yaml(path: str | Path, what: str, page: str) -> Any:
         page: Documentation that shows how it should look.
 
     Raises:
-        InputError: The file cannot be read, is no YAML (with the line), or a key stands twice in one block.
+        InputError: The file cannot be read, is no YAML (with the line), a key stands twice in one block, or a number would be
+            read as another than is written.
     """
     content = load_yaml(path, what, f"Check the path, or see how {page} writes it")
     check_files([path])
+    for event in yaml.parse(Path(path).read_text(encoding="utf-8"), Loader=YAML_LOADER):
+        if isinstance(event, yaml.ScalarEvent) and event.implicit[0] and _MISREAD.fullmatch(event.value):
+            line = event.start_mark.line + 1 if event.start_mark else 1
+            raise InputError(
+                path, f"line {line}: YAML reads {event.value[:40]} as another number than it says",
+                "Write it without zeros in front and without colons, or in quotes where it is a name",
+            )  # fmt: skip
     return content
 
 

@@ -28,7 +28,7 @@ from gsbridge.gap.formats.records import (
     check_degrees,
     doubtful_degrees,
 )
-from gsbridge.gap.formats.yaml_file import read_case_file
+from gsbridge.gap.formats.yaml_file import read_case_file, stated_number
 from gsbridge.gap.joints.mechanism.description import read_mechanism_description
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel, read_mechanism_model
 from gsbridge.gap.joints.noise import white_noise
@@ -45,6 +45,15 @@ _COMMANDED_ALIKE = 1e-6
 
 _HELD = 0.05
 """Distance from zero, rad or m, up to which a joint counts as held there."""
+
+_LARGEST = {"position": 1.0, "velocity": 100.0, "effort": 1e4, TOOL: 1.0}
+"""Largest noise and tolerance that are believed, SI, by kind of column: with more, nothing would ever be a gap."""
+
+_FINEST = 1e-12
+"""Smallest noise that is believed, SI: sensors are many orders coarser, and residuals are divided by it."""
+
+_LARGEST_GAIN = 1e6
+"""Largest torque per ampere, N m/A or N/A, and the inverse of the smallest."""
 
 _SPARSE = 100.0
 """Samples per second below which a record is marked: fast effects hide between them."""
@@ -212,7 +221,7 @@ def _read(file: Path, layout: Layout, system: MechanismModel, content: Mapping[s
     if system.controller.mode != "free":
         record, broken = unbroken(record, file)
     record, scatters = steadied(record)
-    return record, broken, scatters
+    return record, "; ".join(part for part in (record.cut, broken) if part), scatters
 
 
 def _repeated(records: Mapping[str, Record]) -> list[str]:
@@ -231,20 +240,24 @@ def _gains(stated: Any, joints: tuple[str, ...], source: Path) -> dict[str, floa
     """Torque per ampere of each joint that has one: as a number for all, a list in the joints' order, or by joint's name.
 
     Raises:
-        InputError: It is none of these, a joint is unknown, or a gain is no number.
+        InputError: It is none of these, a joint is unknown, or a gain is no number, or beyond any motor's. Those below zero
+            turn the sign of a current.
     """
     if stated is None:
         return {}
     gains = stated if isinstance(stated, Mapping) else dict.fromkeys(joints, stated)
     if isinstance(stated, list):
         gains = dict(zip(joints, stated, strict=False))
-    numbers = all(isinstance(gain, (int, float)) and not isinstance(gain, bool) and gain != 0 for gain in gains.values())
-    if not numbers or set(gains) - set(joints) or (isinstance(stated, list) and len(stated) != len(joints)):
+    if set(gains) - set(joints) or (isinstance(stated, list) and len(stated) != len(joints)):
         names = ", ".join(joints)
         raise InputError(
             source, f"'torque_per_ampere' is {stated!r}", f"Give one number for all, a list, or one by joint, of {names}"
         )
-    return {str(joint): float(gain) for joint, gain in gains.items()}
+    high, key, unit = _LARGEST_GAIN, "torque_per_ampere", "N m/A (N/A where a joint slides)"
+    out = {str(joint): stated_number(gain, -high, high, key, unit, source) for joint, gain in gains.items()}
+    if any(abs(gain) < 1.0 / high for gain in out.values()):
+        raise InputError(source, f"'{key}' is {stated!r}", f"Give {1.0 / high:g} to {high:g} {unit}, or leave it out")
+    return out
 
 
 def _check(record: Record, system: MechanismModel, source: Path, content: Mapping[str, Any]) -> Record:
@@ -274,11 +287,11 @@ def _check(record: Record, system: MechanismModel, source: Path, content: Mappin
         check_following(record, source)
     stated = {
         key: {
-            kind: _per_column(f"{key}.{kind}", value, record.measured[kind].shape[1], source)
+            kind: _per_column(f"{key}.{kind}", value, record.measured[kind].shape[1], low, source)
             for kind, value in (content.get(key) or {}).items()
             if kind in record.measured
         }
-        for key in ("noise", "tolerance")
+        for key, low in (("noise", _FINEST), ("tolerance", 0.0))
     }
     return replace(record, sigma=stated["noise"], tolerance=stated["tolerance"])
 
@@ -310,17 +323,24 @@ def _scatter(record: Record, again: Record, source: Path) -> dict[str, Array]:
     return out
 
 
-def _per_column(key: str, value: float | list[float], count: int, source: Path) -> Array:
+def _per_column(key: str, value: float | list[float], count: int, low: float, source: Path) -> Array:
     """A stated size for every joint. [N].
 
+    Args:
+        key: `noise.KIND` or `tolerance.KIND`.
+        value: Content of the case.
+        count: Number of columns.
+        low: Smallest size.
+        source: File, for messages.
+
     Raises:
-        InputError: It is no positive number, nor one per joint.
+        InputError: It is no number between `low` and what is believed of its kind, nor one per joint.
     """
     values = value if isinstance(value, list) else [value] * count
-    numbers = all(isinstance(one, (int, float)) and not isinstance(one, bool) and one > 0 for one in values)
-    if len(values) != count or not numbers:
+    if len(values) != count:
         raise InputError(source, f"{key} is {value!r}", f"Give one positive number, or one for each of {count} columns")
-    return np.array(values, dtype=np.float64)
+    high = _LARGEST[key.partition(".")[2]]
+    return np.array([stated_number(one, low, high, key, "in SI units", source) for one in values])
 
 
 def split_records(records: Mapping[str, Record], source: str | Path) -> tuple[dict[str, Record], tuple[str, ...]]:

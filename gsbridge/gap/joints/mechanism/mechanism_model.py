@@ -15,7 +15,7 @@ from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.joints.sliding import SLIDING_EFFECTS
 from gsbridge.effects.registry import Applied, read_effects
 from gsbridge.errors import InputError
-from gsbridge.gap.formats.yaml_file import read_yaml
+from gsbridge.gap.formats.yaml_file import plain_number, read_yaml
 from gsbridge.gap.joints.mechanism.description import description_bytes, read_mechanism_description, stated_besides
 from gsbridge.geometry import Array
 from gsbridge.reading import refusing
@@ -23,6 +23,15 @@ from gsbridge.reading import refusing
 MODES = ("torque", "pd", "position", "free")
 """How a mechanism is driven: by logged torques; by position and speed errors; by a servo known only by its bandwidth; not at
 all."""
+
+FASTEST = 1e5
+"""Highest rate of a control loop and of the physics, Hz, and of a servo's bandwidth: a replay takes as many steps a second."""
+
+_STRONGEST = 30.0
+"""Strongest gravity, m/s2: more than on any planet with ground."""
+
+_LARGEST = 1e12
+"""Largest gain, friction, inertia and finite limit, SI: nothing real comes near it."""
 
 
 @dataclass(frozen=True)
@@ -194,36 +203,40 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
         )
     if not joints:
         raise InputError(urdf, f"the {described.upper()} has no moving joint", "Give that of a mechanism")
+    twice = next((name for name in joints if joints.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(source, f"'joints' names '{twice}' twice", "Name each joint once, in the order of the records")
     count = len(joints)
 
-    def row(values: Any, key: str, default: float) -> Array:
-        values = default if values is None else values
+    def row(values: Any, key: str, *, endless: bool = False) -> Array:
         if isinstance(values, Mapping):
             raise InputError(source, f"'{key}' is given by joint", f"Give a list in the order of {', '.join(joints)}")
-        values = [values] * count if np.isscalar(values) else values
+        values = [values] * count if values is None or np.isscalar(values) else values
         if len(values) != count:
             raise InputError(
                 source, f"'{key}' has {len(values)} numbers for {count} joints ({', '.join(joints)})",
                 "Give one per joint, or one for all; name those that are driven under 'joints'",
             )  # fmt: skip
-        # Only a limit may be endless.
-        out = np.array([default if value is None else _number(value, key, source, np.isinf(default)) for value in values])
-        if np.isinf(default) and (out == 0).any():
+        # Only a limit may be endless; nothing says the same.
+        values = [np.inf if value is None and endless else value for value in values]
+        out = np.array([_number(value, key, source, endless) for value in values])
+        if endless and (out == 0).any():
             raise InputError(source, f"'{key}' is zero, so that the motor does nothing", "Leave it out where there is no limit")
         if (out < 0).any():
             raise InputError(source, f"'{key}' is below zero", "Give it without a sign; nothing real is so")
+        if (out[np.isfinite(out)] > _LARGEST).any():
+            raise InputError(source, f"'{key}' is {out[np.isfinite(out)].max():g}", f"Give at most {_LARGEST:g}, in SI units")
         return out
 
-    def one(key: str, default: float, low: float, high: float = np.inf) -> float:
+    def one(key: str, default: float, low: float, high: float) -> float:
         section = given if key in _CONTROL else content
         value = _number(section.get(key, default), key, source)
         if not low <= value <= high:
-            raise InputError(
-                source, f"'{key}' is {value:g}", f"Give a number {'above zero' if low > 0 else f'from {low:g} to {high:g}'}"
-            )
+            span = f"above zero, {high:g} at most" if low > 0 else f"from {low:g} to {high:g}"
+            raise InputError(source, f"'{key}' is {value:g}", f"Give a number {span}")
         return value
 
-    rate, physics = one("rate", 1000.0, 1e-3), one("physics_rate", 1000.0, 1e-3)
+    rate, physics = one("rate", 1000.0, 1e-3, FASTEST), one("physics_rate", 1000.0, 1e-3, FASTEST)
     if abs(physics / rate - round(physics / rate)) > 1e-9 or physics < rate:
         raise InputError(
             source, f"physics_rate {physics:g} is no multiple of controller.rate {rate:g}",
@@ -239,12 +252,12 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
     controller = ControllerModel(
         mode,
         rate,
-        row(given.get("stiffness"), "controller.stiffness", 0.0),
-        row(given.get("damping"), "controller.damping", 0.0),
-        one("bandwidth", 1.0, 1e-3) if mode == "position" else 0.0,
+        row(given.get("stiffness", 0.0), "controller.stiffness"),
+        row(given.get("damping", 0.0), "controller.damping"),
+        one("bandwidth", 1.0, 1e-3, FASTEST) if mode == "position" else 0.0,
         one("gravity_compensation", 0.0, 0.0, 2.0),
         given.get("velocity_reference", "zero"),
-        row(given.get("torque_limit"), "controller.torque_limit", np.inf),
+        row(given.get("torque_limit", np.inf), "controller.torque_limit", endless=True),
         given.get("between", "hold"),
     )
     if controller.between not in ("hold", "line"):
@@ -261,12 +274,14 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
     if np.shape(stated) != (3,):
         raise InputError(source, f"'gravity' is {stated!r}", "Give three numbers, m/s2: [0, 0, -9.81]")
     gravity = np.array([_number(value, "gravity", source) for value in stated])
+    if np.linalg.norm(gravity) > _STRONGEST:
+        raise InputError(source, f"'gravity' is {stated!r}", f"Give three numbers, m/s2, {_STRONGEST:g} at most: [0, 0, -9.81]")
     rotors = [besides.armature.get(name, 0.0) for name in joints]
     own = [moving[name].damping for name in joints], [moving[name].friction for name in joints]
     return MechanismModel(
         urdf, joints, gravity, controller,
-        row(content.get("viscous", own[0]), "viscous", 0.0), row(content.get("coulomb", own[1]), "coulomb", 0.0),
-        row(content.get("armature", rotors), "armature", 0.0), limits, physics, effects,
+        row(content.get("viscous", own[0]), "viscous"), row(content.get("coulomb", own[1]), "coulomb"),
+        row(content.get("armature", rotors), "armature"), limits, physics, effects,
         scheme == "centred", tool, sliding,
     )  # fmt: skip
 
@@ -277,12 +292,9 @@ def _number(value: Any, key: str, source: str | Path, endless: bool = False) -> 
     Raises:
         InputError: It is none.
     """
-    try:
-        out = float(value)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            source, f"'{key}' is {value!r}, which is no number", "Give it in SI units, without the unit"
-        ) from error
+    out = plain_number(value)
+    if out is None:
+        raise InputError(source, f"'{key}' is {value!r}, which is no number", "Give it in SI units, without the unit")
     if np.isnan(out) or not (endless or np.isfinite(out)):
         raise InputError(source, f"'{key}' is not finite", "Give a number")
     return out
