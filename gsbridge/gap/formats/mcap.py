@@ -223,7 +223,7 @@ def _streams(path: Path, reader: Any, wanted: Sequence[str] = ()) -> dict[str, S
 
 
 def _messages(reader: Any, path: Path, wanted: Sequence[str]) -> Iterator[Any]:
-    """Messages of the wanted topics, or of all, in the order of the log's stamps.
+    """Messages of the wanted topics in the order of the log's stamps, or those of all topics as they lie in the file.
 
     Raises:
         InputError: A chunk of the file would unpack to more than is read.
@@ -232,7 +232,8 @@ def _messages(reader: Any, path: Path, wanted: Sequence[str]) -> Iterator[Any]:
     for chunk in summary.chunk_indexes if summary is not None else ():
         if chunk.uncompressed_size > LARGEST_TOPICS:
             raise InputError(path, "it has a chunk of more than 512 MB", "Write it with chunks of some megabytes")
-    yield from reader.iter_messages(topics=list(wanted) or None)
+    # Of a file without an index, all that is put in order is held in memory.
+    yield from reader.iter_messages(topics=list(wanted) or None, log_time_order=bool(wanted))
 
 
 def _decoded(schema: Any, channel: Any, message: Any, factories: list[Any]) -> Mapping[str, Any] | None:
