@@ -17,8 +17,12 @@ import numpy as np
 
 from gsbridge import __version__
 from gsbridge.errors import NO_ROOM, InputError
+from gsbridge.reading import refusing, regular_file
 
 logger = logging.getLogger("gsbridge")
+
+LARGEST_JSON = 64 * 2**20
+"""Largest size of a JSON file, bytes. The longest that gsbridge writes has some megabytes."""
 
 
 @contextlib.contextmanager
@@ -114,20 +118,17 @@ def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
 
 
 def read_json(path: str | Path) -> dict[str, Any]:
-    """Read a JSON object.
+    """Read a JSON object that a stage wrote; `gsbridge.given.read_given_json` reads those that the user gives.
 
     Raises:
-        InputError: The file is missing or is no JSON object.
+        InputError: The file is missing, too large, or no JSON object.
     """
-    source = Path(path)
-    try:
+    source, again = Path(path), "Delete it and run the stage again"
+    regular_file(source, "JSON file", "Check the path, or run the stage that makes it", LARGEST_JSON)
+    with refusing(source, "this is not valid JSON", again):
         content = json.loads(source.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise InputError(source, "the file does not exist", "Check the path, or run the stage that makes it") from error
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InputError(source, f"this is not valid JSON ({error})", "Delete it and run the stage again") from error
     if not isinstance(content, dict):
-        raise InputError(source, "the JSON file holds no object", "Delete it and run the stage again")
+        raise InputError(source, "the JSON file holds no object", again)
     return content
 
 

@@ -22,4 +22,4 @@ def read_given_json(path: str | Path, remedy: str) -> dict[str, Any]:
     try:
         return read_json(path)
     except InputError as error:
-        raise InputError(path, error.problem, remedy) from error
+        raise InputError(error.source, error.problem, remedy) from error
