@@ -29,6 +29,7 @@ import numpy as np
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.geometry import Array
+from gsbridge.reading import regular_file
 from gsbridge.tasks.episode import FORCES
 
 QUALITY = 92
@@ -122,8 +123,7 @@ def read_trial_log(path: str | Path) -> list[TrialPath]:
     Raises:
         InputError: The file is missing or damaged.
     """
-    if not Path(path).is_file():
-        raise InputError(path, "the log of the trials does not exist", "Run the rule that makes it")
+    regular_file(path, "log of the trials", "Run the rule that makes it")
     try:
         with np.load(path, allow_pickle=False) as file:
             content = {name: file[name] for name in file.files}

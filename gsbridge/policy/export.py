@@ -30,10 +30,13 @@ from gsbridge.geometry import Array
 from gsbridge.policy.format import ACTION_NAMES, CONTROL_HZ, FORMAT, PROPRIO_NAMES, SPEC, WEIGHTS
 from gsbridge.policy.networks import CHANNELS, HIDDEN, Actor
 from gsbridge.policy.observation import PICTURE_OFFSET, PICTURE_SCALE, actor_input
+from gsbridge.reading import refusing, regular_file
 from gsbridge.sim.actions import SIZE, TETHER
 from gsbridge.tasks.world import World
 
 _AUXILIARY = "position."
+_HEADER = 2**20
+"""Room for names and notes in the file of the weights, bytes."""
 
 
 class Policy:
@@ -154,15 +157,15 @@ def load_policy(folder: str | Path) -> Policy:
     """
     folder = Path(folder)
     spec = read_json(folder / SPEC)
-    try:
-        content = (folder / WEIGHTS).read_bytes()
-    except OSError as error:
-        raise InputError(folder / WEIGHTS, "the weights cannot be read", "Train the policy, or copy both files") from error
+    actor = Actor(with_position=False)
+    largest = sum(value.nbytes for value in actor.state_dict().values()) + _HEADER
+    weights = regular_file(folder / WEIGHTS, "weights", "Train the policy, or copy both files", largest)
+    with refusing(weights, "the weights cannot be read", "Train the policy, or copy both files"):
+        content = weights.read_bytes()
     if spec.get("format") != FORMAT:
         raise InputError(folder / SPEC, f"its format is {spec.get('format')!r}, not {FORMAT}", "Train the policy again")
     if hashlib.sha256(content).hexdigest() != spec.get("sha256"):
         raise InputError(folder / WEIGHTS, "it does not belong to policy.json", "Copy both files of one training")
-    actor = Actor(with_position=False)
     try:
         size = int(spec["observation"]["image"]["size_px"])
         names, entries = spec["action"]["names"], spec["observation"]["proprio"]["names"]

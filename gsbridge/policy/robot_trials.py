@@ -18,10 +18,15 @@ from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.policy.episode_log import EpisodeLog
+from gsbridge.reading import refusing, regular_file
 from gsbridge.tasks.outcome import Failure
 from gsbridge.tasks.poses import PER_QUADRANT, POSE_SETS, QUADRANTS, pose_set
 
 logger = logging.getLogger("gsbridge")
+
+_LARGEST_TABLE = 2**24
+"""Largest size of a table of trials, bytes. One of all start poses has some kilobytes."""
+_ANOTHER = "Name another file for the trials"
 
 COLUMNS = (
     *("pose_set", "index", "quadrant", "x", "y", "yaw"),
@@ -165,16 +170,17 @@ class TrialFile:
 
     def __init__(self, path: str | Path) -> None:
         self.path, self.rows = Path(path), []
-        if not self.path.exists():
-            return
-        try:
+        with refusing(str(path)[:200], "the table of trials cannot be read", _ANOTHER):
+            try:
+                self.path.stat()
+            except FileNotFoundError:
+                return
+            regular_file(self.path, "table of trials", _ANOTHER, _LARGEST_TABLE)
             with open(self.path, newline="", encoding="utf-8") as file:
                 table = csv.DictReader(file)
                 self.rows, columns = list(table), table.fieldnames or ()
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
-            raise InputError(self.path, f"it cannot be read ({error})", "Name another file for the trials") from error
         if tuple(columns) != COLUMNS:
-            raise InputError(self.path, f"its columns are not {', '.join(COLUMNS)}", "Name another file for the trials")
+            raise InputError(self.path, f"its columns are not {', '.join(COLUMNS)}", _ANOTHER)
 
     def holds(self, pose: StartPose) -> bool:
         """Whether the pose was tried."""

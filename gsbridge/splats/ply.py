@@ -10,12 +10,14 @@ Source: Kerbl et al., 3D Gaussian Splatting, 2023 (file layout of the reference 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.geometry import Array
+from gsbridge.reading import refusing, regular_file
 from gsbridge.splats.cloud import SH_C0, Cloud
 from gsbridge.splats.harmonics import TERMS
 
@@ -32,6 +34,15 @@ SMALLEST_SCALE = 1e-9
 
 OPACITY_MARGIN = 1e-6
 """Opacities are stored as logits, so that exactly 0 and 1 are not possible."""
+
+LARGEST_PLY = 2 * 2**30
+"""Largest size of a file, bytes: 8 million splats with all harmonics, 31 million without."""
+
+_LARGEST_HEADER = 2**16
+"""Longest header, bytes. That of splats with all harmonics has one or two kilobytes."""
+
+_SHORTEST_QUAT = 1e-30
+"""Least length of a quaternion that still has a direction."""
 
 _TYPES = {
     **{
@@ -85,12 +96,9 @@ def read_ply(path: str | Path) -> Cloud:
     Raises:
         InputError: The file is missing, damaged, or no 3DGS PLY.
     """
-    source = Path(path)
-    try:
-        content = source.read_bytes()
-    except OSError as error:
-        raise InputError(source, "the splat file cannot be read", "Check the path, or run the splats stage") from error
-    table = _vertices(source, content)
+    source = regular_file(path, "splat file", "Check the path, or run the splats stage", LARGEST_PLY)
+    with refusing(source, "the splat file cannot be read", _REMEDY), open(source, "rb") as file:
+        table = _vertices(source, file)
     missing = [name for name in PROPERTIES if name not in (table.dtype.names or ()) and name not in ("nx", "ny", "nz")]
     if missing:
         raise InputError(source, f"the PLY is no Gaussian splat file: {', '.join(missing)} missing", _REMEDY)
@@ -99,6 +107,13 @@ def read_ply(path: str | Path) -> Cloud:
         known = ", ".join(str(3 * terms) for terms in TERMS)
         raise InputError(source, f"it has {len(rest)} f_rest_*; those of degree 0 to 3 are {known}, from f_rest_0 on", _REMEDY)
 
+    with np.errstate(over="ignore", invalid="ignore"):
+        # As a cloud keeps them: a double may be beyond the range of a float.
+        needed = (*PROPERTIES[:3], *PROPERTIES[6:], *_rest_names(len(rest)))
+        broken = [name for name in needed if not np.isfinite(table[name].astype(np.float32)).all()]
+    if broken:
+        raise InputError(source, f"a splat holds a value that is no number, or too large, as its {broken[0]}", _REMEDY)
+
     def columns(*names: str) -> Array:
         if not names:
             return np.zeros((len(table), 0))
@@ -106,13 +121,12 @@ def read_ply(path: str | Path) -> Cloud:
 
     quats = columns("rot_0", "rot_1", "rot_2", "rot_3")
     length = np.linalg.norm(quats, axis=1, keepdims=True)
+    if np.any(length < _SHORTEST_QUAT):
+        raise InputError(source, "a splat's quaternion is zero", _REMEDY)
     harmonics = columns(*_rest_names(len(rest)))
-    numbers = np.concatenate([columns(*PROPERTIES[:3], *PROPERTIES[6:13]), quats, harmonics], axis=1)
-    if not np.isfinite(numbers).all() or np.any(length == 0):
-        raise InputError(source, "a splat holds a value that is no number", _REMEDY)
     return Cloud(
         columns("x", "y", "z"),
-        quats / np.maximum(length, 1e-30),
+        quats / length,
         np.exp(np.clip(columns("scale_0", "scale_1", "scale_2"), -60, 60)),
         1 / (1 + np.exp(-np.clip(table["opacity"].astype(np.float64), -60, 60))),
         columns("f_dc_0", "f_dc_1", "f_dc_2") * SH_C0 + 0.5,
@@ -120,16 +134,17 @@ def read_ply(path: str | Path) -> Cloud:
     )
 
 
-def _vertices(source: Path, content: bytes) -> Array:
+def _vertices(source: Path, file: BinaryIO) -> Array:
     """Vertex table of a binary little-endian PLY. [N] structured."""
-    begin = content.find(b"end_header")
-    end = content.find(b"\n", begin) + 1
-    if not content.startswith(b"ply") or begin < 0 or end == 0:
-        raise InputError(source, "this is no PLY file, or its header is cut off", _REMEDY)
-    lines = [line.split() for line in content[:begin].decode("ascii", errors="replace").splitlines()]
+    header = file.read(_LARGEST_HEADER)
+    begin = header.find(b"end_header")
+    end = header.find(b"\n", begin) + 1
+    if not header.startswith(b"ply") or begin < 0 or end == 0:
+        raise InputError(source, "this is no PLY file, or its header is cut off or too long", _REMEDY)
+    lines = [line.split() for line in header[:begin].decode("ascii", errors="replace").splitlines()]
     if ["format", "binary_little_endian", "1.0"] not in lines:
         raise InputError(source, "only binary little-endian PLY files are read", _REMEDY)
-    fields: list[tuple[str, str]] = []
+    fields: dict[str, str] = {}
     count, element = 0, ""
     for words in lines:
         if words[:1] == ["element"] and len(words) == 3:
@@ -138,15 +153,16 @@ def _vertices(source: Path, content: bytes) -> Array:
             element = words[1]
             if element == "vertex":
                 if not words[2].isdigit():
-                    raise InputError(source, f"the number of vertices reads {words[2]!r}", _REMEDY)
+                    raise InputError(source, f"the number of vertices reads {words[2][:40]!r}", _REMEDY)
                 count = int(words[2])
         elif words[:1] == ["property"] and element == "vertex":
-            if len(words) != 3 or words[1] not in _TYPES or words[2] in dict(fields):
-                raise InputError(source, f"the header line {' '.join(words)!r} is not understood", _REMEDY)
-            fields.append((words[2], _TYPES[words[1]]))
-    row = np.dtype(fields)
+            if len(words) != 3 or words[1] not in _TYPES or words[2] in fields:
+                raise InputError(source, f"the header line {' '.join(words)[:80]!r} is not understood", _REMEDY)
+            fields[words[2]] = _TYPES[words[1]]
+    row = np.dtype(list(fields.items()))
     if count == 0 or not fields:
         raise InputError(source, "the PLY holds no splat", _REMEDY)
-    if len(content) - end < count * row.itemsize:
+    if source.stat().st_size - end < count * row.itemsize:
         raise InputError(source, f"the file is cut off: {count} splats announced, fewer there", _REMEDY)
-    return np.frombuffer(content, row, count, end)
+    file.seek(end)
+    return np.fromfile(file, row, count)

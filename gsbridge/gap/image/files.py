@@ -14,7 +14,9 @@ folder holds photos of some views from the day of the registration, `registratio
 from __future__ import annotations
 
 import hashlib
+import math
 import re
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -28,10 +30,16 @@ from gsbridge.gap.image.pairs import Pairs
 from gsbridge.geometry import Array
 from gsbridge.given import read_given_json
 from gsbridge.images import read_image
-from gsbridge.reading import refusing
+from gsbridge.reading import refusing, regular_file
 from gsbridge.tasks.views import DEPTHS, VIEWS
 
 _PAGE = "See docs/gap_images.md"
+
+_MEMBER = "depths.npy"
+_LARGEST_NUMBER = 16
+"""Bytes of the longest number, of which depths may be made."""
+_HEADER = 2**20
+"""Room for what a file of arrays holds beside the depths, bytes."""
 
 REGISTRATION = "registration"
 """Role of views that were photographed while all was well, and not since."""
@@ -211,12 +219,17 @@ def _is_rigid(pose: Array) -> bool:
 
 
 def _depths(path: Path, shape: tuple[int, int, int]) -> Array:
+    largest = math.prod(shape) * _LARGEST_NUMBER + _HEADER
+    regular_file(path, "file of the depths", _PAGE, largest)
     with refusing(path, "it holds no depths", _PAGE):
-        try:
-            with np.load(path, allow_pickle=False) as content:
-                depths = np.asarray(content["depths"], np.float32)
-        except OSError as error:
-            raise InputError(path, "the depths cannot be read", _PAGE) from error
+        # A few bytes may unpack to billions: how many is written beside each array, and no more of them are unpacked.
+        with zipfile.ZipFile(path) as archive:
+            unpacked = archive.getinfo(_MEMBER).file_size
+        if unpacked > largest:
+            wanted = " x ".join(map(str, shape))
+            raise InputError(path, f"its depths unpack to {unpacked} bytes", f"Give {wanted}: one per view and pixel")
+        with np.load(path, allow_pickle=False) as content:
+            depths = np.asarray(content[_MEMBER], np.float32)
     if depths.shape != shape:
         seen, wanted = (" x ".join(map(str, size)) for size in (depths.shape, shape))
         raise InputError(path, f"its depths are {seen}", f"Give {wanted}: one per view and pixel")
