@@ -6,7 +6,10 @@ clamped before any 8-bit store.
 
 from __future__ import annotations
 
+import contextlib
 import io
+import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -25,9 +28,19 @@ pi_heif.register_heif_opener()
 HEIF_SUFFIXES = (".heic", ".heif")
 """Photos as phones of Apple make them, which OpenCV does not read."""
 
-LARGEST_IMAGE_PIXELS = 150_000_000
+LARGEST_IMAGE_PIXELS = 204_000_000
+"""Most pixels of a picture that is read: those of a phone with 200 megapixels. At 3 bytes each they take 0.6 GB, and some steps
+hold two copies of them."""
 LARGEST_IMAGE_BYTES = 1_000_000_000
+# Pillow's own limit lies below the pictures of phones; `_header` asks for ours.
+PIL.Image.MAX_IMAGE_PIXELS = LARGEST_IMAGE_PIXELS
+
 _READABLE = "Replace or remove it; JPEG, PNG and HEIC work"
+
+_WIDTH, _LENGTH, _ORIENTATION = 0x0100, 0x0101, 0x0112
+"""Numbers of EXIF tags."""
+_QUARTER_TURNS = (5, 6, 7, 8)
+"""Orientations by which width and height change places."""
 
 SSIM_SIGMA = 1.5
 SSIM_RADIUS = 5
@@ -51,13 +64,13 @@ def read_image_u8(path: str | Path) -> Array:
     source = regular_file(path, "image", "Check the path", LARGEST_IMAGE_BYTES)
     with refusing(source, "this is not a readable image", _READABLE):
         data = source.read_bytes()
-        _refuse_damage(source, data)
-        if source.suffix.lower() in HEIF_SUFFIXES:
+        # What a picture is, its bytes say: apps and people rename files.
+        if _undamaged_kind(source, data) == "HEIF":
             return _read_heif(data)
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
         if image is None:
             raise InputError(source, "this is not a readable image", _READABLE)
-        return np.ascontiguousarray(image[..., ::-1])
+        return image
 
 
 def image_size(path: str | Path) -> tuple[int, int]:
@@ -67,30 +80,51 @@ def image_size(path: str | Path) -> tuple[int, int]:
         InputError: The file is missing or no image.
     """
     source = regular_file(path, "image", "Check the path", LARGEST_IMAGE_BYTES)
-    with refusing(source, "this is not a readable image", _READABLE), PIL.Image.open(source) as image:
-        turned = image.getexif().get(0x0112, 1) >= 5
-        return (image.height, image.width) if turned else (image.width, image.height)
+    with refusing(source, "this is not a readable image", _READABLE), _header(source, source) as image:
+        exif = image.getexif()
+        # Of a TIFF, Pillow gives the size as turned already, and the tags the size as stored.
+        width, height = (exif[_WIDTH], exif[_LENGTH]) if image.format == "TIFF" else image.size
+        return (height, width) if exif.get(_ORIENTATION, 1) in _QUARTER_TURNS else (width, height)
 
 
-def _refuse_damage(source: Path, data: bytes) -> None:
-    """Refuse pictures of absurd size before they are decoded, and those that were cut off, of which OpenCV makes the rest grey.
+def is_png(path: str | Path) -> bool:
+    """Whether a picture is a PNG, by its bytes, and lies as it is seen, not to be turned."""
+    source = regular_file(path, "image", "Check the path", LARGEST_IMAGE_BYTES)
+    with refusing(source, "this is not a readable image", _READABLE), _header(source, source) as image:
+        return image.format == "PNG" and image.getexif().get(_ORIENTATION, 1) == 1
+
+
+@contextlib.contextmanager
+def _header(source: Path, content: Path | io.BytesIO) -> Iterator[PIL.Image.Image]:
+    """A picture that is not decoded yet, and not of absurd size.
+
+    Raises:
+        InputError: It has more than `LARGEST_IMAGE_PIXELS`, or is no picture.
+    """
+    try:
+        image = PIL.Image.open(content)
+    except PIL.UnidentifiedImageError as error:
+        raise InputError(source, "this is not a readable image", _READABLE) from error
+    with image:
+        if image.width * image.height > LARGEST_IMAGE_PIXELS:
+            seen, most = f"{image.width} x {image.height}", LARGEST_IMAGE_PIXELS // 10**6
+            raise InputError(source, f"it has {seen} pixels; at most {most} million are read", "Shrink it")
+        yield image
+
+
+def _undamaged_kind(source: Path, data: bytes) -> str | None:
+    """Format of a picture that is neither of absurd size nor cut off; of what is, OpenCV makes the rest grey.
 
     Raises:
         InputError: The picture is either.
     """
-    try:
-        with PIL.Image.open(io.BytesIO(data)) as header:
-            (width, height), kind = header.size, header.format
-    except PIL.UnidentifiedImageError as error:
-        raise InputError(source, "this is not a readable image", _READABLE) from error
-    if width * height > LARGEST_IMAGE_PIXELS:
-        raise InputError(
-            source, f"it has {width} x {height} pixels; at most {LARGEST_IMAGE_PIXELS // 10**6} million are read", "Shrink it"
-        )
+    with _header(source, io.BytesIO(data)) as header:
+        kind = header.format
     # Within a JPEG's coded pixels the end marker cannot occur; before them it may end a thumbnail.
     cut = (kind == "JPEG" and data.find(b"\xff\xd9", _start_of_pixels(data)) < 0) or (kind == "PNG" and b"IEND" not in data)
     if cut:
         raise InputError(source, "the image is cut off", "Copy it again, or remove it")
+    return kind
 
 
 def _start_of_pixels(jpeg: bytes) -> int:
@@ -115,9 +149,9 @@ def read_mask(path: str | Path) -> Array:
     Raises:
         InputError: The file is missing or no image.
     """
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if Path(path).is_file() else None
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if os.path.isfile(path) else None
     if image is None:
-        raise InputError(path, "the mask is missing or not a readable image", "Run the masks stage again")
+        raise InputError(str(path)[:200], "the mask is missing or not a readable image", "Run the masks stage again")
     return image.astype(np.float32) / 255.0
 
 

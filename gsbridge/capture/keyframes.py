@@ -28,7 +28,7 @@ from gsbridge.configuration.capture import KeyframeSettings
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_directory, write_stage
 from gsbridge.geometry import Array
-from gsbridge.images import image_size, read_image_u8, write_image
+from gsbridge.images import image_size, is_png, read_image_u8, write_image
 from gsbridge.logs import track
 
 logger = logging.getLogger("gsbridge")
@@ -165,7 +165,10 @@ def _from_frames(
 
 
 def _refuse_unfit_video(path: Path, motions: list[FrameMotion], settings: KeyframeSettings, width: int) -> None:
-    """Name the fault of a video that is black, static or blurred."""
+    """Name the fault of a video that is too short, black, static or blurred."""
+    if len(motions) < MIN_KEYFRAMES:
+        pictures = "one picture" if len(motions) == 1 else f"{len(motions)} pictures"
+        raise InputError(path, f"the video has {pictures}; at least {MIN_KEYFRAMES} are needed", "Film all round the object")
     if max(motion.brightness for motion in motions) < settings.min_brightness:
         raise InputError(path, "the video is black", "Film again in better light")
     total = motions[-1].path_px / width
@@ -213,7 +216,7 @@ def _from_photos(
                 dropped.append(photo.path.name)
                 continue
             name = f"{photo.path.stem}.png"
-            if scale == 1.0 and photo.path.suffix.lower() == ".png" and image.dtype == np.uint8:
+            if scale == 1.0 and photo.path.suffix.lower() == ".png" and is_png(photo.path):
                 (folder / name).write_bytes(photo.path.read_bytes())
             else:
                 write_image(folder / name, _resized(image, scale)[..., ::-1])
