@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +17,9 @@ from gsbridge.capture.known_views import KnownView, checked_view
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.geometry import Array
+from gsbridge.given import read_given_json
 from gsbridge.images import HEIF_SUFFIXES, image_size, read_image_u8
-from gsbridge.reading import refusing
+from gsbridge.reading import refusing, regular_file
 
 logger = logging.getLogger("gsbridge")
 
@@ -30,6 +32,22 @@ _UNREAD_SUFFIXES = (".avif", ".jxl", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".r
 _COUNTED_SUFFIXES = (".mp4", ".m4v", ".mov", ".avi")
 """Containers that store their number of frames; others declare duration times frame rate, which may be far off."""
 _DECODED_SHARE = 0.98
+
+_ISO_BOXES = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip", b"pnot")
+"""Kinds of the first box of an MP4 or QuickTime file; the name stands behind its length."""
+_CONTAINER_STARTS = (
+    b"\x1a\x45\xdf\xa3",  # Matroska and WebM
+    b"\x00\x00\x01",  # MPEG-1 and -2, and plain H.264 and H.265, whose start code may have one zero more
+    b"\x00\x00\x00\x01",
+    b"\x30\x26\xb2\x75",  # ASF, that is WMV
+    b"FLV",
+    b"OggS",
+)
+_TRANSPORT_PACKETS = ((0, 188), (4, 192))
+"""Place of the first sync byte of an MPEG transport stream and length of its packets; camcorders put a time before each."""
+
+_NERFSTUDIO_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE")
+_EXPORT_AGAIN = "Export it again with ns-process-data"
 
 
 @dataclass(frozen=True)
@@ -74,11 +92,17 @@ class Video:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = Path(path)
-        if not self.path.is_file():
-            raise InputError(self.path, "the video does not exist", "Check the path in config.yaml")
+        self.path = regular_file(path, "video", "Check the path in config.yaml")
         if self.path.stat().st_size == 0:
             raise InputError(self.path, "the video is empty (0 bytes)", "Copy it again from the phone")
+        with refusing(self.path, "the video cannot be read", "Copy it again from the phone"), open(self.path, "rb") as file:
+            begin = file.read(_TRANSPORT_PACKETS[-1][1] + 5)
+        if not _is_container(begin):
+            raise InputError(
+                self.path,
+                "this is not a video: it begins like none of MP4, MOV, Matroska, WebM, AVI, MPEG and WMV",
+                "Copy it again from the phone, or convert it to H.264 MP4",
+            )
         capture = cv2.VideoCapture(str(self.path))
         try:
             opened, _ = capture.read() if capture.isOpened() else (False, None)
@@ -139,6 +163,19 @@ class Video:
             )
 
 
+def _is_container(begin: bytes) -> bool:
+    """Whether a file begins as videos do. The decoder would also take lists of other files, which it then opens.
+
+    Args:
+        begin: The file's first bytes; two packets of a transport stream are enough.
+    """
+    if begin.startswith(_CONTAINER_STARTS) or begin[4:8] in _ISO_BOXES:
+        return True
+    if begin.startswith(b"RIFF") and begin[8:12] == b"AVI ":
+        return True
+    return any(begin[place : place + length + 1 : length] == b"GG" for place, length in _TRANSPORT_PACKETS)
+
+
 class PhotoSequence:
     """Frames of a film that lie as images in a folder, with the interface of `Video`."""
 
@@ -161,8 +198,8 @@ def list_photos(folder: Path) -> list[Photo]:
     Raises:
         InputError: The folder is missing or holds no photos.
     """
-    if not folder.is_dir():
-        raise InputError(folder, "the photo folder does not exist", "Check the path in config.yaml")
+    if not os.path.isdir(folder):
+        raise InputError(str(folder)[:200], "the photo folder does not exist", "Check the path in config.yaml")
     files = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
     paths = [path for path in files if path.suffix.lower() in IMAGE_SUFFIXES]
     unread = [path.name for path in files if path.suffix.lower() in _UNREAD_SUFFIXES]
@@ -185,13 +222,9 @@ def read_film(folder: Path) -> tuple[dict[str, Any], list[Photo]]:
     """
     record = folder / "film.json"
     content = read_json(record)
-    try:
+    with refusing(record, "the film's record is damaged", "Delete the film's folder and film it again"):
         photos = [Photo(folder / "frames" / frame["name"], float(frame["time_s"])) for frame in content["frames"]]
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            record, f"the film's record is damaged ({error})", "Delete the film's folder and film it again"
-        ) from error
-    missing = [photo.path.name for photo in photos if not photo.path.is_file()]
+    missing = [photo.path.name[:80] for photo in photos if not os.path.isfile(photo.path)]
     if missing or not photos:
         what = (
             f"{len(missing)} of {len(photos)} frames are missing, the first is {missing[0]}" if missing else "it has no frames"
@@ -210,14 +243,15 @@ def read_colmap(model: Path, images: Path | None) -> list[Photo]:
     from gsbridge.photogrammetry.colmap import camera_from_colmap, pose_matrix, read_model
 
     # A whole COLMAP project is as good as its model.
-    model = next((p for p in (model, model / "sparse" / "0", model / "sparse") if list(p.glob("cameras.*"))), model)
+    places = (model, model / "sparse" / "0", model / "sparse")
+    model = next((p for p in places if any(os.path.isfile(p / f"cameras{end}") for end in (".bin", ".txt"))), model)
     reconstruction = read_model(model)
     if images is None:
         # COLMAP's own layout: project/images beside project/sparse/0.
         images = next((p / "images" for p in (model, model.parent, model.parent.parent) if (p / "images").is_dir()), None)
-    if images is None or not images.is_dir():
+    if images is None or not os.path.isdir(images):
         raise InputError(
-            images or model,
+            str(images or model)[:200],
             "the photo folder of the COLMAP model does not exist",
             "Put the photos into a folder `images` beside the model, as COLMAP's projects have it",
         )
@@ -238,17 +272,16 @@ def read_nerfstudio(path: Path) -> tuple[list[Photo], list[str]]:
     Raises:
         InputError: The file is damaged, or fewer than 3 of its photos exist.
     """
-    content = read_json(path)
-    model = content.get("camera_model", "OPENCV")
-    if model not in ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE"):
-        raise InputError(path, f"the camera model {model} is not supported", "Use OPENCV or PINHOLE")
+    content = read_given_json(path, f"Check the path in config.yaml. {_EXPORT_AGAIN}")
     photos, absent = [], []
-    try:
+    with refusing(path, "the transforms file is damaged", _EXPORT_AGAIN):
         for frame in content["frames"]:
             file = _photo_file(path.parent, str(frame["file_path"]))
             if file is None:
-                absent.append(str(frame["file_path"]))
+                absent.append(str(frame["file_path"])[:80])
                 continue
+            values = _own_values(content, frame)
+            _refuse_lens(path, values)
             matrix = np.array(frame["transform_matrix"], dtype=np.float64)
             if matrix.shape not in ((4, 4), (3, 4)) or not np.isfinite(matrix).all():
                 raise ValueError("a transform_matrix is no 4 x 4 matrix")
@@ -257,11 +290,9 @@ def read_nerfstudio(path: Path) -> tuple[list[Photo], list[str]]:
             world_from_cam = np.eye(4)
             world_from_cam[: len(matrix)] = matrix
             world_from_cam[:3, 1:3] *= -1.0
-            camera = _nerfstudio_camera(path, {**content, **frame}, file)
+            camera = _nerfstudio_camera(values, file)
             known = checked_view(KnownView(camera, np.linalg.inv(world_from_cam)), path, file.name)
             photos.append(Photo(file, known=known))
-    except (KeyError, TypeError, ValueError, OverflowError, np.linalg.LinAlgError) as error:
-        raise InputError(path, f"the transforms file is damaged ({error})", "Export it again with ns-process-data") from error
     if absent and len(photos) < 3:
         total = len(photos) + len(absent)
         raise InputError(
@@ -276,13 +307,39 @@ def _photo_file(folder: Path, name: str) -> Path | None:
     """File of a listed photo; some exporters leave the suffix out. None where there is none."""
     file = folder / name
     choices = [file, *(file.with_name(file.name + suffix) for suffix in IMAGE_SUFFIXES)]
-    return next((choice for choice in choices if choice.is_file()), None)
+    return next((choice for choice in choices if os.path.isfile(choice)), None)
 
 
-def _nerfstudio_camera(path: Path, values: dict[str, Any], file: Path) -> Camera:
-    """Camera of one frame; what the file leaves out comes from the photo's size: the middle, and the opening angle."""
+def _own_values(content: dict[str, Any], frame: dict[str, Any]) -> dict[str, Any]:
+    """What a transforms file says of one photo: its own entries stand before those that hold for all photos."""
+    values = {**content, **frame}
+    for length, angle in (("fl_x", "camera_angle_x"), ("fl_y", "camera_angle_y")):
+        if angle in frame and length not in frame:
+            values.pop(length, None)
+    return values
+
+
+def _refuse_lens(path: Path, values: dict[str, Any]) -> None:
+    """Refuse lenses that `Camera` does not describe.
+
+    Args:
+        path: The transforms file.
+        values: What it says of one photo.
+
+    Raises:
+        InputError: The lens is one of them.
+    """
+    model = values.get("camera_model", "OPENCV")
+    if model not in _NERFSTUDIO_MODELS:
+        raise InputError(path, f"the camera model {str(model)[:40]} is not supported", "Use OPENCV or PINHOLE")
+    if values.get("is_fisheye"):
+        raise InputError(path, "a camera is a fisheye, which is not supported", "Use OPENCV or PINHOLE")
     if any(float(values.get(key, 0.0)) != 0.0 for key in ("k3", "k4")):
         raise InputError(path, "the camera has distortion terms k3 or k4", "Use the OPENCV model with k1, k2, p1, p2")
+
+
+def _nerfstudio_camera(values: dict[str, Any], file: Path) -> Camera:
+    """Camera of one frame; what the file leaves out comes from the photo's size: the middle, and the opening angle."""
     width, height = (int(values["w"]), int(values["h"])) if {"w", "h"} <= values.keys() else image_size(file)
     fx = float(values["fl_x"]) if "fl_x" in values else 0.5 * width / np.tan(0.5 * float(values["camera_angle_x"]))
     if "fl_y" in values or "camera_angle_y" not in values:
@@ -298,9 +355,10 @@ def _existing(photos: list[Photo], source: Path) -> list[Photo]:
     """The photos themselves, once all of them are found on disk and have names that differ."""
     if not photos:
         raise InputError(source, "no photo is listed", "Export it again with at least 3 photos")
-    missing = [photo.path for photo in photos if not photo.path.is_file()]
+    missing = [photo.path for photo in photos if not os.path.isfile(photo.path)]
     if missing:
-        raise InputError(missing[0], f"{len(missing)} of {len(photos)} listed photos do not exist", "Check the photo folder")
+        problem = f"{len(missing)} of {len(photos)} listed photos do not exist"
+        raise InputError(str(missing[0])[:200], problem, "Check the photo folder")
     names = {photo.path.stem for photo in photos}
     if len(names) < len(photos):
         raise InputError(source, "two photos in different folders carry the same name", "Rename them")

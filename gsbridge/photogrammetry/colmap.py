@@ -81,8 +81,8 @@ def read_model(folder: str | Path) -> pycolmap.Reconstruction:
         InputError: Files are missing or damaged, or no image has a pose.
     """
     path = Path(folder)
-    if not path.is_dir():
-        raise InputError(path, "the COLMAP model folder does not exist", _REMEDY)
+    if not os.path.isdir(path):
+        raise InputError(str(path)[:200], "the COLMAP model folder does not exist", _REMEDY)
     suffix = next((s for s in (".bin", ".txt") if (path / f"cameras{s}").is_file()), None)
     missing = [f"{part}{suffix or '.bin'}" for part in _PARTS if not (path / f"{part}{suffix or '.bin'}").is_file()]
     if missing:
