@@ -11,7 +11,7 @@ from gsbridge.experiment.gap_benchmark import AREAS
 from gsbridge.files import read_json, write_json
 from gsbridge.gap.benchmark import campaign, chunks, score
 from gsbridge.gap.benchmark.baselines import METHODS
-from gsbridge.report.gap.benchmark_figures import confusion_cells
+from gsbridge.report.gap.benchmark_figures import confusion_cells, draw_confusion, effect_title
 from gsbridge.report.gap.benchmark_page import headline, write_gap_benchmark
 from gsbridge.report.scores.measured_gap import (
     arm_figures,
@@ -178,6 +178,17 @@ def test_sets_and_wrong_joints_have_columns_of_their_own():
     assert cells["coulomb", "other joint"] == 2
     assert cells["viscous", "viscous"] == 7
     assert sum(cells.values()) == 199
+
+
+def test_effects_have_their_titles_and_those_of_pictures_are_not_taken_for_those_of_joints(monkeypatch):
+    drawn = []
+    monkeypatch.setattr("gsbridge.report.gap.benchmark_figures.data_uri", lambda figure: drawn.append(figure) or "data:,")
+    draw_confusion(method_scores()["confusion"], "t1")
+    labels = [label.get_text() for label in drawn[0].axes[0].get_yticklabels()]
+    assert {"Coulomb friction", "viscous friction"} <= set(labels)
+    assert effect_title("saturation", "t1") == "a limit of the motor's torque"
+    assert effect_title("saturation", "t4") == "saturation"
+    assert effect_title("not_attributable", "t1") == "not attributable"
 
 
 def test_the_headline_leaves_out_what_was_not_tried():

@@ -13,6 +13,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 
+from gsbridge.effects.bodies import BODY_EFFECTS
+from gsbridge.effects.images import IMAGE_EFFECTS
+from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.report.figures.legend import legend_above
 from gsbridge.report.gap.figures import PLAIN, data_uri
 from gsbridge.report.scores.risk_coverage import answered, best_measure, risk_at, risk_coverage
@@ -62,6 +65,12 @@ _MARKS = (
 )
 _COUNTS = LinearSegmentedColormap.from_list("counts", ["#eaf2f5", "#1f6f8b"])
 _WRONG = LinearSegmentedColormap.from_list("wrong", ["#f6dcda", "#b3261e"])
+
+
+def effect_title(name: str, tier: str) -> str:
+    """What an effect's name stands for in a tier; the name's words where its catalogue has it not."""
+    effect = IMAGE_EFFECTS.get(name) if tier == "t4" else JOINT_EFFECTS.get(name) or BODY_EFFECTS.get(name)
+    return effect.title if effect else name.replace("_", " ")
 
 
 def tier_title(tier: str) -> str:
@@ -194,22 +203,28 @@ def _axes(cells: Mapping[tuple[str, str], int]) -> tuple[list[str], list[str]]:
     return hidden, columns + [name for name in SILENT if any(b == name for _, b in cells)]
 
 
-def confusion_width(rows: Sequence[Mapping[str, Any]]) -> float:
-    """Width at which the matrix is shown, rem."""
-    return round(6 * (2.6 + 0.36 * len(_axes(confusion_cells(rows))[1])), 1)
+def _confusion_size(hidden: Sequence[str], columns: Sequence[str], tier: str) -> tuple[float, float]:
+    """Width and height of the matrix with its labels, inches."""
+    beside, below = (max((len(effect_title(name, tier)) for name in names), default=0) for names in (hidden, columns))
+    return 0.7 + 0.068 * beside + 0.36 * len(columns), 0.6 + 0.068 * below + 0.3 * len(hidden)
 
 
-def draw_confusion(rows: Sequence[Mapping[str, Any]]) -> str:
+def confusion_width(rows: Sequence[Mapping[str, Any]], tier: str) -> float:
+    """Width at which the matrix of a tier is shown, rem."""
+    return round(6 * _confusion_size(*_axes(confusion_cells(rows)), tier)[0], 1)
+
+
+def draw_confusion(rows: Sequence[Mapping[str, Any]], tier: str) -> str:
     """The confusion matrix: hidden by answered. Blue is right or open, red is a wrong name.
 
     Args:
         rows: `hidden`, `answer`, `cases`.
+        tier: Name of the tier, whose effects they are.
     """
     cells = confusion_cells(rows)
     hidden, columns = _axes(cells)
     with plt.rc_context({**PLAIN, "axes.spines.left": False, "axes.spines.bottom": False}):
-        size = (2.6 + 0.36 * len(columns), 1.9 + 0.3 * len(hidden))
-        figure, axis = plt.subplots(figsize=size, layout="constrained")
+        figure, axis = plt.subplots(figsize=_confusion_size(hidden, columns, tier), layout="constrained")
         largest = max(cells.values(), default=1)
         for (a, b), count in cells.items():
             row, column = hidden.index(a), columns.index(b)
@@ -220,8 +235,8 @@ def draw_confusion(rows: Sequence[Mapping[str, Any]]) -> str:
             axis.text(column + 0.5, row + 0.5, str(count), ha="center", va="center", fontsize=8.5, color=ink)
         axis.set_xlim(0, max(len(columns), 1))
         axis.set_ylim(max(len(hidden), 1), 0)
-        axis.set_xticks(np.arange(len(columns)) + 0.5, [name.replace("_", " ") for name in columns], rotation=90)
-        axis.set_yticks(np.arange(len(hidden)) + 0.5, [name.replace("_", " ") for name in hidden])
+        axis.set_xticks(np.arange(len(columns)) + 0.5, [effect_title(name, tier) for name in columns], rotation=90)
+        axis.set_yticks(np.arange(len(hidden)) + 0.5, [effect_title(name, tier) for name in hidden])
         axis.tick_params(length=0, labelcolor="#1d2733", labelsize=9)
         axis.set_xlabel("answered")
         axis.set_ylabel("hidden")

@@ -6,9 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from gsbridge.effects.bodies import BODY_EFFECTS
-from gsbridge.effects.images import IMAGE_EFFECTS
-from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.experiment.gap_benchmark import AREAS
 from gsbridge.report.gap.benchmark_figures import (
     METHODS,
@@ -18,6 +15,7 @@ from gsbridge.report.gap.benchmark_figures import (
     draw_curves,
     draw_methods,
     draw_sizes,
+    effect_title,
     tier_title,
 )
 from gsbridge.report.pages.html import write_page
@@ -152,9 +150,9 @@ def _tier(tier: str, found: Mapping[str, Any]) -> dict[str, Any]:
             for name, scores in methods.items()
         ],
         "race": draw_methods(tier, methods) if len(methods) > 1 else None,
-        "confusion": draw_confusion(ours["confusion"]),
-        "confusion_rem": confusion_width(ours["confusion"]),
-        "effects": _counts(ours["by_effect"], "effect", _effect_title),
+        "confusion": draw_confusion(ours["confusion"], tier),
+        "confusion_rem": confusion_width(ours["confusion"], tier),
+        "effects": _counts(ours["by_effect"], "effect", lambda name: _effect_title(name, tier)),
         "kinds": _counts(ours["by_kind"], "kind"),
         "left_out": ", ".join(title for name, title in METHODS.items() if name not in methods),
     }
@@ -180,10 +178,10 @@ def _plain(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _effect_title(name: str) -> str:
-    """What an effect's name stands for, with the name itself, which figures show; the name alone where no catalogue has it."""
-    effect = next((known[name] for known in (JOINT_EFFECTS, BODY_EFFECTS, IMAGE_EFFECTS) if name in known), None)
-    return f"{effect.title} ({_plain(name)})" if effect and effect.title != _plain(name) else _plain(name)
+def _effect_title(name: str, tier: str) -> str:
+    """What an effect's name stands for, with the name itself, which files hold; the name alone where no catalogue has it."""
+    title = effect_title(name, tier)
+    return f"{title} ({_plain(name)})" if title != _plain(name) else title
 
 
 def _counts(rows: Sequence[Mapping[str, Any]], group: str, title: Callable[[str], str] = _plain) -> list[dict[str, Any]]:
