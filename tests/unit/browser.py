@@ -100,7 +100,7 @@ def look(page, folder, width=DESK, *, dark=False):
         width: Of the window, px.
         dark: Whether the reader prefers dark pages.
     """
-    found = _said(page, LOOK, folder, (width, 900), dark=dark)
+    found = said(page, LOOK, folder, (width, 900), dark=dark)
     assert found["dark"] == dark
     return found
 
@@ -113,11 +113,11 @@ def printed(page, folder):
         folder: For the browser's files.
     """
     assert "@media print" in page
-    found = _said(page.replace("@media print", "@media all"), PRINT, folder, PAPER, dark=False)
+    found = said(page.replace("@media print", "@media all"), PRINT, folder, PAPER, dark=False)
     return {name: cut for name, cut in found.items() if cut}
 
 
-def _said(page, script, folder, size, *, dark):
+def said(page, script, folder, size, *, dark):
     """What a script says of a page in a frame of some width and height, px."""
     (folder / "inner.html").write_text(page.replace("</body>", script + "</body>"), encoding="utf-8")
     # Windows are never as narrow as a phone, frames are.

@@ -44,6 +44,8 @@ def test_the_page_says_all_that_is_asked_for(tmp_path):
         "friction that changes while running",
     ):
         assert said in text, said
+    # On a phone a column of units would be out of sight.
+    assert re.search(r'torque, <span class="unit">N m</span></td>', text)
     assert text.count("<img") == 3
     assert "with reserve" not in text
 

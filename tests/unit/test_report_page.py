@@ -1,6 +1,6 @@
 """The pages in a real browser: pictures load, links lead somewhere, nothing is asked of a network, nothing sticks out."""
 
-from browser import audit, check, needs_axe, needs_browser
+from browser import DESK, audit, check, needs_axe, needs_browser, said
 from gap_scores import tier_scores
 from test_gap_report_benchmark import FLOORS, write_tiers
 from test_report_policies import paper_run
@@ -21,6 +21,24 @@ def test_page_in_a_browser(tmp_path):
     assert found["links"] == 6
     # A header each; means of two worlds and two sets, eight cells twice, two cells of two renderers twice, one cell twice.
     assert found["rows"][:7] == [5, 9, 9, 5, 5, 2, 2]
+
+
+CUT = """
+<script>
+addEventListener("load", () => setTimeout(() => {
+  const cut = [...document.querySelectorAll(".scroll")].filter(e => e.scrollWidth > e.clientWidth + 1);
+  parent.postMessage(JSON.stringify(cut.map(e => e.querySelector("caption").textContent)), "*");
+}, 100));
+</script>
+"""
+
+
+@needs_browser
+def test_the_widest_table_is_whole_on_a_desk(tmp_path):
+    run = paper_run(tmp_path)
+    write_tables([run["training"]], [], tmp_path / "tables")
+    page = (tmp_path / "tables/index.html").read_text(encoding="utf-8").replace(">pass<", ">degraded<")
+    assert said(page, CUT, tmp_path, (DESK, 900), dark=False) == []
 
 
 @needs_browser

@@ -62,7 +62,7 @@ def effect_rows(findings: Mapping[str, Any], whole: str) -> list[dict[str, str]]
             "parameter": row.get("called", name).replace("_", " "),
             "value": f"{row['value']:.4g}",
             "interval": f"{row['interval90'][0]:.4g} to {row['interval90'][1]:.4g}",
-            "unit": row["unit"] or "–",
+            "unit": row["unit"] or "",
             "becomes": f"{row['was']:.3g} → {row['becomes']:.3g}" if "becomes" in row else "–",
         }
         for item in _told(findings)
