@@ -110,6 +110,17 @@ def _named(name: str, content: bytes) -> Callable[[Path], Path]:
     return write
 
 
+def _beside_a_film(text: str) -> Callable[[Path], Path]:
+    """A list that refers to a sound film."""
+
+    def write(folder: Path) -> Path:
+        READERS["video"].write(folder)
+        (folder / "a.mp4").write_text(text)
+        return folder / "a.mp4"
+
+    return write
+
+
 def _bomb(folder: Path) -> Path:
     """Depths of the right shape by their head, which unpack to gigabytes by the list of the archive."""
     path = READERS["depths"].write(folder)
@@ -157,10 +168,10 @@ ODD: dict[str, tuple[Callable[[Path], Path], Read, str]] = {
     "giant weights": (_giant("weights", 3 * 2**30), lambda path: load_policy(path.parent), f"{WEIGHTS}.*at most"),
     "unpacks to gigabytes": (_bomb, READERS["depths"].read, "unpack to"),
     "absurd size": (_absurd_png, image_size, "million are read"),
-    "playlist": (_named("a.mp4", LIST.encode()), Video, "not a video"),
-    "list of films": (_named("a.mp4", b"ffconcat version 1.0\nfile film.mp4\n"), Video, "not a video"),
-    "description of streams": (_named("a.mp4", b"<?xml version='1.0'?><MPD></MPD>"), Video, "not a video"),
-    "photo as video": (_named("a.mp4", (DATA / "turned.heic").read_bytes()[:4] + b"\xff\xd8"), Video, "not a video"),
+    "playlist": (_beside_a_film(LIST), Video, "begins like none"),
+    "list of films": (_beside_a_film("ffconcat version 1.0\nfile film.mp4\n"), Video, "begins like none"),
+    "description of streams": (_named("a.mp4", b"<?xml version='1.0'?><MPD></MPD>"), Video, "begins like none"),
+    "photo as video": (_named("a.mp4", (DATA / "turned.heic").read_bytes()[:4] + b"\xff\xd8"), Video, "begins like none"),
     "fisheye": (_transforms({"is_fisheye": True}, {}), read_nerfstudio, "fisheye"),
     "one fisheye": (_transforms({}, {"is_fisheye": True}), read_nerfstudio, "fisheye"),
     "one model": (_transforms({}, {"camera_model": "OPENCV_FISHEYE"}), read_nerfstudio, "OPENCV_FISHEYE"),
