@@ -7,7 +7,7 @@ centres at integers are converted where OpenCV is called).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, overload
@@ -17,6 +17,13 @@ import numpy as np
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
 from gsbridge.geometry import Array
+
+_FOCAL = (0.05, 100.0)
+"""Focal lengths that there are, in longer sides of the picture: from wider than any lens without fisheye to a telescope's."""
+_LARGEST_SIDE = 100_000
+_LARGEST_DISTORTION = 100.0
+_SKEW = 1e-2
+"""Largest deviation of a stated rotation from one. Files round to some five digits; scale and shear show in the first two."""
 
 
 @dataclass(frozen=True)
@@ -124,6 +131,62 @@ class Camera:
             float(content["cy"]),
             (float(k1), float(k2), float(p1), float(p2)),
         )
+
+
+def camera_problem(camera: Camera) -> str | None:
+    """What is wrong with a camera; None where nothing is."""
+    longer = max(camera.width, camera.height)
+    if longer > _LARGEST_SIDE:
+        return f"a picture with a side of more than {_LARGEST_SIDE} px"
+    if min(camera.width, camera.height) <= 0:
+        return f"a picture of {camera.width} x {camera.height} px"
+    for name, value in (("fx", camera.fx), ("fy", camera.fy)):
+        if not _FOCAL[0] * longer <= value <= _FOCAL[1] * longer:
+            return f"a focal length {name} of {value:g} px in a picture of {camera.width} x {camera.height} px"
+    for name, value, side in (("cx", camera.cx, camera.width), ("cy", camera.cy, camera.height)):
+        if not -side <= value <= 2 * side:
+            return f"a principal point at {name} = {value:g} px in a picture of {camera.width} x {camera.height} px"
+    if not all(abs(value) <= _LARGEST_DISTORTION for value in camera.distortion):
+        return f"a distortion of {', '.join(f'{value:g}' for value in camera.distortion)}"
+    return None
+
+
+def pose_problem(pose: Array) -> str | None:
+    """What is wrong with a view matrix, [4, 4] where it is one; None where nothing is."""
+    if pose.shape != (4, 4):
+        return "its pose is no 4x4 matrix"
+    if not np.isfinite(pose).all():
+        return "its pose holds a number that is none"
+    rotation = pose[:3, :3]
+    scale = float(np.linalg.norm(rotation) / np.sqrt(3))
+    if not np.abs(rotation @ rotation.T - np.eye(3)).max() <= _SKEW:
+        return f"its pose is no rotation and translation (its axes are {scale:.4g} long, or not at right angles)"
+    if np.linalg.det(rotation) < 0.0:
+        return "its pose mirrors the world"
+    if np.abs(pose[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
+        return "the last row of its pose is not 0, 0, 0, 1"
+    return None
+
+
+def given_camera(content: Any, source: str | Path, remedy: str) -> Camera:
+    """A camera as a file holds it, if there can be such a camera.
+
+    Args:
+        content: What `Camera.to_json` gives, or anything else.
+        source: File that it was read from, for the message.
+        remedy: What the user can do, for the message.
+
+    Raises:
+        InputError: An entry is missing, no number, or out of every range.
+    """
+    try:
+        camera = Camera.from_json(content)
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
+        raise InputError(source, f"the camera is damaged or incomplete ({error})", remedy) from error
+    problem = camera_problem(camera)
+    if problem:
+        raise InputError(source, f"there is no such camera: {problem}", remedy)
+    return camera
 
 
 def camera_centre(cam_from_world: Array) -> Array:
@@ -248,21 +311,32 @@ def read_views(path: str | Path, images: str | Path) -> Views:
     Raises:
         InputError: The file is damaged or an image is missing.
     """
+    remedy = "Delete the file and run the align stage again"
     content = read_json(path)
     try:
-        views = tuple(
-            View(
-                item["name"],
-                Camera.from_json(item["camera"]),
-                np.array(item["cam_from_table"], dtype=np.float64),
-                item["split"],
-            )
-            for item in content["views"]
-        )
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(path, f"a view is damaged ({error})", "Delete the file and run the align stage again") from error
+        views = tuple(_view(item, path, remedy) for item in content["views"])
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
+        raise InputError(path, f"a view is damaged ({error})", remedy) from error
+    names = [view.name for view in views]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(path, f"the view of {twice} is there twice", remedy)
     folder = Path(images)
     for view in views:
         if not (folder / view.name).is_file():
             raise InputError(folder / view.name, "the image of a registered view is missing", "Run the sfm stage again")
     return Views(folder, views)
+
+
+def _view(item: Mapping[str, Any], path: str | Path, remedy: str) -> View:
+    """One view of `views.json`, if there can be such a camera in such a pose."""
+    view = View(
+        str(item["name"]),
+        given_camera(item["camera"], path, remedy),
+        np.array(item["cam_from_table"], dtype=np.float64),
+        item["split"],
+    )
+    problem = pose_problem(view.cam_from_table)
+    if problem or view.split not in ("train", "held_out"):
+        raise InputError(path, f"the view of {view.name} is damaged: {problem or f'its split is {view.split!r}'}", remedy)
+    return view

@@ -7,25 +7,35 @@ describes the files.
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from gsbridge.cameras import Camera
+from gsbridge.cameras import Camera, given_camera
 from gsbridge.errors import InputError
-from gsbridge.files import atomic_file, read_json, write_json
+from gsbridge.files import atomic_file, write_json
 from gsbridge.geometry import Array, rotation_from_quat
-from gsbridge.robot.assembly import check_rigid
+from gsbridge.given import read_given_json
+from gsbridge.reading import MOST_FILES, refusing, regular_file
+from gsbridge.robot.assembly import check_reach, check_rigid
 
 ARM_CSV, ARM_JSON, CAMERA_JSON = "arm.csv", "arm.json", "camera.json"
 
-_LARGEST_REACH = 10.0
-"""Distance beyond which a flange's figures must be in millimetres, m."""
+_LARGEST = MOST_FILES * 2**10
+"""Largest size of a list of poses, bytes: a kilobyte for each of as many photos as a folder of data may hold."""
 
 _POSE_COLUMNS = ("x", "y", "z", "qw", "qx", "qy", "qz")
+
+_TABLE_REMEDY = (
+    f"Write, with commas between them, image and q1, q2, ... (rad, or q1_deg, ...), or image and {', '.join(_POSE_COLUMNS)}"
+)
+_LIST_REMEDY = 'Write {"poses": [{"image": ..., "joints": [rad, ...]}, ...]}, or "base_from_flange" instead of "joints"'
+_CAMERA_REMEDY = (
+    "Give width, height, fx, fy, cx, cy in pixels and distortion: [k1, k2, p1, p2], or delete the file to have them estimated"
+)
 
 
 @dataclass(frozen=True)
@@ -60,6 +70,9 @@ def read_board_capture(folder: str | Path) -> BoardCapture:
     if not place.is_dir():
         raise InputError(place, "there is no such folder", "Correct the path of the board capture")
     table, listed = place / ARM_CSV, place / ARM_JSON
+    for file in (table, listed, place / CAMERA_JSON):
+        if file.exists():
+            regular_file(file, "file of the board capture", "docs/registration.md describes the files", _LARGEST)
     if table.is_file():
         source, (images, joints, poses) = table, _read_table(table)
     elif listed.is_file():
@@ -78,9 +91,8 @@ def read_board_capture(folder: str | Path) -> BoardCapture:
         if values is not None and not np.isfinite(values).all():
             bad = images[int(np.argmin(np.isfinite(values.reshape(len(images), -1)).all(1)))]
             raise InputError(source, f"the pose of {bad} is not finite", "Give finite numbers, or take the line out")
-    if poses is not None and np.abs(poses[:, :3, 3]).max() > _LARGEST_REACH:
-        problem = f"the flange is {np.abs(poses[:, :3, 3]).max():.4g} m from the base: it looks like millimetres"
-        raise InputError(source, problem, "Give metres")
+    if poses is not None:
+        check_reach(poses, source)
     return BoardCapture(place, tuple(images), joints, poses, _read_camera(place / CAMERA_JSON))
 
 
@@ -106,35 +118,41 @@ def write_camera(path: str | Path, camera: Camera) -> None:
 
 def _read_table(path: Path) -> tuple[list[str], Array | None, Array | None]:
     """`arm.csv`: photos, joints or flange poses."""
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        reader = csv.DictReader(file, skipinitialspace=True)
-        columns = [name.strip() for name in reader.fieldnames or ()]
-        reader.fieldnames = columns
-        rows = list(reader)
-    joints = [name for name in columns if name.removesuffix("_deg")[1:].isdigit() and name.startswith("q")]
+    with (
+        refusing(path, "it is no table with commas between the cells", _TABLE_REMEDY),
+        path.open(newline="", encoding="utf-8-sig") as file,
+    ):
+        reader = csv.reader(file, skipinitialspace=True, strict=True)
+        lines = [(reader.line_num, [cell.strip() for cell in cells]) for cells in reader if any(map(str.strip, cells))]
+    columns = lines[0][1] if lines else []
+    joints = [name for name in columns if re.fullmatch(r"q[0-9]+(_deg)?", name)]
     joints.sort(key=lambda name: int(name.removesuffix("_deg")[1:]))
     posed = all(name in columns for name in _POSE_COLUMNS)
     wanted = [f"q{index + 1}" for index in range(len(joints))]
-    if "image" not in columns or bool(joints) == posed or [name.removesuffix("_deg") for name in joints] != wanted:
-        raise InputError(
-            path,
-            f"its columns are {', '.join(columns) or 'missing'}",
-            f"Write image and q1, q2, ... (rad, or q1_deg, ...), or image and {', '.join(_POSE_COLUMNS)}",
-        )
+    named = "image" in columns and len(set(columns)) == len(columns)
+    if not named or bool(joints) == posed or [name.removesuffix("_deg") for name in joints] != wanted:
+        raise InputError(path, f"its columns are {', '.join(columns)[:200] or 'missing'}", _TABLE_REMEDY)
     images, values = [], []
-    for number, row in enumerate(rows, start=2):
+    for number, cells in lines[1:]:
+        if len(cells) != len(columns):
+            problem = f"line {number} has {len(cells)} cells, the columns are {len(columns)}"
+            raise InputError(path, problem, "Correct the line: commas between the cells, points in the numbers")
+        row = dict(zip(columns, cells, strict=True))
         try:
             values.append([float(row[name]) for name in (joints or _POSE_COLUMNS)])
-        except (TypeError, ValueError) as error:
+        except ValueError as error:
             raise InputError(path, f"line {number} holds no number where one is due", "Correct the line") from error
-        images.append(str(row["image"]).strip())
+        if posed and not abs(np.linalg.norm(values[-1][3:]) - 1.0) <= 1e-2:
+            raise InputError(
+                path,
+                f"the quaternion of line {number} is not of unit length",
+                "Give qw, qx, qy, qz of the flange in the base frame",
+            )
+        images.append(row["image"])
     found = np.array(values, dtype=np.float64).reshape(len(images), len(joints or _POSE_COLUMNS))
     if joints:
         factors = [np.pi / 180 if name.endswith("_deg") else 1.0 for name in joints]
         return images, found * factors, None
-    lengths = np.linalg.norm(found[:, 3:], axis=1)
-    if np.isfinite(found).all() and len(found) and np.abs(lengths - 1.0).max() > 1e-2:
-        raise InputError(path, "a quaternion is not of unit length", "Give qw, qx, qy, qz of the flange in the base frame")
     poses = np.tile(np.eye(4), (len(images), 1, 1))
     poses[:, :3, :3] = rotation_from_quat(found[:, 3:])
     poses[:, :3, 3] = found[:, :3]
@@ -143,19 +161,18 @@ def _read_table(path: Path) -> tuple[list[str], Array | None, Array | None]:
 
 def _read_list(path: Path) -> tuple[list[str], Array | None, Array | None]:
     """`arm.json`: the same as a list of poses."""
-    content: Mapping[str, Any] = read_json(path)
-    try:
+    content = read_given_json(path, _LIST_REMEDY)
+    with refusing(path, "a pose is damaged", _LIST_REMEDY):
         poses = list(content["poses"])
         images = [str(item["image"]) for item in poses]
         if poses and all("joints" in item for item in poses):
-            return images, np.array([item["joints"] for item in poses], dtype=np.float64), None
-        matrices = [check_rigid(np.array(item["base_from_flange"], dtype=np.float64), str(path)) for item in poses]
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            path,
-            f"a pose is damaged ({error})",
-            'Write {"poses": [{"image": ..., "joints": [rad, ...]}, ...]}, or "base_from_flange" instead of "joints"',
-        ) from error
+            joints = np.array([item["joints"] for item in poses], dtype=np.float64)
+            if joints.ndim != 2 or not joints.size:
+                raise InputError(
+                    path, f"the joints of a photo are no list of angles: {poses[0]['joints']!r}"[:200], _LIST_REMEDY
+                )
+            return images, joints, None
+        matrices = [check_rigid(item["base_from_flange"], f"{path}: {item['image']}") for item in poses]
     return images, None, np.array(matrices).reshape(-1, 4, 4)
 
 
@@ -163,9 +180,5 @@ def _read_camera(path: Path) -> Camera | None:
     """Intrinsics, bare or inside a record of the calibration; None without a file."""
     if not path.is_file():
         return None
-    content = read_json(path)
-    try:
-        return Camera.from_json(content.get("camera", content))
-    except (KeyError, TypeError, ValueError) as error:
-        remedy = "Give width, height, fx, fy, cx, cy and distortion: [k1, k2, p1, p2], or delete it to have it estimated"
-        raise InputError(path, f"the camera is damaged or incomplete ({error})", remedy) from error
+    content = read_given_json(path, _CAMERA_REMEDY)
+    return given_camera(content.get("camera", content), path, _CAMERA_REMEDY)

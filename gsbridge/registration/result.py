@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from gsbridge.cameras import Camera
+from gsbridge.cameras import Camera, given_camera
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.geometry import Array, rotation_angle
-from gsbridge.robot.assembly import check_rigid
+from gsbridge.robot.assembly import check_reach, check_rigid
 
 
 @dataclass(frozen=True)
@@ -37,13 +37,16 @@ def read_registration(path: str | Path) -> Registration:
     Raises:
         InputError: The file is missing or damaged.
     """
-    content = read_json(path)
+    content, remedy = read_json(path), "Delete the file and register again"
     try:
-        table, mount = (check_rigid(content[key], str(path)) for key in ("base_from_table", "flange_from_camera"))
-        camera = content.get("camera")
-        return Registration(table, mount, tuple(content["reasons"]), None if camera is None else Camera.from_json(camera))
+        poses = [check_rigid(content[key], f"{path}: {key}") for key in ("base_from_table", "flange_from_camera")]
+        table, mount = (check_reach(pose, path) for pose in poses)
+        reasons, camera = content["reasons"], content.get("camera")
+        if not (isinstance(reasons, list) and all(isinstance(reason, str) for reason in reasons)):
+            raise TypeError("its reasons are no list of sentences")
     except (KeyError, OverflowError, TypeError, ValueError) as error:
-        raise InputError(path, f"the registration is damaged ({error})", "Delete the file and register again") from error
+        raise InputError(path, f"the registration is damaged ({error})", remedy) from error
+    return Registration(table, mount, tuple(reasons), None if camera is None else given_camera(camera, path, remedy))
 
 
 def pose_error(found: Array, truth: Array) -> tuple[float, float]:

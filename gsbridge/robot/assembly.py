@@ -38,6 +38,8 @@ from gsbridge.robot.nominal import REST_POSTURE, flange_from_gripper
 from gsbridge.robot.nominal import flange_from_camera as nominal_camera
 
 URDF, RECORD = "robot.urdf", "robot.json"
+LARGEST_REACH = 10.0
+"""Distance beyond which figures of a pose must be in millimetres, m."""
 
 ARM_LINKS = tuple(f"lbr_iiwa_link_{index}" for index in range(8))
 ARM_JOINTS = tuple(f"lbr_iiwa_joint_{index}" for index in range(1, 8))
@@ -182,6 +184,18 @@ def check_rigid(matrix: Array, source: str) -> Array:
     if not (rigid and np.allclose(out[:3, :3].T @ out[:3, :3], np.eye(3), atol=1e-6) and np.linalg.det(out[:3, :3]) > 0):
         raise InputError(source, "this is no rigid transform", "Give a 4x4 matrix: a rotation and a translation in metres")
     return out
+
+
+def check_reach(poses: Array, source: str | Path) -> Array:
+    """Rigid transforms of a table-top arm, whose parts are no farther than `LARGEST_REACH` from each other. [..., 4, 4].
+
+    Raises:
+        InputError: One is: it was given in millimetres.
+    """
+    farthest = float(np.abs(poses[..., :3, 3]).max(initial=0.0))
+    if farthest > LARGEST_REACH:
+        raise InputError(source, f"a pose is {farthest:.4g} m away: it looks like millimetres", "Give metres")
+    return poses
 
 
 def write_obj(path: Path, mesh: Mesh) -> None:

@@ -231,7 +231,7 @@ def test_degrees_and_lists_are_read(tmp_path):
         ("image,q1", "a.png,0\na.png,0", "named twice"),
         ("image,q1", "", "names no photo"),
         ("image,x,y,z,qw,qx,qy,qz", "a.png,0,0,0,1,1,0,0", "unit length"),
-        ("image,x,y,z,qw,qx,qy,qz", "a.png,400,0,650,1,0,0,0", "650 m from the base: it looks like millimetres"),
+        ("image,x,y,z,qw,qx,qy,qz", "a.png,400,0,650,1,0,0,0", "650 m away: it looks like millimetres"),
     ],
 )
 def test_damaged_arm_tables_are_refused(tmp_path, header, row, words):
@@ -266,17 +266,21 @@ def test_degrees_without_their_name_are_refused(tmp_path, monkeypatch):
         (
             "camera.json",
             '{"camera": {"width": 4, "height": 4, "fx": NaN, "fy": 5, "cx": 3, "cy": 2}}',
-            "a number is not finite",
+            "a focal length fx of nan px",
         ),
-        ("camera.json", '{"camera": {"width": 64, "height": 48, "fx": -5, "fy": 5, "cx": 3, "cy": 2}}', "fx is -5"),
+        (
+            "camera.json",
+            '{"camera": {"width": 64, "height": 48, "fx": -5, "fy": 5, "cx": 3, "cy": 2}}',
+            "a focal length fx of -5 px",
+        ),
         # A whole number of JSON has as many digits as somebody writes.
         (
             "camera.json",
             f'{{"camera": {{"width": 1{"0" * 400}, "height": 4, "fx": 5, "fy": 5, "cx": 3, "cy": 2}}}}',
-            "a number is not finite",
+            "a side of more than 100000 px",
         ),
         ("camera.json", "[" * 200_000, "nested too deeply"),
-        ("arm.csv", "image,q1\n\xff.png,1\n".encode("latin-1"), "the board capture cannot be read"),
+        ("arm.csv", "image,q1\n\xff.png,1\n".encode("latin-1"), "no table with commas"),
         ("arm.csv", "image,q1\n0.png," + "9" * 200_000, "field larger"),
         ("arm.csv", "image,q1\n0.png,nan\n", "the pose of 0.png is not finite"),
     ],
