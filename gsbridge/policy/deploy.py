@@ -108,7 +108,7 @@ def deploy(wanted: Deployment, ask: Callable[[str], str]) -> list[tuple[EpisodeL
     facts = {
         "policy": str(wanted.policy),
         "policy_sha256": trained.spec["sha256"],
-        "task": trained.spec["task"],
+        "task": interface.settings.task,
         "driver": wanted.driver,
         "runtime": wanted.runtime,
         "registration": str(wanted.registration),

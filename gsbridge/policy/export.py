@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from safetensors import SafetensorError
 from safetensors.torch import load as load_tensors
 from safetensors.torch import save as save_tensors
 from torch import Tensor
@@ -24,6 +23,7 @@ from torch import Tensor
 from gsbridge.configuration.policy import PolicySettings
 from gsbridge.environment.env import PROPRIO, PROPRIO_BOUND, PickEnvironment
 from gsbridge.environment.rendering import FIELD_OF_VIEW
+from gsbridge.environment.settings import IMAGE_SIZES
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file, read_json, versions, write_json
 from gsbridge.geometry import Array
@@ -159,23 +159,24 @@ def load_policy(folder: str | Path) -> Policy:
     spec = read_json(folder / SPEC)
     actor = Actor(with_position=False)
     largest = sum(value.nbytes for value in actor.state_dict().values()) + _HEADER
-    weights = regular_file(folder / WEIGHTS, "weights", "Train the policy, or copy both files", largest)
+    weights = regular_file(folder / WEIGHTS, "file of the weights", "Train the policy, or copy both files", largest)
     with refusing(weights, "the weights cannot be read", "Train the policy, or copy both files"):
         content = weights.read_bytes()
-    if spec.get("format") != FORMAT:
-        raise InputError(folder / SPEC, f"its format is {spec.get('format')!r}, not {FORMAT}", "Train the policy again")
+    if isinstance(spec.get("format"), bool) or spec.get("format") != FORMAT:
+        raise InputError(folder / SPEC, f"its format is {str(spec.get('format'))[:80]}, not {FORMAT}", "Train the policy again")
     if hashlib.sha256(content).hexdigest() != spec.get("sha256"):
         raise InputError(folder / WEIGHTS, "it does not belong to policy.json", "Copy both files of one training")
-    try:
-        size = int(spec["observation"]["image"]["size_px"])
+    with refusing(folder, "the policy is damaged", "Train the policy again"):
+        size = spec["observation"]["image"]["size_px"]
         names, entries = spec["action"]["names"], spec["observation"]["proprio"]["names"]
         actor.load_state_dict(load_tensors(content))
         broken = [name for name, value in actor.state_dict().items() if not bool(torch.isfinite(value).all())]
-    except (KeyError, TypeError, ValueError, RuntimeError, SafetensorError) as error:
-        raise InputError(folder, f"the policy is damaged ({error})", "Train the policy again") from error
     if broken:
         raise InputError(folder / WEIGHTS, f"the weights of {broken[0]} are not finite", "Train the policy again")
-    if len(names) != SIZE or len(entries) != PROPRIO:
-        raise InputError(folder / SPEC, "it has other observations or actions", "Train the policy again")
+    for listed, count in ((names, SIZE), (entries, PROPRIO)):
+        if not isinstance(listed, list) or len(listed) != count:
+            raise InputError(folder / SPEC, "it has other observations or actions", "Train the policy again")
+    if isinstance(size, bool) or size not in IMAGE_SIZES:
+        raise InputError(folder / SPEC, f"its pictures have {str(size)[:80]} px", "Train the policy again")
     actor.requires_grad_(False)
-    return Policy(actor, size, spec)
+    return Policy(actor, int(size), spec)

@@ -4,23 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
 import numpy as np
 
 from gsbridge.cameras import Camera
+from gsbridge.environment.proprioception import PROPRIO_BOUND
 from gsbridge.environment.rendering import wrist_camera
 from gsbridge.environment.settings import EnvironmentSettings, Plate
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array, rotation_angle
-from gsbridge.policy.format import SPEC
+from gsbridge.policy.format import ACTION_NAMES, CONTROL_HZ, PROPRIO_NAMES, SPEC
+from gsbridge.reading import refusing
 from gsbridge.registration.result import Registration, pose_error
-from gsbridge.robot.assembly import check_rigid
+from gsbridge.robot.assembly import check_reach, check_rigid
 from gsbridge.robot.limits import Workspace
 from gsbridge.sim.actions import TETHER, ToolTarget
 
 MOUNT_M, MOUNT_RAD = 0.010, np.deg2rad(2.0)
 """Largest change of the camera's mount since the training: what it shows has moved by some pixels of 64 then."""
+
+LARGEST = 2.0
+"""Farthest that a workspace may go from the middle of the board, and widest that a hand may open, m."""
+_WORKSPACE = "Give metres and radians, over the table"
 
 START_M, START_RAD = 0.050, 0.25
 """Largest distance from where episodes of the training began."""
@@ -56,22 +63,35 @@ class PolicyInterface:
             InputError: An entry is missing or damaged, or the actions were meant for another runner.
         """
         try:
-            image, proprio, robot = spec["observation"]["image"], spec["observation"]["proprio"], spec["robot"]
-            low, high, yaw = (tuple(proprio[f"workspace_{name}"]) for name in ("lower_m", "upper_m", "yaw_rad"))
-            poses = ("flange_from_camera", "table_from_tool_at_rest")
-            out = cls(
-                wrist_camera(int(image["size_px"]), float(image["field_of_view_rad"])),
-                Workspace(low, high, yaw),
-                float(proprio["stroke_m"]),
-                _settings(spec["environment"]),
-                float(spec["control_hz"]),
-                *(None if robot is None else check_rigid(robot[key], f"{SPEC}: {key}") for key in poses),
-            )
-            tether = float(spec["action"]["tether"])
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(SPEC, f"it does not say how to run the policy ({error!r})", "Train the policy again") from error
-        if tether != TETHER:
-            raise InputError(SPEC, "this version commands arms in another way", "Run it with the gsbridge that trained it")
+            with refusing(SPEC, "it does not say how to run the policy", "Train the policy again"):
+                out = cls._read(spec)
+        except InputError as error:
+            source = error.source if error.source.startswith(SPEC) else f"{SPEC}: {error.source}"
+            raise InputError(source, error.problem, "Copy the files of the training once more, or train again") from error
+        return out
+
+    @classmethod
+    def _read(cls, spec: Mapping[str, Any]) -> PolicyInterface:
+        image, proprio, robot = spec["observation"]["image"], spec["observation"]["proprio"], spec["robot"]
+        low, high, yaw = (
+            _numbers(proprio, f"workspace_{name}", count) for name, count in (("lower_m", 3), ("upper_m", 3), ("yaw_rad", 2))
+        )
+        if not (min(low) >= -LARGEST and max(high) <= LARGEST and low[2] >= 0.0 and -np.pi <= yaw[0] <= yaw[1] <= np.pi):
+            raise InputError("workspace", f"it goes from {low} to {high} m and from {yaw[0]} to {yaw[1]} rad", _WORKSPACE)
+        (stroke,), (width,) = _numbers(proprio, "stroke_m", 1), _numbers(image, "field_of_view_rad", 1)
+        if not 0.0 < stroke <= LARGEST:
+            raise InputError("stroke_m", f"{stroke} m is no opening of a hand", "Give metres")
+        settings = _settings(spec["environment"])
+        poses = ("flange_from_camera", "table_from_tool_at_rest")
+        out = cls(
+            wrist_camera(settings.image_size, width),
+            Workspace((low[0], low[1], low[2]), (high[0], high[1], high[2]), (yaw[0], yaw[1])),
+            stroke,
+            settings,
+            CONTROL_HZ,
+            *(None if robot is None else check_reach(check_rigid(robot[key], key), key) for key in poses),
+        )
+        _refuse_other_runners(spec, settings)
         return out
 
     def target(self) -> ToolTarget:
@@ -121,8 +141,58 @@ class PolicyInterface:
             )
 
 
+def _refuse_other_runners(spec: Mapping[str, Any], settings: EnvironmentSettings) -> None:
+    """Refuse what this version runs otherwise than the file says.
+
+    Raises:
+        InputError: Order, size, pace or meaning of observations or actions are others.
+    """
+    scale = settings.action_scale()
+    wanted: dict[tuple[str, ...], Any] = {
+        ("control_hz",): CONTROL_HZ,
+        ("task",): settings.task,
+        ("observation", "image", "size_px"): settings.image_size,
+        ("observation", "proprio", "names"): list(PROPRIO_NAMES),
+        ("observation", "proprio", "bound"): PROPRIO_BOUND,
+        ("action", "names"): list(ACTION_NAMES),
+        ("action", "low"): -1.0,
+        ("action", "high"): 1.0,
+        ("action", "position_m"): scale.position,
+        ("action", "yaw_rad"): scale.yaw,
+        ("action", "aperture_m"): scale.aperture,
+        ("action", "tether"): TETHER,
+    }
+    for keys, value in wanted.items():
+        found: Any = spec
+        for key in keys:
+            found = found[key]
+        if isinstance(found, bool) or found != value:
+            said = f"its {'.'.join(keys)} is {str(found)[:80]}, this version commands arms in another way: {value}"
+            raise InputError(SPEC, said, "Run it with the gsbridge that trained it")
+
+
+def _numbers(content: Mapping[str, Any], name: str, count: int) -> tuple[float, ...]:
+    """Finite numbers of an entry, which is a list where they are several.
+
+    Args:
+        content: Entries by name.
+        name: Name of the entry.
+        count: How many there must be.
+
+    Raises:
+        InputError: There are others.
+    """
+    values = [content[name]] if count == 1 else content[name]
+    numbers = isinstance(values, list | tuple) and all(type(value) in (int, float) and isfinite(value) for value in values)
+    if not numbers or len(values) != count:
+        raise InputError(name, f"{str(content[name])[:80]} is not {count} finite numbers", "Give metres and radians")
+    return tuple(float(value) for value in values)
+
+
 def _settings(content: Mapping[str, Any]) -> EnvironmentSettings:
     """Settings of the environment from JSON, which knows no tuples."""
+    for name in ("start_centre", "start_yaw"):
+        _numbers(content, name, 2)
     values: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in content.items()}
     plate = values.pop("plate")
     return EnvironmentSettings(**values, plate=None if plate is None else Plate(**plate))

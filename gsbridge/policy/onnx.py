@@ -30,6 +30,7 @@ from gsbridge.geometry import Array
 from gsbridge.policy.export import Policy, load_policy
 from gsbridge.policy.format import INPUTS, OUTPUTS
 from gsbridge.policy.observation import PICTURE_OFFSET, PICTURE_SCALE
+from gsbridge.reading import refusing, regular_file
 from gsbridge.sim.actions import SIZE
 
 MODEL = "policy.onnx"
@@ -40,6 +41,9 @@ IR_VERSION = 8
 
 TOLERANCE = 1e-5
 """Largest difference of an action between PyTorch and onnxruntime: both sum in float32, in another order."""
+
+LARGEST_GRAPH = 2**30
+"""Largest size of a graph, bytes. That of an actor has some megabytes."""
 
 _STRIDES = (2, 2, 1)
 _CHECKS = 16
@@ -113,16 +117,13 @@ def load_onnx(folder: str | Path) -> OnnxPolicy:
     Raises:
         InputError: A file is missing or damaged, or the graph was made of other weights.
     """
-    policy, path = load_policy(folder), Path(folder) / MODEL
-    try:
-        out = OnnxPolicy.of_bytes(path.read_bytes(), policy.image_size)
-    except OSError as error:
-        raise InputError(path, "the graph cannot be read", "Export the policy again") from error
+    policy, remedy = load_policy(folder), "Export the policy again"
+    path = regular_file(Path(folder) / MODEL, "graph", remedy, LARGEST_GRAPH)
     # onnxruntime has a type of error for each status; all of them mean that the file is none it can run.
-    except Exception as error:
-        raise InputError(path, f"onnxruntime cannot run it ({error})", "Export the policy again") from error
+    with refusing(path, "onnxruntime cannot run it", remedy):
+        out = OnnxPolicy.of_bytes(path.read_bytes(), policy.image_size)
     if out.metadata.get("sha256") != policy.spec["sha256"]:
-        raise InputError(path, "it was made of other weights than policy.safetensors", "Export the policy again")
+        raise InputError(path, "it was made of other weights than policy.safetensors", remedy)
     return out
 
 
