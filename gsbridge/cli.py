@@ -268,9 +268,12 @@ def _options(pairs: list[str]) -> dict[str, Any]:
         name, sign, value = pair.partition("=")
         if not (sign and name.isidentifier()):
             raise GsbridgeError(f"--option {pair}: this is not NAME=VALUE. Write for instance --option address=192.168.1.5")
+        if name in out:
+            raise GsbridgeError(f"--option {name} is given twice. Leave one out")
         try:
             out[name] = yaml.safe_load(value)
-        except yaml.YAMLError:
+        # PyYAML says of a day that is none, and of brackets without end, what Python says.
+        except (yaml.YAMLError, ValueError, RecursionError):
             out[name] = value
     return out
 

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from gsbridge.environment.build import StageFiles, build_renderer, camera_response, lens_of
@@ -24,11 +25,14 @@ from gsbridge.policy.runner import Setup
 from gsbridge.policy.safety import Limits
 from gsbridge.policy.session import Operator, Plan, WorldOperator, run_session
 from gsbridge.policy.worlds import MirrorDriver, MirrorSetting, SimDriver, WorldDriver
+from gsbridge.reading import refusing
 from gsbridge.registration.result import Registration, read_registration
 
 logger = logging.getLogger("gsbridge")
 
 WORLDS = ("sim", "mirror")
+MOST_STEPS = 100_000
+"""Most steps that an episode may be asked to have: more than an hour."""
 
 
 @dataclass(frozen=True)
@@ -84,8 +88,10 @@ class Deployment:
             raise InputError("trials", "a dry run is no trial", "Leave out --trials or --dry-run")
         if self.pictures and self.out is None:
             raise InputError("pictures", "there is no folder to keep them in", "Give --out")
-        if self.steps is not None and self.steps < 1:
-            raise InputError("steps", f"{self.steps} is no number of steps", "Give 1 or more")
+        if self.steps is not None and not 1 <= self.steps <= MOST_STEPS:
+            raise InputError("steps", f"{str(self.steps)[:20]} is no number of steps", f"Give 1 to {MOST_STEPS}")
+        if not 0 <= self.seed < 2**32:
+            raise InputError("seed", f"{str(self.seed)[:20]} is no seed", "Give that of config.yaml")
 
 
 def deploy(wanted: Deployment, ask: Callable[[str], str]) -> list[tuple[EpisodeLog, Verdict | None]]:
@@ -139,11 +145,31 @@ def deploy(wanted: Deployment, ask: Callable[[str], str]) -> list[tuple[EpisodeL
 def _plan(wanted: Deployment, interface: PolicyInterface) -> Plan:
     """Start poses, files and switches."""
     file = None if wanted.trials is None else TrialFile(wanted.trials)
+    # An arm must not move for what cannot be kept.
+    for name, folder in (("--out", wanted.out), ("--trials", None if file is None else file.path.parent)):
+        if folder is not None:
+            _make_room(folder, name)
     poses: list[StartPose] = []
     if wanted.pose_set is not None and wanted.index is not None:
         poses = start_poses(interface.settings, wanted.pose_set, wanted.index)
     poses = still_to_try(poses, file, redo=wanted.redo)
     return Plan(poses, wanted.out, file, wanted.steps, wanted.dry_run, wanted.pictures)
+
+
+def _make_room(folder: Path, option: str) -> None:
+    """Make a folder for what a run leaves.
+
+    Args:
+        folder: The folder.
+        option: What named it, for the message.
+
+    Raises:
+        InputError: Nothing can be written there.
+    """
+    with refusing(folder, f"{option} cannot be written there", "Name another place"):
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=folder):
+            pass
 
 
 def _driver(wanted: Deployment, interface: PolicyInterface, registration: Registration) -> RobotDriver:

@@ -6,18 +6,20 @@ closed, z out of the hand, x to the camera's side, the pads open along y. Metres
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 import sys
 import time
-from collections.abc import Mapping
+import traceback
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from gsbridge.cameras import Camera
+from gsbridge.cameras import Camera, camera_problem
 from gsbridge.errors import GsbridgeError, InputError
 from gsbridge.geometry import Array
 from gsbridge.robot.assembly import RobotFiles
@@ -147,18 +149,43 @@ def load_driver(name: str, options: Mapping[str, Any]) -> RobotDriver:
         raise InputError("driver", f"'{name}' names no class", "Give sim, mirror or module:Class, such as my_arm:MyArm")
     sys.path.insert(0, os.getcwd())
     try:
-        kind = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
-        raise InputError("driver", f"'{name}' cannot be imported ({error})", "Check the name, or install the module") from error
+        with _blaming(f"'{name}' cannot be imported", "Check the name, install the module, or mend it"):
+            kind = getattr(importlib.import_module(module), attribute)
     finally:
         sys.path.remove(os.getcwd())
-    try:
+    with _blaming(f"'{name}' cannot be made", "Give its arguments as --option NAME=VALUE"):
         driver = kind(**options)
-    except GsbridgeError:
-        raise
-    except TypeError as error:
-        raise InputError("driver", f"'{name}' cannot be made ({error})", "Give its arguments as --option NAME=VALUE") from error
-    missing = [part for part in ("camera", "rest", "measure", "image", "command", "stop") if not hasattr(driver, part)]
+    missing = [part for part in ("rest", "measure", "image", "command", "stop") if not callable(getattr(driver, part, None))]
+    if not hasattr(driver, "camera"):
+        missing.insert(0, "camera")
     if missing:
         raise InputError("driver", f"'{name}' lacks {', '.join(missing)}", "See RobotDriver in docs/deployment.md")
+    camera = driver.camera
+    problem = "it is no Camera" if camera is not None and not isinstance(camera, Camera) else camera and camera_problem(camera)
+    if problem:
+        raise InputError("driver: camera", f"there is no such camera: {problem}", "Give gsbridge.cameras.Camera, or None")
     return driver
+
+
+@contextlib.contextmanager
+def _blaming(problem: str, remedy: str) -> Iterator[None]:
+    """Turn what somebody's driver raises into one line, with the line of the driver in which it was raised.
+
+    Args:
+        problem: What is wrong.
+        remedy: What the user can do.
+
+    Raises:
+        InputError: Anything was raised inside that is not ours.
+    """
+    try:
+        yield
+    except GsbridgeError:
+        raise
+    # A driver that ends the program is none, either.
+    except (Exception, SystemExit) as error:
+        ours = (__file__, importlib.__file__, "<frozen")
+        frames = [frame for frame in traceback.extract_tb(error.__traceback__) if not frame.filename.startswith(ours)]
+        place = f", in {Path(frames[-1].filename).name}, line {frames[-1].lineno}" if frames else ""
+        said = " ".join(str(error).split())[:300]
+        raise InputError("driver", f"{problem} ({type(error).__name__}: {said}{place})", remedy) from error

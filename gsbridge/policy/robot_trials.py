@@ -18,14 +18,12 @@ from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.policy.episode_log import EpisodeLog
-from gsbridge.reading import refusing, regular_file
+from gsbridge.reading import LARGEST_TEXT, refusing, regular_file
 from gsbridge.tasks.outcome import Failure
 from gsbridge.tasks.poses import PER_QUADRANT, POSE_SETS, QUADRANTS, pose_set
 
 logger = logging.getLogger("gsbridge")
 
-_LARGEST_TABLE = 2**24
-"""Largest size of a table of trials, bytes. One of all start poses has some kilobytes."""
 _ANOTHER = "Name another file for the trials"
 
 COLUMNS = (
@@ -100,8 +98,10 @@ def start_poses(settings: EnvironmentSettings, name: str, index: str) -> list[St
     poses = pose_set(name, settings.region(), settings.pose_seed)
     first, dash, last = ("0", "-", str(len(poses) - 1)) if index == "all" else index.partition("-")
     last = last if dash else first
-    if not (first.isdecimal() and last.isdecimal() and int(first) <= int(last) < len(poses)):
-        raise InputError("index", f"'{index}' names no pose", f"Give 0 to {len(poses) - 1}, a range such as 0-7, or all")
+    # Python reads no number of more than some thousand digits.
+    numbers = len(index) < 100 and first.isdecimal() and last.isdecimal()
+    if not (numbers and int(first) <= int(last) < len(poses)):
+        raise InputError("index", f"'{index[:100]}' names no pose", f"Give 0 to {len(poses) - 1}, a range such as 0-7, or all")
     return [StartPose(name, k, *(float(value) for value in poses[k])) for k in range(int(first), int(last) + 1)]
 
 
@@ -175,12 +175,16 @@ class TrialFile:
                 self.path.stat()
             except FileNotFoundError:
                 return
-            regular_file(self.path, "table of trials", _ANOTHER, _LARGEST_TABLE)
+            regular_file(self.path, "table of trials", _ANOTHER, LARGEST_TEXT)
             with open(self.path, newline="", encoding="utf-8") as file:
                 table = csv.DictReader(file)
                 self.rows, columns = list(table), table.fieldnames or ()
         if tuple(columns) != COLUMNS:
             raise InputError(self.path, f"its columns are not {', '.join(COLUMNS)}", _ANOTHER)
+        for number, row in enumerate(self.rows, start=1):
+            named = row["pose_set"] in POSE_SETS and (row["index"] or "").isdecimal() and None not in row.values()
+            if None in row or not named:
+                raise InputError(self.path, f"its row {number} is no trial", f"Correct the row, or n{_ANOTHER[1:]}")
 
     def holds(self, pose: StartPose) -> bool:
         """Whether the pose was tried."""

@@ -17,6 +17,7 @@ from gsbridge.cli import main
 from gsbridge.files import read_json
 from gsbridge.policy import deploy
 from gsbridge.policy.onnx import export_onnx
+from gsbridge.policy.robot_trials import COLUMNS
 
 HERE = Path(__file__).resolve().parent
 
@@ -48,6 +49,22 @@ ARM = """
 
     class Half:
         camera = None
+
+    class Offline(HandDriver):
+        def __init__(self):
+            raise RuntimeError("no arm\\nat this address")
+
+    class Blind(HandDriver):
+        def __init__(self, camera="the left one"):
+            super().__init__()
+            self.camera = camera
+
+    class Mirrored(Blind):
+        def __init__(self):
+            super().__init__(Camera(160, 120, -150.0, 150.0, 80.0, 60.0))
+
+    class Stiff(HandDriver):
+        command = None
 """
 
 
@@ -71,6 +88,9 @@ def files(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(deploy, "WallClock", Untroubled)
     (tmp_path / "my_arm.py").write_text(textwrap.dedent(ARM).format(here=str(HERE)))
+    (tmp_path / "broken.py").write_text("class Arm(")
+    (tmp_path / "odd.csv").write_text(f"{','.join(COLUMNS)}\nfixed,left\n")
+    os.mkfifo(tmp_path / "pipe")
     sys.modules.pop("my_arm", None)
     yield write_policy(tmp_path / "policy", max_steps=6), write_registration(tmp_path / "registration.json")
     sys.modules.pop("my_arm", None)
@@ -159,6 +179,34 @@ def test_a_guard_has_an_exit_code_of_its_own(files, capsys, monkeypatch):
         ([], "my_leg:Arm", "my_leg"),
         ([], "my_arm:Leg", "Leg"),
         ([], "my_arm:Half", "rest, measure, image, command, stop"),
+        ([], "my_arm:Offline", "RuntimeError: no arm at this address, in my_arm.py, line"),
+        ([], "my_arm:Blind", "it is no Camera"),
+        ([], "my_arm:Mirrored", "a focal length fx of -150 px"),
+        ([], "my_arm:Stiff", "lacks command"),
+        ([], "broken:Arm", "SyntaxError"),
+        ([], "sys:exit", "cannot be made"),
+        ([], ".my_arm:Arm", "'.my_arm:Arm' cannot be imported"),
+        ([], "my_arm..x:Arm", "cannot be imported"),
+        ([], ":Arm", "names no class"),
+        ([], "my_arm:made.x", "cannot be imported"),
+        (["--option", "address=a", "--option", "address=b"], "my_arm:Arm", "given twice"),
+        (["--option", "fail=2001-99-99"], "my_arm:Arm", "address"),
+        (["--steps", "-1"], "my_arm:Arm", "steps"),
+        (["--steps", "9" * 30], "my_arm:Arm", "Give 1 to"),
+        (["--seed", "-1"], "my_arm:Arm", "seed"),
+        (["--seed", "9" * 30], "my_arm:Arm", "seed"),
+        (["--pose-set", "fixed", "--index", "7-3"], "my_arm:Arm", "names no pose"),
+        (["--pose-set", "fixed", "--index", "nan"], "my_arm:Arm", "names no pose"),
+        (["--pose-set", "fixed", "--index", "-1"], "my_arm:Arm", "names no pose"),
+        (["--pose-set", "fixed", "--index", "9" * 5000], "my_arm:Arm", "names no pose"),
+        (["--out", "my_arm.py"], "my_arm:Arm", "--out cannot be written there"),
+        (["--out", "/dev/null/logs"], "my_arm:Arm", "--out cannot be written there"),
+        (["--out", "/proc/logs"], "my_arm:Arm", "--out cannot be written there"),
+        (["--trials", "policy", "--pose-set", "fixed", "--index", "0"], "my_arm:Arm", "a folder, a device or a pipe"),
+        (["--trials", "/dev/zero", "--pose-set", "fixed", "--index", "0"], "my_arm:Arm", "a folder, a device or a pipe"),
+        (["--trials", "pipe", "--pose-set", "fixed", "--index", "0"], "my_arm:Arm", "a folder, a device or a pipe"),
+        (["--trials", "my_arm.py/t.csv", "--pose-set", "fixed", "--index", "0"], "my_arm:Arm", "--trials cannot be written"),
+        (["--trials", "odd.csv", "--pose-set", "fixed", "--index", "0"], "my_arm:Arm", "its row 1 is no trial"),
         ([], "sim", "--pose-set"),
         (["--pose-set", "fixed"], "my_arm:Arm", "--index"),
         (["--pose-set", "fixed", "--index", "40"], "my_arm:Arm", "0 to 31"),
@@ -178,6 +226,16 @@ def test_what_cannot_be_used_is_said_in_one_line(files, capsys, more, driver, sa
     told = capsys.readouterr().err.strip().splitlines()[-1]
     assert told.startswith("gsbridge: ")
     assert said in told
+
+
+@pytest.mark.parametrize("name", ["policy", "registration"])
+@pytest.mark.parametrize("place", [".", "/dev/null", "nothing", "my_arm.py", "a" * 5000, "odd.csv"])
+def test_places_that_hold_no_file_are_named(files, capsys, name, place):
+    given = dict(zip(("policy", "registration"), files, strict=True)) | {name: place}
+    assert main(command((given["policy"], given["registration"]))) == 1
+    told = capsys.readouterr().err.strip().splitlines()
+    assert len(told) == 1
+    assert told[0].startswith("gsbridge: ")
 
 
 def test_missing_files_are_named(files, capsys, tmp_path):
