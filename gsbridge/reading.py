@@ -101,7 +101,8 @@ def load_yaml(path: str | Path, what: str, remedy: str) -> Any:
         remedy: What the user can do.
 
     Raises:
-        InputError: The file cannot be read, is no YAML (with the line), or is too large, too deep or refers to itself.
+        InputError: The file cannot be read, is no YAML (with the line), is too large or too deep, refers to itself, or
+            a key stands twice in a block.
     """
     source = regular_file(path, what, remedy, LARGEST_TEXT)
     with refusing(source, "this is not valid YAML", remedy):
@@ -111,6 +112,7 @@ def load_yaml(path: str | Path, what: str, remedy: str) -> Any:
             loader = YAML_LOADER(text)
             root = loader.get_single_node()
             refuse_bombs(root, source, remedy)
+            refuse_duplicates(root, source)
             return None if root is None else loader.construct_document(root)
         except yaml.MarkedYAMLError as error:
             mark = error.problem_mark
@@ -169,6 +171,35 @@ def refuse_bombs(root: yaml.Node | None, source: Path, remedy: str) -> None:
 
     if root is not None and size(root) > MOST_YAML_NODES:
         raise InputError(source, f"its aliases stand for more than {MOST_YAML_NODES} values", remedy)
+
+
+def refuse_duplicates(node: yaml.Node | None, source: Path, above: str = "") -> None:
+    """Refuse keys that stand twice in a block, of which YAML silently keeps the last.
+
+    Args:
+        node: Root of the composed document, without aliases that stand inside what they refer to.
+        source: File that it came from, for the message.
+        above: Keys above it, each with a point behind it, for the message.
+
+    Raises:
+        InputError: A key stands twice; names both lines.
+    """
+    if isinstance(node, yaml.SequenceNode):
+        for item in node.value:
+            refuse_duplicates(item, source, above)
+    if not isinstance(node, yaml.MappingNode):
+        return
+    lines: dict[str, int] = {}
+    for key, value in node.value:
+        name, line = str(key.value), key.start_mark.line + 1
+        if name in lines:
+            raise InputError(
+                source,
+                f"the key '{above}{name}' stands twice, in lines {lines[name]} and {line}; the first would be lost",
+                f"Put both under one '{name}:'",
+            )
+        lines[name] = line
+        refuse_duplicates(value, source, f"{above}{name}.")
 
 
 def files_below(folder: Path, suffixes: tuple[str, ...], what: str, remedy: str) -> list[Path]:

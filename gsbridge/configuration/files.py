@@ -9,7 +9,7 @@ from pathlib import Path
 import yaml
 
 from gsbridge.errors import InputError
-from gsbridge.reading import YAML_LOADER, refuse_bombs, refuse_depth, refusing
+from gsbridge.reading import YAML_LOADER, refuse_bombs, refuse_depth, refuse_duplicates, refusing
 
 _REMEDY = "Indent with spaces, close brackets, quote special characters"
 
@@ -37,7 +37,7 @@ def check_files(paths: Iterable[str | Path]) -> None:
                 place = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
                 problem = f"{place}{getattr(error, 'problem', None) or error}"
                 raise InputError(path, problem, _REMEDY) from error
-        _refuse_duplicates(root, Path(path), "")
+        refuse_duplicates(root, Path(path))
 
 
 def _is_json(path: str | Path) -> bool:
@@ -47,23 +47,3 @@ def _is_json(path: str | Path) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _refuse_duplicates(node: yaml.Node | None, path: Path, above: str) -> None:
-    """Look for keys that stand twice in a block and in the blocks inside it."""
-    if isinstance(node, yaml.SequenceNode):
-        for item in node.value:
-            _refuse_duplicates(item, path, above)
-    if not isinstance(node, yaml.MappingNode):
-        return
-    lines: dict[str, int] = {}
-    for key, value in node.value:
-        name, line = str(key.value), key.start_mark.line + 1
-        if name in lines:
-            raise InputError(
-                path,
-                f"the key '{above}{name}' stands twice, in lines {lines[name]} and {line}; the first would be lost",
-                f"Put both under one '{name}:'",
-            )
-        lines[name] = line
-        _refuse_duplicates(value, path, f"{above}{name}.")
