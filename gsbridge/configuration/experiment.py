@@ -80,7 +80,7 @@ class SeveritySettings(Settings):
 class WorldSettings(Settings):
     """A mirror in which policies are judged. Table and camera stand where the configuration's seed puts them."""
 
-    seed: OrNull[Annotated[Whole, Field(ge=0)]] = None
+    seed: OrNull[Annotated[Whole, Field(ge=0, le=2**32 - 1)]] = None
     """Seed of the hidden parameters that `hidden` does not set; null takes the configuration's seed."""
     severity: Level | SeveritySettings = 0
     """Severity of the world's surprises, from 0 to 4 for both or for `look` and `physics` apart (docs/mirror.md)."""

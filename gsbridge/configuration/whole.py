@@ -117,7 +117,7 @@ class Configuration(Sections):
 
     preset: Literal["toy", "desktop", "paper"]
     """Name of the preset that sets budgets and the scenes to run."""
-    seed: Whole = Field(ge=0)
+    seed: Whole = Field(ge=0, le=2**32 - 1)
     """The one random seed; same seed, same machine, same tables."""
     captures: str = "captures"
     """Folder that relative paths of captures start from, itself relative to the project's folder; a capture that is not there

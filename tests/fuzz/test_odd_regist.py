@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from gsbridge.cameras import Camera, View, read_views, write_views
+from gsbridge.configuration.whole import Configuration
 from gsbridge.errors import InputError
 from gsbridge.files import write_json
+from gsbridge.reading import load_yaml
 from gsbridge.registration.capture import read_board_capture
 from gsbridge.registration.result import read_registration
 
@@ -165,3 +167,31 @@ def test_odd_views_are_refused(tmp_path, odd):
     (tmp_path / "views.json").write_text(json.dumps(content))
     with pytest.raises(InputError, match="run the align stage again"):
         read_views(tmp_path / "views.json", tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a: 1\nb: 2\na: 3\n", "'a' stands twice, in lines 1 and 3"),
+        ("a: {b: 1, b: 2}\n", r"'a\.b' stands twice"),
+        ("a:\n  - b: 1\n    b: 1\n", r"'a\.b' stands twice"),
+        ('a: 1\n"a": 3\n', "in lines 1 and 2"),
+    ],
+)
+def test_a_key_of_yaml_that_stands_twice_is_refused(tmp_path, text, said):
+    (tmp_path / "case.yaml").write_text(text)
+    with pytest.raises(InputError, match=said):
+        load_yaml(tmp_path / "case.yaml", "case", "-")
+
+
+def test_a_key_of_yaml_may_be_laid_over_what_an_alias_brings(tmp_path):
+    (tmp_path / "case.yaml").write_text("a: &a {x: 1, y: 1}\nb: {<<: *a, x: 2}\nc: {x: 1}\n")
+    assert load_yaml(tmp_path / "case.yaml", "case", "-")["b"] == {"x": 2, "y": 1}
+
+
+@pytest.mark.parametrize("seed", [2**32, -1, 10**30, True, "1e9", float("nan")])
+def test_seeds_that_a_stage_would_refuse_are_refused_before_a_run(seed):
+    values = {"preset": "toy", "scenes": {"a": {"kind": "object", "source": {"images": "a"}}}, "presets": {}}
+    assert Configuration(**values, seed=2**32 - 1).seed == 2**32 - 1
+    with pytest.raises(InputError, match="seed"):
+        Configuration(**values, seed=seed)
