@@ -37,6 +37,7 @@ from gsbridge.configuration.registration import RegistrationSettings
 from gsbridge.configuration.scenes import Scene, SharedCamera, WorkspaceSettings
 from gsbridge.configuration.sfm import SfmSettings
 from gsbridge.configuration.splats import SplatSettings
+from gsbridge.errors import InputError
 
 Area = Literal[
     "real2sim", "shapes", "simulator", "policies", "worlds", "severity", "worth", "study", "gap", "gap_rivals", "gap_bodies",
@@ -166,4 +167,14 @@ def read_configuration(config: Mapping[str, Any]) -> dict[str, Any]:
     Raises:
         InputError: A key is misspelt or missing, or a value has a wrong type or range; names the key.
     """
+    _refuse_zero_bytes(config, "config: ")
     return plain(checked(Configuration, config, "config"))
+
+
+def _refuse_zero_bytes(value: Any, place: str) -> None:
+    """Refuse text with a zero byte, which no path and no name can hold; it may stand in any key."""
+    if isinstance(value, str) and "\0" in value:
+        raise InputError(place, f"{value[:80]!r} holds a zero byte", "Remove it")
+    items = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, list) else ()
+    for key, item in items:
+        _refuse_zero_bytes(item, f"{place.removesuffix(': ')}{': ' if place.endswith(': ') else '.'}{key}")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gsbridge.cameras import Camera, View, read_views, write_views
-from gsbridge.configuration.whole import Configuration
+from gsbridge.configuration.whole import Configuration, read_configuration
 from gsbridge.errors import InputError
 from gsbridge.files import write_json
 from gsbridge.reading import load_yaml
@@ -195,3 +195,8 @@ def test_seeds_that_a_stage_would_refuse_are_refused_before_a_run(seed):
     assert Configuration(**values, seed=2**32 - 1).seed == 2**32 - 1
     with pytest.raises(InputError, match="seed"):
         Configuration(**values, seed=seed)
+
+
+def test_a_zero_byte_in_a_path_is_refused():
+    with pytest.raises(InputError, match=r"config: scenes\.a\.source\.images: .* holds a zero byte"):
+        read_configuration({"scenes": {"a": {"kind": "object", "source": {"images": "a\0"}}}})
