@@ -1,7 +1,9 @@
 """What the photos show right beside an object's masks: depth measured there, above the table, is a part that all masks lost.
 
 Masks of the table's colour lose a chimney of that colour in every photo, and then agree with each other, with their hull and
-with the mesh. Stereo knows nothing of colours.
+with the mesh. Stereo knows nothing of colours. But a patch that holds the object's outline shows the object's depth beside the
+object, as far as the patch reaches, which in small photos is further than a lost part need be. So only depth beyond that reach
+counts: beside a plain cube 65 px wide, 161 points lay further off than 5 % of its size, 43 of them in one place; now 3 do.
 """
 
 from __future__ import annotations
@@ -23,13 +25,13 @@ from gsbridge.mesh.repair import depth_inside
 from gsbridge.meshes import Mesh
 
 _AROUND = 0.12
-"""How far beyond a mask depth is looked for, as a share of the root of its area."""
+"""How far beyond the patches that hold a mask's outline depth is looked for, as a share of the root of its area."""
 _VOXELS = 96
 """Samples of the hull of the widened masks."""
 _ACROSS = 32
 """Depths wanted along the root of a mask's area: enough to notice a part that is lost, not to reconstruct it."""
 _OFF = 0.05
-"""Points this far from the mesh, as a share of its size, are not its own. At an outline stereo errs by nearly as much."""
+"""Points this far from the mesh, as a share of its size, are not its own."""
 _LOW = 0.06
 """Points below this share of the size may be the table's."""
 _PART = 0.003
@@ -51,12 +53,13 @@ def points_beside(views: Views, masks: Sequence[Array], settings: MeshSettings, 
     for view, mask in zip(views, masks, strict=True):
         # Square brushes are cheap at any size.
         root = float(np.sqrt((mask > 0.5).sum()))
-        reach = 1 + round(_AROUND * root)
-        across.append(root * min(1.0, settings.image_width / view.camera.width))
+        shrink = min(1.0, settings.image_width / view.camera.width)
+        reach = 1 + round(_AROUND * root + settings.window / shrink)
+        across.append(root * shrink)
         wide.append(cv2.dilate((mask > 0.5).astype(np.float32), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)))
     hull = build_hull(views, wide, vote=settings.hull_vote, voxels=_VOXELS, width=settings.image_width, threads=threads)
     rough = settings.model_copy(update={"stride": max(2 * settings.stride, int(np.median(across) / _ACROSS))})
-    return depth_cloud(views, wide, hull, rough, seed, threads, against_table=True).points
+    return depth_cloud(views, wide, hull, rough, seed, threads, own=masks).points
 
 
 def beside_doubts(mesh: Mesh, points: Array) -> list[str]:

@@ -60,11 +60,19 @@ class DepthCloud:
 
 @dataclass(frozen=True)
 class _Photo:
-    """One photo at working size, cut to the object."""
+    """One photo at working size, cut to the object.
+
+    Args:
+        view: Its view.
+        grey: Grey picture, 0..1. [H, W] float32.
+        mask: Pixels of which patches may consist. [H, W] bool.
+        sought: Pixels whose depth is looked for. [H, W] bool.
+    """
 
     view: View
     grey: Array
     mask: Array
+    sought: Array
 
 
 def rank_sources(views: Sequence[View], target: Array, count: int, best_deg: float = 12.0) -> list[list[int]]:
@@ -99,15 +107,26 @@ def rank_sources(views: Sequence[View], target: Array, count: int, best_deg: flo
     return out
 
 
-def _working_photos(views: Views, masks: Sequence[Array], width: int, stride: int, scale_to: float) -> list[_Photo]:
-    """Photos shrunk to `width` and cut to the mask's surroundings, whose size is a multiple of the stride."""
+def _working_photos(
+    views: Views, masks: Sequence[Array], own: Sequence[Array] | None, settings: MeshSettings, scale_to: float
+) -> list[_Photo]:
+    """Photos shrunk to the working width and cut to the mask's surroundings, whose size is a multiple of the stride.
+
+    Args:
+        views, masks, own, settings: See `depth_cloud`.
+        scale_to: Border round the mask, as a share of its longer side.
+    """
+    stride = settings.stride
     photos = []
-    for view, mask in zip(views, masks, strict=True):
-        camera = view.camera.scaled(min(1.0, width / view.camera.width))
+    for index, (view, mask) in enumerate(zip(views, masks, strict=True)):
+        camera = view.camera.scaled(min(1.0, settings.image_width / view.camera.width))
         size = (camera.width, camera.height)
         grey = cv2.cvtColor(read_image_u8(views.path(view)), cv2.COLOR_RGB2GRAY).astype(np.float32) / 255.0
         grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.float32)
         small = cv2.resize(mask, size, interpolation=cv2.INTER_AREA) > 0.5
+        sought = small
+        if own is not None:
+            sought = _off_outline(small, cv2.resize(own[index], size, interpolation=cv2.INTER_AREA) > 0.5, settings.window)
         rows, columns = np.nonzero(small)
         if len(rows) == 0:
             rows, columns = np.array([0]), np.array([0])
@@ -117,8 +136,21 @@ def _working_photos(views: Views, masks: Sequence[Array], width: int, stride: in
         w, h = (right - left) // stride * stride, (bottom - top) // stride * stride
         camera = camera.cropped(int(left), int(top), int(w), int(h))
         part = (slice(int(top), int(top + h)), slice(int(left), int(left + w)))
-        photos.append(_Photo(replace(view, camera=camera), np.ascontiguousarray(grey[part]), np.ascontiguousarray(small[part])))
+        layers = (np.ascontiguousarray(layer[part]) for layer in (grey, small, sought))
+        photos.append(_Photo(replace(view, camera=camera), *layers))
     return photos
+
+
+def _off_outline(mask: Array, own: Array, window: int) -> Array:
+    """Pixels of a mask but those beside the object whose patches hold a part of it: they take on its depth. [H, W] bool.
+
+    Args:
+        mask: The object with its surroundings. [H, W] bool.
+        own: The object alone. [H, W] bool.
+        window: Radius of the patches, px.
+    """
+    side = 2 * window + 1
+    return mask & (own | (cv2.dilate(own.astype(np.uint8), np.ones((side, side), np.uint8)) == 0))
 
 
 def _relative(photo: View, source: View) -> tuple[Array, Array]:
@@ -171,7 +203,7 @@ def depth_cloud(
     seed: int,
     threads: int,
     *,
-    against_table: bool = False,
+    own: Sequence[Array] | None = None,
 ) -> DepthCloud:
     """Points on the object from depth maps that agree.
 
@@ -181,11 +213,13 @@ def depth_cloud(
         settings: See `MeshSettings`.
         seed: Random seed.
         threads: Threads to use.
-        against_table: Keep only depths that match clearly better than the table does: a printed grid also matches itself one
-            line further, which all photos of an even orbit see at the same height. Nothing is looked for deep in the hull.
+        own: Masks of the object alone, where `masks` hold its surroundings, too. [H, W] each. Of these, only depths count
+            that match clearly better than the table does: a printed grid also matches itself one line further, which all
+            photos of an even orbit see at the same height. None is looked for where a patch holds the object's outline: it
+            would show the object's depth beside the object. Nothing is looked for deep in the hull.
     """
     stride = settings.stride
-    photos = _working_photos(views, masks, settings.image_width, stride, 0.5)
+    photos = _working_photos(views, masks, own, settings, 0.5)
     middle = 0.5 * (hull.mesh.vertices.min(0) + hull.mesh.vertices.max(0))
     sources = rank_sources([photo.view for photo in photos], middle, settings.sources)
     lattice = [_lattice_camera(photo.view.camera, stride) for photo in photos]
@@ -195,7 +229,7 @@ def depth_cloud(
         photo, camera = photos[index], lattice[index]
         front = mesh_depth(hull.mesh.vertices, hull.mesh.faces, camera, photo.view.cam_from_table)
         normals = normals_of_depth(front, camera)
-        inside = photo.mask[stride // 2 :: stride, stride // 2 :: stride][: camera.height, : camera.width]
+        inside = photo.sought[stride // 2 :: stride, stride // 2 :: stride][: camera.height, : camera.width]
         # Depth at which a line of sight meets the table: nothing lies beyond it.
         pose = photo.view.cam_from_table
         fall = camera.pixel_rays() @ pose[:3, 2]
@@ -242,14 +276,14 @@ def depth_cloud(
         if opened.any():
             # A wall just beyond the first search's end pulls matches to that end.
             depth[opened & (depth > far - 0.03 * hull.size)] = 0.0
-        if opened.any() and not against_table:
+        if opened.any() and own is None:
             deeper = opened & ((score < _SURE) | (depth == 0))
             first = np.where(deeper, far - 0.06 * hull.size, np.inf).astype(np.float32)
             deep, deep_score = search(first, end, _DEEP_HYPOTHESES, settings.min_score + _DEEP_MARGIN)
             better = (deep > 0) & ((depth == 0) | (deep_score > score + _DEEP_MARGIN))
             depth = np.where(better, deep, depth)
             score = np.where(better, deep_score, score)
-        if against_table:
+        if own is not None:
             lying = np.broadcast_to(pose[:3, 2], normals.shape).astype(np.float32)
             begin = np.where(np.isfinite(near), (1 - _TOLERANCE) * table, np.inf).astype(np.float32)
             end = ((1 + _TOLERANCE) * table).astype(np.float32)

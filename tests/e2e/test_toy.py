@@ -44,6 +44,8 @@ def test_object_is_cut_out_and_meshed(toy):
     assert score["mask_iou_mean"] >= 0.93
     assert score["visual_chamfer_mm"] <= 2.5
     assert score["collision_chamfer_mm"] <= 3.5
+    mesh = read(toy / "results/scenes/small_cube/mesh/mesh.json")
+    assert mesh["status"] == "pass", mesh["reasons"]
     assert score["visual_watertight"]
     assert score["collision_watertight"]
 
