@@ -11,10 +11,15 @@ import numpy as np
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.geometry import Array
+from gsbridge.reading import refusing, regular_file
 
 if TYPE_CHECKING:
     # Where it is used it is imported: it takes a second, which the reading of the workflow can do without.
     import trimesh
+
+
+LARGEST_MESH = 2**30
+"""Largest size of a mesh's file, bytes: twenty million triangles."""
 
 
 @dataclass(frozen=True)
@@ -80,26 +85,29 @@ def write_mesh(path: str | Path, mesh: Mesh) -> None:
         out.export(str(temporary), file_type="ply")
 
 
-def read_mesh(path: str | Path) -> Mesh:
+def read_mesh(path: str | Path, remedy: str = "Delete it and run the mesh stage again") -> Mesh:
     """Read a mesh (PLY, OBJ, STL).
 
+    Args:
+        path: The file.
+        remedy: What the user can do where it is damaged.
+
     Raises:
-        InputError: The file is missing, damaged or holds no triangle.
+        InputError: The file is missing, too large, damaged or holds no triangle.
     """
     import trimesh
 
-    if not Path(path).is_file():
-        raise InputError(path, "the mesh does not exist", "Check the path, or run the mesh stage")
-    try:
+    regular_file(path, "mesh", "Check the path, or run the mesh stage", LARGEST_MESH)
+    with refusing(path, "the mesh cannot be read", remedy):
         loaded = trimesh.load(str(path), process=False, force="mesh")
         if not isinstance(loaded, trimesh.Trimesh):
             raise ValueError("it holds no triangles")
         vertices = np.asarray(loaded.vertices, dtype=np.float64)
         faces = np.asarray(loaded.faces, dtype=np.int64)
-    except Exception as error:  # trimesh raises many kinds for damaged files; the user needs one clear line
-        raise InputError(path, f"the mesh cannot be read ({error})", "Delete it and run the mesh stage again") from error
     if len(faces) == 0 or not np.isfinite(vertices).all():
-        raise InputError(path, "the mesh holds no triangle or a vertex that is no number", "Run the mesh stage again")
+        raise InputError(path, "the mesh holds no triangle or a vertex that is no number", remedy)
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise InputError(path, f"a triangle of the mesh names a vertex beyond the {len(vertices)} that it holds", remedy)
     colours = None
     if isinstance(loaded.visual, trimesh.visual.ColorVisuals) and loaded.visual.kind == "vertex":
         colours = np.asarray(loaded.visual.vertex_colors)[:, :3].astype(np.float32) / 255.0

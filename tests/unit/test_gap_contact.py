@@ -436,7 +436,7 @@ def test_what_throws_showed_becomes_the_simulations(thrown):
         ({"model": "none.yaml"}, "cannot be read"),
         ({"colour": 1}, "unknown"),
         ({"records": None}, "does not name a file for each role"),
-        ({"horizon": "long"}, "'horizon' is no number"),
+        ({"horizon": "long"}, "'horizon' is 'long', no number"),
         ({"horizon": -1}, "'horizon' is -1"),
         ({"effects": "restitution"}, "no list of names"),
         ({"units": "mm"}, "'units' is no section"),

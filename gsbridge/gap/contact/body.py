@@ -17,13 +17,23 @@ from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.effects.registry import Applied, read_effects
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.description_file import read_description_root
-from gsbridge.gap.formats.yaml_file import read_yaml
+from gsbridge.gap.formats.yaml_file import read_yaml, stated_number
 from gsbridge.geometry import Array
-from gsbridge.reading import load_yaml, refusing
+from gsbridge.meshes import LARGEST_MESH, read_mesh
+from gsbridge.reading import load_yaml, refusing, regular_file
 from gsbridge.robot.urdf import description_of
 
 _LARGEST = 10.0
-"""Longest edge of a box that somebody may throw, m: beyond it, the edges must be in another unit."""
+"""Longest edge of a body that somebody may throw, m: beyond it, lengths must be in another unit."""
+
+MOST = 1e9
+"""Largest figure of a model in SI units; larger ones are slips, and their squares would soon be endless."""
+
+_STEEPEST = 1.5
+"""Largest tilt of a surface, rad."""
+
+_FASTEST = 1e5
+"""Largest number of steps per second: at more, a throw takes minutes."""
 
 MODE = "body"
 """`controller.mode` of a model whose body nothing drives."""
@@ -35,6 +45,15 @@ _KEYS = (
     "urdf", "box", "mass", "centre_of_mass", "inertia", "controller", "surface", "contact", "damping", "gravity",
     "physics_rate", "effects", "evidence",
 )  # fmt: skip
+_LENGTHS = {
+    "box": {"size": 3}, "sphere": {"radius": 1}, "cylinder": {"radius": 1, "length": 1}, "capsule": {"radius": 1, "length": 1},
+    "mesh": {"scale": 3},
+}  # fmt: skip
+"""Shapes of a URDF, with the number of values of what says how large they are."""
+
+_READ = (".obj", ".ply", ".stl")
+"""Meshes whose content is looked at; others are PyBullet's to read."""
+
 _SECTIONS = {
     "controller": ("mode",),
     "surface": ("height", "tilt"),
@@ -178,21 +197,21 @@ def parse_body(content: Any, folder: Path, source: str | Path = "model") -> Free
         mass, inertia = mass * scale, inertia * scale
     com = _row(content.get("centre_of_mass"), com, source, "centre_of_mass")
     if "inertia" in content:
-        inertia = np.diag(_row(content["inertia"], np.zeros(3), source, "inertia"))
+        inertia = np.diag(_row(content["inertia"], np.zeros(3), source, "inertia", 0.0, MOST))
     moments = np.linalg.eigvalsh(inertia)
     if mass <= 0 or moments[0] <= 0 or moments[2] > moments[:2].sum() * (1 + 1e-6):
         raise InputError(source, f"no body has the mass {mass:g} kg and the inertia {moments.tolist()} kg m2", "Correct them")
-    tilt = _row(sections["surface"].get("tilt"), np.zeros(2), source, "surface.tilt")
+    tilt = _row(sections["surface"].get("tilt"), np.zeros(2), source, "surface.tilt", -_STEEPEST, _STEEPEST)
 
-    def positive(section: Mapping[str, Any], prefix: str, key: str, default: float = 0.0, high: float = np.inf) -> float:
+    def positive(section: Mapping[str, Any], prefix: str, key: str, default: float = 0.0, high: float = MOST) -> float:
         return number(section.get(key, default), source, prefix + key, 0.0, high)
 
     damping = sections["damping"]
-    figures = {name: positive(contact, "contact.", name, high=1.0 if name == "restitution" else np.inf) for name in CONTACT}
+    figures = {name: positive(contact, "contact.", name, high=1.0 if name == "restitution" else MOST) for name in CONTACT}
     figures |= {
         "compliance": 1.0 / number(contact["stiffness"], source, "contact.stiffness", 1.0) if "stiffness" in contact else 0.0,
         "contact_damping": positive(contact, "contact.", "damping"),
-        "height": number(sections["surface"].get("height", 0.0), source, "surface.height"),
+        "height": number(sections["surface"].get("height", 0.0), source, "surface.height", -_LARGEST, _LARGEST),
         "tilt_x": float(tilt[0]),
         "tilt_y": float(tilt[1]),
         "linear_damping": positive(damping, "damping.", "linear"),
@@ -200,11 +219,11 @@ def parse_body(content: Any, folder: Path, source: str | Path = "model") -> Free
         "gravity": positive(content, "", "gravity", 9.81),
     }
     effects = read_effects(content.get("effects") or [], source, BODY_EFFECTS)
-    rate = number(content.get("physics_rate", 500.0), source, "physics_rate", 50.0)
+    rate = number(content.get("physics_rate", 500.0), source, "physics_rate", 50.0, _FASTEST)
     return FreeBody(source, shapes, mass, com, inertia, figures, rate, effects)
 
 
-def number(value: Any, source: str | Path, key: str, low: float = -np.inf, high: float = np.inf) -> float:
+def number(value: Any, source: str | Path, key: str, low: float = -MOST, high: float = MOST) -> float:
     """A number of a file.
 
     Args:
@@ -216,14 +235,7 @@ def number(value: Any, source: str | Path, key: str, low: float = -np.inf, high:
     Raises:
         InputError: It is none, or out of bounds.
     """
-    try:
-        out = float(value)
-    except (TypeError, ValueError) as error:
-        raise InputError(source, f"'{key}' is no number but {value!r}", "Give a number") from error
-    if not low <= out <= high or not np.isfinite(out):
-        bounds = f"at least {low:g}" if high == np.inf else f"{low:g} to {high:g}"
-        raise InputError(source, f"'{key}' is {out:g}", f"Give {bounds}" if np.isfinite(low) else "Give a finite number")
-    return out
+    return stated_number(value, low, high, key, "", source)
 
 
 def _check(content: Any, known: tuple[str, ...], source: Path, prefix: str) -> None:
@@ -235,20 +247,18 @@ def _check(content: Any, known: tuple[str, ...], source: Path, prefix: str) -> N
             raise InputError(source, f"the key '{prefix}{key}' is unknown", f"Use only: {', '.join(known)}")
 
 
-def _row(values: Any, default: Array, source: Path, key: str) -> Array:
-    """Numbers of a key."""
-    try:
-        out = np.asarray(default if values is None else values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(source, f"'{key}' holds no numbers", f"Give {len(default)}") from error
-    if out.shape != default.shape:
+def _row(values: Any, default: Array, source: Path, key: str, low: float = -_LARGEST, high: float = _LARGEST) -> Array:
+    """Numbers of a key, each within bounds."""
+    if values is None:
+        return default
+    if not isinstance(values, list) or len(values) != len(default):
         raise InputError(source, f"'{key}' needs {len(default)} numbers", f"E.g. [{', '.join(['0'] * len(default))}]")
-    return out
+    return np.array([number(value, source, key, low, high) for value in values])
 
 
 def _box(content: Mapping[str, Any], source: Path) -> tuple[tuple[str, ...], float, Array, Array]:
     """A solid box."""
-    edges = _row(content["box"], np.zeros(3), source, "box")
+    edges = _row(content["box"], np.zeros(3), source, "box", -MOST, MOST)
     if "mass" not in content or (edges <= 0).any():
         raise InputError(source, "a box needs 'mass' (kg) and three edges above zero (m)", "State them")
     if edges.max() > _LARGEST:
@@ -271,12 +281,46 @@ def _link(path: Path, source: Path) -> tuple[tuple[str, ...], float, Array, Arra
         )
     shapes = []
     for element in description.root.iterfind("link/collision"):
-        for mesh in element.iter("mesh"):
-            mesh.set("filename", str((path.parent / mesh.attrib["filename"].removeprefix("package://")).resolve()))
-            mesh.attrib.setdefault("scale", "1 1 1")
+        _check_shape(element, path)
         shapes.append(ElementTree.tostring(element, encoding="unicode"))
     inertial = description.inertials.get(description.base)
     if inertial is None or not shapes:
         raise InputError(path, "the link lacks 'inertial' or 'collision'", "Add mass, inertia and a shape")
     turn = Rotation.from_euler("xyz", inertial.origin.rpy).as_matrix()
     return tuple(shapes), inertial.mass, np.array(inertial.origin.xyz), turn @ inertial.tensor @ turn.T
+
+
+def _check_shape(collision: ElementTree.Element, path: Path) -> None:
+    """Check a `collision` element of a URDF, and give the paths of its meshes from the root.
+
+    Raises:
+        InputError: It has no shape or an unknown one, a length that is none, or a mesh that cannot be read.
+    """
+    solids = [element for element in collision.findall("geometry/*") if element.tag in _LENGTHS]
+    if len(solids) != 1:
+        raise InputError(path, "a collision element has no shape", f"Give one of {', '.join(_LENGTHS)}")
+    (solid,) = solids
+    if solid.tag == "mesh":
+        solid.attrib.setdefault("scale", "1 1 1")
+    for key, count in _LENGTHS[solid.tag].items():
+        try:
+            lengths = [float(word) for word in solid.get(key, "").split()]
+        except ValueError:
+            lengths = []
+        # A mesh may be in any unit, and mirrored.
+        sizes, most = (np.abs(lengths), MOST) if key == "scale" else (np.array(lengths), _LARGEST)
+        if len(lengths) != count or not ((sizes > 0.0) & (sizes <= most)).all():
+            what = f'the {solid.tag} of a collision element has {key}="{solid.get(key, "")[:80]}"'
+            raise InputError(path, what, f"Give {count} of at most {most:g} m, none of them zero")
+    if solid.tag == "mesh":
+        name = solid.get("filename", "")
+        mesh = path.parent / name.removeprefix("file://").removeprefix("package://")
+        remedy = f"Check the mesh that {path.name} names"
+        regular_file(mesh, "mesh of the body", remedy, LARGEST_MESH)
+        if mesh.suffix.lower() in _READ:
+            edges = np.ptp(read_mesh(mesh, remedy).vertices, axis=0) * np.abs(lengths)
+            if edges.max() > _LARGEST:
+                raise InputError(
+                    mesh, f"the body is {edges.max():g} m large: it looks like millimetres", f"{remedy}, and its scale"
+                )
+        solid.set("filename", str(mesh.resolve()))

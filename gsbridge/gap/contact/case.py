@@ -21,6 +21,9 @@ from gsbridge.gap.diagnosis.results import ROLES
 from gsbridge.gap.formats.yaml_file import read_case_file
 from gsbridge.reading import refusing
 
+_LONGEST = 60.0
+"""Longest stretch of a throw that is replayed, s: chaos has long taken over."""
+
 _KEYS = ("model", "records", "columns", "units", "effects", "horizon")
 
 
@@ -61,7 +64,7 @@ def _throw_case(path: Path) -> ThrowCase:
     for key in ("columns", "units"):
         if not isinstance(content.get(key) or {}, Mapping):
             raise InputError(path, f"'{key}' is no section", "Write 'name: value' lines below it; see docs/gap_objects.md")
-    horizon = number(content.get("horizon", HORIZON), path, "horizon", low=SHORTEST)
+    horizon = number(content.get("horizon", HORIZON), path, "horizon", SHORTEST, _LONGEST)
     body = read_body(path.parent / str(content["model"]))
     body_setup(body)
     names = read_names(content.get("effects"), path, BODY_EFFECTS, JOINT_EFFECTS)
