@@ -54,7 +54,9 @@ def description_of_mjcf(path: str | Path) -> ElementTree.Element:
             raise InputError(path, "a number of it is NaN", "Correct the MJCF")
         logger.warning("%s: %s", path, message)
     _refuse(model, path)
-    root = ElementTree.Element("robot", name=Path(path).stem, gravity=numbers(model.opt.gravity))
+    without = bool(model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY))
+    gravity = np.zeros(3) if without else model.opt.gravity
+    root = ElementTree.Element("robot", name=Path(path).stem, gravity=numbers(gravity))
     # Where each body's own frame is, seen from the link that stands for it: links begin at their joint's anchor.
     link_from_body: list[Array] = [np.eye(4)] * model.nbody
     names = [_name(model, mujoco.mjtObj.mjOBJ_BODY, k, "body") for k in range(model.nbody)]
@@ -95,11 +97,22 @@ def _refuse(model: mujoco.MjModel, path: str | Path) -> None:
                 f"'{name}' is a {_LOOSE[kind]} joint",
                 "A diagnosis knows hinges and slides: fix the base, or split the joint",
             )
+        low, high = model.jnt_range[j]
+        if low > high:
+            # MuJoCo takes such a range for none.
+            raise InputError(path, f"joint '{name}' has a range from {low:g} to {high:g}", "Write the smaller limit first")
         if float(model.jnt_stiffness[j]) != 0.0:
             raise InputError(
                 path, f"joint '{name}' has a spring (stiffness {float(model.jnt_stiffness[j]):g})",
                 "Take it out, and write it into the model as the effect 'spring'",
             )  # fmt: skip
+    lifted = np.flatnonzero(model.body_gravcomp)
+    if len(lifted):
+        body = _name(model, mujoco.mjtObj.mjOBJ_BODY, int(lifted[0]), "body")
+        raise InputError(
+            path, f"gravity does not act whole on body '{body}' (gravcomp)",
+            "Take it out; where the controller bears the weight, state 'gravity: [0, 0, 0]' in the model",
+        )  # fmt: skip
     if model.neq:
         raise InputError(
             path, f"it has {model.neq} constraints of <equality>", "A diagnosis knows open chains only: take them out"

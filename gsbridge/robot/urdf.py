@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite
@@ -12,6 +13,7 @@ import numpy as np
 
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
+from gsbridge.reading import LARGEST_TEXT, refusing, regular_file
 from gsbridge.robot.links import Inertia, Joint, rotation_from_rpy
 
 KINDS = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
@@ -112,16 +114,13 @@ def read_description(path: str | Path) -> Description:
     """Read a URDF.
 
     Raises:
-        InputError: The file is missing or no URDF; a link or joint lacks something, has a number that is none, a type that
-            is unknown, an axis of no length, or mass properties that no body has; or the links form no tree.
+        InputError: The file is missing, too large or no URDF, or is xacro; a link or joint lacks something, has a number that
+            is none, a type that is unknown, an axis of no length, limits that no joint has, or mass properties that no body
+            has; or the links form no tree.
     """
-    source = Path(path)
-    try:
+    source = regular_file(path, "URDF", "Check the path, or build the robot", LARGEST_TEXT)
+    with refusing(source, "this is no valid XML", "Export it, or build the robot, again"):
         root = ElementTree.parse(source).getroot()
-    except OSError as error:
-        raise InputError(source, "there is no such file, or it cannot be read", "Check the path, or build the robot") from error
-    except (ElementTree.ParseError, LookupError, ValueError) as error:
-        raise InputError(source, f"this is no valid XML ({error})", "Export it, or build the robot, again") from error
     return description_of(root, source)
 
 
@@ -135,6 +134,7 @@ def description_of(root: ElementTree.Element, source: str | Path) -> Description
     Raises:
         InputError: As `read_description`.
     """
+    _refuse_xacro(root, source)
     _tidy(root)
     if root.tag != "robot":
         raise InputError(source, "this is no URDF: its root is no <robot>", "Export the URDF again")
@@ -152,6 +152,19 @@ def description_of(root: ElementTree.Element, source: str | Path) -> Description
     except _DamageError as error:
         raise InputError(source, str(error), _MEND) from error
     return Description(root, links, base, ordered, origins, inertials)
+
+
+def _refuse_xacro(root: ElementTree.Element, source: str | Path) -> None:
+    """Refuse a description that has yet to be expanded.
+
+    Raises:
+        InputError: It has elements or expressions of xacro.
+    """
+    if any(isinstance(element.tag, str) and "wiki/xacro}" in element.tag for element in root.iter()) or any(
+        "${" in value for element in root.iter() for value in element.attrib.values()
+    ):
+        plain = Path(source).name.removesuffix(".xacro").removesuffix(".urdf")
+        raise InputError(source, "this is a xacro file", f"Expand it first: xacro {Path(source).name} > {plain}_expanded.urdf")
 
 
 def _tidy(root: ElementTree.Element) -> None:
@@ -188,8 +201,9 @@ def read_urdf(path: str | Path) -> Tree:
 def collision_meshes(path: str | Path) -> list[Path]:
     """Shapes of contact that a URDF names; none where it cannot be read, which whoever reads it next tells."""
     try:
-        root = ElementTree.parse(path).getroot()
-    except (OSError, ElementTree.ParseError):
+        with refusing(path, "this is no valid XML", _MEND):
+            root = ElementTree.parse(regular_file(path, "URDF", _MEND, LARGEST_TEXT)).getroot()
+    except InputError:
         return []
     _tidy(root)
     names = [mesh.attrib.get("filename", "") for mesh in root.iterfind("link/collision/geometry/mesh")]
@@ -267,6 +281,14 @@ def _joint(element: ElementTree.Element) -> Joint:
     follows = None if mimic is None else mimic.get("joint")
     if mimic is not None and not follows:
         raise _DamageError(f"{what} lacks <mimic joint=>")
+    (lower,), (upper,) = (_numbers(bounded, key, str(sign * inf), what) for key, sign in (("lower", -1), ("upper", 1)))
+    if lower > upper:
+        raise _DamageError(f"{what} has a lower limit of {lower:g} above its upper one of {upper:g}")
+    most = {key: _numbers(limit, key, "0", what)[0] for key in ("velocity", "effort")}
+    lost = {key: _numbers(losses, key, "0", what)[0] for key in ("damping", "friction")}
+    below = next((key for key, value in (most | lost).items() if value < 0.0), None)
+    if below is not None:
+        raise _DamageError(f"{what} has a {below} below zero")
     return Joint(
         name,
         ends[0],
@@ -274,29 +296,30 @@ def _joint(element: ElementTree.Element) -> Joint:
         read_origin(element, what).transform(),
         kind,
         (x, y, z),
-        lower=_numbers(bounded, "lower", str(-inf), what)[0],
-        upper=_numbers(bounded, "upper", str(inf), what)[0],
-        velocity=_numbers(limit, "velocity", "0", what)[0],
-        effort=_numbers(limit, "effort", "0", what)[0],
+        lower=lower,
+        upper=upper,
+        velocity=most["velocity"],
+        effort=most["effort"],
         follows=follows,
         multiplier=_numbers(mimic, "multiplier", "1", what)[0],
         offset=_numbers(mimic, "offset", "0", what)[0],
-        damping=_numbers(losses, "damping", "0", what)[0],
-        friction=_numbers(losses, "friction", "0", what)[0],
+        damping=lost["damping"],
+        friction=lost["friction"],
     )
 
 
 def _ordered(links: Sequence[str], joints: Sequence[Joint]) -> tuple[str, tuple[Joint, ...]]:
     """The base and the joints with parents first, otherwise in the file's order."""
     for names, what in ((links, "link"), ([joint.name for joint in joints], "joint"), ([j.child for j in joints], "child")):
-        twice = next((name for name in names if list(names).count(name) > 1), None)
+        twice = next((name for name, count in Counter(names).items() if count > 1), None)
         if twice is not None:
             raise _DamageError(f"the links form no tree: '{twice}' is there twice as a {what}")
+    there, called = set(links), {joint.name for joint in joints}
     for joint in joints:
         for end, name in (("parent", joint.parent), ("child", joint.child)):
-            if name not in links:
+            if name not in there:
                 raise _DamageError(f"the {end} of joint {joint.name}, '{name}', is not there: no <link> has that name")
-        if joint.follows is not None and joint.follows not in [other.name for other in joints]:
+        if joint.follows is not None and joint.follows not in called:
             raise _DamageError(f"joint {joint.name} follows '{joint.follows}', which is no joint")
     children = {joint.child for joint in joints}
     bases = [link for link in links if link not in children]
@@ -304,12 +327,17 @@ def _ordered(links: Sequence[str], joints: Sequence[Joint]) -> tuple[str, tuple[
         raise _DamageError(
             f"the links form no tree: {len(bases)} links have no parent ({', '.join(bases) or 'they go in a circle'})"
         )
-    known, ordered, waiting = {bases[0]}, list[Joint](), list(joints)
-    while waiting:
-        ready = [joint for joint in waiting if joint.parent in known]
-        if not ready:
-            raise _DamageError(f"the links form no tree: joint {waiting[0].name} hangs on itself")
+    # Link by link from the base on: those of one generation in the file's order.
+    carried: dict[str, list[Joint]] = {}
+    for joint in joints:
+        carried.setdefault(joint.parent, []).append(joint)
+    place = {joint.name: number for number, joint in enumerate(joints)}
+    ordered, ready = list[Joint](), carried.get(bases[0], [])
+    while ready:
         ordered += ready
-        known |= {joint.child for joint in ready}
-        waiting = [joint for joint in waiting if joint.child not in known]
+        ready = sorted((below for joint in ready for below in carried.get(joint.child, [])), key=lambda one: place[one.name])
+    if len(ordered) < len(joints):
+        reached = {joint.name for joint in ordered}
+        lost = next(joint.name for joint in joints if joint.name not in reached)
+        raise _DamageError(f"the links form no tree: joint {lost} hangs on itself")
     return bases[0], tuple(ordered)

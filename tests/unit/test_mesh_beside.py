@@ -42,16 +42,16 @@ def test_a_shell_within_the_noise_of_the_mesh_is_no_part(share):
     [
         ([0.03, -0.003, 0.035], [0.036, 0.003, 0.041]),
         ([-0.003, -0.003, 0.05], [0.003, 0.003, 0.056]),
-        ([-0.005, -0.026, 0.0], [0.005, -0.02, 0.006]),
+        ([-0.01, -0.026, 0.0], [0.01, -0.02, 0.006]),
     ],
     ids=["an ear at its side", "a knob on its top", "one side of a plinth"],
 )
 def test_a_part_of_a_tenth_of_the_size_is_said_though_few_points_lie_on_it(low, high):
     rng = np.random.default_rng(3)
     part = rng.uniform(low, high, (2000, 3))
-    far = part[(depth_inside(brick(), part) < -0.055 * SIZE) & (part[:, 2] > 0.07 * SIZE)][:25]
+    far = part[(depth_inside(brick(), part) < -0.055 * SIZE) & (part[:, 2] > 0.07 * SIZE)][:40]
     (reason,) = beside_doubts(brick(), np.concatenate([shell(0.01 * SIZE), far]))
-    assert "25 points are measured in one place beside the mesh" in reason
+    assert "40 points are measured in one place beside the mesh" in reason
 
 
 VIEWS = around(Camera(240, 180, 300.0, 300.0, 120.0, 90.0), 20, (25.0, 45.0), np.array([0.0, 0.0, 0.025]))

@@ -204,7 +204,7 @@ def test_bad_descriptions_are_named(tmp_path, content, problem):
     path.write_text(content)
     with pytest.raises(InputError, match=rf"bad\.urdf: .*{problem}"):
         read_urdf(path)
-    with pytest.raises(InputError, match="there is no such file"):
+    with pytest.raises(InputError, match="it does not exist"):
         read_urdf(tmp_path / "none.urdf")
 
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from xml.etree import ElementTree
 
-from gsbridge.errors import InputError
-from gsbridge.reading import LARGEST_TEXT, regular_file
+from gsbridge.reading import LARGEST_TEXT, refusing, regular_file
 
 
 def read_description_root(path: str | Path, key: str, named_in: str | Path) -> ElementTree.Element:
@@ -23,11 +21,6 @@ def read_description_root(path: str | Path, key: str, named_in: str | Path) -> E
     Raises:
         InputError: There is no such file, it is a folder, a device or a pipe, or it is no XML.
     """
-    if os.path.exists(path):
-        regular_file(path, "description", f"Check '{key}' in {named_in}", LARGEST_TEXT)
-    try:
-        return ElementTree.parse(path).getroot()
-    except OSError as error:
-        raise InputError(path, "there is no such file, or it cannot be read", f"Check '{key}' in {named_in}") from error
-    except (ElementTree.ParseError, LookupError, ValueError) as error:
-        raise InputError(path, f"this is no valid XML ({error})", "Correct it, or export it again") from error
+    file = regular_file(path, "description", f"Check '{key}' in {named_in}", LARGEST_TEXT)
+    with refusing(path, "this is no valid XML", "Correct it, or export it again"):
+        return ElementTree.parse(file).getroot()

@@ -164,7 +164,19 @@ def _joint_case(path: Path) -> JointCase:
             reasons.append(
                 f"joint '{joint}' is logged up to {far:.2g} {unit} from zero, where the model holds it, for 'joints' lacks it"
             )
+    reasons += _still(system)
     return JointCase(model, system, records, names, (*reasons, *split))
+
+
+def _still(system: MechanismModel) -> list[str]:
+    """Which parts ought to move with a joint of the model and stand still in it. Sentences."""
+    description = read_mechanism_description(system.urdf)
+    return [
+        f"joint '{joint.name}' follows '{joint.follows}' in the URDF and stands still in the model, with at least"
+        f" {description.inertials[joint.child].mass:.2g} kg: if that matters, name it in 'joints' and log it, too"
+        for joint in description.joints
+        if joint.follows in system.joints and joint.name not in system.joints and joint.child in description.inertials
+    ]
 
 
 def _held(system: MechanismModel) -> dict[str, bool]:

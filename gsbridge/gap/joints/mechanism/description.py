@@ -13,9 +13,10 @@ import numpy as np
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.description_file import read_description_root
 from gsbridge.geometry import Array
-from gsbridge.reading import refusing
+from gsbridge.meshes import LARGEST_MESH
+from gsbridge.reading import refusing, regular_file
 from gsbridge.robot.mjcf import description_of_mjcf, is_mjcf
-from gsbridge.robot.mjcf_files import mjcf_files
+from gsbridge.robot.mjcf_files import mjcf_named
 from gsbridge.robot.urdf import Description, description_of
 
 MOST_ELEMENTS = 100_000
@@ -50,19 +51,35 @@ def read_mechanism_description(path: str | Path, key: str = "urdf", named_in: st
         InputError: As `gsbridge.robot.urdf.read_description` and `gsbridge.robot.mjcf.description_of_mjcf`.
     """
     root = read_description_root(path, key, named_in)
-    if any(isinstance(element.tag, str) and "wiki/xacro}" in element.tag for element in root.iter()) or any(
-        "${" in value for element in root.iter() for value in element.attrib.values()
-    ):
-        plain = Path(path).name.removesuffix(".xacro").removesuffix(".urdf")
-        raise InputError(path, "this is a xacro file", f"Expand it first: xacro {Path(path).name} > {plain}_expanded.urdf")
     if is_mjcf(root):
         _refuse_giants(root, path)
-        for other in mjcf_files(path):
-            if other.suffix == ".xml":
-                _refuse_giants(read_description_root(other, key, named_in), other)
+        _check_named(path, key, named_in, set())
         with refusing(path, "MuJoCo cannot read it", "Correct the MJCF"):
             root = description_of_mjcf(path)
     return description_of(root, path)
+
+
+def _check_named(path: str | Path, key: str, named_in: str | Path, seen: set[Path]) -> None:
+    """Check what an MJCF names before MuJoCo opens it, and what that names in turn.
+
+    Args:
+        path: The file.
+        key: Key of the model that names the first of them, for messages.
+        named_in: File of the model, for messages.
+        seen: Files that were checked.
+
+    Raises:
+        InputError: It names a folder, a device or a pipe, or a file that is too large or no XML.
+    """
+    for other in mjcf_named(path):
+        if other.resolve() in seen:
+            continue
+        seen.add(other.resolve())
+        if other.suffix == ".xml":
+            _refuse_giants(read_description_root(other, key, named_in), other)
+            _check_named(other, key, named_in, seen)
+        elif not other.is_dir():
+            regular_file(other, "file that the MJCF names", "Correct the MJCF", LARGEST_MESH)
 
 
 def _refuse_giants(root: ElementTree.Element, source: str | Path) -> None:
