@@ -20,9 +20,9 @@ from gsbridge.gap.contact.case import read_throw_case, split_throws
 from gsbridge.gap.contact.diagnose import ThrowAccount, diagnose_throws
 from gsbridge.gap.contact.identify import ThrowHypothesis, ThrowIdentification, ThrowRules, closure
 from gsbridge.gap.contact.interval import intervals
-from gsbridge.gap.contact.null import ThrowNull
+from gsbridge.gap.contact.null import ThrowNull, throw_null
 from gsbridge.gap.contact.replay import ThrowReplay
-from gsbridge.gap.contact.search import lowest, refine, screen
+from gsbridge.gap.contact.search import grid, lowest, promised, refine, screen
 from gsbridge.gap.contact.setup import body_setup
 from gsbridge.gap.contact.starts import pooled_speeds, quat_from_turn, starts_of, turn_between
 from gsbridge.gap.contact.throws import Throw, Throws, read_throws, write_throws
@@ -327,20 +327,45 @@ def test_a_large_size_that_fits_by_chance_hides_no_small_one(monkeypatch):
     assert 0.01 < screen(replay, "inertia_scale").effect.parameters["share"] < 0.15
 
 
-def test_an_interval_knows_that_bodies_sink_in(tmp_path):
-    """A contact of some milliseconds lets a ball sink in by some per cent of its radius, at which friction turns it."""
+def soft_ball(folder, inertia):
+    """Throws of a ball whose contacts last 4 ms, and the model of one whose contacts do not."""
     moments = " ".join(f'{axes}="{value}"' for axes, value in zip(_MOMENTS, [1.96e-4] * 3 + [0] * 3, strict=True))
-    (tmp_path / "ball.urdf").write_text(
+    (folder / "ball.urdf").write_text(
         f'<robot name="ball"><link name="ball"><inertial><mass value="0.4"/><inertia {moments}/></inertial>'
         '<collision><geometry><sphere radius="0.035"/></geometry></collision></link></robot>'
     )
     model = {"urdf": "ball.urdf", "controller": {"mode": "body"}, "contact": {"friction": 0.4}}
-    ball = ThrowScene("ball", (0.07,) * 3, friction=0.4, inertia=1.4, slowness=0.004, duration=HORIZON, noise=(5e-5, 5e-4))
-    replay = ThrowReplay(parse_body(model, tmp_path), throw_box(ball, 20, 5), HORIZON)
+    scene = {"friction": 0.4, "inertia": inertia, "slowness": 0.004, "duration": HORIZON, "noise": (5e-5, 5e-4)}
+    return ThrowReplay(parse_body(model, folder), throw_box(ThrowScene("ball", (0.07,) * 3, **scene), 20, 5), HORIZON)
+
+
+def test_an_interval_knows_that_bodies_sink_in(tmp_path):
+    """A contact of some milliseconds lets a ball sink in by some per cent of its radius, at which friction turns it."""
+    replay = soft_ball(tmp_path, 1.4)
     fit = refine(replay, (Applied("inertia_scale", "", {"share": 0.3}),))
     (spans,) = intervals(replay, fit, np.random.default_rng(0))
     assert spans["share"][0] < 0.4 < spans["share"][1]
     assert spans["share"][1] - spans["share"][0] < 0.2
+
+
+@pytest.mark.parametrize(("inertia", "alarm"), [(1.0, False), (1.1, True)])
+def test_a_ball_that_sinks_in_raises_no_alarm_and_one_that_is_heavier_to_turn_does(tmp_path, inertia, alarm):
+    replay = soft_ball(tmp_path, inertia)
+    null = throw_null(replay, (), np.random.default_rng(0), weigh=True)
+    assert (null.p_value(replay.errors(), replay.early()) < 0.01) == alarm
+
+
+def test_the_effect_that_is_missing_promises_most():
+    """Beside a friction that is found, and without one simulation more than those of the grids."""
+    replay = ThrowReplay(parse_body(MODEL, "."), own_throws(0.3, 12, 1), HORIZON)
+    base, names = (Applied("inertia_scale", "", {"share": 0.1}),), ("contact_friction", "gravity_scale", "linear_damping")
+    for effects in (base, *((point,) for name in names for point in grid(name))):
+        replay.flights(effects)
+    before = replay.runs
+    shares = {name: promised(replay, name, base) for name in names}
+    assert replay.runs == before
+    assert max(shares, key=shares.get) == "contact_friction"
+    assert 0.0 <= min(shares.values()) <= max(shares.values()) <= 1.0
 
 
 def test_a_fitted_size_is_the_hidden_one():

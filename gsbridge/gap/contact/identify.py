@@ -12,12 +12,15 @@ from gsbridge.effects.registry import Applied
 from gsbridge.gap.contact.bank import FEW, GridBank
 from gsbridge.gap.contact.null import ThrowNull, throw_null
 from gsbridge.gap.contact.replay import ThrowReplay
-from gsbridge.gap.contact.search import GridMatch, ThrowFit, refine, screen
+from gsbridge.gap.contact.search import GridMatch, ThrowFit, grid, promised, refine, screen
 from gsbridge.gap.diagnosis.results import Finding
 from gsbridge.geometry import Array
 
 FEWER = 10
 """Number of throws on which one more effect is searched for beside those already found; the bank has no such simulations."""
+
+_CANDIDATES = 6
+"""Number of effects whose grids are walked there: those that would explain most if motions added up."""
 
 _NEAR = 1.5
 """Multiple of the best fit's error up to which others are fitted on all throws too."""
@@ -220,12 +223,11 @@ class ThrowIdentification:
     def _grow(self, base: Sequence[Applied], tries: int, floor: float) -> ThrowHypothesis | None:
         """The best explanation with one effect more; None where a few throws show no use of any."""
         fewer = self.first.part(FEWER)
-        taken = {applied.name for applied in base}
-        if not self._affords(len(self.bank.matches) * FEWER / len(self.first)):
+        others = {name for name in self.bank.names if name not in {applied.name for applied in base}}
+        names = sorted(others, key=lambda name: (-promised(self.few, name, base), name))[:_CANDIDATES]
+        if not self._affords(sum(len(grid(name)) for name in names) * FEWER / len(self.first)):
             return None
-        matches: list[GridMatch] = sorted(
-            (screen(fewer, name, base) for name in self.bank.names if name not in taken), key=lambda match: match.error
-        )
+        matches: list[GridMatch] = sorted((screen(fewer, name, base) for name in names), key=lambda match: match.error)
         plain, left = (float(self.few.errors(effects).mean()) for effects in ((), base))
         fits = [refine(self.few, (*base, match.effect)) for match in matches[:tries]]
         # What wins less than half of what it must win on other throws is not worth fitting on all.

@@ -23,10 +23,6 @@ _RISES = (0.03, 0.3)
 
 _TRIES = 4
 
-_SUNK = 0.03
-"""Share of its size by which a body sinks in while it is pushed, at most: at 1 m/s, a contact that lasts 5 ms lets it sink in
-by 1.6 mm at its deepest and by 1.2 mm on average, which is a thirtieth of 40 mm."""
-
 
 def intervals(replay: ThrowReplay, fit: ThrowFit, rng: np.random.Generator) -> list[dict[str, tuple[float, float]]]:
     """90 % intervals of all parameters, one by one, from where a parabola through the error's profile is lowest.
@@ -41,7 +37,7 @@ def intervals(replay: ThrowReplay, fit: ThrowFit, rng: np.random.Generator) -> l
     """
     out, effects = [], fit.effects
     few = replay.part(null.FEW)
-    sets = null.replicates(few, effects, rng, sunk=_SUNK)
+    sets = null.replicates(few, effects, rng)
     seen = [([flight.position for flight in row], [flight.quat for flight in row]) for row in sets]
     usual = float(np.mean([few.apart(few.flights(effects), *row) for row in seen]))
     misfit = max(1.0, float(replay.errors(effects).mean()) / usual)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -121,6 +121,29 @@ def screen(replay: ThrowReplay, name: str, base: Sequence[Applied] = ()) -> Grid
         errors.append(mean_error(replay, (*base, together)))
     best = int(np.argmin(errors))
     return GridMatch(points[best], errors[best], change)
+
+
+def promised(replay: ThrowReplay, name: str, base: Sequence[Applied]) -> float:
+    """Share of the squared distances left by some effects that another would explain if motions added up.
+
+    Nothing is simulated: what each point of its grid does alone is known. Bodies that tumble know no such sums, so this only
+    tells which effects are worth a simulation.
+
+    Args:
+        replay: Throws and model, with the effect's grid and the others simulated before.
+        name: Name of the effect.
+        base: Effects that are already part of the model.
+    """
+    plain, together = replay.flights(), replay.flights(base)
+    best = 0.0
+    for applied in grid(name):
+        moved = [
+            replace(flight, position=flight.position + one.position - none.position)
+            for flight, one, none in zip(together, replay.flights((applied,)), plain, strict=True)
+        ]
+        share, explained = _projected(replay, together, moved)
+        best = max(best, explained if share > 0.0 else 0.0)
+    return best
 
 
 def _projected(replay: ThrowReplay, plain: Sequence[Flight], moved: Sequence[Flight]) -> tuple[float, float]:
