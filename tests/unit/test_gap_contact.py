@@ -362,8 +362,10 @@ def test_the_effect_that_is_missing_promises_most():
     for effects in (base, *((point,) for name in names for point in grid(name))):
         replay.flights(effects)
     before = replay.runs
-    shares = {name: promised(replay, name, base) for name in names}
+    found = {name: promised(replay, name, base) for name in names}
     assert replay.runs == before
+    shares = {name: share for name, (_, share) in found.items()}
+    assert found["contact_friction"][0].parameters["friction"] == pytest.approx(-0.2, abs=0.08)
     assert max(shares, key=shares.get) == "contact_friction"
     assert 0.0 <= min(shares.values()) <= max(shares.values()) <= 1.0
 

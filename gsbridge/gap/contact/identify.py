@@ -12,15 +12,12 @@ from gsbridge.effects.registry import Applied
 from gsbridge.gap.contact.bank import FEW, GridBank
 from gsbridge.gap.contact.null import ThrowNull, throw_null
 from gsbridge.gap.contact.replay import ThrowReplay
-from gsbridge.gap.contact.search import GridMatch, ThrowFit, grid, promised, refine, screen
+from gsbridge.gap.contact.search import GridMatch, ThrowFit, mean_error, promised, refine, screen
 from gsbridge.gap.diagnosis.results import Finding
 from gsbridge.geometry import Array
 
-FEWER = 10
-"""Number of throws on which one more effect is searched for beside those already found; the bank has no such simulations."""
-
-_CANDIDATES = 6
-"""Number of effects whose grids are walked there: those that would explain most if motions added up."""
+_CANDIDATES = 4
+"""Further effects that are simulated beside those already found: those that would explain most if motions added up."""
 
 _NEAR = 1.5
 """Multiple of the best fit's error up to which others are fitted on all throws too."""
@@ -222,14 +219,14 @@ class ThrowIdentification:
 
     def _grow(self, base: Sequence[Applied], tries: int, floor: float) -> ThrowHypothesis | None:
         """The best explanation with one effect more; None where a few throws show no use of any."""
-        fewer = self.first.part(FEWER)
-        others = {name for name in self.bank.names if name not in {applied.name for applied in base}}
-        names = sorted(others, key=lambda name: (-promised(self.few, name, base), name))[:_CANDIDATES]
-        if not self._affords(sum(len(grid(name)) for name in names) * FEWER / len(self.first)):
+        others = [name for name in self.bank.names if name not in {applied.name for applied in base}]
+        if not self._affords((_CANDIDATES + 10.0) * len(self.few) / len(self.first)):
             return None
-        matches: list[GridMatch] = sorted((screen(fewer, name, base) for name in names), key=lambda match: match.error)
+        likely = sorted((promised(self.few, name, base) for name in others), key=lambda found: -found[1])[:_CANDIDATES]
+        starts = {mean_error(self.few, (*base, effect)): effect for effect, _ in likely}
         plain, left = (float(self.few.errors(effects).mean()) for effects in ((), base))
-        fits = [refine(self.few, (*base, match.effect)) for match in matches[:tries]]
+        near = [error for error in sorted(starts)[:tries] if error <= _NEAR * min(starts)]
+        fits = [refine(self.few, (*base, starts[error])) for error in near]
         # What wins less than half of what it must win on other throws is not worth fitting on all.
         wanted = max(self.rules.gain * (left - floor), self.rules.least * (plain - floor), 0.0)
         fits = [fit for fit in fits if left - fit.error > 0.5 * wanted]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from gsbridge.effects.registry import Applied
 from gsbridge.gap.contact.replay import ThrowReplay
 from gsbridge.gap.contact.setup import BOUNDS, body_setup
 from gsbridge.gap.contact.world import Flight
+from gsbridge.geometry import Array
 
 _GOLDEN = 0.5 * (3.0 - np.sqrt(5.0))
 """Share of the wider half of a bracket at which a golden section looks."""
@@ -123,27 +124,41 @@ def screen(replay: ThrowReplay, name: str, base: Sequence[Applied] = ()) -> Grid
     return GridMatch(points[best], errors[best], change)
 
 
-def promised(replay: ThrowReplay, name: str, base: Sequence[Applied]) -> float:
-    """Share of the squared distances left by some effects that another would explain if motions added up.
+def promised(replay: ThrowReplay, name: str, base: Sequence[Applied]) -> tuple[Applied, float]:
+    """What an effect would do on top of others if motions added up. Nothing is simulated.
 
-    Nothing is simulated: what each point of its grid does alone is known. Bodies that tumble know no such sums, so this only
-    tells which effects are worth a simulation.
+    What each point of its grid does alone is known; amplitudes that help alone are solved for together. Bodies that tumble know
+    no such sums, so this only tells which effects are worth a simulation, and where to begin.
 
     Args:
         replay: Throws and model, with the effect's grid and the others simulated before.
         name: Name of the effect.
         base: Effects that are already part of the model.
+
+    Returns:
+        The effect at the sizes that explain most, and the share of the squared distances left by the others that it explains.
     """
-    plain, together = replay.flights(), replay.flights(base)
-    best = 0.0
+    effect, plain = BODY_EFFECTS[name], _stacked(replay, replay.flights())
+    left = _stacked(replay, replay.measured) - _stacked(replay, replay.flights(base))
+    amplitudes = [parameter.name for parameter in effect.parameters if parameter.amplitude]
+    best: dict[str, tuple[float, Applied, Array]] = {}
     for applied in grid(name):
-        moved = [
-            replace(flight, position=flight.position + one.position - none.position)
-            for flight, one, none in zip(together, replay.flights((applied,)), plain, strict=True)
-        ]
-        share, explained = _projected(replay, together, moved)
-        best = max(best, explained if share > 0.0 else 0.0)
-    return best
+        shift = _stacked(replay, replay.flights((applied,))) - plain
+        explained = max(float(shift @ left), 0.0) ** 2 / max(float(shift @ shift) * float(left @ left), 1e-300)
+        own = next(key for key in amplitudes if applied.parameters[key] != 0.0)
+        if explained >= best.get(own, (0.0,))[0]:
+            best[own] = (explained, applied, shift)
+    points, shifts = [point for _, point, _ in best.values()], np.stack([shift for *_, shift in best.values()], axis=1)
+    shares = np.linalg.lstsq(shifts, left, rcond=None)[0]
+    sizes = {key: float(share) * point.parameters[key] for key, share, point in zip(best, shares, points, strict=True)}
+    explained = 1.0 - float(((left - shifts @ shares) ** 2).sum()) / max(float(left @ left), 1e-300)
+    return Applied(name, "", {**points[0].parameters, **sizes}), explained
+
+
+def _stacked(replay: ThrowReplay, rows: Sequence[Flight] | Sequence[Array]) -> Array:
+    """Weighed positions of all samples in one row. [3 S]."""
+    places = [row.position if isinstance(row, Flight) else row for row in rows]
+    return np.concatenate([weight[:, None] * at for weight, at in zip(replay.weights, places, strict=True)]).ravel()
 
 
 def _projected(replay: ThrowReplay, plain: Sequence[Flight], moved: Sequence[Flight]) -> tuple[float, float]:
@@ -157,13 +172,9 @@ def _projected(replay: ThrowReplay, plain: Sequence[Flight], moved: Sequence[Fli
     Returns:
         Factor on the change, and the share of the squared distances that it then explains.
     """
-    along = size = left = 0.0
-    for before, after, measured, weight in zip(plain, moved, replay.measured, replay.weights, strict=True):
-        rest = weight[:, None] * (measured - before.position)
-        shift = weight[:, None] * (after.position - before.position)
-        along += float((rest * shift).sum())
-        size += float((shift**2).sum())
-        left += float((rest**2).sum())
+    start = _stacked(replay, plain)
+    rest, shift = _stacked(replay, replay.measured) - start, _stacked(replay, moved) - start
+    along, size, left = float(rest @ shift), float(shift @ shift), float(rest @ rest)
     return along / max(size, 1e-300), along**2 / max(size * left, 1e-300)
 
 
