@@ -226,7 +226,8 @@ class ThrowIdentification:
         starts = {mean_error(self.few, (*base, effect)): effect for effect, _ in likely}
         plain, left = (float(self.few.errors(effects).mean()) for effects in ((), base))
         near = [error for error in sorted(starts)[:tries] if error <= _NEAR * min(starts)]
-        fits = [refine(self.few, (*base, starts[error])) for error in near]
+        # Sizes of the base follow once, with those of the best, on all throws.
+        fits = [refine(self.few, (*base, starts[error]), held=len(base)) for error in near]
         # What wins less than half of what it must win on other throws is not worth fitting on all.
         wanted = max(self.rules.gain * (left - floor), self.rules.least * (plain - floor), 0.0)
         fits = [fit for fit in fits if left - fit.error > 0.5 * wanted]

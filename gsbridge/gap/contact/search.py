@@ -238,19 +238,20 @@ def vanishing(replay: ThrowReplay, others: Sequence[Applied], effect: BodyEffect
     return -now if not effect.relative and BOUNDS[figure][0] == 0.0 and now > 0.0 else None
 
 
-def refine(replay: ThrowReplay, effects: Sequence[Applied], share: float = 1.0) -> ThrowFit:
+def refine(replay: ThrowReplay, effects: Sequence[Applied], share: float = 1.0, *, held: int = 0) -> ThrowFit:
     """Fit all sizes together, one after the other, from where the grid found them.
 
     Args:
         replay: Throws.
         effects: Start values.
         share: Width of the first brackets, as a share of the grid's spacing.
+        held: Number of effects, from the first on, that keep their sizes.
     """
     current = list(effects)
     inside, profiles = {}, {}
     for place, applied in enumerate(effects):
         effect = BODY_EFFECTS[applied.name]
-        for parameter in effect.parameters:
+        for parameter in effect.parameters if place >= held else ():
 
             def error(value: float, place: int = place, key: str = parameter.name) -> float:
                 return mean_error(replay, [*current[:place], _with(current[place], key, value), *current[place + 1 :]])
