@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gsbridge.errors import InputError
-from gsbridge.gap.diagnosis.results import ROLES
 from gsbridge.gap.formats.files import case_content, case_model, case_path
 from gsbridge.gap.formats.logs import split_part
 from gsbridge.reading import absent
+from gsbridge.tasks.views import ROLES
 
 
 def check_own_file(value: str | None, places: Sequence[Path]) -> None:
