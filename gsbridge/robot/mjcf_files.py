@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -18,14 +17,31 @@ def mjcf_files(path: str | Path) -> list[Path]:
 
 
 def mjcf_named(path: str | Path) -> list[Path]:
-    """All places at which MuJoCo may look for what an MJCF names, whatever is there."""
+    """What is there at all places at which MuJoCo may look for what an MJCF, or a file that it includes, names."""
+    folders, names, waiting, seen = {Path(path).parent}, dict[str, None](), [Path(path)], set[Path]()
+    found: dict[Path, None] = {}
+    while waiting:
+        file = waiting.pop()
+        try:
+            with refusing(file, "this is no valid XML", _MEND):
+                seen.add(file.resolve())
+                root = ElementTree.parse(regular_file(file, "MJCF", _MEND, LARGEST_TEXT)).getroot()
+        except InputError:
+            continue
+        folders.add(file.parent)
+        for compiler in root.iter("compiler"):
+            stated = [compiler.get(key, "") for key in ("meshdir", "texturedir", "assetdir")]
+            folders |= {parent / folder for parent in list(folders) for folder in stated if folder}
+        named = [value for element in root.iter() for key, value in element.attrib.items() if key.startswith("file") and value]
+        names |= dict.fromkeys(part for name in named for part in (name, Path(name).name))
+        found |= dict.fromkeys(folder / name for name in names for folder in sorted(folders) if _is_there(folder / name))
+        waiting += [other for other in found if other.suffix == ".xml" and other.resolve() not in seen and other not in waiting]
+    return list(found)
+
+
+def _is_there(path: Path) -> bool:
+    """Whether a path names anything; a name that no system takes does not."""
     try:
-        with refusing(path, "this is no valid XML", _MEND):
-            root = ElementTree.parse(regular_file(path, "MJCF", _MEND, LARGEST_TEXT)).getroot()
-            folder, compiler = Path(path).parent, root.find("compiler")
-            places = [folder, *(folder / compiler.get(key, "") for key in ("meshdir", "assetdir") if compiler is not None)]
-            named = [element.get("file", "") for element in root.iter()]
-            found = [place / name for name in dict.fromkeys(named) if name for place in places]
-            return [place for place in found if os.path.exists(place)]
-    except InputError:
-        return []
+        return path.exists()
+    except (OSError, ValueError):
+        return False

@@ -160,8 +160,8 @@ def _refuse_xacro(root: ElementTree.Element, source: str | Path) -> None:
     Raises:
         InputError: It has elements or expressions of xacro.
     """
-    if any(isinstance(element.tag, str) and "wiki/xacro}" in element.tag for element in root.iter()) or any(
-        "${" in value for element in root.iter() for value in element.attrib.values()
+    if any(isinstance(element.tag, str) and "xacro}" in element.tag for element in root.iter()) or any(
+        mark in value for element in root.iter() for value in element.attrib.values() for mark in ("${", "$(")
     ):
         plain = Path(source).name.removesuffix(".xacro").removesuffix(".urdf")
         raise InputError(source, "this is a xacro file", f"Expand it first: xacro {Path(source).name} > {plain}_expanded.urdf")

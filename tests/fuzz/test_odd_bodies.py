@@ -33,6 +33,8 @@ ODD = {
     "an inertia of a stick's half": {"inertia": [1e-4, 1e-4, 1.0]},
     "a negative friction": {"contact": {"friction": -0.1}},
     "a friction that is a truth value": {"contact": {"friction": True}},
+    "a surface that is no section": {"surface": 0},
+    "effects that are no list": {"effects": False},
     "an endless friction": {"contact": {"friction": float("inf")}},
     "more steps than can be made": {"physics_rate": 1e12},
     "no length of an edge": {"box": [0.1, 0.1, 0.0]},
@@ -86,8 +88,8 @@ SOUND = {
 }
 
 
-def write_body(folder: Path, shape: str) -> Path:
-    """A model whose URDF has this shape."""
+def write_body(folder: Path, shape: str, origin: str = "") -> Path:
+    """A model whose URDF has this shape, there."""
     corners = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
     write_mesh(folder / "cube.ply", Mesh(corners, faces))
@@ -96,7 +98,8 @@ def write_body(folder: Path, shape: str) -> Path:
     os.mkfifo(folder / "pipe.obj")
     (folder / "body.urdf").write_text(
         '<robot name="body"><link name="body"><inertial><mass value="0.4"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0"'
-        f' ixz="0" iyz="0"/></inertial><collision><geometry>{shape.format(folder=folder)}</geometry></collision></link></robot>'
+        f' ixz="0" iyz="0"/></inertial><collision>{origin}<geometry>{shape.format(folder=folder)}</geometry></collision></link>'
+        "</robot>"
     )
     model = {key: value for key, value in BOX.items() if key not in ("box", "mass")}
     (folder / "body.yaml").write_text(yaml.safe_dump({"urdf": "body.urdf", **model}))
@@ -112,6 +115,13 @@ def test_shapes_that_mean_nothing_are_refused(what, tmp_path):
             read_body(path)
 
     read_within(Reader(lambda folder: folder, read), path)
+
+
+@pytest.mark.parametrize("place", ["a 0 0", "nan 0 0", "0 0", "0 0 5000"])
+def test_shapes_that_lie_nowhere_are_refused(place, tmp_path):
+    path = write_body(tmp_path, SOUND["a ball"], f"<origin xyz='{place}'/>")
+    with pytest.raises(InputError, match="damaged origin"):
+        read_body(path)
 
 
 @pytest.mark.parametrize("what", SOUND)

@@ -28,6 +28,10 @@ ODD = {
     "a damping below zero": joint(f'{LIMIT}<dynamics damping="-1"/>'),
     "a friction below zero": joint(f'{LIMIT}<dynamics friction="-1"/>'),
     "xacro": joint('<limit lower="${low}" upper="2" effort="10" velocity="3"/>'),
+    "xacro under another name": URDF.replace(
+        '<robot name="arm">', '<robot name="arm" xmlns:xacro="http://ros.org/xacro"><xacro:include filename="rest.xacro"/>'
+    ).encode(),
+    "an argument of xacro": joint('<limit lower="$(arg low)" upper="2" effort="10" velocity="3"/>'),
     "utf-32": URDF.encode("utf-32"),
     "another encoding than it says": b'<?xml version="1.0" encoding="utf-16"?>' + URDF.encode(),
     "an unknown encoding": b'<?xml version="1.0" encoding="klingon"?>' + URDF.encode(),
@@ -125,6 +129,16 @@ MUJOCO = {
     "a pipe that is included": MJCF.replace("<mujoco>", '<mujoco><include file="pipe.xml"/>'),
     "a pipe that an included file includes": MJCF.replace("<mujoco>", '<mujoco><include file="other.xml"/>'),
     "a pipe as a mesh": MJCF.replace("<mujoco>", '<mujoco><asset><mesh name="m" file="pipe.stl"/></asset>'),
+    "a pipe in another folder of meshes": MJCF.replace(
+        "<mujoco>", '<mujoco><compiler/><compiler meshdir="assets"/><asset><mesh name="m" file="pipe.stl"/></asset>'
+    ),
+    "a pipe in the folder of textures": MJCF.replace(
+        "<mujoco>",
+        '<mujoco><compiler texturedir="assets"/><asset><texture name="t" type="cube" fileright="pipe.png"/></asset>',
+    ),
+    "a pipe by its bare name": MJCF.replace(
+        "<mujoco>", '<mujoco><compiler strippath="true"/><asset><mesh name="m" file="far/pipe.stl"/></asset>'
+    ),
     "a name that no system takes": MJCF.replace("<mujoco>", f'<mujoco><include file="{"x" * 5000}.xml"/>'),
 }
 
@@ -133,6 +147,9 @@ MUJOCO = {
 def test_mujoco_models_that_mean_nothing_are_refused(what, tmp_path):
     os.mkfifo(tmp_path / "pipe.xml")
     os.mkfifo(tmp_path / "pipe.stl")
+    (tmp_path / "assets").mkdir()
+    os.mkfifo(tmp_path / "assets/pipe.png")
+    os.mkfifo(tmp_path / "assets/pipe.stl")
     (tmp_path / "other.xml").write_text('<mujoco><include file="pipe.xml"/></mujoco>')
     (tmp_path / "arm.xml").write_text(MUJOCO[what])
 

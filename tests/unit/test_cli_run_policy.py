@@ -205,7 +205,7 @@ def test_a_guard_has_an_exit_code_of_its_own(files, capsys, monkeypatch):
         (["--trials", "policy", "--pose-set", "fixed", "--index", "0"], "my_arm:Arm", "a folder, a device or a pipe"),
         (["--trials", "/dev/zero", "--pose-set", "fixed", "--index", "0"], "my_arm:Arm", "a folder, a device or a pipe"),
         (["--trials", "pipe", "--pose-set", "fixed", "--index", "0"], "my_arm:Arm", "a folder, a device or a pipe"),
-        (["--trials", "my_arm.py/t.csv", "--pose-set", "fixed", "--index", "0"], "my_arm:Arm", "--trials cannot be written"),
+        (["--trials", "my_arm.py/t.csv", "--pose-set", "fixed", "--index", "0"], "my_arm:Arm", "trials cannot be read"),
         (["--trials", "odd.csv", "--pose-set", "fixed", "--index", "0"], "my_arm:Arm", "its row 1 is no trial"),
         ([], "sim", "--pose-set"),
         (["--pose-set", "fixed"], "my_arm:Arm", "--index"),

@@ -216,7 +216,7 @@ def test_mass_properties_survive_the_way_through_a_urdf(tmp_path):
     [
         ({"contact": {}}, "friction is missing"),
         ({"contact": {"friction": -1}}, "'contact.friction' is -1"),
-        ({"contact": {"friction": "high"}}, "'contact.friction' is no number"),
+        ({"contact": {"friction": "high"}}, "'contact.friction' is 'high', no number"),
         ({"contact": {"friction": 0.5, "restitution": 1.5}}, "Give 0 to 1"),
         ({"physics_rate": 0}, "'physics_rate' is 0"),
         ({"effects": ["restitution"]}, "names with parameters"),
@@ -237,7 +237,7 @@ def test_a_wrong_model_is_refused(change, said):
 
 def test_a_urdf_that_is_no_rigid_body_is_refused(tmp_path):
     model = {"urdf": "two.urdf", "controller": {"mode": "body"}, "contact": {"friction": 0.3}}
-    with pytest.raises(InputError, match=r"there is no such file.* Check 'urdf' in own\.yaml$"):
+    with pytest.raises(InputError, match=r"it does not exist.* Check 'urdf' in own\.yaml$"):
         parse_body(model, tmp_path, "own.yaml")
     (tmp_path / "two.urdf").write_text('<robot name="a"><link name="a"/><link name="b"/></robot>')
     with pytest.raises(InputError, match="2 links"):

@@ -21,7 +21,7 @@ from gsbridge.gap.formats.yaml_file import read_yaml, stated_number
 from gsbridge.geometry import Array
 from gsbridge.meshes import LARGEST_MESH, read_mesh
 from gsbridge.reading import load_yaml, refusing, regular_file
-from gsbridge.robot.urdf import description_of
+from gsbridge.robot.urdf import description_of, read_origin
 
 _LARGEST = 10.0
 """Longest edge of a body that somebody may throw, m: beyond it, lengths must be in another unit."""
@@ -177,7 +177,7 @@ def parse_body(content: Any, folder: Path, source: str | Path = "model") -> Free
     """
     source = Path(source)
     _check(content, _KEYS, source, "")
-    sections = {name: content.get(name) or {} for name in _SECTIONS}
+    sections = {name: {} if content.get(name) is None else content[name] for name in _SECTIONS}
     for name, section in sections.items():
         _check(section, _SECTIONS[name], source, f"{name}.")
     if sections["controller"].get("mode") != MODE:
@@ -218,7 +218,7 @@ def parse_body(content: Any, folder: Path, source: str | Path = "model") -> Free
         "angular_damping": positive(damping, "damping.", "angular"),
         "gravity": positive(content, "", "gravity", 9.81),
     }
-    effects = read_effects(content.get("effects") or [], source, BODY_EFFECTS)
+    effects = read_effects([] if content.get("effects") is None else content["effects"], source, BODY_EFFECTS)
     rate = number(content.get("physics_rate", 500.0), source, "physics_rate", 50.0, _FASTEST)
     return FreeBody(source, shapes, mass, com, inertia, figures, rate, effects)
 
@@ -298,8 +298,11 @@ def _check_shape(collision: ElementTree.Element, path: Path) -> None:
     """
     solids = [element for element in collision.findall("geometry/*") if element.tag in _LENGTHS]
     if len(solids) != 1:
-        raise InputError(path, "a collision element has no shape", f"Give one of {', '.join(_LENGTHS)}")
+        raise InputError(path, "a collision element has no shape, or several", f"Give one of {', '.join(_LENGTHS)}")
     (solid,) = solids
+    with refusing(path, "a collision element has a damaged origin", "Correct it, or export the URDF again"):
+        if np.abs(read_origin(collision, "collision").xyz).max() > _LARGEST:
+            raise ValueError(f"it lies more than {_LARGEST:g} m away")
     if solid.tag == "mesh":
         solid.attrib.setdefault("scale", "1 1 1")
     for key, count in _LENGTHS[solid.tag].items():

@@ -171,11 +171,20 @@ def _joint_case(path: Path) -> JointCase:
 def _still(system: MechanismModel) -> list[str]:
     """Which parts ought to move with a joint of the model and stand still in it. Sentences."""
     description = read_mechanism_description(system.urdf)
+    carried, moving = {description.base: ""}, set(system.joints)
+    masses = dict.fromkeys((joint.name for joint in description.joints), 0.0)
+    while more := {joint.name for joint in description.joints if joint.follows in moving} - moving:
+        moving |= more
+    # Parents come first: a link belongs to the last moving joint above it.
+    for joint in description.joints:
+        carried[joint.child] = joint.name if joint.name in moving else carried[joint.parent]
+        if carried[joint.child] and joint.child in description.inertials:
+            masses[carried[joint.child]] += description.inertials[joint.child].mass
     return [
-        f"joint '{joint.name}' follows '{joint.follows}' in the URDF and stands still in the model, with at least"
-        f" {description.inertials[joint.child].mass:.2g} kg: if that matters, name it in 'joints' and log it, too"
+        f"joint '{joint.name}' follows '{joint.follows}' in the URDF and stands still in the model, with"
+        f" {masses[joint.name]:.2g} kg: if that matters, name it in 'joints' and log it, too"
         for joint in description.joints
-        if joint.follows in system.joints and joint.name not in system.joints and joint.child in description.inertials
+        if joint.name in moving and joint.name not in system.joints and masses[joint.name] > 0.0
     ]
 
 

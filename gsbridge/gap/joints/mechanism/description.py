@@ -53,31 +53,26 @@ def read_mechanism_description(path: str | Path, key: str = "urdf", named_in: st
     root = read_description_root(path, key, named_in)
     if is_mjcf(root):
         _refuse_giants(root, path)
-        _check_named(path, key, named_in, set())
+        _check_named(path, key, named_in)
         with refusing(path, "MuJoCo cannot read it", "Correct the MJCF"):
             root = description_of_mjcf(path)
     return description_of(root, path)
 
 
-def _check_named(path: str | Path, key: str, named_in: str | Path, seen: set[Path]) -> None:
-    """Check what an MJCF names before MuJoCo opens it, and what that names in turn.
+def _check_named(path: str | Path, key: str, named_in: str | Path) -> None:
+    """Check what an MJCF names, itself or in files that it includes, before MuJoCo opens it.
 
     Args:
         path: The file.
-        key: Key of the model that names the first of them, for messages.
+        key: Key of the model that names it, for messages.
         named_in: File of the model, for messages.
-        seen: Files that were checked.
 
     Raises:
-        InputError: It names a folder, a device or a pipe, or a file that is too large or no XML.
+        InputError: It names a device or a pipe, or a file that is too large or no XML.
     """
     for other in mjcf_named(path):
-        if other.resolve() in seen:
-            continue
-        seen.add(other.resolve())
         if other.suffix == ".xml":
             _refuse_giants(read_description_root(other, key, named_in), other)
-            _check_named(other, key, named_in, seen)
         elif not other.is_dir():
             regular_file(other, "file that the MJCF names", "Correct the MJCF", LARGEST_MESH)
 
