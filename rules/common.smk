@@ -40,7 +40,7 @@ from gsbridge.gap.formats.files import (
     check_contents,
     check_own_cases,
 )
-from gsbridge.gap.formats.present import check_model, check_own_file, check_records
+from gsbridge.gap.formats.present import check_named, check_own_file
 from gsbridge.workflow_faults import told
 
 with told():
@@ -364,8 +364,7 @@ def gap_case(wildcards):
         return f"results/loop/cases/{wildcards.case}.yaml"
     found = case_path(wildcards.case, GAP_CASES[wildcards.case], CASE_PLACES)
     if workflow.is_main_process:
-        check_model(found, Path("results"))
-        check_records(found, Path("results"))
+        check_named(found, Path("results"))
     return PLAN.portable(found)
 
 

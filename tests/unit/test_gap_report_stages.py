@@ -145,7 +145,10 @@ def text(name, content):
         (text("model.yaml", MODEL + "joints: [elbow]\n"), "no moving joint 'elbow'"),
         (text("model.yaml", MODEL.replace("stiffness: 60, ", "")), "controller.stiffness is missing"),
         (text("axis.urdf", "<robot>"), r"this is no valid XML .*\)\. Correct it, or export it again$"),
-        (lambda folder: (folder / "axis.urdf").unlink(), r"axis\.urdf: there is no such file.* Check 'urdf' in .*model\.yaml$"),
+        (
+            lambda folder: (folder / "axis.urdf").unlink(),
+            r"axis\.urdf: the description cannot be read: it does not exist.* Check 'urdf' in .*model\.yaml$",
+        ),
         (text("axis.urdf", URDF.replace('<mass value="1"/>', "")), "damaged mass properties"),
         (text("case.yaml", "model: model.yaml\nrecords: {train: a.csv}\n"), "'train' is no role"),
         (text("case.yaml", "model: model.yaml\nrecord: {fit: a.csv}\n"), "the key 'record' is unknown"),

@@ -32,6 +32,20 @@ def check_own_file(value: str | None, places: Sequence[Path]) -> None:
         raise InputError("config: gap_case", error.problem, error.remedy) from error
 
 
+def check_named(case: str | Path, made: Path) -> None:
+    """Refuse a case that names what is not there: its model and its records.
+
+    Args:
+        case: The case's file.
+        made: Folder of models and records that the workflow may make first.
+
+    Raises:
+        InputError: As `check_model` and `check_records`.
+    """
+    check_model(case, made)
+    check_records(case, made)
+
+
 def check_model(case: str | Path, made: Path) -> None:
     """Refuse a case whose model is not there; snakemake would only say that an input is missing.
 
