@@ -103,6 +103,8 @@ def _header(source: Path, content: Path | io.BytesIO) -> Iterator[PIL.Image.Imag
     """
     try:
         image = PIL.Image.open(content)
+    except PIL.Image.DecompressionBombError as error:
+        raise InputError(source, f"it has more than {LARGEST_IMAGE_PIXELS // 10**6} million pixels", "Shrink it") from error
     except PIL.UnidentifiedImageError as error:
         raise InputError(source, "this is not a readable image", _READABLE) from error
     with image:

@@ -70,8 +70,11 @@ def refusing(source: str | Path, problem: str, remedy: str) -> Iterator[None]:
     """
     try:
         yield
-    except GsbridgeError:
+    except (GsbridgeError, NameError):
+        # A name that is not there is a slip of ours, whatever the file.
         raise
+    except PermissionError as error:
+        raise InputError(source, "it may not be read", "Change its permissions") from error
     except RecursionError:
         # Its own traceback has a thousand lines.
         raise InputError(source, f"{problem} (it is nested too deeply)", remedy) from None
@@ -189,16 +192,17 @@ def refuse_duplicates(node: yaml.Node | None, source: Path, above: str = "") -> 
             refuse_duplicates(item, source, above)
     if not isinstance(node, yaml.MappingNode):
         return
-    lines: dict[str, int] = {}
+    lines: dict[tuple[str, str], int] = {}
     for key, value in node.value:
         name, line = str(key.value), key.start_mark.line + 1
-        if name in lines:
+        # All that is merged counts.
+        if (key.tag, name) in lines and key.tag != "tag:yaml.org,2002:merge":
             raise InputError(
                 source,
-                f"the key '{above}{name}' stands twice, in lines {lines[name]} and {line}; the first would be lost",
+                f"the key '{above}{name}' stands twice, in lines {lines[key.tag, name]} and {line}; the first would be lost",
                 f"Put both under one '{name}:'",
             )
-        lines[name] = line
+        lines[key.tag, name] = line
         refuse_duplicates(value, source, f"{above}{name}.")
 
 

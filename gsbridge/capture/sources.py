@@ -33,7 +33,7 @@ _COUNTED_SUFFIXES = (".mp4", ".m4v", ".mov", ".avi")
 """Containers that store their number of frames; others declare duration times frame rate, which may be far off."""
 _DECODED_SHARE = 0.98
 
-_ISO_BOXES = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip", b"pnot")
+_ISO_BOXES = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip", b"pnot", b"styp", b"sidx", b"uuid", b"udta", b"meta")
 """Kinds of the first box of an MP4 or QuickTime file; the name stands behind its length."""
 _CONTAINER_STARTS = (
     b"\x1a\x45\xdf\xa3",  # Matroska and WebM
@@ -42,6 +42,10 @@ _CONTAINER_STARTS = (
     b"\x30\x26\xb2\x75",  # ASF, that is WMV
     b"FLV",
     b"OggS",
+    b"\x06\x0e\x2b\x34",  # MXF
+    b"GIF8",
+    b"YUV4MPEG2",
+    b"DKIF",
 )
 _TRANSPORT_PACKETS = ((0, 188), (4, 192))
 """Place of the first sync byte of an MPEG transport stream and length of its packets; camcorders put a time before each."""
@@ -100,7 +104,7 @@ class Video:
         if not _is_container(begin):
             raise InputError(
                 self.path,
-                "this is not a video: it begins like none of MP4, MOV, Matroska, WebM, AVI, MPEG and WMV",
+                "this is not a video: it begins like none of MP4, MOV, Matroska, WebM, AVI, MPEG, WMV and others",
                 "Copy it again from the phone, or convert it to H.264 MP4",
             )
         capture = cv2.VideoCapture(str(self.path))

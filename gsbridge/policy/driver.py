@@ -153,7 +153,7 @@ def load_driver(name: str, options: Mapping[str, Any]) -> RobotDriver:
             kind = getattr(importlib.import_module(module), attribute)
     finally:
         sys.path.remove(os.getcwd())
-    with _blaming(f"'{name}' cannot be made", "Give its arguments as --option NAME=VALUE"):
+    with _blaming(f"'{name}' cannot be made", "Switch the arm on, give what it needs as --option NAME=VALUE, or mend it"):
         driver = kind(**options)
     missing = [part for part in ("rest", "measure", "image", "command", "stop") if not callable(getattr(driver, part, None))]
     if not hasattr(driver, "camera"):

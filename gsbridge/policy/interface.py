@@ -67,7 +67,7 @@ class PolicyInterface:
                 out = cls._read(spec)
         except InputError as error:
             source = error.source if error.source.startswith(SPEC) else f"{SPEC}: {error.source}"
-            raise InputError(source, error.problem, "Copy the files of the training once more, or train again") from error
+            raise InputError(source, error.problem, error.remedy) from error
         return out
 
     @classmethod

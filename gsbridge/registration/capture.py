@@ -116,6 +116,12 @@ def write_camera(path: str | Path, camera: Camera) -> None:
     write_json(path, {"camera": camera.to_json()})
 
 
+def _without_empty_end(cells: list[str]) -> list[str]:
+    """Cells of a line without the empty ones at its end."""
+    filled = [place for place, cell in enumerate(cells) if cell]
+    return cells[: filled[-1] + 1] if filled else []
+
+
 def _read_table(path: Path) -> tuple[list[str], Array | None, Array | None]:
     """`arm.csv`: photos, joints or flange poses."""
     with (
@@ -124,16 +130,20 @@ def _read_table(path: Path) -> tuple[list[str], Array | None, Array | None]:
     ):
         reader = csv.reader(file, skipinitialspace=True, strict=True)
         lines = [(reader.line_num, [cell.strip() for cell in cells]) for cells in reader if any(map(str.strip, cells))]
-    columns = lines[0][1] if lines else []
+    # Spreadsheets put empty columns behind the last.
+    columns = _without_empty_end(lines[0][1]) if lines else []
     joints = [name for name in columns if re.fullmatch(r"q[0-9]+(_deg)?", name)]
     joints.sort(key=lambda name: int(name.removesuffix("_deg")[1:]))
     posed = all(name in columns for name in _POSE_COLUMNS)
     wanted = [f"q{index + 1}" for index in range(len(joints))]
-    named = "image" in columns and len(set(columns)) == len(columns)
+    needed = [name for name in columns if name in ("image", *_POSE_COLUMNS) or name in joints]
+    named = "image" in columns and len(set(needed)) == len(needed)
     if not named or bool(joints) == posed or [name.removesuffix("_deg") for name in joints] != wanted:
         raise InputError(path, f"its columns are {', '.join(columns)[:200] or 'missing'}", _TABLE_REMEDY)
     images, values = [], []
-    for number, cells in lines[1:]:
+    for number, row_cells in lines[1:]:
+        cells = _without_empty_end(row_cells)
+        cells += [""] * (len(columns) - len(cells))
         if len(cells) != len(columns):
             problem = f"line {number} has {len(cells)} cells, the columns are {len(columns)}"
             raise InputError(path, problem, "Correct the line: commas between the cells, points in the numbers")

@@ -161,7 +161,11 @@ def _refuse_xacro(root: ElementTree.Element, source: str | Path) -> None:
         InputError: It has elements or expressions of xacro.
     """
     if any(isinstance(element.tag, str) and "xacro}" in element.tag for element in root.iter()) or any(
-        mark in value for element in root.iter() for value in element.attrib.values() for mark in ("${", "$(")
+        mark in value
+        for element in root.iter()
+        for key, value in element.attrib.items()
+        for mark in ("${", "$(")
+        if mark == "${" or key != "filename"
     ):
         plain = Path(source).name.removesuffix(".xacro").removesuffix(".urdf")
         raise InputError(source, "this is a xacro file", f"Expand it first: xacro {Path(source).name} > {plain}_expanded.urdf")
@@ -284,10 +288,11 @@ def _joint(element: ElementTree.Element) -> Joint:
     (lower,), (upper,) = (_numbers(bounded, key, str(sign * inf), what) for key, sign in (("lower", -1), ("upper", 1)))
     if lower > upper:
         raise _DamageError(f"{what} has a lower limit of {lower:g} above its upper one of {upper:g}")
-    most = {key: _numbers(limit, key, "0", what)[0] for key in ("velocity", "effort")}
+    # Some programs write -1 for a speed or an effort without a limit.
+    most = {key: max(_numbers(limit, key, "0", what)[0], 0.0) for key in ("velocity", "effort")}
     lost = {key: _numbers(losses, key, "0", what)[0] for key in ("damping", "friction")}
-    below = next((key for key, value in (most | lost).items() if value < 0.0), None)
-    if below is not None:
+    below = next((key for key, value in lost.items() if value < 0.0), None)
+    if below is not None and kind != "fixed":
         raise _DamageError(f"{what} has a {below} below zero")
     return Joint(
         name,

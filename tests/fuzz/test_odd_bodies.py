@@ -83,6 +83,7 @@ SOUND = {
     "a mesh": "<mesh filename='cube.ply'/>",
     "a mesh by its address": "<mesh filename='file://{folder}/cube.ply'/>",
     "a mesh in millimetres with its scale": "<mesh filename='large.ply' scale='0.001 0.001 0.001'/>",
+    "a mesh with one scale": "<mesh filename='large.ply' scale='0.001'/>",
     "a mirrored mesh": "<mesh filename='cube.ply' scale='1 -1 1'/>",
     "a ball": "<sphere radius='0.035'/>",
 }

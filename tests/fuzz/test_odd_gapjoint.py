@@ -102,7 +102,7 @@ def test_numbers_that_grow_endless_with_their_unit(tmp_path):
 MODELS = {
     "truth value": ({"controller": {"stiffness": True}}, "stiffness' is True, which is no number"),
     "text": ({"controller": {"stiffness": "060"}}, "stiffness' is '060', which is no number"),
-    "nothing": ({"controller": {"stiffness": None}}, "stiffness' is None, which is no number"),
+    "nothing": ({"controller": {"stiffness": None}}, "controller.stiffness is missing"),
     "nothing in a list": ({"viscous": [None]}, "viscous' is None, which is no number"),
     "twice": ({"joints": [JOINTS[0], JOINTS[0]]}, f"names '{JOINTS[0]}' twice"),
     "millimetres": ({"gravity": [0, 0, -9810]}, r"'gravity' is \[0, 0, -9810\]"),

@@ -133,10 +133,10 @@ def _bomb(folder: Path) -> Path:
     return path
 
 
-def _absurd_png(folder: Path) -> Path:
+def _absurd_png(folder: Path, edge: int = 15_000) -> Path:
     path = write_photo(folder, "0.png")
     data = bytearray(path.read_bytes())
-    data[16:24] = (15_000).to_bytes(4, "big") * 2
+    data[16:24] = edge.to_bytes(4, "big") * 2
     data[29:33] = zlib.crc32(data[12:29]).to_bytes(4, "big")
     path.write_bytes(bytes(data))
     return path
@@ -168,6 +168,7 @@ ODD: dict[str, tuple[Callable[[Path], Path], Read, str]] = {
     "giant weights": (_giant("weights", 3 * 2**30), lambda path: load_policy(path.parent), f"{WEIGHTS}.*at most"),
     "unpacks to gigabytes": (_bomb, READERS["depths"].read, "unpack to"),
     "absurd size": (_absurd_png, image_size, "million are read"),
+    "more than absurd size": (lambda folder: _absurd_png(folder, 21_000), image_size, "Shrink it"),
     "playlist": (_beside_a_film(LIST), Video, "begins like none"),
     "list of films": (_beside_a_film("ffconcat version 1.0\nfile film.mp4\n"), Video, "begins like none"),
     "description of streams": (_named("a.mp4", b"<?xml version='1.0'?><MPD></MPD>"), Video, "begins like none"),

@@ -11,7 +11,7 @@ from gsbridge.cameras import Camera, View, read_views, write_views
 from gsbridge.configuration.whole import Configuration, read_configuration
 from gsbridge.errors import InputError
 from gsbridge.files import write_json
-from gsbridge.reading import load_yaml
+from gsbridge.reading import load_yaml, refusing
 from gsbridge.registration.capture import read_board_capture
 from gsbridge.registration.result import read_registration
 
@@ -29,7 +29,7 @@ def board_capture(folder: Path) -> Path:
     ("table", "said"),
     {
         "surplus cell": ("image,q1,q2\na.png,0,0\nb.png,0,0,0\n", "line 3 has 4 cells"),
-        "missing cell": ("image,q1,q2\na.png,0\n", "line 2 has 2 cells"),
+        "missing cell": ("image,q1,q2\na.png,0\n", "line 2 holds no number"),
         "decimal commas": ("image,q1,q2\na.png,0,5,1,5\n", "commas between the cells, points in the numbers"),
         "quoted decimal commas": ('image,q1,q2\na.png,"0,5","1,5"\n', "line 2 holds no number"),
         "semicolons": ("image;q1;q2\na.png;0;0\n", "with commas between them"),
@@ -64,6 +64,20 @@ def test_tables_of_an_arm_that_are_no_text_are_refused(tmp_path, table):
 def test_a_table_that_a_spreadsheet_wrote_is_read(tmp_path):
     (board_capture(tmp_path) / "arm.csv").write_bytes(b'\xef\xbb\xbfimage, q1\r\n"a.png", 0.5\r\n\r\nb.png,1e-1\r\n,\r\n')
     np.testing.assert_array_equal(read_board_capture(tmp_path).joints, [[0.5], [0.1]])
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        "image,q1,q2,,\na.png,0.5,0.2,,\nb.png,0.1,0.3,,\n",
+        "image,q1,q2\na.png,0.5,0.2,\nb.png,0.1,0.3,\n",
+        "image,q1,q2,note,note\na.png,0.5,0.2\nb.png,0.1,0.3,good,\n",
+    ],
+    ids=["empty columns", "commas at the ends of lines", "notes that are left out"],
+)
+def test_cells_that_nothing_needs_may_be_empty_or_missing(tmp_path, table):
+    (board_capture(tmp_path) / "arm.csv").write_text(table)
+    np.testing.assert_array_equal(read_board_capture(tmp_path).joints, [[0.5, 0.2], [0.1, 0.3]])
 
 
 SKEWED, MIRRORED, FAR = np.eye(4), np.diag([1.0, 1.0, -1.0, 1.0]), np.eye(4)
@@ -187,6 +201,16 @@ def test_a_key_of_yaml_that_stands_twice_is_refused(tmp_path, text, said):
 def test_a_key_of_yaml_may_be_laid_over_what_an_alias_brings(tmp_path):
     (tmp_path / "case.yaml").write_text("a: &a {x: 1, y: 1}\nb: {<<: *a, x: 2}\nc: {x: 1}\n")
     assert load_yaml(tmp_path / "case.yaml", "case", "-")["b"] == {"x": 2, "y": 1}
+
+
+def test_several_aliases_may_be_merged_and_keys_of_two_kinds_differ(tmp_path):
+    (tmp_path / "case.yaml").write_text("a: &a {x: 1}\nb: &b {y: 1}\nc:\n  <<: *a\n  <<: *b\nd: {1: one, '1': text}\n")
+    assert load_yaml(tmp_path / "case.yaml", "case", "-")["c"] == {"x": 1, "y": 1}
+
+
+def test_a_slip_of_ours_is_no_fault_of_the_file(tmp_path):
+    with pytest.raises(NameError), refusing(tmp_path, "it cannot be read", "-"):
+        raise NameError("undefined")
 
 
 @pytest.mark.parametrize("seed", [2**32, -1, 10**30, True, "1e9", float("nan")])

@@ -23,8 +23,6 @@ def joint(limit: str) -> bytes:
 
 ODD = {
     "limits the wrong way round": joint('<limit lower="2" upper="-2" effort="10" velocity="3"/>'),
-    "an effort below zero": joint('<limit lower="-2" upper="2" effort="-10" velocity="3"/>'),
-    "a speed below zero": joint('<limit lower="-2" upper="2" effort="10" velocity="-3"/>'),
     "a damping below zero": joint(f'{LIMIT}<dynamics damping="-1"/>'),
     "a friction below zero": joint(f'{LIMIT}<dynamics friction="-1"/>'),
     "xacro": joint('<limit lower="${low}" upper="2" effort="10" velocity="3"/>'),
@@ -51,6 +49,22 @@ def test_descriptions_that_mean_nothing_are_refused(what, reader, tmp_path):
         reader(path)
     assert "\n" not in str(said.value)
     assert isinstance(collision_meshes(path), list)
+
+
+def test_an_effort_and_a_speed_of_minus_one_are_no_limits(tmp_path):
+    (tmp_path / "arm.urdf").write_bytes(joint('<limit lower="-2" upper="2" effort="-1" velocity="-1"/>'))
+    (found,) = read_description(tmp_path / "arm.urdf").joints
+    assert (found.effort, found.velocity) == (0.0, 0.0)
+
+
+def test_a_mesh_may_be_named_as_ros_finds_it(tmp_path):
+    visual = '<visual><geometry><mesh filename="$(find arm)/a.stl"/></geometry></visual></link></robot>'
+    (tmp_path / "arm.urdf").write_text(
+        URDF.replace("</robot>", f'<link name="x">{visual}').replace(
+            '<link name="x">', '<joint name="f" type="fixed"><parent link="upper"/><child link="x"/></joint><link name="x">'
+        )
+    )
+    assert len(read_description(tmp_path / "arm.urdf").joints) == 2
 
 
 @pytest.mark.parametrize("text", ["\ufeff" + URDF, '<?xml version="1.0" encoding="UTF-8"?>' + URDF])

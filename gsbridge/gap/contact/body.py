@@ -304,7 +304,8 @@ def _check_shape(collision: ElementTree.Element, path: Path) -> None:
         if np.abs(read_origin(collision, "collision").xyz).max() > _LARGEST:
             raise ValueError(f"it lies more than {_LARGEST:g} m away")
     if solid.tag == "mesh":
-        solid.attrib.setdefault("scale", "1 1 1")
+        scale = solid.get("scale", "1").split()
+        solid.set("scale", " ".join(scale * 3 if len(scale) == 1 else scale))
     for key, count in _LENGTHS[solid.tag].items():
         try:
             lengths = [float(word) for word in solid.get(key, "").split()]
@@ -314,7 +315,7 @@ def _check_shape(collision: ElementTree.Element, path: Path) -> None:
         sizes, most = (np.abs(lengths), MOST) if key == "scale" else (np.array(lengths), _LARGEST)
         if len(lengths) != count or not ((sizes > 0.0) & (sizes <= most)).all():
             what = f'the {solid.tag} of a collision element has {key}="{solid.get(key, "")[:80]}"'
-            raise InputError(path, what, f"Give {count} of at most {most:g} m, none of them zero")
+            raise InputError(path, what, f"Give {count} of at most {most:g}, none of them zero")
     if solid.tag == "mesh":
         name = solid.get("filename", "")
         mesh = path.parent / name.removeprefix("file://").removeprefix("package://")

@@ -223,11 +223,11 @@ class ThrowIdentification:
         if not self._affords((_CANDIDATES + 10.0) * len(self.few) / len(self.first)):
             return None
         likely = sorted((promised(self.few, name, base) for name in others), key=lambda found: -found[1])[:_CANDIDATES]
-        starts = {mean_error(self.few, (*base, effect)): effect for effect, _ in likely}
+        starts = sorted(((mean_error(self.few, (*base, effect)), effect) for effect, _ in likely), key=lambda start: start[0])
         plain, left = (float(self.few.errors(effects).mean()) for effects in ((), base))
-        near = [error for error in sorted(starts)[:tries] if error <= _NEAR * min(starts)]
+        near = [effect for error, effect in starts[:tries] if error <= _NEAR * starts[0][0]]
         # Sizes of the base follow once, with those of the best, on all throws.
-        fits = [refine(self.few, (*base, starts[error]), held=len(base)) for error in near]
+        fits = [refine(self.few, (*base, effect), held=len(base)) for effect in near]
         # What wins less than half of what it must win on other throws is not worth fitting on all.
         wanted = max(self.rules.gain * (left - floor), self.rules.least * (plain - floor), 0.0)
         fits = [fit for fit in fits if left - fit.error > 0.5 * wanted]

@@ -146,12 +146,17 @@ def promised(replay: ThrowReplay, name: str, base: Sequence[Applied]) -> tuple[A
         shift = _stacked(replay, replay.flights((applied,))) - plain
         explained = max(float(shift @ left), 0.0) ** 2 / max(float(shift @ shift) * float(left @ left), 1e-300)
         own = next(key for key in amplitudes if applied.parameters[key] != 0.0)
-        if explained >= best.get(own, (0.0,))[0]:
+        if explained > best.get(own, (0.0,))[0]:
             best[own] = (explained, applied, shift)
+    if not best:
+        return grid(name)[0], 0.0
     points, shifts = [point for _, point, _ in best.values()], np.stack([shift for *_, shift in best.values()], axis=1)
     shares = np.linalg.lstsq(shifts, left, rcond=None)[0]
-    sizes = {key: float(share) * point.parameters[key] for key, share, point in zip(best, shares, points, strict=True)}
-    explained = 1.0 - float(((left - shifts @ shares) ** 2).sum()) / max(float(left @ left), 1e-300)
+    bounds = {parameter.name: (parameter.low, parameter.high) for parameter in effect.parameters}
+    wanted = zip(best, shares, points, strict=True)
+    sizes = {key: float(np.clip(share * point.parameters[key], *bounds[key])) for key, share, point in wanted}
+    kept = np.array([sizes[key] / point.parameters[key] for key, point in zip(best, points, strict=True)])
+    explained = 1.0 - float(((left - shifts @ kept) ** 2).sum()) / max(float(left @ left), 1e-300)
     return Applied(name, "", {**points[0].parameters, **sizes}), explained
 
 

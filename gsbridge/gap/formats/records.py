@@ -264,7 +264,8 @@ def check_clock(record: Record, source: str | Path) -> None:
             "State the unit of the times, e.g. [ms]",
         )  # fmt: skip
     if record.duration < SHORTEST:
-        raise InputError(source, f"the record lasts {record.duration:.3g} s", f"Log at least {SHORTEST:g} s of motion")
+        why = f" ({record.cut})" if record.cut else ""
+        raise InputError(source, f"the record lasts {record.duration:.3g} s{why}", f"Log at least {SHORTEST:g} s of motion")
 
 
 def refuse_backwards(time: Array, source: str | Path, place: str, *, still: bool = False) -> None:

@@ -5,18 +5,18 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Collection, Mapping
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from gsbridge.configuration.files import check_files
 from gsbridge.effects.registry import checked_number
 from gsbridge.errors import InputError
 from gsbridge.reading import YAML_LOADER, load_yaml
 
-_EXPONENT = re.compile(r"[-+]?\d+(\.\d*)?[eE][-+]?\d+")
-"""Numbers that YAML 1.1 takes for text, as `5e-4`, which has no point before its exponent."""
+_AS_TEXT = re.compile(r"[-+]?((0|[1-9]\d*)(\.\d*)?|\.\d+)([eE][-+]?\d+)?|[-+]?inf")
+"""Numbers that YAML 1.1 takes for text, as `5e-4`, which has no point before its exponent, `inf`, and whatever is in quotes."""
 
 
 _MISREAD = re.compile(r"[-+]?(0[0-7_]+|\d[\d_]*(:[0-5]?\d)+(\.\d*)?)")
@@ -24,10 +24,10 @@ _MISREAD = re.compile(r"[-+]?(0[0-7_]+|\d[\d_]*(:[0-5]?\d)+(\.\d*)?)")
 
 
 def plain_number(value: Any) -> float | None:
-    """A number as a YAML file holds it; None for whatever is none, as text and truth values. `5e-4` is one."""
-    if isinstance(value, str) and _EXPONENT.fullmatch(value):
+    """A number as a YAML file holds it; None for whatever is none, as other text and truth values. `5e-4` is one."""
+    if isinstance(value, str) and _AS_TEXT.fullmatch(value):
         return float(value)
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
+    if isinstance(value, bool) or not isinstance(value, Real):
         return None
     try:
         return float(value)
@@ -65,9 +65,11 @@ def read_yaml(path: str | Path, what: str, page: str) -> Any:
             read as another than is written.
     """
     content = load_yaml(path, what, f"Check the path, or see how {page} writes it")
-    check_files([path])
     for event in yaml.parse(Path(path).read_text(encoding="utf-8"), Loader=YAML_LOADER):
-        if isinstance(event, yaml.ScalarEvent) and event.implicit[0] and _MISREAD.fullmatch(event.value):
+        if not (isinstance(event, yaml.ScalarEvent) and event.implicit[0] and _MISREAD.fullmatch(event.value)):
+            continue
+        # Some of them it takes for text, as 09:30.
+        if not isinstance(yaml.safe_load(event.value), str):
             line = event.start_mark.line + 1 if event.start_mark else 1
             raise InputError(
                 path, f"line {line}: YAML reads {event.value[:40]} as another number than it says",

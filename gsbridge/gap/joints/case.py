@@ -43,6 +43,9 @@ _BLOCK = 16
 _COMMANDED_ALIKE = 1e-6
 """Distance of commands, rad, up to which two records are repeats of one motion."""
 
+_LIGHT = 0.02
+"""Share of a mechanism's mass below which nobody misses what stands still."""
+
 _HELD = 0.05
 """Distance from zero, rad or m, up to which a joint counts as held there."""
 
@@ -180,11 +183,12 @@ def _still(system: MechanismModel) -> list[str]:
         carried[joint.child] = joint.name if joint.name in moving else carried[joint.parent]
         if carried[joint.child] and joint.child in description.inertials:
             masses[carried[joint.child]] += description.inertials[joint.child].mass
+    whole = sum(element.mass for element in description.inertials.values())
     return [
         f"joint '{joint.name}' follows '{joint.follows}' in the URDF and stands still in the model, with"
         f" {masses[joint.name]:.2g} kg: if that matters, name it in 'joints' and log it, too"
         for joint in description.joints
-        if joint.name in moving and joint.name not in system.joints and masses[joint.name] > 0.0
+        if joint.name in moving and joint.name not in system.joints and masses[joint.name] > _LIGHT * whole
     ]
 
 

@@ -179,8 +179,10 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
     _check_keys(content, _KEYS, (described, "controller"), source, "")
     if "urdf" in content and "mjcf" in content:
         raise InputError(source, "it names both a URDF and an MJCF", "Keep one of them")
-    given = content["controller"]
-    _check_keys(given, _CONTROL, ("mode",), source, "controller.")
+    # A key with nothing behind it says as much as none.
+    content = {key: value for key, value in content.items() if value is not None}
+    _check_keys(content.get("controller", {}), _CONTROL, ("mode",), source, "controller.")
+    given = {key: value for key, value in content["controller"].items() if value is not None}
     mode = given["mode"]
     if mode not in MODES:
         raise InputError(source, f"controller.mode is '{mode}'", f"Use one of {', '.join(MODES)}")
@@ -294,7 +296,7 @@ def _number(value: Any, key: str, source: str | Path, endless: bool = False) -> 
     """
     out = plain_number(value)
     if out is None:
-        raise InputError(source, f"'{key}' is {value!r}, which is no number", "Give it in SI units, without the unit")
+        raise InputError(source, f"'{key}' is {value!r}, which is no number", "Give a number in SI units, without its unit")
     if np.isnan(out) or not (endless or np.isfinite(out)):
         raise InputError(source, f"'{key}' is not finite", "Give a number")
     return out
