@@ -180,7 +180,7 @@ def parse_mechanism_model(content: Any, folder: Path, source: str | Path = "mode
     if "urdf" in content and "mjcf" in content:
         raise InputError(source, "it names both a URDF and an MJCF", "Keep one of them")
     # A key with nothing behind it says as much as none.
-    content = {key: value for key, value in content.items() if value is not None}
+    content = {key: value for key, value in content.items() if value is not None or key == described}
     _check_keys(content.get("controller", {}), _CONTROL, ("mode",), source, "controller.")
     given = {key: value for key, value in content["controller"].items() if value is not None}
     mode = given["mode"]
