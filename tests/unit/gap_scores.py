@@ -30,6 +30,8 @@ def method_scores(right: int = 38, wrong: int = 1, alarms: int = 1) -> dict:
     return {
         "named_right": rate(2 * right, 80),
         "named_or_covered": rate(min(2 * right + 2, 80), 80),
+        "told_right": rate(2 * right, 80),
+        "told_wrong": rate(0, 400),
         "named_wrong": rate(wrong, 160),
         "false_alarm": rate(alarms, 160),
         "unknown_abstained": rate(23, 24),

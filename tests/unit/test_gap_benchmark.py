@@ -30,7 +30,7 @@ from gsbridge.gap.benchmark.photo_cases import photo_closure, read_photos, write
 from gsbridge.gap.benchmark.score import rate, score, score_findings
 from gsbridge.gap.benchmark.trajectories import course
 from gsbridge.gap.benchmark.twins import twins_of
-from gsbridge.gap.benchmark.verdicts import JudgedCase
+from gsbridge.gap.benchmark.verdicts import JudgedCase, _is_likely
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
 from gsbridge.gap.joints.mechanism.replay import Mechanism
@@ -311,6 +311,28 @@ def test_outcomes():
     assert said("none_of_the_known", hidden=()).outcome == said("not_attributable", hidden=()).outcome == "false_alarm"
     assert said("named", ["b"], known=False).outcome == "wrong"
     assert said("ambiguous", ["a"], [["a"]], known=False).outcome == "wrong"
+
+
+def test_what_is_said_to_be_likely_counts_beside_names():
+    cases = [
+        said("named", ["a"], guess=frozenset("a")),
+        said("none_of_the_known", ["a"], guess=frozenset("a"), likely=True),
+        said("none_of_the_known", ["a"], guess=frozenset("a")),
+        said("none_of_the_known", ["b"], guess=frozenset("b"), likely=True),
+        said("none_of_the_known", ["b"], known=False, guess=frozenset("b"), likely=True),
+    ]
+    figures = score(cases)
+    assert (figures["told_right"]["value"], figures["told_right"]["n"]) == (0.5, 4)
+    assert (figures["told_wrong"]["value"], figures["told_wrong"]["n"]) == (0.4, 5)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "share", "likely"),
+    [("likely, not proven", 0.7, True), ("likely, not proven", 0.3, False), ("one of", 0.7, False)],
+)
+def test_the_first_line_of_an_account_is_likely_where_it_closes_much(verdict, share, likely):
+    assert _is_likely({"entries": [{"verdict": verdict, "share": share}]}) == likely
+    assert not _is_likely({})
 
 
 def test_figures_of_a_few_verdicts():

@@ -15,14 +15,16 @@ from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.gap.benchmark.body_truth import ThrowScene, throw_box
 from gsbridge.gap.contact import search
+from gsbridge.gap.contact.account import throw_account
 from gsbridge.gap.contact.body import parse_body, read_body
 from gsbridge.gap.contact.case import read_throw_case, split_throws
 from gsbridge.gap.contact.diagnose import ThrowAccount, diagnose_throws
-from gsbridge.gap.contact.identify import ThrowHypothesis, ThrowIdentification, ThrowRules, closure
+from gsbridge.gap.contact.grid import grid_ways
+from gsbridge.gap.contact.identify import ThrowHypothesis, ThrowIdentification, ThrowRules
 from gsbridge.gap.contact.interval import intervals
-from gsbridge.gap.contact.null import ThrowNull, throw_null
+from gsbridge.gap.contact.null import ThrowNull, closure, throw_null
 from gsbridge.gap.contact.replay import ThrowReplay
-from gsbridge.gap.contact.search import grid, lowest, promised, refine, screen
+from gsbridge.gap.contact.search import lowest, promised, refine, screen
 from gsbridge.gap.contact.setup import body_setup
 from gsbridge.gap.contact.starts import pooled_speeds, quat_from_turn, starts_of, turn_between
 from gsbridge.gap.contact.throws import Throw, Throws, read_throws, write_throws
@@ -322,12 +324,12 @@ def test_a_large_size_that_fits_by_chance_hides_no_small_one(monkeypatch):
     """The smallest size that is tried is worse than nothing; here the largest is a little better."""
     hidden = Applied("inertia_scale", "", {"share": 0.05})
     replay = ThrowReplay(parse_body(MODEL, "."), own_throws(0.5, 12, 4, effects=(hidden,)), HORIZON)
-    plain, far, measured = replay.errors().mean(), search.grid("inertia_scale")[-1], search.mean_error
+    plain, far, measured = replay.errors().mean(), grid_ways(replay.body, "inertia_scale")[-1][-1], search.mean_error
     monkeypatch.setattr(search, "mean_error", lambda on, who: 0.99 * plain if tuple(who) == (far,) else measured(on, who))
     assert 0.01 < screen(replay, "inertia_scale").effect.parameters["share"] < 0.15
 
 
-def soft_ball(folder, inertia):
+def soft_ball(folder, inertia, friction=0.4):
     """Throws of a ball whose contacts last 4 ms, and the model of one whose contacts do not."""
     moments = " ".join(f'{axes}="{value}"' for axes, value in zip(_MOMENTS, [1.96e-4] * 3 + [0] * 3, strict=True))
     (folder / "ball.urdf").write_text(
@@ -335,8 +337,28 @@ def soft_ball(folder, inertia):
         '<collision><geometry><sphere radius="0.035"/></geometry></collision></link></robot>'
     )
     model = {"urdf": "ball.urdf", "controller": {"mode": "body"}, "contact": {"friction": 0.4}}
-    scene = {"friction": 0.4, "inertia": inertia, "slowness": 0.004, "duration": HORIZON, "noise": (5e-5, 5e-4)}
+    scene = {"friction": friction, "inertia": inertia, "slowness": 0.004, "duration": HORIZON, "noise": (5e-5, 5e-4)}
     return ThrowReplay(parse_body(model, folder), throw_box(ThrowScene("ball", (0.07,) * 3, **scene), 20, 5), HORIZON)
+
+
+def test_a_figure_is_halved_on_its_way_to_nothing_and_raised_in_steps():
+    lowered, raised = sorted(
+        grid_ways(parse_body(MODEL, "."), "contact_friction"), key=lambda way: way[0].parameters["friction"]
+    )
+    left = [0.5 + point.parameters["friction"] for point in lowered]
+    assert left == pytest.approx([0.45, 0.375, 0.25, 0.125, 0.0625, 0.0])
+    assert [point.parameters["friction"] for point in raised] == pytest.approx([0.05, 0.125, 0.3, 0.6])
+    # Nothing can be taken away from what is nothing.
+    assert all(len(way) == 3 for way in grid_ways(parse_body(MODEL, "."), "restitution"))
+
+
+def test_a_ball_that_slides_is_found_though_it_rolls_with_nearly_any_friction(tmp_path):
+    replay = soft_ball(tmp_path, 1.0, friction=0.04)
+    match = screen(replay, "contact_friction")
+    fit = refine(replay, (match.effect,))
+    assert fit.converged
+    assert fit.effects[0].parameters["friction"] == pytest.approx(-0.36, abs=0.01)
+    assert fit.error < 0.2 * replay.errors().mean()
 
 
 def test_an_interval_knows_that_bodies_sink_in(tmp_path):
@@ -359,7 +381,7 @@ def test_the_effect_that_is_missing_promises_most():
     """Beside a friction that is found, and without one simulation more than those of the grids."""
     replay = ThrowReplay(parse_body(MODEL, "."), own_throws(0.3, 12, 1), HORIZON)
     base, names = (Applied("inertia_scale", "", {"share": 0.1}),), ("contact_friction", "gravity_scale", "linear_damping")
-    for effects in (base, *((point,) for name in names for point in grid(name))):
+    for effects in (base, *((point,) for name in names for way in grid_ways(replay.body, name) for point in way)):
         replay.flights(effects)
     before = replay.runs
     found = {name: promised(replay, name, base) for name in names}
@@ -409,6 +431,10 @@ def test_contacts_of_another_engine_are_attributed_to_nothing_but_a_gust_is_an_a
     assert "nothing learnt from some throws holds on others" in found["slow"]["sentence"]
     assert found["slow"]["amended"] == []
     assert found["gust"]["verdict"] == "none_of_the_known"
+    assert "No single known effect suffices" in found["gust"]["sentence"]
+    assert found["gust"]["account"]["explained"] < 0.5
+    assert found["gust"]["amended"] == []
+    assert "account" not in found["slow"]
 
 
 @pytest.fixture(scope="module")
@@ -433,6 +459,31 @@ def test_friction_of_another_engine_is_named(thrown):
     assert findings["verify"]["removed"] > 0.7
     assert findings["verify"]["closure"] > 0.8
     assert findings["residual_map"]["after"][1] < 0.4 * findings["residual_map"]["after"][0]
+    (entry,) = findings["account"]["entries"]
+    assert (entry["label"], entry["verdict"], entry["alternatives"]) == ("contact_friction", "named", [])
+    assert entry["parameters"] == findings["effects"][0]["parameters"]
+    assert entry["share"] == findings["account"]["explained"] == findings["verify"]["closure"]
+    assert findings["account"]["remains"]["phase"] in ("in flight", "at the first impact", "behind the first impact")
+
+
+def test_an_account_of_throws_tells_each_effect_by_what_it_closes_beside_those_before():
+    hidden = (Applied("contact_friction", "", {"friction": -0.2}), Applied("gravity_scale", "", {"share": 0.05}))
+    body = parse_body(MODEL, ".")
+    select, verify = (ThrowReplay(body, own_throws(0.5, 12, seed, effects=hidden), HORIZON) for seed in (1, 2))
+    effects, near = hidden[::-1], ("restitution",)
+    spans = [{"share": (0.0, 0.1)}, {"friction": (-0.3, -0.1)}]
+    figures = [{"share": (9.81, 10.3)}, {"friction": (0.5, 0.3)}]
+    account = throw_account(effects, ("none_of_the_known", near), 0.0, select, verify, spans, figures)
+    alone = {one.name: select.errors((one,)).mean() for one in hidden}
+    assert account.entries[0].effect.name == min(alone, key=alone.get)
+    assert sum(entry.share for entry in account.entries) == pytest.approx(account.explained)
+    errors = [verify.errors(effects).mean() for effects in ((), account.effects[:1], account.effects)]
+    assert [entry.share for entry in account.entries] == pytest.approx((-np.diff(errors) / errors[0]).tolist())
+    told = {entry.effect.name: (entry.spans, entry.figures) for entry in account.entries}
+    assert told == {"gravity_scale": (spans[0], figures[0]), "contact_friction": (spans[1], figures[1])}
+    assert {(entry.verdict, entry.instead) for entry in account.entries} == {("one of", near)}
+    sure = throw_account(effects, ("none_of_the_known", ()), 0.0, select, verify, spans, figures)
+    assert {(entry.verdict, entry.instead) for entry in sure.entries} == {("likely, not proven", ())}
 
 
 def test_the_amended_model_can_be_read_and_holds_the_name(thrown):

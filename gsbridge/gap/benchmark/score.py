@@ -71,6 +71,8 @@ def score(verdicts: Iterable[JudgedCase], large: float = LARGE) -> dict[str, Any
     return {
         "named_right": _rate(plain, "right"),
         "named_or_covered": rate(sum(case.outcome in ("right", "covered") for case in plain), len(plain)),
+        "told_right": rate(sum(case.outcome == "right" or (case.likely and case.guessed_right) for case in plain), len(plain)),
+        "told_wrong": rate(sum(case.likely and not case.guessed_right for case in cases), len(cases)),
         "named_wrong": _rate(single, "wrong"),
         "named_wrong_large": _rate(plain, "wrong"),
         "false_alarm": _rate(empty, "false_alarm"),
@@ -183,4 +185,5 @@ def _row(case: JudgedCase) -> dict[str, Any]:
         "seconds": case.seconds,
         "sureness": dict(case.sureness),
         "guessed_right": case.guessed_right,
+        "likely": case.likely,
     }

@@ -17,7 +17,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.gap.benchmark.body_cases import BODY
 from gsbridge.gap.benchmark.photo_cases import SAME, photo_closure
-from gsbridge.gap.diagnosis.results import ABSTAINING, SILENT
+from gsbridge.gap.diagnosis.results import ABSTAINING, LIKELY, SILENT, TRANSFERS
 from gsbridge.gap.joints.case import read_joint_case
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals
@@ -64,6 +64,7 @@ class JudgedCase:
         sureness: How sure the method is of its guess, by each measure that it has; larger is surer. Empty without a guess.
         decides: Whether the method always singles one explanation out: what is the same equation as the truth is right then.
         guess: What it would say were it not to abstain: what it names; else the likeliest explanation; else its account.
+        likely: Whether it names nothing and calls what explains most likely.
     """
 
     hidden: frozenset[str]
@@ -86,6 +87,7 @@ class JudgedCase:
     sureness: Mapping[str, float] = field(default_factory=dict)
     decides: bool = False
     guess: frozenset[str] = frozenset()
+    likely: bool = False
 
     @property
     def guessed_right(self) -> bool:
@@ -190,7 +192,14 @@ def _verdict(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> JudgedCase
         sureness=sure,
         decides="sureness" in finding,
         guess=guess,
+        likely=finding["verdict"] in ABSTAINING and _is_likely(finding.get("account") or {}),
     )
+
+
+def _is_likely(account: Mapping[str, Any]) -> bool:
+    """Whether an account's first line is said to be likely, and closes enough of the gap for the finding to say so."""
+    first = next(iter(account.get("entries") or []), None)
+    return first is not None and first["verdict"] == LIKELY and first["share"] >= TRANSFERS
 
 
 def _guess(finding: Mapping[str, Any], short: Callable[[str], str]) -> tuple[Mapping[str, float], frozenset[str]]:

@@ -13,8 +13,9 @@ import numpy as np
 
 from gsbridge.digests import code_digest
 from gsbridge.files import atomic_file
+from gsbridge.gap.contact.grid import grid_ways
 from gsbridge.gap.contact.replay import ThrowReplay
-from gsbridge.gap.contact.search import GridMatch, body_effects, grid, screen
+from gsbridge.gap.contact.search import GridMatch, body_effects, screen
 from gsbridge.gap.contact.setup import body_setup
 from gsbridge.gap.contact.world import Flight
 from gsbridge.geometry import Array
@@ -56,7 +57,7 @@ def grid_bank(replay: ThrowReplay, names: Collection[str] | None, folder: str | 
     """
     few, who = replay.part(FEW), body_effects(replay, names)
     path = Path(folder) / f"{_key(few, who)}.npz"
-    points = [(), *((applied,) for name in who for applied in grid(name))]
+    points = [(), *((applied,) for name in who for way in grid_ways(few.body, name) for applied in way)]
     keys = {tuple(body_setup(few.body, effects).figures.values()): effects for effects in points}
     found = _read(path, len(keys)) if path.exists() else None
     if found is None:
@@ -88,7 +89,7 @@ def _key(few: ThrowReplay, who: Collection[str]) -> str:
         for values in (throw.time, throw.position, throw.quat, throw.velocity, throw.spin):
             total.update(b"-" if values is None else np.ascontiguousarray(values).tobytes())
     for name in who:
-        total.update(repr([applied.record() for applied in grid(name)]).encode())
+        total.update(repr([[applied.record() for applied in way] for way in grid_ways(few.body, name)]).encode())
     return total.hexdigest()[:32]
 
 

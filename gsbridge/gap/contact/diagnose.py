@@ -12,16 +12,18 @@ import numpy as np
 from gsbridge.effects.base import Parameter
 from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.effects.registry import Applied
+from gsbridge.gap.contact.account import throw_account
 from gsbridge.gap.contact.bank import grid_bank
 from gsbridge.gap.contact.body import FreeBody
-from gsbridge.gap.contact.identify import ThrowIdentification, ThrowRules, closure
+from gsbridge.gap.contact.identify import ThrowIdentification, ThrowRules
 from gsbridge.gap.contact.interval import intervals
+from gsbridge.gap.contact.null import closure
 from gsbridge.gap.contact.replay import HORIZON, PHASES, ThrowReplay
 from gsbridge.gap.contact.setup import body_setup
 from gsbridge.gap.contact.starts import pooled_speeds
 from gsbridge.gap.contact.throws import Throws
 from gsbridge.gap.diagnosis.findings import Account, Diagnosis, digits_of
-from gsbridge.gap.diagnosis.results import ROLES, Verification
+from gsbridge.gap.diagnosis.results import ROLES, AccountEntry, Verification
 
 _HOLDS = 2.0 / 3.0
 """Share of the gap, in weighed distances, that a name must close on throws which neither fitting nor choosing has seen: a small
@@ -57,9 +59,9 @@ def diagnose_throws(
         replay.noise = noise
     bank = grid_bank(first, names, bank_folder)
     finding = ThrowIdentification(first, select, bank, rules, seed).run()
-    verification, spans, figures = None, [], []
     phases = select.phases()
     where = {phase: (phases[phase], phases[phase]) for phase in PHASES if phase in phases}
+    verification, account, spans, figures = None, None, [], []
     best = finding.best
     if best is not None:
         effects = best.fit.effects
@@ -67,15 +69,22 @@ def diagnose_throws(
         third.weigh(finding.spread)
         share = closure(float(third.errors().mean()), float(third.errors(effects).mean()), finding.weighed)
         verification = Verification(before, after, share, {"position": (before, after)}, after <= before)
-        if finding.verdict == "named" and verification.closure < _HOLDS:
+        if finding.verdict == "named" and share < _HOLDS:
             finding = finding.refuted()
         spans = intervals(first, best.fit, np.random.default_rng([seed, 1]))
         figures = _changes(body, effects)
         after_phases = select.phases(effects)
         where = {phase: (before, after_phases[phase]) for phase, (before, _) in where.items()}
     runs = round(sum(replay.passes for replay in replays))
+    if best is not None:
+        sure = (finding.verdict, finding.near)
+        account = throw_account(best.fit.effects, sure, finding.weighed, select, third, spans, figures)
     floor, seconds = {"position": finding.floor}, time.perf_counter() - begin
-    return Diagnosis(finding, verification, floor, round(bank.runs), runs, seconds, tuple(spans), tuple(figures), where)
+    more = round(sum(replay.passes for replay in replays)) - runs
+    return Diagnosis(
+        finding, verification, floor, round(bank.runs), runs, seconds, tuple(spans), tuple(figures), where, account,
+        account_runs=more,
+    )  # fmt: skip
 
 
 def _changes(body: FreeBody, effects: tuple[Applied, ...]) -> list[dict[str, tuple[float, float]]]:
@@ -92,6 +101,7 @@ class ThrowAccount(Account):
     unit = "mm"
     scale = 1e3
     measured = "throws"
+    others = "throws"
     agree = "Simulated and measured throws agree within noise and chaos (p = {p:.2g})."
     unexcited = "No difference shows, but most effects could not show in these throws: let the body hit, slide and turn."
 
@@ -120,14 +130,6 @@ class ThrowAccount(Account):
         """Unit of a parameter; shares have none."""
         return "" if parameter.unit == "1" else parameter.unit
 
-    def leaves(self, diagnosis: Diagnosis) -> str:
-        """Sentence on what an explanation leaves, or how little it closes on other throws."""
-        finding, checked = diagnosis.finding, diagnosis.verification
-        if checked is not None and checked.closure < _HOLDS <= finding.closure(finding.after):  # type: ignore[attr-defined]
-            return f"closes {checked.closure:.0%} of the gap on throws that it has not seen"
-        before, after, floor = (f"{1e3 * x:.3g} mm" for x in (finding.before, finding.after, diagnosis.floor["position"]))
-        return f"leaves {after} of {before}, where noise and chaos explain {floor}"
-
     def lacks(self, item: Mapping[str, Any]) -> str:
         """Sentence on what figures of the model become."""
         share, alone = BODY_EFFECTS[item["name"]].relative, len(item["parameters"]) == 1
@@ -135,6 +137,11 @@ class ThrowAccount(Account):
             _figure("" if alone else name.replace("_", " "), row, share) for name, row in item["parameters"].items()
         )
         return f"{item['title'][0].upper()}{item['title'][1:]}: {figures}"
+
+    def _line(self, entry: AccountEntry) -> str:
+        """An entry in a sentence: what its figures become, and its share."""
+        text = self.lacks(self._entry(entry))
+        return f"{text[0].lower()}{text[1:]} ({100 * entry.share:.0f} %)"
 
     def change(self, checked: Verification) -> str:
         """Sentence on how the distance changes on `verify`."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.contact.bank import FEW, GridBank
-from gsbridge.gap.contact.null import ThrowNull, throw_null
+from gsbridge.gap.contact.null import ThrowNull, closure, throw_null
 from gsbridge.gap.contact.replay import ThrowReplay
 from gsbridge.gap.contact.search import GridMatch, ThrowFit, mean_error, promised, refine, screen
 from gsbridge.gap.diagnosis.results import Finding
@@ -93,26 +93,13 @@ class ThrowFinding(Finding[ThrowHypothesis]):
         floor: Mean distance that noise, chaos and the engine's choices explain, m.
         weighed: `floor` in the weighted distances by which throws are fitted and judged.
         spread: Expected distance at each moment of a throw, as `ThrowReplay.weigh` takes it.
+        near: Names of the explanations that are not clearly behind the best.
     """
 
     floor: float = 0.0
     weighed: float = 0.0
     spread: Callable[[Array], Array] = np.ones_like
-
-    def closure(self, error: float) -> float:
-        """Share of the gap above the floor that is closed where this error remains."""
-        return closure(self.before, error, self.floor)
-
-
-def closure(before: float, after: float, floor: float) -> float:
-    """Share of the gap above the floor that is closed; negative where it grew.
-
-    Args:
-        before: Mean distance between replay and measurement without effects, m.
-        after: Mean distance with effects, m.
-        floor: Mean distance that noise, chaos and the engine's choices explain, m.
-    """
-    return 1.0 - max(after - floor, 0.0) / max(before - floor, 1e-12)
+    near: tuple[str, ...] = ()
 
 
 class ThrowIdentification:
@@ -267,6 +254,8 @@ class ThrowIdentification:
         p_remaining = self._remaining(rest, best)
         remains = p_remaining < rules.alarm
         near = [trial for trial in trials[1:] if self._near(trial, best, before - floor)]
+        if not near and chances[0] < rules.sure:
+            near = [trial for trial, chance in zip(trials[1:], chances[1:], strict=True) if chance > 0.02]
         names: tuple[str, ...] = ()
         gap, left = (float(self.second.gaps(effects).mean()) for effects in ((), best.fit.effects))
         # How much of the gap closes is told, and judged, in plain distances. Weighed ones tell rivals apart: in them a tenth of
@@ -275,7 +264,6 @@ class ThrowIdentification:
             verdict = "none_of_the_known"
         elif near or chances[0] < rules.sure:
             verdict = "ambiguous"
-            near = near or [trial for trial, chance in zip(trials[1:], chances[1:], strict=True) if chance > 0.02]
             names = tuple(" + ".join(trial.names) for trial in [best, *near])
         else:
             verdict = "named"
@@ -285,6 +273,7 @@ class ThrowIdentification:
         return ThrowFinding(
             verdict, best, tuple((trials[k], float(chances[k])) for k in order), names, remains, p_value, p_remaining,
             gap, left, self._runs(), unseen, floor=rest.plain, weighed=floor, spread=self.spread,
+            near=tuple(" + ".join(trial.names) for trial in near),
         )  # fmt: skip
 
     def _near(self, trial: ThrowHypothesis, best: ThrowHypothesis, gap: float) -> bool:

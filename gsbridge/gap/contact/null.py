@@ -153,6 +153,17 @@ def throw_null(replay: ThrowReplay, effects: Sequence[Applied], rng: np.random.G
     return ThrowNull(errors, early[which[:, None], throws].mean(axis=1), plain, spread)
 
 
+def closure(before: float, after: float, floor: float) -> float:
+    """Share of the gap above the floor that is closed; negative where it grew.
+
+    Args:
+        before: Mean distance between replay and measurement without effects, m.
+        after: Mean distance with effects, m.
+        floor: Mean distance that noise, chaos and the engine's choices explain, m.
+    """
+    return 1.0 - max(after - floor, 0.0) / max(before - floor, 1e-12)
+
+
 def expected_spread(
     replay: ThrowReplay, flights: Sequence[Flight], sets: Sequence[Sequence[Flight]]
 ) -> Callable[[Array], Array]:

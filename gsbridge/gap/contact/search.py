@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -11,6 +12,7 @@ from gsbridge.effects.base import Parameter
 from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.effects.bodies.base import BodyEffect
 from gsbridge.effects.registry import Applied
+from gsbridge.gap.contact.grid import grid_ways, vanishing
 from gsbridge.gap.contact.replay import ThrowReplay
 from gsbridge.gap.contact.setup import BOUNDS, body_setup
 from gsbridge.gap.contact.world import Flight
@@ -81,12 +83,6 @@ def body_effects(replay: ThrowReplay, names: Collection[str] | None) -> tuple[st
     )
 
 
-def grid(name: str) -> list[Applied]:
-    """Parameters at which an effect is tried first: its directions, each in growing sizes."""
-    effect = BODY_EFFECTS[name]
-    return [Applied(name, "", effect.scaled(values, size)) for values in effect.directions() for size in effect.sizes]
-
-
 def mean_error(replay: ThrowReplay, effects: Sequence[Applied]) -> float:
     """Mean error over the throws, m."""
     return float(replay.errors(effects).mean())
@@ -101,14 +97,16 @@ def screen(replay: ThrowReplay, name: str, base: Sequence[Applied] = ()) -> Grid
         base: Effects that are already part of the model.
     """
     effect = BODY_EFFECTS[name]
-    plain, points = replay.flights(base), grid(name)
+    plain, grid = replay.flights(base), grid_ways(replay.body, name)
+    points = [applied for way in grid for applied in way]
     errors = [mean_error(replay, (*base, applied)) for applied in points]
     change = 0.0
-    for applied in points[len(effect.sizes) - 1 :: len(effect.sizes)]:
+    for applied in (way[-1] for way in grid):
         moved = zip(plain, replay.flights((*base, applied)), strict=True)
         change = max(change, float(np.mean([np.linalg.norm(a.position - b.position, axis=1).mean() for a, b in moved])))
     unchanged = mean_error(replay, base)
-    ways = [range(k, k + len(effect.sizes)) for k in range(0, len(points), len(effect.sizes))]
+    ends = np.cumsum([0, *map(len, grid)])
+    ways = [range(first, last) for first, last in itertools.pairwise(ends.tolist())]
     # A motion that tumbles may fit a far too large size by chance, where the smallest overshoots.
     smallest = [way[0] for way in ways if errors[way[0]] > unchanged or errors[way[0]] == min(errors[k] for k in way)]
     for applied in (points[k] for k in smallest):
@@ -142,14 +140,15 @@ def promised(replay: ThrowReplay, name: str, base: Sequence[Applied]) -> tuple[A
     left = _stacked(replay, replay.measured) - _stacked(replay, replay.flights(base))
     amplitudes = [parameter.name for parameter in effect.parameters if parameter.amplitude]
     best: dict[str, tuple[float, Applied, Array]] = {}
-    for applied in grid(name):
+    points = [applied for way in grid_ways(replay.body, name) for applied in way]
+    for applied in points:
         shift = _stacked(replay, replay.flights((applied,))) - plain
         explained = max(float(shift @ left), 0.0) ** 2 / max(float(shift @ shift) * float(left @ left), 1e-300)
         own = next(key for key in amplitudes if applied.parameters[key] != 0.0)
         if explained > best.get(own, (0.0,))[0]:
             best[own] = (explained, applied, shift)
     if not best:
-        return grid(name)[0], 0.0
+        return points[0], 0.0
     points, shifts = [point for _, point, _ in best.values()], np.stack([shift for *_, shift in best.values()], axis=1)
     shares = np.linalg.lstsq(shifts, left, rcond=None)[0]
     bounds = {parameter.name: (parameter.low, parameter.high) for parameter in effect.parameters}
@@ -229,20 +228,6 @@ def reach(replay: ThrowReplay, others: Sequence[Applied], effect: BodyEffect, pa
     return max(low, parameter.low), min(high, parameter.high)
 
 
-def vanishing(replay: ThrowReplay, others: Sequence[Applied], effect: BodyEffect, parameter: Parameter) -> float | None:
-    """Value of a parameter at which its figure is nothing; None where that is no bound, or where it is nothing anyway.
-
-    Args:
-        replay: Throws and model.
-        others: Effects that are there besides.
-        effect: The effect.
-        parameter: Name of the parameter.
-    """
-    figure = effect.figures[parameter.name]
-    now = body_setup(replay.body, others).figures[figure]
-    return -now if not effect.relative and BOUNDS[figure][0] == 0.0 and now > 0.0 else None
-
-
 def refine(replay: ThrowReplay, effects: Sequence[Applied], share: float = 1.0, *, held: int = 0) -> ThrowFit:
     """Fit all sizes together, one after the other, from where the grid found them.
 
@@ -262,14 +247,14 @@ def refine(replay: ThrowReplay, effects: Sequence[Applied], share: float = 1.0, 
                 return mean_error(replay, [*current[:place], _with(current[place], key, value), *current[place + 1 :]])
 
             value = current[place].parameters[parameter.name]
-            width = share * _width(effect, parameter.name, value)
-            others = [*current[:place], *current[place + 1 :]]
+            others = (*current[:place], *current[place + 1 :])
+            width = share * _width(effect, parameter, value, vanishing(replay.body, others, effect, parameter))
             known, free = lowest(error, value, width, *reach(replay, others, effect, parameter))
             best = min(known, key=lambda at: known[at])
             profiles[place, parameter.name] = known
             if not free:
                 best, free = _plateau(known, best)
-            free = free or best == vanishing(replay, others, effect, parameter)
+            free = free or best == vanishing(replay.body, others, effect, parameter)
             inside[place, parameter.name] = free or not parameter.amplitude
             current[place] = _with(current[place], parameter.name, best)
     return ThrowFit(tuple(current), mean_error(replay, current), all(inside.values()), profiles)
@@ -297,11 +282,20 @@ def _with(applied: Applied, key: str, value: float) -> Applied:
     return Applied(applied.name, "", {**applied.parameters, key: float(value)})
 
 
-def _width(effect: BodyEffect, key: str, value: float) -> float:
-    """Half of the first bracket: to the next size of the grid."""
-    typical = next(parameter.typical for parameter in effect.parameters if parameter.name == key)
+def _width(effect: BodyEffect, parameter: Parameter, value: float, nothing: float | None) -> float:
+    """Half of the first bracket: to the next size of the grid, which halves what is left of a figure.
+
+    Args:
+        effect: The effect.
+        parameter: The parameter.
+        value: Its value.
+        nothing: Value at which its figure is nothing; None where it has none.
+    """
     ratio = max([b / a for a, b in zip(effect.sizes[:-1], effect.sizes[1:], strict=True)], default=2.0)
-    return max(abs(value) * (1.0 - 1.0 / ratio), abs(typical) * 0.5)
+    width = max(abs(value) * (1.0 - 1.0 / ratio), abs(parameter.typical) * 0.5)
+    if nothing is None or value > 0.5 * nothing:
+        return width
+    return min(width, max(value - nothing, 0.125 * abs(nothing)))
 
 
 def lowest(

@@ -9,16 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.contact import null
 from gsbridge.gap.contact.bank import FEW, GridBank, grid_bank
 from gsbridge.gap.contact.body import MODE, read_body
 from gsbridge.gap.contact.case import ThrowCase, read_throw_case
 from gsbridge.gap.contact.diagnose import ThrowAccount, diagnose_throws
+from gsbridge.gap.contact.grid import grid_ways
 from gsbridge.gap.contact.replay import ThrowReplay
 from gsbridge.gap.contact.residual_map import CHANNELS, along, cells, map_distances
-from gsbridge.gap.contact.search import grid
 from gsbridge.gap.contact.store import load_throws, save_throws
 from gsbridge.gap.contact.throws import Throws
 from gsbridge.gap.contact.world import Flight
@@ -91,7 +90,7 @@ class ThrowBackend(CaseBackend):
             "candidates": list(found.names),
             "unseen": list(found.unseen(replay)),
             "signature_similarity": _alike(replay.part(FEW), found),
-            "signatures": sum(len(grid(name)) for name in found.names),
+            "signatures": sum(len(way) for name in found.names for way in grid_ways(replay.body, name)),
             "simulations": round(found.runs),
         }
 
@@ -186,13 +185,9 @@ def _alike(few: ThrowReplay, bank: GridBank) -> list[dict[str, Any]]:
     plain = _stack(few.flights())
     shapes = {}
     for name in bank.names:
-        count = len(BODY_EFFECTS[name].sizes)
         # The smallest size that shows: chaos makes large ones look like any other.
-        rows = [_stack(few.flights([applied])) - plain for applied in grid(name)]
-        shown = [
-            next((row for row in rows[k : k + count] if np.abs(row).mean() > few.noise.position), None)
-            for k in range(0, len(rows), count)
-        ]
+        rows = [[_stack(few.flights([applied])) - plain for applied in way] for way in grid_ways(few.body, name)]
+        shown = [next((row for row in way if np.abs(row).mean() > few.noise.position), None) for way in rows]
         shapes[name] = np.array([row / np.linalg.norm(row) for row in shown if row is not None])
     names = [name for name in bank.names if len(shapes[name])]
     table = [[np.abs(shapes[one] @ shapes[other].T).max() for other in names] for one in names]

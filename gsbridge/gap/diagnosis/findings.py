@@ -77,15 +77,14 @@ class Diagnosis:
     def effects(self) -> tuple[Applied, ...]:
         """What may be added to the model: what was named, or the whole account, if it makes `verify` no worse.
 
-        An account without a name must close a good part of the gap's squares there: little may be anything.
+        An account without a name must close a good part of the gap there: little may be anything.
         """
         verdict, account = self.finding.verdict, self.account
         if self.verification is None or not self.verification.accepted or self.finding.best is None:
             return ()
         if account is None:
             return self.finding.best.fit.effects if verdict == "named" else ()
-        squares = 1.0 - (1.0 - account.explained) ** 2
-        return account.effects if verdict in ("named", "ambiguous") or squares >= TRANSFERS else ()
+        return account.effects if verdict in ("named", "ambiguous") or account.closes >= TRANSFERS else ()
 
 
 class Measured(Protocol):
@@ -108,6 +107,7 @@ class Account:
         unit: Unit of the gap.
         scale: Factor from the diagnosis' own unit to that one.
         measured: What was measured, in the plural.
+        others: What nothing was fitted to.
         agree: Sentence where nothing is missing; `{p}` is the p-value.
         alone: Sentence where a difference shows on `select` alone.
         unexcited: Sentence where most effects could not show.
@@ -117,6 +117,7 @@ class Account:
     unit: ClassVar[str] = "noise"
     scale: ClassVar[float] = 1.0
     measured: ClassVar[str] = "records"
+    others: ClassVar[str] = "a record"
     agree: ClassVar[str] = "Simulation and measurement agree within the noise (p = {p:.2g})."
     alone: ClassVar[str] = "A difference shows on 'select' alone; log another record of such motion and fit that one."
     unexcited: ClassVar[str] = (
@@ -250,8 +251,8 @@ class Account:
 
     def _entry(self, entry: AccountEntry) -> dict[str, Any]:
         """The effect of a line of an account."""
-        spans = _spans(entry.candidate, entry.effect, entry.deviations, 1.0)
-        return self._described(entry.candidate.effect, entry.effect, spans)
+        spans = entry.spans or _spans(entry.candidate, entry.effect, entry.deviations, 1.0)
+        return self._described(entry.candidate.effect, entry.effect, spans, entry.figures)
 
     def effects_of(self, fit: Any) -> list[Effect]:
         """Entries of the catalogue for the effects of a fit."""
@@ -288,7 +289,7 @@ class Account:
                 return self._closest(diagnosis.account)
             names = " + ".join(best.names)
             return (
-                f"Something is missing that is in no catalogue: the best known explanation ({names}) {self.leaves(diagnosis)}."
+                f"Something is missing, and no single known effect suffices: the best one ({names}) {self.leaves(diagnosis)}."
             )
         if finding.verdict == "ambiguous":
             alike, more = finding.ambiguous[:_LISTED], len(finding.ambiguous) - _LISTED
@@ -305,14 +306,14 @@ class Account:
         lines = [self._line(entry) for entry in account.entries[:_LISTED]]
         more = f" and {len(account.entries) - _LISTED} more" if len(account.entries) > _LISTED else ""
         rest = f", mostly in {account.channel}, {account.phase}" if account.channel else ""
-        head = f"No single known effect suffices. Closest are {', '.join(lines)}{more}"
+        head = f"No single known effect suffices. Closest {'are' if lines[1:] else 'is'} {', '.join(lines)}{more}"
         if first.verdict == LIKELY and first.share >= TRANSFERS:
             head = f"Likely, not proven: {lines[0]}; no other known effect explains as much in its place"
             head += f". Beside it come {', '.join(lines[1:])}{more}" if lines[1:] else ""
         them, have = ("them", "they have") if lines[1:] else ("it", "it has")
         return (
-            f"{head}. With {them} in the model, {100 * (1.0 - account.explained):.0f} % of the gap remains on a record that "
-            f"{have} not seen{rest}. Do this next: {first.candidate.effect.tell_apart}."
+            f"{head}. With {them} in the model, {100 * (1.0 - account.explained):.0f} % of the gap remains on {self.others} "
+            f"that {have} not seen{rest}. Do this next: {first.candidate.effect.tell_apart}."
         )
 
     def _line(self, entry: AccountEntry) -> str:

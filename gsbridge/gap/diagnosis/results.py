@@ -317,6 +317,8 @@ class AccountEntry:
         share: Share of the gap on `verify` that it closes after those before it; negative if it makes it worse.
         verdict: `NAMED`, `ONE_OF` or `LIKELY`.
         instead: What else could stand in its place.
+        spans: 90 % intervals of the parameters, where deviations do not tell them.
+        figures: What the model's own figures were and become with it, by parameter, where it has such.
     """
 
     candidate: Candidate
@@ -325,6 +327,8 @@ class AccountEntry:
     share: float
     verdict: str
     instead: tuple[str, ...]
+    spans: Mapping[str, tuple[float, float]] | None = None
+    figures: Mapping[str, tuple[float, float]] | None = None
 
 
 @dataclass(frozen=True)
@@ -334,12 +338,14 @@ class GapAccount:
     Args:
         entries: Effects in the order in which they explain the gap on `fit` and `select`.
         explained: Share of the gap on `verify` that they close together.
+        closes: The same in the measure by which names are judged there: of squares, where gaps are root mean squares.
         channel, phase: Where most remains; empty where nothing stands out.
         left: Residual there, in units of the noise.
     """
 
     entries: tuple[AccountEntry, ...]
     explained: float
+    closes: float
     channel: str = ""
     phase: str = ""
     left: float = 0.0

@@ -57,7 +57,8 @@ def account_of(search: Search, finding: Finding, whole: Hypothesis, third: Joint
         verdict, instead = _standing(search, finding, whole, k, third if share >= TRANSFERS else None)
         deviations = whole.fit.deviations[places[k] : places[k + 1]]
         entries.append(AccountEntry(candidate, whole.fit.effects[k], deviations, share, verdict, instead))
-    account = GapAccount(tuple(entries), float((sizes[0] - sizes[-1]) / gap))
+    explained = float((sizes[0] - sizes[-1]) / gap)
+    account = GapAccount(tuple(entries), explained, 1.0 - (1.0 - explained) ** 2)
     found = map_residuals(third, third.residual(account.effects), third.simulate(account.effects))
     values = np.where(found.marked, found.values, -np.inf)
     if not np.isfinite(values).any():

@@ -14,6 +14,7 @@ from gsbridge.report.gap.figures import channel_name, channel_units, draw_residu
 from gsbridge.report.gap.picture_page import write_picture_report
 from gsbridge.report.gap.sections import JUDGED, MECHANISM, THROWS, CaseSections, read_series
 from gsbridge.report.gap.text import (
+    amount,
     effect_notes,
     effect_rows,
     effect_title,
@@ -24,6 +25,7 @@ from gsbridge.report.gap.text import (
     next_steps,
     plain,
     remains,
+    unseen,
 )
 from gsbridge.report.pages.html import write_page
 
@@ -124,12 +126,11 @@ def _account_text(findings: Mapping[str, Any]) -> str:
     if not account:
         return ""
     left = account["remains"]
-    rest = (
-        f" Most of the rest: {left['channel']}, {left['phase']}, {left['size']:.3g} times the noise." if left["channel"] else ""
-    )
+    size = amount(left["size"], left["unit"])
+    rest = f" Most of the rest: {left['channel']}, {left['phase']}, {size}." if left["channel"] else ""
     return (
-        f"Together they close {100 * account['explained']:.0f} % of the gap on a record that neither fitting nor choosing has "
-        f"seen, each the share that those above it leave.{rest}"
+        f"Together they close {100 * account['explained']:.0f} % of the gap on {unseen(findings)} that neither fitting nor "
+        f"choosing has seen, each the share that those above it leave.{rest}"
     )
 
 

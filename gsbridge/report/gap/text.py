@@ -119,6 +119,11 @@ def most(found: Mapping[str, Any], unit: str = "noise") -> str | None:
     return f"{channel_name(found['channels'][row])}, {words}: {amount(values[row, column], unit)}"
 
 
+def unseen(findings: Mapping[str, Any]) -> str:
+    """What nothing was fitted to."""
+    return "throws" if "throws" in findings else "a record"
+
+
 def plain(value: float) -> str:
     """A number for people: three digits, large ones whole and in groups."""
     return f"{value:,.0f}".replace(",", "\u202f") if value >= 100 else f"{value:.3g}"
@@ -195,7 +200,7 @@ def next_steps(findings: Mapping[str, Any], about: Mapping[str, Any], screening:
         if findings["amended"]:
             out.append(
                 f"results/gap/{case}/model.yaml holds the effects of the account: likely, not proven, and nearer to what was "
-                "measured on a record that they have not seen."
+                f"measured on {unseen(findings)} that they have not seen."
             )
         for item in (findings.get("account") or {"entries": []})["entries"][:2]:
             out.append(f"To prove {item['title']}: {item['tell_apart']}; log that as a further record.")

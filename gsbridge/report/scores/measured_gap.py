@@ -70,6 +70,8 @@ def gap_figures(tiers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, A
     for tier, scores in ours.items():
         out[f"gap_named_right_{tier}"] = _percent(scores["named_right"])
         out[f"gap_wrong_{tier}"] = _percent(scores["named_wrong"])
+        for key in ("told_right", "told_wrong"):
+            out[f"gap_{key}_{tier}"] = _percent(scores[key])
         out[f"gap_interval_coverage_{tier}"] = _percent(scores["interval_coverage"])
         out[f"gap_interval_coverage_upper_{tier}"] = out[f"gap_interval_coverage_{tier}"]
         out[f"gap_false_alarm_{tier}"] = _percent(scores["false_alarm"])
