@@ -30,7 +30,8 @@ from gsbridge.gap.benchmark.photo_cases import photo_closure, read_photos, write
 from gsbridge.gap.benchmark.score import rate, score, score_findings
 from gsbridge.gap.benchmark.trajectories import course
 from gsbridge.gap.benchmark.twins import twins_of
-from gsbridge.gap.benchmark.verdicts import JudgedCase, _is_likely
+from gsbridge.gap.benchmark.verdicts import JudgedCase
+from gsbridge.gap.diagnosis.results import says_likely
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
 from gsbridge.gap.joints.mechanism.replay import Mechanism
@@ -331,8 +332,10 @@ def test_what_is_said_to_be_likely_counts_beside_names():
     [("likely, not proven", 0.7, True), ("likely, not proven", 0.3, False), ("one of", 0.7, False)],
 )
 def test_the_first_line_of_an_account_is_likely_where_it_closes_much(verdict, share, likely):
-    assert _is_likely({"entries": [{"verdict": verdict, "share": share}]}) == likely
-    assert not _is_likely({})
+    account = {"entries": [{"verdict": verdict, "share": share}]}
+    assert says_likely({"verdict": "none_of_the_known", "account": account}) == likely
+    assert not says_likely({"verdict": "ambiguous", "account": account})
+    assert not says_likely({"verdict": "none_of_the_known"})
 
 
 def test_figures_of_a_few_verdicts():

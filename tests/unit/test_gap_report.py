@@ -112,6 +112,17 @@ def test_every_verdict_has_a_page_and_a_next_step(tmp_path, verdict, label, said
 
 
 @pytest.mark.usefixtures("without_figures")
+def test_an_account_that_calls_an_effect_likely_stands_at_the_top(tmp_path):
+    entry = {**findings()["effects"][0], "label": "coulomb", "share": 0.7, "verdict": "likely, not proven", "alternatives": []}
+    remains = {"channel": "position", "phase": "at rest", "size": 2.0, "unit": "noise"}
+    text = page(tmp_path, findings("none_of_the_known", account={"entries": [entry], "explained": 0.7, "remains": remains}))
+    assert "none of the known effects" not in text
+    assert "likely, not proven" in text[: text.index('id="residuals"')]
+    assert "Most of the rest: position, at rest, 2 times the noise." in text
+    assert "The same commands went to a machine" in text
+
+
+@pytest.mark.usefixtures("without_figures")
 def test_what_was_not_adopted_is_not_called_amended(tmp_path):
     text = page(tmp_path, findings("none_of_the_known"))
     assert "The best explanation, which was not adopted" in text

@@ -17,7 +17,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.gap.benchmark.body_cases import BODY
 from gsbridge.gap.benchmark.photo_cases import SAME, photo_closure
-from gsbridge.gap.diagnosis.results import ABSTAINING, LIKELY, SILENT, TRANSFERS
+from gsbridge.gap.diagnosis.results import ABSTAINING, SILENT, says_likely
 from gsbridge.gap.joints.case import read_joint_case
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals
@@ -192,14 +192,8 @@ def _verdict(finding: Mapping[str, Any], truth: Mapping[str, Any]) -> JudgedCase
         sureness=sure,
         decides="sureness" in finding,
         guess=guess,
-        likely=finding["verdict"] in ABSTAINING and _is_likely(finding.get("account") or {}),
+        likely=says_likely(finding),
     )
-
-
-def _is_likely(account: Mapping[str, Any]) -> bool:
-    """Whether an account's first line is said to be likely, and closes enough of the gap for the finding to say so."""
-    first = next(iter(account.get("entries") or []), None)
-    return first is not None and first["verdict"] == LIKELY and first["share"] >= TRANSFERS
 
 
 def _guess(finding: Mapping[str, Any], short: Callable[[str], str]) -> tuple[Mapping[str, float], frozenset[str]]:

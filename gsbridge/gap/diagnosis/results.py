@@ -306,6 +306,17 @@ NAMED, ONE_OF, LIKELY = "named", "one of", "likely, not proven"
 """Words for how sure a line of an account is."""
 
 
+def says_likely(findings: Mapping[str, Any]) -> bool:
+    """Whether findings name nothing, but call what explains most of the gap likely.
+
+    Args:
+        findings: Content of `findings.json`.
+    """
+    first = next(iter((findings.get("account") or {}).get("entries") or []), None)
+    likely = first is not None and first["verdict"] == LIKELY and first["share"] >= TRANSFERS
+    return likely and findings["verdict"] == "none_of_the_known"
+
+
 @dataclass(frozen=True)
 class AccountEntry:
     """One line of an account.

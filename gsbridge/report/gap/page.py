@@ -76,6 +76,7 @@ def write_gap_report(case: str, files: CaseFiles, out: str | Path) -> None:
         out,
         "gap.html.j2",
         case=case,
+        compared=parts.about,
         **head(findings),
         numbers=parts.numbers(findings, replays["records"][JUDGED], explained),
         steps=next_steps(findings, about, screening, case),

@@ -39,6 +39,7 @@ class CaseSections(ABC):
     """Parts of the report that differ between kinds of cases.
 
     Args:
+        about: What the page compares, in a sentence.
         logs: What its measurements are called.
         short: Unit of the rivals' distances, empty for multiples of the noise.
         enough: How far rivals must be behind, where that is one number.
@@ -48,6 +49,7 @@ class CaseSections(ABC):
         noise_note: Note below the table of the noise.
     """
 
+    about: str
     logs: str
     short: str
     enough: str
@@ -178,6 +180,7 @@ class ThrowSections(CaseSections):
 
 
 MECHANISM = MechanismSections(
+    about="The same commands went to a machine and to its simulation.",
     logs="records",
     short="",
     enough="; 9 would do",
@@ -192,6 +195,7 @@ MECHANISM = MechanismSections(
 """Sections of the report on any model with joints."""
 
 THROWS = ThrowSections(
+    about="The same throws were made in reality and in a simulation.",
     logs="throws",
     short="mm",
     enough="",

@@ -10,22 +10,24 @@ import numpy as np
 from gsbridge.effects.bodies import BODY_EFFECTS
 from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.gap.diagnosis.chances import p_sentence
+from gsbridge.gap.diagnosis.results import says_likely
 from gsbridge.report.gap.figures import channel_name
 
 LABELS = {
     "no_discrepancy": ("no discrepancy", "good"),
     "named": ("named", "good"),
     "ambiguous": ("ambiguous", "warn"),
+    "likely": ("likely, not proven", "warn"),
     "none_of_the_known": ("none of the known effects", "warn"),
     "not_attributable": ("something remains, not attributable", "warn"),
     "not_enough_excitation": ("not enough excitation", "warn"),
 }
-"""Verdicts for people, and whether they are an answer."""
+"""Verdicts for people, and whether they are an answer; `likely` is one whose account says so."""
 
 
 def head(found: Mapping[str, Any]) -> dict[str, Any]:
     """What stands at the head of a page about findings, under the names of its template."""
-    label, tone = LABELS[found["verdict"]]
+    label, tone = LABELS["likely" if says_likely(found) else found["verdict"]]
     return {
         "verdict": label,
         "tone": tone,
