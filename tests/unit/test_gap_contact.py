@@ -437,6 +437,17 @@ def test_contacts_of_another_engine_are_attributed_to_nothing_but_a_gust_is_an_a
     assert "account" not in found["slow"]
 
 
+@pytest.mark.parametrize(("change", "verdict"), [({"gust": 2.0}, "none_of_the_known"), ({"force": (0.5, 0.0)}, "named")])
+def test_a_wind_in_gusts_is_no_steady_force(tmp_path, change, verdict):
+    """A steady force closes most of the gap that gusts leave behind the impact, but bodies fly otherwise."""
+    body = parse_body({**MODEL, "contact": {"friction": 0.3}}, ".")
+    scene = ThrowScene(friction=0.3, duration=HORIZON, **change)
+    throws = {role: throw_box(scene, 20, seed) for seed, role in enumerate(("fit", "select", "verify"))}
+    diagnosis = diagnose_throws(body, throws, tmp_path, names=("steady_force", "contact_friction"), horizon=HORIZON)
+    assert diagnosis.finding.best.names == ("steady_force",)
+    assert diagnosis.finding.verdict == verdict
+
+
 @pytest.fixture(scope="module")
 def thrown(tmp_path_factory):
     """A case from files: MuJoCo throws with friction 0.2, a PyBullet model with 0.5."""

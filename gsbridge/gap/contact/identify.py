@@ -260,7 +260,7 @@ class ThrowIdentification:
         gap, left = (float(self.second.gaps(effects).mean()) for effects in ((), best.fit.effects))
         # How much of the gap closes is told, and judged, in plain distances. Weighed ones tell rivals apart: in them a tenth of
         # a millimetre in flight counts as much as a centimetre after the body has tumbled.
-        if remains and closure(gap, left, rest.plain) < rules.closure:
+        if remains and (closure(gap, left, rest.plain) < rules.closure or self._flies_otherwise(rest, best)):
             verdict = "none_of_the_known"
         elif near or chances[0] < rules.sure:
             verdict = "ambiguous"
@@ -275,6 +275,15 @@ class ThrowIdentification:
             gap, left, self._runs(), unseen, floor=rest.plain, weighed=floor, spread=self.spread,
             near=tuple(" + ".join(trial.names) for trial in near),
         )  # fmt: skip
+
+    def _flies_otherwise(self, rest: ThrowNull, best: ThrowHypothesis) -> bool:
+        """Whether an explanation changes how bodies fly, and leaves too much there: no engine's contacts are an excuse then.
+
+        A wind that comes in gusts is no steady force, though such a force closes most of the gap behind the impact.
+        """
+        left = self.second.early(best.fit.effects)
+        closed = closure(float(self.second.early().mean()), float(left.mean()), float(rest.early.mean()))
+        return rest.p_early(left) < self.rules.alarm and self.rules.gain < closed < self.rules.closure
 
     def _near(self, trial: ThrowHypothesis, best: ThrowHypothesis, gap: float) -> bool:
         """Whether a rival is not clearly behind."""
