@@ -57,6 +57,6 @@ def throw_account(
         AccountEntry(BodyCandidate(effects[k].name), effects[k], np.empty(0), share, verdict, instead, spans[k], figures[k])
         for k, share in zip(order, np.diff(closed).tolist(), strict=True)
     ]
-    rest = select.phases(effects)
+    rest = verify.phases(effects)
     worst = max(rest, key=lambda phase: rest[phase])
     return GapAccount(tuple(entries), closed[-1], closed[-1], "position", _PLACES[worst], rest[worst])
