@@ -69,12 +69,15 @@ def test_an_account_is_told_line_by_line(tmp_path):
         "62.0 %",
         "one of",
         "viscous friction",
-        "close 62 % of the gap",
+        "It closes 62 % of the gap",
         "4.2 times",
         "70 times the noise",
     ):
         assert said in text, said
     assert "To prove Coulomb friction: compare slow with fast constant speed" in text
+    two = page(tmp_path, {**found, "account": {"entries": [entry, entry], "explained": 0.9, "remains": remains}})
+    assert "Together they close 90 % of the gap" in two
+    assert "Each share is what an effect adds to those above it." in two
 
 
 @pytest.mark.usefixtures("without_figures")

@@ -84,7 +84,7 @@ def write_gap_report(case: str, files: CaseFiles, out: str | Path) -> None:
         found_title="What was found" if findings["amended"] else "The best explanation, which was not adopted",
         effects=effect_rows(findings, parts.whole),
         account=account_rows(findings, parts.whole),
-        account_text=_account_text(findings),
+        account_text=_account_text(findings, parts),
         warnings=findings.get("warnings", []),
         becomes=any("becomes" in row for item in findings["effects"] for row in item["parameters"].values()),
         effect_notes=effect_notes(findings),
@@ -121,18 +121,18 @@ def account_rows(findings: Mapping[str, Any], whole: str) -> list[dict[str, str]
     ]
 
 
-def _account_text(findings: Mapping[str, Any]) -> str:
-    """What the account explains as a whole, and where the rest is."""
+def _account_text(findings: Mapping[str, Any], parts: CaseSections) -> str:
+    """What the account explains as a whole, how its shares are counted, and where the rest is."""
     account = findings.get("account")
     if not account:
         return ""
+    alone = len(account["entries"]) == 1
+    what, each = ("It closes", "") if alone else ("Together they close", "Each share is what an effect adds to those above it.")
     left = account["remains"]
-    size = amount(left["size"], left["unit"])
-    rest = f" Most of the rest: {left['channel']}, {left['phase']}, {size}." if left["channel"] else ""
-    return (
-        f"Together they close {100 * account['explained']:.0f} % of the gap on {unseen(findings)} that neither fitting nor "
-        f"choosing has seen, each the share that those above it leave.{rest}"
-    )
+    rest = f"Most of the rest: {left['channel']}, {left['phase']}, {amount(left['size'], left['unit'])}."
+    seen = f"{unseen(findings)} that neither fitting nor choosing has seen"
+    told = f"{what} {100 * account['explained']:.0f} % of the gap on {seen}."
+    return " ".join(text for text in (told, each, parts.shares_note, rest if left["channel"] else "") if text)
 
 
 def _residual_map_text(found: Mapping[str, Any], unit: str) -> str:

@@ -44,6 +44,7 @@ class CaseSections(ABC):
         short: Unit of the rivals' distances, empty for multiples of the noise.
         enough: How far rivals must be behind, where that is one number.
         whole: What an effect without a joint acts on.
+        shares_note: How the account's shares are counted, where they differ from the figures at the top.
         map_caption: Caption of the map of residuals.
         rivals_note: Note below the table of rivals.
         noise_note: Note below the table of the noise.
@@ -54,6 +55,7 @@ class CaseSections(ABC):
     short: str
     enough: str
     whole: str
+    shares_note: str
     map_caption: str
     rivals_note: str
     noise_note: str
@@ -185,6 +187,7 @@ MECHANISM = MechanismSections(
     short="",
     enough="; 9 would do",
     whole="whole mechanism",
+    shares_note="",
     map_caption="Root mean square residual on the record select, in units of the noise (1 is noise alone), by channel and "
     "by what the joint does; + and − are its directions. Bold: noise alone does not explain it (of the bold cells, one in a "
     "hundred may be chance). Dots: too few samples.",
@@ -200,6 +203,8 @@ THROWS = ThrowSections(
     short="mm",
     enough="",
     whole="body and contact",
+    shares_note="A distance counts here by how far noise and chaos carry a throw until that moment, so that shares differ from "
+    "that of the mean distance above.",
     map_caption="Root mean square distance on the throws select, in mm, along the axes of each throw, by phase (flight "
     "until the first touch, impact for 60 ms behind it, after) and by how the throw starts. Bold: noise and chaos do not "
     "explain it (of the bold cells, one in a hundred may be chance). Dots: too few throws.",
