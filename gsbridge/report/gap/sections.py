@@ -203,8 +203,8 @@ THROWS = ThrowSections(
     short="mm",
     enough="",
     whole="body and contact",
-    shares_note="A distance counts here by how far noise and chaos carry a throw until that moment, so that shares differ from "
-    "that of the mean distance above.",
+    shares_note="Each distance is divided here by how far noise and chaos alone carry a throw by that moment; the shares "
+    "therefore differ from the figures at the top, which count plain distances.",
     map_caption="Root mean square distance on the throws select, in mm, along the axes of each throw, by phase (flight "
     "until the first touch, impact for 60 ms behind it, after) and by how the throw starts. Bold: noise and chaos do not "
     "explain it (of the bold cells, one in a hundred may be chance). Dots: too few throws.",
