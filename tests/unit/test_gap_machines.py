@@ -60,6 +60,32 @@ def test_what_mujoco_hides_is_what_the_catalogue_calls_so(tmp_path, name):
     assert after < 0.15 * before
 
 
+@pytest.mark.parametrize(
+    ("machine", "joint", "name", "size"),
+    [
+        ("slide", "carriage", "compliance", 2e-5),
+        ("pendulum", "swing", "compliance", 0.02),
+        ("pendulum", "swing", "backlash", 5e-3),
+        ("arm3", "lift", "compliance", 1e-3),
+        ("arm3", "lift", "backlash", 5e-3),
+    ],
+)
+def test_what_plays_or_yields_behind_a_gear_that_rubs_does_so_in_both_engines(tmp_path, machine, joint, name, size):
+    """MuJoCo has a second joint behind the motor, on which all friction acts: so it must in the replay."""
+    system, plant = machines.machine_plant(machine, tmp_path)
+    time = np.arange(400) / 100
+    wanted = _joined(course("multisine", plant.centre, plant.reach, 4.0, np.random.default_rng(0)), 100.0)
+    moved = plant.truth(wanted, 4.0, time, {f"{name}:{joint}": size})
+    seen = {kind: moved[kind] for kind in plant.noise}
+    record = Record("fit", time, plant.joints, {"command": np.array([wanted(t) for t in time])}, seen, sigma=dict(plant.noise))
+    view = JointResiduals.of(Mechanism(system), record)
+    parameter = JOINT_EFFECTS[name].parameters[0].name
+    before = np.sqrt((view.residual() ** 2).mean())
+    after = np.sqrt((view.residual((Applied(name, joint, {parameter: size}),)) ** 2).mean())
+    assert before > 0.3
+    assert after < 0.15 * before
+
+
 def test_a_drawn_body_can_be_read_and_flies_by_what_is_hidden(tmp_path):
     case = body_cases.draw_body_case(("gravity_scale",), 20.0, 3, count=8)
     body_cases.write_body_case(tmp_path, case)

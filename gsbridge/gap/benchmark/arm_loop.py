@@ -22,6 +22,10 @@ _PARTS = 4
 """How often in a period what acts beside the engine is looked at, where the engine's steps allow it."""
 
 
+_HANGING = 1.5
+"""Time for which links behind play or a spring hang in their controller before the log begins, s: none begins afloat."""
+
+
 class ArmEngine(Protocol):
     """A simulated arm with what its engine itself can hide."""
 
@@ -53,6 +57,10 @@ class ArmEngine(Protocol):
     @property
     def steps(self) -> int:
         """Number of the engine's steps in a period of the controller."""
+
+    @property
+    def loose(self) -> bool:
+        """Whether links move against their motors."""
 
 
 def run_arm(
@@ -91,14 +99,15 @@ def run_arm(
     # The tool's place costs more than a step, and is wanted beside the samples only.
     beside = np.searchsorted(grid, times - late)[:, None] + np.arange(-1, 2)
     placed = set(np.clip(beside, 0, steps - 1).ravel().tolist())
-    for number in range(steps):
-        time = number * PERIOD
+    for number in range(-round(_HANGING / PERIOD) if engine.loose else 0, steps):
+        time = max(number, 0) * PERIOD
         wanted = commands(np.asarray(course(max(time - commands.dead, 0.0)), dtype=np.float64))
         q, v = engine.state()
         seen, rate = sensors(q, v, time)
         asked = stiff * (wanted - seen) - damp * rate
         asked = np.clip(asked + share * engine.weight(seen) if share else asked, -limit, limit)
-        out[:, number] = seen, rate, asked
+        if number >= 0:
+            out[:, number] = seen, rate, asked
         if number in placed:
             places[number] = engine.place()
         dry = rubs(q, v, time, asked)

@@ -48,7 +48,7 @@ class BulletTruth:
 class _BulletArm:
     """An arm of PyBullet in motion, and the nominal one that its controller believes in."""
 
-    steps = _EVERY
+    steps, loose = _EVERY, False
 
     def __init__(self, system: MechanismModel, skeleton: Skeleton, hidden: Mapping[str, float]) -> None:
         self._system, self._skeleton, self._hidden = system, skeleton, hidden

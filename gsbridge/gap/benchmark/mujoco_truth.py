@@ -147,6 +147,7 @@ class _MujocoArm:
         # The controller knows nothing of joints that something hidden has added.
         self._own_rows = [brain.joint(name).qposadr[0] for name in joints]
         self._own_dofs = [brain.joint(name).dofadr[0] for name in joints]
+        self.loose = model.njnt > brain.njnt
         self._bare = model.dof_frictionloss[self._dofs].copy()
         self._last, self._shown = model.body(last).id, mujoco.MjData(model)
 

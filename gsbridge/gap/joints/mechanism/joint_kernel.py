@@ -11,7 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from gsbridge.gap.joints.mechanism.dynamics import LOADS, bias, inertia, place, spread, weights
-from gsbridge.gap.joints.mechanism.joint_steps import advance, coupling, motor_side, press
+from gsbridge.gap.joints.mechanism.joint_steps import advance, press, transmit
 from gsbridge.geometry import Array
 from gsbridge.kernels import njit
 
@@ -62,6 +62,9 @@ MODE = MappingProxyType({"torque": 0, "free": 0, "pd": 1, "position": 2})
 _YIELDING = 0.3
 """Product of a transmission's compliance and the controller's stiffness against one step up to which it hardly yields: beyond,
 an explicit step of the controller would run away."""
+
+_MEETINGS = 4
+"""Largest number of times that a step is taken until links and motors agree whether they touch."""
 
 _PULLED = 1e-9
 """Weight on a joint, N m, up to which nothing tells on which side of its play a link begins; it is put in the middle."""
@@ -129,8 +132,10 @@ def simulate(
     matrix, brain_matrix, factor, inverse = np.empty((4, count, count))
     hold, brain_hold = np.empty(count), np.empty(count)
     screws, loads, work = np.empty((count, 6)), np.empty((count, LOADS)), np.empty((count, 18))
-    asked, torque, delayed, seen_q, seen_v = np.zeros(count), np.zeros(count), np.zeros(count), np.empty(count), np.empty(count)
+    asked, delayed, seen_q, seen_v = np.zeros(count), np.zeros(count), np.empty(count), np.empty(count)
     grip, impulse, right, pull = np.zeros(count), np.zeros(count), np.empty(count), np.empty(count)
+    skew, lows, highs, gives, slopes = np.zeros((5, count))
+    end, alone, rubbed, diagonal = np.empty((4, count))
     shift, pulls, damps, stiffs = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count)
     motor, motor_speed, before, was = q.copy(), v.copy(), v.copy(), q.copy()
     weighs = mode == 2
@@ -151,6 +156,7 @@ def simulate(
         spread(slides, bodies, turn, origin, axis, screws, loads)
         bias(parents, screws, loads, gravity, v, work, hold)
         inertia(parents, screws, loads, matrix)
+        parted = False
         if touches:
             for i in range(3):
                 toe[i] = origin[tip, i]
@@ -225,7 +231,6 @@ def simulate(
             worn = 1.0 + law[_WARMING, i] * (start + number * step)
             losses = law[_VISCOUS, i] * worn
             if soft[i]:
-                compliance = max(law[_COMPLIANCE, i], _RIGID)
                 stiff, damp, load = 0.0, 0.0, given
                 light = law[_DAMP, i] * step > 0.5 * law[_ARMATURE, i]
                 half = 0.5 * law[_BACKLASH, i]
@@ -248,26 +253,23 @@ def simulate(
                 if not joins[i]:
                     # Oil rubs in motor and gear, before the play.
                     damp, losses = damp + losses, 0.0
-                base, joined = coupling(law[_ARMATURE, i], damp, stiff, compliance, step)
                 pulls[i], damps[i], stiffs[i] = load, damp, stiff
-                shift[i] = law[_ARMATURE, i] if joins[i] else 0.0
-                if base > 0.0 and not joins[i]:
-                    # Where the motor would go alone, against where the link would: as far as they meet, they go together.
-                    rotor = law[_ARMATURE, i] / step
-                    free = (load + rotor * motor_speed[i] + (rotor / step + damp / step) * motor[i]) / base
-                    twist = free - q[i] - step * v[i]
-                    given = 0.0
-                    if abs(twist) > half:
-                        given = joined * (twist - math.copysign(half, twist))
-                        shift[i] = joined * step * step
-            torque[i] = given
-            grip[i] = law[_DRY, i]
+            grip[i], skew[i] = law[_DRY, i], law[_SKEW, i]
             if law[_STRIBECK, i] != 0.0:
-                share = v[i] / law[_STRIBECK_SPEED, i]
+                share = (motor_speed[i] if soft[i] else v[i]) / law[_STRIBECK_SPEED, i]
                 grip[i] += law[_STRIBECK, i] * math.exp(-share * share)
             if law[_LOAD, i] != 0.0:
                 grip[i] += law[_LOAD, i] * abs(given)
             grip[i] *= worn
+            if soft[i]:
+                shift[i] = law[_ARMATURE, i] if joins[i] else 0.0
+                if not joins[i]:
+                    lows[i], highs[i] = 0.0, 0.0
+                    if law[_ARMATURE, i] > 0.0 or damps[i] > 0.0 or stiffs[i] > 0.0:
+                        # Motor and gear rub before the play, and in front of what yields.
+                        lows[i], highs[i] = min(skew[i] - grip[i], 0.0), max(grip[i] + skew[i], 0.0)
+                        grip[i], skew[i] = 0.0, 0.0
+                    given, parted = 0.0, True
             # With mean speeds, losses are those of the mean speed too; the drag's slope is twice its share of the speed.
             shift[i] += step * ((0.5 if centred else 1.0) * losses + law[_QUADRATIC, i] * abs(v[i]))
             right[i] = given - hold[i] - (losses + law[_QUADRATIC, i] * abs(v[i])) * v[i]
@@ -280,8 +282,31 @@ def simulate(
                     matrix[i, j] += slows * slope[i] * slope[j]
         for i in range(count):
             matrix[i, i] += shift[i]
-            before[i], was[i] = v[i], q[i]
-        advance(matrix, right, grip, law[_SKEW], step, v, impulse, factor, inverse)
+            before[i], was[i], end[i] = v[i], q[i], q[i] + step * v[i]
+            alone[i], rubbed[i], diagonal[i] = right[i], impulse[i], matrix[i, i]
+        for attempt in range(_MEETINGS if parted else 1):
+            # Whether a link meets its motor depends on where it ends, and that on whether they meet: again until both agree.
+            met = True
+            for i in range(count):
+                if parted and soft[i] and not joins[i]:
+                    given, grows, _ = transmit(
+                        end[i], motor[i], motor_speed[i], pulls[i], damps[i], stiffs[i], law[_ARMATURE, i],
+                        lows[i], highs[i], max(law[_COMPLIANCE, i], _RIGID), law[_BACKLASH, i], step,
+                    )  # fmt: skip
+                    met = met and attempt > 0 and grows == slopes[i] and (given < 0.0) == (gives[i] < 0.0)
+                    gives[i], slopes[i] = given, grows
+            if met and attempt > 0:
+                break
+            if parted:
+                for i in range(count):
+                    v[i], impulse[i] = before[i], rubbed[i]
+                    right[i], matrix[i, i] = alone[i], diagonal[i]
+                    if soft[i] and not joins[i]:
+                        right[i] += gives[i] + slopes[i] * (end[i] - q[i] - step * v[i])
+                        matrix[i, i] += slopes[i] * step * step
+            advance(matrix, right, grip, skew, step, v, impulse, factor, inverse)
+            for i in range(count):
+                end[i] = q[i] + step * v[i]
         for i in range(count):
             q[i] += step * (0.5 * (before[i] + v[i]) if centred else v[i])
             if soft[i] and joins[i]:
@@ -289,11 +314,12 @@ def simulate(
                 motor_speed[i] = v[i] + (angle - motor[i] - (q[i] - was[i])) / step
                 motor[i] = angle
             elif soft[i]:
-                angle = motor_side(
-                    q[i], motor[i], motor_speed[i], pulls[i], damps[i], stiffs[i], law[_ARMATURE, i],
-                    max(law[_COMPLIANCE, i], _RIGID), law[_BACKLASH, i], step,
+                # Where both would end at the speeds that they end with; of the way that they really go, that is as far off for
+                # the motor as for the link.
+                _, _, angle = transmit(
+                    end[i], motor[i], motor_speed[i], pulls[i], damps[i], stiffs[i], law[_ARMATURE, i],
+                    lows[i], highs[i], max(law[_COMPLIANCE, i], _RIGID), law[_BACKLASH, i], step,
                 )  # fmt: skip
-                # Of the turn against the link the mean speed is known; of the link's own it would be half a step late.
-                motor_speed[i] = v[i] + (angle - motor[i] - (q[i] - was[i])) / step
-                motor[i] = angle
+                motor_speed[i] = (angle - motor[i]) / step
+                motor[i] = angle + q[i] - end[i]
     return length

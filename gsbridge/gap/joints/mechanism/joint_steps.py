@@ -11,29 +11,7 @@ from gsbridge.robot.friction import rub
 
 
 @njit(nogil=True)
-def coupling(rotor: float, damping: float, stiffness: float, compliance: float, step: float) -> tuple[float, float]:
-    """Stiffness of a motor against its own step, and that of motor and transmission in a row as the link feels them.
-
-    Both moves are taken at the end of the step. A transmission that is all but rigid then joins the rotor's inertia to the
-    link's, where an explicit link would be thrown off by the spring's full force. Both are zero for a motor that nothing
-    holds back: it hands its torque on.
-
-    Args:
-        rotor: Inertia of the motor, kg m2.
-        damping: Damping that acts on the motor, N m s/rad.
-        stiffness: Stiffness that acts on the motor, N m/rad.
-        compliance: Twist of the transmission per torque, rad/(N m).
-        step: Step of time, s.
-
-    Returns:
-        Both stiffnesses, N m/rad.
-    """
-    base = rotor / (step * step) + damping / step + stiffness
-    return base, 1.0 / (compliance + 1.0 / base) if base > 0.0 else 0.0
-
-
-@njit(nogil=True)
-def motor_side(
+def transmit(
     q: float,
     motor: float,
     motor_speed: float,
@@ -41,13 +19,17 @@ def motor_side(
     damping: float,
     stiffness: float,
     rotor: float,
+    low: float,
+    high: float,
     compliance: float,
     gap: float,
     step: float,
-) -> float:
-    """Angle of a motor at the end of a step, behind a transmission with play and twist whose link is then at `q`.
+) -> tuple[float, float, float]:
+    """What a transmission with play and twist hands on to a link that is at `q` at the end of a step.
 
-    The motor feels `pull - stiffness * angle - damping * speed` and the transmission.
+    The motor feels `pull - stiffness * angle - damping * speed`, the transmission, and dry friction that would bring it to
+    rest. All moves are taken at the end of the step. A transmission that is all but rigid then joins the rotor's inertia to
+    the link's, where an explicit link would be thrown off by the spring's full force.
 
     Args:
         q: Angle of the link at the end of the step, rad.
@@ -57,22 +39,36 @@ def motor_side(
         damping: Damping that acts on the motor, N m s/rad.
         stiffness: Stiffness that acts on the motor, N m/rad.
         rotor: Inertia of the motor, kg m2.
+        low, high: Dry friction against the motor's motion backwards, at most 0, and forwards, at least 0, N m.
         compliance: Twist of the transmission per torque, above 0, rad/(N m).
         gap: Play of the transmission from end to end, rad.
         step: Step of time, s.
 
     Returns:
-        Angle of the motor at the end of the step, rad.
-    """  # fmt: skip
+        Torque on the link, N m; how much less it is per angle that the link goes on, N m/rad; and the motor's angle at the end
+        of the step, rad. A motor that nothing holds back hands its torque on.
+    """
     half = 0.5 * gap
     base = rotor / (step * step) + damping / step + stiffness
     if base <= 0.0:
-        return q + math.copysign(half, pull) + compliance * pull
+        return pull, 0.0, q + math.copysign(half, pull) + compliance * pull
     right = pull + (rotor / step) * motor_speed + (rotor / (step * step) + damping / step) * motor
-    free = right / base
+    alone = right - base * motor
+    free = (right - min(max(alone, low), high)) / base
     if abs(free - q) <= half:
-        return free
-    return (right + (q + math.copysign(half, free - q)) / compliance) / (base + 1.0 / compliance)
+        return 0.0, 0.0, free
+    end = q + math.copysign(half, free - q)
+    # What would move the motor beside friction, if it rested.
+    whole = alone + (end - motor) / compliance
+    if low <= whole <= high:
+        return (motor - end) / compliance, 1.0 / compliance, motor
+    rubbing = high if whole > high else low
+    joined = 1.0 / (compliance + 1.0 / base)
+    given = joined * ((right - rubbing) / base - end)
+    if given * (free - q) < 0.0:
+        # The motor leaves the link behind.
+        return 0.0, 0.0, (right - rubbing) / base
+    return given, joined, end + compliance * given
 
 
 @njit(nogil=True)
