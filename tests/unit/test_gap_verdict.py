@@ -5,8 +5,8 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import norm
 
-from gsbridge.gap.diagnosis.results import EffectFit, Hypothesis, Rules
-from gsbridge.gap.diagnosis.verdict import decide, told_apart
+from gsbridge.gap.diagnosis.results import EffectFit, Finding, Hypothesis, Rules
+from gsbridge.gap.diagnosis.verdict import decide, third_opinion, told_apart
 from gsbridge.gap.joints.candidates import JointCandidate
 from gsbridge.gap.joints.detect import REPLICATES, JointNull
 
@@ -141,3 +141,56 @@ def test_what_is_loud_for_a_while_does_not_hide_who_errs_more_in_quiet():
     best = 0.5 * np.sqrt(3 * (apart**2).sum())
     assert told_apart(noises, [noise + apart for noise in noises]) > 0.6 * best
     assert told_apart([noise + apart for noise in noises], noises) < -0.6 * best
+
+
+def opinion(apart, third, ambiguous=("viscous:axis", "coulomb:axis"), seed=4):
+    """A finding that is open between the truth and a rival, and what a third record makes of it.
+
+    Args:
+        apart: What the rival leaves beyond the noise, on each of two records. [T, C].
+        third: The same on the third. [T, C].
+    """
+    noises = np.random.default_rng(seed).standard_normal((3, *SHAPE))
+    rivals = trial("viscous", [0.1], *noises[:2]), trial("coulomb", [0.1], *(noises[:2] + apart))
+    floor = float(np.prod(SHAPE))
+    seen = tuple((one, 0.5) for one in sorted(rivals, key=lambda one: one.score))
+    finding = Finding("ambiguous", seen[0][0], seen, tuple(ambiguous), False, 0.0, 1.0, 2.0, 1.0, 0)
+    left = {"viscous:axis": noises[2], "coulomb:axis": noises[2] + third}
+    return third_opinion(finding, lambda one: left[one.names[0]], Rules(), floor)
+
+
+def test_a_third_record_names_what_two_prefer():
+    weak, strong = shape_of(4.0), shape_of(60.0)
+    named = opinion(weak, strong)
+    assert (named.verdict, named.ambiguous) == ("named", ())
+    assert named.best.names == ("viscous:axis",)
+    assert opinion(weak, 0.0 * strong).verdict == "ambiguous"
+    # What nobody fitted is not ruled out by any record.
+    assert opinion(weak, strong, ("viscous:axis", "coulomb:axis", "lag")).verdict == "ambiguous"
+
+
+def test_a_third_record_puts_nothing_in_the_place_of_what_two_prefer():
+    """Noise may prefer the wrong one on two records: the third then leaves it open."""
+    strong, open_ones = shape_of(60.0), 0
+    for seed in range(40):
+        found = opinion(shape_of(0.5), strong, seed=seed)
+        if found.best.names == ("coulomb:axis",):
+            open_ones += 1
+            assert found.verdict == "ambiguous"
+    assert open_ones > 5
+
+
+def test_names_by_a_third_record_are_as_sure_as_they_say():
+    names = [opinion(shape_of(6.0), shape_of(3.0), seed=seed) for seed in range(600)]
+    named = [found.best.names for found in names if found.verdict == "named"]
+    assert len(named) > 50
+    assert sum(name == ("coulomb:axis",) for name in named) <= 0.05 * len(named)
+
+
+@pytest.mark.parametrize(("count", "larger"), [(400, True), (40_000, False)])
+def test_a_larger_law_must_gain_what_the_number_of_residuals_asks(count, larger):
+    """Schwarz: 9.5 are enough for one parameter among ten thousand numbers, and not among eighty thousand."""
+    one, other = np.zeros((2, count, 1)), np.zeros((2, count, 1))
+    one[:, 0], other[:, 0] = np.sqrt(count), np.sqrt(count - 9.5 / 2)
+    simple, rich = trial("coulomb", [0.1], *one), trial("coulomb_asym", [0.1, 0.01], *other)
+    assert (decide([simple, rich], Rules(), float(count)).trials[0] is rich) == larger

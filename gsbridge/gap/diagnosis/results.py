@@ -46,9 +46,10 @@ class Rules:
         margin: Squared residual, in units of the noise, that a search looks beyond what was reached.
         join: The same by which one effect more must be better: the best of many candidates always wins a little by chance.
         earn: The same for a rival on the record that neither was fitted to, and for larger sets of effects.
-        simple: The same for further parameters of an effect that holds a simpler one: Schwarz's logarithm of ten thousand
-            samples instead of Akaike's two (Annals of Statistics 6, 1978).
+        simple: The least of the same for further parameters of an effect that holds a simpler one; Schwarz's logarithm of the
+            number of residuals, less Akaike's two, where that is more (Annals of Statistics 6, 1978).
         closure: Share of the gap that what is named must close where something remains.
+        several: The same of several effects on `verify`: enough of them mimic a law that is missing.
         deviations: Standard deviations by which a mean gain on `select` must exceed chance, for coloured noise too.
         most: Effects that are looked for at once.
         draws: Number of draws of the block bootstrap.
@@ -69,6 +70,7 @@ class Rules:
     earn: float = 4.0
     simple: float = 7.2
     closure: float = 0.9
+    several: float = 0.95
     deviations: float = 3.0
     most: int = 3
     draws: int = 500
@@ -208,6 +210,10 @@ class Hypothesis:
         """`squares` with Akaike's allowance for what fitting won on the first record by chance."""
         return self.squares + 2.0 * self.parameters
 
+    def holds(self, who: Candidate) -> bool:
+        """Whether it holds an effect, or one on the same joint that is the same with some amplitudes at zero."""
+        return any(other == who or (who.name in other.effect.contains and who.joint == other.joint) for other in self.fit.who)
+
     def contains(self, other: Hypothesis) -> bool:
         """Whether another explanation is a special case of this one, by what the catalogue says."""
         if set(other.fit.who) < set(self.fit.who):
@@ -275,6 +281,7 @@ class Verification:
         channels: Before and after of each channel.
         accepted: Whether the amended model is no worse.
         p_remaining: p-value of the hypothesis that they leave nothing but noise there; None where nothing tells.
+        mostly: The closure at most times, where parts knock against each other at moments that no law tells.
     """
 
     before: float
@@ -283,6 +290,7 @@ class Verification:
     channels: Mapping[str, tuple[float, float]]
     accepted: bool
     p_remaining: float | None = None
+    mostly: float = -np.inf
 
     def transfers(self, rules: Rules | None = None, several: bool = False) -> bool:
         """Whether `verify` does not refute the effects.
@@ -299,7 +307,7 @@ class Verification:
             return self.closure >= TRANSFERS
         if self.before >= _SLIGHT and self.closure < TRANSFERS:
             return False
-        return self.p_remaining >= rules.alarm or (not several and self.closure >= rules.closure)
+        return self.p_remaining >= rules.alarm or (not several and max(self.closure, self.mostly) >= rules.closure)
 
 
 NAMED, ONE_OF, LIKELY = "named", "one of", "likely, not proven"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -11,7 +11,7 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from gsbridge.gap.diagnosis.closure import beyond_noise
-from gsbridge.gap.diagnosis.results import Hypothesis, Rules
+from gsbridge.gap.diagnosis.results import Finding, Hypothesis, Rules
 from gsbridge.geometry import Array
 
 _ERRING = 1.5
@@ -56,7 +56,9 @@ def decide(trials: Sequence[Hypothesis], rules: Rules, floor: float) -> Decision
     wide = max(1.0, best.chi2 / floor)
     # Where a model errs, one number more always explains a part of the error: it must explain more than it leaves.
     left = max(best.squares - 2.0 * floor, 0.0) if wide > _ERRING else 0.0
-    earn, simple = rules.earn * wide, max(rules.simple * wide, left)
+    # Schwarz's allowance instead of Akaike's, which the scores hold already.
+    schwarz = max(rules.simple, np.log(best.residual.size + best.first.size) - 2.0)
+    earn, simple = rules.earn * wide, max(schwarz * wide, left)
     # What holds a simpler explanation as a special case must earn its further parameters, and otherwise says nothing else.
     for trial in sorted(ranked[1:], key=lambda trial: trial.parameters):
         if best.contains(trial) and trial.score - best.score < simple:
@@ -67,7 +69,7 @@ def decide(trials: Sequence[Hypothesis], rules: Rules, floor: float) -> Decision
     kept = _without_unsure_parts([best, *others], rules.sure)
     best, others, chances = kept[0], kept[1:], _chances(kept)
     # What the probability asks of white noise, and more where the best leaves more than noise.
-    margin = 2.0 * np.log(rules.sure / (1.0 - rules.sure)) * wide
+    margin = _margin(rules) * wide
     near = tuple(
         trial
         for trial, chance in zip(others, chances[1:], strict=True)
@@ -99,22 +101,59 @@ def _is_larger(trial: Hypothesis, best: Hypothesis) -> bool:
     return len(trial.fit.who) > 1 and trial.parameters > best.parameters
 
 
-def _chances(trials: Sequence[Hypothesis]) -> Array:
+def _chances(trials: Sequence[Hypothesis], third: Sequence[Array] | None = None) -> Array:
     """Probability that each trial is best, the first being the best guess. [trials].
 
     Likelihoods, tempered: if the noise were white, squared residuals would be twice the negative logarithms. How much more they
-    spread is taken from blocks of time of both records: of what the best guess leaves, along what the other would change.
+    spread is taken from blocks of time of the records: of what the best guess leaves, along what the other would change.
+
+    Args:
+        trials: Explanations.
+        third: What each leaves of a third record; None to look at two. [T, C] each.
     """
     best, odds = trials[0], [0.0]
-    for trial in trials[1:]:
+    for number, trial in enumerate(trials[1:], 1):
         variance = squares = 0.0
-        for left, other in ((best.residual, trial.residual), (best.first, trial.first)):
+        pairs, ahead = [(best.residual, trial.residual), (best.first, trial.first)], best.score - trial.score
+        if third is not None:
+            pairs.append((third[0], third[number]))
+            ahead += float((third[0] ** 2).sum() - (third[number] ** 2).sum())
+        for left, other in pairs:
             apart = other - left
             variance += _spread(left, apart)[0]
             squares += float((apart**2).sum())
-        odds.append(0.5 * (best.score - trial.score) / max(1.0, variance / max(squares, 1e-300)))
+        odds.append(0.5 * ahead / max(1.0, variance / max(squares, 1e-300)))
     weights = np.exp(np.array(odds) - max(odds))
     return weights / weights.sum()
+
+
+def third_opinion(finding: Finding, left_by: Callable[[Hypothesis], Array], rules: Rules, floor: float) -> Finding:
+    """A finding that cannot decide, with its best explanation named where `verify` makes it as sure as a name.
+
+    `verify` cannot put another one in its place: what was chosen on two records is asked about once.
+
+    Args:
+        finding: What two records tell.
+        left_by: What an explanation leaves of `verify`, in units of the noise. [T, C].
+        rules: Thresholds.
+        floor: Squared residual of noise alone on `select`.
+    """
+    best = finding.best
+    trials = [trial for trial, _ in finding.rivals if " + ".join(trial.names) in finding.ambiguous]
+    if finding.verdict != "ambiguous" or best is None or len(trials) < len(finding.ambiguous) or trials[0] is not best:
+        return finding
+    third, wide = [left_by(trial) for trial in trials], max(1.0, best.chi2 / floor)
+    for trial, residual in zip(trials[1:], third[1:], strict=True):
+        behind = trial.score - best.score + float((residual**2).sum() - (third[0] ** 2).sum())
+        if behind < _margin(rules) * wide or best.chi2 - trial.chi2 > rules.earn * wide:
+            return finding
+    sure = _chances(trials, third)[0] >= rules.sure
+    return replace(finding, verdict="named", ambiguous=()) if sure else finding
+
+
+def _margin(rules: Rules) -> float:
+    """What the probability of a name asks of squared residuals, for white noise."""
+    return float(2.0 * np.log(rules.sure / (1.0 - rules.sure)))
 
 
 def slim(trials: Sequence[Hypothesis], rules: Rules, floor: float, plain: float) -> list[Hypothesis]:

@@ -10,6 +10,8 @@ import numpy as np
 from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.joints.base import JointEffect
 from gsbridge.effects.joints.sliding import SLIDING_EFFECTS
+from gsbridge.effects.registry import Applied
+from gsbridge.gap.diagnosis.closure import closed_at_most_times
 from gsbridge.gap.diagnosis.results import Candidate
 from gsbridge.gap.formats.records import TOOL
 from gsbridge.gap.joints.mechanism.replay import up_of
@@ -45,6 +47,22 @@ class JointCandidate(Candidate):
         """Sets of parameters of which multiples are tried first: those of the effect, at each height where it is a surface."""
         own = super().directions()
         return tuple({**values, "height": height} for values in own for height in self.heights) if self.heights else own
+
+
+def closed_beside_knocks(effects: Sequence[Applied], before: Array, after: Array, share: float) -> float:
+    """Share of a gap that effects close at most times, if parts knock against each other in them; negative infinity otherwise.
+
+    When exactly a gear's play closes, and how often it rebounds, depends on how hard its teeth are and how the replay steps:
+    one knock too early errs as much as none.
+
+    Args:
+        effects: The effects.
+        before: Whitened residual without them. [T, C].
+        after: With them. [T, C].
+        share: Mean square of noise alone.
+    """
+    knocks = any(JOINT_EFFECTS[applied.name].knocks for applied in effects)
+    return closed_at_most_times(before, after, share) if knocks else -np.inf
 
 
 def candidates(

@@ -16,7 +16,7 @@ import numpy as np
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.results import Candidate, EffectFit
 from gsbridge.gap.joints.mechanism.replay import Mechanism
-from gsbridge.gap.joints.screen import Screen
+from gsbridge.gap.joints.screen import Screen, SignatureMatch
 from gsbridge.geometry import Array
 
 _ROUNDS = 12
@@ -169,6 +169,22 @@ def derivatives(view: ReplayedRecords, fitted: EffectFit) -> Array:
     for k in range(len(x)):
         out[:, k] = problem.difference(x, r, k)
     return out
+
+
+def ordered(view: ReplayedRecords, match: SignatureMatch, affords: Callable[[int], bool]) -> tuple[dict[str, float], ...]:
+    """Starts of a fit, the better of the first two first, where signatures alone leave it open.
+
+    Args:
+        view: The record to fit.
+        match: The candidate and its starts.
+        affords: Whether so many simulations are left.
+    """
+    first, *others = match.starts
+    alone = sum(parameter.amplitude for parameter in match.candidate.effect.parameters) < 2
+    if alone or not others or match.candidate.effect.threshold or not affords(4):
+        return match.starts
+    left = [float((view.residual((match.candidate.applied(values),)) ** 2).sum()) for values in (first, others[0])]
+    return match.starts if left[0] <= left[1] else (others[0], first, *others[1:])
 
 
 def nearer(view: ReplayedRecords, who: Candidate, start: dict[str, float], affords: Callable[[int], bool]) -> dict[str, float]:

@@ -12,10 +12,10 @@ from gsbridge.gap.diagnosis.pvalues import LEAST
 from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Finding, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import Decision, decide, slim, transfer
 from gsbridge.gap.joints.bank import SignatureBank
-from gsbridge.gap.joints.candidates import thresholds
+from gsbridge.gap.joints.candidates import closed_beside_knocks, thresholds
 from gsbridge.gap.joints.coherence import related
 from gsbridge.gap.joints.detect import JointNull, joint_null
-from gsbridge.gap.joints.fit import derivatives, fit, nearer, polish
+from gsbridge.gap.joints.fit import derivatives, fit, nearer, ordered, polish
 from gsbridge.gap.joints.motion import is_motion, vibrates
 from gsbridge.gap.joints.parameter_error import BesideParameterError
 from gsbridge.gap.joints.residuals import JointResiduals
@@ -36,11 +36,6 @@ _NEAR = 2.0
 
 _MOST = 0.5
 """Share of a gap's squares that the best fit must explain for others to be looked for no further."""
-
-
-def _holds(trial: Hypothesis, who: Candidate) -> bool:
-    """Whether an explanation holds an effect, or one on the same joint that is the same with some amplitudes at zero."""
-    return any(other == who or (who.name in other.effect.contains and who.joint == other.joint) for other in trial.fit.who)
 
 
 class JointIdentification:
@@ -200,9 +195,10 @@ class JointIdentification:
             if far or not self._affords(2 + len(match.candidate.effect.parameters)):
                 break
             bar = chi2 - reached + 0.3 * max(reached, 0.0) + 100.0 if np.isfinite(reached) else np.inf
-            begin = nearer(self.first, match.candidate, match.starts[0], self._affords)
+            starts = ordered(self.first, match, self._affords)
+            begin = nearer(self.first, match.candidate, starts[0], self._affords)
             fitted = fit(self.first, (match.candidate,), (begin,), bar, self.screen, self._limit())
-            for start in match.starts[1:2]:
+            for start in starts[1:2]:
                 # A start in the wrong valley leaves more than a projection onto the signatures promised.
                 poor = chi2 - fitted.chi2 < 0.5 * match.bound
                 if (fitted.converged and not poor) or not self._affords(2 + len(match.candidate.effect.parameters)):
@@ -216,7 +212,7 @@ class JointIdentification:
             else:
                 self.lost.add(str(match.candidate))
         out += self._thresholds(out)
-        return out + self._simpler(out)
+        return out + self._simpler(out, out)
 
     def _thresholds(self, trials: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Fits of what begins at a threshold, on the joint that errs most, where all others leave most of the gap.
@@ -243,24 +239,25 @@ class JointIdentification:
                 self.lost.add(str(who))
         return out
 
-    def _simpler(self, trials: Sequence[Hypothesis]) -> list[Hypothesis]:
+    def _simpler(self, trials: Sequence[Hypothesis], known: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Special cases of good explanations that were not fitted, or went astray, from where those ended.
 
         Beside none of its special cases an effect would be named for parameters that explain nothing.
         """
-        out, fitted = list[Hypothesis](), {trial.fit.who for trial in trials}
+        out, fitted = list[Hypothesis](), {frozenset(trial.fit.who) for trial in known}
         best = min((trial.fit.chi2 for trial in trials), default=0.0)
-        for trial in trials:
-            (whole,), (values,) = trial.fit.who, trial.fit.values
-            for who in (c for c in self.who if c.joint == whole.joint and c.name in whole.effect.contains):
-                names = [parameter.name for parameter in who.effect.parameters]
-                known = (who,) in fitted or not set(names) <= set(values) or trial.fit.chi2 > _NEAR * best
-                if known or not self._affords(2 + len(names)):
-                    continue
-                start = {name: values[name] for name in names}
-                out.append(self.trial_of(fit(self.first, (who,), (start,), np.inf, self.screen, self._limit())))
-                self.lost.discard(str(who))
-                fitted.add((who,))
+        for trial in (trial for trial in trials if trial.fit.chi2 <= _NEAR * best):
+            for k, (whole, values) in enumerate(zip(trial.fit.who, trial.fit.values, strict=True)):
+                for who in (c for c in self.who if c.joint == whole.joint and c.name in whole.effect.contains):
+                    names = [parameter.name for parameter in who.effect.parameters]
+                    every = (*trial.fit.who[:k], who, *trial.fit.who[k + 1 :])
+                    count = sum(len(c.effect.parameters) for c in every)
+                    if frozenset(every) in fitted or not set(names) <= set(values) or not self._affords(2 + count):
+                        continue
+                    starts = [*trial.fit.values[:k], {name: values[name] for name in names}, *trial.fit.values[k + 1 :]]
+                    out.append(self.trial_of(fit(self.first, every, starts, np.inf, self.screen, self._limit())))
+                    self.lost.discard(str(who))
+                    fitted.add(frozenset(every))
         return out
 
     def _several(self, singles: list[Hypothesis], best: Hypothesis) -> list[Hypothesis]:
@@ -288,6 +285,8 @@ class JointIdentification:
             best = new
             if not self.remains(best):
                 break
+        if len(best.fit.who) > 1:
+            trials += self._simpler([best], trials)
         return slim(trials, self.rules, self.floor, self.plain_chi2)
 
     def _decide(
@@ -364,7 +363,7 @@ class JointIdentification:
             return None
         leaves = max(_AS_LITTLE * (1.0 - self._closed(best)), _LITTLE)
         good = [trial for trial in (*found.near, *trials) if 1.0 - self._closed(trial) <= leaves]
-        core = {who for who in best.fit.who if all(_holds(trial, who) for trial in good)}
+        core = {who for who in best.fit.who if all(trial.holds(who) for trial in good)}
         if not core or core == set(best.fit.who):
             return None
         part = next((trial for trial in trials if set(trial.fit.who) == core), None)
@@ -383,7 +382,9 @@ class JointIdentification:
     def _closed(self, trial: Hypothesis) -> float:
         """Share of the gap on `select` that a trial closes, as far as noise tells."""
         held = [c.joint for c in trial.fit.who if c.effect.sticks]
-        return closed_beside_rest(self.plain, trial.residual, self.null.share, *self.second.rests(trial.fit.effects, held))
+        rests = self.second.rests(trial.fit.effects, held)
+        closes = closed_beside_rest(self.plain, trial.residual, self.null.share, *rests)
+        return max(closes, closed_beside_knocks(trial.fit.effects, self.plain, trial.residual, self.null.share))
 
     def _closed_first(self, trial: Hypothesis) -> float:
         """Share of the gap on `fit` that a trial closes; `select` tells whether something else happened there for a while."""

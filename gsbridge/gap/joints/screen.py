@@ -18,6 +18,10 @@ _STRETCH = (0.4, 60.0)
 _PROJECTED = 1.2
 """A fit starts from a sum of signatures if that removes this many times the squared residual which the best one removes."""
 
+_BESIDE = 9.0
+"""Squared residual, in units of the noise, that a sum must remove beyond the best one to be a start at all: of a large gap, one
+wave number beside the right one explains most, too."""
+
 _SMALL, _LARGE = 1e-2, 4.0
 """Squared lengths of signatures, as shares of the residual's, that may take part in a sum of several."""
 
@@ -121,9 +125,11 @@ class Screen:
             values = [self._scaled(k, float(factors[k])) for k in order[:starts]]
             cosine = along[first] / max(np.sqrt(self.sizes[first]) * length, 1e-12)
             bound = self._bound(who, along)
-            projected = self._projected(who, along) if bound > _PROJECTED * max(gains[first], 0.0) else None
-            # Where several signatures together explain much more than one, the fit starts where they lead.
-            values = values if projected is None else [projected, *values]
+            gain = max(float(gains[first]), 0.0)
+            projected = self._projected(who, along) if bound > gain + _BESIDE else None
+            if projected is not None:
+                # Where several signatures together explain much more than one, the fit starts where they lead.
+                values.insert(0 if bound > _PROJECTED * gain else 1, projected)
             out.append(SignatureMatch(who, float(gains[first]), float(cosine), tuple(values), bound))
         return sorted(out, key=lambda match: -match.gain)
 
