@@ -138,12 +138,12 @@ def test_the_memory_of_a_loop_is_that_of_its_equation(axis):
     slope = -AXIS["moment"] * AXIS["gravity"] * np.sin(0.3)
     law = np.array([[0.0, 1.0], [-(AXIS["stiffness"] + slope) / AXIS["inertia"], -AXIS["damping"] / AXIS["inertia"]]])
     fallen = next(k for k, time in enumerate(record.time) if expm(law * time)[0, 0] < np.exp(-1.0))
-    assert abs(view._memory(0) - fallen) <= 1
+    assert abs(view.memory(0) - fallen) <= 1
     rests, echoes = view.rests([Applied("coulomb", "axis", {"torque": 2.0})], ["axis"])
     edges = np.flatnonzero(rests[:-1] & ~rests[1:]) + 1
     assert rests.any()
     assert not (rests & echoes).any()
-    assert echoes.sum() <= view._memory(0) * len(edges)
+    assert echoes.sum() <= view.memory(0) * len(edges)
     assert not view.rests([], [])[0].any()
 
 

@@ -57,6 +57,7 @@ class Diagnosis:
         warnings: What a reader must know before the figures.
         account_runs: Simulations for the account, beside those.
         instead: What is told instead of the best effects, where something else explains as much; empty otherwise.
+        left_out: Begin and end of moments that do not count, s, by role.
     """
 
     finding: Finding
@@ -72,6 +73,7 @@ class Diagnosis:
     warnings: tuple[str, ...] = ()
     account_runs: int = 0
     instead: str = ""
+    left_out: Mapping[str, Sequence[tuple[float, float]]] = field(default_factory=dict)
 
     @property
     def effects(self) -> tuple[Applied, ...]:
@@ -165,6 +167,7 @@ class Account:
             "verify": self._verified(diagnosis.verification),
             **({"residual_map": residual_map} if residual_map else {}),
             "noise_floor": dict(diagnosis.floor),
+            **({"left_out": {role: list(spans) for role, spans in diagnosis.left_out.items()}} if diagnosis.left_out else {}),
             "unseen": list(finding.unseen),
             "simulations": {"bank": diagnosis.bank_runs, "case": diagnosis.runs, **_account_runs(diagnosis)},
             "seconds": diagnosis.seconds,

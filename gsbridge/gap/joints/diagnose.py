@@ -25,11 +25,12 @@ from gsbridge.gap.diagnosis.results import (
     Rules,
     Verification,
 )
+from gsbridge.gap.diagnosis.verdict import third_opinion
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.account import account_of
 from gsbridge.gap.joints.bank import SignatureBank, signature_bank
 from gsbridge.gap.joints.between import other_way
-from gsbridge.gap.joints.candidates import candidates
+from gsbridge.gap.joints.candidates import candidates, closed_beside_knocks
 from gsbridge.gap.joints.detect import joint_null
 from gsbridge.gap.joints.effort_scale import effort_scale
 from gsbridge.gap.joints.fit import derivatives
@@ -41,6 +42,7 @@ from gsbridge.gap.joints.motion import other_noise
 from gsbridge.gap.joints.parameter_error import beside_parameter_error
 from gsbridge.gap.joints.residuals import JointResiduals, share_noise
 from gsbridge.gap.joints.scatter import RecordSizes, widened
+from gsbridge.gap.joints.touches import leave_out_touches, touches_told
 from gsbridge.gap.joints.widening import Widening
 
 logger = logging.getLogger("gsbridge")
@@ -74,14 +76,16 @@ class JointAccount(Account):
 
     def doubts(self, diagnosis: Diagnosis) -> tuple[str, ...]:
         """Why a finding is less than an answer, beside what is known of the measurements."""
-        finding = diagnosis.finding
+        finding, further = diagnosis.finding, super().doubts(diagnosis)
+        if diagnosis.left_out and not further:
+            further = (touches_told(diagnosis.left_out),)
         if not finding.coloured or finding.before < _LOUD:
-            return super().doubts(diagnosis)
+            return further
         return (
             f"what is left is {finding.before:.3g} times the noise that neighbouring samples show, and nothing shows that it "
             "is motion: a filter in the sensor hides its noise from them, perhaps. Log one motion twice and name it under "
             "'repeats', or state the 'noise'",
-            *super().doubts(diagnosis),
+            *further,
         )
 
 
@@ -112,8 +116,11 @@ def diagnose_joints(
     bank = signature_bank(first, who, bank_folder)
     made = mechanism.runs - made
     logger.info("%d candidates, %d signatures", len(who), len(bank.signatures))
+    left_out = leave_out_touches(views, bank)
     search = JointIdentification(first, second, bank, who, rules, seed)
     finding = search.run()
+    if alone := bool(left_out) and finding.verdict in SILENT:
+        finding = finding.refuted()
     seen = tuple(views.values())
     if finding.verdict == "none_of_the_known" and finding.best is not None:
         search, finding = _with_other_noise(search, bank, seen, finding.best.fit.effects, seed) or (search, finding)
@@ -125,6 +132,9 @@ def diagnose_joints(
             account_runs = diagnosis.account_runs
             diagnosis = _diagnosis(*found, bank, views, made + account_runs, seed)
             diagnosis = replace(diagnosis, account_runs=account_runs + diagnosis.account_runs)
+    if left_out:
+        instead = touches_told(left_out, alone) if alone else diagnosis.instead
+        diagnosis = replace(diagnosis, left_out=left_out, instead=instead)
     return replace(diagnosis, seconds=time.perf_counter() - begin)
 
 
@@ -159,11 +169,14 @@ def _diagnosis(
     instead = integral.sentence if integral is not None else instead
     if instead:
         finding = finding.refuted()
+    finding = third_opinion(finding, lambda trial: third.residual(trial.fit.effects), rules, search.floor)
     if finding.best is not None:
         effects = finding.best.fit.effects
         verification = verify(third, effects, np.random.default_rng(seed), (first, finding.best.fit), rules.alarm)
         said = finding.verdict in ("named", "ambiguous")
-        finding = finding.refuted() if said and not verification.transfers(rules) else finding
+        several = finding.something_remains and len(finding.best.fit.who) > 1
+        asked = replace(rules, closure=rules.several) if several else rules
+        finding = finding.refuted() if said and not verification.transfers(asked) else finding
     account, named = None, mechanism.runs - made - mechanism.shared
     if finding.best is not None and finding.verdict not in SILENT and not instead:
         if told := finding.verdict in ("named", "ambiguous"):
@@ -367,10 +380,10 @@ def verify(
         fitted: The record of the fit, and the fit: what the error of its parameters leaves is then no alarm.
         alarm: p-value below which a discrepancy counts.
     """
-    sizes, residual = [], np.zeros(0)
+    sizes, plain, residual = [], view.residual(), np.zeros(0)
     for added in ((), tuple(effects)):
         residual = view.residual(added)
-        sizes.append((float(np.sqrt((residual**2).sum() / view.freedom)), np.sqrt((residual**2).mean(axis=0))))
+        sizes.append((float(np.sqrt((residual**2).sum() / view.freedom)), np.sqrt((residual**2).sum(axis=0) / view.count)))
     (before, rows_before), (after, rows_after) = sizes
     gap, left = np.sqrt(max(before**2 - 1.0, 1e-12)), np.sqrt(max(after**2 - 1.0, 0.0))
     names = [view.record.label(kind, k) for kind, k in view.channels]
@@ -380,4 +393,5 @@ def verify(
     if fitted is not None and p_remaining < alarm:
         here, there = (derivatives(one, fitted[1]) for one in (view, fitted[0]))
         p_remaining = max(p_remaining, null.p_value(beside_parameter_error(residual, here, there)))
-    return Verification(before, after, float(1.0 - left / gap), channels, after <= before, p_remaining)
+    mostly = closed_beside_knocks(effects, plain, residual, null.share)
+    return Verification(before, after, float(1.0 - left / gap), channels, after <= before, p_remaining, mostly)

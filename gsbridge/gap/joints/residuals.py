@@ -110,6 +110,7 @@ class JointResiduals:
         frame: How the replay moves with its initial state and its step.
         records: From how many the noise was estimated.
         colour: How neighbouring samples of the noise are alike; None for white noise.
+        kept: Samples that count; None for all. [T] bool.
     """
 
     mechanism: Mechanism
@@ -121,6 +122,7 @@ class JointResiduals:
     frame: Sensitivity
     records: int = 1
     colour: NoiseColour | None = None
+    kept: Array | None = None
     _fine: Array | float = 0.0
     _replays: dict[str, Array] = field(default_factory=dict, repr=False)
 
@@ -188,7 +190,7 @@ class JointResiduals:
 
     def _find_nuisance(self) -> None:
         """Directions in which the outputs move with the initial state; residuals are taken orthogonal to them."""
-        columns = [self.decoloured(self._columns(nudge) / self.sigma) for nudge in self.frame.nudges]
+        columns = [self._counted(self.decoloured(self._columns(nudge) / self.sigma)) for nudge in self.frame.nudges]
         self._basis = []
         for first, end in self.spans:
             block = np.stack([np.nan_to_num(column[first:end]).ravel() for column in columns], axis=1)
@@ -203,7 +205,7 @@ class JointResiduals:
 
     def project(self, whitened: Array) -> Array:
         """Take out what the initial states explain, and what commands may do between their samples. [T, C] -> [T, C]."""
-        out = np.zeros_like(whitened)
+        whitened, out = self._counted(whitened), np.zeros_like(whitened)
         for (first, end), basis in zip(self.spans, self._basis, strict=True):
             part = whitened[first:end].ravel()
             out[first:end] = (part - basis @ (basis.T @ part)).reshape(end - first, -1)
@@ -223,6 +225,10 @@ class JointResiduals:
     def coloured(self, residual: Array) -> Array:
         """The inverse of `decoloured`. [T, C] -> [T, C]."""
         return residual if self.colour is None else self._by_span(residual, self.colour.colour)
+
+    def _counted(self, values: Array) -> Array:
+        """Values with zeros at samples that do not count. [T, C] -> [T, C]."""
+        return values if self.kept is None else np.where(self.kept[:, None], values, 0.0)
 
     def _by_span(self, values: Array, act: Callable[[Array], Array]) -> Array:
         return np.concatenate([act(values[first:end]) for first, end in self.spans])
@@ -254,10 +260,10 @@ class JointResiduals:
                 speed = np.abs(np.gradient(self.replay(effects)[:, self.channels.index(("position", number))]))
                 still = speed < _STILL * np.sqrt((speed**2).mean())
                 out |= still
-                behind |= _behind(still, self._memory(number))
+                behind |= _behind(still, self.memory(number))
         return out, behind & ~out
 
-    def _memory(self, joint: int) -> int:
+    def memory(self, joint: int) -> int:
         """Samples in which a displaced start of a joint falls to 1/e, as the nominal replay tells: all if it never does."""
         first, end = self.spans[0]
         moved = np.abs(self.frame.nudges[joint][first:end, KINDS.index("position"), joint])
@@ -303,7 +309,12 @@ class JointResiduals:
     @property
     def freedom(self) -> int:
         """Independent numbers in a residual."""
-        return len(self.record.time) * len(self.channels) - sum(basis.shape[1] for basis in self._basis)
+        return self.count * len(self.channels) - sum(basis.shape[1] for basis in self._basis)
+
+    @property
+    def count(self) -> int:
+        """Samples that count."""
+        return len(self.record.time) if self.kept is None else int(self.kept.sum())
 
     def set_noise(self, sigma: Array, records: int, colour: NoiseColour | None = None) -> None:
         """Take another noise.
@@ -314,6 +325,13 @@ class JointResiduals:
             colour: How its neighbouring samples are alike; None for white noise.
         """
         self.sigma, self.records, self.colour = sigma, records, colour
+        self._find_nuisance()
+
+    def leave_out(self, spans: Sequence[Span]) -> None:
+        """Let stretches of the record count no longer: something happened there that is no part of the model."""
+        self.kept = np.ones(len(self.record.time), bool)
+        for first, end in spans:
+            self.kept[first:end] = False
         self._find_nuisance()
 
     def digest(self) -> str:
