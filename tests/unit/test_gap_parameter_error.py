@@ -9,10 +9,11 @@ from gsbridge.gap.benchmark.generate import draw_case
 from gsbridge.gap.benchmark.mechanisms import axis_plant
 from gsbridge.gap.joints.candidates import JointCandidate
 from gsbridge.gap.joints.detect import joint_null
-from gsbridge.gap.joints.diagnose import verify, views_of
+from gsbridge.gap.joints.diagnose import views_of
 from gsbridge.gap.joints.fit import derivatives, fit, polish
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.parameter_error import BesideParameterError, beside_parameter_error
+from gsbridge.gap.joints.verify import verify
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from gsbridge.effects.joints.base import JointEffect
 from gsbridge.effects.joints.sliding import SLIDING_EFFECTS
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.closure import closed_at_most_times
-from gsbridge.gap.diagnosis.results import Candidate
+from gsbridge.gap.diagnosis.results import Candidate, Hypothesis
 from gsbridge.gap.formats.records import TOOL
 from gsbridge.gap.joints.mechanism.replay import up_of
 from gsbridge.gap.joints.residuals import JointResiduals
@@ -63,6 +63,34 @@ def closed_beside_knocks(effects: Sequence[Applied], before: Array, after: Array
     """
     knocks = any(JOINT_EFFECTS[applied.name].knocks for applied in effects)
     return closed_at_most_times(before, after, share) if knocks else -np.inf
+
+
+def special_cases(
+    trials: Sequence[Hypothesis], known: Sequence[Hypothesis], who: Sequence[Candidate], near: float
+) -> list[tuple[tuple[Candidate, ...], list[dict[str, float]]]]:
+    """Special cases of explanations, one of their effects being a simpler one, with parameters to start from.
+
+    Beside none of its special cases an effect would be named for parameters that explain nothing.
+
+    Args:
+        trials: The explanations.
+        known: Explanations that were fitted, which are left out.
+        who: All candidates.
+        near: Multiple of the best squared residual up to which an explanation is looked at.
+    """
+    out, fitted = list[tuple[tuple[Candidate, ...], list[dict[str, float]]]](), {frozenset(t.fit.who) for t in known}
+    best = min((trial.fit.chi2 for trial in trials), default=0.0)
+    for trial in (trial for trial in trials if trial.fit.chi2 <= near * best):
+        for k, (whole, values) in enumerate(zip(trial.fit.who, trial.fit.values, strict=True)):
+            for other in (c for c in who if c.joint == whole.joint and c.name in whole.effect.contains):
+                names = [parameter.name for parameter in other.effect.parameters]
+                every = (*trial.fit.who[:k], other, *trial.fit.who[k + 1 :])
+                if frozenset(every) in fitted or not set(names) <= set(values):
+                    continue
+                fitted.add(frozenset(every))
+                starts = [*trial.fit.values[:k], {name: values[name] for name in names}, *trial.fit.values[k + 1 :]]
+                out.append((every, starts))
+    return out
 
 
 def candidates(

@@ -30,20 +30,20 @@ from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.account import account_of
 from gsbridge.gap.joints.bank import SignatureBank, signature_bank
 from gsbridge.gap.joints.between import other_way
-from gsbridge.gap.joints.candidates import candidates, closed_beside_knocks
-from gsbridge.gap.joints.detect import joint_null
+from gsbridge.gap.joints.candidates import candidates
 from gsbridge.gap.joints.effort_scale import effort_scale
-from gsbridge.gap.joints.fit import derivatives
 from gsbridge.gap.joints.identify import JointIdentification
 from gsbridge.gap.joints.integral_action import integral_action
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.motion import other_noise
-from gsbridge.gap.joints.parameter_error import beside_parameter_error
+from gsbridge.gap.joints.noise_colour import NoiseColour
 from gsbridge.gap.joints.residuals import JointResiduals, share_noise
 from gsbridge.gap.joints.scatter import RecordSizes, widened
 from gsbridge.gap.joints.touches import leave_out_touches, touches_told
+from gsbridge.gap.joints.verify import verify
 from gsbridge.gap.joints.widening import Widening
+from gsbridge.geometry import Array
 
 logger = logging.getLogger("gsbridge")
 
@@ -118,12 +118,18 @@ def diagnose_joints(
     logger.info("%d candidates, %d signatures", len(who), len(bank.signatures))
     left_out = leave_out_touches(views, bank)
     search = JointIdentification(first, second, bank, who, rules, seed)
-    finding = search.run()
+    seen = tuple(views.values())
+    # Beside one effect, a filter's noise is known as such before sets of effects are fitted that mimic it.
+    finding = search.run(lambda trial: _filtered(seen, trial.fit.effects, search.rules, seed) is not None)
     if alone := bool(left_out) and finding.verdict in SILENT:
         finding = finding.refuted()
-    seen = tuple(views.values())
     if finding.verdict == "none_of_the_known" and finding.best is not None:
-        search, finding = _with_other_noise(search, bank, seen, finding.best.fit.effects, seed) or (search, finding)
+        begin_runs = mechanism.runs
+        found = _with_other_noise(search, bank, seen, finding.best.fit.effects, seed)
+        search.spare(mechanism.runs - begin_runs)
+        search, finding = found or (search, search.run())
+        if found is None and finding.verdict == "none_of_the_known" and finding.best is not None:
+            search, finding = _with_other_noise(search, bank, seen, finding.best.fit.effects, seed) or (search, finding)
     diagnosis = _diagnosis(search, finding, bank, views, made, seed)
     if diagnosis.finding.verdict == "none_of_the_known" and diagnosis.account is not None and second.colour is None:
         # Several effects leave their noise to the account alone.
@@ -224,6 +230,14 @@ def _diagnosis(
     )
 
 
+def _filtered(
+    views: Sequence[JointResiduals], effects: Sequence[Applied], rules: Rules, seed: int
+) -> tuple[Array, list[NoiseColour]] | None:
+    """What the noise is if it is all that effects leave of three records, by `other_noise`."""
+    left = [view.residual(effects) for view in views]
+    return other_noise(views, left, np.random.default_rng(seed), rules.deviations)
+
+
 def _with_other_noise(
     search: JointIdentification,
     bank: SignatureBank,
@@ -240,8 +254,7 @@ def _with_other_noise(
         effects: The effects.
         seed: Seed of replicates.
     """
-    left = [view.residual(effects) for view in views]
-    found = other_noise(views, left, np.random.default_rng(seed), search.rules.deviations)
+    found = _filtered(views, effects, search.rules, seed)
     if found is None:
         return None
     white = [(view.sigma, view.records) for view in views]
@@ -362,36 +375,3 @@ def views_of(
     views = {role: JointResiduals.of(mechanism, record, folder=folder) for role, record in records.items()}
     share_noise(tuple(views.values()))
     return views
-
-
-def verify(
-    view: JointResiduals,
-    effects: Sequence[Applied],
-    rng: np.random.Generator,
-    fitted: tuple[JointResiduals, EffectFit] | None = None,
-    alarm: float = 0.0,
-) -> Verification:
-    """Replay a record with and without effects; sizes are root mean squares in units of the noise (1 is noise alone).
-
-    Args:
-        view: Residuals of a record neither fitted nor used to choose.
-        effects: What was found.
-        rng: Random numbers for effect-free replicates.
-        fitted: The record of the fit, and the fit: what the error of its parameters leaves is then no alarm.
-        alarm: p-value below which a discrepancy counts.
-    """
-    sizes, plain, residual = [], view.residual(), np.zeros(0)
-    for added in ((), tuple(effects)):
-        residual = view.residual(added)
-        sizes.append((float(np.sqrt((residual**2).sum() / view.freedom)), np.sqrt((residual**2).sum(axis=0) / view.count)))
-    (before, rows_before), (after, rows_after) = sizes
-    gap, left = np.sqrt(max(before**2 - 1.0, 1e-12)), np.sqrt(max(after**2 - 1.0, 0.0))
-    names = [view.record.label(kind, k) for kind, k in view.channels]
-    channels = {name: (float(a), float(b)) for name, a, b in zip(names, rows_before, rows_after, strict=True)}
-    null = joint_null(view, rng)
-    p_remaining = null.p_value(residual)
-    if fitted is not None and p_remaining < alarm:
-        here, there = (derivatives(one, fitted[1]) for one in (view, fitted[0]))
-        p_remaining = max(p_remaining, null.p_value(beside_parameter_error(residual, here, there)))
-    mostly = closed_beside_knocks(effects, plain, residual, null.share)
-    return Verification(before, after, float(1.0 - left / gap), channels, after <= before, p_remaining, mostly)

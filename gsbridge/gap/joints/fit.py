@@ -180,8 +180,8 @@ def ordered(view: ReplayedRecords, match: SignatureMatch, affords: Callable[[int
         affords: Whether so many simulations are left.
     """
     first, *others = match.starts
-    alone = sum(parameter.amplitude for parameter in match.candidate.effect.parameters) < 2
-    if alone or not others or match.candidate.effect.threshold or not affords(4):
+    # Where signatures blend, a fit finds its way from any of them.
+    if match.candidate.effect.blends or match.candidate.effect.threshold or not others or not affords(4):
         return match.starts
     left = [float((view.residual((match.candidate.applied(values),)) ** 2).sum()) for values in (first, others[0])]
     return match.starts if left[0] <= left[1] else (others[0], first, *others[1:])

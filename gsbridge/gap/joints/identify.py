@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from gsbridge.gap.diagnosis.pvalues import LEAST
 from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Finding, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import Decision, decide, slim, transfer
 from gsbridge.gap.joints.bank import SignatureBank
-from gsbridge.gap.joints.candidates import closed_beside_knocks, thresholds
+from gsbridge.gap.joints.candidates import closed_beside_knocks, special_cases, thresholds
 from gsbridge.gap.joints.coherence import related
 from gsbridge.gap.joints.detect import JointNull, joint_null
 from gsbridge.gap.joints.fit import derivatives, fit, nearer, ordered, polish
@@ -27,6 +27,9 @@ _RESERVE = 12
 _AS_LITTLE, _LITTLE = 5.0, 0.01
 """Multiple of what the best explanation leaves, and share of the gap, up to which others leave as little: the model's error
 decides between them."""
+
+_PAIR = 12
+"""Simulations kept for sets of effects while play and limits are tried at several sizes."""
 
 _JUDGED = 2
 """Simulations after a fit: with another step of time, and on the record that it has not seen."""
@@ -69,11 +72,12 @@ class JointIdentification:
         self.floor, self.floor_first = self.null.share * self.plain.size, self.null_first.share * self.start.size
         self.plain_chi2 = float((self.plain**2).sum())
         self.lost: set[str] = set()
+        self._alone: list[Hypothesis] = []
         self._beside = BesideParameterError(second, first, derivatives)
         self._seen: tuple[list[Hypothesis], Sequence[SignatureMatch], float, tuple[str, ...]] | None = None
 
-    def run(self) -> Finding:
-        """Detect, screen, fit, rank, decide."""
+    def run(self, filtered: Callable[[Hypothesis], bool] = lambda trial: False) -> Finding:
+        """Detect, screen, fit, rank, decide; no further where an effect leaves a filter's noise, if that is asked."""
         rules, residual = self.rules, self.start
         p_first, p_second = self.null_first.p_value(residual), self.null.p_value(self.plain)
         p_value = min(p_first, p_second)
@@ -83,9 +87,11 @@ class JointIdentification:
         if min(p_value, p_gain) >= rules.alarm:
             few = len(unseen) > 0.5 * len(self.who)
             return self._quiet("not_enough_excitation" if few else "no_discrepancy", p_value, unseen)
-        trials = self._singles(matches)
+        trials = self._alone = self._alone or self._singles(matches)
         best = decide(trials, rules, self.floor).trials[0] if trials else None
         if best is not None and self.remains(best):
+            if filtered(best):
+                return replace(self._quiet("none_of_the_known", p_value, unseen), best=best)
             trials = self._several(trials, best)
             best = min(trials, key=lambda trial: trial.score)
         moves = best is not None and self._transfers(best)
@@ -134,12 +140,16 @@ class JointIdentification:
                     trials.append(self.trial_of(rival))
         return self._decide(slim(trials, self.rules, self.floor, self.plain_chi2), matches, p_value, unseen)
 
+    def spare(self, runs: int) -> None:
+        """Let so many simulations that others took count no longer against the budget."""
+        self._begin += runs
+
     def _used(self) -> int:
         return self.first.mechanism.runs - self._begin
 
-    def _affords(self, fits: int) -> bool:
+    def _affords(self, fits: int, reserve: int = _RESERVE) -> bool:
         """Whether simulations are left for so many fits' parameters."""
-        return self._used() + 4 + fits <= self.rules.budget - _RESERVE
+        return self._used() + 4 + fits <= self.rules.budget - reserve
 
     def _limit(self, reserve: int = _RESERVE) -> int:
         """Simulations at which a fit is given up, so that judging it and the reserve stay within the budget."""
@@ -226,7 +236,7 @@ class JointIdentification:
         fitted = {who for trial in trials for who in trial.fit.who}
         for who in thresholds(self.who, self.first, self.start):
             starts = [who.effect.scaled(way, size) for way in who.directions() for size in who.effect.sizes]
-            if who in fitted or not self._affords(len(starts)):
+            if who in fitted or not self._affords(len(starts) + _PAIR):
                 continue
             squares = [float((self.first.residual((who.applied(values),)) ** 2).sum()) for values in starts]
             if chi2 - min(squares) < max(reached, self.rules.margin):
@@ -239,25 +249,13 @@ class JointIdentification:
                 self.lost.add(str(who))
         return out
 
-    def _simpler(self, trials: Sequence[Hypothesis], known: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """Special cases of good explanations that were not fitted, or went astray, from where those ended.
-
-        Beside none of its special cases an effect would be named for parameters that explain nothing.
-        """
-        out, fitted = list[Hypothesis](), {frozenset(trial.fit.who) for trial in known}
-        best = min((trial.fit.chi2 for trial in trials), default=0.0)
-        for trial in (trial for trial in trials if trial.fit.chi2 <= _NEAR * best):
-            for k, (whole, values) in enumerate(zip(trial.fit.who, trial.fit.values, strict=True)):
-                for who in (c for c in self.who if c.joint == whole.joint and c.name in whole.effect.contains):
-                    names = [parameter.name for parameter in who.effect.parameters]
-                    every = (*trial.fit.who[:k], who, *trial.fit.who[k + 1 :])
-                    count = sum(len(c.effect.parameters) for c in every)
-                    if frozenset(every) in fitted or not set(names) <= set(values) or not self._affords(2 + count):
-                        continue
-                    starts = [*trial.fit.values[:k], {name: values[name] for name in names}, *trial.fit.values[k + 1 :]]
-                    out.append(self.trial_of(fit(self.first, every, starts, np.inf, self.screen, self._limit())))
-                    self.lost.discard(str(who))
-                    fitted.add(frozenset(every))
+    def _simpler(self, trials: Sequence[Hypothesis], known: Sequence[Hypothesis], reserve: int = _RESERVE) -> list[Hypothesis]:
+        """Special cases of good explanations that were not fitted, or went astray, from where those ended."""
+        out = list[Hypothesis]()
+        for every, starts in special_cases(trials, known, self.who, _NEAR):
+            if self._affords(2 + sum(len(c.effect.parameters) for c in every), reserve):
+                out.append(self.trial_of(fit(self.first, every, starts, np.inf, self.screen, self._limit())))
+                self.lost -= {str(who) for who in every}
         return out
 
     def _several(self, singles: list[Hypothesis], best: Hypothesis) -> list[Hypothesis]:
@@ -286,7 +284,7 @@ class JointIdentification:
             if not self.remains(best):
                 break
         if len(best.fit.who) > 1:
-            trials += self._simpler([best], trials)
+            trials += self._simpler([best], trials, 0)
         return slim(trials, self.rules, self.floor, self.plain_chi2)
 
     def _decide(
@@ -314,7 +312,12 @@ class JointIdentification:
         elif found.near or found.chances[0] < rules.sure:
             verdict = "ambiguous"
             names = tuple(dict.fromkeys(" + ".join(trial.names) for trial in (best, *found.near)))
-            names += tuple(name for name in self._unfitted(best, matches, trials) if name not in names)
+            if len(best.fit.who) == 1:
+                # Candidates that were not fitted, but whose signatures explain as much, are not ruled out either.
+                gained = float((self.start**2).sum()) - best.fit.chi2 - rules.margin
+                tried = {candidate for trial in trials for candidate in trial.fit.who}
+                as_good = (str(m.candidate) for m in matches if m.candidate not in tried and m.bound > gained)
+                names += tuple(name for name in as_good if name not in names)
         else:
             verdict = "named"
         if part is not None:
@@ -389,11 +392,3 @@ class JointIdentification:
     def _closed_first(self, trial: Hypothesis) -> float:
         """Share of the gap on `fit` that a trial closes; `select` tells whether something else happened there for a while."""
         return closed_at_most_times(self.start, trial.first, self.null_first.share)
-
-    def _unfitted(self, best: Hypothesis, matches: Sequence[SignatureMatch], trials: Sequence[Hypothesis]) -> list[str]:
-        """Candidates that were not fitted, but whose signatures explain as much: they are not ruled out either."""
-        if len(best.fit.who) > 1:
-            return []
-        tried = {candidate for trial in trials for candidate in trial.fit.who}
-        gained = float((self.start**2).sum()) - best.fit.chi2
-        return [str(m.candidate) for m in matches if m.candidate not in tried and m.bound > gained - self.rules.margin]
