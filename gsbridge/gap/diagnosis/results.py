@@ -49,7 +49,7 @@ class Rules:
         simple: The least of the same for further parameters of an effect that holds a simpler one; Schwarz's logarithm of the
             number of residuals, less Akaike's two, where that is more (Annals of Statistics 6, 1978).
         closure: Share of the gap that what is named must close where something remains.
-        several: The same of several effects on `verify`: enough of them mimic a law that is missing.
+        several: The same of several effects, on `select` or on `verify`: enough of them mimic a law that is missing.
         deviations: Standard deviations by which a mean gain on `select` must exceed chance, for coloured noise too.
         most: Effects that are looked for at once.
         draws: Number of draws of the block bootstrap.

@@ -180,8 +180,9 @@ def _diagnosis(
         effects = finding.best.fit.effects
         verification = verify(third, effects, np.random.default_rng(seed), (first, finding.best.fit), rules.alarm)
         said = finding.verdict in ("named", "ambiguous")
-        several = finding.something_remains and len(finding.best.fit.who) > 1
-        asked = replace(rules, closure=rules.several) if several else rules
+        # Enough effects together mimic a law that is missing, if not to the last per cent on two records.
+        mimics = finding.something_remains and len(finding.best.fit.who) > 1 and finding.best.closure < rules.several
+        asked = replace(rules, closure=rules.several) if mimics else rules
         finding = finding.refuted() if said and not verification.transfers(asked) else finding
     account, named = None, mechanism.runs - made - mechanism.shared
     if finding.best is not None and finding.verdict not in SILENT and not instead:

@@ -90,7 +90,7 @@ class JointIdentification:
         trials = self._alone = self._alone or self._singles(matches)
         best = decide(trials, rules, self.floor).trials[0] if trials else None
         if best is not None and self.remains(best):
-            if filtered(best):
+            if self._transfers(best) and filtered(best):
                 return replace(self._quiet("none_of_the_known", p_value, unseen), best=best)
             trials = self._several(trials, best)
             best = min(trials, key=lambda trial: trial.score)
