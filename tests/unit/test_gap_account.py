@@ -34,6 +34,7 @@ from gsbridge.gap.joints.pooled import PooledResiduals, spread_of
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.scatter import RecordSizes, widened
 from gsbridge.gap.joints.screen import Screen
+from gsbridge.gap.joints.stand_ins import stand_ins
 from gsbridge.gap.joints.widening import strained
 
 SEED, COURSES = 40, 41
@@ -253,6 +254,25 @@ def test_an_effect_is_fitted_beside_its_special_cases(axis):
     assert plain.fit.values[0]["torque"] == pytest.approx(0.3, rel=0.01)
     assert decide([rich, plain], search.rules, search.floor).trials[0] is plain
     assert search._simpler([rich], [rich, plain]) == []
+
+
+def test_a_set_is_compared_with_what_stands_for_one_of_its_effects(axis):
+    """A delay beside friction looks much like a lag: the pair is not named before the other pair was fitted."""
+    friction, late, lag = JointCandidate("coulomb", "axis"), JointCandidate("command_delay"), JointCandidate("lag")
+    mechanism = Mechanism(axis[0])
+    logs = simulated(axis, records_of(axis), (friction.applied({"torque": 0.3}), lag.applied({"time": 0.004})))
+    views = [JointResiduals.of(mechanism, logs[role]) for role in ("fit", "select")]
+    who = [friction, JointCandidate("coulomb_asym", "axis"), late, lag, JointCandidate("armature", "axis")]
+    search = JointIdentification(views[0], views[1], signature_bank(views[0], who, axis[2] / "bank"), who)
+    best = search.trial_of(fit(views[0], (friction, late), ({"torque": 0.3}, {"time": 0.004})))
+    # Friction's own special cases and what contains it are compared elsewhere.
+    ((every, starts),) = stand_ins(views[0], search.screen, best, [best])
+    assert every == (friction, lag)
+    assert starts[0] == best.fit.values[0]
+    assert starts[1]["time"] == pytest.approx(0.004, rel=0.2)
+    other = search.trial_of(fit(views[0], every, starts))
+    assert other.fit.chi2 < best.fit.chi2
+    assert list(stand_ins(views[0], search.screen, best, [best, other])) == []
 
 
 def test_efforts_in_another_scale_are_told_and_friction_is_not_taken_for_one(axis):

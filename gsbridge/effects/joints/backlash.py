@@ -15,7 +15,6 @@ class Backlash(FigureEffect):
     modes = ("pd",)
     figures = {"gap": "backlash"}  # noqa: RUF012
     threshold = True
-    knocks = True
     sizes = (1.0, 2.0, 4.0, 8.0, 16.0)
     signature = "flat after each reversal, then a jump; effort dips"
     confused_with = ("compliance", "stribeck")

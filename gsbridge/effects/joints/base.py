@@ -63,7 +63,6 @@ class JointEffect(Effect):
         fixed: Whether `sizes` are multiples of the typical size, not of the size that just stands out.
         cost: `sim` if it needs a simulation of its own, `post` if it changes logs only.
         turns: Whether it needs a joint that turns, and has no meaning at one that slides.
-        knocks: Whether parts knock against each other, at moments that depend on how hard they are.
         sticks: Whether it can hold a joint at rest, where its law leaves open at which of many places.
     """
 
@@ -75,7 +74,6 @@ class JointEffect(Effect):
     sizes: ClassVar[tuple[float, ...]] = (1.0, 6.0, 40.0)
     cost: ClassVar[str] = "sim"
     turns: ClassVar[bool] = False
-    knocks: ClassVar[bool] = False
     sticks: ClassVar[bool] = False
 
     @abstractmethod

@@ -24,6 +24,9 @@ _LOWEST = (0.02, 0.08, 0.2)
 _LEVEL = 0.01
 """Range of commanded heights, m, up to which no surface is tried."""
 
+_KNOCKING = ("backlash",)
+"""Effects in which parts knock against each other."""
+
 
 @dataclass(frozen=True, order=True)
 class JointCandidate(Candidate):
@@ -61,7 +64,7 @@ def closed_beside_knocks(effects: Sequence[Applied], before: Array, after: Array
         after: With them. [T, C].
         share: Mean square of noise alone.
     """
-    knocks = any(JOINT_EFFECTS[applied.name].knocks for applied in effects)
+    knocks = any(applied.name in _KNOCKING for applied in effects)
     return closed_at_most_times(before, after, share) if knocks else -np.inf
 
 

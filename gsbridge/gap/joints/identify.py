@@ -20,6 +20,7 @@ from gsbridge.gap.joints.motion import is_motion, vibrates
 from gsbridge.gap.joints.parameter_error import BesideParameterError
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import SETS, Screen, SignatureMatch
+from gsbridge.gap.joints.stand_ins import stand_ins
 
 _RESERVE = 12
 """Simulations kept for the derivatives of the best explanation."""
@@ -285,6 +286,10 @@ class JointIdentification:
                 break
         if len(best.fit.who) > 1:
             trials += self._simpler([best], trials, 0)
+            for every, starts in stand_ins(self.first, self.screen, best, trials):
+                if self._affords(2 + sum(len(c.effect.parameters) for c in every), 0):
+                    fitted = fit(self.first, every, starts, 1.3 * best.fit.chi2 + 100.0, self.screen, self._limit(0))
+                    trials += [self.trial_of(fitted)] if fitted.converged else []
         return slim(trials, self.rules, self.floor, self.plain_chi2)
 
     def _decide(
