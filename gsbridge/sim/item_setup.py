@@ -34,7 +34,7 @@ class ItemSetup:
     Attributes:
         figures: Figures by the names of `gsbridge.gap.contact.setup.BOUNDS`: contact with the table; mass and inertia as
             factors on the asset's; compliance (m/N) and damping (N s/m) of the table; by how much the centre of mass is moved,
-            m; height (m) and tilt (rad) of the table; a steady force, N; d of losses `v' = -d v (1 + |v|)`, 1/s; gravity, m/s2.
+            m; height (m) and tilt (rad) of the table; a steady force, N; d of losses `v' = -d v`, 1/s; gravity, m/s2.
     """
 
     def __init__(self, model: Model) -> None:
@@ -94,10 +94,9 @@ class ItemSetup:
             step: Step of time, s.
         """
         f = self.figures
-        linear = f["linear_damping"] * (1.0 + float(np.linalg.norm(velocity)))
-        angular = f["angular_damping"] * (1.0 + float(np.linalg.norm(spin)))
+        kept, turning = (float(np.exp(-step * f[name])) for name in ("linear_damping", "angular_damping"))
         force = np.array([f["force_x"], f["force_y"], 0.0])
-        return max(1.0 - step * linear, 0.0) * velocity + step * force / mass, max(1.0 - step * angular, 0.0) * spin
+        return kept * velocity + step * force / mass, turning * spin
 
     def description(self, urdf: Path) -> str | None:
         """The object's URDF with its centre of mass moved, meshes named by absolute paths; None where it stays."""

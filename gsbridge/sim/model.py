@@ -131,8 +131,7 @@ class Object:
 
     Args:
         mass: Factor on the asset's mass and inertia.
-        linear_damping: d of the loss `v' = -d v`. Bullet's default of 0.04 is wrong for a solid in air. Not the coefficient of
-            the same name that the gap finds in flights (`gsbridge.effects.bodies.linear_damping`), which grows with speed.
+        linear_damping: d of the loss `v' = -d v`. Bullet's default of 0.04 is wrong for a solid in air.
         angular_damping: d of the same loss for the spin.
     """
 

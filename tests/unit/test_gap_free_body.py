@@ -118,10 +118,15 @@ def test_rolling_and_spinning_friction_brake_a_ball(ball):
     assert speeds[1] < 0.5 * speeds[0]
 
 
-def test_damping_is_the_law_that_the_catalogue_states():
-    flight = fly(body_of(gravity=0.0, damping={"linear": 0.5}), start((0, 0, 5), (2.0, 0, 0)))
-    solved = solve_ivp(lambda _, s: [s[1], -0.5 * s[1] * (1 + abs(s[1]))], (0, TIMES[-1]), [0.0, 2.0], t_eval=TIMES, rtol=1e-8)
-    assert np.abs(flight.position[:, 0] - solved.y[0]).max() < 3e-3
+def test_losses_in_the_air_take_their_share_of_speed_and_spin_per_second():
+    loss, speed = 0.8, np.array([2.0, 0.0, 1.0])
+    body = body_of(physics_rate=2000, gravity=0.0, damping={"linear": 0.3})
+    flight = fly(body, start((0, 0, 5), speed, (0, 0, 3.0)), (Applied("linear_damping", "", {"coefficient": loss}),))
+    gone = (1.0 - np.exp(-(loss + 0.3) * TIMES)) / (loss + 0.3)
+    np.testing.assert_allclose(flight.position - [0, 0, 5], gone[:, None] * speed, atol=2e-3)
+    flight = fly(body, start((0, 0, 5), spin=(0, 0, 3.0)), (Applied("angular_damping", "", {"coefficient": loss}),))
+    turned = 2.0 * np.arctan2(flight.quat[:, 3], flight.quat[:, 0])
+    np.testing.assert_allclose(turned, 3.0 * (1.0 - np.exp(-loss * TIMES)) / loss, atol=2e-3)
 
 
 def test_a_set_gives_what_its_throws_give_alone():

@@ -1,4 +1,4 @@
-"""Loss of speed in the air, or a damping that the engine adds: v (1 + |v|) times the coefficient."""
+"""Loss of speed in the air, or a damping that an engine adds: the rate of loss is the coefficient times the speed."""
 
 from typing import ClassVar
 
@@ -6,12 +6,12 @@ from gsbridge.effects.bodies.base import BodyEffect, Parameter
 
 
 class LinearDamping(BodyEffect):
-    """Loss of speed in the air, or a damping that the engine adds: v (1 + |v|) times the coefficient."""
+    """Loss of speed in the air, or a damping that an engine adds: the rate of loss is the coefficient times the speed."""
 
     name = "linear_damping"
-    title = "damping of the motion, by v (1 + |v|)"
+    title = "damping of the motion"
     hook = "body"
-    parameters = (Parameter("coefficient", "1/s", -10.0, 10.0, 0.04, True, "1 + |v| times this damps v, beyond the model"),)
+    parameters = (Parameter("coefficient", "1/s", -10.0, 10.0, 0.04, True, "share of the speed that is lost per second, beyond the model"),)
     figures: ClassVar = {"coefficient": "linear_damping"}
     sizes = (1.0, 4.0, 16.0)
     signature = "slows down in flight already"

@@ -135,12 +135,12 @@ def _heavier(scene: ThrowScene, size: float, way: Array) -> tuple[ThrowScene, Pa
 
 
 KNOWN: Mapping[str, HiddenEffect] = {
-    "angular_damping": HiddenEffect(0.2, 8.0, _unlike("angular")),
+    "angular_damping": HiddenEffect(0.2, 8.0, _figure("angular", "coefficient")),
     "contact_friction": HiddenEffect(0.03, 0.5, _figure("friction", "friction", least=0.0), signed=True),
     "contact_softness": HiddenEffect(0.02, 0.15, _soften),
     "gravity_scale": HiddenEffect(0.005, 0.15, _figure("gravity", "share", share=True), signed=True),
     "inertia_scale": HiddenEffect(0.05, 1.5, _figure("inertia", "share", share=True)),
-    "linear_damping": HiddenEffect(0.05, 4.0, _unlike("linear")),
+    "linear_damping": HiddenEffect(0.05, 4.0, _figure("linear", "coefficient")),
     "object_com": HiddenEffect(0.001, 0.02, _vector("com", ("x", "y", "z"))),
     "object_mass": HiddenEffect(0.1, 2.0, _heavier),
     "object_size": HiddenEffect(0.01, 0.2, _resize, signed=True),

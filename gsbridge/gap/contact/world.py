@@ -88,7 +88,8 @@ def simulate(
             client.resetBasePositionAndOrientation(number, pose[:3, 3].tolist(), quat.tolist())
             # The engine moves positions with the speed at a step's end, by which a parabola would fall half a step too far.
             client.resetBaseVelocity(number, (velocity - 0.5 * step * frame.pull()).tolist(), spin.tolist())
-        rows, touches = _run(client, plane, numbers, clocks, step)
+        kept = [float(np.exp(-step * setup.figures[name])) for name in ("linear_damping", "angular_damping")]
+        rows, touches = _run(client, plane, numbers, clocks, step, kept)
     finally:
         client.disconnect()
     return [
@@ -176,8 +177,9 @@ def _build(
                 restitution=1.0,
                 rollingFriction=0.0,
                 spinningFriction=0.0,
-                linearDamping=f["linear_damping"],
-                angularDamping=f["angular_damping"],
+                # Bullet's own damping grows with the speed.
+                linearDamping=0.0,
+                angularDamping=0.0,
                 # By default Bullet brakes a body before it touches, by an amount that depends on where the last step ended.
                 contactProcessingThreshold=0.0,
                 maxJointVelocity=1e4,
@@ -189,9 +191,18 @@ def _build(
 
 
 def _run(
-    client: BulletClient, plane: int, numbers: Sequence[int], clocks: Sequence[Array], step: float
+    client: BulletClient, plane: int, numbers: Sequence[int], clocks: Sequence[Array], step: float, kept: Sequence[float]
 ) -> tuple[list[Array], Array]:
-    """Poses of the inertial frames at the samples (position, quaternion xyzw; each [T, 7]) and times of first touch. [N]."""
+    """Poses of the inertial frames at the samples (position, quaternion xyzw; each [T, 7]) and times of first touch. [N].
+
+    Args:
+        client: The engine.
+        plane: The surface.
+        numbers: Bodies.
+        clocks: Samples of each, s.
+        step: Step of the engine, s.
+        kept: Shares of speed and of spin that a step leaves in the air.
+    """
     wanted: dict[int, list[int]] = {}
     for place, clock in enumerate(clocks):
         before = np.floor(clock / step).astype(int)
@@ -201,6 +212,7 @@ def _run(
     touch = np.full(len(clocks), np.inf)
     place_of = {number: place for place, number in enumerate(numbers)}
     look, advance = client.getBasePositionAndOrientation, client.stepSimulation
+    moving, push = client.getBaseVelocity, client.resetBaseVelocity
     for number in range(max(wanted) + 1):
         for place in wanted.get(number, ()):
             at, to = look(numbers[place])
@@ -213,6 +225,10 @@ def _run(
                     # Contacts are those of the step that led here.
                     touch[place] = (number - 1) * step
         advance()
+        if min(kept) < 1.0:
+            for item in numbers:
+                velocity, spin = moving(item)
+                push(item, [kept[0] * value for value in velocity], [kept[1] * value for value in spin])
     return [
         _between(np.array(known) * step, np.array(poses), clock) for (known, poses), clock in zip(seen, clocks, strict=True)
     ], touch
