@@ -248,6 +248,8 @@ class Engine:
         """
         own, soft = 1.0 / model.contact.stiffness, setup.figures["compliance"]
         damping = (model.contact.damping * own**2 + setup.figures["contact_damping"] * soft**2) / (own + soft) ** 2
+        # Bullet takes the spring's force where a step ends, which damps by the stiffness times the step: that much is left out.
+        damping = max(damping - model.time_step / (own + soft), 0.0)
         others = [] if self.plate is None else [(self.plate, -1)]
         for body, link in [*others, *((self.robot, link) for link in (-1, *self.links.values()))]:
             self.client.changeDynamics(body, link, contactStiffness=_RIGID, contactDamping=model.contact.damping)

@@ -11,7 +11,9 @@ class AngularDamping(BodyEffect):
     name = "angular_damping"
     title = "damping of the spin"
     hook = "body"
-    parameters = (Parameter("coefficient", "1/s", -10.0, 10.0, 0.04, True, "share of the spin that is lost per second, beyond the model"),)
+    parameters = (
+        Parameter("coefficient", "1/s", -10.0, 10.0, 0.04, True, "share of the spin that is lost per second, beyond the model"),
+    )
     figures: ClassVar = {"coefficient": "angular_damping"}
     sizes = (1.0, 4.0, 16.0)
     signature = "spins down in flight already"

@@ -11,7 +11,11 @@ class LinearDamping(BodyEffect):
     name = "linear_damping"
     title = "damping of the motion"
     hook = "body"
-    parameters = (Parameter("coefficient", "1/s", -10.0, 10.0, 0.04, True, "share of the speed that is lost per second, beyond the model"),)
+    parameters = (
+        Parameter(
+            "coefficient", "1/s", -10.0, 10.0, 0.04, True, "share of the speed that is lost per second, beyond the model"
+        ),
+    )
     figures: ClassVar = {"coefficient": "linear_damping"}
     sizes = (1.0, 4.0, 16.0)
     signature = "slows down in flight already"

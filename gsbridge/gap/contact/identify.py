@@ -143,7 +143,8 @@ class ThrowIdentification:
         if self._remaining(rest, best) < rules.alarm and rules.most > 1:
             grown = self._several(trials, rest.floor)
             if grown is not best:
-                trials, rest = [grown, *trials], throw_null(self.second, grown.fit.effects, self.rng)
+                sets = sorted([grown, *self._stand_ins(grown)], key=lambda trial: trial.score)
+                trials, rest = [*sets, *trials], throw_null(self.second, sets[0].fit.effects, self.rng)
         if alike and not self._learns(trials[0], null.floor):
             # Bodies fly as they should, and nothing learnt from some touches holds on others: another engine's contacts, or
             # contacts that no catalogue has.
@@ -232,6 +233,22 @@ class ThrowIdentification:
                     fits.append(refine(self.few, effects))
         bar = _NEAR * float(self.few.errors(trial.fit.effects).mean())
         return min([trial, *self._trials([fit for fit in fits if fit.error <= bar])], key=lambda one: one.score)
+
+    def _stand_ins(self, trial: ThrowHypothesis) -> list[ThrowHypothesis]:
+        """Sets in which the effect that promises most in the place of one of a trial's stands there, where they are near it.
+
+        A set grows by one effect at a time, so that what is the same equation as a part of it has no part in the comparison.
+        Nothing more is sought here, so that the budget does not bound it: a set is not named unseen.
+        """
+        fits = []
+        for place in range(len(trial.fit.effects)):
+            base = trial.fit.effects[:place] + trial.fit.effects[place + 1 :]
+            others = [name for name in self.bank.names if name not in trial.names]
+            if others:
+                effect, _ = max((promised(self.few, name, base) for name in others), key=lambda found: found[1])
+                fits.append(refine(self.few, (*base, effect), held=len(base)))
+        bar = _NEAR * mean_error(self.few, trial.fit.effects)
+        return self._trials([fit for fit in fits if fit.error <= bar])
 
     def _slim(self, trial: ThrowHypothesis, floor: float) -> ThrowHypothesis:
         """Drop effects that cost nothing on throws that were not fitted."""

@@ -42,9 +42,9 @@ BOUNDS: Mapping[str, tuple[float, float]] = {
 """Figures and their bounds.
 
 Contact: friction of the pair, restitution, rolling and spinning friction in m, compliance in m/N, its damping in N s/m. Body:
-kg, centre of mass in m, factors of inertia and size. Surface: height in m, tilt in rad about x and y. Losses
-`v' = -d v`, 1/s; gravity, m/s2; a steady force, N. Tracking: factors of its lengths and of its clock, lag of its start speeds in s,
-and the tracked point in the body frame in m."""
+kg, centre of mass in m, factors of inertia and size. Surface: height in m, tilt in rad about x and y. Losses `v' = -d v`, 1/s;
+gravity, m/s2; a steady force, N. Tracking: factors of its lengths and of its clock, lag of its start speeds in s, and the
+tracked point in the body frame in m."""
 
 
 @dataclass

@@ -40,7 +40,6 @@ class Starts:
         quat: First orientation of each throw, wxyz. [N, 4].
         velocity: First velocity of each throw, m/s. [N, 3].
         spin: First angular velocity of each throw, rad/s. [N, 3].
-        acceleration: Acceleration of the first stretch, m/s2. [N, 3].
         logged: Whether speeds come from the log rather than from the poses.
     """
 
@@ -48,7 +47,6 @@ class Starts:
     quat: Array
     velocity: Array
     spin: Array
-    acceleration: Array
     logged: bool
 
     def shifted(self, noise: ThrowNoise, rng: np.random.Generator) -> Starts:
@@ -59,7 +57,6 @@ class Starts:
             quat_multiply(quat_from_turn(noise.angle * draw[1]), self.quat),
             self.velocity + noise.velocity * noise.shares[0][: len(draw[2]), None] * draw[2],
             self.spin + noise.spin * noise.shares[1][: len(draw[3]), None] * draw[3],
-            self.acceleration,
             self.logged,
         )
 
@@ -123,8 +120,7 @@ def starts_of(throws: Throws) -> tuple[Starts, ThrowNoise]:
         rest = [_beyond(values, spread) for values, spread in zip(apart, known, strict=True)]
         noise = ThrowNoise(of_position, of_angle, rest[0], rest[1], (np.ones(len(fits)), np.ones(len(fits))), logged=True)
         speeds, spins = given
-    acceleration = np.stack([fit.acceleration for fit in fits])
-    return Starts(position, quat, speeds, spins, acceleration, logged), noise
+    return Starts(position, quat, speeds, spins, logged), noise
 
 
 def pooled_speeds(noises: Sequence[ThrowNoise]) -> list[ThrowNoise]:

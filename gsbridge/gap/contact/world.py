@@ -25,6 +25,9 @@ from gsbridge.geometry import Array, quat_from_rotation, rotation_from_quat
 
 _SOLVER_ITERATIONS = 50
 
+_FINEST = 10
+"""Largest number of steps in one of the model's where a contact is soft."""
+
 _SLOW_IMPACT = 0.05
 """Speed below which impacts give nothing back, m/s."""
 
@@ -75,15 +78,15 @@ def simulate(
         InputError: PyBullet cannot load the body.
     """
     numerics = numerics or Numerics()
-    step = numerics.step_factor / body.physics_rate
+    step = _fine_enough(numerics.step_factor / body.physics_rate, setup.figures)
     frame = _SurfaceFrame(setup.figures)
     clocks = [np.asarray(time, dtype=np.float64) / setup.figures["rate"] for time in times]
     client = BulletClient(pybullet.DIRECT)
     try:
         plane, numbers = _build(client, body, setup, len(times), numerics, step)
         client.setGravity(*frame.pull().tolist())
-        inertial = body_from_inertial(client, numbers[0])
-        for number, pose, velocity, spin in zip(numbers, *frame.enter(starts, inertial), strict=True):
+        inertial, moments = body_from_inertial(client, numbers[0]), np.array(client.getDynamicsInfo(numbers[0], -1)[2])
+        for number, pose, velocity, spin in zip(numbers, *frame.enter(starts, inertial, moments), strict=True):
             quat = np.roll(quat_from_rotation(pose[:3, :3]), -1)
             client.resetBasePositionAndOrientation(number, pose[:3, 3].tolist(), quat.tolist())
             # The engine moves positions with the speed at a step's end, by which a parabola would fall half a step too far.
@@ -96,6 +99,12 @@ def simulate(
         Flight(*frame.leave(row[:, :3], row[:, 3:], inertial), clock >= touch)
         for row, clock, touch in zip(rows, clocks, touches, strict=True)
     ]
+
+
+def _fine_enough(step: float, figures: Mapping[str, float]) -> float:
+    """A step, s, in which a soft contact's damper takes at least what the engine's integration does, if it can be had."""
+    soft = figures["compliance"] * figures["contact_damping"]
+    return float(np.clip(soft, step / _FINEST, step)) if figures["compliance"] > 0 else step
 
 
 class _SurfaceFrame:
@@ -113,23 +122,48 @@ class _SurfaceFrame:
         f = self.figures
         return self.turn.T @ np.array([f["force_x"] / f["mass"], f["force_y"] / f["mass"], -f["gravity"]])
 
-    def enter(self, starts: Starts, inertial: Array) -> tuple[Array, Array, Array]:
-        """Poses of the inertial frame, velocities of the centre of mass, angular velocities. [N, 4, 4], [N, 3], [N, 3]."""
+    def enter(self, starts: Starts, inertial: Array, moments: Array) -> tuple[Array, Array, Array]:
+        """Poses of the inertial frame, velocities of the centre of mass, angular velocities. [N, 4, 4], [N, 3], [N, 3].
+
+        Args:
+            starts: First states as they were logged.
+            inertial: The inertial frame in the body's. [4, 4].
+            moments: Principal moments of inertia, kg m2. [3].
+        """
         f = self.figures
         attitude = rotation_from_quat(starts.quat)
-        spin = starts.spin * f["rate"]
-        velocity = (starts.velocity + f["lag"] * starts.acceleration) * (f["rate"] / f["scale"])
         arm = attitude @ (inertial[:3, 3] - self.offset)
+        spin, velocity = starts.spin * f["rate"], starts.velocity * (f["rate"] / f["scale"])
+        # What is logged late is that of an earlier moment, from which the body has flown on.
+        lag = f["lag"] / f["rate"]
+        back = Rotation.from_rotvec(-lag * spin).as_matrix()
+        velocity = velocity + np.cross(spin, np.einsum("nij,nj->ni", back, arm)) + lag * self.turn @ self.pull()
+        if lag:
+            spin = _spun_on(spin, back, attitude @ inertial[:3, :3], moments)
         poses = np.tile(np.eye(4), (len(attitude), 1, 1))
         poses[:, :3, :3] = self.turn.T @ attitude @ inertial[:3, :3]
         poses[:, :3, 3] = (starts.position / f["scale"] + arm - self.lift) @ self.turn
-        return poses, (velocity + np.cross(spin, arm)) @ self.turn, spin @ self.turn
+        return poses, velocity @ self.turn, spin @ self.turn
 
     def leave(self, position: Array, xyzw: Array, inertial: Array) -> tuple[Array, Array]:
         """Positions of the tracked point and attitudes (wxyz) from the inertial frame's. [T, 3], [T, 4]."""
         attitude = self.turn @ rotation_from_quat(np.roll(xyzw, 1, axis=1)) @ inertial[:3, :3].T
         place = position @ self.turn.T + self.lift - attitude @ (inertial[:3, 3] - self.offset)
         return self.figures["scale"] * place, quat_from_rotation(attitude)
+
+
+def _spun_on(spin: Array, back: Array, attitude: Array, moments: Array) -> Array:
+    """Angular velocities of a later moment, in free flight, which keeps the angular momentum. [N, 3].
+
+    Args:
+        spin: rad/s. [N, 3].
+        back: Turns from the later moment's attitudes to the earlier one's. [N, 3, 3].
+        attitude: Attitudes of the principal axes at the later moment. [N, 3, 3].
+        moments: Principal moments of inertia. [3].
+    """
+    before = back @ attitude
+    momentum = np.einsum("nij,j,nkj,nk->ni", before, moments, before, spin)
+    return np.einsum("nij,j,nkj,nk->ni", attitude, 1.0 / moments, attitude, momentum)
 
 
 def _build(
@@ -158,7 +192,11 @@ def _build(
         spinningFriction=f["spinning_friction"],
     )
     client.setCollisionFilterGroupMask(plane, -1, 1, 2)
-    soft = {"contactStiffness": 1.0 / f["compliance"], "contactDamping": f["contact_damping"]} if f["compliance"] > 0 else {}
+    soft = {}
+    if f["compliance"] > 0:
+        # Bullet takes the spring's force where a step ends, which damps by the stiffness times the step: that much is left out.
+        own = max(f["contact_damping"] - step / f["compliance"], 0.0)
+        soft = {"contactStiffness": 1.0 / f["compliance"], "contactDamping": own}
     numbers = []
     with tempfile.TemporaryDirectory(prefix="gsbridge-gap-") as folder:
         path = Path(folder) / "body.urdf"
