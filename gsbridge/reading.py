@@ -70,7 +70,12 @@ def refusing(source: str | Path, problem: str, remedy: str) -> Iterator[None]:
     """
     try:
         yield
-    except (GsbridgeError, NameError):
+    except GsbridgeError:
+        raise
+    except UnboundLocalError as error:
+        # A reader of others left a variable unset, led astray by the file.
+        raise InputError(source, f"{problem} ({_first_line(error)})", remedy) from error
+    except NameError:
         # A name that is not there is a slip of ours, whatever the file.
         raise
     except PermissionError as error:

@@ -23,7 +23,7 @@ MIN_VIEWS = 6
 GOOD_VIEWS = 20
 MIN_TAGS = 3
 MAX_VIEWS = 100
-"""The solver's cost grows with the cube of the views, its precision with their root."""
+"""Views that are solved together: the solver's cost grows with their cube, its precision with their root."""
 
 Match = tuple[Array, Array]
 """Corners of one view: board frame, m [N, 3], and image, px with pixel centres at +0.5 [N, 2]."""
@@ -68,6 +68,8 @@ def calibrate_camera(keyframe_folders: Sequence[tuple[Path, Path]], board: Board
 def solve(matches: Sequence[Match], size: tuple[int, int]) -> tuple[Camera, float, int]:
     """Fit a camera to views of a flat target, leaving out views that do not fit.
 
+    More than `MAX_VIEWS` views are dealt out to groups of no more; the camera is the mean of theirs, which is as precise.
+
     Args:
         matches: Corners of each view: on the board, m [N, 3], and in the image, px [N, 2].
         size: Width and height of the images, px.
@@ -77,10 +79,21 @@ def solve(matches: Sequence[Match], size: tuple[int, int]) -> tuple[Camera, floa
 
     Source: Zhang, IEEE PAMI 22(11), 2000, as in OpenCV.
     """
-    kept = [matches[i] for i in np.unique(np.linspace(0, len(matches) - 1, min(len(matches), MAX_VIEWS)).round().astype(int))]
+    groups = max(-(-len(matches) // MAX_VIEWS), 1)
+    found = [_solve_group(matches[first::groups], size) for first in range(groups)]
+    views = np.array([kept for _, _, kept in found])
+    figures = np.average([figures for figures, _, _ in found], axis=0, weights=views)
+    fx, fy, cx, cy, k1, k2, p1, p2 = (float(value) for value in figures)
+    rms = float(np.sqrt(np.average([rms**2 for _, rms, _ in found], weights=views)))
+    # OpenCV has pixel centres at integers, we at +0.5.
+    return Camera(*size, fx, fy, cx + 0.5, cy + 0.5, (k1, k2, p1, p2)), rms, int(views.sum())
+
+
+def _solve_group(matches: Sequence[Match], size: tuple[int, int]) -> tuple[Array, float, int]:
+    """OpenCV's fx, fy, cx, cy, k1, k2, p1, p2 from views solved together, their residual (px) and number."""
+    kept = list(matches)
     while True:
         boards = [b.astype(np.float32) for b, _ in kept]
-        # OpenCV has pixel centres at integers, we at +0.5.
         pixels = [(p - 0.5).astype(np.float32) for _, p in kept]
         criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-10)
         rms, k, distortion, _, _, _, _, errors = cv2.calibrateCameraExtended(  # type: ignore[call-overload]  # None asks OpenCV for a first guess of its own
@@ -91,9 +104,7 @@ def solve(matches: Sequence[Match], size: tuple[int, int]) -> tuple[Camera, floa
         if good.all() or good.sum() < MIN_VIEWS:
             break
         kept = [match for match, ok in zip(kept, good, strict=True) if ok]
-    k1, k2, p1, p2 = (float(value) for value in distortion.ravel()[:4])
-    camera = Camera(*size, float(k[0, 0]), float(k[1, 1]), float(k[0, 2]) + 0.5, float(k[1, 2]) + 0.5, (k1, k2, p1, p2))
-    return camera, float(rms), len(kept)
+    return np.array([k[0, 0], k[1, 1], k[0, 2], k[1, 2], *distortion.ravel()[:4]]), float(rms), len(kept)
 
 
 def _find_matches(keyframe_folders: Sequence[tuple[Path, Path]], board: Board) -> tuple[list[Match], tuple[int, int]]:

@@ -18,11 +18,11 @@ from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
 from gsbridge.capture.sources import Source, list_photos
-from gsbridge.errors import GsbridgeError
+from gsbridge.errors import GsbridgeError, InputError
 from gsbridge.gap.formats.files import case_files
 from gsbridge.gap.joints.case import read_joint_case
 from gsbridge.images import read_image_u8
-from gsbridge.reading import load_yaml
+from gsbridge.reading import load_yaml, refusing
 from tests.fuzz.samples import DATA, READERS, Reader, write_case, write_photo
 
 CASES = int(os.environ.get("GSBRIDGE_FUZZ", "240"))
@@ -215,6 +215,19 @@ def test_aliases_that_a_person_writes_are_read(tmp_path):
     path = tmp_path / "a.yaml"
     path.write_text("a: &a {x: 1}\nb: *a\nc: [*a, *a]\n")
     assert load_yaml(path, "file", "-") == {"a": {"x": 1}, "b": {"x": 1}, "c": [{"x": 1}, {"x": 1}]}
+
+
+def test_what_leads_a_library_astray_is_refused_and_a_slip_of_ours_is_not(tmp_path):
+    def reader():
+        if not tmp_path.exists():
+            faces = 1
+        return faces
+
+    told = r"the mesh cannot be read \(cannot access local variable 'faces'"
+    with pytest.raises(InputError, match=told), refusing(tmp_path, "the mesh cannot be read", "-"):
+        reader()
+    with pytest.raises(NameError), refusing(tmp_path, "the mesh cannot be read", "-"):
+        eval("no_such_name")
 
 
 def test_half_a_photo_is_refused_and_a_whole_one_with_a_thumbnail_is_read(tmp_path):

@@ -60,6 +60,24 @@ def test_calibration_leaves_out_a_view_that_does_not_fit() -> None:
     assert camera.fx == pytest.approx(LENS.fx, rel=0.005)
 
 
+def test_calibration_knows_more_from_more_views() -> None:
+    """Figures scatter with the root of the views, also of those that are too many to be solved together."""
+    errors = {}
+    for count in (90, 270):
+        found = [solve(shaken(count, seed), (640, 480)) for seed in range(4)]
+        assert {kept for _, _, kept in found} == {count}
+        errors[count] = np.mean(
+            [np.square([c.fx - LENS.fx, c.fy - LENS.fy, c.cx - LENS.cx, c.cy - LENS.cy]) for c, _, _ in found]
+        )
+    assert errors[270] < 0.6 * errors[90]
+
+
+def shaken(count: int, seed: int) -> list[tuple[Array, Array]]:
+    """Views with noise of half a pixel."""
+    rng = np.random.default_rng(seed)
+    return [(board, pixels + rng.normal(0, 0.5, pixels.shape)) for board, pixels in matches(orbit(count), 0.0)]
+
+
 def blank_capture(folder: Path, count: int, size: tuple[int, int] = (64, 48)) -> tuple[Path, Path]:
     for name in names(count):
         write_image(folder / "frames" / name, np.full((size[1], size[0], 3), 0.5, np.float32))
