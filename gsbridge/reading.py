@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import traceback
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -72,12 +73,11 @@ def refusing(source: str | Path, problem: str, remedy: str) -> Iterator[None]:
         yield
     except GsbridgeError:
         raise
-    except UnboundLocalError as error:
-        # A reader of others left a variable unset, led astray by the file.
+    except NameError as error:
+        # In code of ours a name that is not there is a slip, whatever the file; others' readers are led astray by one.
+        if _raised_here(error):
+            raise
         raise InputError(source, f"{problem} ({_first_line(error)})", remedy) from error
-    except NameError:
-        # A name that is not there is a slip of ours, whatever the file.
-        raise
     except PermissionError as error:
         raise InputError(source, "it may not be read", "Change its permissions") from error
     except RecursionError:
@@ -87,6 +87,12 @@ def refusing(source: str | Path, problem: str, remedy: str) -> Iterator[None]:
         raise InputError(source, f"{problem} (it asks for more memory than there is)", remedy) from error
     except Exception as error:
         raise InputError(source, f"{problem} ({_first_line(error)})", remedy) from error
+
+
+def _raised_here(error: BaseException) -> bool:
+    """Whether an error was raised by this package's own code."""
+    frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
+    return bool(frames) and str(frames[-1].f_globals.get("__name__", "")).partition(".")[0] == __package__
 
 
 def _first_line(error: Exception) -> str:

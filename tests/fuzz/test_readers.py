@@ -227,7 +227,7 @@ def test_what_leads_a_library_astray_is_refused_and_a_slip_of_ours_is_not(tmp_pa
     with pytest.raises(InputError, match=told), refusing(tmp_path, "the mesh cannot be read", "-"):
         reader()
     with pytest.raises(NameError), refusing(tmp_path, "the mesh cannot be read", "-"):
-        eval("no_such_name")
+        exec("no_such_name", {"__name__": "gsbridge.somewhere"})
 
 
 def test_half_a_photo_is_refused_and_a_whole_one_with_a_thumbnail_is_read(tmp_path):
