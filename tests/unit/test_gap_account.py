@@ -6,13 +6,12 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from axis_logs import SLOW, axis_in, records_of, simulated
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import lfilter
 
 from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
-from gsbridge.gap.benchmark.generate import draw_case
-from gsbridge.gap.benchmark.mechanisms import axis_plant
 from gsbridge.gap.diagnosis.amend import amend_model
 from gsbridge.gap.diagnosis.backend import best_effects
 from gsbridge.gap.diagnosis.closure import closed, closed_beside_rest
@@ -34,43 +33,12 @@ from gsbridge.gap.joints.pooled import PooledResiduals, spread_of
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.scatter import RecordSizes, widened
 from gsbridge.gap.joints.screen import Screen
-from gsbridge.gap.joints.stand_ins import stand_ins
 from gsbridge.gap.joints.widening import strained
-
-SEED, COURSES = 40, 41
-
-SLOW = 2e-4
-"""A model error of this size, rad, slower than any noise: the noise of a sample is as large, its mean over a second is not."""
 
 
 @pytest.fixture(scope="module")
 def axis(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("axis")
-    return (*axis_plant(folder), folder)
-
-
-def records_of(axis, names=(), units=0.0, error=0.0, seed=SEED, **options):
-    """Records of an axis; with a slow error of the model on the positions, another in each."""
-    records = dict(draw_case(axis[1], names, units, seed, COURSES, **options).records)
-    rng = np.random.default_rng(seed)
-    for role, record in records.items():
-        drift = lfilter([np.sqrt(1 - 0.99**2)], [1, -0.99], rng.standard_normal((len(record.time) + 500, 1)), axis=0)[500:]
-        measured = dict(record.measured)
-        measured["position"] = measured["position"] + error * drift
-        records[role] = record.with_measured(measured)
-    return records
-
-
-def simulated(axis, records, effects, seed=SEED):
-    """The same records as if the model with some effects had moved, with white noise."""
-    out, rng = {}, np.random.default_rng(seed)
-    for role, record in records.items():
-        outputs = JointResiduals.of(Mechanism(axis[0]), record).simulate(effects)
-        noise = axis[1].noise
-        out[role] = record.with_measured(
-            {kind: outputs[kind] + noise[kind] * rng.standard_normal(outputs[kind].shape) for kind in record.measured}
-        )
-    return out
+    return axis_in(tmp_path_factory.mktemp("axis"))
 
 
 def test_a_slow_error_within_the_tolerance_is_no_discrepancy(axis):
@@ -239,40 +207,6 @@ def test_records_that_agree_widen_no_interval():
     # A record that decides nothing averages nothing.
     assert sizes.alone(2).tolist() == pytest.approx([0.5, 1.0])
     assert RecordSizes(np.zeros((2, 1)), np.array([[0.1], [9.0]])).alone(2)[0] == pytest.approx(1.0, abs=1e-3)
-
-
-def test_an_effect_is_fitted_beside_its_special_cases(axis):
-    """Friction that differs between directions is not named while nobody has fitted friction that does not."""
-    mechanism, records = Mechanism(axis[0]), records_of(axis)
-    records = simulated(axis, records, (JointCandidate("coulomb", "axis").applied({"torque": 0.3}),))
-    views = [JointResiduals.of(mechanism, records[role]) for role in ("fit", "select")]
-    who = [JointCandidate(name, "axis") for name in ("coulomb", "coulomb_asym")]
-    search = JointIdentification(views[0], views[1], signature_bank(views[0], who, axis[2] / "bank"), who)
-    rich = search.trial_of(fit(views[0], who[1:], ({"torque": 0.29, "skew": 0.01},)))
-    (plain,) = search._simpler([rich], [rich])
-    assert plain.names == ("coulomb:axis",)
-    assert plain.fit.values[0]["torque"] == pytest.approx(0.3, rel=0.01)
-    assert decide([rich, plain], search.rules, search.floor).trials[0] is plain
-    assert search._simpler([rich], [rich, plain]) == []
-
-
-def test_a_set_is_compared_with_what_stands_for_one_of_its_effects(axis):
-    """A delay beside friction looks much like a lag: the pair is not named before the other pair was fitted."""
-    friction, late, lag = JointCandidate("coulomb", "axis"), JointCandidate("command_delay"), JointCandidate("lag")
-    mechanism = Mechanism(axis[0])
-    logs = simulated(axis, records_of(axis), (friction.applied({"torque": 0.3}), lag.applied({"time": 0.004})))
-    views = [JointResiduals.of(mechanism, logs[role]) for role in ("fit", "select")]
-    who = [friction, JointCandidate("coulomb_asym", "axis"), late, lag, JointCandidate("armature", "axis")]
-    search = JointIdentification(views[0], views[1], signature_bank(views[0], who, axis[2] / "bank"), who)
-    best = search.trial_of(fit(views[0], (friction, late), ({"torque": 0.3}, {"time": 0.004})))
-    # Friction's own special cases and what contains it are compared elsewhere.
-    ((every, starts),) = stand_ins(views[0], search.screen, best, [best])
-    assert every == (friction, lag)
-    assert starts[0] == best.fit.values[0]
-    assert starts[1]["time"] == pytest.approx(0.004, rel=0.2)
-    other = search.trial_of(fit(views[0], every, starts))
-    assert other.fit.chi2 < best.fit.chi2
-    assert list(stand_ins(views[0], search.screen, best, [best, other])) == []
 
 
 def test_efforts_in_another_scale_are_told_and_friction_is_not_taken_for_one(axis):

@@ -143,7 +143,7 @@ class ThrowIdentification:
         if self._remaining(rest, best) < rules.alarm and rules.most > 1:
             grown = self._several(trials, rest.floor)
             if grown is not best:
-                sets = sorted([grown, *self._stand_ins(grown)], key=lambda trial: trial.score)
+                sets = sorted([grown, *self._stand_ins(grown, rest.floor)], key=lambda trial: trial.score)
                 trials, rest = [*sets, *trials], throw_null(self.second, sets[0].fit.effects, self.rng)
         if alike and not self._learns(trials[0], null.floor):
             # Bodies fly as they should, and nothing learnt from some touches holds on others: another engine's contacts, or
@@ -234,12 +234,15 @@ class ThrowIdentification:
         bar = _NEAR * float(self.few.errors(trial.fit.effects).mean())
         return min([trial, *self._trials([fit for fit in fits if fit.error <= bar])], key=lambda one: one.score)
 
-    def _stand_ins(self, trial: ThrowHypothesis) -> list[ThrowHypothesis]:
+    def _stand_ins(self, trial: ThrowHypothesis, floor: float) -> list[ThrowHypothesis]:
         """Sets in which the effect that promises most in the place of one of a trial's stands there, where they are near it.
 
         A set grows by one effect at a time, so that what is the same equation as a part of it has no part in the comparison.
-        Nothing more is sought here, so that the budget does not bound it: a set is not named unseen.
+        Nothing more is sought here, so that the budget does not bound it: no set is named without this comparison. What would
+        lead must be better than each part of itself, as a set that grew is.
         """
+        if len(trial.fit.effects) < 2:
+            return []
         fits = []
         for place in range(len(trial.fit.effects)):
             base = trial.fit.effects[:place] + trial.fit.effects[place + 1 :]
@@ -248,7 +251,17 @@ class ThrowIdentification:
                 effect, _ = max((promised(self.few, name, base) for name in others), key=lambda found: found[1])
                 fits.append(refine(self.few, (*base, effect), held=len(base)))
         bar = _NEAR * mean_error(self.few, trial.fit.effects)
-        return self._trials([fit for fit in fits if fit.error <= bar])
+        near = [fit for fit in fits if fit.error <= bar]
+        if self.few is self.first:
+            # The sizes of the others belong to the effect that was there before.
+            near = [refine(self.first, fit.effects, _FINE) for fit in near]
+        return [found for found in self._trials(near) if found.score >= trial.score or self._earned(found, floor)]
+
+    def _earned(self, trial: ThrowHypothesis, floor: float) -> bool:
+        """Whether a set is better than each of its parts."""
+        effects = trial.fit.effects
+        parts = [refine(self.few, effects[:place] + effects[place + 1 :]) for place in range(len(effects))]
+        return all(self._better(trial, part, floor) for part in self._trials(parts))
 
     def _slim(self, trial: ThrowHypothesis, floor: float) -> ThrowHypothesis:
         """Drop effects that cost nothing on throws that were not fitted."""

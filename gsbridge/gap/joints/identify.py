@@ -286,10 +286,11 @@ class JointIdentification:
                 break
         if len(best.fit.who) > 1:
             trials += self._simpler([best], trials, 0)
-            for every, starts in stand_ins(self.first, self.screen, best, trials):
-                if self._affords(2 + sum(len(c.effect.parameters) for c in every), 0):
-                    fitted = fit(self.first, every, starts, 1.3 * best.fit.chi2 + 100.0, self.screen, self._limit(0))
-                    trials += [self.trial_of(fitted)] if fitted.converged else []
+            best = min(trials, key=lambda trial: trial.score)
+            kept = sum(len(c.effect.parameters) for c in best.fit.who)  # what polishing the best takes
+            for every, starts in stand_ins(self.first, self.screen, best, trials, lambda: self._affords(3 + kept, kept)):
+                fitted = fit(self.first, every, starts, 1.3 * best.fit.chi2 + 100.0, self.screen, self._limit(kept))
+                trials += [self.trial_of(fitted)] if fitted.converged else []
         return slim(trials, self.rules, self.floor, self.plain_chi2)
 
     def _decide(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from gsbridge.gap.diagnosis.results import Candidate, Hypothesis
 from gsbridge.gap.joints.residuals import JointResiduals
@@ -13,7 +13,7 @@ _ALIKE = 0.95
 
 
 def stand_ins(
-    view: JointResiduals, screen: Screen, best: Hypothesis, known: Sequence[Hypothesis]
+    view: JointResiduals, screen: Screen, best: Hypothesis, known: Sequence[Hypothesis], affords: Callable[[], bool]
 ) -> Iterator[tuple[tuple[Candidate, ...], list[dict[str, float]]]]:
     """Sets in which the candidate that looks most like one of the effects of `best` stands in its place.
 
@@ -26,12 +26,15 @@ def stand_ins(
         screen: Signatures on that record.
         best: The best explanation, of several effects.
         known: Explanations that were fitted; none of them is proposed again.
+        affords: Whether there are simulations left for another set; asked before each.
 
     Yields:
         The effects of a set, and parameters of each to start from.
     """
     who, fitted = best.fit.who, {frozenset(trial.fit.who) for trial in known}
     for k, own in enumerate(who):
+        if not affords():
+            return
         kept = [j for j in range(len(who)) if j != k]
         part = view.residual([best.fit.effects[j] for j in kept]) - best.first
         enough = _ALIKE * float((part**2).sum())

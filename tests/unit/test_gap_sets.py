@@ -1,0 +1,106 @@
+"""Sets of effects are compared with what could stand for a part of them."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from axis_logs import axis_in, records_of, simulated
+
+from gsbridge.effects.registry import Applied
+from gsbridge.gap.contact.identify import ThrowHypothesis, ThrowIdentification, ThrowRules
+from gsbridge.gap.contact.search import ThrowFit
+from gsbridge.gap.diagnosis.verdict import decide
+from gsbridge.gap.joints.bank import signature_bank
+from gsbridge.gap.joints.candidates import JointCandidate
+from gsbridge.gap.joints.fit import fit
+from gsbridge.gap.joints.identify import JointIdentification
+from gsbridge.gap.joints.mechanism.replay import Mechanism
+from gsbridge.gap.joints.residuals import JointResiduals
+from gsbridge.gap.joints.stand_ins import stand_ins
+
+
+@pytest.fixture(scope="module")
+def axis(tmp_path_factory):
+    return axis_in(tmp_path_factory.mktemp("axis"))
+
+
+def test_an_effect_is_fitted_beside_its_special_cases(axis):
+    """Friction that differs between directions is not named while nobody has fitted friction that does not."""
+    mechanism, records = Mechanism(axis[0]), records_of(axis)
+    records = simulated(axis, records, (JointCandidate("coulomb", "axis").applied({"torque": 0.3}),))
+    views = [JointResiduals.of(mechanism, records[role]) for role in ("fit", "select")]
+    who = [JointCandidate(name, "axis") for name in ("coulomb", "coulomb_asym")]
+    search = JointIdentification(views[0], views[1], signature_bank(views[0], who, axis[2] / "bank"), who)
+    rich = search.trial_of(fit(views[0], who[1:], ({"torque": 0.29, "skew": 0.01},)))
+    (plain,) = search._simpler([rich], [rich])
+    assert plain.names == ("coulomb:axis",)
+    assert plain.fit.values[0]["torque"] == pytest.approx(0.3, rel=0.01)
+    assert decide([rich, plain], search.rules, search.floor).trials[0] is plain
+    assert search._simpler([rich], [rich, plain]) == []
+
+
+def test_a_set_is_compared_with_what_stands_for_one_of_its_effects(axis):
+    """A delay beside friction looks much like a lag: the pair is not named before the other pair was fitted."""
+    friction, late, lag = JointCandidate("coulomb", "axis"), JointCandidate("command_delay"), JointCandidate("lag")
+    mechanism = Mechanism(axis[0])
+    logs = simulated(axis, records_of(axis), (friction.applied({"torque": 0.3}), lag.applied({"time": 0.004})))
+    views = [JointResiduals.of(mechanism, logs[role]) for role in ("fit", "select")]
+    who = [friction, JointCandidate("coulomb_asym", "axis"), late, lag, JointCandidate("armature", "axis")]
+    search = JointIdentification(views[0], views[1], signature_bank(views[0], who, axis[2] / "bank"), who)
+    best = search.trial_of(fit(views[0], (friction, late), ({"torque": 0.3}, {"time": 0.004})))
+    # Friction's own special cases and what contains it are compared elsewhere.
+    ((every, starts),) = stand_ins(views[0], search.screen, best, [best], lambda: True)
+    assert every == (friction, lag)
+    assert starts[0] == best.fit.values[0]
+    assert starts[1]["time"] == pytest.approx(0.004, rel=0.2)
+    other = search.trial_of(fit(views[0], every, starts))
+    assert other.fit.chi2 < best.fit.chi2
+    assert list(stand_ins(views[0], search.screen, best, [best, other], lambda: True)) == []
+    assert list(stand_ins(views[0], search.screen, best, [best], lambda: False)) == []
+
+
+def throw_judge(monkeypatch, left):
+    """A judge of throws for which each set of effects leaves what `left` says, mm, and the promise of `late` is best."""
+    judge = object.__new__(ThrowIdentification)
+    judge.rules, judge.plain = ThrowRules(), 10e-3 + np.linspace(0, 1e-4, 20)
+    judge.first = judge.few = SimpleNamespace()
+    judge.bank = SimpleNamespace(names=("tilt", "wind", "late"))
+
+    def fitted(replay, effects, share=1.0, *, held=0):
+        effects = tuple(effects)
+        return ThrowFit(effects, 1e-3 * left[frozenset(e.name for e in effects)], True)
+
+    where = "gsbridge.gap.contact.identify"
+    monkeypatch.setattr(f"{where}.refine", fitted)
+    monkeypatch.setattr(f"{where}.mean_error", lambda replay, effects: fitted(replay, effects).error)
+    monkeypatch.setattr(f"{where}.promised", lambda replay, name, base: (Applied(name, "", {}), 1.0))
+    spread = np.linspace(-1e-5, 1e-5, 20)
+    monkeypatch.setattr(
+        ThrowIdentification, "_trials", lambda self, fits: [ThrowHypothesis(found, found.error + spread) for found in fits]
+    )
+    grown = ThrowHypothesis(fitted(None, [Applied(name, "", {}) for name in ("tilt", "wind")]), 1e-3 * left[TW] + spread)
+    return judge, grown
+
+
+TW, TL, WL = (frozenset(names) for names in (("tilt", "wind"), ("tilt", "late"), ("wind", "late")))
+
+
+@pytest.mark.parametrize(
+    ("alone", "found"),
+    # `late` does nearly all by itself, or needs the other.
+    [(1.0, []), (5.0, [("late", "tilt")])],
+)
+def test_a_set_of_throws_that_would_lead_must_be_better_than_its_parts(monkeypatch, alone, found):
+    left = {TW: 1.2, TL: 0.9, WL: 9.0} | {
+        frozenset({name}): size for name, size in (("tilt", 6.0), ("wind", 7.0), ("late", alone))
+    }
+    judge, grown = throw_judge(monkeypatch, left)
+    assert [trial.names for trial in judge._stand_ins(grown, 0.5e-3)] == found
+
+
+def test_a_set_of_throws_that_does_as_well_is_a_rival_whatever_its_parts_do(monkeypatch):
+    left = {TW: 1.2, TL: 1.25, WL: 9.0} | {frozenset({name}): 1.3 for name in ("tilt", "wind", "late")}
+    judge, grown = throw_judge(monkeypatch, left)
+    assert [trial.names for trial in judge._stand_ins(grown, 0.5e-3)] == [("late", "tilt")]
+    single = ThrowHypothesis(ThrowFit(grown.fit.effects[:1], 6e-3, True), grown.errors)
+    assert judge._stand_ins(single, 0.5e-3) == []
