@@ -1,4 +1,4 @@
-"""Loss of spin in the air, or a damping that an engine adds: the rate of loss is the coefficient times the spin."""
+"""Loss of spin in the air, or a damping that an engine adds: a spin s decays by s' = -d s, d being the coefficient."""
 
 from typing import ClassVar
 
@@ -6,14 +6,12 @@ from gsbridge.effects.bodies.base import BodyEffect, Parameter
 
 
 class AngularDamping(BodyEffect):
-    """Loss of spin in the air, or a damping that an engine adds: the rate of loss is the coefficient times the spin."""
+    """Loss of spin in the air, or a damping that an engine adds: a spin s decays by s' = -d s, d being the coefficient."""
 
     name = "angular_damping"
     title = "damping of the spin"
     hook = "body"
-    parameters = (
-        Parameter("coefficient", "1/s", -10.0, 10.0, 0.04, True, "share of the spin that is lost per second, beyond the model"),
-    )
+    parameters = (Parameter("coefficient", "1/s", -10.0, 10.0, 0.04, True, "rate at which the spin decays, beyond the model"),)
     figures: ClassVar = {"coefficient": "angular_damping"}
     sizes = (1.0, 4.0, 16.0)
     signature = "spins down in flight already"

@@ -1,4 +1,4 @@
-"""Loss of speed in the air, or a damping that an engine adds: the rate of loss is the coefficient times the speed."""
+"""Loss of speed in the air, or a damping that an engine adds: a speed s decays by s' = -d s, d being the coefficient."""
 
 from typing import ClassVar
 
@@ -6,16 +6,12 @@ from gsbridge.effects.bodies.base import BodyEffect, Parameter
 
 
 class LinearDamping(BodyEffect):
-    """Loss of speed in the air, or a damping that an engine adds: the rate of loss is the coefficient times the speed."""
+    """Loss of speed in the air, or a damping that an engine adds: a speed s decays by s' = -d s, d being the coefficient."""
 
     name = "linear_damping"
     title = "damping of the motion"
     hook = "body"
-    parameters = (
-        Parameter(
-            "coefficient", "1/s", -10.0, 10.0, 0.04, True, "share of the speed that is lost per second, beyond the model"
-        ),
-    )
+    parameters = (Parameter("coefficient", "1/s", -10.0, 10.0, 0.04, True, "rate at which the speed decays, beyond the model"),)
     figures: ClassVar = {"coefficient": "linear_damping"}
     sizes = (1.0, 4.0, 16.0)
     signature = "slows down in flight already"

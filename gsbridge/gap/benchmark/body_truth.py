@@ -47,7 +47,7 @@ class ThrowScene:
         compliance: How far one newton pushes a contact in, m/N; a hard one at zero.
         softened: Damping of a soft contact, N s/m.
         gravity: m/s2.
-        linear: Loss of speed in the air, N s/m per kg.
+        linear: Loss of speed in the air, N s/m per kg; it acts at the middle of the body.
         angular: Loss of spin in the air, N m s per moment of inertia.
         force: Steady force along x and y, N. [2].
         density: Density of the air, kg/m3, for MuJoCo's drag.
@@ -264,5 +264,5 @@ def _compile(scene: ThrowScene) -> mujoco.MjModel:
             )
     model = spec.compile()
     model.dof_damping[:3] = scene.linear * scene.mass
-    model.dof_damping[3:6] = scene.angular * rigid * moments
+    model.dof_damping[3:6] = scene.angular * rigid * moments * scene.inertia
     return model

@@ -25,8 +25,11 @@ from gsbridge.geometry import Array, quat_from_rotation, rotation_from_quat
 
 _SOLVER_ITERATIONS = 50
 
-_FINEST = 10
-"""Largest number of steps in one of the model's where a contact is soft."""
+_LOSSES = ("linear_damping", "angular_damping")
+"""Figures of the losses in the air: of speed, of spin."""
+
+_FINER, _FINEST = 4, 10
+"""Smallest and largest number of steps in one of the model's where a contact is soft; in longer ones a ball rolls too fast."""
 
 _SLOW_IMPACT = 0.05
 """Speed below which impacts give nothing back, m/s."""
@@ -78,21 +81,22 @@ def simulate(
         InputError: PyBullet cannot load the body.
     """
     numerics = numerics or Numerics()
-    step = _fine_enough(numerics.step_factor / body.physics_rate, setup.figures)
+    step = numerics.step_factor * _fine_enough(1.0 / body.physics_rate, setup.figures)
     frame = _SurfaceFrame(setup.figures)
     clocks = [np.asarray(time, dtype=np.float64) / setup.figures["rate"] for time in times]
     client = BulletClient(pybullet.DIRECT)
     try:
         plane, numbers = _build(client, body, setup, len(times), numerics, step)
         client.setGravity(*frame.pull().tolist())
+        kept = [float(np.exp(-step * setup.figures[name])) for name in _LOSSES]
         inertial, moments = body_from_inertial(client, numbers[0]), np.array(client.getDynamicsInfo(numbers[0], -1)[2])
         for number, pose, velocity, spin in zip(numbers, *frame.enter(starts, inertial, moments), strict=True):
             quat = np.roll(quat_from_rotation(pose[:3, :3]), -1)
             client.resetBasePositionAndOrientation(number, pose[:3, 3].tolist(), quat.tolist())
-            # The engine moves positions with the speed at a step's end, by which a parabola would fall half a step too far.
-            client.resetBaseVelocity(number, (velocity - 0.5 * step * frame.pull()).tolist(), spin.tolist())
-        kept = [float(np.exp(-step * setup.figures[name])) for name in ("linear_damping", "angular_damping")]
-        rows, touches = _run(client, plane, numbers, clocks, step, kept)
+            # The engine moves positions with the speed at a step's end, which shall be that of the step's middle.
+            begin = kept[0] ** 0.5 * velocity - 0.5 * step * frame.pull()
+            client.resetBaseVelocity(number, begin.tolist(), (kept[1] ** 0.5 * spin).tolist())
+        rows, touches = _run(client, plane, numbers, clocks, step, kept, frame.pull())
     finally:
         client.disconnect()
     return [
@@ -102,9 +106,9 @@ def simulate(
 
 
 def _fine_enough(step: float, figures: Mapping[str, float]) -> float:
-    """A step, s, in which a soft contact's damper takes at least what the engine's integration does, if it can be had."""
-    soft = figures["compliance"] * figures["contact_damping"]
-    return float(np.clip(soft, step / _FINEST, step)) if figures["compliance"] > 0 else step
+    """A step, s, of which even twice as long a one damps a soft contact less than its damper does, if that can be had."""
+    soft = 0.5 * figures["compliance"] * figures["contact_damping"]
+    return float(np.clip(soft, step / _FINEST, step / _FINER)) if figures["compliance"] > 0 else step
 
 
 class _SurfaceFrame:
@@ -137,9 +141,12 @@ class _SurfaceFrame:
         # What is logged late is that of an earlier moment, from which the body has flown on.
         lag = f["lag"] / f["rate"]
         back = Rotation.from_rotvec(-lag * spin).as_matrix()
-        velocity = velocity + np.cross(spin, np.einsum("nij,nj->ni", back, arm)) + lag * self.turn @ self.pull()
+        velocity = velocity + np.cross(spin, np.einsum("nij,nj->ni", back, arm))
         if lag:
-            spin = _spun_on(spin, back, attitude @ inertial[:3, :3], moments)
+            slowing, slower = (f[name] for name in _LOSSES)
+            pulled = -np.expm1(-slowing * lag) / slowing if slowing else lag
+            velocity = np.exp(-slowing * lag) * velocity + pulled * self.turn @ self.pull()
+            spin = np.exp(-slower * lag) * _spun_on(spin, back, attitude @ inertial[:3, :3], moments)
         poses = np.tile(np.eye(4), (len(attitude), 1, 1))
         poses[:, :3, :3] = self.turn.T @ attitude @ inertial[:3, :3]
         poses[:, :3, 3] = (starts.position / f["scale"] + arm - self.lift) @ self.turn
@@ -229,7 +236,13 @@ def _build(
 
 
 def _run(
-    client: BulletClient, plane: int, numbers: Sequence[int], clocks: Sequence[Array], step: float, kept: Sequence[float]
+    client: BulletClient,
+    plane: int,
+    numbers: Sequence[int],
+    clocks: Sequence[Array],
+    step: float,
+    kept: Sequence[float],
+    pull: Array,
 ) -> tuple[list[Array], Array]:
     """Poses of the inertial frames at the samples (position, quaternion xyzw; each [T, 7]) and times of first touch. [N].
 
@@ -240,6 +253,7 @@ def _run(
         clocks: Samples of each, s.
         step: Step of the engine, s.
         kept: Shares of speed and of spin that a step leaves in the air.
+        pull: Acceleration of what pulls at the bodies, m/s2. [3].
     """
     wanted: dict[int, list[int]] = {}
     for place, clock in enumerate(clocks):
@@ -251,6 +265,8 @@ def _run(
     place_of = {number: place for place, number in enumerate(numbers)}
     look, advance = client.getBasePositionAndOrientation, client.stepSimulation
     moving, push = client.getBaseVelocity, client.resetBaseVelocity
+    # The engine adds a whole step's pull, of which losses leave what they leave of the mean speed.
+    lost = ((1.0 - kept[0] ** 0.5) * step * pull).tolist()
     for number in range(max(wanted) + 1):
         for place in wanted.get(number, ()):
             at, to = look(numbers[place])
@@ -266,7 +282,8 @@ def _run(
         if min(kept) < 1.0:
             for item in numbers:
                 velocity, spin = moving(item)
-                push(item, [kept[0] * value for value in velocity], [kept[1] * value for value in spin])
+                slowed = [kept[0] * value - less for value, less in zip(velocity, lost, strict=True)]
+                push(item, slowed, [kept[1] * value for value in spin])
     return [
         _between(np.array(known) * step, np.array(poses), clock) for (known, poses), clock in zip(seen, clocks, strict=True)
     ], touch
