@@ -129,7 +129,33 @@ def gap(area: str) -> dict[str, float]:
     plain, empty = cases[(cases.kind == "single") & (pd.to_numeric(cases.units) >= 5)], cases[cases.hidden.isna()]
     out = {f"gap_named_right_{tier}": 100 * (of.outcome == "right").mean() for tier, of in plain.groupby("tier")}
     out |= {f"gap_false_alarm_{tier}": 100 * (of.outcome == "false_alarm").mean() for tier, of in empty.groupby("tier")}
-    return out | {"gap_false_alarm": 100 * (empty.outcome == "false_alarm").mean()}
+    # Alarms of all machines count the cases of other laws (T6), too.
+    other = other_laws(area)
+    free = other[~other.hidden] if len(other) else other
+    alarms = pd.concat([empty.outcome, free.outcome]) if len(free) else empty.outcome
+    return out | {"gap_false_alarm": 100 * (alarms == "false_alarm").mean()} | other_rates(other)
+
+
+def other_laws(area: str) -> pd.DataFrame:
+    """Cases of T6: whether something is hidden in them, their kind and what came out; none where the tier was not recorded."""
+    found = rows(area, "mismatch")
+    found = found[found.key.str.startswith("cases.")]
+    if found.empty:
+        return pd.DataFrame(columns=["hidden", "kind", "outcome"])
+    found[["case", "what"]] = found.key.str.extract(r"^cases\.(\d+)\.(.+)$").to_numpy()
+    cases = found[found.what.isin(["kind", "outcome"])].pivot(index="case", columns="what", values="value")
+    return cases.assign(hidden=cases.index.isin(found[found.what.str.startswith("right.")].case))
+
+
+def other_rates(cases: pd.DataFrame) -> dict[str, float]:
+    """Shares of T6, %: single effects named rightly, effects named wrongly, and alarms where nothing is hidden."""
+    hidden, free = cases[cases.hidden.astype(bool)], cases[~cases.hidden.astype(bool)]
+    told = {
+        "gap_named_right_t6": (hidden[hidden.kind == "single"], "right"),
+        "gap_wrong_t6": (hidden, "wrong"),
+        "gap_false_alarm_t6": (free, "false_alarm"),
+    }
+    return {name: 100 * (of.outcome == what).mean() for name, (of, what) in told.items() if len(of)}
 
 
 if __name__ == "__main__":

@@ -209,8 +209,11 @@ def test_several_aliases_may_be_merged_and_keys_of_two_kinds_differ(tmp_path):
 
 
 def test_a_slip_of_ours_is_no_fault_of_the_file(tmp_path):
+    slip = compile("undefined", "slip.py", "eval")
     with pytest.raises(NameError), refusing(tmp_path, "it cannot be read", "-"):
-        raise NameError("undefined")
+        eval(slip, {"__name__": "gsbridge.readers"})
+    with pytest.raises(InputError, match="undefined"), refusing(tmp_path, "it cannot be read", "-"):
+        eval(slip, {"__name__": "readers_of_others"})
 
 
 @pytest.mark.parametrize("seed", [2**32, -1, 10**30, True, "1e9", float("nan")])

@@ -201,6 +201,24 @@ def test_names_and_alarms_are_told_again_from_the_cases(tmp_path, monkeypatch):
         "gap_false_alarm_t1": 50.0,
         "gap_false_alarm": 50.0,
     }
+    laws = [
+        {"kind": "single", "right": ["coulomb:pan"], "outcome": "right"},
+        {"kind": "single", "right": ["coulomb:pan"], "outcome": "mute"},
+        {"kind": "pair", "right": ["coulomb:pan", "lag"], "outcome": "wrong"},
+        {"kind": "mismatch", "right": ["lag"], "outcome": "right"},
+        {"kind": "free", "right": [], "outcome": "quiet"},
+        {"kind": "free", "right": [], "outcome": "quiet"},
+    ]
+    write_json(tmp_path / "results/benchmarks/gap_mismatch.json", {"cases": laws})
+    both = {"tiers": [str(path.relative_to(tmp_path))], "mismatch": ["results/benchmarks/gap_mismatch.json"]}
+    write_evidence(both, tmp_path / "evidence/gap")
+    found = recompute(tmp_path, monkeypatch).gap("gap")
+    assert found["gap_false_alarm"] == 25.0  # one of two cases, none of two more
+    assert {name: found[name] for name in found if name.endswith("_t6")} == {
+        "gap_named_right_t6": 50.0,
+        "gap_wrong_t6": 25.0,
+        "gap_false_alarm_t6": 0.0,
+    }
 
 
 def test_recorded_figures_are_those_of_the_evidence():
