@@ -172,8 +172,8 @@ class PickEnvironment(gymnasium.Env):
 
         Args:
             seed: Seed of this and the following episodes.
-            options: `pose` for a start pose x, y, yaw, m and rad; or `pose_set` (`fixed`, `unseen`) and `index` (0 to 31) for
-                one of a set; without them the pose is drawn.
+            options: `pose` for a start pose x, y, yaw, m and rad; or `pose_set` (one of `POSE_SETS`) and `index` (0 to 31)
+                for one of a set; without them the pose is drawn.
 
         Raises:
             InputError: An option is unknown, or makes no pose or one where the tool may not go.

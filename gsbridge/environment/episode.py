@@ -46,7 +46,7 @@ def play(
         controller: From the privileged state of N worlds to actions [N, 5].
         eyes: What takes the pictures, by name; they look at the environment's world beside its own eye.
         period: Length of one step, s.
-        pose_set: `fixed` or `unseen`.
+        pose_set: Name of a set of start poses.
         index: Start pose in it, and seed of the episode.
     """
     observation, info = environment.reset(seed=index, options={"pose_set": pose_set, "index": index})
@@ -116,7 +116,7 @@ def play_episode(
         states: File of the states without anything that only the simulated world knows, for cameras of other worlds
             (`gsbridge.tasks.views`).
         record: Record of the stage; degraded when the controller did not succeed.
-        pose_set: `fixed` or `unseen`.
+        pose_set: Name of a set of start poses.
         index: Start pose in it.
 
     Raises:
