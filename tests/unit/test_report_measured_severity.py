@@ -13,6 +13,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
 from gsbridge.report.scores.measured_severity import write_severity_figures, write_worth_figures
 from gsbridge.report.scores.score import read_floors, write_scores
+from gsbridge.statistics import limits, redrawn_rates
 
 FLOORS = Path(__file__).resolve().parents[2] / "benchmarks/floors.yaml"
 AREAS = ("severity", "worth")
@@ -83,11 +84,10 @@ def test_policies_of_the_tables_are_judged_at_each_severity(scores):
     assert found["severity_place_3"]["floor"] is None
     assert [found[f"severity_mesh_{level}"]["value"] for level in (2, 3)] == pytest.approx([50, 75])
     assert found["severity_grasp_outside_2"]["value"] == pytest.approx(25)
-    # Of a mean over cells of one training each, only starts scatter: by the normal approximation of eight binomials.
+    # Of a mean over cells of one training each, only starts scatter: less than if all cells had the same rate.
     low, high = found["severity_grasp_3"]["interval"]
-    rates = np.array(at_3) / 64
-    sigma = np.sqrt(np.sum(rates * (1 - rates) / 64)) / 8
-    np.testing.assert_allclose((low, high), 100 * (rates.mean() + np.array([-1.96, 1.96]) * sigma), atol=0.5)
+    wilson = stats.binomtest(sum(at_3), 8 * 64).proportion_ci(method="wilson")
+    np.testing.assert_allclose((low, high), (100 * wilson.low, 100 * wilson.high), atol=1e-6)
 
 
 def test_worlds_of_one_severity_and_trainings_count_together(scores):
@@ -171,7 +171,7 @@ def test_leads_are_those_of_the_means_over_cells(scores):
     assert found["graded_r_2"]["reason"] == "not measured"
 
 
-def test_the_interval_of_a_lead_is_that_of_a_bootstrap_one_by_one(scores):
+def test_the_interval_of_a_lead_is_that_of_a_bootstrap_one_by_one_and_students_where_that_is_wider(scores):
     counts = {"gs": (60, 50, 40), "mesh_shaded": (30, 34, 10)}
     rows = worth_rows(lambda renderer, *_: counts[renderer][_[-1] - 1], renderers=tuple(counts), levels=(1,))
     low, high = scores("worth", worth=rows)["worth_lead_one_colour_no_jitter_1"]["interval"]
@@ -184,7 +184,16 @@ def test_the_interval_of_a_lead_is_that_of_a_bootstrap_one_by_one(scores):
         return starts[name][trainings, rng.integers(64, size=(2000, 3, 3, 64))].mean((1, 2, 3))
 
     leads = means("gs") - means("mesh_shaded")
-    np.testing.assert_allclose((low, high), 100 * np.quantile(leads, [0.025, 0.975]), atol=1.5)
+    ours, theirs = (
+        np.mean([redrawn_rates([(k, 64) for k in good], 3 * side + cell) for cell in range(3)], axis=0)
+        for side, good in enumerate(counts.values())
+    )
+    np.testing.assert_allclose(limits(ours - theirs), np.quantile(leads, [0.025, 0.975]), atol=0.015)
+    # Six cells, of which each has three trainings: their variances add up, by Welch with two degrees of freedom each.
+    each = np.repeat([np.var(np.array(good) / 64, ddof=1) / 3 / 9 for good in counts.values()], 3)
+    half = stats.t.ppf(0.975, each.sum() ** 2 / np.sum(each**2 / 2)) * np.sqrt(each.sum())
+    lead = (np.mean(counts["gs"]) - np.mean(counts["mesh_shaded"])) / 64
+    np.testing.assert_allclose((low, high), (100 * (lead - half), 100 * (lead + half)))
 
 
 def test_a_smaller_study_says_what_it_rests_on(scores):

@@ -9,6 +9,7 @@ from scipy import stats
 
 from gsbridge.errors import InputError
 from gsbridge.files import write_json
+from gsbridge.report.tables.counts import change, p_of_change, read_counts
 from gsbridge.report.tables.failures import QUADRANT_TITLES, failure_rows, failures_table, write_failure_rows
 from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SCENARIOS, PAPER_SUCCESS
 from gsbridge.report.tables.result_paths import CellPaths, cell_of, seed_of
@@ -178,6 +179,23 @@ def test_a_robots_trials_fill_their_rows(tmp_path):
     assert [row[name] for name in ("seeds", "trials", "successes", "paper_success_rate")] == [1, 16, 12, 28 / 32]
     assert row["relative_change"] == pytest.approx(-0.25)
     assert row["status"] == "degraded"
+
+
+def test_trials_from_some_start_poses_are_compared_with_simulations_from_the_same(tmp_path):
+    """A quadrant that succeeds in both worlds is no change, whatever the other quadrants do in simulation."""
+    (tmp_path / "own.csv").write_text("pose_set,index,success\n" + "".join(f"fixed,{k},true\n" for k in range(8)))
+    sim = [
+        {**row, "success": good, "success_tolerant": good, "failure": "" if good else "not_grasped"}
+        for row in trial_rows({"fixed": 32})
+        for good in [row["index"] < 8]
+    ]
+    paths = [write_trials(tmp_path, CUBE, "sim", sim)]
+    write_success_rows(tmp_path / "rows.csv", paths, robot={"grasp/small_cube+tablecloth/gs/default": tmp_path / "own.csv"})
+    row = next(row for row in read_rows(tmp_path / "rows.csv") if row["world"] == "robot")
+    assert (row["sim_successes"], row["sim_trials"], float(row["relative_change"]), float(row["fisher_p"])) == ("8", "8", 0, 1)
+    counts = read_counts([row])
+    assert change(counts, CUBE, "robot", "fixed") == 0
+    assert p_of_change(counts, CUBE, "robot", "fixed") == 1
 
 
 def test_a_seed_that_stands_twice_is_refused(tmp_path):

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from policy_files import trial_rows
+from scipy import stats
 
 from gsbridge.errors import InputError
 from gsbridge.files import write_json
@@ -14,6 +15,7 @@ from gsbridge.report.tables.severity_rows import COLUMNS, doubts, tallies_of, wr
 from gsbridge.report.tables.statistics import lead_interval, mean_interval, mean_rate
 from gsbridge.report.tables.success_rows import TRIAL_COLUMNS
 from gsbridge.report.tables.worth import write_graded_page, write_worth_page
+from gsbridge.statistics import limits, redrawn_rates, wilson_interval
 
 ROOT = Path(__file__).resolve().parents[2]
 PLACE = {"task": "grasp", "object": "small_cube", "background": "foam_pad"}
@@ -73,13 +75,55 @@ def test_intervals_know_of_trainings():
     for _ in range(4000):
         chosen = rng.integers(3, size=3)
         means.append(np.mean([rng.choice(starts[k], len(starts[k])).mean() for k in chosen]))
-    np.testing.assert_allclose((low, high), np.quantile(means, [0.025, 0.975]), atol=0.02)
+    np.testing.assert_allclose(limits(redrawn_rates(apart[0])), np.quantile(means, [0.025, 0.975]), atol=0.02)
+    assert (low, high) == (0.0, 1.0)  # three trainings that differ so much tell next to nothing
     # Nothing scatters where all succeed, but an interval of no width would be a lie.
     assert mean_interval([[(32, 32)] * 3])[0] < 0.97
     assert mean_interval([[(32, 32)] * 3] * 2)[0] < 0.99
     low, high = lead_interval([[(30, 32)] * 3], alike)
     assert low < 14 / 32 < high
     assert low > 0.2
+    # Trainings that differ: Welch's interval, as scipy has it.
+    good = (30, 20, 25), (12, 4, 20)
+    welch = stats.ttest_ind(*(np.array(side) / 32 for side in good), equal_var=False).confidence_interval()
+    ours, others = ([(k, 32) for k in side] for side in good)
+    np.testing.assert_allclose(lead_interval([ours], [others]), (welch.low, welch.high))
+    student = stats.ttest_1samp(np.array(good[1]) / 32, 0.0).confidence_interval()
+    np.testing.assert_allclose(mean_interval([others]), (max(0.0, student.low), student.high))
+
+
+def test_an_interval_does_not_narrow_where_a_trial_is_lost():
+    whole, lost = [[(32, 32)]] * 8, [[(31, 32)], *[[(32, 32)]] * 7]
+    assert mean_interval(lost)[0] < mean_interval(whole)[0] < 1.0
+    np.testing.assert_allclose(mean_interval(whole)[0], wilson_interval(256, 256)[0])
+    # Nothing to redraw on either side is no proof that both are equal.
+    low, high = lead_interval([[(64, 64)] * 3] * 3, [[(64, 64)] * 3] * 3)
+    assert low < -0.005
+    assert high > 0.005
+
+
+@pytest.mark.parametrize(("mean", "spread"), [(0.5, 0.2), (0.8, 0.1)])
+def test_intervals_of_three_trainings_hold_what_they_promise(mean, spread):
+    """A bootstrap of three trainings holds 78 and 87 % here."""
+    rng = np.random.default_rng(6)
+    concentration = mean * (1 - mean) / spread**2 - 1
+    held = leads = 0
+    for _ in range(120):
+        rates = rng.beta(mean * concentration, (1 - mean) * concentration, (2, 3))
+        ours, others = ([(int(good), 64) for good in rng.binomial(64, row)] for row in rates)
+        low, high = mean_interval([ours])
+        held += low <= mean <= high
+        low, high = lead_interval([ours], [others])
+        leads += low <= 0.0 <= high
+    assert held >= 111
+    assert leads >= 111
+
+
+@pytest.mark.parametrize("rate", [0.9, 0.98])
+def test_intervals_of_cells_near_the_ceiling_hold_what_they_promise(rate):
+    rng = np.random.default_rng(7)
+    limits_of = [mean_interval([[(int(good), 32)] for good in rng.binomial(32, rate, 8)]) for _ in range(120)]
+    assert sum(low <= rate <= high for low, high in limits_of) >= 111
 
 
 @pytest.mark.parametrize(("mesh", "words"), [(4, "**holds**"), (31, "**does not hold**"), (27, "**is not decided**")])

@@ -17,8 +17,8 @@ from gsbridge.errors import InputError
 from gsbridge.files import atomic_file, read_json
 from gsbridge.report.tables.formats import Table, markdown
 from gsbridge.report.tables.rows import write_rows
+from gsbridge.report.tables.statistics import lead_interval, mean_interval
 from gsbridge.report.tables.success_rows import STRICT_WORLD, read_trials
-from gsbridge.statistics import limits, redrawn_rates, trainings_interval
 
 COLUMNS = (
     *("task", "object", "background", "variant", "world", "trials", "successes", "success_rate", "ci95_low", "ci95_high"),
@@ -66,7 +66,7 @@ def _row(
     judged = [read_trials(path).judged(plan["world"]) for path in paths]
     tallies = [(int(good.sum()), len(good)) for good in judged]
     good, tried = (sum(part) for part in zip(*tallies, strict=True))
-    low, high = trainings_interval(tallies)
+    low, high = mean_interval([tallies])
     return {
         **{name: cell[name] for name in ("task", "object", "background")},
         "variant": plan["variant"],
@@ -99,8 +99,7 @@ def worth(rows: Sequence[Mapping[str, Any]], comparison: Mapping[str, Any]) -> s
         )
     best = max((found[name] for name in controls), key=lambda row: row["success_rate"])
     # Different seeds: trainings of two ways of learning have nothing in common.
-    apart = redrawn_rates(_tallies(mine), 0) - redrawn_rates(_tallies(best), 1)
-    low, high = limits(apart)
+    low, high = lead_interval([_tallies(mine)], [_tallies(best)])
     return (
         f"In {world}, {mine['successes']} of {mine['trials']} trials succeed with what the diagnosis named ({variant},"
         f" trainings: {mine['trainings']}), and {best['successes']} of {best['trials']} with the best of {len(controls)}"

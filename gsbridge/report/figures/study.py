@@ -12,9 +12,8 @@ from gsbridge.files import atomic_file, read_json
 from gsbridge.report.tables.formats import Table, markdown
 from gsbridge.report.tables.result_paths import CellPaths, cell_of, seed_of
 from gsbridge.report.tables.rows import write_rows
-from gsbridge.report.tables.statistics import lead_interval, mean_rate
+from gsbridge.report.tables.statistics import lead_interval, mean_interval, mean_rate
 from gsbridge.report.tables.success_rows import read_trials, tallies_in, tallies_text
-from gsbridge.statistics import trainings_interval
 
 IMITATION = ("bc", "dagger")
 """Ways of learning that only imitate."""
@@ -82,7 +81,7 @@ def _row(cell: CellPaths, policies: Sequence[dict[str, Any]]) -> dict[str, Any]:
     rates = [policy["successes"] / policy["trials"] for policy in policies]
     known = [float(policy["controller"]) for policy in policies if policy["controller"] is not None]
     tallies = [(policy["successes"], policy["trials"]) for policy in policies]
-    low, high = trainings_interval(tallies)
+    low, high = mean_interval([tallies])
     return {
         **{name: getattr(cell, name) for name in ("task", "object", "background", "variant")},
         "algo": policies[0]["algo"],

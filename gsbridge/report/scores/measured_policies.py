@@ -23,6 +23,7 @@ from gsbridge.report.tables.counts import Counts, Overview, overviews, read_coun
 from gsbridge.report.tables.paper import PAPER_GRASPS, PAPER_SCENARIOS, PAPER_SUCCESS
 from gsbridge.report.tables.result_paths import CellPaths
 from gsbridge.report.tables.rows import Row, read_rows
+from gsbridge.report.tables.statistics import interval_kind
 from gsbridge.report.tables.success import standard_cells
 from gsbridge.report.tables.success_rows import STRICT_WORLD, cell_in
 
@@ -54,7 +55,8 @@ def mean_figure(view: Overview, counts: Counts, where: str) -> Figure:
     """
     low, high = view.interval
     figure = over_scenes({_name(cell): 100 * rate for cell, rate in view.rates.items()}, statistics.fmean, where)
-    interval = {"interval": [100 * low, 100 * high], "interval_of": "95 %, trainings and starts of each cell drawn anew"}
+    kind = interval_kind([counts[cell, view.world, view.pose_set].each for cell in view.rates])
+    interval = {"interval": [100 * low, 100 * high], "interval_of": kind}
     return {**figure, **interval, **_counted(list(view.rates), counts, view)}
 
 

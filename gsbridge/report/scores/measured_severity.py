@@ -32,7 +32,14 @@ from gsbridge.report.tables.severity_rows import (
     tallies_of,
     worlds_of,
 )
-from gsbridge.report.tables.statistics import mean_interval, mean_maximum_rank_violation, mean_rate, pearson
+from gsbridge.report.tables.statistics import (
+    WIDEST,
+    interval_kind,
+    mean_interval,
+    mean_maximum_rank_violation,
+    mean_rate,
+    pearson,
+)
 from gsbridge.report.tables.success_rows import STRICT_WORLD
 from gsbridge.report.tables.worth import ONE_COLOUR
 
@@ -45,8 +52,6 @@ KINDS: Mapping[str, Sequence[CellPaths]] = {"grasp": PAPER_GRASPS, "place": PLAC
 
 VARIANTS = {"jitter": "default", "no_jitter": "no_jitter"}
 """Variants with varied colours and without, as figures call them."""
-
-REDRAWN = "95 %, trainings and starts of each cell drawn anew"
 
 
 def severity_figures(rows: Sequence[Row]) -> dict[str, Figure]:
@@ -94,8 +99,7 @@ def mean_figure(cells: Cells, where: str) -> Figure:
         where: File that they come from.
     """
     interval = [100 * limit for limit in mean_interval(cells.values())]
-    meaning = "95 % (Wilson)" if [len(cell) for cell in cells.values()] == [1] else REDRAWN
-    figure = single(100 * mean_rate(cells.values()), _trials(cells), where, interval, meaning)
+    figure = single(100 * mean_rate(cells.values()), _trials(cells), where, interval, interval_kind(cells.values()))
     return {**figure, "by_scene": _percents(cells), **_counted(cells)}
 
 
@@ -108,7 +112,7 @@ def lead_figure(lead: Lead, where: str, ours: str, theirs: str) -> Figure:
         ours, theirs: What both sides are called.
     """
     figure = single(
-        100 * lead.value, _trials(lead.ours) + _trials(lead.theirs), where, [100 * limit for limit in lead.interval], REDRAWN
+        100 * lead.value, _trials(lead.ours) + _trials(lead.theirs), where, [100 * limit for limit in lead.interval], WIDEST
     )
     sides = {ours: _percents(lead.ours), theirs: _percents(lead.theirs)}
     by_cell = {name: sides[ours][name] - sides[theirs][name] for name in sides[ours]}

@@ -40,6 +40,8 @@ MEANINGS = {
     "successes_strict": "successes where it is forgiven nowhere",
     "relative_change": "(rate − rate in simulation) / rate in simulation; empty in simulation",
     "fisher_p": "Fisher's exact test, two-sided, that both worlds have one rate",
+    "sim_successes": "successes in simulation from the same start poses, which both are compared with; empty in simulation",
+    "sim_trials": "trials of that; fewer than all where not all start poses were tried",
     "paper_success_rate": "the paper's rate of that cell, 0 to 1; empty where it has none",
     "by_training": "successes/trials of each training",
     "status": "`pass` or `degraded`",

@@ -17,18 +17,25 @@ from gsbridge.report.tables.statistics import (
     relative_change,
 )
 from gsbridge.report.tables.success_rows import ROBOT, STRICT_WORLD, cell_in, tallies_in
-from gsbridge.statistics import Tally, trainings_interval
+from gsbridge.statistics import Tally
 from gsbridge.tasks.poses import POSE_SETS
 
 
 @dataclass(frozen=True)
 class Count:
-    """Successes of a cell, world and set of poses, `tallies` by training, where that is known; a rate is a share, 0..1."""
+    """Successes of a cell, world and set of poses; a rate is a share, 0..1.
+
+    Args:
+        successes, trials, seeds: As in the rows.
+        tallies: Successes and trials by training, where that is known.
+        sim: Successes and trials of simulation from the same start poses; None where there are none.
+    """
 
     successes: int
     trials: int
     seeds: int = 1
     tallies: tuple[Tally, ...] = ()
+    sim: Tally | None = None
 
     @property
     def rate(self) -> float:
@@ -36,9 +43,14 @@ class Count:
         return self.successes / self.trials
 
     @property
+    def each(self) -> tuple[Tally, ...]:
+        """Successes and trials by training; all together where the trainings are not known apart."""
+        return self.tallies or ((self.successes, self.trials),)
+
+    @property
     def interval(self) -> tuple[float, float]:
-        """95 % interval of the rate, see `trainings_interval`."""
-        return trainings_interval(self.tallies or ((self.successes, self.trials),))
+        """95 % interval of the rate, see `mean_interval`."""
+        return mean_interval([self.each])
 
 
 Counts = dict[tuple[CellPaths, str, str], Count]
@@ -49,7 +61,11 @@ def read_counts(rows: Sequence[Row]) -> Counts:
     """Counts of the rows of success tables; a row that stands in two tables counts once."""
     return {
         (cell_in(row), row["world"], row["pose_set"]): Count(
-            int(row["successes"]), int(row["trials"]), int(row["seeds"]), tallies_in(row["by_training"])
+            int(row["successes"]),
+            int(row["trials"]),
+            int(row["seeds"]),
+            tallies_in(row["by_training"]),
+            (int(row["sim_successes"]), int(row["sim_trials"])) if row["sim_trials"] else None,
         )
         for row in rows
     }
@@ -73,8 +89,8 @@ def change(counts: Counts, cell: CellPaths, world: str, pose_set: str) -> float 
         counts: Trials and successes.
         cell, world, pose_set: The cell, the other world, and the set of start poses.
     """
-    sim, real = counts.get((cell, STRICT_WORLD, pose_set)), counts.get((cell, world, pose_set))
-    return None if sim is None or real is None else relative_change(sim.rate, real.rate)
+    real = counts.get((cell, world, pose_set))
+    return None if real is None or real.sim is None else relative_change(real.sim[0] / real.sim[1], real.rate)
 
 
 def p_of_change(counts: Counts, cell: CellPaths, world: str, pose_set: str) -> float | None:
@@ -83,10 +99,8 @@ def p_of_change(counts: Counts, cell: CellPaths, world: str, pose_set: str) -> f
     Args:
         counts, cell, world, pose_set: See `change`.
     """
-    sim, real = counts.get((cell, STRICT_WORLD, pose_set)), counts.get((cell, world, pose_set))
-    if sim is None or real is None:
-        return None
-    return fisher_p(sim.successes, sim.trials, real.successes, real.trials)
+    real = counts.get((cell, world, pose_set))
+    return None if real is None or real.sim is None else fisher_p(*real.sim, real.successes, real.trials)
 
 
 @dataclass(frozen=True)
@@ -131,9 +145,9 @@ def overviews(counts: Counts, cells: Sequence[CellPaths]) -> list[Overview]:
             found = {cell: counts[cell, world, pose_set] for cell in cells if (cell, world, pose_set) in counts}
             if not found:
                 continue
-            sim = {cell: counts[cell, STRICT_WORLD, pose_set] for cell in found if (cell, STRICT_WORLD, pose_set) in counts}
+            sim = {cell: good / tried for cell, count in found.items() if count.sim for good, tried in [count.sim]}
             compared = [] if world == STRICT_WORLD else list(sim)
-            pairs = [sim[cell].rate for cell in compared], [found[cell].rate for cell in compared]
+            pairs = [sim[cell] for cell in compared], [found[cell].rate for cell in compared]
             changes = {cell: change(counts, cell, world, pose_set) for cell in compared}
             total = Count(
                 sum(count.successes for count in found.values()),
@@ -146,7 +160,7 @@ def overviews(counts: Counts, cells: Sequence[CellPaths]) -> list[Overview]:
                     pose_set=pose_set,
                     rates={cell: count.rate for cell, count in found.items()},
                     total=total,
-                    interval=mean_interval([count.tallies or ((count.successes, count.trials),) for count in found.values()]),
+                    interval=mean_interval([count.each for count in found.values()]),
                     changes={cell: value for cell, value in changes.items() if value is not None},
                     correlation=pearson(*pairs),
                     violation=mean_maximum_rank_violation(*pairs) if compared else None,

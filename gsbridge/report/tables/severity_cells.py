@@ -39,8 +39,9 @@ _QUESTION = (
 
 _ABOUT = (
     "Excess contact while placing is a failure in simulation and forgiven elsewhere, as in every table. A mean counts each "
-    "cell the same. The interval of one training of one cell is Wilson's; other intervals are those of a hierarchical "
-    "bootstrap: trainings are drawn anew with replacement, then the starts of each. A difference to simulation is in points; "
+    "cell the same. The interval of one training of one cell is Wilson's; other intervals are the "
+    "widest of a hierarchical bootstrap's (trainings are drawn anew with replacement, then the starts of each), Student's of "
+    "the trainings' rates, and Wilson's of as many trials. A difference to simulation is in points; "
     "its starts are the same on both sides, which is not used."
 )
 

@@ -167,7 +167,7 @@ class Lead:
 
     @cached_property
     def interval(self) -> tuple[float, float]:
-        """Its 95 % interval, of a hierarchical bootstrap."""
+        """Its 95 % interval, see `lead_interval`."""
         return lead_interval(self.ours.values(), self.theirs.values())
 
 

@@ -13,7 +13,10 @@ import numpy as np
 from scipy import stats
 
 from gsbridge.geometry import Array
-from gsbridge.statistics import Tally, check_counts, limits, redrawn_rates, trainings_interval, wilson_interval
+from gsbridge.statistics import CONFIDENCE, Tally, check_counts, limits, redrawn_rates, trainings_interval, wilson_interval
+
+WIDEST = "95 %, widest of bootstrap, Student and Wilson"
+"""What an interval of several policies is."""
 
 
 def fisher_p(sim_successes: int, sim_trials: int, real_successes: int, real_trials: int) -> float:
@@ -93,22 +96,66 @@ def mean_rate(cells: Collection[Sequence[Tally]]) -> float:
 
 
 def mean_interval(cells: Collection[Sequence[Tally]]) -> tuple[float, float]:
-    """95 % interval of that mean: of one cell `trainings_interval`, of several by redrawing each cell's trainings and starts.
+    """95 % interval of that mean over cells, or of the rate of a single one.
 
-    Where nothing is left to redraw, as every trial of all cells went alike, it is Wilson's of all trials.
+    Of one policy it is Wilson's, and says nothing of other trainings. Of more it is the widest of three: a hierarchical
+    bootstrap's (each cell's trainings are drawn anew, then their starts), Wilson's of as many trials, since next to nothing is
+    left to redraw where nearly all trials go alike, and Student's of the trainings' own rates, since drawing three trainings
+    anew shows only two thirds of how trainings differ.
+
+    Source: Davison and Hinkley, Bootstrap Methods and their Application, 1997, sections 2.3 and 3.8.
     """
-    every = [tally for cell in cells for tally in cell]
-    if len(cells) == 1:
-        return trainings_interval(every)
-    low, high = limits(_redrawn_mean(cells, 0))
-    if low == high:
-        return wilson_interval(sum(good for good, _ in every), sum(tried for _, tried in every))
-    return low, high
+    if [len(cell) for cell in cells] == [1]:
+        return trainings_interval([tally for cell in cells for tally in cell])
+    rate, half = mean_rate(cells), _student(_spread(cells))
+    sides = [limits(_redrawn_mean(cells, 0)), _wilson(cells), (max(0.0, rate - half), min(1.0, rate + half))]
+    return min(low for low, _ in sides), max(high for _, high in sides)
+
+
+def interval_kind(cells: Collection[Sequence[Tally]]) -> str:
+    """What `mean_interval` is of these cells, in words."""
+    return "95 % (Wilson)" if [len(cell) for cell in cells] == [1] else WIDEST
 
 
 def lead_interval(ours: Collection[Sequence[Tally]], others: Collection[Sequence[Tally]]) -> tuple[float, float]:
-    """95 % interval of the difference of two means over the same cells, by hierarchical bootstrap."""
-    return limits(_redrawn_mean(ours, 1) - _redrawn_mean(others, 2))
+    """95 % interval of the difference of two means over the same cells: the widest of the three that `mean_interval` knows.
+
+    Wilson's limits of both means are joined by squares.
+
+    Source: Newcombe, Interval estimation for the difference between independent proportions, 1998, method 10.
+    """
+    means, wilson = [mean_rate(ours), mean_rate(others)], [_wilson(ours), _wilson(others)]
+    lead, half = means[0] - means[1], _student([*_spread(ours), *_spread(others)])
+    below = np.hypot(means[0] - wilson[0][0], wilson[1][1] - means[1])
+    above = np.hypot(wilson[0][1] - means[0], means[1] - wilson[1][0])
+    redrawn = limits(_redrawn_mean(ours, 1) - _redrawn_mean(others, 2))
+    return min(redrawn[0], float(lead - max(below, half))), max(redrawn[1], float(lead + max(above, half)))
+
+
+def _wilson(cells: Collection[Sequence[Tally]]) -> tuple[float, float]:
+    """Wilson's interval of a mean over cells, of as many trials as would scatter as the mean does."""
+    trials = [sum(tried for _, tried in cell) for cell in cells]
+    count, rate = round(len(trials) ** 2 / sum(1.0 / tried for tried in trials)), mean_rate(cells)
+    low, high = wilson_interval(round(rate * count), count)
+    return min(low, rate), max(high, rate)
+
+
+def _spread(cells: Collection[Sequence[Tally]]) -> list[tuple[float, int]]:
+    """What each cell of several trainings adds to the variance of the mean, by the trainings' own rates, and its freedom."""
+    rates = [[good / tried for good, tried in cell] for cell in cells if len(cell) > 1]
+    return [(float(np.var(cell, ddof=1)) / len(cell) / len(cells) ** 2, len(cell) - 1) for cell in rates]
+
+
+def _student(parts: Sequence[tuple[float, int]]) -> float:
+    """Half the 95 % interval of a sum of independent means whose variances and degrees of freedom are given; 0 for none.
+
+    Source: Welch, The generalization of Student's problem when several different population variances are involved, 1947.
+    """
+    whole = sum(variance for variance, _ in parts)
+    if whole == 0.0:
+        return 0.0
+    freedom = whole**2 / sum(variance**2 / count for variance, count in parts)
+    return float(stats.t.ppf((1 + CONFIDENCE) / 2, freedom) * np.sqrt(whole))
 
 
 def _redrawn_mean(cells: Collection[Sequence[Tally]], stream: int) -> Array:

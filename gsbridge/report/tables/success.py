@@ -57,16 +57,16 @@ POSE_TITLES = {
 
 COUNT_NOTE = (
     "Successes / trials, success rate, and its 95 % interval: Wilson's for one training; for several, whose trials count "
-    "together, a hierarchical bootstrap over trainings, then starts."
+    "together, the widest of a hierarchical bootstrap's over trainings, then starts, Student's of their rates, and Wilson's."
 )
 CHANGE_NOTE = (
     "Change: (mirror − sim) / sim, the paper's relative change. p: Fisher's exact test that both worlds have the same success "
     "rate, two-sided."
 )
 MEAN_NOTE = (
-    "Interval: 95 %, each cell's trainings and starts drawn anew. Drop: mean of the cells' relative drops from simulation, "
-    "a gain counting against it. r: Pearson's correlation of the cells' rates with those in simulation; MMRV: mean maximum "
-    "rank violation (SIMPLER), 0 is best. Both say little where all rates are high."
+    "Interval: 95 %, the widest of a bootstrap's over trainings and starts, Student's, and Wilson's. Drop: mean of the cells' "
+    "relative drops from simulation, a gain counting against it. r: Pearson's correlation of the cells' rates with those in "
+    "simulation; MMRV: mean maximum rank violation (SIMPLER), 0 is best. Both say little where all rates are high."
 )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,8 @@ from gsbridge.report.tables.paper import PAPER_POSE_SETS, PAPER_SUCCESS
 from gsbridge.report.tables.result_paths import CellPaths, cell_of, seed_of
 from gsbridge.report.tables.rows import Row, read_rows, write_rows
 from gsbridge.report.tables.stages import degraded_reasons, read_records
-from gsbridge.report.tables.statistics import fisher_p, relative_change
-from gsbridge.statistics import Tally, trainings_interval
+from gsbridge.report.tables.statistics import fisher_p, mean_interval, relative_change
+from gsbridge.statistics import Tally
 from gsbridge.tasks.outcome import Failure
 from gsbridge.tasks.poses import PER_QUADRANT, POSE_SETS, QUADRANTS
 
@@ -65,6 +65,11 @@ class Trials:
     def of(self, pose_set: str) -> Trials:
         """Trials from one set of start poses."""
         rows = self.pose_set == pose_set
+        return Trials(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+    def starting_at(self, indices: Collection[int]) -> Trials:
+        """Trials from start poses with these numbers."""
+        rows = np.isin(self.index, list(indices))
         return Trials(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
     def judged(self, world: str) -> Array:
@@ -143,11 +148,12 @@ COLUMNS = (
     *CELL_COLUMNS,
     *("world", "pose_set", "seeds", "trials", "successes", "success_rate", "ci95_low", "ci95_high", "successes_tolerant"),
     *("relative_change", "fisher_p", "paper_success_rate", "status"),
-    *("successes_strict", "reasons", "by_training"),
+    *("successes_strict", "reasons", "by_training", "sim_successes", "sim_trials"),
 )
 """Rates and changes are shares, not percent. `successes` are counted as the paper does: excess contact is a failure in
 simulation only; `successes_tolerant` forgives it everywhere, `successes_strict` nowhere. `relative_change` and `fisher_p`
-compare a world with simulation, for the same cell and poses. `by_training` has successes and trials of each, `31/32 30/32`."""
+compare a world with simulation, for the same cell and start poses: with `sim_successes` of `sim_trials`, fewer than all of
+simulation where not all start poses were tried. `by_training` has successes and trials of each, `31/32 30/32`."""
 
 TASKS = ("grasp", "pick_and_place")
 ROBOT = "robot"
@@ -249,9 +255,11 @@ def success_rows(files: Sequence[ReadTrials]) -> list[dict[str, Any]]:
     rows = []
     for (cell, world, pose_set), counted in counts.items():
         paper = PAPER_SUCCESS.get(cell) if pose_set in PAPER_POSE_SETS else None
-        low, high = trainings_interval(counted["tallies"])
+        low, high = mean_interval([counted["tallies"]])
         rate = counted["successes"] / counted["trials"]
-        sim = counts.get((cell, STRICT_WORLD, pose_set)) if world != STRICT_WORLD else None
+        sim = (
+            _same_starts(groups[cell, world], groups.get((cell, STRICT_WORLD), ()), pose_set) if world != STRICT_WORLD else None
+        )
         reasons = dict.fromkeys(reason for file in groups[cell, world] for reason in file.reasons)
         rows.append(
             {
@@ -262,12 +270,14 @@ def success_rows(files: Sequence[ReadTrials]) -> list[dict[str, Any]]:
                 "success_rate": rate,
                 "ci95_low": low,
                 "ci95_high": high,
-                "relative_change": sim and relative_change(sim["successes"] / sim["trials"], rate),
-                "fisher_p": sim and _p(fisher_p(sim["successes"], sim["trials"], counted["successes"], counted["trials"])),
+                "relative_change": sim and relative_change(sim[0] / sim[1], rate),
+                "fisher_p": sim and _p(fisher_p(*sim, counted["successes"], counted["trials"])),
                 "paper_success_rate": paper and paper.rate(world),
                 "status": "degraded" if reasons else "pass",
                 "reasons": "; ".join(reasons),
                 "by_training": tallies_text(counted["tallies"]),
+                "sim_successes": sim and sim[0],
+                "sim_trials": sim and sim[1],
             }
         )
     return sorted(rows, key=row_order)
@@ -298,6 +308,14 @@ def _count(group: Sequence[ReadTrials], world: str, pose_set: str) -> dict[str, 
         "successes_tolerant": total(lambda trials: trials.success_tolerant),
         "successes_strict": total(lambda trials: trials.success),
     }
+
+
+def _same_starts(group: Sequence[ReadTrials], sim: Sequence[ReadTrials], pose_set: str) -> Tally | None:
+    """Successes and trials of simulation from the start poses of a set that a world tried, too; None for none."""
+    tried = {int(number) for file in group for number in file.trials.of(pose_set).index}
+    found = [file.trials.of(pose_set).starting_at(tried).judged(STRICT_WORLD) for file in sim]
+    trials = sum(map(len, found))
+    return (sum(int(good.sum()) for good in found), trials) if trials else None
 
 
 def _p(value: float) -> str:

@@ -92,9 +92,10 @@ _FORETELLS = (
 )
 
 _ABOUT = (
-    "Means over the cells, each counting the same; 95 % intervals of a hierarchical bootstrap over trainings, then starts, or "
-    "Wilson's where there is one training. All policies of a cell start from the same poses. A lead's two sides have the same "
-    "variation of colours and the same shadows, and differ in what drew the pictures of the training."
+    "Means over the cells, each counting the same; 95 % intervals, the widest of a hierarchical bootstrap's over trainings, "
+    "then starts, Student's of the trainings' rates, and Wilson's of as many trials. All policies of a cell start from the "
+    "same poses. A lead's two sides have the same variation of colours and the same shadows, and differ in what drew the "
+    "pictures of the training."
 )
 
 
