@@ -82,6 +82,7 @@ rule collect_severity_cells:
         trials=SEVERITY.trials("severity", "csv"),
         trial_records=SEVERITY.trials("severity", "json"),
         policies=SEVERITY.trainings("severity"),
+        records=SEVERITY.scenes("severity"),
     output:
         rows="results/rows/severity.csv",
         page="results/severity.md",
@@ -108,6 +109,7 @@ rule collect_worth:
         trials=lambda wildcards: SEVERITY.trials(wildcards.who, "csv"),
         trial_records=lambda wildcards: SEVERITY.trials(wildcards.who, "json"),
         policies=lambda wildcards: SEVERITY.trainings(wildcards.who),
+        records=lambda wildcards: SEVERITY.scenes(wildcards.who),
     output:
         rows="results/rows/{who}.csv",
         page="results/{who}.md",

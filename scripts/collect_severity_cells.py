@@ -11,6 +11,10 @@ if TYPE_CHECKING:
 
 start(snakemake.threads, snakemake.log[0])
 write_severity_rows(
-    snakemake.output.rows, snakemake.input.trials, snakemake.params.severities, policies=snakemake.input.policies
+    snakemake.output.rows,
+    snakemake.input.trials,
+    snakemake.params.severities,
+    policies=snakemake.input.policies,
+    records=snakemake.input.records,
 )
 write_cells_page(snakemake.output.rows, snakemake.output.page)

@@ -14,6 +14,7 @@ write_comparison(
     snakemake.input.trials,
     snakemake.input.policies,
     snakemake.params.severities,
+    records=snakemake.input.records,
     rows=snakemake.output.rows,
     page=snakemake.output.page,
     figure=snakemake.output.figure,

@@ -20,7 +20,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import atomic_file, read_json, write_json, write_stage
 from gsbridge.geometry import Array
 from gsbridge.logs import ProgressLog
-from gsbridge.tasks.poses import StartRegion, sets_of
+from gsbridge.tasks.poses import StartRegion, sets_of, trial_seed
 from gsbridge.tasks.state import State
 
 logger = logging.getLogger("gsbridge")
@@ -129,10 +129,10 @@ def run_trials(
     state = Path(place.state)
     progress = ProgressLog(len(chosen), f"trials in {name}")
     done, paths = [], []
-    for number, (pose_set, index) in enumerate(chosen):
+    for pose_set, index in chosen:
         kept = _kept(state, pose_set, index)
         if kept is None:
-            kept = play(pose_set, index, number)
+            kept = play(pose_set, index, trial_seed(pose_set, index))
             _keep(state, *kept)
         trial, path = kept
         done.append((pose_set, trial))

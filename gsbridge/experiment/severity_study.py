@@ -105,6 +105,10 @@ class SeverityStudy:
         """Records of the trainings."""
         return policy_files(self.policies(who), self.seeds(who), "training.json")
 
+    def scenes(self, who: str) -> list[str]:
+        """Records of the stages that made the scenes."""
+        return Tables(self.plan).scene_records(self.policies(who))
+
     def _world(self, name: str) -> dict[str, Any]:
         """Name, seed and severity of a world."""
         seed, (look, physics) = self.plan.config["worlds"][name]["seed"], self.plan.severity(name)

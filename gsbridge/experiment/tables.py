@@ -169,7 +169,11 @@ class Tables:
 
     def table_scenes(self, table: str) -> list[str]:
         """Records of the stages that made the scenes of a table."""
-        scenes = sorted(set().union(*(policy.scenes for policy in self.shown(table))))
+        return self.scene_records(self.shown(table))
+
+    def scene_records(self, policies: Sequence[PolicyFiles]) -> list[str]:
+        """Records of the stages that made the scenes of policies."""
+        scenes = sorted(set().union(*(policy.scenes for policy in policies)))
         stages = ("capture/keyframes", "sfm/sfm", "align/align", "mesh/mesh", "asset/asset")
         masked = [scene for scene in scenes if scene in self.plan.named("object")]
         names = [f"{scene}/{stage}" for scene in scenes for stage in stages] + [f"{scene}/masks/masks" for scene in masked]

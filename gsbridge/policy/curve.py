@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -63,25 +63,29 @@ class Meter:
 
 
 class TrainingClock:
-    """CPU seconds of this process by part of the work, and seconds that passed in all parts but evaluation.
+    """CPU seconds by part of the work, and seconds that passed in all parts but evaluation.
 
     Args:
         seconds: CPU seconds to go on counting from, by part.
         wall: Seconds that had passed, to go on counting from.
+        workers: CPU seconds of the processes that work for this one; they count like its own.
     """
 
-    def __init__(self, seconds: Mapping[str, float] | None = None, wall: float = 0.0) -> None:
+    def __init__(
+        self, seconds: Mapping[str, float] | None = None, wall: float = 0.0, workers: Callable[[], float] = lambda: 0.0
+    ) -> None:
+        self._workers = workers
         self.seconds = {part: float((seconds or {}).get(part, 0.0)) for part in PARTS}
         self.wall = float(wall)
 
     @contextmanager
     def on(self, part: str) -> Iterator[None]:
         """Count the seconds of a block."""
-        begin, now = time.process_time(), time.perf_counter()
+        begin, now = time.process_time() + self._workers(), time.perf_counter()
         try:
             yield
         finally:
-            self.seconds[part] += time.process_time() - begin
+            self.seconds[part] += time.process_time() + self._workers() - begin
             if part != "evaluate":
                 self.wall += time.perf_counter() - now
 

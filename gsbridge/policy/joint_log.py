@@ -30,6 +30,7 @@ from gsbridge.reality.world.driver_log import DriverLog, LoggedPhysics
 from gsbridge.registration.result import Registration
 from gsbridge.robot.limits import Workspace
 from gsbridge.tasks.outcome import Failure
+from gsbridge.tasks.poses import trial_seed
 from gsbridge.tasks.views import ROLES
 
 __all__ = ["ROLES", "Repeat", "choose_trials", "log_trials", "repeat_trial", "write_driver_log"]
@@ -54,7 +55,7 @@ class Repeat:
     """A trial to repeat.
 
     Args:
-        number: Row of the trial in the table, which is its seed.
+        number: Row of the trial in the table.
         success: Whether it succeeded, as worlds but the simulated one are judged: excess contact forgiven.
         path: What was done in it.
     """
@@ -125,7 +126,8 @@ def repeat_trial(world: LoggedPhysics, registration: Registration, settings: Env
     actions = iter([np.zeros_like(trial.path.actions[0]), *trial.path.actions[:-1]])
     _, path, _ = play_on_arm(
         lambda observation, info: next(actions), arm_setup(driver, registration, interface), driver, trial.path.pose_set,
-        trial.path.index, world_seed(settings, trial.number), steps=len(trial.path) - 1,
+        trial.path.index, world_seed(settings, trial_seed(trial.path.pose_set, trial.path.index)),
+        steps=len(trial.path) - 1,
     )  # fmt: skip
     off = float(np.abs(path.tool - trial.path.tool).max()) if len(path) == len(trial.path) else np.inf
     if off > SAME:

@@ -10,6 +10,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+import psutil
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode
 
 from gsbridge.geometry import Array
@@ -29,6 +30,7 @@ class Rollouts:
         # Forked: the main module of a job is a script, which a fresh interpreter would run a second time.
         alone = [partial(_undisturbed, maker) for maker in makers]
         self._vector = AsyncVectorEnv(alone, autoreset_mode=AutoresetMode.DISABLED, context="fork")
+        self._processes = [psutil.Process(process.pid) for process in self._vector.processes]
 
     def __len__(self) -> int:
         """Environments."""
@@ -62,6 +64,10 @@ class Rollouts:
             (_one(observations, infos, number), float(rewards[number]), bool(terminated[number]), bool(truncated[number]))
             for number in range(len(self))
         ]
+
+    def cpu_seconds(self) -> float:
+        """CPU seconds of the environments' processes so far, s."""
+        return sum(times.user + times.system for times in (process.cpu_times() for process in self._processes))
 
     def close(self) -> None:
         """End the processes, also those that are in the middle of something or gone."""

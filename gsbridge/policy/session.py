@@ -14,7 +14,8 @@ from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.policy.episode_log import EpisodeLog, write_episode
 from gsbridge.policy.robot_trials import StartPose, TrialFile, Verdict
 from gsbridge.policy.runner import Policy, Setup, run_policy
-from gsbridge.policy.worlds import WorldDriver, episode_seed
+from gsbridge.policy.worlds import WorldDriver, world_seed
+from gsbridge.tasks.poses import trial_seed
 
 logger = logging.getLogger("gsbridge")
 
@@ -45,7 +46,9 @@ class WorldOperator:
 
     def place(self, pose: StartPose) -> None:
         """See `Operator`."""
-        self.driver.prepare(np.array([pose.x, pose.y, pose.yaw]), episode_seed(self.settings, pose.index))
+        self.driver.prepare(
+            np.array([pose.x, pose.y, pose.yaw]), world_seed(self.settings, trial_seed(pose.pose_set, pose.index))
+        )
 
     def over(self) -> bool:
         """See `Operator`."""
@@ -53,7 +56,11 @@ class WorldOperator:
 
     def judge(self, log: EpisodeLog) -> Verdict:
         """See `Operator`."""
-        return self.driver.referee.verdict
+        referee = self.driver.referee
+        if len(referee.states) <= log.steps:
+            # A guard ended the episode before the referee was asked.
+            referee()
+        return referee.verdict
 
 
 @dataclass(frozen=True)

@@ -135,7 +135,7 @@ class Trainer:
         self.replay = Replay(settings.replay_capacity, settings.image_size)
         self.rng = np.random.default_rng([seed, 4])
         self.at = _Counters(next_eval=settings.eval_every)
-        self.clock, self.meter = TrainingClock(), Meter()
+        self.clock, self.meter = self._clock(), Meter()
         self.poses = evaluation_poses(inside.region, settings.eval_poses, seed)
         self.best = copy.deepcopy(self.agent.averaged.state_dict())
 
@@ -232,6 +232,12 @@ class Trainer:
                     self._learn(share)
         for episode in running.values():
             self._keep(episode)
+
+    def _clock(self, seconds: Mapping[str, float] | None = None, wall: float = 0.0) -> TrainingClock:
+        """A clock that counts the environments' processes, too, where there are any."""
+        return (
+            TrainingClock(seconds, wall) if self.rollouts is None else TrainingClock(seconds, wall, self.rollouts.cpu_seconds)
+        )
 
     def _begin(self, rollouts: Rollouts, numbers: Iterable[int]) -> dict[int, _Episode]:
         """The next episodes, in some of the environments."""
@@ -342,7 +348,7 @@ class Trainer:
             return False
         run = dict(checkpoint.run)
         try:
-            self.clock = TrainingClock(run.pop("seconds"), run.pop("wall"))
+            self.clock = self._clock(run.pop("seconds"), run.pop("wall"))
             self.rng.bit_generator.state = run.pop("rng")
             # JSON knows no NaN.
             self.at = _Counters(**{**run, "controller": np.nan if run["controller"] is None else run["controller"]})

@@ -22,6 +22,7 @@ from gsbridge.geometry import Array
 from gsbridge.policy.driver import Reading, tool_pose
 from gsbridge.policy.format import CONTROL_HZ
 from gsbridge.policy.robot_trials import Verdict
+from gsbridge.reality.mirror.backgrounds import PLATE_WELL_M
 from gsbridge.reality.world.camera import Setting
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.mirror import TRIAL, MirrorWorld, mirror_world
@@ -260,8 +261,15 @@ class MirrorDriver(WorldDriver):
             physics.dimensions,
             physics.commanded_from,
             settings,
-            referee=Referee(world, settings),
+            referee=Referee(world, _as_it_is(settings, physics.stand.plate)),
         )
+
+
+def _as_it_is(settings: EnvironmentSettings, plate: tuple[float, float] | None) -> EnvironmentSettings:
+    """Settings with the plate where it truly is: a reconstruction that is off must miss the goal, not move it."""
+    if settings.plate is None or plate is None:
+        return settings
+    return replace(settings, plate=replace(settings.plate, x=plate[0], y=plate[1], height=PLATE_WELL_M))
 
 
 class Referee:

@@ -90,7 +90,8 @@ def _judge(
         left, right, robot, load = forces[k, 0], forces[k, 1], forces[k, 2], forces[k, 3]
         pressed, carrying = left >= levels[0] and right >= levels[0], lifted[k]
         gripped[k] |= pressed
-        lifted[k] |= pressed and clearances[k] >= OFF_TABLE
+        # The plate's rim is higher than that: what is dragged over it was never carried.
+        lifted[k] |= pressed and clearances[k] >= OFF_TABLE and load < levels[1]
         held[k] = pressed and finite[k]
         released[k] = left < levels[1] and right < levels[1]
         excess[k] |= carrying and ((held[k] and load > levels[2]) or robot > levels[1])

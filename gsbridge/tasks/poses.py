@@ -126,6 +126,16 @@ def sets_of(region: StartRegion) -> tuple[str, ...]:
     return POSE_SETS if region.side + 2 * MARGIN < REACH and not region.keep_out else POSE_SETS[:2]
 
 
+def trial_seed(name: str, index: int) -> int:
+    """Seed of the trial from a start pose of a set: the same wherever it is tried, however many others are.
+
+    Args:
+        name: One of `POSE_SETS`.
+        index: Number of the start pose in it.
+    """
+    return 1000 * POSE_SETS.index(name) + index
+
+
 def pose_set(name: str, region: StartRegion, seed: int = 0) -> Array:
     """One of the test sets: 4 quadrants with 8 poses each, spread evenly over places and yaws.
 

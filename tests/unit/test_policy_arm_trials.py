@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from gsbridge.environment.controllers import GraspController, Grip
 from gsbridge.environment.policy_trials import TrialPlace, run_trials
 from gsbridge.environment.rendering import wrist_camera
-from gsbridge.environment.settings import EnvironmentSettings
+from gsbridge.environment.settings import EnvironmentSettings, Plate
 from gsbridge.environment.trial_log import read_trial_log
 from gsbridge.files import read_json
 from gsbridge.meshes import Mesh
@@ -24,6 +24,7 @@ from gsbridge.policy.joint_log import Repeat, repeat_trial
 from gsbridge.policy.runner import run_policy
 from gsbridge.policy.safety import End
 from gsbridge.policy.worlds import MirrorDriver
+from gsbridge.reality.mirror.backgrounds import PLATE_CENTRE_M, make_plate
 from gsbridge.reality.mirror.objects import make_object
 from gsbridge.reality.world import camera as camera_module
 from gsbridge.reality.world.bodies import DENSITIES, body_of
@@ -38,6 +39,7 @@ from gsbridge.reality.world.severity import Severity, worsened
 from gsbridge.registration.result import Registration
 from gsbridge.robot import nominal
 from gsbridge.robot.limits import Workspace
+from gsbridge.tasks.poses import trial_seed
 
 SETTINGS = EnvironmentSettings(image_size=64, hold_steps=3)
 EDGE = 0.058
@@ -152,6 +154,17 @@ def controller_path(world, registration):
     return play_on_arm(acting, setup, driver, "fixed", 9, 3)[1]
 
 
+def test_a_plate_that_was_reconstructed_aside_does_not_move_the_goal():
+    believed = replace(SETTINGS, task="pick_and_place", plate=Plate(PLATE_CENTRE_M[0] + 0.025, PLATE_CENTRE_M[1], 0.009))
+    world = MirrorPhysics(robot(), Stand(TRUTH, PLATE_CENTRE_M), cube(), Hidden())
+    rules = MirrorDriver(world, registered(), believed).referee.rules
+    assert rules.plate_centre == PLATE_CENTRE_M
+    # What the well's floor is in the mesh that the mirror is made of.
+    vertices = make_plate(0)[0].vertices
+    assert rules.plate_height == vertices[np.argmin(np.hypot(vertices[:, 0], vertices[:, 1]) - 1e-6 * vertices[:, 2]), 2]
+    assert MirrorDriver(physics(), registered(), believed).referee.rules == believed.rules()
+
+
 class NoTruth(MirrorPhysics):
     """A world that nobody can ask for the truth."""
 
@@ -217,7 +230,7 @@ def test_a_trial_that_is_repeated_for_its_log_takes_the_same_way():
     hidden = {"latency": 0.03, "torque_noise": 0.1}
     chosen = registered((0.0, 0.004, 0.0), (0.5, 0.0, 0.5))
     trials = ArmTrials(physics(**hidden), chosen, interface(max_steps=30), Script())
-    _, path = trials("unseen", 4, 11)
+    _, path = trials("unseen", 4, trial_seed("unseen", 4))
     log = repeat_trial(physics(LoggedPhysics, **hidden), chosen, SETTINGS, Repeat(11, False, path))
     # Half a second before the first command and half a second after the last, at the rate of the physics.
     assert len(log.time) == 500 + 30 * 50 + 500

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import time
 from functools import partial
 
 import gymnasium
@@ -227,6 +228,25 @@ def test_several_environments_play_the_episodes_of_one(tmp_path):
         steps = min(len(one[start]), len(other[start]))
         assert steps >= 1
         np.testing.assert_array_equal(one[start][:steps], other[start][:steps])
+
+
+class Burner(gymnasium.Wrapper):
+    """An environment whose steps take processor time."""
+
+    def step(self, action):
+        begin = time.process_time()
+        while time.process_time() - begin < 0.02:
+            pass
+        return self.env.step(action)
+
+
+def test_processor_time_of_all_environments_counts(tmp_path):
+    chosen, _ = together(algo="bc", steps=30, eval_every=30, start_steps=1000)
+    makers = [lambda: Burner(blob_environment(max_steps=12))] * 3
+    crew = Trainer(blob_environment(), CONTROLLER, chosen, seed=3, makers=makers)
+    crew.run(tmp_path)
+    crew.close()
+    assert crew.clock.seconds["environment"] > 30 * 0.02
 
 
 def stored_episodes(replay):

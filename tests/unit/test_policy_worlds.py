@@ -24,6 +24,7 @@ from gsbridge.reality.world.layout import true_base_from_table
 from gsbridge.registration.result import Registration
 from gsbridge.robot import nominal
 from gsbridge.sim.model import CameraModel
+from gsbridge.tasks.poses import trial_seed
 
 SETTINGS = EnvironmentSettings(image_size=64, hold_steps=3)
 EDGE = 0.058
@@ -100,7 +101,7 @@ def test_a_trial_has_the_seed_of_the_trials():
     seeds = []
     reset = env.world.reset
     env.world.reset = lambda pose, seed: (seeds.append((pose, seed)), reset(pose, seed))[1]
-    env.reset(seed=1000 * SETTINGS.pose_seed + 17, options={"pose_set": "unseen", "index": 17})
+    env.reset(seed=trial_seed("unseen", 17), options={"pose_set": "unseen", "index": 17})
     driver = WorldDriver(env.world, env.eye, env.world.kinematics, env.world.dimensions, env.world.base_from_table, SETTINGS)
     pose = env.start_pose
     WorldOperator(driver, SETTINGS).place(StartPose("unseen", 17, *pose))

@@ -129,6 +129,8 @@ def test_contact_before_the_lift_and_the_cakes_own_weight_are_no_excess():
     [
         ([state()] * 4, Failure.NOT_GRASPED),
         ([THERE] * 4, Failure.NOT_GRASPED),  # pushed onto the plate
+        # Squeezed and dragged over the plate's rim, which is higher than what counts as lifted.
+        ([state(grip=10, load=2.0), state(0.015, grip=10, load=2.0), LANDED, *[THERE] * 5], Failure.NOT_LIFTED),
         ([state(grip=10)] * 4, Failure.NOT_LIFTED),
         ([CARRIED] * 4, Failure.TIME_OUT),
         ([CARRIED, LANDED, LANDED], Failure.NOT_RELEASED),

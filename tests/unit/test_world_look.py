@@ -5,16 +5,17 @@ import pytest
 from robot_fixture import robot
 
 from gsbridge.cameras import Camera
+from gsbridge.images import linear_from_srgb
 from gsbridge.reality.mirror.backgrounds import WORK_CENTRE_M
 from gsbridge.reality.mirror.path_tracer import SCALAR, load_mitsuba
 from gsbridge.reality.world import camera as module
-from gsbridge.reality.world.camera import Quality, Setting, lamp_line, wrist_camera
+from gsbridge.reality.world.camera import Quality, Setting, expose, lamp_line, wrist_camera
 from gsbridge.reality.world.electronics import GREY, LAG, Electronics, LensError
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.mirror import build_mirror
 from gsbridge.reality.world.shutter import moments
 from gsbridge.reality.world.surfaces import coated
-from gsbridge.reality.world.surroundings import lying_about, passer_pose
+from gsbridge.reality.world.surroundings import lying_about, passer_pose, window_line
 from gsbridge.robot.nominal import base_from_table
 
 
@@ -57,14 +58,24 @@ def test_exposure_and_balance_follow_late_and_only_as_far_as_they_do():
     light = np.full((4, 4, 3), [0.4, 0.2, 0.1])
     luminance = np.array([0.4, 0.2, 0.1]) @ [0.2126, 0.7152, 0.0722]
     first = (GREY / luminance) ** 0.5 * (0.2 / np.array([0.4, 0.2, 0.1])) ** 0.25
-    np.testing.assert_allclose(camera.gained(light), light * first, rtol=1e-12)
+    np.testing.assert_allclose(camera.gains(light), first, rtol=1e-12)
     # The lamp goes down to a quarter: the gain begins to rise with the picture after, towards twice as much.
-    np.testing.assert_allclose(camera.gained(0.25 * light), 0.25 * light * first, rtol=1e-12)
+    np.testing.assert_allclose(camera.gains(0.25 * light), first, rtol=1e-12)
     for step in range(1, 5):
         gain = first * (2.0 - np.exp(-step * 0.05 / LAG))
-        np.testing.assert_allclose(camera.gained(0.25 * light), 0.25 * light * gain, rtol=1e-9)
-    untouched = Electronics(Hidden(), 0.05)
-    assert untouched.gained(light) is light
+        np.testing.assert_allclose(camera.gains(0.25 * light), gain, rtol=1e-9)
+    assert Electronics(Hidden(), 0.05).gains(light).tolist() == [1.0, 1.0, 1.0]
+
+
+@pytest.mark.parametrize("gain", [0.5, 1.0, 3.0])
+def test_a_gain_amplifies_noise_and_less_light_has_less_of_it(gain):
+    """Against the statistics of electrons: a mean of n has a variance of n, and amplifying multiplies both."""
+    hidden = Hidden(full_well=4000.0, read_noise=0.0, exposure=1.0, vignette=0.0, tint=(1.0, 1.0, 1.0), pedestal=0.0)
+    light = np.full((256, 256, 3), 0.2)
+    seen = linear_from_srgb(expose(light, hidden, np.random.default_rng(2), np.full(3, gain)) / 255.0)
+    electrons = 4000.0 * 0.2 * min(gain, 1.0)
+    assert seen.mean() == pytest.approx(0.2 * gain, rel=5e-3)
+    assert seen.std() / seen.mean() == pytest.approx(electrons**-0.5, rel=0.03)
 
 
 def test_pictures_are_late_dropped_and_compressed():
@@ -103,8 +114,11 @@ def test_clutter_lies_beside_the_working_area_and_decoys_flat_inside():
                 assert (np.abs(low[:2] - WORK_CENTRE_M) < 0.19).all()
                 assert high[2] < 2e-3
             else:
-                middle = np.abs(0.5 * (low + high)[:2] - WORK_CENTRE_M)
-                assert middle.max() > 0.13
+                # The largest object, 55 mm, starts 0.165 m from the middle, and the hand is 85 mm wide.
+                nearest = np.maximum(np.maximum(low[:2] - WORK_CENTRE_M, WORK_CENTRE_M - high[:2]), 0.0)
+                assert nearest.max() > 0.249 or (
+                    name.startswith("cable") and np.hypot(*nearest) > np.hypot(0.165, 0.165) + 0.055
+                )
                 assert high[2] < 0.07
 
 
@@ -123,6 +137,15 @@ def test_somebody_passes_through_the_lamps_light_once():
     # At 0.8 m/s one passes the half metre of one's own width in 0.6 s.
     assert 0.4 < 0.05 * np.count_nonzero(away < 0.3) < 1.1
     assert away[[0, -1]].max() > 0.4
+
+
+def test_somebody_passes_through_the_windows_light_where_the_lamp_is_out():
+    hidden = Hidden(passer=0.3, lamp_dim=1.0, window=0.8, window_heading=0.7)
+    window, aim = window_line(hidden)
+    places = np.array([passer_pose(hidden, window, aim, 3, time)[:2, 3] - aim[:2] for time in np.arange(0.0, 4.0, 0.05)])
+    toward = np.array([np.cos(0.7), np.sin(0.7)])
+    np.testing.assert_allclose(places @ toward, 0.55 * 1.4, atol=1e-9)
+    assert np.abs(places @ [-toward[1], toward[0]]).min() < 0.05
 
 
 def world(tmp_path, **hidden):

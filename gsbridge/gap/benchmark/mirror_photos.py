@@ -178,8 +178,7 @@ class MirrorStudio:
         gathered = truth.gathered(light)
         electronics = Electronics(hidden, 0.05)
         # The gains of the first day, whatever is wrong now.
-        gain = electronics.gained(usual) / np.maximum(usual, 1e-9)
-        encoded = expose(gathered * gain, hidden, np.random.default_rng([number, 2])) / np.float32(255.0)
+        encoded = expose(gathered, hidden, np.random.default_rng([number, 2]), electronics.gains(usual)) / np.float32(255.0)
         return to_u8(truth.developed(encoded))
 
 

@@ -21,6 +21,9 @@ TABLE_CENTRE_M = (0.0, 0.22)
 WORK_CENTRE_M = (0.0, 0.265)
 """Centre of the 30 x 30 cm working area in the table frame, m."""
 PLATE_CENTRE_M = (0.02, 0.285)
+PLATE_WELL_M = 0.004
+"""Height of the plate's well over the table, m: what lies in it rests on that."""
+
 PIXELS_PER_M = 2000.0
 
 BACKGROUNDS = ("foam_pad", "tablecloth", "plate")

@@ -219,8 +219,8 @@ class MirrorCamera:
         """
         lens, electronics = self.lens(camera), Electronics(self.hidden, _REST)
         light = self.light(camera if lens is None else lens.wide, cam_from_table, quality, seed)
-        light = electronics.gained(light if lens is None else lens(light))
-        return electronics.delivered(expose(light, self.hidden, np.random.default_rng([seed, 2])))
+        light = light if lens is None else lens(light)
+        return electronics.delivered(expose(light, self.hidden, np.random.default_rng([seed, 2]), electronics.gains(light)))
 
     def _sensor(self, camera: Camera, cam_from_table: Array, quality: Quality, rows: tuple[int, int] | None = None) -> Any:
         """Mitsuba sensor at a pose; sensors of one kind are made once."""
@@ -270,22 +270,23 @@ def _integrator(depth: int, glossy: bool) -> dict[str, Any]:
     return {"type": "path", "max_depth": depth, "rr_depth": 8}
 
 
-def expose(light: Array, hidden: Hidden, rng: np.random.Generator) -> Array:
+def expose(light: Array, hidden: Hidden, rng: np.random.Generator, gains: Array | float = 1.0) -> Array:
     """Lens and sensor: falloff, shot and readout noise in linear light, saturation, sRGB encoding, tint, 8 bits.
 
     Args:
         light: Linear light, 1 saturates at unit exposure. [H, W, 3].
         hidden: Hidden parameters of the sensor.
         rng: Source of the noise.
+        gains: Of the channels: below 1 less light is taken, above 1 signal and noise are amplified. [3] or one of all.
 
     Returns:
         uint8 [H, W, 3].
     """
-    signal = np.maximum(np.asarray(light, dtype=np.float64) * hidden.exposure, 0.0)
+    signal = np.maximum(np.asarray(light, dtype=np.float64) * (hidden.exposure * np.minimum(gains, 1.0)), 0.0)
     if hidden.vignette > 0.0:
         signal = signal * _falloff(signal.shape[0], signal.shape[1], hidden.vignette)[..., None]
     spread = np.sqrt(signal / hidden.full_well + hidden.read_noise**2)
-    signal = np.clip(signal + spread * rng.standard_normal(signal.shape), 0.0, 1.0)
+    signal = np.clip((signal + spread * rng.standard_normal(signal.shape)) * np.maximum(gains, 1.0), 0.0, 1.0)
     encoded = srgb_from_linear(signal) * hidden.tint + hidden.pedestal
     return np.rint(255.0 * np.clip(encoded, 0.0, 1.0)).astype(np.uint8)
 

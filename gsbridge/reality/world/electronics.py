@@ -36,17 +36,17 @@ class Electronics:
         self._taken: Array | None = None
         self._given: Array | None = None
 
-    def gained(self, light: Array) -> Array:
-        """Light as the sensor's gains leave it; they follow it for the next picture. [H, W, 3]."""
+    def gains(self, light: Array) -> Array:
+        """Gain of each channel for a picture of this light, [H, W, 3]; for the next one they follow it. [3]."""
         hidden = self.hidden
         if hidden.auto_exposure == 0.0 and hidden.auto_balance == 0.0:
-            return light
+            return np.ones(3)
         means = np.maximum(np.clip(light * hidden.exposure, 0.0, 1.0).mean((0, 1)), 1e-4)
         exposure = (GREY / (means @ [0.2126, 0.7152, 0.0722])) ** hidden.auto_exposure
         wanted = np.clip(exposure * (means[1] / means) ** hidden.auto_balance, *_GAINS)
         now = wanted if self._gains is None else self._gains
         self._gains = now + self._follow * (wanted - now)
-        return light * now
+        return now
 
     def delivered(self, picture: Array) -> Array:
         """What arrives in place of the picture just taken. uint8 [H, W, 3]."""

@@ -80,7 +80,7 @@ class Hidden:
         lamp_dim: Share of the lamp that is out.
         window: Radiance of a window beside the table, as a share of the lamp's.
         window_heading: Direction in which the window lies, rad.
-        passer: Half the width of somebody who passes between lamp and table, m.
+        passer: Half the width of somebody who passes between table and lamp, or window where the lamp is out, m.
         gloss_object, gloss_plate, gloss_robot, gloss_table: 0 matt to 1 wet.
         clutter, cables, decoys: Counts of what lies about.
         clutter_seed: Seed of where it lies.

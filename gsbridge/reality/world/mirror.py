@@ -19,7 +19,7 @@ from gsbridge.reality.world.layout import true_base_from_table, true_robot
 from gsbridge.reality.world.model import Stand
 from gsbridge.reality.world.physics import CONTROL_HZ, MirrorPhysics, build_physics
 from gsbridge.reality.world.shutter import moments
-from gsbridge.reality.world.surroundings import passer_pose
+from gsbridge.reality.world.surroundings import passer_pose, window_line
 from gsbridge.robot.assembly import RobotFiles
 
 TRIAL = Quality(samples=32, depth=2)
@@ -93,8 +93,9 @@ class MirrorWorld:
         else:
             self._move(self.body_poses(), 0.0)
             light = self.camera.light(pinhole, self.camera_pose(), self.quality, seed)
-        light = self._electronics.gained(light if lens is None else lens(light))
-        return self._electronics.delivered(expose(light, hidden, np.random.default_rng([seed, 2])))
+        light = light if lens is None else lens(light)
+        gains = self._electronics.gains(light)
+        return self._electronics.delivered(expose(light, hidden, np.random.default_rng([seed, 2]), gains))
 
     def _exposed(self, camera: Camera, seed: int) -> Array:
         """Light that each row takes in its own time, while arm and object move. [H, W, 3]."""
@@ -117,7 +118,9 @@ class MirrorWorld:
         hidden = self.camera.hidden
         if hidden.passer > 0.0:
             seconds = self._steps / CONTROL_HZ - before
-            poses = {**poses, "passer": passer_pose(hidden, *lamp_line(hidden), self._seed, seconds)}
+            # Where the lamp is out, who passes takes the window's light.
+            line = lamp_line(hidden) if hidden.lamp_dim < 1.0 else window_line(hidden)
+            poses = {**poses, "passer": passer_pose(hidden, *line, self._seed, seconds)}
         self.camera.move(poses)
 
 

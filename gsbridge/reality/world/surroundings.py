@@ -21,9 +21,9 @@ WINDOW_SIZE, WINDOW_AWAY, WINDOW_HEIGHT = (1.2, 1.0), 1.4, 0.65
 """Width and height of a window, how far from the working area it is, and its middle over the table, m."""
 
 _DAYLIGHT = (0.92, 1.0, 1.12)
-_EDGE = (0.18, 0.30)
-"""Nearest and farthest from the middle of the working area that clutter lies, along x or y, whichever is farther, m: objects
-start within 0.15 or 0.165 of it, and the camera sees clutter at the edges of its pictures."""
+_EDGE = (0.25, 0.33)
+"""Nearest that a thing reaches towards the middle of the working area, along x or y, whichever is farther, and farthest that
+its middle lies from there, m. Objects start within 0.165 of the middle, and the open hand reaches 0.085 further."""
 
 _FOOT = 0.18
 """Room for the foot of the robot, m."""
@@ -43,9 +43,8 @@ def window(mi: Any, hidden: Hidden, lamp: float) -> dict[str, Any]:
     """
     if hidden.window == 0.0:
         return {}
-    toward = np.array([np.cos(hidden.window_heading), np.sin(hidden.window_heading), 0.0])
-    middle = np.array([*WORK_CENTRE_M, WINDOW_HEIGHT]) + WINDOW_AWAY * toward
-    facing = mi.ScalarTransform4f().look_at(origin=middle.tolist(), target=(middle - toward).tolist(), up=[0, 0, 1])
+    middle, aim = window_line(hidden)
+    facing = mi.ScalarTransform4f().look_at(origin=middle.tolist(), target=[*aim[:2], WINDOW_HEIGHT], up=[0, 0, 1])
     radiance = (hidden.window * lamp * np.array(_DAYLIGHT)).tolist()
     return {
         "window": {
@@ -54,6 +53,12 @@ def window(mi: Any, hidden: Hidden, lamp: float) -> dict[str, Any]:
             "emitter": {"type": "area", "radiance": {"type": "rgb", "value": radiance}},
         }
     }
+
+
+def window_line(hidden: Hidden) -> tuple[Array, Array]:
+    """Middle of the window and the point that it lights, table frame, m. [3], [3]."""
+    toward = np.array([np.cos(hidden.window_heading), np.sin(hidden.window_heading), 0.0])
+    return np.array([*WORK_CENTRE_M, WINDOW_HEIGHT]) + WINDOW_AWAY * toward, np.array([*WORK_CENTRE_M, 0.0])
 
 
 def lying_about(mi: Any, hidden: Hidden, colours: Array | None) -> dict[str, Any]:
@@ -78,12 +83,12 @@ def lying_about(mi: Any, hidden: Hidden, colours: Array | None) -> dict[str, Any
     return content
 
 
-def _beside(rng: np.random.Generator) -> Array:
-    """A place beside the working area, off the robot's foot. [2]."""
+def _beside(rng: np.random.Generator, radius: float) -> Array:
+    """A place beside the working area, off the robot's foot, for a thing of that radius, m. [2]."""
     foot = np.linalg.inv(base_from_table())[:2, 3]
     while True:
         side, along = rng.integers(4), rng.uniform(-1.0, 1.0)
-        away = rng.uniform(*_EDGE)
+        away = rng.uniform(_EDGE[0] + radius, _EDGE[1] + radius)
         corner = np.array([away, along * away]) if side % 2 else np.array([along * away, away])
         place = np.array(WORK_CENTRE_M) + (corner if side < 2 else -corner)
         if np.linalg.norm(place - foot) > _FOOT:
@@ -92,12 +97,13 @@ def _beside(rng: np.random.Generator) -> Array:
 
 def _thing(mi: Any, rng: np.random.Generator) -> dict[str, Any]:
     """A box, a can or a ball."""
-    x, y = _beside(rng)
     wide, deep, high = rng.uniform(0.012, 0.032, 3)
     colour = colorsys.hsv_to_rgb(rng.uniform(), rng.uniform(0.2, 0.95), rng.uniform(0.15, 0.8))
     surface = coated({"type": "rgb", "value": list(colour)}, float(rng.choice([0.0, 0.5, 0.8])))
     turn = float(np.degrees(rng.uniform(0, np.pi)))
     kind = rng.choice(["cube", "cylinder", "sphere"])
+    radius = {"cube": np.hypot(wide, deep), "cylinder": np.hypot(1.5 * high, deep), "sphere": wide}[str(kind)]
+    x, y = _beside(rng, float(radius))
     if kind == "cube":
         place = mi.ScalarTransform4f().translate([x, y, high]).rotate([0, 0, 1], turn).scale([wide, deep, high])
         return {"type": "cube", "to_world": place, "bsdf": surface}
@@ -114,7 +120,8 @@ def _cable(mi: Any, rng: np.random.Generator) -> list[dict[str, Any]]:
     """A cable that bends past the working area."""
     start = rng.uniform(-np.pi, np.pi)
     angles = start + np.linspace(0.0, rng.uniform(0.8, 1.6), _LINKS + 1)
-    away = 0.24 + 0.03 * np.sin(3.0 * angles + rng.uniform(0, 6)) + np.linspace(0.12, 0.0, _LINKS + 1)
+    # Farther than an object that starts in a corner of the area reaches.
+    away = 0.33 + 0.03 * np.sin(3.0 * angles + rng.uniform(0, 6)) + np.linspace(0.08, 0.0, _LINKS + 1)
     points = np.c_[
         WORK_CENTRE_M[0] + away * np.cos(angles), WORK_CENTRE_M[1] + away * np.sin(angles), np.full(_LINKS + 1, _CABLE)
     ]
@@ -140,12 +147,12 @@ def _decoy(mi: Any, rng: np.random.Generator, colours: Array) -> list[dict[str, 
 
 
 def passer_pose(hidden: Hidden, lamp: Array, aim: Array, seed: int, seconds: float, episode: float = 4.0) -> Array:
-    """Pose of somebody who passes between lamp and table once in an episode. [4, 4].
+    """Pose of somebody who passes between lamp or window and table once in an episode. [4, 4].
 
     Args:
         hidden: Parameters of the world; nobody passes where `passer` is 0.
-        lamp: Place of the lamp, table frame, m. [3].
-        aim: Point that the lamp lights, table frame, m. [3].
+        lamp: Place of the lamp, or of the window's middle, table frame, m. [3].
+        aim: Point that it lights, table frame, m. [3].
         seed: Seed of the episode; it decides when somebody passes and from which side.
         seconds: Time since the episode began, s.
         episode: How long episodes last, about, s.

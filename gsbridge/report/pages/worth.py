@@ -18,6 +18,7 @@ def write_comparison(
     policies: Sequence[str | Path],
     severities: Mapping[str, tuple[int, int]],
     *,
+    records: Sequence[str | Path] = (),
     rows: str | Path,
     page: str | Path,
     figure: str | Path,
@@ -29,6 +30,7 @@ def write_comparison(
         trials: Tables of trials, each beside its record.
         policies: Records of the trainings.
         severities: Severity of look and of physics by the name of a world.
+        records: Records of the stages that made the scenes.
         rows: CSV file to write.
         page: Markdown file to write.
         figure: PNG file to write.
@@ -37,6 +39,6 @@ def write_comparison(
         InputError: A file is missing or damaged, or no world is named.
     """
     write_page, write_figure = _WRITERS[who]
-    write_severity_rows(rows, trials, severities, policies=policies)
+    write_severity_rows(rows, trials, severities, policies=policies, records=records)
     write_page(rows, page)
     write_figure(rows, figure)

@@ -58,6 +58,7 @@ def write_severity_rows(
     severities: Mapping[str, tuple[int, int]],
     *,
     policies: Sequence[str | Path] = (),
+    records: Sequence[str | Path] = (),
 ) -> None:
     """Write the rows.
 
@@ -66,6 +67,7 @@ def write_severity_rows(
         trials: Tables of trials, each beside its record.
         severities: Severity of look and of physics by the name of a world.
         policies: Records of the trainings.
+        records: Records of the stages that made the scenes.
 
     Raises:
         InputError: A file is missing or damaged, or no world is named.
@@ -73,7 +75,7 @@ def write_severity_rows(
     if not severities:
         raise InputError("config: study.severity.worlds", "no world is named", "Name worlds of different severity")
     rows = []
-    for file in read_trial_files(trials, policies=policies):
+    for file in read_trial_files(trials, policies=policies, records=records):
         look, physics = severities.get(file.world, ("", ""))
         for pose_set in POSE_SETS:
             found = file.trials.of(pose_set)
