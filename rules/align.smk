@@ -24,6 +24,7 @@ rule measure_length:
         align=settings("align"),
         masks=settings("masks"),
         mesh=settings("mesh"),
+        points=lambda wildcards: config["scenes"][wildcards.scene]["masks"]["points"],
         up=lambda wildcards: config["scenes"][wildcards.scene]["up"],
         seed=SEED,
     message:

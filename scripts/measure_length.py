@@ -25,8 +25,12 @@ common = {"settings": AlignSettings(**options.align), "board": None, "known_leng
 paths = {"sfm_json": sfm, "model": Path(files.model), "tags": Path(files.tags), "out_points": work / "points.npz"}
 align_scene(**paths, **common, out_json=work / "align.json", out_views=work / "views.json", up=options.up)
 views, points = read_views(work / "views.json", files.images), work / "points.npz"
-segment_object(views, points, work / "masks", work / "masks.json", MaskSettings(**options.masks), options.seed)
+segmented = work / "masks.json"
+segment_object(views, points, work / "masks", segmented, MaskSettings(**options.masks), options.seed, points=options.points)
 mesh_files = [work / name for name in ("visual.ply", "collision.ply", "mesh.json")]
 mesh_object(views, work / "masks", points, *mesh_files, MeshSettings(**options.mesh), options.seed)
 side = float(box_sides(read_mesh(mesh_files[0]).vertices).max()) / read_json(work / "align.json")["scale"]
-write_json(snakemake.output.length, {"side": side, "doubts": read_json(mesh_files[2])["reasons"]})
+write_json(
+    snakemake.output.length,
+    {"side": side, "doubts": [doubt for path in (segmented, mesh_files[2]) for doubt in read_json(path)["reasons"]]},
+)

@@ -72,7 +72,7 @@ def scale_from_length(
         others: Cameras of keyframes of another size, by name.
 
     Raises:
-        InputError: A named image is not registered, or the points do not lie on the table.
+        InputError: A named image is not registered, or the points do not lie in it or on the table.
     """
     if length.between is None:
         return length.metres / side
@@ -80,11 +80,52 @@ def scale_from_length(
     for name, u, v in length.between:
         if name not in views:
             raise InputError("known_length", f"the keyframe {name} is not registered", "Name another keyframe of this scene")
-        ends.append(table_point(np.array([u, v]), others.get(name, distorted), table_from_sfm.move_pose(views[name][1])))
+        camera = others.get(name, distorted)
+        if not (0 <= u <= camera.width and 0 <= v <= camera.height):
+            raise InputError(
+                "known_length",
+                f"({u:g}, {v:g}) lies outside {name}, which has {camera.width} x {camera.height} pixels",
+                "Read the pixels off the keyframe in `capture/frames`, not off the original photo",
+            )
+        ends.append(table_point(np.array([u, v]), camera, table_from_sfm.move_pose(views[name][1])))
     distance = float(np.linalg.norm(ends[1] - ends[0]))
     if not np.isfinite(distance) or distance <= 0:
         raise InputError("known_length", "the two pixels do not show two points of the table", _FORM)
     return length.metres / distance
+
+
+def reading_error(
+    length: KnownLength,
+    table_from_sfm: Similarity,
+    views: Mapping[str, tuple[Camera, Array]],
+    distorted: Camera,
+    others: Mapping[str, Camera] = MappingProxyType({}),
+) -> float:
+    """Standard error of the scale between two points, relative, if each of their pixels was read to one pixel.
+
+    Args:
+        length: Two points on the table.
+        table_from_sfm, views, distorted, others: See `scale_from_length`.
+
+    Raises:
+        InputError: See `scale_from_length`.
+    """
+    assert length.between is not None
+    (a, ua, va), (b, ub, vb) = length.between
+    found = scale_from_length(length, table_from_sfm, views, distorted, 1.0, others)
+    square = 0.0
+    for moved in ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)):
+        # Half a pixel either way, inwards where the border is near.
+        scales = []
+        for side in (-0.5, 0.5):
+            values = [value + side * step for value, step in zip((ua, va, ub, vb), moved, strict=True)]
+            for k, name in enumerate((a, a, b, b)):
+                camera = others.get(name, distorted)
+                values[k] = min(max(values[k], 0.0), float((camera.width, camera.height)[k % 2]))
+            near = KnownLength(length.metres, ((a, values[0], values[1]), (b, values[2], values[3])))
+            scales.append(scale_from_length(near, table_from_sfm, views, distorted, 1.0, others))
+        square += ((scales[1] - scales[0]) / found) ** 2
+    return float(np.sqrt(square))
 
 
 def table_point(pixel: Array, camera: Camera, cam_from_table: Array) -> Array:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gsbridge.align.board_fit import BoardFit, fit_board
-from gsbridge.align.length import KnownLength, scale_from_length
+from gsbridge.align.length import KnownLength, reading_error, scale_from_length
 from gsbridge.align.plane import Attention, Plane, attention, find_table, why_no_table
 from gsbridge.cameras import Camera, View, camera_centre, write_views
 from gsbridge.configuration.align import AlignSettings
@@ -29,6 +29,9 @@ MAX_BOARD_HEIGHT_MM = 3.0
 
 MAX_BOARD_RESIDUAL_MM = 1.5
 """Mean distance of the tags' corners from their printed places above which the board is bent, misprinted or wrong."""
+
+MAX_READING_ERROR = 0.01
+"""Share by which a pixel's error in the points of a known length may change the scale."""
 
 MAX_UNIT_MISMATCH = 0.02
 """Share by which the board and the stated unit of the poses may differ."""
@@ -121,6 +124,15 @@ def align_scene(
                 f"the board says {table_from_sfm.scale:.4g} m per unit of the poses, `metres_per_unit` {metres_per_unit:.4g}; "
                 "one of them is wrong, the board is taken"
             )
+        if length is not None and length.between is not None:
+            scale = table_from_sfm.scale
+            unscaled = Similarity(1.0, table_from_sfm.rotation, table_from_sfm.translation / scale)
+            other, unsure = _scale_by_length(length, unscaled, sparse, record, 1.0)
+            if abs(other / scale - 1.0) > MAX_UNIT_MISMATCH + (unsure or 0.0):
+                reasons.append(
+                    f"`known_length` makes lengths {100 * other / scale:.0f} % of what the board makes them; one of them "
+                    "is wrong (was the board printed at 100 %?), the board is taken"
+                )
     else:
         assert plane is not None
         if settings.require_scale and length is None and metres_per_unit is None:
@@ -225,7 +237,7 @@ def _from_plane(
     if board_expected:
         reasons.append("fewer than 3 tags of the board could be found, so the board does not give the scale")
     extents = box_sides(unscaled.apply(sparse.points[above])) if len(above) >= 5 else np.full(3, 0.3 * looks.distance)
-    side = float(extents.max())
+    side, unsure = float(extents.max()), None
     if metres_per_unit is not None:
         scale, source = metres_per_unit, "poses"
     elif length is not None:
@@ -242,10 +254,13 @@ def _from_plane(
                 )
             what = "sparse points of" if measured is None else "the mesh along"
             reasons.append(f"the scale rests on {what} the object's longest side, which is good to some 5 %")
-        cameras = dict(zip(sparse.names, zip(sparse.cameras, sparse.poses, strict=True), strict=True))
-        others = {name: Camera.from_json(item) for name, item in record.get("other_cameras", {}).items()}
-        scale = scale_from_length(length, unscaled, cameras, Camera.from_json(record["camera"]), side, others)
+        scale, unsure = _scale_by_length(length, unscaled, sparse, record, side)
         source = "known_length"
+        if unsure is not None and unsure > MAX_READING_ERROR:
+            reasons.append(
+                f"a pixel of error in the two points of `known_length` changes the scale by {100 * unsure:.1f} %: name points "
+                "farther apart"
+            )
     else:
         if len(above) >= MIN_OBJECT_POINTS:
             side = float(box_sides(unscaled.apply(sparse.points[above]), _STRAGGLERS).max())
@@ -255,7 +270,7 @@ def _from_plane(
             "film the board, or set `known_length`"
         )
     numbers = {
-        "scale_se": None,
+        "scale_se": None if unsure is None else unsure * scale,
         "residual_mm": 1e3 * scale * plane.residual,
         "tags": 0,
         "tilt_deg": None,
@@ -263,6 +278,17 @@ def _from_plane(
         "object_extent": scale * extents,
     }
     return Similarity(scale, rotation, -scale * rotation @ foot), source, numbers
+
+
+def _scale_by_length(
+    length: KnownLength, unscaled: Similarity, sparse: _Model, record: Mapping[str, Any], side: float
+) -> tuple[float, float | None]:
+    """Metres per unit by a known length, and the standard error of that by a pixel's error, relative; None for a whole side."""
+    cameras = dict(zip(sparse.names, zip(sparse.cameras, sparse.poses, strict=True), strict=True))
+    others = {name: Camera.from_json(item) for name, item in record.get("other_cameras", {}).items()}
+    taken = Camera.from_json(record["camera"])
+    scale = scale_from_length(length, unscaled, cameras, taken, side, others)
+    return scale, None if length.between is None else reading_error(length, unscaled, cameras, taken, others)
 
 
 def object_points(points: Array, plane: Plane, looks: Attention) -> Array:

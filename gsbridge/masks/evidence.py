@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from gsbridge.cameras import View
 from gsbridge.geometry import Array
 from gsbridge.masks.layers import disc, grown
+from gsbridge.masks.prompt import focus_point
 from gsbridge.masks.seen_past import seen_past
 from gsbridge.meshes import Mesh
 from gsbridge.photogrammetry.carving import mesh_depth
@@ -133,7 +134,8 @@ def surely_placed(views: Sequence[View], sparse: SparsePoints) -> Array:
         [N] bool.
     """
     of, centres = sparse.point_index, np.stack([view.centre for view in views])
-    around = centres - np.median(sparse.points, axis=0)
+    # Round what the cameras look at: most points may lie on a wall or a shelf behind.
+    around = centres - focus_point(views)
     angles = np.sort(np.degrees(np.arctan2(around[:, 1], around[:, 0])))
     if np.diff(np.append(angles, angles[0] + 360.0)).max() > _WIDEST_GAP_DEG:
         return np.zeros(len(sparse.points), bool)

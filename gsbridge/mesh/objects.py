@@ -19,7 +19,7 @@ from gsbridge.geometry import Array
 from gsbridge.images import read_image
 from gsbridge.mesh.backends import choose_backend, external_points
 from gsbridge.mesh.beside import beside_doubts, points_beside
-from gsbridge.mesh.depth import DepthCloud, depth_cloud
+from gsbridge.mesh.depth import depth_cloud
 from gsbridge.mesh.doubts import doubts, frame_doubts, outline_doubts, outline_overlaps
 from gsbridge.mesh.fuse import fuse, vertex_colours
 from gsbridge.mesh.hollow import carved, guessed_inside, guessed_share, lowered
@@ -59,19 +59,17 @@ def _solid(
     """Signed distance of the object by the chosen depth backend, figures, and the measured points [N, 3]."""
     backend = choose_backend(settings.backend)
     top = float(hull.mesh.vertices[:, 2].max())
-    if backend == "sweep":
-        rough = settings.model_copy(update={"stride": 2 * settings.stride})
-        hull = lowered(hull, views, masks, lambda: depth_cloud(views, masks, hull, rough, seed, threads))
-        cloud = depth_cloud(views, masks, hull, settings, seed, threads)
-        kept = sum(int(item.sum()) for item in cloud.confirmed)
-        share = kept / max(cloud.tried, 1)
-    else:
+    rough = settings.model_copy(update={"stride": 2 * settings.stride})
+    hull = lowered(hull, views, masks, lambda: depth_cloud(views, masks, hull, rough, seed, threads))
+    cloud = depth_cloud(views, masks, hull, settings, seed, threads)
+    share = sum(int(item.sum()) for item in cloud.confirmed) / max(cloud.tried, 1)
+    if backend != "sweep":
         low, high = hull.mesh.vertices.min(0), hull.mesh.vertices.max(0)
         inside = ((sparse > low) & (sparse < high)).all(axis=1)
         points, normals = external_points(backend, views, masks, sparse[inside], threads)
         above = points[:, 2] > 0.5 * hull.grid.spacing
-        # These points were checked by their program; near ones stand in for the pixel-wise test of hull samples.
-        cloud, share = DepthCloud(points[above], normals[above], (), (), 0), float("nan")
+        # That program's points are the surface; which space is empty, openings above all, the sweep's depth maps tell.
+        cloud = replace(cloud, points=points[above], normals=normals[above])
     logger.info("mesh: %d depth points (%s), %.0f %% of the object's pixels confirmed", len(cloud.points), backend, 100 * share)
     hull, cavity = carved(hull, cloud, threads)
     grid, field, figures = fuse(hull, cloud, views, settings, narrow=narrow, seed=seed)

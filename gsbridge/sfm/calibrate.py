@@ -22,6 +22,10 @@ logger = logging.getLogger("gsbridge")
 MIN_VIEWS = 6
 GOOD_VIEWS = 20
 MIN_TAGS = 3
+DOUBTFUL_RMS_PX, WORST_RMS_PX = 0.8, 3.0
+"""Residuals at the board from which a camera is in doubt, and above which it is none: two lenses or zooms taken for one leave
+several px, corners by themselves 0.1 to 0.4."""
+
 MAX_VIEWS = 100
 """Views that are solved together: the solver's cost grows with their cube, its precision with their root."""
 
@@ -41,7 +45,7 @@ def calibrate_camera(keyframe_folders: Sequence[tuple[Path, Path]], board: Board
 
     Raises:
         InputError: The captures differ in image size.
-        StageError: The board is seen in too few views.
+        StageError: The board is seen in too few views, or no camera fits them.
     """
     matches, size = _find_matches(keyframe_folders, board)
     if len(matches) < MIN_VIEWS:
@@ -52,6 +56,18 @@ def calibrate_camera(keyframe_folders: Sequence[tuple[Path, Path]], board: Board
         )
     camera, rms, kept = solve(matches, size)
     reasons = [] if kept >= GOOD_VIEWS else [f"{kept} views of the board; {GOOD_VIEWS} or more are advised"]
+    # Corners are found to a fraction of a pixel, whatever the size of the photos.
+    if rms > WORST_RMS_PX:
+        raise StageError(
+            "calibration",
+            f"no camera fits the board: a residual of {rms:.1f} px is left, 0.3 are usual",
+            "Lenses, zooms or stabilisers of the captures differ, or the board is bent: name a camera for each of them",
+        )
+    if rms > DOUBTFUL_RMS_PX:
+        reasons.append(
+            f"the camera leaves a residual of {rms:.2f} px at the board, 0.3 are usual: zoom, lens or stabiliser of the "
+            "captures may differ, or the board is not flat"
+        )
     logger.info("camera from %d of %d views: focal %.1f px, residual %.3f px", kept, len(matches), camera.fx, rms)
     write_stage(
         out_json,

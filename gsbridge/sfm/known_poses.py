@@ -14,7 +14,16 @@ from gsbridge.cameras import Camera, camera_centre
 from gsbridge.configuration.sfm import SfmSettings
 from gsbridge.geometry import Array, Similarity, align_similarity
 from gsbridge.photogrammetry.colmap import colmap_params, pose_matrix
-from gsbridge.sfm.mapping import Attempt, MappingOutcome, adjust, extract, incremental_options, map_database, rematch
+from gsbridge.sfm.mapping import (
+    MIN_IMAGE_POINTS,
+    Attempt,
+    MappingOutcome,
+    adjust,
+    extract,
+    incremental_options,
+    map_database,
+    rematch,
+)
 from gsbridge.sfm.matching import match
 from gsbridge.sfm.photos import Photos
 
@@ -24,7 +33,10 @@ ROUGH_PX = 1.0
 """Mean reprojection error of the given poses, px, above which they may be rough: exact ones leave the noise of the features."""
 
 BETTER = 0.8
-"""Given poses are rough if an adjustment lowers that error to this share, or if the photos alone give as many more points."""
+"""Given poses are rough if an adjustment lowers that error to this share."""
+
+STRANGE = 0.1
+"""Share of the points that a photo usually has below which its given pose is taken for wrong."""
 
 LOOSE = 0.03
 """Mean distance of given and found camera places, as a share of their spread, from which the unit is in doubt."""
@@ -51,16 +63,21 @@ def map_posed_photos(
         The model, and why it is less sure than it looks.
     """
     model, base = triangulate_known(photos, known, settings, workspace, seed, threads)
+    doubts = drop_contradicted(model)
     given = MappingOutcome(model, "known", "known poses", [])
     before = model.compute_mean_reprojection_error() if model.num_points3D() else np.inf
     if before <= ROUGH_PX:
-        return given, []
+        return given, doubts
     adjusted = pycolmap.Reconstruction(model)
     if model.num_points3D():
         adjust(adjusted, intrinsics=False)
     after = adjusted.compute_mean_reprojection_error() if model.num_points3D() else 0.0
     if after > BETTER * before:
-        return given, []
+        return given, [
+            *doubts,
+            f"the poses and cameras that came with the photos leave {before:.1f} px, and other poses hardly fewer: their "
+            "intrinsics may be wrong, or the photos are blurred",
+        ]
     logger.info("the given poses leave %.1f px, the photos want others: find them anew", before)
     fresh = map_database(workspace / "database.db", base, Attempt("rough poses", False, False), workspace, seed)
     if fresh is None or fresh.num_reg_images() < settings.pass_share * len(photos.names):
@@ -79,6 +96,25 @@ def map_posed_photos(
             "that the unit of the poses is known as badly; lay out the board, or give a known length"
         )
     return MappingOutcome(fresh, "incremental", "known poses, refined", []), reasons
+
+
+def drop_contradicted(model: pycolmap.Reconstruction) -> list[str]:
+    """Take photos out of a model of given poses that share next to no points with the others, and say which.
+
+    A photo whose pose is wrong triangulates nothing, so that no reprojection error tells of it.
+    """
+    counts = {model.image(i).name: (model.image(i).num_points3D, model.image(i).frame_id) for i in model.reg_image_ids()}
+    usual = float(np.median([count for count, _ in counts.values()])) if counts else 0.0
+    gone = sorted(name for name, (count, _) in counts.items() if count < STRANGE * usual) if usual >= MIN_IMAGE_POINTS else []
+    for name in gone:
+        model.deregister_frame(counts[name][1])
+    if not gone:
+        return []
+    shown = ", ".join(gone[:5]) + (", ..." if len(gone) > 5 else "")
+    return [
+        f"the poses of {len(gone)} of {len(counts)} photos share next to no points with the others and are left out ({shown}): "
+        "they may be wrong"
+    ]
 
 
 def laid_onto(model: pycolmap.Reconstruction, known: Mapping[str, tuple[Camera, Array]]) -> tuple[Similarity, float]:
@@ -140,4 +176,5 @@ def triangulate_known(
     out = workspace / "models" / "known"
     out.mkdir(parents=True, exist_ok=True)
     options = incremental_options(base, seed, relaxed=False)
-    return pycolmap.triangulate_points(model, database_path, photos.folder, out, clear_points=True, options=options), base
+    model = pycolmap.triangulate_points(model, database_path, photos.folder, out, clear_points=True, options=options)
+    return model, base

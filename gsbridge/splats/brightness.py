@@ -22,8 +22,9 @@ _FEWEST = 30
 _ROUNDS = 20
 
 
-def brightness(mesh: Mesh, targets: Sequence[Target]) -> dict[str, float]:
-    """Logarithm of how bright each training photo is beside the others, by the places of a surface that they share.
+def brightness(mesh: Mesh, targets: Sequence[Target]) -> dict[str, Array]:
+    """Logarithms of how bright red, green and blue of each training photo are beside the others', by the places of a surface
+    that they share.
 
     Each place has one brightness and each photo one factor; both are medians of what the other leaves, in turns (median polish,
     Tukey 1977), so that highlights and shadows that move count little.
@@ -33,36 +34,35 @@ def brightness(mesh: Mesh, targets: Sequence[Target]) -> dict[str, float]:
         targets: Photos; the held-out ones are not looked at.
 
     Returns:
-        By name of the photo; their median is 0. Photos that show too little of the surface are left out.
+        By name of the photo; the median of each colour is 0. Photos that show too little of the surface are left out. [3].
     """
     names, rows = [], []
     for target, faces, pixels in shown_faces(mesh, targets):
-        light = np.full(len(mesh.faces), np.nan)
+        light = np.full((len(mesh.faces), 3), np.nan)
         column, row = np.floor(pixels - (target.left, target.top)).astype(int).T
         inside = (column >= 0) & (row >= 0) & (column < target.camera.width) & (row < target.camera.height)
         inside[inside] = target.weight[row[inside], column[inside]] > 250
         seen = linear_from_srgb(target.photo[row[inside], column[inside]].astype(np.float32) / 255)
         usable = (seen.min(1) > _USABLE[0]) & (seen.max(1) < _USABLE[1])
-        light[faces[inside][usable]] = np.log(seen[usable].mean(1))
+        light[faces[inside][usable]] = np.log(seen[usable])
         names.append(target.name)
         rows.append(light)
     table = np.array(rows)
     # A place in a single photo tells nothing.
-    table = table[:, np.isfinite(table).sum(0) >= 2]
-    enough = np.isfinite(table).sum(1) >= _FEWEST
+    table = table[:, np.isfinite(table[..., 0]).sum(0) >= 2]
+    enough = np.isfinite(table[..., 0]).sum(1) >= _FEWEST
     if enough.sum() < 2:
         return {}
     table = table[enough]
-    table = table[:, np.isfinite(table).sum(0) >= 2]
-    factors = np.zeros(len(table))
+    table = table[:, np.isfinite(table[..., 0]).sum(0) >= 2]
+    factors = np.zeros((len(table), 3))
     for _ in range(_ROUNDS):
         places = np.nanmedian(table - factors[:, None], axis=0)
         factors = np.nanmedian(table - places, axis=1)
-        factors -= np.median(factors)
-    return dict(zip(np.array(names)[enough].tolist(), factors.tolist(), strict=True))
+        factors -= np.median(factors, axis=0)
+    return dict(zip(np.array(names)[enough].tolist(), factors, strict=True))
 
 
-def spread(logarithms: Sequence[float] | Array) -> float:
-    """Standard deviation of photos' logarithmic brightness; 0 of less than two. [N]."""
-    values = np.asarray(logarithms, np.float64)
-    return float(values.std()) if len(values) > 1 else 0.0
+def spread(logarithms: Sequence[Array]) -> float:
+    """Standard deviation of photos' logarithmic brightness in the colour that differs most; 0 of less than two. [N][3]."""
+    return float(np.std(logarithms, axis=0).max()) if len(logarithms) > 1 else 0.0

@@ -33,6 +33,12 @@ logger = logging.getLogger("gsbridge")
 MIN_TRAINING_PSNR = 24.0
 """Masked PSNR on the training photos below which a model is underfitted, dB."""
 
+MOST_LOST = 5.0
+"""Masked PSNR by which held-out photos may lie below those of the training, dB: fourteen photos of a real thing lose four."""
+
+MIN_OUTLINE = 0.9
+"""IoU of the outlines of splats and masks of held-out photos below which they are no longer the same thing."""
+
 VISIBLE_OPACITY = 0.3
 """Splats below this opacity hardly show; their offsets are left out of the statistics."""
 
@@ -124,6 +130,17 @@ def train_splats(
         reasons.append(
             f"the splats reach {fitted:.1f} dB on their own training photos, {MIN_TRAINING_PSNR:g} are usual: there is more "
             "detail than the budget holds, or its mesh or poses are off; look at views/, and try docs/splats.md#quality"
+        )
+    unseen = metrics["held_out"]["masked"]
+    if fitted is not None and unseen["psnr"] is not None and fitted - unseen["psnr"] > MOST_LOST:
+        reasons.append(
+            f"the splats reach {fitted:.1f} dB on their training photos and {unseen['psnr']:.1f} dB on others: what they show "
+            "from new sides is partly made up; take more photos, or give fewer splats or degrees"
+        )
+    if unseen["alpha_iou"] is not None and unseen["alpha_iou"] < MIN_OUTLINE:
+        reasons.append(
+            f"outlines of the splats and of held-out masks overlap by {100 * unseen['alpha_iou']:.0f} % only: poses, masks or "
+            "the mesh are off; look at views/"
         )
     if metrics["held_out"]["full"]["views"] == 0:
         reasons.append("no view is held out: the metrics of the training views flatter the model")

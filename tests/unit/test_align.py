@@ -244,6 +244,35 @@ def test_two_points_on_the_table_give_the_scale(tmp_path: Path) -> None:
     )
 
 
+def between(metres: float, *ends: tuple[int, float, float]) -> dict:
+    """Two places on the table as somebody reads them off keyframes."""
+    pixels = [[names(24)[i], *PINHOLE.project(local(POSES[i], np.array([x, y, 0.0])))] for i, x, y in ends]
+    return {"metres": metres, "between": pixels}
+
+
+def test_a_length_between_near_points_is_in_doubt_and_pixels_outside_a_photo_are_refused(tmp_path: Path) -> None:
+    paths = write_scene(tmp_path, cloud())
+    far = run(paths, board=False, known_length=between(0.2, (3, 0.1, 0.0), (3, -0.1, 0.0)))
+    near = run(paths, board=False, known_length=between(0.01, (3, 0.005, 0.0), (3, -0.005, 0.0)))
+    assert far["status"] == "pass"
+    assert 0 < far["scale_se"] < 0.01 * far["scale"]
+    assert any("farther apart" in reason for reason in near["reasons"])
+    # Twenty times as near, twenty times as unsure.
+    assert near["scale_se"] / far["scale_se"] == pytest.approx(20, rel=0.1)
+    big = between(0.2, (3, 0.1, 0.0), (3, -0.1, 0.0))
+    big["between"][1][1:] = [2.5 * value for value in big["between"][1][1:]]
+    with pytest.raises(InputError, match="lies outside 0003"):
+        run(paths, board=False, known_length=big)
+
+
+def test_a_known_length_that_contradicts_the_board_is_told(tmp_path: Path) -> None:
+    paths = write_scene(tmp_path, cloud(), sightings(PINHOLE, POSES, noise=0.1))
+    ends = (3, 0.1, 0.0), (9, -0.1, 0.0)
+    assert not any("known_length" in reason for reason in run(paths, known_length=between(0.2, *ends))["reasons"])
+    record = run(paths, known_length=between(0.188, *ends))
+    assert any("makes lengths 94 % of what the board makes them" in reason for reason in record["reasons"])
+
+
 def test_table_point_is_where_the_lens_sees_it() -> None:
     point = np.array([0.07, -0.04, 0.0])
     pixel = LENS.project(local(POSES[5], point))

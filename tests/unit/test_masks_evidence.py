@@ -178,6 +178,11 @@ def test_photos_from_one_side_place_no_point_surely(scene):
     """Their table rises beside the object, and would be taken for it."""
     views, _, sparse = scene
     assert surely_placed(views, sparse)[members_of(sparse)].mean() > 0.8
+    # A shelf behind, on which most points lie, changes nothing.
+    shelf = np.random.default_rng(4).uniform([1.8, -1.0, 0.0], [2.0, 1.0, 1.0], (4 * len(sparse.points), 3))
+    crowded = with_points(sparse, shelf, [[0, 1]] * len(shelf))
+    found = surely_placed(views, crowded)[: len(sparse.points)]
+    np.testing.assert_array_equal(found, surely_placed(views, sparse))
     arc = sparse.view_index < 5
     few = replace(sparse, view_index=sparse.view_index[arc], point_index=sparse.point_index[arc])
     assert not surely_placed(views[:5], few).any()

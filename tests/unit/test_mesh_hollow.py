@@ -11,6 +11,7 @@ from solid_scene import POT_FLOOR, POT_HEIGHT, POT_RIM, around, block, filled_po
 from gsbridge.cameras import Camera, Views
 from gsbridge.configuration.mesh import MeshSettings
 from gsbridge.images import read_image, write_image
+from gsbridge.mesh import objects
 from gsbridge.mesh.beside import beside_doubts, points_beside
 from gsbridge.mesh.depth import DepthCloud, seen_through
 from gsbridge.mesh.doubts import doubts, frame_doubts, outline_doubts, outline_overlaps
@@ -75,6 +76,24 @@ def test_depth_empties_the_pot_as_far_as_it_is_seen(one_height):
     # From 38 degrees a line of sight over the near rim meets the far wall about half way down.
     inner = (np.hypot(x, y) < 0.02) & (z > 0.038) & (z < POT_HEIGHT)
     assert (left.field[inner] > 0).mean() < 0.02
+
+
+def test_a_program_that_knows_points_alone_does_not_close_an_opening(one_height, monkeypatch):
+    """Its points are the surface; that the pot is empty is what the sweep's depth maps tell."""
+    views, masks, hull, cloud = one_height
+    rng = np.random.default_rng(0)
+    normals = rng.normal(size=cloud.points.shape)
+    points = cloud.points, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    monkeypatch.setattr(objects, "choose_backend", lambda name: "openmvs")
+    monkeypatch.setattr(objects, "external_points", lambda *_: points)
+    monkeypatch.setattr(objects, "depth_cloud", lambda *_: cloud)
+    monkeypatch.setattr(objects, "fuse", lambda hull, cloud, *_, **more: (hull.grid, hull.field, {"points": cloud.points}))
+    _, field, figures, measured = objects._solid(views, masks, hull, cloud.points, MeshSettings(), False, 0, 1)
+    left, share = carved(lowered(hull, views, masks, lambda: cloud), cloud, threads=1)
+    np.testing.assert_array_equal(field, left.field)
+    assert figures["cavity_share"] == share > 0.2
+    assert figures["lowered_share"] > 0.1
+    np.testing.assert_array_equal(measured, points[0][points[0][:, 2] > 0.5 * hull.grid.spacing])
 
 
 def speckled(cloud, keep, share):

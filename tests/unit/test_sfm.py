@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +13,13 @@ from posed_scene import BOARD, LENS, cloud, local, model_of, moved, names, orbit
 from gsbridge.cameras import Camera, camera_centre
 from gsbridge.configuration.sfm import SfmSettings
 from gsbridge.errors import InputError, StageError
-from gsbridge.files import write_json
+from gsbridge.files import read_json, write_json
 from gsbridge.geometry import Array, Similarity, align_similarity
 from gsbridge.images import write_image
 from gsbridge.photogrammetry.colmap import camera_from_colmap, pose_matrix, quiet, read_model
 from gsbridge.sfm import gates
 from gsbridge.sfm.calibrate import MIN_VIEWS, calibrate_camera, solve
+from gsbridge.sfm.known_poses import drop_contradicted
 from gsbridge.sfm.mapping import MappingOutcome, drop_weak_images, ladder
 from gsbridge.sfm.matching import ring
 from gsbridge.sfm.numbering import number_images
@@ -36,9 +38,9 @@ def centre_errors(model: pycolmap.Reconstruction, poses: list[Array]) -> Array:
     return np.array([np.linalg.norm(camera_centre(pose_matrix(i)) - camera_centre(truth[i.name])) for i in images])
 
 
-def matches(poses: list[Array], noise: float) -> list[tuple[Array, Array]]:
+def matches(poses: list[Array], noise: float, lens: Camera = LENS) -> list[tuple[Array, Array]]:
     layout = BOARD.corners()
-    seen = sightings(LENS, poses, noise)
+    seen = sightings(lens, poses, noise)
     return [(np.concatenate([layout[i] for i in tags]), np.concatenate(list(tags.values()))) for tags in seen.values()]
 
 
@@ -58,6 +60,21 @@ def test_calibration_leaves_out_a_view_that_does_not_fit() -> None:
     assert kept == len(POSES) - 1
     assert rms < 0.1
     assert camera.fx == pytest.approx(LENS.fx, rel=0.005)
+
+
+@pytest.mark.parametrize(("zoom", "said"), [(1.0, None), (1.2, "zoom, lens or stabiliser"), (1.7, "no camera fits the board")])
+def test_captures_of_two_zooms_make_no_camera(tmp_path: Path, monkeypatch, zoom: float, said: str | None) -> None:  # type: ignore[no-untyped-def]
+    far = replace(LENS, fx=zoom * LENS.fx, fy=zoom * LENS.fy)
+    found = matches(POSES, 0.15) + matches(POSES, 0.15, far)
+    monkeypatch.setattr("gsbridge.sfm.calibrate._find_matches", lambda folders, board: (found, (640, 480)))
+    record = tmp_path / "camera.json"
+    if zoom > 1.5:
+        with pytest.raises(StageError, match=said):
+            calibrate_camera([(tmp_path, tmp_path)], BOARD, record)
+    else:
+        calibrate_camera([(tmp_path, tmp_path)], BOARD, record)
+        reasons = read_json(record)["reasons"]
+        assert not reasons if said is None else any(said in reason for reason in reasons)
 
 
 def test_calibration_knows_more_from_more_views() -> None:
@@ -243,6 +260,20 @@ def test_weak_images_lose_their_pose() -> None:
     drop_weak_images(model)
     assert model.num_reg_images() == len(POSES) - 1
     assert not model.image(3).has_pose
+
+
+def test_given_poses_that_nothing_agrees_with_are_left_out_and_said() -> None:
+    model = model_of(LENS, POSES, cloud())
+    assert drop_contradicted(model) == []
+    for wrong in (3, 9):
+        for index in [k for k, p in enumerate(model.image(wrong).points2D) if p.has_point3D()][2:]:
+            model.delete_observation(wrong, index)
+    (reason,) = drop_contradicted(model)
+    assert reason.startswith("the poses of 2 of 24 photos")
+    assert all(names(24)[wrong - 1] in reason for wrong in (3, 9))
+    assert model.num_reg_images() == 22
+    # Where hardly any photo has points, none is the odd one out.
+    assert drop_contradicted(model_of(LENS, POSES, cloud()[:20])) == []
 
 
 def test_tags_mend_intrinsics_and_bring_metres() -> None:
