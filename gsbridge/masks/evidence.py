@@ -66,7 +66,8 @@ class Missed:
     Args:
         share: Share of the object's points that lie outside the mask; 0 where the photo shows too few to tell.
         low: The same share among the points on the object's lowest part; 0 where those are too few.
-        table: Points of the table well inside the mask, per point of the object; 0 where those are too few.
+        table: Points of the table well inside the mask, per point of the object, of which `_FEWEST` count at least; 0 where too
+            few lie there to tell.
     """
 
     share: float
@@ -244,7 +245,8 @@ def missed_points(
         _, under = _seen(view, number, sparse, flat & ~members)
         inner = cv2.erode(inside.astype(np.uint8), disc(1 + round(_NEAR * np.sqrt(inside.sum())))) > 0
         spilt = int(inner[under[:, 0], under[:, 1]].sum())
-        out.append(Missed(shares[0], shares[1], spilt / len(seen) if min(spilt, len(seen)) >= _FEWEST else 0.0))
+        # Of a plain thing hardly a point is seen; the table's own points tell all the same.
+        out.append(Missed(shares[0], shares[1], spilt / max(len(seen), _FEWEST) if spilt >= _FEWEST else 0.0))
     return out
 
 

@@ -85,7 +85,7 @@ def hinted(prompt: Prompt, sparse: SparsePoints, views: Sequence[View], hints: S
         margin = _MARGIN * float((high - low).max()) / (1 + 2 * _MARGIN)
         low, high = np.minimum(low, added.min(0) - margin), np.maximum(high, added.max(0) + margin)
         low = np.array([low[0], low[1], prompt.low[2]])
-    return replace(prompt, points=points, table=np.flatnonzero(table), low=low, high=high)
+    return replace(prompt, points=points, table=np.flatnonzero(table), low=low, high=high, nearer=0)
 
 
 def rows_among(points: Array, chosen: Array) -> Array:

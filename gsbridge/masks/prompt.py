@@ -23,6 +23,7 @@ class Prompt:
         table: Indices (into the sparse points) of points on the table, away from the object. [M].
         low, high: Box that holds the object, with a margin; `low` lies on the table. [3] each.
         distance: Working distance, from the cameras to the point they look at, m.
+        nearer: Points of something else that stands nearer to that point; 0 for nothing.
     """
 
     points: Array
@@ -30,6 +31,7 @@ class Prompt:
     low: Array
     high: Array
     distance: float
+    nearer: int = 0
 
     def box_corners(self) -> Array:
         """Corners of the box. [8, 3]."""
@@ -93,4 +95,4 @@ def find_object(views: Sequence[View], sparse: SparsePoints, height_share: float
     low[2] = 0.0
     inside = (points[:, 0] > low[0]) & (points[:, 0] < high[0]) & (points[:, 1] > low[1]) & (points[:, 1] < high[1])
     table = np.flatnonzero((np.abs(height) < 0.5 * threshold) & ~(inside & (height > 0.25 * threshold)))
-    return Prompt(chosen, table, low, high, distance)
+    return Prompt(chosen, table, low, high, distance, found.nearer)

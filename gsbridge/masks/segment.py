@@ -282,6 +282,11 @@ def segment_object(
             "Keep the whole object in the picture and use a table of another colour, or use the sam2 backend with weights",
         )
     reasons = [f"the mask of {name} is empty" for name in empty]
+    if prompt.nearer:
+        reasons.append(
+            f"something with {prompt.nearer} points stands nearer to where the cameras look than what was taken, which has "
+            "more: film one thing alone, or mark it with `masks: {points: ...}`"
+        )
     mean = float(np.mean(agreement))
     reasons += disagreements(agreement, [view.name for view in views], settings.min_consistency)
     missed = missed_points(views, masks, sparse, members, prompt.table)

@@ -23,6 +23,9 @@ _BESIDE = 0.02
 """Low points this near to the object, as a share of the working distance, are its foot."""
 _TALL = 0.3
 """Points above this share of the object's height choose the object; lower ones join it from there."""
+_AHEAD, _RIVAL = 0.12, 20
+"""A group of so many points is no part of what was chosen, and may be what was meant, where it stands this much nearer to the
+place that the cameras look at, as a share of the working distance."""
 _HIDDEN = 2.0
 """Low points are a foot rather than bumps of the table where they outnumber the table's own points by this much."""
 
@@ -35,11 +38,13 @@ class Standing:
         members: Indices of the object's points. [K].
         threshold: Height from which on a point stands above the table.
         above: Number of points above it near the place the cameras look at.
+        nearer: Points of the fullest other group that stands nearer to that place; 0 where there is none worth a word.
     """
 
     members: Array
     threshold: float
     above: int
+    nearer: int = 0
 
 
 def _clusters(points: Array, radius: float) -> Array:
@@ -78,20 +83,18 @@ def find_standing(
     height_of = float(np.percentile(height[central if len(central) >= min_points else above], 95))
     tall = above[height[above] > _TALL * height_of]
     labels = _clusters(points[tall], _LINK * distance)
-    best, score = -1, -1.0
-    for label in np.unique(labels):
-        members = points[tall[labels == label]]
-        away = np.linalg.norm(np.median(members, axis=0)[:2] - focus[:2]) / distance
-        value = len(members) * np.exp(-((away / 0.25) ** 2))
-        if value > score:
-            best, score = int(label), value
+    groups = [points[tall[labels == label]] for label in range(labels.max() + 1)]
+    counts = np.array([len(members) for members in groups])
+    away = np.array([np.linalg.norm(np.median(members, axis=0)[:2] - focus[:2]) for members in groups]) / distance
+    best = int(np.argmax(counts * np.exp(-((away / 0.25) ** 2))))
+    between = counts[(away < away[best] - _AHEAD) & (counts >= _RIVAL)]
     group = _with_foot(points, tall[labels == best], np.setdiff1d(above, tall), near & (np.abs(height) <= threshold), distance)
     chosen = points[group]
     if len(chosen) > 30:
         # Lone points (wrong matches) would stretch the box: a good point has company.
         company = np.asarray(cKDTree(chosen).query(chosen, k=4)[0])[:, -1]
         group = group[company < max(4.0 * float(np.median(company)), 0.02 * distance)]
-    return Standing(group, threshold, len(above))
+    return Standing(group, threshold, len(above), int(between.max(initial=0)))
 
 
 def _with_foot(points: Array, group: Array, low: Array, table: Array, distance: float) -> Array:

@@ -384,3 +384,16 @@ def test_metric_poses_give_the_scale_and_the_board_is_compared_with_it(tmp_path:
     doubted = run(write_scene(tmp_path / "b", cloud(), sightings(PINHOLE, POSES)), metres_per_unit=1.1 / AWAY.scale)
     assert doubted["scale_source"] == "tags"
     assert any("metres_per_unit" in reason for reason in doubted["reasons"])
+
+
+@pytest.mark.parametrize(("beside", "taken", "told"), [(0, "mug", False), (300, "mug", False), (900, "box", True)])
+def test_a_neighbour_with_more_texture_is_not_taken_in_silence(beside: int, taken: str, told: bool) -> None:
+    """A plain mug where the cameras look, a printed box 12 cm aside."""
+    rng = np.random.default_rng(3)
+    mug = rng.uniform([-0.04, -0.04, 0.0], [0.04, 0.04, 0.1], (150, 3))
+    box = rng.uniform([0.09, -0.03, 0.0], [0.15, 0.03, 0.1], (beside, 3))
+    table = np.c_[rng.uniform(-0.4, 0.4, (2000, 2)), rng.normal(0, 2e-4, 2000)]
+    found = find_standing(np.concatenate([mug, box, table]), np.array([0.0, 0.0, 0.04]), 0.5)
+    inside = (found.members < 150).mean()
+    assert inside > 0.95 if taken == "mug" else inside < 0.05
+    assert (found.nearer > 20) == told

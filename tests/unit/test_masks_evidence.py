@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from solid_scene import around, pot, solid_scene, statue, traced
 
 from gsbridge.cameras import Camera
 from gsbridge.masks.evidence import doubts, lost_parts, lost_points, mended, missed_points, reached, surely_placed
+from gsbridge.masks.layers import grown
 from gsbridge.masks.seen_past import seen_past
 from gsbridge.mesh.hull import build_hull
 from gsbridge.photogrammetry.sparse import SparsePoints, read_points
@@ -172,6 +174,31 @@ def test_a_lost_plinth_hides_the_table_behind_it_and_is_said(tmp_path):
     assert "a part is missing" in reason
     lost = np.flatnonzero(lost_points(views, bare, sparse, members, 0.015))
     assert seen_past(views, bare, sparse, lost, 0.015, 0.1).mean() < 0.05
+
+
+@pytest.mark.parametrize("kept", [0, 11, 60])
+def test_masks_that_hold_the_table_are_told_however_few_points_the_object_has(tmp_path, kept):
+    """A plain thing has few points of its own; a mask that swallows its shadow holds the table's all the same."""
+    views = around(CAMERA, 10, (35.0,), np.array([0.0, 0.0, 0.04]))
+    made = solid_scene(tmp_path, statue, views, points=200)
+    sparse, masks = read_points(made.points_npz), [mask.astype(np.float32) for mask in made.inside]
+    members = members_of(sparse) & (np.cumsum(members_of(sparse)) <= kept)
+    spots = np.random.default_rng(1).uniform([0.05, -0.03, 0.0], [0.11, 0.03, 0.0], (60, 3))
+    crowded = with_points(sparse, spots, [list(range(len(views)))] * len(spots))
+    table = np.arange(len(sparse.points), len(crowded.points))
+    members = np.append(members, np.zeros(len(spots), bool))
+    names = [view.name for view in views]
+    assert doubts(missed_points(views, masks, crowded, members, table), names) == []
+    shadow = [np.maximum(mask, around_points(view, spots)) for view, mask in zip(views, masks, strict=True)]
+    assert any("measured on the table" in line for line in doubts(missed_points(views, shadow, crowded, members, table), names))
+
+
+def around_points(view, points):
+    """A mask of all that lies between points of the table. [H, W]."""
+    pixels = view.camera.project(points @ view.cam_from_table[:3, :3].T + view.cam_from_table[:3, 3]).astype(np.float32)
+    out = np.zeros((view.camera.height, view.camera.width), np.uint8)
+    cv2.fillConvexPoly(out, cv2.convexHull(pixels).astype(np.int32), 1)
+    return grown(out > 0, 6).astype(np.float32)
 
 
 def test_photos_from_one_side_place_no_point_surely(scene):
