@@ -105,7 +105,9 @@ def reading_error(
 
     Args:
         length: Two points on the table.
-        table_from_sfm, views, distorted, others: See `scale_from_length`.
+        table_from_sfm: Table frame before scaling (scale 1).
+        views: Pinhole and `cam_from_sfm` [4, 4] by image name.
+        distorted, others: See `scale_from_length`.
 
     Raises:
         InputError: See `scale_from_length`.
