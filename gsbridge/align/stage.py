@@ -34,7 +34,7 @@ MAX_READING_ERROR = 0.01
 """Share by which a pixel's error in the points of a known length may change the scale."""
 
 MAX_UNIT_MISMATCH = 0.02
-"""Share by which the board and the stated unit of the poses may differ."""
+"""Share by which the board may differ from the stated unit of the poses, or from a known length."""
 
 MIN_OBJECT_POINTS = 20
 """Points above the table from which the object's longest side can be measured."""

@@ -83,8 +83,9 @@ def map_posed_photos(
     if fresh is None or fresh.num_reg_images() < settings.pass_share * len(photos.names):
         count = 0 if fresh is None else fresh.num_reg_images()
         return given, [
+            *doubts,
             f"the poses that came with the photos leave {before:.1f} px and only {count} of {len(photos.names)} photos "
-            "register by themselves; surfaces will be blurred: take sharper photos with more overlap"
+            "register by themselves; surfaces will be blurred: take sharper photos with more overlap",
         ]
     fresh = rematch(fresh, base, workspace, seed, threads)
     move, loose = laid_onto(fresh, known)
