@@ -88,6 +88,7 @@ def test_intervals_know_of_trainings():
     welch = stats.ttest_ind(*(np.array(side) / 32 for side in good), equal_var=False).confidence_interval()
     ours, others = ([(k, 32) for k in side] for side in good)
     np.testing.assert_allclose(lead_interval([ours], [others]), (welch.low, welch.high))
+    assert lead_interval([[(1, 32), (30, 32)]], [[(0, 32), (31, 32)]]) == (-1.0, 1.0)
     student = stats.ttest_1samp(np.array(good[1]) / 32, 0.0).confidence_interval()
     np.testing.assert_allclose(mean_interval([others]), (max(0.0, student.low), student.high))
 

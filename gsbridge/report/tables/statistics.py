@@ -129,7 +129,8 @@ def lead_interval(ours: Collection[Sequence[Tally]], others: Collection[Sequence
     below = np.hypot(means[0] - wilson[0][0], wilson[1][1] - means[1])
     above = np.hypot(wilson[0][1] - means[0], means[1] - wilson[1][0])
     redrawn = limits(_redrawn_mean(ours, 1) - _redrawn_mean(others, 2))
-    return min(redrawn[0], float(lead - max(below, half))), max(redrawn[1], float(lead + max(above, half)))
+    low, high = min(redrawn[0], float(lead - max(below, half))), max(redrawn[1], float(lead + max(above, half)))
+    return max(low, -1.0), min(high, 1.0)
 
 
 def _wilson(cells: Collection[Sequence[Tally]]) -> tuple[float, float]:
