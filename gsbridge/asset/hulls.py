@@ -7,6 +7,7 @@ from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from gsbridge.geometry import Array
+from gsbridge.mesh.repair import depth_inside
 from gsbridge.meshes import Mesh
 
 _SEARCH = 60
@@ -41,6 +42,30 @@ def decompose(mesh: Mesh, *, concavity: float, most: int, seed: int) -> list[Arr
         seed=seed,
     )
     return [np.asarray(vertices, dtype=np.float64) for vertices, _ in parts]
+
+
+_CELLS = 48
+"""Places along the longest side of a body at which its hulls are compared with it."""
+
+
+def filled_depth(hulls: list[Array], solid: Mesh) -> float:
+    """How far hulls reach into what a body leaves free: the distance of their deepest inner place from its surface, m.
+
+    A dent that is filled counts with its depth, a slot with half of its width. 0 where the hulls hold nothing but the body.
+
+    Args:
+        hulls: Vertices of each hull, body frame, m. [N, 3] each.
+        solid: Watertight, body frame, m.
+    """
+    low, high = solid.vertices.min(0), solid.vertices.max(0)
+    step = float((high - low).max()) / _CELLS
+    axes = [np.arange(a + 0.5 * step, b, step) for a, b in zip(low, high, strict=True)]
+    places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    held = np.zeros(len(places), bool)
+    for hull in hulls:
+        equations = ConvexHull(hull).equations
+        held[~held] = (places[~held] @ equations[:, :3].T + equations[:, 3] < 0).all(1)
+    return max(0.0, -float(depth_inside(solid, places[held]).min())) if held.any() else 0.0
 
 
 def seat(parts: list[Array], depth: float) -> list[Array]:

@@ -14,7 +14,7 @@ import numpy as np
 from gsbridge.asset.body import body_from_table, mass_properties, narrowest_width
 from gsbridge.asset.bullet import rest_check
 from gsbridge.asset.density import DENSITIES
-from gsbridge.asset.hulls import decompose, hull_mesh, inset, seat, simplify
+from gsbridge.asset.hulls import decompose, filled_depth, hull_mesh, inset, seat, simplify
 from gsbridge.asset.photos import AssetPhotos, compare_with_photos
 from gsbridge.asset.relief import RELIEF_URDF, find_relief, simplified
 from gsbridge.asset.rim import find_rim
@@ -40,6 +40,8 @@ SEATED = 1e-4
 _ON_TABLE = 1e-3
 """A surface that ends this close to the table stands on it, m: the foot's own tolerance."""
 _LARGEST_BACKGROUND = 5.0
+_FILLED = 1.5
+"""Hulls may fill dents up to the concavity that was asked for; more than this of it means that they were too few."""
 _HULL_EXCESS_MM = 3.0
 """The outlines' hull is larger than the surface in dents and under eaves; more than this on a whole side is worth a note."""
 
@@ -239,6 +241,12 @@ def _build_object(
     if min(moves) < 0.99 * settings.margin:
         count = sum(move < 0.99 * settings.margin for move in moves)
         reasons.append(f"{count} of {len(hulls)} hulls are too thin for the whole collision margin and stand out a little")
+    filled = filled_depth(hulls, solid)
+    if filled > _FILLED * settings.concavity:
+        reasons.append(
+            f"the collision hulls fill {1e3 * filled:.0f} mm of what the surface leaves free; "
+            f"{1e3 * settings.concavity:g} mm are meant, and `asset.most_hulls` ({settings.most_hulls}) allows no more hulls"
+        )
     rim = find_rim(solid)
     collisions = _write_meshes(outputs, {"hull": hulls, "bullet": shrunk}, _shifted(visual, pose))
     write_body_urdf(outputs.urdf, name, properties, visual=collisions["visual"][0], collisions=collisions["bullet"])
@@ -265,6 +273,7 @@ def _build_object(
                 "vertices": sum(len(hull) for hull in hulls),
                 "volume": sum(hull_mesh(hull).volume() for hull in hulls),
                 "lowest_mm": 1e3 * lowest,
+                "filled_mm": 1e3 * filled,
             },
             "outline_hull_volume": collision.volume(),
             "rest": rest.to_json(),

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from gsbridge.cameras import split_of
+from gsbridge.capture.lenses import by_lens, focal_lengths
 from gsbridge.capture.motion import FrameMotion, measure, sharpness_of, small_grey
 from gsbridge.capture.sources import (
     KnownView,
@@ -55,6 +56,8 @@ class _Chosen:
     known: KnownView | None = None
     size: tuple[int, int] | None = None
     """Width and height where it may differ from the other keyframes', px."""
+    focal: float | None = None
+    """Focal length by EXIF data where it may differ from the other keyframes', px."""
 
 
 def select_keyframes(source: Source, out_frames: Path, out_json: Path, settings: KeyframeSettings) -> None:
@@ -204,7 +207,10 @@ def _from_photos(
     cameras = [_scaled_known(photo, size, _scale(*size, settings)) for photo, size in zip(photos, sizes, strict=True)]
     chosen = []
     dropped = []
-    focal = next((_exif_focal_px(p.path) for p in photos[:1] if p.known is None), None)
+    # Photos of unlike sizes are brought to one longer side where they are larger, so that a lens keeps its focal length.
+    scales = [_scale(*size, settings) for size in sizes]
+    focals = [None] * len(photos) if photos[0].known else focal_lengths([photo.path for photo in photos])
+    focals = by_lens([focal * scale if focal else None for focal, scale in zip(focals, scales, strict=True)])
     with atomic_directory(out_frames) as folder:
         for index, photo in enumerate(track(photos, "read photos")):
             # The decoder applies the EXIF orientation.
@@ -221,7 +227,7 @@ def _from_photos(
             else:
                 write_image(folder / name, _resized(image, scale)[..., ::-1])
             size = round(image.shape[1] * scale), round(image.shape[0] * scale)
-            chosen.append(_Chosen(name, index, photo.time_s, sharpness, None, cameras[index], size))
+            chosen.append(_Chosen(name, index, photo.time_s, sharpness, None, cameras[index], size, focals[index]))
         if len({item.name for item in chosen}) < len(chosen):
             raise InputError(source.path, "two photos carry the same name with different endings", "Rename one of them")
         if len(chosen) < MIN_KEYFRAMES:
@@ -234,10 +240,9 @@ def _from_photos(
         reasons = [*doubts, *_few(len(chosen))]
         if dropped:
             reasons.append(f"{len(dropped)} of {len(photos)} photos dropped as black or blurred: {', '.join(dropped[:5])}")
-        scale = _scale(*sizes[0], settings)
-        size = round(sizes[0][0] * scale), round(sizes[0][1] * scale)
+        size = round(sizes[0][0] * scales[0]), round(sizes[0][1] * scales[0])
         counts = len(photos), len(photos)
-        _write_record(source, out_json, settings, chosen, size, counts, reasons, focal * scale if focal else None)
+        _write_record(source, out_json, settings, chosen, size, counts, reasons, focals[0])
 
 
 def _few(count: int) -> list[str]:
@@ -277,13 +282,6 @@ def _scaled_known(photo: Photo, size: tuple[int, int], scale: float) -> KnownVie
     return KnownView(camera.scaled(scale) if scale != 1.0 else camera, photo.known.cam_from_world)
 
 
-def _exif_focal_px(path: Path) -> float | None:
-    """Focal length from the photo's EXIF data, px at full size; None where it says nothing."""
-    from gsbridge.photogrammetry.colmap import exif_focal_px
-
-    return exif_focal_px(path)
-
-
 def _write_record(
     source: Source,
     out_json: Path,
@@ -310,6 +308,7 @@ def _write_record(
             "split": split_of(position),
         }
         | ({} if item.size in (None, size) else {"size": item.size})
+        | ({} if item.focal == focal_prior_px else {"focal_prior_px": item.focal})
         for position, item in enumerate(chosen)
     ]
     logger.info("%d keyframes of %d frames", len(chosen), counts[1])

@@ -130,7 +130,7 @@ def map_photos(
 
 
 def extract(database: Path, photos: Photos, settings: SfmSettings, threads: int, *, per_image: bool = False) -> None:
-    """Find SIFT features of all photos, which share a camera per image size or have one each.
+    """Find SIFT features of all photos, which share a camera per image size and lens or have one each.
 
     Args:
         database: COLMAP's database, which gets the features.
@@ -147,19 +147,17 @@ def extract(database: Path, photos: Photos, settings: SfmSettings, threads: int,
     options.sift.peak_threshold = settings.peak_threshold
     if max(photos.size) > DOUBLED_UP_TO_PX:
         options.sift.first_octave = 0
-    for (width, height), names in photos.by_size().items():
+    for ((width, height), focal), names in photos.by_camera().items():
         reader = pycolmap.ImageReaderOptions()
         if photos.camera is not None:
             # OPENCV also without distortion, so that one model holds every case.
             reader.camera_model = "OPENCV"
             params = [*colmap_params(photos.camera.undistorted()), *photos.camera.distortion]
             reader.camera_params = ",".join(repr(float(value)) for value in params)
-        elif photos.focal_prior_px is not None:
+        elif focal is not None:
             reader.camera_model = "SIMPLE_RADIAL"
-            # One lens: photos of another size were scaled to the same longer side, or turned.
-            focal = photos.focal_prior_px * max(width, height) / max(photos.size)
             reader.camera_params = f"{focal!r},{width / 2!r},{height / 2!r},0.0"
-        # Each call makes its own camera, which the images of one size share.
+        # Each call makes its own camera, which the images of one size and lens share.
         pycolmap.extract_features(
             database,
             photos.folder,
@@ -170,7 +168,7 @@ def extract(database: Path, photos: Photos, settings: SfmSettings, threads: int,
             device=pycolmap.Device.cpu,
         )
     if threads > 1:
-        number_images(database, [name for names in photos.by_size().values() for name in names])
+        number_images(database, [name for names in photos.by_camera().values() for name in names])
 
 
 def incremental_options(photos: Photos, seed: int, *, relaxed: bool) -> pycolmap.IncrementalPipelineOptions:

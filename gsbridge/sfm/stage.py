@@ -125,6 +125,7 @@ def _read_input(
         }
         sized = [frame for frame in record["frames"] if "size" in frame]
         others = {frame["name"]: (int(frame["size"][0]), int(frame["size"][1])) for frame in sized}
+        focals = {frame["name"]: frame["focal_prior_px"] for frame in record["frames"] if "focal_prior_px" in frame}
         ordered = record["source"]["kind"] in ("video", "film")
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(source, f"the record of the keyframes is damaged ({error})", "Delete it and run again") from error
@@ -138,7 +139,7 @@ def _read_input(
             f"keyframes have {unlike[0][0]} x {unlike[0][1]} pixels, the calibrated camera {camera.width} x {camera.height}",
             "Give this scene another camera in config.yaml",
         )
-    return Photos(frames, names, ordered, camera, record.get("focal_prior_px"), size, others), known
+    return Photos(frames, names, ordered, camera, record.get("focal_prior_px"), size, others, focals), known
 
 
 def pinhole_poses(model: pycolmap.Reconstruction) -> dict[str, tuple[Camera, Array]]:

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from gsbridge.asset.hulls import decompose, hull_mesh, inset, seat, simplify
+from gsbridge.asset.hulls import decompose, filled_depth, hull_mesh, inset, seat, simplify
 from gsbridge.meshes import Mesh
 
 
@@ -21,8 +21,8 @@ def distances(points: np.ndarray, hull: np.ndarray) -> np.ndarray:
     return (points @ equations[:, :3].T + equations[:, 3]).max(1)
 
 
-def test_decomposition_fills_the_body_and_repeats():
-    """An L of two boxes: two parts, and the space between the arms stays empty."""
+def angle() -> Mesh:
+    """An L: two arms, 20 mm thick, that are 60 and 80 mm long on their inner sides."""
     outline = np.array([[-0.01, 0], [0.07, 0], [0.07, 0.02], [0.01, 0.02], [0.01, 0.1], [-0.01, 0.1]])
     count = len(outline)
     vertices = np.concatenate([np.insert(outline, 1, y, axis=1) for y in (-0.02, 0.02)])
@@ -30,7 +30,12 @@ def test_decomposition_fills_the_body_and_repeats():
     sides = [[(i, (i + 1) % count, i + count), ((i + 1) % count, (i + 1) % count + count, i + count)] for i in range(count)]
     mesh = Mesh(vertices, np.concatenate([caps, caps[:, ::-1] + count, np.array(sides).reshape(-1, 3)[:, ::-1]]))
     assert mesh.is_watertight()
-    mesh = mesh if mesh.volume() > 0 else Mesh(mesh.vertices, mesh.faces[:, ::-1])
+    return mesh if mesh.volume() > 0 else Mesh(mesh.vertices, mesh.faces[:, ::-1])
+
+
+def test_decomposition_fills_the_body_and_repeats():
+    """An L of two boxes: two parts, and the space between the arms stays empty."""
+    mesh = angle()
     parts = decompose(mesh, concavity=0.003, most=8, seed=1)
     assert sum(hull_mesh(part).volume() for part in parts) == pytest.approx(mesh.volume(), rel=0.02)
     assert 2 <= len(parts) <= 4
@@ -38,6 +43,14 @@ def test_decomposition_fills_the_body_and_repeats():
     for part, other in zip(parts, again, strict=True):
         np.testing.assert_array_equal(part, other)
     assert len(decompose(mesh, concavity=0.2, most=8, seed=1)) == 1
+
+
+def test_what_hulls_fill_is_measured_from_the_surface():
+    """One hull of the L fills the triangle between its arms, x / 60 mm + y / 80 mm < 1 from the inner corner."""
+    mesh = angle()
+    parts = decompose(mesh, concavity=0.003, most=8, seed=1)
+    assert filled_depth(parts, mesh) < 0.003
+    assert filled_depth([np.asarray(mesh.vertices)], mesh) == pytest.approx(1 / (1 / 0.06 + 1 / 0.08), abs=0.0025)
 
 
 def test_seat_makes_the_foot_flat():

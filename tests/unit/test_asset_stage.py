@@ -159,6 +159,20 @@ def test_background_is_a_static_concave_body(tmp_path):
         client.disconnect()
 
 
+def test_hulls_that_are_too_few_for_a_hollow_body_are_told(tmp_path):
+    """Two towers on a plate, and one hull for all three."""
+    parts = [((0.1, 0.03, 0.01), 0.0, 0.005), ((0.02, 0.03, 0.06), -0.04, 0.04), ((0.02, 0.03, 0.06), 0.04, 0.04)]
+    scene = trimesh.util.concatenate([trimesh.creation.box(size).apply_translation((x, 0, z)) for size, x, z in parts])
+    body = Mesh(np.asarray(scene.vertices), np.asarray(scene.faces, np.int64), np.full(scene.vertices.shape, 0.5, np.float32))
+    for most, told in ((1, True), (12, False)):
+        outputs = make_outputs(tmp_path / str(most))
+        build_asset(make_inputs(tmp_path, body, body), outputs, AssetSettings(most_hulls=most), name="towers", seed=1)
+        record = read_json(outputs.record)
+        assert any("most_hulls" in reason for reason in record["reasons"]) == told, record["reasons"]
+        # The middle of the two towers' gap, 30 mm from either, is as far from the plate.
+        assert record["hulls"]["filled_mm"] == pytest.approx(30, abs=1.5) if told else record["hulls"]["filled_mm"] < 5
+
+
 def lifted(mesh: Mesh, height: float) -> Mesh:
     return Mesh(mesh.vertices + np.array([0, 0, height]), mesh.faces, mesh.colours)
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import PIL.Image
 import pytest
 from posed_scene import BOARD, names, photos
 
@@ -198,6 +199,37 @@ def test_portrait_and_landscape_photos_are_one_capture_with_a_camera_each(
     assert (other.width, other.height) == (camera.width, camera.height)
     aligned = align(tmp_path)
     assert aligned["scale_source"] == "tags"
+    views = read_views(tmp_path / "views.json", tmp_path / "images")
+    errors = [1e3 * np.linalg.norm(view.centre - camera_centre(pose)) for view, pose in zip(views, poses, strict=True)]
+    assert np.mean(errors) < 4.0
+
+
+@pytest.mark.slow
+def test_photos_of_two_lenses_at_one_size_have_a_camera_each(tmp_path: Path, capture: tuple[Path, Camera, list[Array]]) -> None:
+    """Every third photo is the middle of what it was, enlarged to the same size: a lens 1.4 times as long."""
+    folder, camera, poses = capture
+    far = set(names(len(poses))[1::3])
+    (tmp_path / "photos").mkdir()
+    for name in names(len(poses)):
+        with PIL.Image.open(folder / name) as image:
+            zoom = 1.4 if name in far else 1.0
+            beside, above = (0.5 * side * (1 - 1 / zoom) for side in image.size)
+            box = (beside, above, image.width - beside, image.height - above)
+            exif = PIL.Image.Exif()
+            # 36 mm of film are as wide as the photo.
+            exif.get_ifd(0x8769)[0xA405] = round(36 * zoom * camera.fx / camera.width)
+            image.resize(image.size, PIL.Image.Resampling.LANCZOS, box).save(
+                (tmp_path / "photos" / name).with_suffix(".jpg"), quality=98, exif=exif
+            )
+    frames, keyframes = keyframes_of(Source("images", tmp_path / "photos"), tmp_path)
+    chosen = json.loads(keyframes.read_text())["frames"]
+    assert {frame["name"] for frame in chosen if "focal_prior_px" in frame} == far
+    record = run(tmp_path, frames, keyframes)
+    assert record["registered"] == len(poses)
+    assert set(record["other_cameras"]) == far
+    longer = Camera.from_json(next(iter(record["other_cameras"].values())))
+    assert longer.fx / Camera.from_json(record["camera"]).fx == pytest.approx(1.4, rel=0.01)
+    align(tmp_path)
     views = read_views(tmp_path / "views.json", tmp_path / "images")
     errors = [1e3 * np.linalg.norm(view.centre - camera_centre(pose)) for view, pose in zip(views, poses, strict=True)]
     assert np.mean(errors) < 4.0
