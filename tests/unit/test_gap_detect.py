@@ -13,7 +13,8 @@ from gsbridge.gap.benchmark.mechanisms import axis_plant
 from gsbridge.gap.benchmark.noises import NOISES, spoiled
 from gsbridge.gap.benchmark.trajectories import course
 from gsbridge.gap.diagnosis.verdict import transfer
-from gsbridge.gap.formats.records import Record, quantum_of
+from gsbridge.gap.formats.quantum import quantum_of
+from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.coherence import _pairs, coherence_p, line_p, related, without_witness
 from gsbridge.gap.joints.detect import block_means, joint_null
 from gsbridge.gap.joints.mechanism.replay import Mechanism

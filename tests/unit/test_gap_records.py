@@ -5,7 +5,8 @@ import pandas as pd
 import pytest
 
 from gsbridge.errors import InputError
-from gsbridge.gap.formats.records import Layout, check_degrees, doubtful_degrees, quantum_of, read_record
+from gsbridge.gap.formats.quantum import largest_steps, quantum_of
+from gsbridge.gap.formats.records import Layout, check_degrees, doubtful_degrees, read_record
 
 LAYOUT = Layout(("axis",))
 
@@ -267,6 +268,25 @@ def test_a_short_record_shows_the_step_of_a_fine_encoder():
     moved = np.sin(np.linspace(0.0, 6.0, 300))[:, None]
     assert quantum_of(np.round(moved / step) * step) == pytest.approx(step)
     assert quantum_of(moved + 1e-4 * rng.normal(size=moved.shape)) == 0.0
+
+
+def test_a_log_that_was_brought_to_other_times_shows_the_step_of_its_encoder():
+    """Between two samples of the encoder lie values that are none of its levels, and all are written with six digits."""
+    step, clock = 2 * np.pi / 4096, np.arange(0.0, 6.0, 0.011)
+    counted = np.round(0.4 * np.sin(clock) ** 3 / step) * step
+    resampled = np.round(np.interp(np.arange(0.0, 5.9, 0.005), clock, counted), 6)[:, None]
+    assert quantum_of(resampled) == pytest.approx(step, rel=1e-3)
+    # From rest to rest, without an encoder: the postures lie a tenth apart, which is no step.
+    rests = np.repeat(np.array([0.0, 0.3, 0.1, 0.5, 0.2, 0.4]), 50)
+    moving = np.convolve(rests, np.hanning(21) / np.hanning(21).sum(), mode="valid")[:, None]
+    assert quantum_of(moving) == 0.0
+
+
+def test_the_steps_of_several_logs_are_those_of_the_one_that_shows_them():
+    logs = [{"position": np.array([0.0, 1e-3])}, {"position": np.array([2e-3, 1e-3]), "velocity": np.array([0.1, 0.2])}]
+    steps = largest_steps(logs)
+    np.testing.assert_array_equal(steps["position"], [2e-3, 1e-3])
+    np.testing.assert_array_equal(steps["velocity"], [0.1, 0.2])
 
 
 def test_quantum_is_the_smallest_step():

@@ -309,7 +309,9 @@ class Account:
         lines = [self._line(entry) for entry in account.entries[:_LISTED]]
         more = f" and {len(account.entries) - _LISTED} more" if len(account.entries) > _LISTED else ""
         rest = f", mostly in {account.channel}, {account.phase}" if account.channel else ""
-        head = f"No single known effect suffices. Closest {'are' if lines[1:] else 'is'} {', '.join(lines)}{more}"
+        most = "Several known effects together explain most of the gap, none of them proven:"
+        none = f"No single known effect suffices. Closest {'are' if lines[1:] else 'is'}"
+        head = f"{most if lines[1:] and account.explained >= TRANSFERS else none} {', '.join(lines)}{more}"
         if first.verdict == LIKELY and first.share >= TRANSFERS:
             head = f"Likely, not proven: {lines[0]}; no other known effect explains as much in its place"
             head += f". Beside it come {', '.join(lines[1:])}{more}" if lines[1:] else ""

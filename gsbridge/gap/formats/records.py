@@ -14,6 +14,7 @@ import pandas as pd
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.branches import unwrapped
 from gsbridge.gap.formats.columns import Columns, read_table
+from gsbridge.gap.formats.quantum import quantum_of
 from gsbridge.gap.formats.units import SLIDING
 from gsbridge.geometry import Array
 
@@ -33,9 +34,6 @@ AXES = ("x", "y", "z")
 
 _DEGREES = 180 / np.pi
 _MILLIMETRES = 1e3
-
-_LEVELS = 20
-"""Levels from which on it is no chance that all of them lie whole steps apart."""
 
 
 @dataclass(frozen=True)
@@ -372,19 +370,3 @@ def _slope(values: Array, against: Array) -> float | None:
     if b.std() < 1e-6 or a.std() == 0 or abs(np.mean(a * b)) < 0.8 * a.std() * b.std():
         return None
     return float(abs(np.mean(a * b)) / b.var())
-
-
-def quantum_of(values: Array) -> Array:
-    """Step of the digits of each column, 0 where values are not visibly quantised. [T, N] -> [N].
-
-    A short record of a fine encoder hardly ever shows a level twice, but all its levels lie whole steps apart.
-    """
-    out = np.zeros(values.shape[1])
-    for k, column in enumerate(values.T):
-        levels = np.unique(column)
-        if 2 < len(levels) < 0.9 * len(column) or len(levels) >= _LEVELS:
-            steps = np.diff(levels)
-            multiples = steps / steps.min()
-            if np.abs(multiples - np.round(multiples)).max() < 0.05:
-                out[k] = float(steps.min())
-    return out

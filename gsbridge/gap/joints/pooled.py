@@ -115,4 +115,4 @@ def spread_of(both: PooledResiduals, effects: Sequence[Applied], jacobian: Array
     meats = [np.real(np.stack(parts).T @ np.stack(parts).conj()) for parts in (moments, lines)]
     variances = [np.diag(curvature @ meat @ curvature) for meat in meats]
     # Of what does not show at all nothing is known.
-    return np.where(hidden, np.inf, np.sqrt(np.maximum.reduce([*variances, np.diag(curvature)])) * scale)
+    return np.where(hidden, np.inf, np.sqrt(np.maximum.reduce([*variances, np.diag(curvature), np.zeros(len(sizes))])) * scale)
