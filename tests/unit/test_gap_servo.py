@@ -25,7 +25,7 @@ URDF = f"""<robot name="pendulum">
 
 
 def swung(commands: np.ndarray, period: float) -> np.ndarray:
-    """Angles of a pendulum on a geared servo, by a simulation of its own: dry friction takes a share of the torque in the gear."""
+    """Angles of a pendulum on a geared servo, simulated here: dry friction takes a share of the torque in the gear."""
     angle, speed, inertia, fine = 0.0, 0.0, MASS * LENGTH**2 + ROTOR, 20
     out = []
     for command in commands:

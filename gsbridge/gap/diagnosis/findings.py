@@ -306,8 +306,8 @@ class Account:
     def _closest(self, account: GapAccount) -> str:
         """What comes nearest where nothing can be named, what it leaves, and what to do next."""
         first = account.entries[0]
-        lines = [self._line(entry) for entry in account.entries[:_LISTED]]
-        more = f" and {len(account.entries) - _LISTED} more" if len(account.entries) > _LISTED else ""
+        lines = [self._line(entry) for entry in account.entries[:_LISTED] if entry is first or entry.share >= 0.005]
+        more = f" and {len(account.entries) - len(lines)} more" if len(account.entries) > len(lines) else ""
         rest = f", mostly in {account.channel}, {account.phase}" if account.channel else ""
         most = "Several known effects together explain most of the gap, none of them proven:"
         none = f"No single known effect suffices. Closest {'are' if lines[1:] else 'is'}"
@@ -315,7 +315,7 @@ class Account:
         if first.verdict == LIKELY and first.share >= TRANSFERS:
             head = f"Likely, not proven: {lines[0]}; no other known effect explains as much in its place"
             head += f". Beside it come {', '.join(lines[1:])}{more}" if lines[1:] else ""
-        them, have = ("them", "they have") if lines[1:] else ("it", "it has")
+        them, have = ("them", "they have") if account.entries[1:] else ("it", "it has")
         return (
             f"{head}. With {them} in the model, {100 * (1.0 - account.explained):.0f} % of the gap remains on {self.others} "
             f"that {have} not seen{rest}. Do this next: {first.candidate.effect.tell_apart}."
@@ -367,7 +367,7 @@ def _spans(candidate: Candidate, effect: Applied, deviations: Array, wide: float
 def _figures(parameters: Mapping[str, Mapping[str, Any]]) -> str:
     """Parameters of a described effect in a sentence."""
     return ", ".join(
-        f"{row.get('called', name)} {_rounded(row['value'], row['interval90'])} {row['unit']}".rstrip()
+        f"{row.get('called', name)} {_rounded(row['value'], row['interval90'])} {row['unit']}".removesuffix(" 1").rstrip()
         for name, row in parameters.items()
     )
 
