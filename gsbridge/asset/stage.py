@@ -243,9 +243,14 @@ def _build_object(
         reasons.append(f"{count} of {len(hulls)} hulls are too thin for the whole collision margin and stand out a little")
     filled = filled_depth(hulls, solid)
     if filled > _FILLED * settings.concavity:
+        few = (
+            f", and `asset.most_hulls` ({settings.most_hulls}) allows no more hulls"
+            if len(hulls) >= settings.most_hulls
+            else ""
+        )
         reasons.append(
             f"the collision hulls fill {1e3 * filled:.0f} mm of what the surface leaves free; "
-            f"{1e3 * settings.concavity:g} mm are meant, and `asset.most_hulls` ({settings.most_hulls}) allows no more hulls"
+            f"{1e3 * settings.concavity:g} mm are meant{few}"
         )
     rim = find_rim(solid)
     collisions = _write_meshes(outputs, {"hull": hulls, "bullet": shrunk}, _shifted(visual, pose))

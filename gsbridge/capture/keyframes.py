@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from gsbridge.cameras import split_of
-from gsbridge.capture.lenses import by_lens, focal_lengths
+from gsbridge.capture.lenses import Lens, lenses_of
 from gsbridge.capture.motion import FrameMotion, measure, sharpness_of, small_grey
 from gsbridge.capture.sources import (
     KnownView,
@@ -56,8 +56,8 @@ class _Chosen:
     known: KnownView | None = None
     size: tuple[int, int] | None = None
     """Width and height where it may differ from the other keyframes', px."""
-    focal: float | None = None
-    """Focal length by EXIF data where it may differ from the other keyframes', px."""
+    lens: Lens | None = None
+    """Lens by EXIF data, where there may be several."""
 
 
 def select_keyframes(source: Source, out_frames: Path, out_json: Path, settings: KeyframeSettings) -> None:
@@ -209,8 +209,7 @@ def _from_photos(
     dropped = []
     # Photos of unlike sizes are brought to one longer side where they are larger, so that a lens keeps its focal length.
     scales = [_scale(*size, settings) for size in sizes]
-    focals = [None] * len(photos) if photos[0].known else focal_lengths([photo.path for photo in photos])
-    focals = by_lens([focal * scale if focal else None for focal, scale in zip(focals, scales, strict=True)])
+    lenses = [Lens(0, None)] * len(photos) if photos[0].known else lenses_of([photo.path for photo in photos], scales)
     with atomic_directory(out_frames) as folder:
         for index, photo in enumerate(track(photos, "read photos")):
             # The decoder applies the EXIF orientation.
@@ -227,7 +226,7 @@ def _from_photos(
             else:
                 write_image(folder / name, _resized(image, scale)[..., ::-1])
             size = round(image.shape[1] * scale), round(image.shape[0] * scale)
-            chosen.append(_Chosen(name, index, photo.time_s, sharpness, None, cameras[index], size, focals[index]))
+            chosen.append(_Chosen(name, index, photo.time_s, sharpness, None, cameras[index], size, lenses[index]))
         if len({item.name for item in chosen}) < len(chosen):
             raise InputError(source.path, "two photos carry the same name with different endings", "Rename one of them")
         if len(chosen) < MIN_KEYFRAMES:
@@ -242,7 +241,7 @@ def _from_photos(
             reasons.append(f"{len(dropped)} of {len(photos)} photos dropped as black or blurred: {', '.join(dropped[:5])}")
         size = round(sizes[0][0] * scales[0]), round(sizes[0][1] * scales[0])
         counts = len(photos), len(photos)
-        _write_record(source, out_json, settings, chosen, size, counts, reasons, focals[0])
+        _write_record(source, out_json, settings, chosen, size, counts, reasons, lenses[0].focal)
 
 
 def _few(count: int) -> list[str]:
@@ -308,7 +307,7 @@ def _write_record(
             "split": split_of(position),
         }
         | ({} if item.size in (None, size) else {"size": item.size})
-        | ({} if item.focal == focal_prior_px else {"focal_prior_px": item.focal})
+        | ({"lens": item.lens.number, "focal_prior_px": item.lens.focal} if item.lens and item.lens.number else {})
         for position, item in enumerate(chosen)
     ]
     logger.info("%d keyframes of %d frames", len(chosen), counts[1])

@@ -147,7 +147,7 @@ def extract(database: Path, photos: Photos, settings: SfmSettings, threads: int,
     options.sift.peak_threshold = settings.peak_threshold
     if max(photos.size) > DOUBLED_UP_TO_PX:
         options.sift.first_octave = 0
-    for ((width, height), focal), names in photos.by_camera().items():
+    for (width, height), focal, names in photos.by_camera():
         reader = pycolmap.ImageReaderOptions()
         if photos.camera is not None:
             # OPENCV also without distortion, so that one model holds every case.
@@ -168,7 +168,7 @@ def extract(database: Path, photos: Photos, settings: SfmSettings, threads: int,
             device=pycolmap.Device.cpu,
         )
     if threads > 1:
-        number_images(database, [name for names in photos.by_camera().values() for name in names])
+        number_images(database, [name for _, _, names in photos.by_camera() for name in names])
 
 
 def incremental_options(photos: Photos, seed: int, *, relaxed: bool) -> pycolmap.IncrementalPipelineOptions:

@@ -21,8 +21,8 @@ class Photos:
         focal_prior_px: Focal length from EXIF data, px at this size.
         size: Width and height, px.
         other_sizes: Those of images that differ, by name: a camera of its own for each size.
-        other_focals: Focal lengths from EXIF data of images that differ, by name, px; None where theirs is unknown. A camera of
-            its own for each.
+        other_lenses: Number and focal length from EXIF data, px, of the lens of images that differ, by name; None where it is
+            unknown. A camera of its own for each, unless all have the calibrated one.
     """
 
     folder: Path
@@ -32,12 +32,13 @@ class Photos:
     focal_prior_px: float | None
     size: tuple[int, int]
     other_sizes: Mapping[str, tuple[int, int]] = field(default_factory=dict)
-    other_focals: Mapping[str, float | None] = field(default_factory=dict)
+    other_lenses: Mapping[str, tuple[int, float | None]] = field(default_factory=dict)
 
-    def by_camera(self) -> dict[tuple[tuple[int, int], float | None], list[str]]:
-        """Names of the images of each size and focal length from EXIF data, in order."""
-        out: dict[tuple[tuple[int, int], float | None], list[str]] = {}
+    def by_camera(self) -> list[tuple[tuple[int, int], float | None, list[str]]]:
+        """Size, focal length from EXIF data and names, in order, of the images that share a camera."""
+        out: dict[tuple[tuple[int, int], int], tuple[float | None, list[str]]] = {}
         for name in self.names:
-            key = self.other_sizes.get(name, self.size), self.other_focals.get(name, self.focal_prior_px)
-            out.setdefault(key, []).append(name)
-        return out
+            first = (0, self.focal_prior_px)
+            lens, focal = first if self.camera is not None else self.other_lenses.get(name, first)
+            out.setdefault((self.other_sizes.get(name, self.size), lens), (focal, []))[1].append(name)
+        return [(size, focal, names) for (size, _), (focal, names) in out.items()]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from typing import Any
 
 import cv2  # noqa: F401  (must be loaded before pycolmap)
@@ -31,7 +32,7 @@ FLAT_BOARD = 0.005
 """Layout residual above which the board is taken for bent or the model for wrong, as a share of the board's width (1.5 mm)."""
 
 MIN_IMAGES_INTRINSICS = 15
-"""Images from which the intrinsics are refined too; fewer do not tell the principal point from a turn of the camera."""
+"""Images of a camera from which its intrinsics are refined; fewer do not tell the principal point from a turn of the camera."""
 
 FLAT_HEIGHT = 0.006
 FLAT_SHARE = 0.03
@@ -71,7 +72,7 @@ def refine_with_tags(
     metric.transform(pycolmap.Sim3d(fit.scale, pycolmap.Rotation3d(fit.rotation), fit.translation))
     joint, tag_points = _with_tag_points(metric, raw_tags, {i: layout[i] for i in ids})
     flat = is_flat(metric)
-    _adjust(joint, tag_points, free=not flat and joint.num_reg_images() >= MIN_IMAGES_INTRINSICS)
+    _adjust(joint, tag_points, free=not flat)
     for point_id in tag_points:
         joint.delete_point3D(point_id)
     joint.update_point_3d_errors()
@@ -130,7 +131,7 @@ def _with_tag_points(
 
 
 def _adjust(model: pycolmap.Reconstruction, constant: list[int], *, free: bool) -> None:
-    """Robust bundle adjustment with some points held, in place; the intrinsics move only where `free`."""
+    """Robust bundle adjustment with some points held, in place; where `free`, intrinsics of cameras with many images move."""
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False
     options.refine_focal_length = free
@@ -144,8 +145,9 @@ def _adjust(model: pycolmap.Reconstruction, constant: list[int], *, free: bool) 
     config = pycolmap.BundleAdjustmentConfig()
     for image_id in model.reg_image_ids():
         config.add_image(image_id)
-    if not free:
-        for camera_id in model.cameras:
+    taken = Counter(model.image(image_id).camera_id for image_id in model.reg_image_ids())
+    for camera_id in model.cameras:
+        if not free or taken[camera_id] < MIN_IMAGES_INTRINSICS:
             config.set_constant_cam_intrinsics(camera_id)
     for point_id in constant:
         config.add_constant_point(point_id)

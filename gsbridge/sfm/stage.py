@@ -125,7 +125,7 @@ def _read_input(
         }
         sized = [frame for frame in record["frames"] if "size" in frame]
         others = {frame["name"]: (int(frame["size"][0]), int(frame["size"][1])) for frame in sized}
-        focals = {frame["name"]: frame["focal_prior_px"] for frame in record["frames"] if "focal_prior_px" in frame}
+        lenses = {frame["name"]: (int(frame["lens"]), frame["focal_prior_px"]) for frame in record["frames"] if "lens" in frame}
         ordered = record["source"]["kind"] in ("video", "film")
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(source, f"the record of the keyframes is damaged ({error})", "Delete it and run again") from error
@@ -139,7 +139,16 @@ def _read_input(
             f"keyframes have {unlike[0][0]} x {unlike[0][1]} pixels, the calibrated camera {camera.width} x {camera.height}",
             "Give this scene another camera in config.yaml",
         )
-    return Photos(frames, names, ordered, camera, record.get("focal_prior_px"), size, others, focals), known
+    focals = sorted(
+        {round(focal) for focal in (record.get("focal_prior_px"), *(focal for _, focal in lenses.values())) if focal}
+    )
+    if camera is not None and len(focals) > 1:
+        raise InputError(
+            source,
+            f"the EXIF data say focal lengths of {focals[0]} to {focals[-1]} px; the calibrated camera has one",
+            "Leave out the photos of another lens, or give this scene no camera in config.yaml",
+        )
+    return Photos(frames, names, ordered, camera, record.get("focal_prior_px"), size, others, lenses), known
 
 
 def pinhole_poses(model: pycolmap.Reconstruction) -> dict[str, tuple[Camera, Array]]:

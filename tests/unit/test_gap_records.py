@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from gsbridge.errors import InputError
-from gsbridge.gap.formats.quantum import largest_steps, quantum_of
+from gsbridge.gap.formats.quantum import quantum_of, shared_steps
 from gsbridge.gap.formats.records import Layout, check_degrees, doubtful_degrees, read_record
 
 LAYOUT = Layout(("axis",))
@@ -282,11 +282,36 @@ def test_a_log_that_was_brought_to_other_times_shows_the_step_of_its_encoder():
     assert quantum_of(moving) == 0.0
 
 
-def test_the_steps_of_several_logs_are_those_of_the_one_that_shows_them():
-    logs = [{"position": np.array([0.0, 1e-3])}, {"position": np.array([2e-3, 1e-3]), "velocity": np.array([0.1, 0.2])}]
-    steps = largest_steps(logs)
-    np.testing.assert_array_equal(steps["position"], [2e-3, 1e-3])
-    np.testing.assert_array_equal(steps["velocity"], [0.1, 0.2])
+@pytest.mark.parametrize("bits", [12, 14, 16])
+def test_the_step_of_a_fine_encoder_is_found_among_six_digits(bits):
+    step = 2 * np.pi / 2**bits
+    moved = np.round(0.5 * np.sin(np.linspace(0.0, 6.0, 900)) / step) * step
+    assert quantum_of(np.round(moved, 6)[:, None]) == pytest.approx(step, rel=1e-3)
+
+
+@pytest.mark.parametrize("step", [0.0, 2 * np.pi / 4096])
+def test_postures_a_round_angle_apart_are_no_steps(step):
+    """From posture to posture, three degrees apart, each for a second; with an encoder its own step is the one that counts."""
+    postures = np.deg2rad(3.0) * np.repeat(np.arange(60.0), 50)
+    moving = np.convolve(postures, np.hanning(17) / np.hanning(17).sum(), mode="valid")
+    seen = np.round(moving / step) * step if step else np.round(moving, 6)
+    assert quantum_of(seen[:, None])[0] == pytest.approx(step, rel=1e-3) if step else quantum_of(seen[:, None])[0] < 2e-6
+
+
+def test_a_log_that_hardly_moves_counts_as_the_others_do_and_no_other_log_does():
+    step, time = 2 * np.pi / 4096, np.arange(0.0, 6.0, 0.01)
+    moves = np.round(0.3 * np.sin(time) / step) * step
+    rests = np.where(time < 3.0, 7 * step, 9 * step)
+    fine = np.round(0.3 * np.sin(time) + 2e-4 * np.random.default_rng(0).normal(size=time.shape), 6)
+    coarse = np.round(0.3 * np.sin(time), 2)
+    logs = [{"position": column[:, None]} for column in (moves, rests, fine, coarse)]
+    alone = [{"position": quantum_of(log["position"])} for log in logs]
+    assert alone[1]["position"] == 0.0
+    found = [float(steps["position"][0]) for steps in shared_steps(logs, alone)]
+    assert found[:2] == [pytest.approx(step), pytest.approx(step)]
+    # What one log was written with says nothing of the others.
+    assert found[2] < 2e-6
+    assert found[3] == pytest.approx(0.01)
 
 
 def test_quantum_is_the_smallest_step():

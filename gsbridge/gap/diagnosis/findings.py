@@ -306,15 +306,15 @@ class Account:
     def _closest(self, account: GapAccount) -> str:
         """What comes nearest where nothing can be named, what it leaves, and what to do next."""
         first = account.entries[0]
-        lines = [self._line(entry) for entry in account.entries[:_LISTED] if entry is first or entry.share >= 0.005]
+        lines = [self._line(entry) for entry in account.entries[:_LISTED] if entry is first or abs(entry.share) >= 0.005]
         more = f" and {len(account.entries) - len(lines)} more" if len(account.entries) > len(lines) else ""
         rest = f", mostly in {account.channel}, {account.phase}" if account.channel else ""
+        head = f"No single known effect suffices. Closest {'are' if account.entries[1:] else 'is'}"
         most = "Several known effects together explain most of the gap, none of them proven:"
-        none = f"No single known effect suffices. Closest {'are' if lines[1:] else 'is'}"
-        head = f"{most if lines[1:] and account.explained >= TRANSFERS else none} {', '.join(lines)}{more}"
+        head = f"{most if account.explained >= TRANSFERS > first.share else head} {', '.join(lines)}{more}"
         if first.verdict == LIKELY and first.share >= TRANSFERS:
             head = f"Likely, not proven: {lines[0]}; no other known effect explains as much in its place"
-            head += f". Beside it come {', '.join(lines[1:])}{more}" if lines[1:] else ""
+            head += f". Beside it come {', '.join(lines[1:])}{more}".replace("come  and", "come") if account.entries[1:] else ""
         them, have = ("them", "they have") if account.entries[1:] else ("it", "it has")
         return (
             f"{head}. With {them} in the model, {100 * (1.0 - account.explained):.0f} % of the gap remains on {self.others} "

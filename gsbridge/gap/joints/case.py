@@ -17,7 +17,7 @@ from gsbridge.gap.diagnosis.results import ROLES
 from gsbridge.gap.formats.clock import steadied, unbroken
 from gsbridge.gap.formats.following import check_following, differenced
 from gsbridge.gap.formats.logs import read_log
-from gsbridge.gap.formats.quantum import largest_steps
+from gsbridge.gap.formats.quantum import shared_steps
 from gsbridge.gap.formats.records import (
     AXES,
     COMMANDS,
@@ -138,8 +138,8 @@ def _joint_case(path: Path) -> JointCase:
             f"time stamps scatter by {1e3 * max(scattered.values()):.2g} ms about a steady clock ({rates}), by which the "
             "motion is much smoother: its times were taken"
         )
-    steps = largest_steps([record.quantum for record in records.values()])
-    records = {role: replace(record, quantum={k: steps[k] for k in record.quantum}) for role, record in records.items()}
+    quanta = shared_steps([record.measured for record in records.values()], [record.quantum for record in records.values()])
+    records = {role: replace(records[role], quantum=steps) for role, steps in zip(records, quanta, strict=True)}
     reasons += _repeated(records)
     if all(differenced(record) for record in records.values()):
         records = {role: _without(record, "velocity") for role, record in records.items()}

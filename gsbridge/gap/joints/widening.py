@@ -42,7 +42,7 @@ _EACH = 0.25
 """Of the part that an effect must explain of all records together, the share that it must explain of each."""
 
 _LARGE, _HALF_SURE = 0.05, 0.5
-"""Share of the gap of all records from which on an effect may be less sure of each of them, and by how much: what one motion
+"""Share of the gap of all records from which on an effect may be less sure of one of them, and by how much: what one motion
 hardly asks for, such as the inertia of a rotor at a slow pace, is not refuted there."""
 
 _IDLE = 0.01
@@ -341,8 +341,9 @@ class Widening:
             return False
         helps = [share >= _EACH * self.rules.worth for share in shares[1:]]
         pairs = ((best.first, trial.first), (best.residual, trial.residual))
-        sure = self.rules.deviations * (_HALF_SURE if shares[0] >= _LARGE else 1.0)
-        helps = [good and transfer(*pair, remembered=False) > sure for good, pair in zip(helps, pairs, strict=True)]
+        sure = [transfer(*pair, remembered=False) / self.rules.deviations for pair in pairs]
+        least = _HALF_SURE if shares[0] >= _LARGE and max(sure) > 1.0 else 1.0
+        helps = [good and one > least for good, one in zip(helps, sure, strict=True)]
         if not all(helps) and any(helps) and trial.fit.who[-1].effect.threshold:
             # A table says nothing of a motion that never comes near it, and little of one that touches it once: there it must
             # only do no harm.
