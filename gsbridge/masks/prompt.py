@@ -81,8 +81,8 @@ def find_object(views: Sequence[View], sparse: SparsePoints, height_share: float
     points = sparse.points
     found = find_standing(points, focus, distance, height_share, min_points)
     advice = (
-        "Film closer, let the object fill a third of the picture and add light; a smooth, plain object needs the sam2 backend "
-        "with weights (masks.backend, masks.sam2_weights)"
+        "Film closer, let the object fill a third of the picture and add light; a smooth, plain object stands out from a table "
+        "with a pattern, such as a cloth"
     )
     if found.above < min_points:
         raise StageError("masks", f"only {found.above} points stand above the table, {min_points} are needed", advice)

@@ -70,7 +70,9 @@ def test_every_target_of_the_pages_is_planned(snakemake, config, write_config, t
     asked = targets()
     assert {"simulator", "gap", "results/scenes/my_mug/report.html", "results/scenes/foam_pad/asset/asset.json"} <= set(asked)
     prepare(tmp_path)
-    config["scenes"]["my_mug"] = {"kind": "object", "source": {"video": str(tmp_path / "mug.mp4")}, "board": "a4"}
+    filmed = {"source": {"video": str(tmp_path / "mug.mp4")}, "board": "a4", "require_scale": True}
+    config["scenes"] |= {"my_mug": {"kind": "object", **filmed}, "my_table": {"kind": "background", **filmed}}
+    config["cells"].append({"task": "grasp", "object": "my_mug", "background": "my_table"})
     config["gap"] = {"cases": dict.fromkeys(("my_axis", "my_cube"), str(tmp_path / "case.yaml"))}
     planned = snakemake("--dry-run", "--quiet", "--directory", str(tmp_path), *write_config(config), "--", *asked)
     assert "MissingRuleException" not in planned.stderr
