@@ -136,8 +136,9 @@ NAMES = {"games": "GaMeS", "games_vertices": "GaMeS, free vertices", "soft": "so
 MARK = "†"
 GAIN_NOTE = (
     "soft − GaMeS: same mesh, budget, learning rates, initialisation and seeds, offset frozen at 0 for GaMeS; mean over the "
-    "seeds that both have, the range over the seeds in brackets. Free vertices: GaMeS whose training moves the mesh, too."
+    "seeds that both have, the range over the seeds in brackets."
 )
+MOVING_NOTE = "Free vertices: GaMeS whose training moves the mesh, too."
 CEILING_NOTE = (
     "Noise ceiling: what the path tracer's own noise leaves of the PSNR of a perfect model, from two takes of one frame."
 )
@@ -210,7 +211,8 @@ def quality_table(
                 line.status,
             )
         )
-    notes = [MASKED_NOTE, GAIN_NOTE, *([CEILING_NOTE] if with_ceiling else [])] if explained else []
+    more = [*([MOVING_NOTE] if with_moving else []), *([CEILING_NOTE] if with_ceiling else [])]
+    notes = [MASKED_NOTE, GAIN_NOTE, *more] if explained else []
     for kind, name in (("object", "objects"), ("background", "backgrounds")):
         mine = [line for line in lines if line.kind == kind and line.gain is not None]
         if len(mine) > 1:
