@@ -112,7 +112,7 @@ def test_too_few_points_on_a_plain_table_stop_with_advice(scene, tmp_path):
     for view in scene.views:
         write_image(tmp_path / "grey" / view.name, np.full((view.camera.height, view.camera.width, 3), 0.5))
     views = Views(tmp_path / "grey", scene.views.views)
-    with pytest.raises(StageError, match=r"points (stand above the table|lie on the object), 8 are needed.*sam2"):
+    with pytest.raises(StageError, match=r"points (stand above the table|lie on the object), 8 are needed.*with a pattern"):
         segment_object(views, tmp_path / "points.npz", tmp_path / "images", tmp_path / "masks.json", SMALL)
     assert not (tmp_path / "images").exists()
     assert not (tmp_path / "masks.json").exists()
