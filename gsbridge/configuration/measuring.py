@@ -51,8 +51,6 @@ class ComparisonSettings(Settings):
     """Seeds of soft and GaMeS, with vertices frozen and free, in the comparison; the main run's among them."""
     hull: Switch = True
     """Whether soft and GaMeS are also trained on the visual hull of the mirror's objects, a poor mesh."""
-    controls: Switch = True
-    """Whether two controls are trained beside the bindings: splats without a mesh, and GaMeS with free vertices."""
 
 
 class EditingSettings(Settings):

@@ -16,10 +16,7 @@ from gsbridge.experiment.policies import PolicyFiles, workspace_of
 from gsbridge.given import read_given_json
 from gsbridge.reading import absent
 
-CONTROLS = ("unbound", "games_vertices")
-"""What bounds a binding from above, and GaMeS as its authors train it."""
-
-BINDINGS = ("games", "soft", "refined", *CONTROLS)
+BINDINGS = ("games", "soft", "refined", "unbound", "games_vertices")
 """Ways in which splats hold on to a mesh; recordings show the first three."""
 
 
@@ -298,8 +295,7 @@ class Experiment:
         """Names of the extra trainings of a scene: more seeds, and of a mirrored object the same on its visual hull."""
         plan, first = self.settings("comparison"), self.config["seed"]
         seeds = range(first, first + plan["seeds"])
-        compared = ("games", "soft", "games_vertices") if plan["controls"] else ("games", "soft")
-        runs = [f"visual-{binding}-seed{seed}" for seed in seeds[1:] for binding in compared]
+        runs = [f"visual-{binding}-seed{seed}" for seed in seeds[1:] for binding in ("games", "soft", "games_vertices")]
         if plan["hull"] and scene in self.named("object") and scene in self.films:
             runs += [f"hull-{binding}-seed{seed}" for seed in seeds for binding in ("games", "soft")]
         return runs
@@ -307,7 +303,6 @@ class Experiment:
     @property
     def splat_records(self) -> list[str]:
         """Records of all trainings that the rendering table shows."""
-        trained = [binding for binding in BINDINGS if binding not in CONTROLS or self.settings("comparison")["controls"]]
-        main = [f"results/scenes/{scene}/splats/{binding}/splats.json" for scene in self.scenes for binding in trained]
+        main = [f"results/scenes/{scene}/splats/{binding}/splats.json" for scene in self.scenes for binding in BINDINGS]
         runs = [(scene, run) for scene in self.scenes for run in self.comparison_runs(scene)]
         return main + [f"results/scenes/{scene}/comparison/{run}/splats.json" for scene, run in runs]

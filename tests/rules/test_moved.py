@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from gsbridge.experiment.plan import BINDINGS, CONTROLS
+from gsbridge.experiment.plan import BINDINGS
 
 ROOT = Path(__file__).resolve().parents[2]
 PARTS = ["Snakefile", "config.yaml", "rules", "profiles", "models", "benchmarks", "envs", "gsbridge"]
@@ -134,6 +134,6 @@ def test_what_was_changed_is_done_again_there(finished, tmp_path):
     jobs = planned(project)
     assert jobs["select_keyframes"] == len(SCENES)
     assert jobs["draw_success"] == 1
-    # Of the two scenes of the preset, only the one whose mesh is another, without the controls that the toy leaves out.
-    assert (jobs["train_splats"], jobs["build_asset"]) == (len(BINDINGS) - len(CONTROLS), 1)
+    # Of the two scenes of the preset, only the one whose mesh is another.
+    assert (jobs["train_splats"], jobs["build_asset"]) == (len(BINDINGS), 1)
     assert not {"film_scene", "reconstruct_cameras", "align_scene", "mesh_object", "mesh_background"} & set(jobs)

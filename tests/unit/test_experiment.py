@@ -5,7 +5,6 @@ import json
 import os
 import shutil
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -44,7 +43,7 @@ def config():
         ],
         "presets": {"small": {"scenes": ["cube", "pad", "mug", "desk"], "trials": {"policies": 2}}},
         "trials": {"policies": 5, "worlds": ["mirror", "mirror_2"]},
-        "comparison": {"seeds": 2, "hull": True, "controls": True},
+        "comparison": {"seeds": 2, "hull": True},
         "editing": {"scene": None},
         "variants": {
             "default": {"model": None, "policy": {}},
@@ -185,12 +184,6 @@ def test_comparison_is_of_all_scenes_and_the_hulls_of_filmed_objects(plan):
     assert plan.comparison_runs("desk") == plan.comparison_runs("pad") == seeds
     assert plan.comparison_runs("cube")[3:] == [f"hull-{way}-seed{seed}" for seed in (3, 4) for way in ("games", "soft")]
     assert len(plan.splat_records) == 3 * 5 + 3 * 3 + 4
-
-
-def test_controls_of_the_bindings_can_be_left_out(plan):
-    without = replace(plan, config={**plan.config, "comparison": {**plan.config["comparison"], "controls": False}})
-    assert len(without.splat_records) == 3 * 3 + 3 * 2 + 4
-    assert not [record for record in without.splat_records if "unbound" in record or "games_vertices" in record]
 
 
 def test_controllers_are_tried_once_for_an_object_and_in_mirrors_where_it_was_filmed(plan):
