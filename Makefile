@@ -22,6 +22,7 @@ OVERVIEW := results/overview/grasp-small_cube+foam_pad-gs-default
 RECORDED = $(shell ls benchmarks/scores | sed 's/\.json$$//' | paste -sd , -)
 SUPPORTED := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 14))
 
+# Tests that wait most of their time: runs that are killed, and jobs of a cluster or a bucket.
 WAITING := tests/faults tests/rules/test_cluster.py tests/rules/test_storage.py tests/rules/test_kubernetes.py
 
 .PHONY: help status dag locks tables toy study results results-page evidence pictures docs test test-working test-waiting test-unit test-gap test-rules test-toy test-captures test-fuzz test-faults gpu-check lint format schema clean-toy setup
@@ -116,8 +117,7 @@ results-page: $(INSTALLED)
 	$(BIN)/python -m benchmarks.floor_history
 
 # Two at a time, in this order, until all are done: whatever ends, the next begins. The toy comes first, which leaves a core idle
-# for minutes, beside tests that use one core; the captures fill what the last of those leave. Runs that are killed, and jobs of a
-# cluster, are mostly waited for: they stand beside both.
+# for minutes, beside tests that use one core; the captures fill what the last of those leave. Tests that wait stand beside both.
 test: $(TOOLS)
 	$(MAKE) --jobs=2 test-waiting test-working
 
