@@ -64,6 +64,7 @@ class JointEffect(Effect):
         cost: `sim` if it needs a simulation of its own, `post` if it changes logs only.
         turns: Whether it needs a joint that turns, and has no meaning at one that slides.
         sticks: Whether it can hold a joint at rest, where its law leaves open at which of many places.
+        cuts: What it cuts off at one over its only parameter, `effort` or `command_velocity`; empty if it is no such limit.
     """
 
     scope: ClassVar[str] = "joint"
@@ -75,6 +76,7 @@ class JointEffect(Effect):
     cost: ClassVar[str] = "sim"
     turns: ClassVar[bool] = False
     sticks: ClassVar[bool] = False
+    cuts: ClassVar[str] = ""
 
     @abstractmethod
     def apply(self, setup: MechanismSetup, joint: int, values: Mapping[str, float]) -> None:

@@ -14,6 +14,7 @@ class RateLimit(JointEffect):
     parameters = (Parameter("slowness", "s/rad", 0.0, 50.0, 0.5, True, "one over the largest speed"),)
     modes = ("pd", "position")
     threshold = True
+    cuts = "command_velocity"
     sizes = (1.0, 1.05, 1.12, 1.25, 1.5, 2.0)
     signature = "errors only while the command is faster than the limit"
     confused_with = ("saturation", "lag")

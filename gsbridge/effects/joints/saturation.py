@@ -14,6 +14,7 @@ class Saturation(JointEffect):
     parameters = (Parameter("weakness", "1/(N m)", 0.0, 100.0, 0.1, True, "one over the largest torque"),)
     modes = DRIVEN
     threshold = True
+    cuts = "effort"
     sizes = (1.0, 1.05, 1.12, 1.25, 1.5, 2.0)
     signature = "errors only while the torque is at its limit; effort is cut flat"
     confused_with = ("rate_limit", "payload")

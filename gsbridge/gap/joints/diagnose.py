@@ -34,6 +34,7 @@ from gsbridge.gap.joints.candidates import candidates
 from gsbridge.gap.joints.effort_scale import effort_scale
 from gsbridge.gap.joints.identify import JointIdentification
 from gsbridge.gap.joints.integral_action import integral_action
+from gsbridge.gap.joints.limits import confirmed
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.motion import other_noise
@@ -183,7 +184,9 @@ def _diagnosis(
         # Enough effects together mimic a law that is missing, if not to the last per cent on two records.
         mimics = finding.something_remains and len(finding.best.fit.who) > 1 and finding.best.closure < rules.several
         asked = replace(rules, closure=rules.several) if mimics else rules
-        finding = finding.refuted() if said and not verification.transfers(asked) else finding
+        late = [who for who in finding.best.fit.who if who in search.fits.late]
+        sure = verification.transfers(asked) and confirmed(third, effects, late, rules)
+        finding = finding.refuted() if said and not sure else finding
     account, named = None, mechanism.runs - made - mechanism.shared
     if finding.best is not None and finding.verdict not in SILENT and not instead:
         if told := finding.verdict in ("named", "ambiguous"):
@@ -301,7 +304,7 @@ def _second_look(
         return None
     fitted = views[0], found.best.fit
     checked = verify(views[-1], found.best.fit.effects, np.random.default_rng(seed), fitted, search.rules.alarm)
-    if not checked.transfers(search.rules, several=True):
+    if not checked.transfers(search.rules, several=count > 1):
         return None
     return replace(found, best=replace(found.best, fit=_unsure(found.best.fit, views, 1, found.after))), checked
 

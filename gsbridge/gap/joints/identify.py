@@ -8,41 +8,24 @@ from dataclasses import replace
 import numpy as np
 
 from gsbridge.gap.diagnosis.closure import beyond_noise, closed_at_most_times, closed_beside_rest
-from gsbridge.gap.diagnosis.pvalues import LEAST
-from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Finding, Hypothesis, Rules
+from gsbridge.gap.diagnosis.results import Candidate, Finding, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import Decision, decide, slim, transfer
 from gsbridge.gap.joints.bank import SignatureBank
-from gsbridge.gap.joints.candidates import closed_beside_knocks, special_cases, thresholds
+from gsbridge.gap.joints.candidates import closed_beside_knocks
 from gsbridge.gap.joints.coherence import related
-from gsbridge.gap.joints.detect import JointNull, joint_null
-from gsbridge.gap.joints.fit import derivatives, fit, nearer, ordered, polish
+from gsbridge.gap.joints.explanations import Explanations
+from gsbridge.gap.joints.fit import fit
+from gsbridge.gap.joints.limits import nothing_fitted
 from gsbridge.gap.joints.motion import is_motion, vibrates
-from gsbridge.gap.joints.parameter_error import BesideParameterError
 from gsbridge.gap.joints.residuals import JointResiduals
-from gsbridge.gap.joints.screen import SETS, Screen, SignatureMatch
-from gsbridge.gap.joints.stand_ins import stand_ins
-
-_RESERVE = 12
-"""Simulations kept for the derivatives of the best explanation."""
+from gsbridge.gap.joints.screen import SignatureMatch
 
 _AS_LITTLE, _LITTLE = 5.0, 0.01
 """Multiple of what the best explanation leaves, and share of the gap, up to which others leave as little: the model's error
 decides between them."""
 
-_PAIR = 12
-"""Simulations kept for sets of effects while play and limits are tried at several sizes."""
 
-_JUDGED = 2
-"""Simulations after a fit: with another step of time, and on the record that it has not seen."""
-
-_NEAR = 2.0
-"""Multiple of the best squared residual up to which an explanation's special cases are fitted, too."""
-
-_MOST = 0.5
-"""Share of a gap's squares that the best fit must explain for others to be looked for no further."""
-
-
-class JointIdentification:
+class JointIdentification(Explanations):
     """One diagnosis of a mechanism.
 
     Args:
@@ -63,18 +46,7 @@ class JointIdentification:
         rules: Rules | None = None,
         seed: int = 0,
     ) -> None:
-        self.first, self.second, self.who = first, second, tuple(who)
-        self.rules, self.rng = rules or Rules(), np.random.default_rng(seed)
-        self.screen = Screen(first, bank)
-        self.null_first: JointNull = joint_null(first, self.rng, self.screen)
-        self.null: JointNull = joint_null(second, self.rng)
-        self._begin = first.mechanism.runs
-        self.start, self.plain = first.residual(), second.residual()
-        self.floor, self.floor_first = self.null.share * self.plain.size, self.null_first.share * self.start.size
-        self.plain_chi2 = float((self.plain**2).sum())
-        self.lost: set[str] = set()
-        self._alone: list[Hypothesis] = []
-        self._beside = BesideParameterError(second, first, derivatives)
+        super().__init__(first, second, bank, who, rules, seed)
         self._seen: tuple[list[Hypothesis], Sequence[SignatureMatch], float, tuple[str, ...]] | None = None
 
     def run(self, filtered: Callable[[Hypothesis], bool] = lambda trial: False) -> Finding:
@@ -89,6 +61,8 @@ class JointIdentification:
             few = len(unseen) > 0.5 * len(self.who)
             return self._quiet("not_enough_excitation" if few else "no_discrepancy", p_value, unseen)
         trials = self._alone = self._alone or self._singles(matches)
+        if min(p_first, p_gain) >= rules.alarm:
+            trials = [*trials, *self._late(self.trial_of(nothing_fitted(residual)))]
         best = decide(trials, rules, self.floor).trials[0] if trials else None
         if best is not None and self.remains(best):
             if self._transfers(best) and filtered(best):
@@ -137,24 +111,9 @@ class JointIdentification:
             for match in (m for m in self.screen.matches(left) if str(m.candidate) in names):
                 others, starts = [who[j] for j in kept], [fitted.values[j] for j in kept]
                 if self.first.mechanism.runs < self._limit():
-                    rival = fit(self.first, (*others, match.candidate), (*starts, match.starts[0]), limit=self._limit())
+                    rival = self.fits.fit((*others, match.candidate), (*starts, match.starts[0]), limit=self._limit())
                     trials.append(self.trial_of(rival))
         return self._decide(slim(trials, self.rules, self.floor, self.plain_chi2), matches, p_value, unseen)
-
-    def spare(self, runs: int) -> None:
-        """Let so many simulations that others took count no longer against the budget."""
-        self._begin += runs
-
-    def _used(self) -> int:
-        return self.first.mechanism.runs - self._begin
-
-    def _affords(self, fits: int, reserve: int = _RESERVE) -> bool:
-        """Whether simulations are left for so many fits' parameters."""
-        return self._used() + 4 + fits <= self.rules.budget - reserve
-
-    def _limit(self, reserve: int = _RESERVE) -> int:
-        """Simulations at which a fit is given up, so that judging it and the reserve stay within the budget."""
-        return self._begin + self.rules.budget - reserve - _JUDGED
 
     def _transfers(self, trial: Hypothesis) -> bool:
         """Whether a trial explains a part of the other record, by more than chance and colour of the noise allow.
@@ -171,128 +130,6 @@ class JointIdentification:
         remains = verdict == "none_of_the_known"
         return Finding(verdict, None, (), (), remains, p_value, p_value, size, size, self._used(), unseen, lost=lost)
 
-    def trial_of(self, fitted: EffectFit) -> Hypothesis:
-        """Judge a fit on `select`."""
-        residual = self.second.residual(fitted.effects)
-        chi2 = float((residual**2).sum())
-        gap = max(self.plain_chi2 - self.floor, 1e-9)
-        closure = 1.0 - float(np.sqrt(max(chi2 - self.floor, 0.0) / gap))
-        return Hypothesis(fitted, residual, self.first.residual(fitted.effects), chi2, closure)
-
-    def remains(self, trial: Hypothesis) -> bool:
-        """Whether a trial leaves more than noise."""
-        return self._p_remaining(trial) < self.rules.alarm
-
-    def _p_remaining(self, trial: Hypothesis) -> float:
-        """Probability that noise leaves as much on either record, or as much that looks like some effect."""
-        matches = self.screen.matches(trial.first)
-        p_gain = self.null_first.p_gain(matches[0].gain) if matches else 1.0
-        looks = (self.null_first.p_value(trial.first), p_gain)
-        unseen, alarm = self.null.p_value(trial.residual), self.rules.alarm / 3
-        # What is beyond all replicates has another cause than the error of the parameters.
-        left = self._limit(0) - self.first.mechanism.runs
-        if LEAST < unseen < alarm <= min(looks) and 2 * len(trial.fit.deviations) + 2 <= left:
-            unseen = max(unseen, self.null.p_value(self._beside(trial.fit)))
-        return min(1.0, 3 * min(unseen, *looks))
-
-    def _singles(self, matches: Sequence[SignatureMatch]) -> list[Hypothesis]:
-        """Fits of one effect each; those that cannot reach the best are not fitted, those that did not converge are told."""
-        ranked = sorted((match for match in matches if match.gain > 0), key=lambda match: -match.bound)
-        out: list[Hypothesis] = []
-        chi2, reached = float((self.start**2).sum()), -np.inf
-        for number, match in enumerate(ranked):
-            slack = 4 * self.rules.margin + 0.3 * max(reached, 0.0) if number < self.rules.rivals else self.rules.margin
-            far = match.bound < reached - slack
-            if far or not self._affords(2 + len(match.candidate.effect.parameters)):
-                break
-            bar = chi2 - reached + 0.3 * max(reached, 0.0) + 100.0 if np.isfinite(reached) else np.inf
-            starts = ordered(self.first, match, self._affords)
-            begin = nearer(self.first, match.candidate, starts[0], self._affords)
-            fitted = fit(self.first, (match.candidate,), (begin,), bar, self.screen, self._limit())
-            for start in starts[1:2]:
-                # A start in the wrong valley leaves more than a projection onto the signatures promised.
-                poor = chi2 - fitted.chi2 < 0.5 * match.bound
-                if (fitted.converged and not poor) or not self._affords(2 + len(match.candidate.effect.parameters)):
-                    break
-                other = fit(self.first, (match.candidate,), (start,), bar, self.screen, self._limit())
-                if other.chi2 < fitted.chi2:
-                    fitted = other
-            if fitted.converged:
-                out.append(self.trial_of(fitted))
-                reached = max(reached, chi2 - fitted.chi2)
-            else:
-                self.lost.add(str(match.candidate))
-        out += self._thresholds(out)
-        return out + self._simpler(out, out)
-
-    def _thresholds(self, trials: Sequence[Hypothesis]) -> list[Hypothesis]:
-        """Fits of what begins at a threshold, on the joint that errs most, where all others leave most of the gap.
-
-        Its signature at one size tells nothing of another: play of a centirad looks like none of a millirad.
-        """
-        chi2, out = float((self.start**2).sum()), list[Hypothesis]()
-        reached = chi2 - min((trial.fit.chi2 for trial in trials), default=chi2)
-        if reached > _MOST * (chi2 - self.floor_first):
-            return out
-        fitted = {who for trial in trials for who in trial.fit.who}
-        for who in thresholds(self.who, self.first, self.start):
-            starts = [who.effect.scaled(way, size) for way in who.directions() for size in who.effect.sizes]
-            if who in fitted or not self._affords(len(starts) + _PAIR):
-                continue
-            squares = [float((self.first.residual((who.applied(values),)) ** 2).sum()) for values in starts]
-            if chi2 - min(squares) < max(reached, self.rules.margin):
-                continue
-            begin = nearer(self.first, who, starts[int(np.argmin(squares))], self._affords)
-            found = fit(self.first, (who,), (begin,), np.inf, None, self._limit())
-            if found.converged:
-                out.append(self.trial_of(found))
-            else:
-                self.lost.add(str(who))
-        return out
-
-    def _simpler(self, trials: Sequence[Hypothesis], known: Sequence[Hypothesis], reserve: int = _RESERVE) -> list[Hypothesis]:
-        """Special cases of good explanations that were not fitted, or went astray, from where those ended."""
-        out = list[Hypothesis]()
-        for every, starts in special_cases(trials, known, self.who, _NEAR):
-            if self._affords(2 + sum(len(c.effect.parameters) for c in every), reserve):
-                out.append(self.trial_of(fit(self.first, every, starts, np.inf, self.screen, self._limit())))
-                self.lost -= {str(who) for who in every}
-        return out
-
-    def _several(self, singles: list[Hypothesis], best: Hypothesis) -> list[Hypothesis]:
-        """Sets of effects: what grows from the best smaller set, then the best sums of signatures; larger sets only if
-        smaller ones leave something."""
-        trials = list(singles)
-        for count in range(2, self.rules.most + 1):
-            tried: set[frozenset[Candidate]] = set()
-            mixtures = self.screen.beside(best.fit, best.first, count) + self.screen.mixtures(self.start, count, 6)
-            reached = np.inf
-            for mixture in mixtures:
-                who = frozenset(mixture.who)
-                if who in tried or len(tried) >= SETS:
-                    continue
-                if not self._affords(3 + sum(len(c.effect.parameters) for c in mixture.who)):
-                    break
-                tried.add(who)
-                fitted = fit(self.first, mixture.who, mixture.starts, 1.3 * reached + 100.0, self.screen, self._limit())
-                if fitted.converged:
-                    trials.append(self.trial_of(fitted))
-                    reached = min(reached, fitted.chi2)
-            new = min(trials, key=lambda trial: trial.score)
-            if new is best and count > 2:
-                break
-            best = new
-            if not self.remains(best):
-                break
-        if len(best.fit.who) > 1:
-            trials += self._simpler([best], trials, 0)
-            best = min(trials, key=lambda trial: trial.score)
-            kept = sum(len(c.effect.parameters) for c in best.fit.who)  # what polishing the best takes
-            for every, starts in stand_ins(self.first, self.screen, best, trials, lambda: self._affords(3 + kept, kept)):
-                fitted = fit(self.first, every, starts, 1.3 * best.fit.chi2 + 100.0, self.screen, self._limit(kept))
-                trials += [self.trial_of(fitted)] if fitted.converged else []
-        return slim(trials, self.rules, self.floor, self.plain_chi2)
-
     def _decide(
         self, trials: list[Hypothesis], matches: Sequence[SignatureMatch], p_value: float, unseen: tuple[str, ...]
     ) -> Finding:
@@ -303,7 +140,7 @@ class JointIdentification:
         for trial in first.trials:
             derivatives = sum(len(c.effect.parameters) for c in trial.fit.who)
             if id(trial) in again and self.first.mechanism.runs + derivatives < self._limit(0):
-                better = polish(self.first, trial.fit, self._limit(0))
+                better = self.fits.polish(trial.fit, self._limit(0))
                 trial = self.trial_of(better) if better.converged or better.chi2 < trial.fit.chi2 else trial
             kept.append(trial)
         found = decide(kept, rules, self.floor)
@@ -355,7 +192,7 @@ class JointIdentification:
             known = [t for t in trials if set(t.fit.who) <= set(trial.fit.who) - {candidate}]
             if not any(len(t.fit.who) == len(kept) for t in known):
                 who, values = [trial.fit.who[k] for k in kept], [trial.fit.values[k] for k in kept]
-                known.append(self.trial_of(fit(self.first, who, values, np.inf, self.screen, self._limit(0))))
+                known.append(self.trial_of(self.fits.fit(who, values, np.inf, self._limit(0))))
             # A fit that ends in a poor valley, with even fewer effects doing better, would make an effect look needed.
             without = min(known, key=lambda t: t.chi2)
             left_without, left_with, gap = (

@@ -18,6 +18,7 @@ from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Finding, Hypoth
 from gsbridge.gap.diagnosis.verdict import told_apart, transfer
 from gsbridge.gap.joints.candidates import thresholds
 from gsbridge.gap.joints.fit import derivatives, fit, settled
+from gsbridge.gap.joints.limits import levels, nothing_fitted
 from gsbridge.gap.joints.looks import Look, key_of, plainest_first
 from gsbridge.gap.joints.pooled import PooledResiduals, spread_of
 from gsbridge.gap.joints.residuals import JointResiduals
@@ -84,11 +85,12 @@ class Widening:
     floors: tuple[float, float]
     remains: Callable[[Hypothesis], bool]
     _looks: dict[tuple[Candidate, tuple[float, ...]], Look] = field(default_factory=dict)
+    _sizes: dict[Candidate, list[dict[str, float]]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.both = PooledResiduals((self.first, self.second))
         self._end = self.both.mechanism.runs + self.rules.account
-        self._nothing = self._judged(EffectFit((), (), float((self.both.residual() ** 2).sum()), True, np.zeros(0), 0.0, 0))
+        self._nothing = self._judged(nothing_fitted(self.both.residual()))
 
     def widen(self, finding: Finding) -> Hypothesis | None:
         """An explanation with all effects that help: grown from what was named, or from nothing.
@@ -308,8 +310,13 @@ class Widening:
         """
         surfaces = [who for who in self.who if is_surface(who)]
         out = [(m.candidate, m.starts[0]) for m in self.screen.matches(best.first) if m.candidate not in surfaces]
-        for who in (*surfaces, *thresholds(self.who, self.first, best.first)):
-            out += [(who, who.effect.scaled(way, size)) for way in who.directions() for size in who.effect.sizes]
+        # One record may pass a limit of which the other shows nothing.
+        erring = [thresholds(self.who, self.first, best.first), thresholds(self.who, self.second, best.residual)]
+        for who in dict.fromkeys((*surfaces, *erring[0], *erring[1])):
+            if who not in self._sizes:
+                sizes = [who.effect.scaled(way, size) for way in who.directions() for size in who.effect.sizes]
+                self._sizes[who] = levels(self.both.views, best.fit.effects, who) if who.effect.cuts else sizes
+            out += [(who, values) for values in self._sizes[who]]
         return out
 
     def _look(self, best: Hypothesis, candidate: Candidate, values: dict[str, float]) -> Look:

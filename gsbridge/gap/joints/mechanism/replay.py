@@ -9,9 +9,10 @@ that looks like half a millisecond of latency, so a mechanism is stepped with th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from gsbridge.errors import InputError
 from gsbridge.gap.formats.records import AXES, TOOL, Record
@@ -21,6 +22,13 @@ from gsbridge.gap.joints.mechanism.joint_kernel import MODE, simulate
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.setup import JointSetup
 from gsbridge.geometry import Array
+
+_FILLED = 3
+"""Largest number of commands in a row that a log may have lost."""
+
+_REGULAR, _MOSTLY = 0.1, 0.98
+"""Largest deviation of a step between stamps from a whole number of periods, and share of the steps that must keep to it, for a
+gap to be commands that were lost."""
 
 Span = tuple[int, int]
 """First sample of a stretch of a record, and the one behind its last."""
@@ -140,6 +148,28 @@ def true_state(setup: JointSetup, q: Array, v: Array) -> State:
     return q - law["eccentric_sine"] * np.sin(q) - law["eccentric_cosine"] * np.cos(q), v / scale
 
 
+def with_lost_commands(record: Record) -> tuple[Array, Mapping[str, Array]]:
+    """Commands with those that a log lost here and there, along a cubic spline through the others.
+
+    The controller got them all the same. Longer gaps, and those of logs whose stamps jitter, stay as they are.
+
+    Args:
+        record: Commands and times.
+
+    Returns:
+        Times, s. [T'], and commands by kind. [T', N] each.
+    """
+    time = record.time
+    counts = np.diff(time) / record.period
+    whole = np.rint(counts)
+    lost = (whole >= 2) & (whole <= _FILLED + 1)
+    if not lost.any() or np.mean(np.abs(counts - whole) < _REGULAR) < _MOSTLY or not record.commands:
+        return time, record.commands
+    inside = [time[k] + (time[k + 1] - time[k]) * np.arange(1, whole[k]) / whole[k] for k in np.flatnonzero(lost)]
+    every = np.sort(np.concatenate([time, *inside]))
+    return every, {kind: CubicSpline(time, values)(every) for kind, values in record.commands.items()}
+
+
 def command_grid(record: Record, system: MechanismModel, setup: JointSetup, steps: int) -> tuple[Array, Array, Array]:
     """Commands as they reach the controller in each physics step.
 
@@ -157,12 +187,13 @@ def command_grid(record: Record, system: MechanismModel, setup: JointSetup, step
     if system.controller.mode == "free":
         return zero, zero, zero
     grid = step * np.arange(steps)
+    time, sent = with_lost_commands(record)
     # Half a microsecond forgives rounding of stamps that lie on the grid.
-    rows = (np.searchsorted(record.time, grid + 5e-7, side="right") - 1).clip(0)
+    rows = (np.searchsorted(time, grid + 5e-7, side="right") - 1).clip(0)
     commands: dict[str, Array] = {}
-    for kind, values in record.commands.items():
+    for kind, values in sent.items():
         if system.controller.between == "line":
-            commands[kind] = np.stack([np.interp(grid, record.time, column) for column in values.T], axis=1)
+            commands[kind] = np.stack([np.interp(grid, time, column) for column in values.T], axis=1)
         else:
             commands[kind] = values[rows]
     target, speed, extra = commands["command"], commands.get("command_velocity"), commands.get("feedforward", zero)

@@ -1,0 +1,242 @@
+"""Explanations of a gap: fits of single effects and of sets of them to one record, judged on another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gsbridge.gap.diagnosis.pvalues import LEAST
+from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Hypothesis, Rules
+from gsbridge.gap.diagnosis.verdict import slim
+from gsbridge.gap.joints.bank import SignatureBank
+from gsbridge.gap.joints.candidates import special_cases, thresholds
+from gsbridge.gap.joints.detect import JointNull, joint_null
+from gsbridge.gap.joints.fit import derivatives, fit, nearer, ordered
+from gsbridge.gap.joints.limits import SetFits
+from gsbridge.gap.joints.parameter_error import BesideParameterError
+from gsbridge.gap.joints.residuals import JointResiduals
+from gsbridge.gap.joints.screen import SETS, Mixture, Screen, SignatureMatch
+from gsbridge.gap.joints.stand_ins import stand_ins
+
+_RESERVE = 12
+"""Simulations kept for the derivatives of the best explanation."""
+
+_PAIR = 12
+"""Simulations kept for sets of effects while play and limits are tried at several sizes."""
+
+_JUDGED = 2
+"""Simulations after a fit: with another step of time, and on the record that it has not seen."""
+
+_PAIRS = 2
+"""Pairs of effects that are tried beside the best single one."""
+
+_NEAR = 2.0
+"""Multiple of the best squared residual up to which an explanation's special cases are fitted, too."""
+
+_APART = 0.25
+"""Relative difference of two starts in some parameter from which on a fit from the second is no repetition."""
+
+_MOST = 0.5
+"""Share of a gap's squares that the best fit must explain for others to be looked for no further."""
+
+
+class Explanations:
+    """What may explain a gap, looked for with few simulations.
+
+    Args:
+        first: Residuals on the record `fit`.
+        second: Residuals on the record `select`.
+        bank: Signatures on `fit`.
+        who: Candidates.
+        rules: Thresholds.
+        seed: Seed of replicates.
+    """
+
+    def __init__(
+        self,
+        first: JointResiduals,
+        second: JointResiduals,
+        bank: SignatureBank,
+        who: Sequence[Candidate],
+        rules: Rules | None = None,
+        seed: int = 0,
+    ) -> None:
+        self.first, self.second, self.who = first, second, tuple(who)
+        self.rules, self.rng = rules or Rules(), np.random.default_rng(seed)
+        self.screen = Screen(first, bank)
+        self.null_first: JointNull = joint_null(first, self.rng, self.screen)
+        self.null: JointNull = joint_null(second, self.rng)
+        self._begin = first.mechanism.runs
+        self.start, self.plain = first.residual(), second.residual()
+        self.floor, self.floor_first = self.null.share * self.plain.size, self.null_first.share * self.start.size
+        self.plain_chi2 = float((self.plain**2).sum())
+        self.lost: set[str] = set()
+        self._alone: list[Hypothesis] = []
+        self.fits = SetFits(first, second, self.screen)
+        self._beside = BesideParameterError(second, first, derivatives)
+
+    def spare(self, runs: int) -> None:
+        """Let so many simulations that others took count no longer against the budget."""
+        self._begin += runs
+
+    def _used(self) -> int:
+        return self.first.mechanism.runs - self._begin
+
+    def _affords(self, fits: int, reserve: int = _RESERVE) -> bool:
+        """Whether simulations are left for so many fits' parameters."""
+        return self._used() + 4 + fits <= self.rules.budget - reserve
+
+    def _limit(self, reserve: int = _RESERVE) -> int:
+        """Simulations at which a fit is given up, so that judging it and the reserve stay within the budget."""
+        return self._begin + self.rules.budget - reserve - _JUDGED
+
+    def trial_of(self, fitted: EffectFit) -> Hypothesis:
+        """Judge a fit on `select`."""
+        residual = self.second.residual(fitted.effects)
+        chi2 = float((residual**2).sum())
+        gap = max(self.plain_chi2 - self.floor, 1e-9)
+        closure = 1.0 - float(np.sqrt(max(chi2 - self.floor, 0.0) / gap))
+        return Hypothesis(fitted, residual, self.first.residual(fitted.effects), chi2, closure)
+
+    def remains(self, trial: Hypothesis) -> bool:
+        """Whether a trial leaves more than noise."""
+        return self._p_remaining(trial) < self.rules.alarm
+
+    def _p_remaining(self, trial: Hypothesis) -> float:
+        """Probability that noise leaves as much on either record, or as much that looks like some effect."""
+        matches = self.screen.matches(trial.first)
+        p_gain = self.null_first.p_gain(matches[0].gain) if matches else 1.0
+        looks = (self.null_first.p_value(trial.first), p_gain)
+        unseen, alarm = self.null.p_value(trial.residual), self.rules.alarm / 3
+        # What is beyond all replicates has another cause than the error of the parameters.
+        left = self._limit(0) - self.first.mechanism.runs
+        if LEAST < unseen < alarm <= min(looks) and 2 * len(trial.fit.deviations) + 2 <= left:
+            unseen = max(unseen, self.null.p_value(self._beside(trial.fit)))
+        return min(1.0, 3 * min(unseen, *looks))
+
+    def _singles(self, matches: Sequence[SignatureMatch]) -> list[Hypothesis]:
+        """Fits of one effect each; those that cannot reach the best are not fitted, those that did not converge are told."""
+        ranked = sorted((match for match in matches if match.gain > 0), key=lambda match: -match.bound)
+        out: list[Hypothesis] = []
+        chi2, reached = float((self.start**2).sum()), -np.inf
+        for number, match in enumerate(ranked):
+            slack = 4 * self.rules.margin + 0.3 * max(reached, 0.0) if number < self.rules.rivals else self.rules.margin
+            far = match.bound < reached - slack
+            if far or not self._affords(2 + len(match.candidate.effect.parameters)):
+                break
+            bar = chi2 - reached + 0.3 * max(reached, 0.0) + 100.0 if np.isfinite(reached) else np.inf
+            starts = ordered(self.first, match, self._affords)
+            begin = nearer(self.first, match.candidate, starts[0], self._affords)
+            fitted = fit(self.first, (match.candidate,), (begin,), bar, self.screen, self._limit())
+            for start in (other for other in starts[1:2] if _differ(other, begin)):
+                # A start in the wrong valley leaves more than a projection onto the signatures promised.
+                poor = chi2 - fitted.chi2 < 0.5 * match.bound
+                if (fitted.converged and not poor) or not self._affords(2 + len(match.candidate.effect.parameters)):
+                    break
+                other = fit(self.first, (match.candidate,), (start,), bar, self.screen, self._limit())
+                if other.chi2 < fitted.chi2:
+                    fitted = other
+            if fitted.converged:
+                out.append(self.trial_of(fitted))
+                reached = max(reached, chi2 - fitted.chi2)
+            else:
+                self.lost.add(str(match.candidate))
+        out += self._thresholds(out)
+        return out + self._simpler(out, out)
+
+    def _thresholds(self, trials: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Fits of what begins at a threshold, on the joint that errs most, where all others leave most of the gap.
+
+        Its signature at one size tells nothing of another: play of a centirad looks like none of a millirad.
+        """
+        chi2, out = float((self.start**2).sum()), list[Hypothesis]()
+        reached = chi2 - min((trial.fit.chi2 for trial in trials), default=chi2)
+        if reached > _MOST * (chi2 - self.floor_first):
+            return out
+        fitted = {who for trial in trials for who in trial.fit.who}
+        for who in thresholds(self.who, self.first, self.start):
+            starts = [who.effect.scaled(way, size) for way in who.directions() for size in who.effect.sizes]
+            if who in fitted or not self._affords(len(starts) + _PAIR):
+                continue
+            squares = [float((self.first.residual((who.applied(values),)) ** 2).sum()) for values in starts]
+            if chi2 - min(squares) < max(reached, self.rules.margin):
+                continue
+            begin = nearer(self.first, who, starts[int(np.argmin(squares))], self._affords)
+            found = fit(self.first, (who,), (begin,), np.inf, None, self._limit())
+            if found.converged:
+                out.append(self.trial_of(found))
+            else:
+                self.lost.add(str(who))
+        return out
+
+    def _simpler(self, trials: Sequence[Hypothesis], known: Sequence[Hypothesis], reserve: int = _RESERVE) -> list[Hypothesis]:
+        """Special cases of good explanations that were not fitted, or went astray, from where those ended."""
+        out = list[Hypothesis]()
+        for every, starts in special_cases(trials, known, self.who, _NEAR):
+            if self._affords(2 + sum(len(c.effect.parameters) for c in every), reserve):
+                out.append(self.trial_of(self.fits.fit(every, starts, np.inf, self._limit())))
+                self.lost -= {str(who) for who in every}
+        return out
+
+    def _several(self, singles: list[Hypothesis], best: Hypothesis) -> list[Hypothesis]:
+        """Sets of effects: what grows from the best smaller set, then the best sums of signatures; larger sets only if
+        smaller ones leave something."""
+        trials, base = list(singles), best
+        for count in range(2, self.rules.most + 1):
+            tried: set[frozenset[Candidate]] = set()
+            mixtures = self._grown(best, base, count) + self.screen.mixtures(self.start, count, 6)
+            reached = np.inf
+            trials += (late := self._late(best))
+            mixtures = [] if late else mixtures
+            for mixture in mixtures:
+                who = frozenset(mixture.who)
+                if who in tried or len(tried) >= SETS:
+                    continue
+                if not self._affords(3 + sum(len(c.effect.parameters) for c in mixture.who)):
+                    break
+                tried.add(who)
+                fitted = self.fits.fit(mixture.who, mixture.starts, 1.3 * reached + 100.0, self._limit())
+                if not fitted.converged and fitted.chi2 < reached and self._affords(2 + len(fitted.deviations)):
+                    fitted = self.fits.polish(fitted, self._limit())
+                if fitted.converged:
+                    trials.append(self.trial_of(fitted))
+                    reached = min(reached, fitted.chi2)
+            new = min(trials, key=lambda trial: trial.score)
+            if new is best and count > 2:
+                break
+            best = new
+            if not self.remains(best):
+                break
+        if len(best.fit.who) > 1:
+            trials += self._simpler([best], trials, 0)
+            best = min(trials, key=lambda trial: trial.score)
+            kept = sum(len(c.effect.parameters) for c in best.fit.who)  # what polishing the best takes
+            for every, starts in stand_ins(self.first, self.screen, best, trials, lambda: self._affords(3 + kept, kept)):
+                fitted = self.fits.fit(every, starts, 1.3 * best.fit.chi2 + 100.0, self._limit(kept))
+                trials += [self.trial_of(fitted)] if fitted.converged else []
+        return slim(trials, self.rules, self.floor, self.plain_chi2)
+
+    def _grown(self, best: Hypothesis, base: Hypothesis, count: int) -> list[Mixture]:
+        """Sets that hold the best smaller one, or two effects beside the best single one which only show together."""
+        grown = [
+            replace(m, gain=m.gain + base.fit.chi2 - best.fit.chi2) for m in self.screen.beside(best.fit, best.first, count)
+        ]
+        if count == 3:
+            pairs = [pair for pair in self.screen.mixtures(base.first, 2, _PAIRS) if not set(pair.who) & set(base.fit.who)]
+            grown += [Mixture((*base.fit.who, *m.who), (*base.fit.values, *m.starts), m.gain) for m in pairs]
+        return sorted(grown, key=lambda mixture: -mixture.gain)
+
+    def _late(self, best: Hypothesis) -> list[Hypothesis]:
+        """Explanations with a limit more that `select` passes and `fit` does not."""
+        floors = self.floor_first, self.floor
+        if len(best.fit.who) >= self.rules.most or not self.fits.shows_more(best.fit.effects, floors):
+            return []
+        found = self.fits.limits(self.who, best.fit, self.rules.join, self._affords, self._limit())
+        return [trial for trial in map(self.trial_of, found) if best.score - trial.score > self.rules.join]
+
+
+def _differ(some: dict[str, float], others: dict[str, float]) -> bool:
+    """Whether two starts of a fit are worth a fit each."""
+    return any(abs(some[name] - others[name]) > _APART * max(abs(some[name]), abs(others[name])) for name in some)
