@@ -176,12 +176,18 @@ def test_what_would_be_larger_than_makes_sense_is_no_rival_of_what_does_as_well(
 
 @pytest.mark.parametrize(
     ("closure", "p_remaining", "one", "several"),
-    [(0.99, 0.5, True, True), (0.95, 0.005, True, False), (0.7, 0.005, False, False), (0.3, 0.5, False, False)],
+    [
+        (0.99, 0.5, True, True),
+        (0.97, 0.005, True, True),
+        (0.92, 0.005, True, False),
+        (0.7, 0.005, False, False),
+        (0.3, 0.5, False, False),
+    ],
 )
 def test_third_record_refutes_what_does_not_close_the_gap_there(closure, p_remaining, one, several):
-    seen = Verification(2.0, 1.1, closure, {}, True, p_remaining)
-    assert seen.transfers(Rules()) == one
-    assert seen.transfers(Rules(), several=True) == several
+    seen, rules = Verification(2.0, 1.1, closure, {}, True, p_remaining), Rules()
+    assert seen.transfers(rules) == one
+    assert seen.transfers(replace(rules, closure=rules.several)) == several
 
 
 def test_lost_samples_and_a_clock_that_drifts_hide_no_friction(axis):

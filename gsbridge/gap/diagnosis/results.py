@@ -292,22 +292,20 @@ class Verification:
     p_remaining: float | None = None
     mostly: float = -np.inf
 
-    def transfers(self, rules: Rules | None = None, several: bool = False) -> bool:
+    def transfers(self, rules: Rules | None = None) -> bool:
         """Whether `verify` does not refute the effects.
 
-        They close a good part of a gap that stands out, and leave noise alone where that can be told; one effect may leave a
-        little more.
+        They close a good part of a gap that stands out, and leave noise alone where that can be told, or close nearly all.
 
         Args:
             rules: Thresholds.
-            several: Whether there are several of them.
         """
         rules = rules or Rules()
         if self.p_remaining is None:
             return self.closure >= TRANSFERS
         if self.before >= _SLIGHT and self.closure < TRANSFERS:
             return False
-        return self.p_remaining >= rules.alarm or (not several and max(self.closure, self.mostly) >= rules.closure)
+        return self.p_remaining >= rules.alarm or max(self.closure, self.mostly) >= rules.closure
 
 
 NAMED, ONE_OF, LIKELY = "named", "one of", "likely, not proven"

@@ -184,8 +184,7 @@ def _diagnosis(
         # Enough effects together mimic a law that is missing, if not to the last per cent on two records.
         mimics = finding.something_remains and len(finding.best.fit.who) > 1 and finding.best.closure < rules.several
         asked = replace(rules, closure=rules.several) if mimics else rules
-        late = [who for who in finding.best.fit.who if who in search.fits.late]
-        sure = verification.transfers(asked) and confirmed(third, effects, late, rules)
+        sure = verification.transfers(asked) and confirmed(third, effects, search.late_of(finding), rules)
         finding = finding.refuted() if said and not sure else finding
     account, named = None, mechanism.runs - made - mechanism.shared
     if finding.best is not None and finding.verdict not in SILENT and not instead:
@@ -276,7 +275,7 @@ def _with_other_noise(
 def _second_look(
     search: JointIdentification, account: GapAccount, views: Sequence[JointResiduals], seed: int
 ) -> tuple[Finding, Verification] | None:
-    """A name for the first few effects of an account that close its gap, if the search never tried them together.
+    """What the first few effects of an account that close its gap are called, if the search never tried them together.
 
     Growing effect by effect from one record takes what explains most alone, which may be none of them.
 
@@ -300,11 +299,13 @@ def _second_look(
         [dict(entry.effect.parameters) for entry in first],
         [entry.instead for entry in first],
     )
-    if found is None or found.verdict != "named" or found.best is None:
+    if found is None or found.verdict not in ("named", "ambiguous") or found.best is None:
         return None
     fitted = views[0], found.best.fit
     checked = verify(views[-1], found.best.fit.effects, np.random.default_rng(seed), fitted, search.rules.alarm)
-    if not checked.transfers(search.rules, several=count > 1):
+    # Enough effects together mimic a law that is missing, if not to the last per cent.
+    asked = search.rules if count == 1 else replace(search.rules, closure=search.rules.several)
+    if not (checked.transfers(asked) and confirmed(views[-1], found.best.fit.effects, search.late_of(found), search.rules)):
         return None
     return replace(found, best=replace(found.best, fit=_unsure(found.best.fit, views, 1, found.after))), checked
 

@@ -14,7 +14,6 @@ from gsbridge.gap.joints.bank import SignatureBank
 from gsbridge.gap.joints.candidates import closed_beside_knocks
 from gsbridge.gap.joints.coherence import related
 from gsbridge.gap.joints.explanations import Explanations
-from gsbridge.gap.joints.fit import fit
 from gsbridge.gap.joints.limits import nothing_fitted
 from gsbridge.gap.joints.motion import is_motion, vibrates
 from gsbridge.gap.joints.residuals import JointResiduals
@@ -98,9 +97,11 @@ class JointIdentification(Explanations):
         """
         if self._seen is None or any(set(trial.fit.who) == set(who) for trial in self._seen[0]):
             return None
+        # Of a limit the first record may show nothing.
+        self.fits.late |= {candidate for candidate in who if candidate.effect.cuts}
         # As many simulations again as the search may take.
         self._begin = self.first.mechanism.runs
-        fitted = fit(self.first, who, values, np.inf, None, self._limit())
+        fitted = self.fits.fit(who, values, limit=self._limit(), near=True)
         if not fitted.converged:
             return None
         trials, matches, p_value, unseen = self._seen
@@ -114,6 +115,10 @@ class JointIdentification(Explanations):
                     rival = self.fits.fit((*others, match.candidate), (*starts, match.starts[0]), limit=self._limit())
                     trials.append(self.trial_of(rival))
         return self._decide(slim(trials, self.rules, self.floor, self.plain_chi2), matches, p_value, unseen)
+
+    def late_of(self, finding: Finding) -> list[Candidate]:
+        """Effects of a finding that were fitted to `select`, too, since `fit` may show nothing of them."""
+        return [] if finding.best is None else [who for who in finding.best.fit.who if who in self.fits.late]
 
     def _transfers(self, trial: Hypothesis) -> bool:
         """Whether a trial explains a part of the other record, by more than chance and colour of the noise allow.

@@ -56,7 +56,12 @@ class SetFits:
     late: set[Candidate] = field(default_factory=set)
 
     def fit(
-        self, who: Sequence[Candidate], starts: Sequence[dict[str, float]], bar: float = np.inf, limit: float = np.inf
+        self,
+        who: Sequence[Candidate],
+        starts: Sequence[dict[str, float]],
+        bar: float = np.inf,
+        limit: float = np.inf,
+        near: bool = False,
     ) -> EffectFit:
         """Fit all parameters together, as `fit` does; the fit's squared residual is that of the first record.
 
@@ -65,9 +70,10 @@ class SetFits:
             starts: Parameters of each to start from.
             bar: Squared residual on the first record that a rival has reached.
             limit: Simulations at which the fit is given up.
+            near: Whether the starts are near the end, so that derivatives of their own are worth their simulations.
         """
         if not self.late & set(who):
-            return fit(self.first, who, starts, bar, self.screen, limit)
+            return fit(self.first, who, starts, bar, None if near else self.screen, limit)
         return self._as_on_first(fit(PooledResiduals((self.first, self.second)), who, starts, limit=limit))
 
     def polish(self, rough: EffectFit, limit: float = np.inf) -> EffectFit:
