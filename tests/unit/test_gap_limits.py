@@ -13,6 +13,7 @@ from gsbridge.gap.joints.diagnose import diagnose_joints, views_of
 from gsbridge.gap.joints.identify import JointIdentification
 from gsbridge.gap.joints.limits import levels, peaks_of
 from gsbridge.gap.joints.mechanism.replay import Mechanism, with_lost_commands
+from gsbridge.gap.joints.motion import is_motion, jolted
 from gsbridge.gap.joints.residuals import JointResiduals
 
 NAMES = ("saturation", "rate_limit", "coulomb", "viscous", "gain_p", "payload", "armature", "clock_drift")
@@ -119,3 +120,36 @@ def test_logs_that_lost_nothing_stay_as_they_are(kind):
     assert filled is record.time
     assert commands is record.commands
     assert with_lost_commands(replace(record, commands={}))[1] == {}
+
+
+def residuals_of(axis, jolts, seed):
+    """Two records' views with noise as residuals, and a jolt of both channels, of one, or of none."""
+    records, rng = records_of(axis), np.random.default_rng(seed)
+    views = list(views_of(Mechanism(axis[0]), {role: records[role] for role in ("fit", "select")}).values())
+    out = []
+    for view in views:
+        shape = (len(view.record.time), len(view.channels))
+        noise = rng.standard_normal(shape)
+        row = int(rng.integers(20, shape[0] - 20))
+        for kind in jolts:
+            noise[row, view.channels.index((kind, 0))] += 30.0
+        out.append(noise)
+    return views, out
+
+
+@pytest.mark.parametrize(
+    ("jolts", "seen"), [(("position", "velocity"), {0}), (("velocity",), set()), ((), set())], ids=["both", "one", "none"]
+)
+def test_a_moment_in_which_two_channels_err_by_far_is_motion(axis, jolts, seen):
+    views, left = residuals_of(axis, jolts, 3)
+    assert all(jolted(view, row) == seen for view, row in zip(views, left, strict=True))
+    assert is_motion(views, left, np.random.default_rng(0), 3.0) == bool(seen)
+
+
+def test_noise_with_outliers_is_no_motion(axis):
+    """Student's t with five degrees of freedom, in all channels, on two records: one of 200 may show two outliers at once."""
+    views, _ = residuals_of(axis, (), 0)
+    rng = np.random.default_rng(1)
+    shape = (len(views[0].record.time), len(views[0].channels))
+    heavy = rng.standard_t(5, (200, *shape)) / np.sqrt(5 / 3)
+    assert sum(bool(jolted(views[0], row)) for row in heavy) <= 2

@@ -7,13 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsbridge.gap.diagnosis.verdict import transfer
-from gsbridge.gap.joints.coherence import coherence_p, line_p, without_witness
+from gsbridge.gap.joints.coherence import coherence_p, line_p, related, without_witness
 from gsbridge.gap.joints.noise_colour import NoiseColour, forgetful
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
 _HUGE = 5.0
 """Residual, in units of the noise, from which on a channel that no other one bears witness to is taken to move."""
+
+_JOLT, _NORMAL = 6.0, 1.4826
+"""Residual, in multiples of the usual one, of a moment that no noise makes in two channels at once, and standard deviation of
+normal noise in units of its median size."""
 
 _TOGETHER = 0.002
 """Probability below which channels do not move together by chance. Smaller than that of an alarm, since nothing else speaks for
@@ -39,7 +43,30 @@ def is_motion(views: Sequence[JointResiduals], residuals: Sequence[Array], rng: 
         huge |= large
     if huge.any() and transfer(residuals[-1][:, huge], _without_course(views, residuals)[:, huge]) > deviations:
         return True
+    if set.intersection(*(jolted(view, row) for view, row in zip(views, residuals, strict=True))):
+        return True
     return coherence_p(views, residuals, rng) < _TOGETHER or vibrates(views, residuals, rng)
+
+
+def jolted(view: JointResiduals, residual: Array) -> set[int]:
+    """Joints of which two channels err at once, for a moment, by far more than at all other times.
+
+    A belt that slips and a stop that is hit are over in some samples, which hardly show in a spectrum.
+
+    Args:
+        view: A record.
+        residual: Whitened. [T, C].
+    """
+    usual = np.maximum(1.0, _NORMAL * np.median(np.abs(residual), axis=0))
+    large = np.abs(residual) > _JOLT * usual
+    # Two samples of one moment may be neighbours.
+    around = large.copy()
+    around[1:] |= large[:-1]
+    around[:-1] |= large[1:]
+    # Whether a channel was computed from another one is told by all other moments.
+    witnesses = related(view, np.clip(residual, -usual, usual))
+    places = {channel: column for column, channel in enumerate(view.channels)}
+    return {k for kind, k in witnesses if (around[:, places[(kind, k)]] & around[:, places[("position", k)]]).any()}
 
 
 def other_noise(
