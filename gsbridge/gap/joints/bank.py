@@ -7,7 +7,7 @@ import hashlib
 import json
 import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from gsbridge.effects.registry import Applied
 from gsbridge.files import atomic_file
 from gsbridge.gap.diagnosis.results import Candidate
 from gsbridge.gap.joints.residuals import JointResiduals
+from gsbridge.gap.joints.signatures import Signature, SignatureBank
 from gsbridge.geometry import Array
 
 _AIM = 100.0
@@ -30,36 +31,6 @@ _COARSE = 2.0
 
 _LARGEST = 2e4
 """Multiple of the typical size beyond which nothing is looked for."""
-
-
-@dataclass(frozen=True)
-class Signature:
-    """Change of a replay by a candidate of one size.
-
-    Args:
-        candidate: Who.
-        values: Parameters of the effect.
-        change: Simulated with it less without, SI units. [T, C].
-    """
-
-    candidate: Candidate
-    values: dict[str, float]
-    change: Array
-
-
-@dataclass(frozen=True)
-class SignatureBank:
-    """Signatures of all candidates on one record.
-
-    Args:
-        signatures: All, by candidate and size.
-        runs: Simulations that making it took.
-        diverged: Candidates with which no simulation ran through.
-    """
-
-    signatures: tuple[Signature, ...]
-    runs: int
-    diverged: tuple[Candidate, ...] = ()
 
 
 def make_bank(view: JointResiduals, who: Sequence[Candidate], base: Sequence[Applied] = ()) -> SignatureBank:

@@ -28,7 +28,7 @@ from gsbridge.gap.diagnosis.results import (
 from gsbridge.gap.diagnosis.verdict import third_opinion
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.account import account_of
-from gsbridge.gap.joints.bank import SignatureBank, signature_bank
+from gsbridge.gap.joints.bank import signature_bank
 from gsbridge.gap.joints.between import other_way
 from gsbridge.gap.joints.candidates import candidates
 from gsbridge.gap.joints.effort_scale import effort_scale
@@ -41,6 +41,7 @@ from gsbridge.gap.joints.motion import other_noise
 from gsbridge.gap.joints.noise_colour import NoiseColour
 from gsbridge.gap.joints.residuals import JointResiduals, share_noise
 from gsbridge.gap.joints.scatter import RecordSizes, widened
+from gsbridge.gap.joints.signatures import SignatureBank
 from gsbridge.gap.joints.touches import leave_out_touches, touches_told
 from gsbridge.gap.joints.verify import verify
 from gsbridge.gap.joints.widening import Widening

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from gsbridge.gap.diagnosis.pvalues import LEAST
 from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import slim
-from gsbridge.gap.joints.bank import SignatureBank
 from gsbridge.gap.joints.candidates import special_cases, thresholds
 from gsbridge.gap.joints.detect import JointNull, joint_null
-from gsbridge.gap.joints.fit import derivatives, fit, nearer, ordered
-from gsbridge.gap.joints.limits import SetFits
+from gsbridge.gap.joints.fit import derivatives, fit, nearer, ordered, polish
+from gsbridge.gap.joints.limits import limits_beside, shows_more
 from gsbridge.gap.joints.parameter_error import BesideParameterError
+from gsbridge.gap.joints.pooled import PooledResiduals
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import SETS, Mixture, Screen, SignatureMatch
+from gsbridge.gap.joints.signatures import SignatureBank
 from gsbridge.gap.joints.stand_ins import stand_ins
 
 _RESERVE = 12
@@ -40,6 +41,53 @@ _APART = 0.25
 
 _MOST = 0.5
 """Share of a gap's squares that the best fit must explain for others to be looked for no further."""
+
+
+@dataclass
+class SetFits:
+    """Fits of sets of effects to one record, or to two where the first shows nothing of one of them.
+
+    Args:
+        first: Residuals on the record `fit`.
+        second: Residuals on the record `select`.
+        screen: Signatures on `fit`.
+        late: Effects of which `fit` shows nothing.
+    """
+
+    first: JointResiduals
+    second: JointResiduals
+    screen: Screen
+    late: set[Candidate] = field(default_factory=set)
+
+    def fit(
+        self,
+        who: Sequence[Candidate],
+        starts: Sequence[dict[str, float]],
+        bar: float = np.inf,
+        limit: float = np.inf,
+        near: bool = False,
+    ) -> EffectFit:
+        """Fit all parameters together, as `fit` does; the fit's squared residual is that of the first record.
+
+        Args:
+            who: Candidates.
+            starts: Parameters of each to start from.
+            bar: Squared residual on the first record that a rival has reached.
+            limit: Simulations at which the fit is given up.
+            near: Whether the starts are near the end, so that derivatives of their own are worth their simulations.
+        """
+        if not self.late & set(who):
+            return fit(self.first, who, starts, bar, None if near else self.screen, limit)
+        return self._as_on_first(fit(PooledResiduals((self.first, self.second)), who, starts, limit=limit))
+
+    def polish(self, rough: EffectFit, limit: float = np.inf) -> EffectFit:
+        """Improve a fit, as `polish` does."""
+        if not self.late & set(rough.who):
+            return polish(self.first, rough, limit)
+        return self._as_on_first(polish(PooledResiduals((self.first, self.second)), rough, limit))
+
+    def _as_on_first(self, fitted: EffectFit) -> EffectFit:
+        return replace(fitted, chi2=float((self.first.residual(fitted.effects) ** 2).sum()))
 
 
 class Explanations:
@@ -230,11 +278,15 @@ class Explanations:
 
     def _late(self, best: Hypothesis) -> list[Hypothesis]:
         """Explanations with a limit more that `select` passes and `fit` does not."""
-        floors = self.floor_first, self.floor
-        if len(best.fit.who) >= self.rules.most or not self.fits.shows_more(best.fit.effects, floors):
+        views, effects = (self.first, self.second), best.fit.effects
+        if len(best.fit.who) >= self.rules.most or not shows_more(*views, effects, (self.floor_first, self.floor)):
             return []
-        found = self.fits.limits(self.who, best.fit, self.rules.join, self._affords, self._limit())
-        return [trial for trial in map(self.trial_of, found) if best.score - trial.score > self.rules.join]
+        out = list[Hypothesis]()
+        for candidate, values in limits_beside(*views, self.who, effects, self.rules.join, self._affords):
+            self.fits.late.add(candidate)
+            fitted = self.fits.fit((*best.fit.who, candidate), (*best.fit.values, values), limit=self._limit())
+            out += [self.trial_of(fitted)] if fitted.converged else []
+        return [trial for trial in out if best.score - trial.score > self.rules.join]
 
 
 def _differ(some: dict[str, float], others: dict[str, float]) -> bool:

@@ -10,7 +10,6 @@ import numpy as np
 from gsbridge.gap.diagnosis.closure import beyond_noise, closed_at_most_times, closed_beside_rest
 from gsbridge.gap.diagnosis.results import Candidate, Finding, Hypothesis, Rules
 from gsbridge.gap.diagnosis.verdict import Decision, decide, slim, transfer
-from gsbridge.gap.joints.bank import SignatureBank
 from gsbridge.gap.joints.candidates import closed_beside_knocks
 from gsbridge.gap.joints.coherence import related
 from gsbridge.gap.joints.explanations import Explanations
@@ -18,6 +17,7 @@ from gsbridge.gap.joints.limits import nothing_fitted
 from gsbridge.gap.joints.motion import is_motion, vibrates
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import SignatureMatch
+from gsbridge.gap.joints.signatures import SignatureBank
 
 _AS_LITTLE, _LITTLE = 5.0, 0.01
 """Multiple of what the best explanation leaves, and share of the gap, up to which others leave as little: the model's error

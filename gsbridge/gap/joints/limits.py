@@ -6,18 +6,14 @@ that a limit does is left of the second record alone. It is then fitted to both,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Rules
 from gsbridge.gap.diagnosis.verdict import transfer
-from gsbridge.gap.joints.fit import fit, polish
-from gsbridge.gap.joints.pooled import PooledResiduals
 from gsbridge.gap.joints.residuals import JointResiduals
-from gsbridge.gap.joints.screen import Screen
 from gsbridge.geometry import Array
 
 _JOINTS = 2
@@ -39,104 +35,73 @@ _MORE = 3.0
 """Ratio of what exceeds the noise on the second record to the same on the first, from which on the second shows more."""
 
 
-@dataclass
-class SetFits:
-    """Fits of sets of effects to one record, or to two where the first shows nothing of one of them.
+def shows_more(first: JointResiduals, second: JointResiduals, effects: Sequence[Applied], floors: tuple[float, float]) -> bool:
+    """Whether effects leave clearly more of the second record than of the first, in shares of the noise of each.
 
     Args:
-        first: Residuals on the record `fit`.
-        second: Residuals on the record `select`.
-        screen: Signatures on `fit`.
-        late: Effects of which `fit` shows nothing.
+        first: Residuals on one record.
+        second: Residuals on another.
+        effects: The effects.
+        floors: Squared residual of noise alone on each.
     """
+    one, other = (_squares(view, effects) / floor - 1.0 for view, floor in zip((first, second), floors, strict=True))
+    return other > _MORE * max(one, 0.0)
 
-    first: JointResiduals
-    second: JointResiduals
-    screen: Screen
-    late: set[Candidate] = field(default_factory=set)
 
-    def fit(
-        self,
-        who: Sequence[Candidate],
-        starts: Sequence[dict[str, float]],
-        bar: float = np.inf,
-        limit: float = np.inf,
-        near: bool = False,
-    ) -> EffectFit:
-        """Fit all parameters together, as `fit` does; the fit's squared residual is that of the first record.
+def limits_beside(
+    first: JointResiduals,
+    second: JointResiduals,
+    who: Sequence[Candidate],
+    effects: Sequence[Applied],
+    gain: float,
+    affords: Callable[[int], bool],
+) -> Iterator[tuple[Candidate, dict[str, float]]]:
+    """Limits that the second record passes and the first does not, with parameters to start from, the best first.
 
-        Args:
-            who: Candidates.
-            starts: Parameters of each to start from.
-            bar: Squared residual on the first record that a rival has reached.
-            limit: Simulations at which the fit is given up.
-            near: Whether the starts are near the end, so that derivatives of their own are worth their simulations.
-        """
-        if not self.late & set(who):
-            return fit(self.first, who, starts, bar, None if near else self.screen, limit)
-        return self._as_on_first(fit(PooledResiduals((self.first, self.second)), who, starts, limit=limit))
+    Args:
+        first: Residuals on one record.
+        second: Residuals on another.
+        who: Candidates.
+        effects: What is known already.
+        gain: Least reduction of the squared residual on the second record.
+        affords: Whether so many simulations are left, and those for a fit to both records.
 
-    def polish(self, rough: EffectFit, limit: float = np.inf) -> EffectFit:
-        """Improve a fit, as `polish` does."""
-        if not self.late & set(rough.who):
-            return polish(self.first, rough, limit)
-        return self._as_on_first(polish(PooledResiduals((self.first, self.second)), rough, limit))
+    Yields:
+        A limit and its parameters.
+    """
+    plain, found = _squares(second, effects), list[tuple[float, _Search]]()
+    for candidate, low, high in _passed(first, second, who, effects, affords):
+        if affords(_LEVELS):
+            search = _Search(second, effects, candidate, low, high)
+            found.append((search.try_levels(), search))
+    found.sort(key=lambda item: item[0])
+    fit = 6 * (1 + sum(len(effect.parameters) for effect in effects))
+    for _, search in found[:_FITTED]:
+        if affords(2 * _HALVINGS + fit) and plain - search.halve() >= gain:
+            yield search.candidate, search.values
 
-    def _as_on_first(self, fitted: EffectFit) -> EffectFit:
-        return replace(fitted, chi2=_squares(self.first, fitted.effects))
 
-    def shows_more(self, effects: Sequence[Applied], floors: tuple[float, float]) -> bool:
-        """Whether effects leave clearly more of the second record than of the first, in shares of the noise of each."""
-        first, second = (
-            _squares(view, effects) / floor - 1.0 for view, floor in zip((self.first, self.second), floors, strict=True)
-        )
-        return second > _MORE * max(first, 0.0)
-
-    def limits(
-        self, who: Sequence[Candidate], best: EffectFit, gain: float, affords: Callable[[int], bool], limit: float
-    ) -> list[EffectFit]:
-        """Fits of an explanation with a limit more that the second record passes and the first does not.
-
-        Args:
-            who: Candidates.
-            best: The explanation.
-            gain: Least reduction of the squared residual on the second record.
-            affords: Whether so many simulations are left.
-            limit: Simulations at which a fit is given up.
-        """
-        plain, found = _squares(self.second, best.effects), list[tuple[float, _Search]]()
-        for candidate, low, high in self._passed(who, best, affords):
-            if affords(_LEVELS):
-                search = _Search(self.second, best.effects, candidate, low, high)
-                found.append((search.try_levels(), search))
-        out, found = list[EffectFit](), sorted(found, key=lambda item: item[0])
-        for _, search in found[:_FITTED]:
-            if not affords(2 * _HALVINGS + 6 * (1 + sum(len(c.effect.parameters) for c in best.who))):
-                break
-            if plain - search.halve() < gain:
-                continue
-            self.late.add(search.candidate)
-            fitted = self.fit((*best.who, search.candidate), (*best.values, search.values), limit=limit)
-            if fitted.converged:
-                out.append(fitted)
-        return out
-
-    def _passed(
-        self, who: Sequence[Candidate], best: EffectFit, affords: Callable[[int], bool]
-    ) -> list[tuple[Candidate, float, float]]:
-        """Limits of the joints that err most on the second record, with the largest values of both records."""
-        among = [c for c in who if c.effect.cuts and c not in best.who]
-        if not among or not affords(2):
-            return []
-        peaks = [peaks_of(view, best.effects) for view in (self.first, self.second)]
-        out = list[tuple[Candidate, float, float]]()
-        for joint in _erring(self.second, best.effects)[:_JOINTS]:
-            k = self.second.record.joints.index(joint)
-            for candidate in (c for c in among if c.joint == joint):
-                low, high = (float(peak[candidate.effect.cuts][k]) for peak in peaks)
-                if high > _BEYOND * low > 0.0:
-                    out.append((candidate, low, high))
-        return out
+def _passed(
+    first: JointResiduals,
+    second: JointResiduals,
+    who: Sequence[Candidate],
+    effects: Sequence[Applied],
+    affords: Callable[[int], bool],
+) -> list[tuple[Candidate, float, float]]:
+    """Limits of the joints that err most on the second record, with the largest values of both records."""
+    known = {(effect.name, effect.joint) for effect in effects}
+    among = [c for c in who if c.effect.cuts and (c.name, c.joint) not in known]
+    if not among or not affords(2):
+        return []
+    peaks = [peaks_of(view, effects) for view in (first, second)]
+    out = list[tuple[Candidate, float, float]]()
+    for joint in _erring(second, effects)[:_JOINTS]:
+        k = second.record.joints.index(joint)
+        for candidate in (c for c in among if c.joint == joint):
+            low, high = (float(peak[candidate.effect.cuts][k]) for peak in peaks)
+            if high > _BEYOND * low > 0.0:
+                out.append((candidate, low, high))
+    return out
 
 
 class _Search:
@@ -236,7 +201,11 @@ def peaks_of(view: JointResiduals, effects: Sequence[Applied]) -> dict[str, Arra
 
 
 def nothing_fitted(residual: Array) -> EffectFit:
-    """The fit of no effects, which leaves a residual as it is."""
+    """The fit of no effects, which leaves a residual as it is.
+
+    Args:
+        residual: In units of the noise. [T, C].
+    """
     return EffectFit((), (), float((residual**2).sum()), True, np.zeros(0), 0.0, 0)
 
 

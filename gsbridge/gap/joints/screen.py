@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gsbridge.gap.diagnosis.results import Candidate, EffectFit
-from gsbridge.gap.joints.bank import Signature, SignatureBank
 from gsbridge.gap.joints.residuals import JointResiduals
+from gsbridge.gap.joints.signatures import Signature, SignatureBank
 from gsbridge.geometry import Array
 
 _STRETCH = (0.4, 60.0)

@@ -12,9 +12,9 @@ import numpy as np
 
 from gsbridge.gap.diagnosis.closure import stretches
 from gsbridge.gap.formats.records import TOOL
-from gsbridge.gap.joints.bank import SignatureBank
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import Screen
+from gsbridge.gap.joints.signatures import SignatureBank
 from gsbridge.geometry import Array
 
 _BLOCK = 0.02

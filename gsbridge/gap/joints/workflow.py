@@ -16,7 +16,7 @@ from gsbridge.gap.diagnosis.findings import similar_pairs
 from gsbridge.gap.diagnosis.results import Candidate
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.formats.store import load_records, save_records
-from gsbridge.gap.joints.bank import SignatureBank, signature_bank
+from gsbridge.gap.joints.bank import signature_bank
 from gsbridge.gap.joints.candidates import candidates
 from gsbridge.gap.joints.case import JointCase, read_joint_case
 from gsbridge.gap.joints.diagnose import JointAccount, diagnose_joints, views_of
@@ -26,6 +26,7 @@ from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residual_map import map_residuals
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import cosines
+from gsbridge.gap.joints.signatures import SignatureBank
 from gsbridge.geometry import Array
 
 
