@@ -175,13 +175,20 @@ def test_cross_validation_mostly_keeps_nothing_of_noise():
     assert sum(kept) < 10
 
 
+@pytest.fixture(scope="module")
+def plain_cases(tmp_path_factory):
+    """Eight cases of an axis, their truths, and the bank of signatures that all methods share."""
+    folder = tmp_path_factory.mktemp("plain")
+    generate_cases("t0", "development", folder / "cases", folder / "truths", count=8)
+    return folder
+
+
 @pytest.mark.parametrize("method", ["group_lasso", *SEARCHES])
-def test_fair_baselines_name_what_is_plain_and_say_how_sure_they_are(tmp_path, method):
+def test_fair_baselines_name_what_is_plain_and_say_how_sure_they_are(plain_cases, tmp_path, method):
     if method in SEARCHES and importlib.util.find_spec("cma") is None:
         pytest.skip("the package cma is not installed")
-    cases, truths = tmp_path / "cases", tmp_path / "truths"
-    generate_cases("t0", "development", cases, truths, count=8)
-    diagnose_cases(cases, case_keys(cases), tmp_path / "found", tmp_path / "bank", method=method)
+    cases, truths = plain_cases / "cases", plain_cases / "truths"
+    diagnose_cases(cases, case_keys(cases), tmp_path / "found", plain_cases / "bank", method=method)
     judged = read_verdicts(cases, truths, [tmp_path / "found"])
     large = [case for case in judged if case.kind == "single" and case.units >= 5.0]
     assert sum(case.guessed_right for case in large) >= 0.5 * len(large) > 0

@@ -33,6 +33,12 @@ def model(tmp_path_factory):
     return arm_model(tmp_path_factory.mktemp("arm"))
 
 
+@pytest.fixture(scope="module")
+def bank(tmp_path_factory):
+    """Signatures depend on commands and on the size of the noise alone, so that all cases here share them."""
+    return tmp_path_factory.mktemp("bank")
+
+
 def test_place_of_a_link_is_that_of_pybullet(model):
     system = read_mechanism_model(model)
     mechanism, rng = Mechanism(system), np.random.default_rng(0)
@@ -115,10 +121,10 @@ SECOND = "lbr_iiwa_joint_2"
 @pytest.mark.parametrize(
     ("hidden", "names"), [({}, None), ({"command_delay": 0.02}, LATE), ({f"coulomb:{SECOND}": 4.0}, {"coulomb"})]
 )
-def test_tool_alone_tells_what_is_missing(model, tmp_path, hidden, names):
+def test_tool_alone_tells_what_is_missing(model, bank, tmp_path, hidden, names):
     work = JointBackend.read(write_case(tmp_path, model, hidden))
     assert any("no joint positions" in reason for reason in work.reasons)
-    found = work.diagnose(tmp_path / "bank", 0)
+    found = work.diagnose(bank, 0)
     if names is None:
         assert found["verdict"] == "no_discrepancy", found["sentence"]
         return
