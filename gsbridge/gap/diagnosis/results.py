@@ -123,12 +123,13 @@ class EffectFit:
     Args:
         who: The candidates.
         effects: Fitted effects with their parameters.
-        chi2: Squared residual on the fitted record, in units of the noise.
+        chi2: Squared residual on the fitted records, in units of the noise; of an explanation, on `fit` alone.
         converged: Whether the last step could win nothing.
         deviations: Standard deviation of each parameter from the curvature and from what another step of time would change,
             without allowance for coloured residuals. [P].
         correlation: Largest correlation of two parameters.
         rank: Parameters that show in the record, each in a way of its own.
+        records: To how many of the first records of a case they were fitted together.
     """
 
     who: tuple[Candidate, ...]
@@ -138,6 +139,7 @@ class EffectFit:
     deviations: Array
     correlation: float
     rank: int
+    records: int = 1
 
     @property
     def values(self) -> tuple[dict[str, float], ...]:
@@ -174,10 +176,10 @@ class EffectFit:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A fit and how it does on the record that it has not seen.
+    """A fit to `fit` and how it does on `select`, which it has not seen, unless `fit` shows nothing of one of its effects.
 
     Args:
-        fit: The fit.
+        fit: The fit, with its squared residual on `fit`.
         residual: Whitened, on `select`. [T, C].
         first: Whitened, on `fit`. [T, C].
         chi2: Square of the residual on `select`.
@@ -207,8 +209,8 @@ class Hypothesis:
 
     @property
     def score(self) -> float:
-        """`squares` with Akaike's allowance for what fitting won on the first record by chance."""
-        return self.squares + 2.0 * self.parameters
+        """`squares` with Akaike's allowance for what fitting won on the fitted records by chance."""
+        return self.squares + (1.0 + self.fit.records) * self.parameters
 
     def holds(self, who: Candidate) -> bool:
         """Whether it holds an effect, or one on the same joint that is the same with some amplitudes at zero."""

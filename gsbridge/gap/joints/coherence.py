@@ -77,7 +77,7 @@ def related(view: JointResiduals, residual: Array) -> list[tuple[str, int]]:
 
     Args:
         view: A record.
-        residual: Whitened. [T, C].
+        residual: Whitened; not-a-number at moments that say nothing of it. [T, C].
 
     Returns:
         Kind and joint of each.
@@ -116,12 +116,14 @@ def _follow(view: JointResiduals) -> tuple[str, ...]:
 
 
 def _computed(values: Array, sources: Array) -> bool:
-    """Whether the noise of a channel is that of others, filtered. [T], [T, S]."""
+    """Whether the noise of a channel is that of others, filtered; moments with not-a-number are left out. [T], [T, S]."""
     rows = len(values) - _BEHIND - _AHEAD
     table = np.stack([column[k : k + rows] for column in sources.T for k in range(_BEHIND + _AHEAD + 1)], axis=1)
+    wanted = values[_BEHIND : _BEHIND + rows]
+    known = np.isfinite(wanted) & np.isfinite(table).all(axis=1)
+    table, wanted, rows = table[known], wanted[known], int(known.sum())
     if rows <= 2 * table.shape[1]:
         return False
-    wanted = values[_BEHIND : _BEHIND + rows]
     scale = np.maximum(np.abs(table).max(axis=0), 1e-300)
     left = wanted - table @ (np.linalg.lstsq(table / scale, wanted, rcond=1e-9)[0] / scale)
     # Each number that was fitted takes off its part by chance.

@@ -34,11 +34,11 @@ from gsbridge.gap.joints.candidates import candidates
 from gsbridge.gap.joints.effort_scale import effort_scale
 from gsbridge.gap.joints.identify import JointIdentification
 from gsbridge.gap.joints.integral_action import integral_action
-from gsbridge.gap.joints.limits import confirmed
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.motion import other_noise
 from gsbridge.gap.joints.noise_colour import NoiseColour
+from gsbridge.gap.joints.pooled import PooledResiduals
 from gsbridge.gap.joints.residuals import JointResiduals, share_noise
 from gsbridge.gap.joints.scatter import RecordSizes, widened
 from gsbridge.gap.joints.signatures import SignatureBank
@@ -119,7 +119,7 @@ def diagnose_joints(
     made = mechanism.runs - made
     logger.info("%d candidates, %d signatures", len(who), len(bank.signatures))
     left_out = leave_out_touches(views, bank)
-    search = JointIdentification(first, second, bank, who, rules, seed)
+    search = JointIdentification(first, second, bank, who, rules, seed, views["verify"])
     seen = tuple(views.values())
     # Beside one effect, a filter's noise is known as such before sets of effects are fitted that mimic it.
     finding = search.run(lambda trial: _filtered(seen, trial.fit.effects, search.rules, seed) is not None)
@@ -180,25 +180,22 @@ def _diagnosis(
     finding = third_opinion(finding, lambda trial: third.residual(trial.fit.effects), rules, search.floor)
     if finding.best is not None:
         effects = finding.best.fit.effects
-        verification = verify(third, effects, np.random.default_rng(seed), (first, finding.best.fit), rules.alarm)
+        verification = _verified(tuple(views.values()), finding.best.fit, rules, seed)
         said = finding.verdict in ("named", "ambiguous")
         # Enough effects together mimic a law that is missing, if not to the last per cent on two records.
         mimics = finding.something_remains and len(finding.best.fit.who) > 1 and finding.best.closure < rules.several
         asked = replace(rules, closure=rules.several) if mimics else rules
-        sure = verification.transfers(asked) and confirmed(third, effects, search.late_of(finding), rules)
-        finding = finding.refuted() if said and not sure else finding
+        finding = finding.refuted() if said and not verification.transfers(asked) else finding
     account, named = None, mechanism.runs - made - mechanism.shared
     if finding.best is not None and finding.verdict not in SILENT and not instead:
         if told := finding.verdict in ("named", "ambiguous"):
-            spread = _unsure(finding.best.fit, tuple(views.values()), 1, finding.after)
+            spread = _unsure(finding.best.fit, tuple(views.values()), finding.after)
             finding = replace(finding, best=replace(finding.best, fit=spread))
         floors = (search.floor_first, search.floor)
         wide = Widening(first, second, who, search.screen, search.rules, floors, search.remains)
         whole = wide.widen(finding)
         if whole is not None and not (told and _same(whole.fit.effects, effects)):
-            # What no further effect was found beside is still a fit to one record.
-            count = 1 if _same(whole.fit.effects, effects) else len(wide.both.views)
-            whole = replace(whole, fit=_unsure(whole.fit, tuple(views.values()), count))
+            whole = replace(whole, fit=_unsure(whole.fit, tuple(views.values())))
         account = None if whole is None else account_of(wide, finding, whole, third)
         if account is not None and verification is not None and not told:
             # Shares of hardly any gap are shares of nothing, and an account that explains none of it is no account.
@@ -264,7 +261,7 @@ def _with_other_noise(
     white = [(view.sigma, view.records) for view in views]
     for view, colour in zip(views, found[1], strict=True):
         view.set_noise(found[0], view.records, colour)
-    again = JointIdentification(views[0], views[1], bank, search.who, search.rules, seed)
+    again = JointIdentification(views[0], views[1], bank, search.who, search.rules, seed, views[2])
     named = again.run()
     if named.verdict in ("named", "ambiguous"):
         return again, named
@@ -302,26 +299,32 @@ def _second_look(
     )
     if found is None or found.verdict not in ("named", "ambiguous") or found.best is None:
         return None
-    fitted = views[0], found.best.fit
-    checked = verify(views[-1], found.best.fit.effects, np.random.default_rng(seed), fitted, search.rules.alarm)
+    best, fit = found.best, found.best.fit
+    found = third_opinion(found, lambda trial: views[-1].residual(trial.fit.effects), search.rules, search.floor)
+    checked = _verified(views, fit, search.rules, seed)
     # Enough effects together mimic a law that is missing, if not to the last per cent.
-    asked = search.rules if count == 1 else replace(search.rules, closure=search.rules.several)
-    if not (checked.transfers(asked) and confirmed(views[-1], found.best.fit.effects, search.late_of(found), search.rules)):
+    asked = search.rules if len(fit.who) == 1 else replace(search.rules, closure=search.rules.several)
+    if not checked.transfers(asked):
         return None
-    return replace(found, best=replace(found.best, fit=_unsure(found.best.fit, views, 1, found.after))), checked
+    return replace(found, best=replace(best, fit=_unsure(fit, views, found.after))), checked
 
 
-def _unsure(fit: EffectFit, views: Sequence[JointResiduals], count: int, size: float = 1.0) -> EffectFit:
+def _verified(views: Sequence[JointResiduals], fit: EffectFit, rules: Rules, seed: int) -> Verification:
+    """What the last record says of a fit to the first, or to the first two."""
+    fitted = views[0] if fit.records == 1 else PooledResiduals(tuple(views[: fit.records]))
+    return verify(views[-1], fit.effects, np.random.default_rng(seed), (fitted, fit), rules.alarm)
+
+
+def _unsure(fit: EffectFit, views: Sequence[JointResiduals], size: float = 1.0) -> EffectFit:
     """A fit with deviations that know how far records disagree.
 
     Args:
         fit: The fit.
-        views: Residuals on all records.
-        count: How many of the first of them it was fitted to.
+        views: Residuals on all records, those that it was fitted to first.
         size: What is left, in units of the noise, by which deviations are multiplied later.
     """
     wide = max(1.0, size)
-    return replace(fit, deviations=widened(wide * fit.deviations, RecordSizes.of(views, fit), count) / wide)
+    return replace(fit, deviations=widened(wide * fit.deviations, RecordSizes.of(views, fit), fit.records) / wide)
 
 
 def _as_accounted(finding: Finding, best: Hypothesis, account: GapAccount) -> Finding:

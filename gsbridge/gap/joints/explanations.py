@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from gsbridge.gap.diagnosis.verdict import slim
 from gsbridge.gap.joints.candidates import special_cases, thresholds
 from gsbridge.gap.joints.detect import JointNull, joint_null
 from gsbridge.gap.joints.fit import derivatives, fit, nearer, ordered, polish
-from gsbridge.gap.joints.limits import limits_beside, shows_more
+from gsbridge.gap.joints.limits import limits_beside, nothing_fitted, shown_by, shows_more
 from gsbridge.gap.joints.parameter_error import BesideParameterError
 from gsbridge.gap.joints.pooled import PooledResiduals
 from gsbridge.gap.joints.residuals import JointResiduals
@@ -21,8 +22,11 @@ from gsbridge.gap.joints.screen import SETS, Mixture, Screen, SignatureMatch
 from gsbridge.gap.joints.signatures import SignatureBank
 from gsbridge.gap.joints.stand_ins import stand_ins
 
-_RESERVE = 12
-"""Simulations kept for the derivatives of the best explanation."""
+CHECKED = 6
+"""Simulations kept for what `verify` says of the best explanation."""
+
+_RESERVE = CHECKED + 6
+"""Simulations kept for that and for the derivatives of the best explanation."""
 
 _PAIR = 12
 """Simulations kept for sets of effects while play and limits are tried at several sizes."""
@@ -43,6 +47,9 @@ _MOST = 0.5
 """Share of a gap's squares that the best fit must explain for others to be looked for no further."""
 
 
+T = TypeVar("T")
+
+
 @dataclass
 class SetFits:
     """Fits of sets of effects to one record, or to two where the first shows nothing of one of them.
@@ -51,7 +58,7 @@ class SetFits:
         first: Residuals on the record `fit`.
         second: Residuals on the record `select`.
         screen: Signatures on `fit`.
-        late: Effects of which `fit` shows nothing.
+        late: Effects that were found although `fit` shows nothing of them.
     """
 
     first: JointResiduals
@@ -66,25 +73,33 @@ class SetFits:
         bar: float = np.inf,
         limit: float = np.inf,
         near: bool = False,
+        both: bool = False,
     ) -> EffectFit:
         """Fit all parameters together, as `fit` does; the fit's squared residual is that of the first record.
 
         Args:
             who: Candidates.
             starts: Parameters of each to start from.
-            bar: Squared residual on the first record that a rival has reached.
+            bar: Squared residual that a rival has reached: on the first record, or on both where `both` asks for them.
             limit: Simulations at which the fit is given up.
             near: Whether the starts are near the end, so that derivatives of their own are worth their simulations.
+            both: Whether they are fitted to both records in any case, to be compared with a fit that is.
         """
-        if not self.late & set(who):
+        if not both and not self.late & set(who):
             return fit(self.first, who, starts, bar, None if near else self.screen, limit)
-        return self._as_on_first(fit(PooledResiduals((self.first, self.second)), who, starts, limit=limit))
+        if not who:
+            return nothing_fitted(self.first.residual(), 2)
+        return self._as_on_first(fit(self._both, who, starts, bar if both else np.inf, limit=limit))
 
     def polish(self, rough: EffectFit, limit: float = np.inf) -> EffectFit:
         """Improve a fit, as `polish` does."""
-        if not self.late & set(rough.who):
+        if rough.records == 1:
             return polish(self.first, rough, limit)
-        return self._as_on_first(polish(PooledResiduals((self.first, self.second)), rough, limit))
+        return self._as_on_first(polish(self._both, rough, limit))
+
+    @property
+    def _both(self) -> PooledResiduals:
+        return PooledResiduals((self.first, self.second))
 
     def _as_on_first(self, fitted: EffectFit) -> EffectFit:
         return replace(fitted, chi2=float((self.first.residual(fitted.effects) ** 2).sum()))
@@ -100,6 +115,8 @@ class Explanations:
         who: Candidates.
         rules: Thresholds.
         seed: Seed of replicates.
+        third: Residuals on the record `verify`, which alone can confirm what `fit` shows nothing of; without it, no such effect
+            is looked for.
     """
 
     def __init__(
@@ -110,8 +127,9 @@ class Explanations:
         who: Sequence[Candidate],
         rules: Rules | None = None,
         seed: int = 0,
+        third: JointResiduals | None = None,
     ) -> None:
-        self.first, self.second, self.who = first, second, tuple(who)
+        self.first, self.second, self.third, self.who = first, second, third, tuple(who)
         self.rules, self.rng = rules or Rules(), np.random.default_rng(seed)
         self.screen = Screen(first, bank)
         self.null_first: JointNull = joint_null(first, self.rng, self.screen)
@@ -122,6 +140,7 @@ class Explanations:
         self.plain_chi2 = float((self.plain**2).sum())
         self.lost: set[str] = set()
         self._alone: list[Hypothesis] = []
+        self._beside_limits: set[tuple[Candidate, ...]] = set()
         self.fits = SetFits(first, second, self.screen)
         self._beside = BesideParameterError(second, first, derivatives)
 
@@ -152,14 +171,17 @@ class Explanations:
         """Whether a trial leaves more than noise."""
         return self._p_remaining(trial) < self.rules.alarm
 
+    def _looks(self, trial: Hypothesis) -> tuple[float, float]:
+        """Probabilities that noise leaves as much on `fit`, and as much that looks like some effect."""
+        matches = self.screen.matches(trial.first)
+        return self.null_first.p_value(trial.first), self.null_first.p_gain(matches[0].gain) if matches else 1.0
+
     def _p_remaining(self, trial: Hypothesis) -> float:
         """Probability that noise leaves as much on either record, or as much that looks like some effect."""
-        matches = self.screen.matches(trial.first)
-        p_gain = self.null_first.p_gain(matches[0].gain) if matches else 1.0
-        looks = (self.null_first.p_value(trial.first), p_gain)
+        looks = self._looks(trial)
         unseen, alarm = self.null.p_value(trial.residual), self.rules.alarm / 3
         # What is beyond all replicates has another cause than the error of the parameters.
-        left = self._limit(0) - self.first.mechanism.runs
+        left = self._limit(CHECKED) - self.first.mechanism.runs
         if LEAST < unseen < alarm <= min(looks) and 2 * len(trial.fit.deviations) + 2 <= left:
             unseen = max(unseen, self.null.p_value(self._beside(trial.fit)))
         return min(1.0, 3 * min(unseen, *looks))
@@ -234,10 +256,9 @@ class Explanations:
         trials, base = list(singles), best
         for count in range(2, self.rules.most + 1):
             tried: set[frozenset[Candidate]] = set()
-            mixtures = self._grown(best, base, count) + self.screen.mixtures(self.start, count, 6)
+            trials += (late := self._with_limits(trials, best))
+            mixtures = [] if late else self._grown(best, base, count) + self.screen.mixtures(self.start, count, 6)
             reached = np.inf
-            trials += (late := self._late(best))
-            mixtures = [] if late else mixtures
             for mixture in mixtures:
                 who = frozenset(mixture.who)
                 if who in tried or len(tried) >= SETS:
@@ -257,12 +278,17 @@ class Explanations:
             best = new
             if not self.remains(best):
                 break
+        if self.remains(best):
+            trials += self._late(best)
+            best = min(trials, key=lambda trial: trial.score)
         if len(best.fit.who) > 1:
-            trials += self._simpler([best], trials, 0)
+            trials += self._simpler([best], trials, CHECKED)
             best = min(trials, key=lambda trial: trial.score)
             kept = sum(len(c.effect.parameters) for c in best.fit.who)  # what polishing the best takes
-            for every, starts in stand_ins(self.first, self.screen, best, trials, lambda: self._affords(3 + kept, kept)):
-                fitted = self.fits.fit(every, starts, 1.3 * best.fit.chi2 + 100.0, self._limit(kept))
+            for every, starts in stand_ins(
+                self.first, self.screen, best, trials, lambda: self._affords(3 + kept, CHECKED + kept)
+            ):
+                fitted = self.fits.fit(every, starts, 1.3 * best.fit.chi2 + 100.0, self._limit(CHECKED + kept))
                 trials += [self.trial_of(fitted)] if fitted.converged else []
         return slim(trials, self.rules, self.floor, self.plain_chi2)
 
@@ -276,17 +302,50 @@ class Explanations:
             grown += [Mixture((*base.fit.who, *m.who), (*base.fit.values, *m.starts), m.gain) for m in pairs]
         return sorted(grown, key=lambda mixture: -mixture.gain)
 
+    def _with_limits(self, trials: Sequence[Hypothesis], best: Hypothesis) -> list[Hypothesis]:
+        """Explanations with a limit more, beside what leaves noise of `fit` and therefore lacks nothing that shows there.
+
+        Where a limit is missing, `select` says little of what else is: the best explanation may be another one.
+        """
+        on_fit = min(trials, key=lambda trial: trial.fit.chi2 + 2.0 * trial.parameters)
+        for base in (on_fit, best):
+            if min(self._looks(base)) >= self.rules.alarm / 3 and (found := self._late(base)):
+                return found
+        return []
+
     def _late(self, best: Hypothesis) -> list[Hypothesis]:
-        """Explanations with a limit more that `select` passes and `fit` does not."""
+        """Explanations with a limit more that `select` passes and `fit` does not, where `verify` shows it, too."""
         views, effects = (self.first, self.second), best.fit.effects
-        if len(best.fit.who) >= self.rules.most or not shows_more(*views, effects, (self.floor_first, self.floor)):
+        if self.third is None or len(best.fit.who) >= self.rules.most or best.fit.who in self._beside_limits:
+            return []
+        self._beside_limits.add(best.fit.who)
+        surely = self.null.p_value(best.residual) < self.rules.alarm
+        if not surely or not shows_more(*views, effects, (self.floor_first, self.floor)):
             return []
         out = list[Hypothesis]()
         for candidate, values in limits_beside(*views, self.who, effects, self.rules.join, self._affords):
-            self.fits.late.add(candidate)
-            fitted = self.fits.fit((*best.fit.who, candidate), (*best.fit.values, values), limit=self._limit())
-            out += [self.trial_of(fitted)] if fitted.converged else []
-        return [trial for trial in out if best.score - trial.score > self.rules.join]
+            who, starts = (*best.fit.who, candidate), (*best.fit.values, values)
+            fitted = self.fits.fit(who, starts, limit=self._limit(), both=True)
+            if fitted.converged and self.needs(trial := self.trial_of(fitted), candidate):
+                self.fits.late.add(candidate)
+                out.append(trial)
+        return out
+
+    def needs(self, trial: Hypothesis, late: Candidate) -> bool:
+        """Whether an effect of which `fit` shows nothing is needed on `select`, and shows on `verify`."""
+        k, least = trial.fit.who.index(late), self.rules.join * max(1.0, trial.chi2 / self.floor)
+        if self.third is None or not shown_by(self.third, trial.fit, without_one(trial.fit.effects, k), self.rules):
+            return False
+        # What it explains must not be what the others explain once they, too, are fitted to both records.
+        who, values = without_one(trial.fit.who, k), without_one(trial.fit.values, k)
+        without = self.fits.fit(who, values, trial.squares + least, self._limit(), both=True)
+        needed = self.trial_of(without).score - trial.score > least
+        return needed and shown_by(self.third, trial.fit, without.effects, self.rules)
+
+
+def without_one(items: Sequence[T], k: int) -> list[T]:
+    """All items but one."""
+    return [*items[:k], *items[k + 1 :]]
 
 
 def _differ(some: dict[str, float], others: dict[str, float]) -> bool:

@@ -59,6 +59,10 @@ class ReplayedRecords(Protocol):
     def mechanism(self) -> Mechanism:
         """What replays them."""
 
+    @property
+    def replays(self) -> int:
+        """Simulations that one residual takes."""
+
     def residual(self, effects: Sequence[Applied] = ()) -> Array:
         """Measured less simulated, in units of the noise."""
 
@@ -88,6 +92,16 @@ class _Problem:
     @property
     def runs(self) -> int:
         return self.view.mechanism.runs
+
+    def derivatives_afforded(self, limit: float) -> bool:
+        """Whether derivatives by all parameters take no more simulations than are left."""
+        return self.runs + len(self.low) * self.view.replays < limit
+
+    def untouched(self, vector: Array, residual: Array) -> EffectFit:
+        """A fit that was given up where it began."""
+        unsure = np.full(len(vector), np.inf)
+        chi2 = float(residual @ residual)
+        return EffectFit(self.who, self.effects(vector), chi2, False, unsure, 0.0, len(vector), self.view.replays)
 
     def residual(self, vector: Array) -> Array:
         return self.view.residual(self.effects(vector)).ravel()
@@ -153,6 +167,8 @@ def fit(
     problem = _Problem(view, who)
     x = np.concatenate([candidate.vector(values) for candidate, values in zip(who, start, strict=True)])
     r = problem.residual(x)
+    if screen is None and known is None and not problem.derivatives_afforded(limit):
+        return problem.untouched(x, r)
     if known is None:
         jacobian = _first(problem, x, r, start, screen)
     else:
@@ -286,7 +302,7 @@ def _descend(
         if promise < max(_SMALL, share * best):
             # Derivatives that were carried along may see no way down where there is one: they are taken once more, unless
             # noise alone is left, or a rival is ahead for good.
-            if fresh or best < _NOISY * len(r) or best > 2.0 * bar or problem.runs + len(x) >= limit:
+            if fresh or best < _NOISY * len(r) or best > 2.0 * bar or not problem.derivatives_afforded(limit):
                 settled = True
                 break
             jacobian = np.stack([problem.difference(x, r, k) for k in range(len(x))], axis=1)
@@ -313,7 +329,7 @@ def _descend(
                     # Kinks (dry friction, limits) keep a promise that no step fulfils.
                     settled = promise < max(20 * _SMALL, 10 * _SHARE * best)
                     break
-                if problem.runs + len(x) >= limit:
+                if not problem.derivatives_afforded(limit):
                     break
                 jacobian = np.stack([problem.difference(x, r, k) for k in range(len(x))], axis=1)
                 damping, failures, fresh = 1e-3, 0, True
@@ -330,4 +346,5 @@ def _descend(
     correlation = np.abs(covariance / np.maximum(spread, 1e-300) - np.eye(len(x))).max() if len(x) > 1 else 0.0
     shown = np.linalg.svd(jacobian * problem.scale(x), compute_uv=False)
     rank = max(1, int((shown > _HIDDEN * shown[0]).sum()))
-    return EffectFit(problem.who, problem.effects(x), best, settled, deviations, float(correlation), rank)
+    known = deviations, float(correlation), rank
+    return EffectFit(problem.who, problem.effects(x), best, settled, *known, records=problem.view.replays)

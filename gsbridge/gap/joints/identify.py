@@ -8,16 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from gsbridge.gap.diagnosis.closure import beyond_noise, closed_at_most_times, closed_beside_rest
-from gsbridge.gap.diagnosis.results import Candidate, Finding, Hypothesis, Rules
+from gsbridge.gap.diagnosis.results import Candidate, Finding, Hypothesis
 from gsbridge.gap.diagnosis.verdict import Decision, decide, slim, transfer
 from gsbridge.gap.joints.candidates import closed_beside_knocks
 from gsbridge.gap.joints.coherence import related
-from gsbridge.gap.joints.explanations import Explanations
+from gsbridge.gap.joints.explanations import CHECKED, Explanations, without_one
 from gsbridge.gap.joints.limits import nothing_fitted
 from gsbridge.gap.joints.motion import is_motion, vibrates
-from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.screen import SignatureMatch
-from gsbridge.gap.joints.signatures import SignatureBank
 
 _AS_LITTLE, _LITTLE = 5.0, 0.01
 """Multiple of what the best explanation leaves, and share of the gap, up to which others leave as little: the model's error
@@ -34,19 +32,10 @@ class JointIdentification(Explanations):
         who: Candidates.
         rules: Thresholds.
         seed: Seed of replicates.
+        third: Residuals on the record `verify`.
     """
 
-    def __init__(
-        self,
-        first: JointResiduals,
-        second: JointResiduals,
-        bank: SignatureBank,
-        who: Sequence[Candidate],
-        rules: Rules | None = None,
-        seed: int = 0,
-    ) -> None:
-        super().__init__(first, second, bank, who, rules, seed)
-        self._seen: tuple[list[Hypothesis], Sequence[SignatureMatch], float, tuple[str, ...]] | None = None
+    _seen: tuple[list[Hypothesis], Sequence[SignatureMatch], float, tuple[str, ...]] | None = None
 
     def run(self, filtered: Callable[[Hypothesis], bool] = lambda trial: False) -> Finding:
         """Detect, screen, fit, rank, decide; no further where an effect leaves a filter's noise, if that is asked."""
@@ -97,28 +86,32 @@ class JointIdentification(Explanations):
         """
         if self._seen is None or any(set(trial.fit.who) == set(who) for trial in self._seen[0]):
             return None
-        # Of a limit the first record may show nothing.
-        self.fits.late |= {candidate for candidate in who if candidate.effect.cuts}
         # As many simulations again as the search may take.
         self._begin = self.first.mechanism.runs
-        fitted = self.fits.fit(who, values, limit=self._limit(), near=True)
+        late = [k for k, candidate in enumerate(who) if candidate.effect.cuts and self._hidden(who, values, k)]
+        fitted = self.fits.fit(who, values, limit=self._limit(), near=True, both=bool(late))
         if not fitted.converged:
             return None
+        trial = self.trial_of(fitted)
+        if not all(self.needs(trial, who[k]) for k in late):
+            return None
+        self.fits.late |= {who[k] for k in late}
         trials, matches, p_value, unseen = self._seen
-        trials = [*trials, self.trial_of(fitted)]
+        trials = [*trials, trial]
         for k, names in enumerate(instead):
-            kept = [j for j in range(len(who)) if j != k]
-            left = self.first.residual([fitted.effects[j] for j in kept])
+            others, starts = without_one(who, k), without_one(fitted.values, k)
+            left = self.first.residual(without_one(fitted.effects, k))
             for match in (m for m in self.screen.matches(left) if str(m.candidate) in names):
-                others, starts = [who[j] for j in kept], [fitted.values[j] for j in kept]
                 if self.first.mechanism.runs < self._limit():
                     rival = self.fits.fit((*others, match.candidate), (*starts, match.starts[0]), limit=self._limit())
                     trials.append(self.trial_of(rival))
         return self._decide(slim(trials, self.rules, self.floor, self.plain_chi2), matches, p_value, unseen)
 
-    def late_of(self, finding: Finding) -> list[Candidate]:
-        """Effects of a finding that were fitted to `select`, too, since `fit` may show nothing of them."""
-        return [] if finding.best is None else [who for who in finding.best.fit.who if who in self.fits.late]
+    def _hidden(self, who: Sequence[Candidate], values: Sequence[dict[str, float]], k: int) -> bool:
+        """Whether `fit` shows nothing of one effect beside others."""
+        effects = [candidate.applied(one) for candidate, one in zip(who, values, strict=True)]
+        change = self.first.residual(effects) - self.first.residual(without_one(effects, k))
+        return float((change**2).sum()) < self.rules.margin
 
     def _transfers(self, trial: Hypothesis) -> bool:
         """Whether a trial explains a part of the other record, by more than chance and colour of the noise allow.
@@ -144,8 +137,8 @@ class JointIdentification(Explanations):
         again, kept = {id(t) for t in (first.trials[0], *first.near[:2])}, []
         for trial in first.trials:
             derivatives = sum(len(c.effect.parameters) for c in trial.fit.who)
-            if id(trial) in again and self.first.mechanism.runs + derivatives < self._limit(0):
-                better = self.fits.polish(trial.fit, self._limit(0))
+            if id(trial) in again and self.first.mechanism.runs + derivatives < self._limit(CHECKED):
+                better = self.fits.polish(trial.fit, self._limit(CHECKED))
                 trial = self.trial_of(better) if better.converged or better.chi2 < trial.fit.chi2 else trial
             kept.append(trial)
         found = decide(kept, rules, self.floor)
@@ -160,7 +153,7 @@ class JointIdentification(Explanations):
         elif found.near or found.chances[0] < rules.sure:
             verdict = "ambiguous"
             names = tuple(dict.fromkeys(" + ".join(trial.names) for trial in (best, *found.near)))
-            if len(best.fit.who) == 1:
+            if len(best.fit.who) == best.fit.records == 1:
                 # Candidates that were not fitted, but whose signatures explain as much, are not ruled out either.
                 gained = float((self.start**2).sum()) - best.fit.chi2 - rules.margin
                 tried = {candidate for trial in trials for candidate in trial.fit.who}
@@ -193,11 +186,11 @@ class JointIdentification(Explanations):
             return True
         left = max(trial.chi2 - self.floor, 0.0)
         for candidate in trial.fit.who:
-            kept = [k for k, c in enumerate(trial.fit.who) if c != candidate]
-            known = [t for t in trials if set(t.fit.who) <= set(trial.fit.who) - {candidate}]
-            if not any(len(t.fit.who) == len(kept) for t in known):
-                who, values = [trial.fit.who[k] for k in kept], [trial.fit.values[k] for k in kept]
-                known.append(self.trial_of(self.fits.fit(who, values, np.inf, self._limit(0))))
+            k, both = trial.fit.who.index(candidate), trial.fit.records > 1
+            who, values = without_one(trial.fit.who, k), without_one(trial.fit.values, k)
+            known = [t for t in trials if set(t.fit.who) <= set(who)]
+            if not any(len(t.fit.who) == len(who) and t.fit.records == trial.fit.records for t in known):
+                known.append(self.trial_of(self.fits.fit(who, values, np.inf, self._limit(CHECKED), both=both)))
             # A fit that ends in a poor valley, with even fewer effects doing better, would make an effect look needed.
             without = min(known, key=lambda t: t.chi2)
             left_without, left_with, gap = (
@@ -239,4 +232,6 @@ class JointIdentification(Explanations):
 
     def _closed_first(self, trial: Hypothesis) -> float:
         """Share of the gap on `fit` that a trial closes; `select` tells whether something else happened there for a while."""
+        if trial.fit.records > 1 and self.null_first.p_value(self.start) >= self.rules.alarm:
+            return self._closed(trial)  # there is none
         return closed_at_most_times(self.start, trial.first, self.null_first.share)

@@ -1,7 +1,7 @@
 """Limits that one record passes and another does not: of a motor's torque, of how fast a command may change.
 
 Below its limit a motor shows nothing of it. Where slow motions were recorded for the fit and faster ones to choose by, all
-that a limit does is left of the second record alone. It is then fitted to both, and the third record must confirm it.
+that a limit does is left of the second record alone. It is then fitted to both, and the third record must show it, too.
 """
 
 from __future__ import annotations
@@ -22,8 +22,12 @@ _JOINTS = 2
 _LEVELS, _HALVINGS = 4, 3
 """Limits that are tried between the largest values of two records, and how often the distance to the next is then halved."""
 
-_SHARES = (0.95, 0.88, 0.8, 0.7, 0.6, 0.5)
-"""Limits at which one is looked at beside an explanation, in shares of the largest value."""
+_SHARES = (0.95, 0.88, 0.8, 0.7, 0.6, 0.5, 0.25, 0.12, 0.06, 0.03)
+"""Limits at which one is looked at beside an explanation, in shares of the largest value: a command that jumps has a speed far
+above any limit."""
+
+_LOWEST = 0.05
+"""Share of the largest value on one record that a joint is taken to reach on another throughout which it rests."""
 
 _FITTED = 2
 """Limits that are fitted, those that leave least."""
@@ -95,13 +99,16 @@ def _passed(
         return []
     peaks = [peaks_of(view, effects) for view in (first, second)]
     out = list[tuple[Candidate, float, float]]()
-    for joint in _erring(second, effects)[:_JOINTS]:
-        k = second.record.joints.index(joint)
-        for candidate in (c for c in among if c.joint == joint):
-            low, high = (float(peak[candidate.effect.cuts][k]) for peak in peaks)
-            if high > _BEYOND * low > 0.0:
-                out.append((candidate, low, high))
-    return out
+    for candidate in among:
+        k = second.record.joints.index(candidate.joint)
+        low, high = (float(peak[candidate.effect.cuts][k]) for peak in peaks)
+        if high > _BEYOND * low:
+            out.append((candidate, max(low, _LOWEST * high), high))
+    # Where no channel tells joints apart, a limit hides at those that go furthest beyond what the first record asked of them.
+    beyond = sorted(out, key=lambda item: -item[2] / item[1])
+    joints = [*_erring(second, effects), *(candidate.joint for candidate, _, _ in beyond)]
+    tried = list(dict.fromkeys(joints))[:_JOINTS]
+    return sorted((item for item in out if item[0].joint in tried), key=lambda item: tried.index(item[0].joint))
 
 
 class _Search:
@@ -138,7 +145,7 @@ class _Search:
             self._step *= 0.5
             best = self._best()
             for place in (best - self._step, best + self._step):
-                self._try(place)
+                self._try(min(max(place, 0.0), 1.0))
         return self._seen[self._best()]
 
     def _best(self) -> float:
@@ -149,24 +156,19 @@ class _Search:
 
     def _values(self, place: float) -> dict[str, float]:
         (parameter,) = self.candidate.effect.parameters
-        return {parameter.name: 1.0 / (self._low * self._ratio**place)}
+        return {parameter.name: min(1.0 / (self._low * self._ratio**place), parameter.high)}
 
 
-def confirmed(third: JointResiduals, effects: Sequence[Applied], late: Sequence[Candidate], rules: Rules) -> bool:
-    """Whether the third record shows each effect that was fitted to both others, by more than chance.
+def shown_by(third: JointResiduals, whole: EffectFit, without: Sequence[Applied], rules: Rules) -> bool:
+    """Whether the third record shows an effect that was fitted to both others, by more than chance.
 
     Args:
         third: Residuals on the record `verify`.
-        effects: All effects of an explanation.
-        late: Candidates among them that were fitted to both others.
+        whole: The fit with it.
+        without: All other effects.
         rules: Thresholds.
     """
-    whole = third.residual(effects)
-    for candidate in late:
-        others = [effect for effect in effects if (effect.name, effect.joint) != (candidate.name, candidate.joint)]
-        if len(others) < len(effects) and transfer(third.residual(others), whole) <= rules.deviations:
-            return False
-    return True
+    return transfer(third.residual(without), third.residual(whole.effects)) > rules.deviations
 
 
 def levels(views: Sequence[JointResiduals], effects: Sequence[Applied], who: Candidate) -> list[dict[str, float]]:
@@ -200,13 +202,14 @@ def peaks_of(view: JointResiduals, effects: Sequence[Applied]) -> dict[str, Arra
     return {"effort": np.nan_to_num(efforts).max(axis=0), "command_velocity": speeds.max(axis=0)}
 
 
-def nothing_fitted(residual: Array) -> EffectFit:
+def nothing_fitted(residual: Array, records: int = 1) -> EffectFit:
     """The fit of no effects, which leaves a residual as it is.
 
     Args:
         residual: In units of the noise. [T, C].
+        records: With how many records' fits it is compared.
     """
-    return EffectFit((), (), float((residual**2).sum()), True, np.zeros(0), 0.0, 0)
+    return EffectFit((), (), float((residual**2).sum()), True, np.zeros(0), 0.0, 0, records)
 
 
 def _erring(view: JointResiduals, effects: Sequence[Applied]) -> list[str]:

@@ -64,7 +64,7 @@ def jolted(view: JointResiduals, residual: Array) -> set[int]:
     around[1:] |= large[:-1]
     around[:-1] |= large[1:]
     # Whether a channel was computed from another one is told by all other moments.
-    witnesses = related(view, np.clip(residual, -usual, usual))
+    witnesses = related(view, np.where(around.any(axis=1, keepdims=True), np.nan, residual))
     places = {channel: column for column, channel in enumerate(view.channels)}
     return {k for kind, k in witnesses if (around[:, places[(kind, k)]] & around[:, places[("position", k)]]).any()}
 

@@ -40,7 +40,7 @@ class BesideParameterError:
 
     Args:
         view: The record, which no fit has seen.
-        seen: The record of the fits.
+        seen: The record of the fits, or the first of both.
         derivatives: Derivatives of a record's residuals by a fit's parameters.
     """
 
@@ -54,6 +54,8 @@ class BesideParameterError:
         """The residual, in units of the noise. [T, C]."""
         if id(fitted) not in self._known:
             here, there = (self._derivatives(view, fitted) for view in (self._view, self._seen))
+            # A fit to both records knows more of its parameters than the first alone does.
+            there = there if fitted.records == 1 else np.concatenate([there, here])
             residual = beside_parameter_error(self._view.residual(fitted.effects), here, there)
             self._known[id(fitted)] = fitted, residual
         return self._known[id(fitted)][1]

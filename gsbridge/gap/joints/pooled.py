@@ -33,6 +33,11 @@ class PooledResiduals:
         """What replays them."""
         return self.views[0].mechanism
 
+    @property
+    def replays(self) -> int:
+        """Simulations that one residual takes."""
+        return len(self.views)
+
     def residual(self, effects: Sequence[Applied] = ()) -> Array:
         """Measured less simulated. [sum of T C]."""
         return self._joined([view.residual(effects) for view in self.views])

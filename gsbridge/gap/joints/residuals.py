@@ -307,6 +307,11 @@ class JointResiduals:
         return np.asarray(values, dtype=np.float64)[:, rows, joints]
 
     @property
+    def replays(self) -> int:
+        """Simulations that one residual takes."""
+        return 1
+
+    @property
     def freedom(self) -> int:
         """Independent numbers in a residual."""
         return self.count * len(self.channels) - sum(basis.shape[1] for basis in self._basis)

@@ -11,6 +11,9 @@ from gsbridge.gap.joints.screen import Screen
 _ALIKE = 0.95
 """Share of what an effect explains that a candidate's signatures must explain to be tried in its place."""
 
+_SHOWN = 9.0
+"""Squared residual, in units of the noise, that an effect must explain of a record to show there at all."""
+
 
 def stand_ins(
     view: JointResiduals, screen: Screen, best: Hypothesis, known: Sequence[Hypothesis], affords: Callable[[], bool]
@@ -38,6 +41,8 @@ def stand_ins(
         kept = [j for j in range(len(who)) if j != k]
         part = view.residual([best.fit.effects[j] for j in kept]) - best.first
         enough = _ALIKE * float((part**2).sum())
+        if enough < _SHOWN:
+            continue
         others = (m for m in screen.matches(part) if m.candidate not in who and not _nested(own, m.candidate))
         alike = [match for match in others if match.bound >= enough]
         if not alike:

@@ -10,7 +10,7 @@ from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.results import EffectFit, Verification
 from gsbridge.gap.joints.candidates import closed_beside_knocks
 from gsbridge.gap.joints.detect import joint_null
-from gsbridge.gap.joints.fit import derivatives
+from gsbridge.gap.joints.fit import ReplayedRecords, derivatives
 from gsbridge.gap.joints.parameter_error import beside_parameter_error
 from gsbridge.gap.joints.residuals import JointResiduals
 
@@ -19,7 +19,7 @@ def verify(
     view: JointResiduals,
     effects: Sequence[Applied],
     rng: np.random.Generator,
-    fitted: tuple[JointResiduals, EffectFit] | None = None,
+    fitted: tuple[ReplayedRecords, EffectFit] | None = None,
     alarm: float = 0.0,
 ) -> Verification:
     """Replay a record with and without effects; sizes are root mean squares in units of the noise (1 is noise alone).
@@ -28,7 +28,7 @@ def verify(
         view: Residuals of a record neither fitted nor used to choose.
         effects: What was found.
         rng: Random numbers for effect-free replicates.
-        fitted: The record of the fit, and the fit: what the error of its parameters leaves is then no alarm.
+        fitted: The records of the fit, and the fit: what the error of its parameters leaves is then no alarm.
         alarm: p-value below which a discrepancy counts.
     """
     sizes, plain, residual = [], view.residual(), np.zeros(0)

@@ -162,7 +162,7 @@ class Widening:
         """What was found, with deviations as its own intervals have them, or wider where the model errs."""
         deviations = max(1.0, finding.after) * best.fit.deviations
         if finding.something_remains and best.fit.converged:
-            deviations = np.maximum(deviations, _spread(PooledResiduals((self.first,)), best.fit))
+            deviations = np.maximum(deviations, _spread(PooledResiduals(self.both.views[: best.fit.records]), best.fit))
         return replace(best, fit=replace(best.fit, deviations=deviations))
 
     def instead(self, whole: Hypothesis, k: int, third: JointResiduals | None = None) -> tuple[str, ...]:

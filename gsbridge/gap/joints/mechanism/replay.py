@@ -30,6 +30,9 @@ _REGULAR, _MOSTLY = 0.1, 0.98
 """Largest deviation of a step between stamps from a whole number of periods, and share of the steps that must keep to it, for a
 gap to be commands that were lost."""
 
+_LOST = 0.1
+"""Share of a log's steps from which on gaps are its way of logging, and no losses."""
+
 Span = tuple[int, int]
 """First sample of a stretch of a record, and the one behind its last."""
 
@@ -151,7 +154,8 @@ def true_state(setup: JointSetup, q: Array, v: Array) -> State:
 def with_lost_commands(record: Record) -> tuple[Array, Mapping[str, Array]]:
     """Commands with those that a log lost here and there, along a cubic spline through the others.
 
-    The controller got them all the same. Longer gaps, and those of logs whose stamps jitter, stay as they are.
+    The controller got them all the same. Longer gaps, and those of logs whose stamps jitter, stay as they are. A spline swings
+    where a command jumps: it may bend no more than the command does around a gap.
 
     Args:
         record: Commands and times.
@@ -163,11 +167,31 @@ def with_lost_commands(record: Record) -> tuple[Array, Mapping[str, Array]]:
     counts = np.diff(time) / record.period
     whole = np.rint(counts)
     lost = (whole >= 2) & (whole <= _FILLED + 1)
-    if not lost.any() or np.mean(np.abs(counts - whole) < _REGULAR) < _MOSTLY or not record.commands:
+    if not 0.0 < lost.mean() < _LOST or np.mean(np.abs(counts - whole) < _REGULAR) < _MOSTLY or not record.commands:
         return time, record.commands
     inside = [time[k] + (time[k + 1] - time[k]) * np.arange(1, whole[k]) / whole[k] for k in np.flatnonzero(lost)]
     every = np.sort(np.concatenate([time, *inside]))
-    return every, {kind: CubicSpline(time, values)(every) for kind, values in record.commands.items()}
+    return every, {kind: _smooth(time, values, every) for kind, values in record.commands.items()}
+
+
+def _smooth(time: Array, values: Array, every: Array) -> Array:
+    """Values between samples: a line's, and as much of what a cubic spline adds as the curvature around allows.
+
+    Args:
+        time: Times of the samples, s. [T].
+        values: Values. [T, N].
+        every: Times asked for, s. [T'].
+    """
+    gaps = np.diff(time)[:, None]
+    slopes = np.diff(values, axis=0) / gaps
+    # Second derivative at each sample; the ends have that of their neighbours. Of the four around a gap a jump raises two.
+    bends = np.abs(np.pad(2.0 * np.diff(slopes, axis=0) / (gaps[1:] + gaps[:-1]), ((2, 2), (0, 0)), mode="edge"))
+    around = np.sort(np.stack([bends[k : len(gaps) + k] for k in range(4)]), axis=0)[1]
+    # Between two samples a parabola departs from the line by an eighth of this at most; twice that leaves cubics room.
+    most = around * gaps**2 / 4.0
+    row = (np.searchsorted(time, every, side="right") - 1).clip(0, len(time) - 2)
+    line = values[row] + slopes[row] * (every - time[row])[:, None]
+    return np.asarray(line + np.clip(CubicSpline(time, values)(every) - line, -most[row], most[row]))
 
 
 def command_grid(record: Record, system: MechanismModel, setup: JointSetup, steps: int) -> tuple[Array, Array, Array]:
