@@ -25,7 +25,7 @@ motion where this decides."""
 
 
 def is_motion(views: Sequence[JointResiduals], residuals: Sequence[Array], rng: np.random.Generator, deviations: float) -> bool:
-    """Whether the channels of the residuals move together, or are large and follow the mechanism, as far as can be told.
+    """Whether the channels of the residuals move together or jolt at once, or are large and follow the mechanism.
 
     Noise that passed a filter is any number of times what neighbouring samples tell of it.
 

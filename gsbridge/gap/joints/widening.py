@@ -306,7 +306,8 @@ class Widening:
         """Candidates with parameters to look at them beside an explanation.
 
         What a threshold changes tells nothing of another threshold: such a size is looked at anew where another one suits what
-        is left, a surface at every height, since `fit` alone may never come near it, and on the joint that errs most any size.
+        is left, a surface at every height, since `fit` alone may never come near it, and on the joints that err most on either
+        record any size, of a limit by what the records ask for.
         """
         surfaces = [who for who in self.who if is_surface(who)]
         out = [(m.candidate, m.starts[0]) for m in self.screen.matches(best.first) if m.candidate not in surfaces]
