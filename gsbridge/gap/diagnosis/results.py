@@ -274,7 +274,7 @@ class Finding(Generic[H]):
 
 @dataclass(frozen=True)
 class Verification:
-    """The gap on `verify`, which neither fitting nor choosing has seen, without and with the best explanation.
+    """The gap on `verify`, which no fit has seen, without and with the best explanation.
 
     Args:
         before: Size of the gap without the effects, in the unit of the findings before scaling.

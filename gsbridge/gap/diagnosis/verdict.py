@@ -130,7 +130,7 @@ def _chances(trials: Sequence[Hypothesis], third: Sequence[Array] | None = None)
 def third_opinion(finding: Finding, left_by: Callable[[Hypothesis], Array], rules: Rules, floor: float) -> Finding:
     """A finding that cannot decide, with its best explanation named where `verify` makes it as sure as a name.
 
-    `verify` cannot put another one in its place: what was chosen on two records is asked about once.
+    `verify` cannot put another one in its place: what two records leave open is asked about once.
 
     Args:
         finding: What two records tell.

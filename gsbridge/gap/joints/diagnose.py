@@ -330,7 +330,7 @@ def _unsure(fit: EffectFit, views: Sequence[JointResiduals], size: float = 1.0) 
 def _as_accounted(finding: Finding, best: Hypothesis, account: GapAccount) -> Finding:
     """A finding with the sizes that the account has, where it holds all that was named: one thing has one size.
 
-    What was named was fitted to one record, on which two masses of an arm may hardly be parted; the account to both.
+    What was named was mostly fitted to one record, on which two masses of an arm may hardly be parted; the account to both.
 
     Args:
         finding: What was found.

@@ -140,7 +140,7 @@ class Explanations:
         self.plain_chi2 = float((self.plain**2).sum())
         self.lost: set[str] = set()
         self._alone: list[Hypothesis] = []
-        self._beside_limits: set[tuple[Candidate, ...]] = set()
+        self._limited: set[frozenset[Candidate]] = set()
         self.fits = SetFits(first, second, self.screen)
         self._beside = BesideParameterError(second, first, derivatives)
 
@@ -171,14 +171,14 @@ class Explanations:
         """Whether a trial leaves more than noise."""
         return self._p_remaining(trial) < self.rules.alarm
 
-    def _looks(self, trial: Hypothesis) -> tuple[float, float]:
+    def _p_on_fit(self, trial: Hypothesis) -> tuple[float, float]:
         """Probabilities that noise leaves as much on `fit`, and as much that looks like some effect."""
         matches = self.screen.matches(trial.first)
         return self.null_first.p_value(trial.first), self.null_first.p_gain(matches[0].gain) if matches else 1.0
 
     def _p_remaining(self, trial: Hypothesis) -> float:
         """Probability that noise leaves as much on either record, or as much that looks like some effect."""
-        looks = self._looks(trial)
+        looks = self._p_on_fit(trial)
         unseen, alarm = self.null.p_value(trial.residual), self.rules.alarm / 3
         # What is beyond all replicates has another cause than the error of the parameters.
         left = self._limit(CHECKED) - self.first.mechanism.runs
@@ -256,14 +256,16 @@ class Explanations:
         trials, base = list(singles), best
         for count in range(2, self.rules.most + 1):
             tried: set[frozenset[Candidate]] = set()
-            trials += (late := self._with_limits(trials, best))
-            mixtures = [] if late else self._grown(best, base, count) + self.screen.mixtures(self.start, count, 6)
+            trials = self._with_limits(trials)
+            if not self.remains(late := min(trials, key=lambda trial: trial.score)):
+                best = late
+                break
             reached = np.inf
-            for mixture in mixtures:
+            for mixture in self._grown(best, base, count) + self.screen.mixtures(self.start, count, 6):
                 who = frozenset(mixture.who)
                 if who in tried or len(tried) >= SETS:
                     continue
-                if not self._affords(3 + sum(len(c.effect.parameters) for c in mixture.who)):
+                if not self._affords(3 + self._numbers(mixture.who)):
                     break
                 tried.add(who)
                 fitted = self.fits.fit(mixture.who, mixture.starts, 1.3 * reached + 100.0, self._limit())
@@ -279,12 +281,12 @@ class Explanations:
             if not self.remains(best):
                 break
         if self.remains(best):
-            trials += self._late(best)
+            trials = self._with_limits(trials, anyway=True)
             best = min(trials, key=lambda trial: trial.score)
         if len(best.fit.who) > 1:
             trials += self._simpler([best], trials, CHECKED)
             best = min(trials, key=lambda trial: trial.score)
-            kept = sum(len(c.effect.parameters) for c in best.fit.who)  # what polishing the best takes
+            kept = self._numbers(best.fit.who)  # what polishing the best takes
             for every, starts in stand_ins(
                 self.first, self.screen, best, trials, lambda: self._affords(3 + kept, CHECKED + kept)
             ):
@@ -302,45 +304,74 @@ class Explanations:
             grown += [Mixture((*base.fit.who, *m.who), (*base.fit.values, *m.starts), m.gain) for m in pairs]
         return sorted(grown, key=lambda mixture: -mixture.gain)
 
-    def _with_limits(self, trials: Sequence[Hypothesis], best: Hypothesis) -> list[Hypothesis]:
-        """Explanations with a limit more, beside what leaves noise of `fit` and therefore lacks nothing that shows there.
+    def _numbers(self, who: Sequence[Candidate]) -> int:
+        """Simulations that derivatives by all parameters of some effects take."""
+        return sum(len(c.effect.parameters) for c in who) * (2 if self.fits.late & set(who) else 1)
 
-        Where a limit is missing, `select` says little of what else is: the best explanation may be another one.
+    def _with_limits(self, trials: Sequence[Hypothesis], anyway: bool = False) -> list[Hypothesis]:
+        """Explanations and, if found, one or two with a limit more that `select` passes and `fit` does not.
+
+        A limit is sought beside what leaves noise of `fit` and therefore lacks nothing that shows there. Where one is missing,
+        `select` says little of what else is: the best explanation of `fit` may be another one.
+
+        Args:
+            trials: The explanations.
+            anyway: Whether it is sought beside what leaves more of `fit`, too, since nothing better was found.
         """
-        on_fit = min(trials, key=lambda trial: trial.fit.chi2 + 2.0 * trial.parameters)
-        for base in (on_fit, best):
-            if min(self._looks(base)) >= self.rules.alarm / 3 and (found := self._late(base)):
-                return found
-        return []
+        few = [trial for trial in trials if len(trial.fit.who) < self.rules.most]
+        on_fit = min(few, key=lambda trial: trial.fit.chi2 + 2.0 * trial.parameters)
+        for base in (on_fit, min(few, key=lambda trial: trial.score)):
+            if (anyway or min(self._p_on_fit(base)) >= self.rules.alarm / 3) and (found := self._late(base)):
+                sets = [set(trial.fit.who) for trial in found]
+                return [*found, *(trial for trial in trials if set(trial.fit.who) not in sets)]
+        return list(trials)
 
     def _late(self, best: Hypothesis) -> list[Hypothesis]:
         """Explanations with a limit more that `select` passes and `fit` does not, where `verify` shows it, too."""
         views, effects = (self.first, self.second), best.fit.effects
-        if self.third is None or len(best.fit.who) >= self.rules.most or best.fit.who in self._beside_limits:
+        if self.third is None or frozenset(best.fit.who) in self._limited:
             return []
-        self._beside_limits.add(best.fit.who)
-        surely = self.null.p_value(best.residual) < self.rules.alarm
-        if not surely or not shows_more(*views, effects, (self.floor_first, self.floor)):
+        self._limited.add(frozenset(best.fit.who))
+        if not shows_more(*views, effects, (self.floor_first, self.floor)) or not self._shows_more_than_noise(best):
             return []
         out = list[Hypothesis]()
         for candidate, values in limits_beside(*views, self.who, effects, self.rules.join, self._affords):
             who, starts = (*best.fit.who, candidate), (*best.fit.values, values)
             fitted = self.fits.fit(who, starts, limit=self._limit(), both=True)
-            if fitted.converged and self.needs(trial := self.trial_of(fitted), candidate):
+            if fitted.converged and self.is_confirmed(trial := self.trial_of(fitted), candidate):
                 self.fits.late.add(candidate)
                 out.append(trial)
         return out
 
-    def needs(self, trial: Hypothesis, late: Candidate) -> bool:
-        """Whether an effect of which `fit` shows nothing is needed on `select`, and shows on `verify`."""
+    def _shows_more_than_noise(self, trial: Hypothesis) -> bool:
+        """Whether an explanation leaves more of `select` than noise and the error of its parameters."""
+        if self.null.p_value(trial.residual) >= self.rules.alarm:
+            return False
+        affords = trial.fit.who and trial.fit.records == 1 and self._affords(2 * self._numbers(trial.fit.who))
+        return not affords or self.null.p_value(self._beside(trial.fit)) < self.rules.alarm
+
+    def is_confirmed(self, trial: Hypothesis, late: Candidate) -> bool:
+        """Whether an effect of which `fit` shows nothing is needed on `select`, and shows on `verify`.
+
+        What it explains must not be what the others explain once they, too, are fitted to both records; nor, where there are no
+        others, what the best single effect does.
+        """
         k, least = trial.fit.who.index(late), self.rules.join * max(1.0, trial.chi2 / self.floor)
         if self.third is None or not shown_by(self.third, trial.fit, without_one(trial.fit.effects, k), self.rules):
             return False
-        # What it explains must not be what the others explain once they, too, are fitted to both records.
-        who, values = without_one(trial.fit.who, k), without_one(trial.fit.values, k)
-        without = self.fits.fit(who, values, trial.squares + least, self._limit(), both=True)
-        needed = self.trial_of(without).score - trial.score > least
-        return needed and shown_by(self.third, trial.fit, without.effects, self.rules)
+        rivals = [(without_one(trial.fit.who, k), without_one(trial.fit.values, k))]
+        if not rivals[0][0] and self._alone:
+            alone = min(self._alone, key=lambda single: single.score).fit
+            rivals.append((list(alone.who), list(alone.values)))
+        for who, values in rivals:
+            other = self.fits.fit(who, values, limit=self._limit(), both=True)
+            # What was given up for want of simulations says nothing.
+            told = other.converged or self.first.mechanism.runs < self._limit()
+            if not told or self.trial_of(other).score - trial.score <= least:
+                return False
+            if not shown_by(self.third, trial.fit, other.effects, self.rules):
+                return False
+        return True
 
 
 def without_one(items: Sequence[T], k: int) -> list[T]:

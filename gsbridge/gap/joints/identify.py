@@ -40,6 +40,7 @@ class JointIdentification(Explanations):
     def run(self, filtered: Callable[[Hypothesis], bool] = lambda trial: False) -> Finding:
         """Detect, screen, fit, rank, decide; no further where an effect leaves a filter's noise, if that is asked."""
         rules, residual = self.rules, self.start
+        self._limited.clear()
         p_first, p_second = self.null_first.p_value(residual), self.null.p_value(self.plain)
         p_value = min(p_first, p_second)
         matches = self.screen.matches(residual)
@@ -82,29 +83,33 @@ class JointIdentification(Explanations):
             instead: Names of what may stand in the place of each, which is compared, too.
 
         Returns:
-            None where there is nothing to compare it with, where it was compared before, or where it cannot be fitted.
+            None where there is nothing to compare it with, where it was compared before, where it cannot be fitted, or where a
+            limit of which `fit` shows nothing is not needed or does not show on `verify`.
         """
-        if self._seen is None or any(set(trial.fit.who) == set(who) for trial in self._seen[0]):
+        if self._seen is None:
             return None
         # As many simulations again as the search may take.
         self._begin = self.first.mechanism.runs
         late = [k for k, candidate in enumerate(who) if candidate.effect.cuts and self._hidden(who, values, k)]
+        known = [trial for trial in self._seen[0] if set(trial.fit.who) == set(who)]
+        if any(trial.fit.records > 1 or not late for trial in known):
+            return None
         fitted = self.fits.fit(who, values, limit=self._limit(), near=True, both=bool(late))
         if not fitted.converged:
             return None
         trial = self.trial_of(fitted)
-        if not all(self.needs(trial, who[k]) for k in late):
+        if not all(self.is_confirmed(trial, who[k]) for k in late):
             return None
         self.fits.late |= {who[k] for k in late}
         trials, matches, p_value, unseen = self._seen
-        trials = [*trials, trial]
+        trials = [*(one for one in trials if set(one.fit.who) != set(who)), trial]
         for k, names in enumerate(instead):
             others, starts = without_one(who, k), without_one(fitted.values, k)
             left = self.first.residual(without_one(fitted.effects, k))
             for match in (m for m in self.screen.matches(left) if str(m.candidate) in names):
                 if self.first.mechanism.runs < self._limit():
-                    rival = self.fits.fit((*others, match.candidate), (*starts, match.starts[0]), limit=self._limit())
-                    trials.append(self.trial_of(rival))
+                    rival = (*others, match.candidate), (*starts, match.starts[0])
+                    trials.append(self.trial_of(self.fits.fit(*rival, limit=self._limit(), both=bool(late))))
         return self._decide(slim(trials, self.rules, self.floor, self.plain_chi2), matches, p_value, unseen)
 
     def _hidden(self, who: Sequence[Candidate], values: Sequence[dict[str, float]], k: int) -> bool:
@@ -136,7 +141,7 @@ class JointIdentification(Explanations):
         # The best and what comes near it are fitted once more, with derivatives of their own.
         again, kept = {id(t) for t in (first.trials[0], *first.near[:2])}, []
         for trial in first.trials:
-            derivatives = sum(len(c.effect.parameters) for c in trial.fit.who)
+            derivatives = sum(len(c.effect.parameters) for c in trial.fit.who) * trial.fit.records
             if id(trial) in again and self.first.mechanism.runs + derivatives < self._limit(CHECKED):
                 better = self.fits.polish(trial.fit, self._limit(CHECKED))
                 trial = self.trial_of(better) if better.converged or better.chi2 < trial.fit.chi2 else trial

@@ -32,6 +32,9 @@ _LOWEST = 0.05
 _FITTED = 2
 """Limits that are fitted, those that leave least."""
 
+_NEARLY = 2.0
+"""Multiple of what the best limit leaves up to which a second one is fitted, too."""
+
 _BEYOND = 1.02
 """Ratio of the largest values of two records from which on one passes what the other does not."""
 
@@ -80,8 +83,10 @@ def limits_beside(
             found.append((search.try_levels(), search))
     found.sort(key=lambda item: item[0])
     fit = 6 * (1 + sum(len(effect.parameters) for effect in effects))
-    for _, search in found[:_FITTED]:
-        if affords(2 * _HALVINGS + fit) and plain - search.halve() >= gain:
+    least = np.inf
+    for left, search in found[:_FITTED]:
+        if left < _NEARLY * least and affords(2 * _HALVINGS + fit) and plain - search.halve() >= gain:
+            least = min(least, left)
             yield search.candidate, search.values
 
 

@@ -51,11 +51,11 @@ class BesideParameterError:
         self._known: dict[int, tuple[EffectFit, Array]] = {}
 
     def __call__(self, fitted: EffectFit) -> Array:
-        """The residual, in units of the noise. [T, C]."""
+        """The residual, in units of the noise; as it is where the fit has seen both records. [T, C]."""
+        if fitted.records > 1:
+            return self._view.residual(fitted.effects)
         if id(fitted) not in self._known:
             here, there = (self._derivatives(view, fitted) for view in (self._view, self._seen))
-            # A fit to both records knows more of its parameters than the first alone does.
-            there = there if fitted.records == 1 else np.concatenate([there, here])
             residual = beside_parameter_error(self._view.residual(fitted.effects), here, there)
             self._known[id(fitted)] = fitted, residual
         return self._known[id(fitted)][1]

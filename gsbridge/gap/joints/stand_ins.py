@@ -41,7 +41,7 @@ def stand_ins(
         kept = [j for j in range(len(who)) if j != k]
         part = view.residual([best.fit.effects[j] for j in kept]) - best.first
         enough = _ALIKE * float((part**2).sum())
-        if enough < _SHOWN:
+        if best.fit.records > 1 and enough < _SHOWN:
             continue
         others = (m for m in screen.matches(part) if m.candidate not in who and not _nested(own, m.candidate))
         alike = [match for match in others if match.bound >= enough]

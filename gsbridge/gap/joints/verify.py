@@ -1,4 +1,5 @@
-"""What the third record, which had no part in fitting or choosing, says of an explanation."""
+"""What the third record says of an explanation. It had no part in fitting or choosing, but for limits that `fit` never reaches,
+of which it must show something, too."""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ def verify(
     """Replay a record with and without effects; sizes are root mean squares in units of the noise (1 is noise alone).
 
     Args:
-        view: Residuals of a record neither fitted nor used to choose.
+        view: Residuals of a record that was not fitted.
         effects: What was found.
         rng: Random numbers for effect-free replicates.
         fitted: The records of the fit, and the fit: what the error of its parameters leaves is then no alarm.
