@@ -319,6 +319,8 @@ class Explanations:
             anyway: Whether it is sought beside what leaves more of `fit`, too, since nothing better was found.
         """
         few = [trial for trial in trials if len(trial.fit.who) < self.rules.most]
+        if not few:
+            return list(trials)
         on_fit = min(few, key=lambda trial: trial.fit.chi2 + 2.0 * trial.parameters)
         for base in (on_fit, min(few, key=lambda trial: trial.score)):
             if (anyway or min(self._p_on_fit(base)) >= self.rules.alarm / 3) and (found := self._late(base)):
