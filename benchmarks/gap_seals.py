@@ -29,7 +29,8 @@ from gsbridge.errors import InputError
 from gsbridge.experiment.gap_benchmark import methods_of
 from gsbridge.experiment.seals import VARIABLE, record_seal, seal_of
 from gsbridge.files import read_json, write_json
-from gsbridge.gap.benchmark import campaign
+from gsbridge.gap.benchmark import campaign, drawing
+from gsbridge.gap.benchmark.case_plan import SPLITS, TIERS
 from gsbridge.gap.benchmark.score import score_findings
 from gsbridge.report.scores.risk_coverage import answered, risk_at
 
@@ -42,7 +43,7 @@ SHOWN = ("named_right", "named_or_covered", "named_wrong", "false_alarm", "unkno
 def main(arguments: Sequence[str] | None = None) -> int:
     """Draw, diagnose, score, write down."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--tiers", nargs="+", choices=campaign.TIERS, default=list(campaign.TIERS))
+    parser.add_argument("--tiers", nargs="+", choices=TIERS, default=list(TIERS))
     parser.add_argument("--cases", type=int, help="of each tier; all without it")
     parser.add_argument("--methods", nargs="+", choices=campaign.METHODS[1:], default=[], help="other ways of naming beside")
     parser.add_argument("--folder", type=Path, help="keeps cases, truths and findings")
@@ -69,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         folder = options.folder / str(seal) / tier
         cases, truths = folder / "cases", folder / "truths"
         if not (cases / "manifest.json").exists():
-            campaign.generate_cases(tier, campaign.SPLITS[1], cases, truths, count=options.cases, seal=seal)
+            drawing.generate_cases(tier, SPLITS[1], cases, truths, count=options.cases, seal=seal)
         findings = {campaign.METHODS[0]: folder / "findings", **{name: folder / name for name in options.methods}}
         for method, found in findings.items():
             campaign.diagnose_cases(cases, campaign.case_keys(cases), found, options.folder / "bank", method=method)

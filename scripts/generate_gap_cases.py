@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from gsbridge.gap.benchmark.chunks import generate_tier
+from gsbridge.gap.benchmark.drawing import generate_tier
 from gsbridge.logs import start
 
 if TYPE_CHECKING:

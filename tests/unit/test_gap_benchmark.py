@@ -18,8 +18,9 @@ from gsbridge.files import read_json, write_json
 from gsbridge.gap.benchmark.axis_truth import run_axis
 from gsbridge.gap.benchmark.baselines import METHODS, SEARCHES, available
 from gsbridge.gap.benchmark.bullet_truth import BulletTruth
-from gsbridge.gap.benchmark.campaign import _drawn, case_keys, diagnose_cases, generate_cases
+from gsbridge.gap.benchmark.campaign import case_keys, diagnose_cases
 from gsbridge.gap.benchmark.case_plan import BODIES, MACHINES, SPLITS, TIER_SIZE, TIERS, PlannedCase, plan_cases
+from gsbridge.gap.benchmark.drawing import _drawn, generate_cases
 from gsbridge.gap.benchmark.generate import BenchmarkMechanism, NotShownError, _joined, size_of_units
 from gsbridge.gap.benchmark.images import draw_image_case
 from gsbridge.gap.benchmark.images import image_site as photo_site

@@ -10,7 +10,8 @@ from scipy.stats import hypergeom
 
 from gsbridge.files import read_json
 from gsbridge.gap.benchmark.baselines import SEARCHES, ahead, sureness
-from gsbridge.gap.benchmark.campaign import case_keys, diagnose_cases, generate_cases
+from gsbridge.gap.benchmark.campaign import case_keys, diagnose_cases
+from gsbridge.gap.benchmark.drawing import generate_cases
 from gsbridge.gap.benchmark.group_lasso import _lengths, _path, group_lasso
 from gsbridge.gap.benchmark.verdicts import JudgedCase, read_verdicts
 from gsbridge.report.scores.risk_coverage import (

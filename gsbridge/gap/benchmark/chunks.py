@@ -9,35 +9,6 @@ from pathlib import Path
 
 from gsbridge.files import atomic_directory, write_json
 from gsbridge.gap.benchmark import campaign, score
-from gsbridge.gap.benchmark.photo_cases import contents_of
-
-
-def generate_tier(
-    tier: str,
-    split: str,
-    count: int | None,
-    seed: int,
-    cases: str | Path,
-    truths: str | Path,
-    photos: Sequence[str | Path] = (),
-    renders: Sequence[str | Path] = (),
-    seal: int | None = None,
-) -> None:
-    """Draw the cases of a tier and hide their truths.
-
-    Args:
-        tier: One of `campaign.TIERS`.
-        split: One of `campaign.SPLITS`.
-        count: Number of cases; None for all of the tier's.
-        seed: Seed of everything.
-        cases: Folder of the cases.
-        truths: Folder of the truths; their hashes stand in the cases' manifest.
-        photos: Folders of photos that may lie on the tables of the worlds of `t4`.
-        renders: Folders of renders of splats that may lie there.
-        seal: Number that alone draws a scored split of its own.
-    """
-    contents = contents_of(photos, renders)
-    campaign.generate_cases(tier, split, Path(cases), Path(truths), count=count, seed=seed, contents=contents, seal=seal)
 
 
 def diagnose_chunk(
