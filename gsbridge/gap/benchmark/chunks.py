@@ -1,4 +1,4 @@
-"""The blind benchmark as jobs: cases are diagnosed in chunks that go on where they were killed, and scored per tier."""
+"""The blind benchmark as jobs: drawn cases are diagnosed in chunks that go on where they were killed, and scored per tier."""
 
 from __future__ import annotations
 

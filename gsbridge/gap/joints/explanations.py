@@ -52,7 +52,7 @@ T = TypeVar("T")
 
 @dataclass
 class SetFits:
-    """Fits of sets of effects to one record, or to two where the first shows nothing of one of them.
+    """Fits of sets of effects to `fit`, or to `select`, too, where `fit` shows nothing of one of the effects.
 
     Args:
         first: Residuals on the record `fit`.

@@ -212,7 +212,7 @@ def nothing_fitted(residual: Array, records: int = 1) -> EffectFit:
 
     Args:
         residual: In units of the noise. [T, C].
-        records: With how many records' fits it is compared.
+        records: How many records the fits have seen with which it is compared.
     """
     return EffectFit((), (), float((residual**2).sum()), True, np.zeros(0), 0.0, 0, records)
 

@@ -39,8 +39,8 @@ class BesideParameterError:
     """`beside_parameter_error` of fits to one record on another; what was asked before is not simulated again.
 
     Args:
-        view: The record, which no fit has seen.
-        seen: The record of the fits, or the first of both.
+        view: The record `select`, which only fits to two records have seen.
+        seen: The record `fit`, which all have seen.
         derivatives: Derivatives of a record's residuals by a fit's parameters.
     """
 
