@@ -1,5 +1,8 @@
 """What the error of a fit's parameters leaves on another record is no effect more."""
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -7,13 +10,14 @@ from scipy.optimize import least_squares
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.benchmark.generate import draw_case
 from gsbridge.gap.benchmark.mechanisms import axis_plant
+from gsbridge.gap.diagnosis.results import Finding, Hypothesis, Rules
 from gsbridge.gap.joints.candidates import JointCandidate
 from gsbridge.gap.joints.detect import joint_null
 from gsbridge.gap.joints.diagnose import views_of
 from gsbridge.gap.joints.fit import derivatives, fit, polish
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.parameter_error import BesideParameterError, beside_parameter_error
-from gsbridge.gap.joints.verify import verify
+from gsbridge.gap.joints.verify import named_by_third, verify
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +47,7 @@ def test_it_is_what_parameters_fitted_to_both_records_leave(axis):
 
     begin = [fitted.values[0]["torque"], fitted.values[1]["coefficient"]]
     best = least_squares(both, begin, x_scale=np.abs(begin), diff_step=1e-3).x
-    found = BesideParameterError(views["verify"], views["fit"], derivatives)(fitted).ravel()
+    found = BesideParameterError(views["verify"], (views["fit"],))(fitted).ravel()
     alone, together = residual(begin, "verify"), residual(best, "verify")
     assert np.linalg.norm(together - alone) > 0.3
     assert np.linalg.norm(found - together) < 0.1 * np.linalg.norm(together - alone)
@@ -66,9 +70,46 @@ def test_right_effects_are_seldom_refused_for_the_error_of_their_sizes(axis):
         who = (JointCandidate("gravcomp", ""),)
         views, fitted = fitted_case(axis, "gravcomp", 6.0, 100 + seed, who, ({"change": -0.01},))
         plain = verify(views["verify"], fitted.effects, np.random.default_rng(seed))
-        allowed = verify(views["verify"], fitted.effects, np.random.default_rng(seed), (views["fit"], fitted), 0.05)
+        beside = BesideParameterError(views["verify"], (views["fit"],))
+        allowed = verify(views["verify"], fitted.effects, np.random.default_rng(seed), partial(beside, fitted), 0.05)
         before.append(plain.p_remaining)
         refused.append(allowed.p_remaining < 0.05)
         # It is asked where there is an alarm alone, and raises none.
         assert allowed.p_remaining == plain.p_remaining or plain.p_remaining < min(0.05, allowed.p_remaining)
     assert sum(refused) < sum(p < 0.05 for p in before) <= 5
+
+
+def opinion(views, best, rival, runs=99):
+    """What the third record makes of two fits between which two records cannot decide."""
+    search = [
+        Hypothesis(one, views["select"].residual(one.effects), views["fit"].residual(one.effects), 0.0, 1.0)
+        for one in (best, rival)
+    ]
+    # As alike as the two records found them, whatever they leave.
+    search = [
+        replace(one, residual=search[0].residual, first=search[0].first, fit=replace(one.fit, chi2=0.0)) for one in search
+    ]
+    names = tuple(" + ".join(one.names) for one in search)
+    finding = Finding("ambiguous", search[0], tuple((one, 0.5) for one in search), names, False, 0.0, 1.0, 2.0, 1.0, 0)
+    return named_by_third(finding, tuple(views.values()), Rules(), 1.0 * views["select"].residual().size, runs)
+
+
+def test_the_error_of_a_parameter_rules_no_rival_out(axis):
+    who, start = (JointCandidate("viscous", "axis"),), ({"coefficient": 0.02},)
+    views, right = fitted_case(axis, "viscous", 20.0, 3, who, start)
+    coulomb = polish(views["fit"], fit(views["fit"], (JointCandidate("coulomb", "axis"),), ({"torque": 0.01},)))
+    # Four standard deviations beside the best coefficient of all records, as noise may put a fit to one.
+    off = right.values[0]["coefficient"] + 4.0 * float(right.deviations[0])
+    rival = replace(right, effects=(who[0].applied({"coefficient": off}),))
+    pair = replace(
+        right,
+        who=(*who, JointCandidate("armature", "axis")),
+        effects=(*right.effects, JointCandidate("armature", "axis").applied({"inertia": 0.0})),
+        deviations=np.array([*right.deviations, 0.001]),
+    )
+    third = views["verify"]
+    assert (third.residual(rival.effects) ** 2).sum() > (third.residual(pair.effects) ** 2).sum() + 9.0
+    assert opinion(views, pair, rival).verdict == "ambiguous"
+    # What another law leaves is no error of a parameter.
+    assert opinion(views, right, coulomb).verdict == "named"
+    assert opinion(views, right, coulomb, runs=3).verdict == "ambiguous"

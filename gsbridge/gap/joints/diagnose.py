@@ -25,7 +25,6 @@ from gsbridge.gap.diagnosis.results import (
     Rules,
     Verification,
 )
-from gsbridge.gap.diagnosis.verdict import third_opinion
 from gsbridge.gap.formats.records import Record
 from gsbridge.gap.joints.account import account_of
 from gsbridge.gap.joints.bank import signature_bank
@@ -38,12 +37,12 @@ from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.motion import other_noise
 from gsbridge.gap.joints.noise_colour import NoiseColour
-from gsbridge.gap.joints.pooled import PooledResiduals
+from gsbridge.gap.joints.parameter_error import BesideParameterError
 from gsbridge.gap.joints.residuals import JointResiduals, share_noise
 from gsbridge.gap.joints.scatter import RecordSizes, widened
 from gsbridge.gap.joints.signatures import SignatureBank
 from gsbridge.gap.joints.touches import leave_out_touches, touches_told
-from gsbridge.gap.joints.verify import verify
+from gsbridge.gap.joints.verify import named_by_third, verify
 from gsbridge.gap.joints.widening import Widening
 from gsbridge.geometry import Array
 
@@ -177,7 +176,7 @@ def _diagnosis(
     instead = integral.sentence if integral is not None else instead
     if instead:
         finding = finding.refuted()
-    finding = third_opinion(finding, lambda trial: third.residual(trial.fit.effects), rules, search.floor)
+    finding = named_by_third(finding, tuple(views.values()), rules, search.floor, search.left)
     if finding.best is not None:
         effects = finding.best.fit.effects
         verification = _verified(tuple(views.values()), finding.best.fit, rules, seed)
@@ -300,7 +299,7 @@ def _second_look(
     if found is None or found.verdict not in ("named", "ambiguous") or found.best is None:
         return None
     best, fit = found.best, found.best.fit
-    found = third_opinion(found, lambda trial: views[-1].residual(trial.fit.effects), search.rules, search.floor)
+    found = named_by_third(found, views, search.rules, search.floor, search.left)
     checked = _verified(views, fit, search.rules, seed)
     # Enough effects together mimic a law that is missing, if not to the last per cent.
     asked = search.rules if len(fit.who) == 1 else replace(search.rules, closure=search.rules.several)
@@ -311,8 +310,8 @@ def _second_look(
 
 def _verified(views: Sequence[JointResiduals], fit: EffectFit, rules: Rules, seed: int) -> Verification:
     """What the last record says of a fit to the first, or to the first two."""
-    fitted = views[0] if fit.records == 1 else PooledResiduals(tuple(views[: fit.records]))
-    return verify(views[-1], fit.effects, np.random.default_rng(seed), (fitted, fit), rules.alarm)
+    beside = BesideParameterError(views[-1], views[:-1])
+    return verify(views[-1], fit.effects, np.random.default_rng(seed), lambda: beside(fit), rules.alarm)
 
 
 def _unsure(fit: EffectFit, views: Sequence[JointResiduals], size: float = 1.0) -> EffectFit:

@@ -13,7 +13,7 @@ from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Hypothesis, Rul
 from gsbridge.gap.diagnosis.verdict import slim
 from gsbridge.gap.joints.candidates import special_cases, thresholds
 from gsbridge.gap.joints.detect import JointNull, joint_null
-from gsbridge.gap.joints.fit import derivatives, fit, nearer, ordered, polish
+from gsbridge.gap.joints.fit import fit, nearer, ordered, polish
 from gsbridge.gap.joints.limits import limits_beside, nothing_fitted, shown_by, shows_more
 from gsbridge.gap.joints.parameter_error import BesideParameterError
 from gsbridge.gap.joints.pooled import PooledResiduals
@@ -141,12 +141,19 @@ class Explanations:
         self.lost: set[str] = set()
         self._alone: list[Hypothesis] = []
         self._limited: set[frozenset[Candidate]] = set()
+        # Sets that could stand in the place of one for whose fits no simulations were left, by that one.
+        self.untried: dict[frozenset[Candidate], list[tuple[Candidate, ...]]] = {}
         self.fits = SetFits(first, second, self.screen)
-        self._beside = BesideParameterError(second, first, derivatives)
+        self._beside = BesideParameterError(second, (first, second))
 
     def spare(self, runs: int) -> None:
         """Let so many simulations that others took count no longer against the budget."""
         self._begin += runs
+
+    @property
+    def left(self) -> int:
+        """Simulations that are left of the budget."""
+        return self.rules.budget - self._used()
 
     def _used(self) -> int:
         return self.first.mechanism.runs - self._begin
@@ -287,11 +294,16 @@ class Explanations:
             trials += self._simpler([best], trials, CHECKED)
             best = min(trials, key=lambda trial: trial.score)
             kept = self._numbers(best.fit.who)  # what polishing the best takes
-            for every, starts in stand_ins(
-                self.first, self.screen, best, trials, lambda: self._affords(3 + kept, CHECKED + kept)
-            ):
-                fitted = self.fits.fit(every, starts, 1.3 * best.fit.chi2 + 100.0, self._limit(CHECKED + kept))
-                trials += [self.trial_of(fitted)] if fitted.converged else []
+            for one in stand_ins(self.first, self.screen, best, trials):
+                if self._affords(0, CHECKED + kept):
+                    fitted = self.fits.fit(one.who, one.values, 1.3 * best.fit.chi2 + 100.0, self._limit(CHECKED + kept))
+                    if fitted.converged:
+                        trials.append(self.trial_of(fitted))
+                        continue
+                    if self.first.mechanism.runs < self._limit(CHECKED + kept):
+                        continue
+                if one.behind < self.rules.margin:
+                    self.untried.setdefault(frozenset(best.fit.who), []).append(one.who)
         return slim(trials, self.rules, self.floor, self.plain_chi2)
 
     def _grown(self, best: Hypothesis, base: Hypothesis, count: int) -> list[Mixture]:

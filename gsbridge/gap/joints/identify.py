@@ -155,9 +155,11 @@ class JointIdentification(Explanations):
         if best.fit.stopped or best.fit.blurred or (remains and not self._suffices(best, trials)):
             verdict = "none_of_the_known"
             part = self._sure_part(found, trials)
-        elif found.near or found.chances[0] < rules.sure:
+        elif found.near or found.chances[0] < rules.sure or frozenset(best.fit.who) in self.untried:
             verdict = "ambiguous"
             names = tuple(dict.fromkeys(" + ".join(trial.names) for trial in (best, *found.near)))
+            untried = self.untried.get(frozenset(best.fit.who), [])
+            names += tuple(" + ".join(sorted(map(str, every))) for every in untried)
             if len(best.fit.who) == best.fit.records == 1:
                 # Candidates that were not fitted, but whose signatures explain as much, are not ruled out either.
                 gained = float((self.start**2).sum()) - best.fit.chi2 - rules.margin

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 
 import numpy as np
 
 from gsbridge.gap.diagnosis.results import EffectFit
+from gsbridge.gap.joints.fit import derivatives
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
@@ -36,26 +37,28 @@ def beside_parameter_error(left: Array, here: Array, there: Array) -> Array:
 
 
 class BesideParameterError:
-    """`beside_parameter_error` of fits to one record on another; what was asked before is not simulated again.
+    """`beside_parameter_error` of fits on another record; what was asked before is not simulated again.
 
     Args:
-        view: The record `select`, which only fits to two records have seen.
-        seen: The record `fit`, which all have seen.
-        derivatives: Derivatives of a record's residuals by a fit's parameters.
+        view: The record: one that no fit has seen, or the second one, which only fits to two records have seen.
+        seen: The records that fits have seen: all have seen the first one, those to two records the first two.
     """
 
-    def __init__(
-        self, view: JointResiduals, seen: JointResiduals, derivatives: Callable[[JointResiduals, EffectFit], Array]
-    ) -> None:
-        self._view, self._seen, self._derivatives = view, seen, derivatives
+    def __init__(self, view: JointResiduals, seen: Sequence[JointResiduals]) -> None:
+        self._view, self._seen = view, tuple(seen)
         self._known: dict[int, tuple[EffectFit, Array]] = {}
 
     def __call__(self, fitted: EffectFit) -> Array:
-        """The residual, in units of the noise; as it is where the fit has seen both records. [T, C]."""
-        if fitted.records > 1:
+        """The residual, in units of the noise; as it is where the fit has seen the record. [T, C]."""
+        seen = self._seen[: fitted.records]
+        if any(self._view is view for view in seen):
             return self._view.residual(fitted.effects)
         if id(fitted) not in self._known:
-            here, there = (self._derivatives(view, fitted) for view in (self._view, self._seen))
-            residual = beside_parameter_error(self._view.residual(fitted.effects), here, there)
+            there = np.concatenate([derivatives(view, fitted) for view in seen])
+            residual = beside_parameter_error(self._view.residual(fitted.effects), derivatives(self._view, fitted), there)
             self._known[id(fitted)] = fitted, residual
         return self._known[id(fitted)][1]
+
+    def runs(self, fitted: EffectFit) -> int:
+        """Most simulations that asking takes."""
+        return len(fitted.deviations) * (fitted.records + 1)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
 
 from gsbridge.gap.diagnosis.results import Candidate, Hypothesis
 from gsbridge.gap.joints.residuals import JointResiduals
@@ -15,42 +18,54 @@ _SHOWN = 9.0
 """Squared residual, in units of the noise, that an effect must explain of a record to show there at all."""
 
 
-def stand_ins(
-    view: JointResiduals, screen: Screen, best: Hypothesis, known: Sequence[Hypothesis], affords: Callable[[], bool]
-) -> Iterator[tuple[tuple[Candidate, ...], list[dict[str, float]]]]:
-    """Sets in which the candidate that looks most like one of the effects of `best` stands in its place.
+@dataclass(frozen=True)
+class StandIn:
+    """A set in which another effect stands in the place of one.
+
+    Args:
+        who: The effects.
+        values: Parameters of each to start from.
+        behind: By how much less of `fit` the other explains than the one does, both by their signatures. Squared residual, in
+            units of the noise.
+    """
+
+    who: tuple[Candidate, ...]
+    values: tuple[dict[str, float], ...]
+    behind: float
+
+
+def stand_ins(view: JointResiduals, screen: Screen, best: Hypothesis, known: Sequence[Hypothesis]) -> list[StandIn]:
+    """Sets in which the candidate that looks most like one of the effects of `best` stands in its place, the most alike first.
 
     A set is grown from signatures, which tell near twins apart by little: a lag and a delay, each beside two other effects.
-    Where only one of the two was tried, it would be named without having been compared with the other. Each set that is
-    asked for costs one simulation.
+    Where only one of the two was tried, it would be named without having been compared with the other. Each effect takes one
+    simulation.
 
     Args:
         view: Residuals on the record `fit`.
         screen: Signatures on that record.
         best: The best explanation, of several effects.
         known: Explanations that were fitted; none of them is proposed again.
-        affords: Whether there are simulations left for another set; asked before each.
-
-    Yields:
-        The effects of a set, and parameters of each to start from.
     """
-    who, fitted = best.fit.who, {frozenset(trial.fit.who) for trial in known}
+    who, fitted, out = best.fit.who, {frozenset(trial.fit.who) for trial in known}, list[StandIn]()
     for k, own in enumerate(who):
-        if not affords():
-            return
         kept = [j for j in range(len(who)) if j != k]
         part = view.residual([best.fit.effects[j] for j in kept]) - best.first
         enough = _ALIKE * float((part**2).sum())
         if best.fit.records > 1 and enough < _SHOWN:
             continue
-        others = (m for m in screen.matches(part) if m.candidate not in who and not _nested(own, m.candidate))
-        alike = [match for match in others if match.bound >= enough]
-        if not alike:
+        matches = screen.matches(part)
+        others = [m for m in matches if m.bound >= enough and m.candidate not in who and not _nested(own, m.candidate)]
+        if not others:
             continue
-        other = max(alike, key=lambda match: match.bound)
+        other = max(others, key=lambda match: match.bound)
         every = (*who[:k], other.candidate, *who[k + 1 :])
         if frozenset(every) not in fitted:
-            yield every, [*best.fit.values[:k], other.starts[0], *best.fit.values[k + 1 :]]
+            # A signature of another size does not explain all of its own effect either.
+            mine = next((match.bound for match in matches if match.candidate == own), -np.inf)
+            starts = (*best.fit.values[:k], other.starts[0], *best.fit.values[k + 1 :])
+            out.append(StandIn(every, starts, mine - other.bound))
+    return sorted(out, key=lambda one: one.behind)
 
 
 def _nested(one: Candidate, other: Candidate) -> bool:

@@ -3,24 +3,25 @@ of which it must show something, too."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from gsbridge.effects.registry import Applied
-from gsbridge.gap.diagnosis.results import EffectFit, Verification
+from gsbridge.gap.diagnosis.results import Finding, Rules, Verification
+from gsbridge.gap.diagnosis.verdict import third_opinion
 from gsbridge.gap.joints.candidates import closed_beside_knocks
 from gsbridge.gap.joints.detect import joint_null
-from gsbridge.gap.joints.fit import ReplayedRecords, derivatives
-from gsbridge.gap.joints.parameter_error import beside_parameter_error
+from gsbridge.gap.joints.parameter_error import BesideParameterError
 from gsbridge.gap.joints.residuals import JointResiduals
+from gsbridge.geometry import Array
 
 
 def verify(
     view: JointResiduals,
     effects: Sequence[Applied],
     rng: np.random.Generator,
-    fitted: tuple[ReplayedRecords, EffectFit] | None = None,
+    beside: Callable[[], Array] | None = None,
     alarm: float = 0.0,
 ) -> Verification:
     """Replay a record with and without effects; sizes are root mean squares in units of the noise (1 is noise alone).
@@ -29,7 +30,7 @@ def verify(
         view: Residuals of a record that was not fitted.
         effects: What was found.
         rng: Random numbers for effect-free replicates.
-        fitted: The records of the fit, and the fit: what the error of its parameters leaves is then no alarm.
+        beside: What is left beside the error of the parameters, which is then no alarm. [T, C].
         alarm: p-value below which a discrepancy counts.
     """
     sizes, plain, residual = [], view.residual(), np.zeros(0)
@@ -42,8 +43,30 @@ def verify(
     channels = {name: (float(a), float(b)) for name, a, b in zip(names, rows_before, rows_after, strict=True)}
     null = joint_null(view, rng)
     p_remaining = null.p_value(residual)
-    if fitted is not None and p_remaining < alarm:
-        here, there = (derivatives(one, fitted[1]) for one in (view, fitted[0]))
-        p_remaining = max(p_remaining, null.p_value(beside_parameter_error(residual, here, there)))
+    if beside is not None and p_remaining < alarm:
+        p_remaining = max(p_remaining, null.p_value(beside()))
     mostly = closed_beside_knocks(effects, plain, residual, null.share)
     return Verification(before, after, float(1.0 - left / gap), channels, after <= before, p_remaining, mostly)
+
+
+def named_by_third(finding: Finding, views: Sequence[JointResiduals], rules: Rules, floor: float, runs: int) -> Finding:
+    """The finding after a `third_opinion` by the last record, which counts only if the parameters' errors do not make it.
+
+    On a record that moves faster, the error of a parameter may leave more of the right explanation than a wrong one leaves.
+
+    Args:
+        finding: What two records tell.
+        views: Residuals on all records, the one that no fit has seen last.
+        rules: Thresholds.
+        floor: Squared residual of noise alone on `select`.
+        runs: Simulations that are left to ask; without enough of them, nothing is named.
+    """
+    third = views[-1]
+    named = third_opinion(finding, lambda trial: third.residual(trial.fit.effects), rules, floor)
+    if named is finding:
+        return finding
+    beside = BesideParameterError(third, views[:-1])
+    compared = [trial.fit for trial, _ in finding.rivals if " + ".join(trial.names) in finding.ambiguous]
+    if sum(beside.runs(fitted) for fitted in compared) > runs:
+        return finding
+    return third_opinion(finding, lambda trial: beside(trial.fit), rules, floor)
