@@ -46,9 +46,28 @@ def test_noise_scales_with_the_values(scale, seed):
 
 
 def test_noise_is_pooled_only_where_records_agree():
-    found = pooled([np.array([1.0, 1.0]), np.array([1.1, 3.0])])
+    found = pooled([np.array([1.0, 1.0]), np.array([1.1, 3.0])], [400, 400])
     assert found[0][0] == found[1][0] == pytest.approx(np.sqrt((1 + 1.21) / 2))
     assert [row[1] for row in found] == [1.0, 3.0]
+
+
+@pytest.mark.parametrize("count", [60, 400, 4000])
+def test_one_noise_is_taken_for_one_however_short_the_records(count):
+    """Twenty-one channels on three records, as an arm of seven joints logs them."""
+    rng, apart = np.random.default_rng(count), 0
+    for _ in range(100):
+        found = pooled([white_noise(rng.standard_normal((count, 21))) for _ in range(3)], [count] * 3)
+        apart += not np.array_equal(found[0], found[1])
+    assert apart <= 1
+
+
+def test_twice_the_noise_is_not_taken_for_one():
+    rng = np.random.default_rng(5)
+    sizes = np.ones((3, 21))
+    sizes[2, 4] = 2.0
+    found = pooled([white_noise(size * rng.standard_normal((400, 21))) for size in sizes], [400] * 3)
+    assert found[2][4] == pytest.approx(2.0, rel=0.2)
+    assert found[0][4] == pytest.approx(1.0, rel=0.2)
 
 
 def test_block_means_keep_the_size_of_white_noise():

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.special import comb
+from scipy.stats import f as f_ratio
 
 from gsbridge.geometry import Array
 
@@ -19,7 +20,15 @@ _KEPT_SHARE = 0.9733
 """Variance of a normal variable within `_CUT` spreads."""
 
 _ALIKE = 1.3
-"""Ratio up to which estimates of several records are taken for one noise."""
+"""Ratio up to which estimates of several records are taken for one noise, however long they are."""
+
+_PER_FREEDOM = 2.9
+"""Samples of a record for each independent square in an estimate: differences of neighbouring samples share their noise (2.6
+in theory), and some are cut off."""
+
+_RARE = 1e-6
+"""Probability that two estimates of one noise differ so much that they are taken for two: a case compares dozens of channels,
+each on three records."""
 
 
 def white_noise(values: Array) -> Array:
@@ -32,8 +41,19 @@ def white_noise(values: Array) -> Array:
     return spread / np.sqrt(sum(comb(_ORDER, k) ** 2 for k in range(_ORDER + 1)))
 
 
-def pooled(estimates: Sequence[Array]) -> list[Array]:
-    """Noise per record and channel: one estimate where the records agree, each record's own where they do not. [C] each."""
+def pooled(estimates: Sequence[Array], counts: Sequence[int]) -> list[Array]:
+    """Noise per record and channel: one estimate where the records agree, each record's own where they do not.
+
+    Args:
+        estimates: Noise of each channel as each record tells it. [C] each.
+        counts: Samples of each record.
+
+    Returns:
+        [C] each.
+    """
     table = np.stack(estimates)
-    same = table.max(axis=0) < _ALIKE * table.min(axis=0)
+    # A short record's estimate differs from another's by chance: its own would then make noise of a motion, or motion of noise.
+    freedom = max(min(counts) / _PER_FREEDOM, 1.0)
+    alike = max(_ALIKE, float(np.sqrt(f_ratio.isf(_RARE, freedom, freedom))))
+    same = table.max(axis=0) < alike * table.min(axis=0)
     return [np.where(same, np.sqrt((table**2).mean(axis=0)), row) for row in table]

@@ -352,5 +352,6 @@ class JointResiduals:
 def share_noise(views: Sequence[JointResiduals]) -> None:
     """Pool the noise of views of one mechanism, channel by channel: the same sensors logged them."""
     if len({view.channels for view in views}) == 1:
-        for view, sigma in zip(views, pooled([view.sigma for view in views]), strict=True):
+        found = pooled([view.sigma for view in views], [view.count for view in views])
+        for view, sigma in zip(views, found, strict=True):
             view.set_noise(sigma, len(views))
