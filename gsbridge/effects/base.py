@@ -22,6 +22,7 @@ class Parameter:
         meaning: What it means, in words.
         per_angle: Whether it counts per turn of a joint, though its unit does not say so.
         grain: Smallest scale on which a shape is looked at; zero for a tenth of its range.
+        weighted_by: The amplitude whose product with this one acts, as a mass at a place does; empty for what acts by itself.
     """
 
     name: str
@@ -33,6 +34,7 @@ class Parameter:
     meaning: str
     per_angle: bool = False
     grain: float = 0.0
+    weighted_by: str = ""
 
 
 class Effect(ABC):

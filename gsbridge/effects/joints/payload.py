@@ -16,9 +16,9 @@ class Payload(JointEffect):
     scope = "mechanism"
     parameters = (
         Parameter("mass", "kg", 0.0, 20.0, 0.05, True, "of the payload"),
-        Parameter("x", "m", -1.0, 1.0, 0.0, False, "its place in the frame of the last link"),
-        Parameter("y", "m", -1.0, 1.0, 0.0, False, ""),
-        Parameter("z", "m", -1.0, 1.0, 0.0, False, ""),
+        Parameter("x", "m", -1.0, 1.0, 0.0, False, "its place in the frame of the last link", weighted_by="mass"),
+        Parameter("y", "m", -1.0, 1.0, 0.0, False, "", weighted_by="mass"),
+        Parameter("z", "m", -1.0, 1.0, 0.0, False, "", weighted_by="mass"),
     )
     sizes = (1.0, 10.0)
     signature = "like weight, growing towards the base, in all joints"

@@ -2,6 +2,9 @@
 
 from gsbridge.effects.joints.base import FigureEffect, Parameter
 
+_APART = 1.0
+"""Angle between the rests at which a spring's signatures are made, rad; sums of them give all rests."""
+
 
 class Spring(FigureEffect):
     """A cable or spring that pulls."""
@@ -11,9 +14,13 @@ class Spring(FigureEffect):
     hook = "transmission"
     parameters = (
         Parameter("stiffness", "N m/rad", 0.0, 50.0, 0.2, True, "torque per angle"),
-        Parameter("rest", "rad", -3.0, 3.0, 0.0, False, "angle at which it pulls nothing"),
+        Parameter("rest", "rad", -3.0, 3.0, 0.0, False, "angle at which it pulls nothing", weighted_by="stiffness"),
     )
     figures = {"stiffness": "spring", "rest": "spring_rest"}  # noqa: RUF012
     signature = "effort grows with the angle, equal in both directions"
     confused_with = ("payload", "gravcomp", "encoder_scale")
     tell_apart = "unplug or re-route the cable"
+
+    def directions(self) -> tuple[dict[str, float], ...]:
+        """Springs that rest in the middle, and on either side of it: most of the last pull one way alone."""
+        return tuple({"stiffness": 0.2, "rest": rest} for rest in (0.0, _APART, -_APART))

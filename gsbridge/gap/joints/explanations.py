@@ -13,7 +13,7 @@ from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Hypothesis, Rul
 from gsbridge.gap.diagnosis.verdict import slim
 from gsbridge.gap.joints.candidates import special_cases, thresholds
 from gsbridge.gap.joints.detect import JointNull, joint_null
-from gsbridge.gap.joints.fit import fit, nearer, ordered, polish
+from gsbridge.gap.joints.fit import fit, nearer, ordered
 from gsbridge.gap.joints.limits import limits_beside, shown_by, shows_more
 from gsbridge.gap.joints.parameter_error import BesideParameterError
 from gsbridge.gap.joints.residuals import JointResiduals
@@ -152,10 +152,6 @@ class Explanations:
             starts = ordered(self.first, match, self._affords)
             begin = nearer(self.first, match.candidate, starts[0], self._affords)
             fitted = fit(self.first, (match.candidate,), (begin,), bar, self.screen, self._limit())
-            near = chi2 - fitted.chi2 > 0.5 * match.bound and fitted.chi2 < bar
-            if near and not fitted.converged and self._affords(2 + len(fitted.deviations)):
-                # It lies in a bent valley, perhaps: that of a mass and its height.
-                fitted = min(fitted, polish(self.first, fitted, self._limit()), key=lambda one: (one.chi2, not one.converged))
             for start in (other for other in starts[1:2] if _differ(other, begin)):
                 # A start in the wrong valley leaves more than a projection onto the signatures promised.
                 poor = chi2 - fitted.chi2 < 0.5 * match.bound

@@ -8,13 +8,14 @@ Source: Broyden, Mathematics of Computation 19, 1965; Levenberg, Quarterly of Ap
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
 
 from gsbridge.effects.registry import Applied
 from gsbridge.gap.diagnosis.results import Candidate, EffectFit
+from gsbridge.gap.joints.coordinates import Coordinates
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.screen import Screen, SignatureMatch
 from gsbridge.geometry import Array
@@ -74,20 +75,23 @@ class ReplayedRecords(Protocol):
 
 
 class _Problem:
-    """Parameters of several candidates as one vector, with bounds and scales."""
+    """Residuals of a record as a function of the coordinates of several candidates' parameters."""
 
-    def __init__(self, view: ReplayedRecords, who: Sequence[Candidate]) -> None:
+    def __init__(self, view: ReplayedRecords, who: Sequence[Candidate], weighted: bool = True) -> None:
         self.view, self.who = view, tuple(who)
-        parameters = [p for candidate in who for p in candidate.effect.parameters]
+        self.coordinates = Coordinates(who, weighted)
         self.cuts = np.cumsum([len(candidate.effect.parameters) for candidate in who])[:-1]
-        self.low, self.high = np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
-        # Amplitudes are looked at down to a fiftieth of a typical one, shapes in tenths of their range.
-        self.least = np.array([0.02 * p.typical if p.amplitude else p.grain or 0.1 * (p.high - p.low) for p in parameters])
+
+    def at(self, values: Sequence[Mapping[str, float]]) -> Array:
+        """Coordinates of the candidates' parameters."""
+        parts = [candidate.vector(one) for candidate, one in zip(self.who, values, strict=True)]
+        return self.coordinates.of(np.concatenate([np.zeros(0), *parts]))
 
     def effects(self, vector: Array) -> tuple[Applied, ...]:
         if not self.who:
             return ()
-        return tuple(c.from_vector(part) for c, part in zip(self.who, np.split(vector, self.cuts), strict=True))
+        parts = np.split(self.coordinates.parameters(vector), self.cuts)
+        return tuple(c.from_vector(part) for c, part in zip(self.who, parts, strict=True))
 
     @property
     def runs(self) -> int:
@@ -95,7 +99,7 @@ class _Problem:
 
     def derivatives_afforded(self, limit: float) -> bool:
         """Whether derivatives by all parameters take no more simulations than are left."""
-        return self.runs + len(self.low) * self.view.replays < limit
+        return self.runs + len(self.coordinates) * self.view.replays < limit
 
     def untouched(self, vector: Array, residual: Array) -> EffectFit:
         """A fit that was given up where it began."""
@@ -106,21 +110,23 @@ class _Problem:
     def residual(self, vector: Array) -> Array:
         return self.view.residual(self.effects(vector)).ravel()
 
-    def scale(self, vector: Array) -> Array:
-        return np.maximum(np.abs(vector), self.least)
-
     def difference(self, vector: Array, residual: Array, k: int) -> Array:
-        """Derivative by one parameter, towards the farther bound."""
-        h = _STEP * self.scale(vector)[k] * (1.0 if self.high[k] - vector[k] > vector[k] - self.low[k] else -1.0)
+        """Derivative by one coordinate, towards the farther bound."""
+        low, high = self.coordinates.bounds(vector)
+        h = _STEP * self.coordinates.scale(vector)[k] * (1.0 if high[k] - vector[k] > vector[k] - low[k] else -1.0)
         moved = vector.copy()
         moved[k] += h
         return (self.residual(moved) - residual) / h
 
+    def differences(self, vector: Array, residual: Array) -> Array:
+        """Derivatives by all coordinates. [residuals, P]."""
+        return np.stack([self.difference(vector, residual, k) for k in range(len(vector))], axis=1)
+
     def step(self, vector: Array, residual: Array, jacobian: Array, damping: float) -> tuple[Array, float]:
-        """Parameters after a damped step within the bounds, and what the step should win."""
-        scale = self.scale(vector)
+        """Coordinates after a damped step within the bounds, and what the step should win."""
+        scale, (low, high) = self.coordinates.scale(vector), self.coordinates.bounds(vector)
         gradient, curvature = jacobian.T @ residual, jacobian.T @ jacobian
-        free = ~(((vector <= self.low) & (gradient > 0)) | ((vector >= self.high) & (gradient < 0)))
+        free = ~(((vector <= low) & (gradient > 0)) | ((vector >= high) & (gradient < 0)))
         # What does not show is left where it is.
         shown = np.sqrt(np.diag(curvature)) * scale
         free &= shown > 1e-6 * shown.max()
@@ -133,13 +139,13 @@ class _Problem:
             move[:] = 0.0
             move[free] = -np.linalg.lstsq(block + damping * metric, gradient[free], rcond=1e-12)[0]
             new = vector + np.clip(move, -_REACH * scale, _REACH * scale)
-            out = free & ((new < self.low) | (new > self.high))
+            out = free & ((new < low) | (new > high))
             if not out.any():
                 break
             # Those that hit a bound stay there while the others move on.
-            free &= ~(out & ((vector <= self.low) | (vector >= self.high)))
+            free &= ~(out & ((vector <= low) | (vector >= high)))
             break
-        new = np.clip(vector + np.clip(move, -_REACH * scale, _REACH * scale), self.low, self.high)
+        new = self.coordinates.within(vector + np.clip(move, -_REACH * scale, _REACH * scale))
         moved = new - vector
         return new, float(-(2 * gradient @ moved + moved @ curvature @ moved))
 
@@ -165,26 +171,24 @@ def fit(
         known: Derivatives by the parameters of the first candidates, near the start. [residuals, parameters].
     """
     problem = _Problem(view, who)
-    x = np.concatenate([candidate.vector(values) for candidate, values in zip(who, start, strict=True)])
+    x = problem.at(start)
     r = problem.residual(x)
     if screen is None and known is None and not problem.derivatives_afforded(limit):
         return problem.untouched(x, r)
     if known is None:
         jacobian = _first(problem, x, r, start, screen)
     else:
-        more = [problem.difference(x, r, k)[:, None] for k in range(known.shape[1], len(x))]
-        jacobian = np.concatenate([known, *more], axis=1)
+        count = known.shape[1]
+        more = [problem.difference(x, r, k)[:, None] for k in range(count, len(x))]
+        jacobian = np.concatenate([known @ problem.coordinates.slopes(x)[:count, :count], *more], axis=1)
     return _descend(problem, x, r, jacobian, bar, fresh=screen is None and known is None, limit=limit)
 
 
 def derivatives(view: ReplayedRecords, fitted: EffectFit) -> Array:
     """Derivatives of residuals by the parameters of a fit, where it ended, by differences. [residuals, parameters]."""
-    problem = _Problem(view, fitted.who)
-    x = np.concatenate([np.zeros(0), *(c.vector(values) for c, values in zip(fitted.who, fitted.values, strict=True))])
-    r, out = problem.residual(x), np.empty((view.residual().size, len(x)))
-    for k in range(len(x)):
-        out[:, k] = problem.difference(x, r, k)
-    return out
+    problem = _Problem(view, fitted.who, weighted=False)
+    x = problem.at(fitted.values)
+    return problem.differences(x, problem.residual(x)) if len(x) else np.empty((view.residual().size, 0))
 
 
 def ordered(view: ReplayedRecords, match: SignatureMatch, affords: Callable[[int], bool]) -> tuple[dict[str, float], ...]:
@@ -239,9 +243,9 @@ def polish(view: ReplayedRecords, rough: EffectFit, limit: float = np.inf) -> Ef
         limit: Simulations of the mechanism, those before included, at which a fit is given up, unconverged.
     """
     problem = _Problem(view, rough.who)
-    x = np.concatenate([c.vector(values) for c, values in zip(rough.who, rough.values, strict=True)])
+    x = problem.at(rough.values)
     r = problem.residual(x)
-    jacobian = np.stack([problem.difference(x, r, k) for k in range(len(x))], axis=1)
+    jacobian = problem.differences(x, r)
     # An estimate that stops a standard deviation short of the best one is no estimate to put an interval around.
     return _descend(problem, x, r, jacobian, np.inf, fresh=True, share=0.0, last=True, limit=limit)
 
@@ -271,14 +275,13 @@ def settled(view: ReplayedRecords, fitted: EffectFit, limit: float = np.inf) -> 
 
 def _first(problem: _Problem, x: Array, r: Array, start: Sequence[dict[str, float]], screen: Screen | None) -> Array:
     """Derivatives at the start: from signatures, and by differences where they do not tell."""
-    parts = []
-    for candidate, values in zip(problem.who, start, strict=True):
-        count = len(candidate.effect.parameters)
-        parts.append(np.full((len(r), count), np.nan) if screen is None else -screen.columns(candidate, values))
-    jacobian = np.concatenate(parts, axis=1)
-    for k in np.flatnonzero(np.isnan(jacobian).any(axis=0)):
-        jacobian[:, k] = problem.difference(x, r, int(k))
-    return jacobian
+    if screen is None:
+        return problem.differences(x, r)
+    columns = np.concatenate([-screen.columns(who, values) for who, values in zip(problem.who, start, strict=True)], axis=1)
+    plain = _Problem(problem.view, problem.who, weighted=False)
+    for k in np.flatnonzero(np.isnan(columns).any(axis=0)):
+        columns[:, k] = plain.difference(plain.at(start), r, int(k))
+    return columns @ problem.coordinates.slopes(x)
 
 
 def _descend(
@@ -305,14 +308,14 @@ def _descend(
             if fresh or best < _NOISY * len(r) or best > 2.0 * bar or not problem.derivatives_afforded(limit):
                 settled = True
                 break
-            jacobian = np.stack([problem.difference(x, r, k) for k in range(len(x))], axis=1)
+            jacobian = problem.differences(x, r)
             fresh = True
             continue
         if best - 1.5 * promise > bar or problem.runs >= limit:
             break
         r_new = problem.residual(new)
         chi2, moved = float(r_new @ r_new), new - x
-        scaled = moved / problem.scale(x) ** 2
+        scaled = moved / problem.coordinates.scale(x) ** 2
         # What the step did is what the derivatives should have said.
         jacobian = jacobian + np.outer(r_new - r - jacobian @ moved, scaled / (moved @ scaled))
         if chi2 < best:
@@ -331,8 +334,10 @@ def _descend(
                     break
                 if not problem.derivatives_afforded(limit):
                     break
-                jacobian = np.stack([problem.difference(x, r, k) for k in range(len(x))], axis=1)
+                jacobian = problem.differences(x, r)
                 damping, failures, fresh = 1e-3, 0, True
+    # Intervals are those of the parameters, whatever coordinates the fit moved in.
+    jacobian = jacobian @ np.linalg.inv(problem.coordinates.slopes(x))
     curvature = jacobian.T @ jacobian
     # Of what does not show at all nothing is known.
     hidden = np.diag(curvature) <= _NOTHING
@@ -344,7 +349,9 @@ def _descend(
     deviations = np.where(hidden, np.inf, np.sqrt(np.maximum(np.diag(covariance), 0.0) + astray**2 + beyond**2))
     spread = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
     correlation = np.abs(covariance / np.maximum(spread, 1e-300) - np.eye(len(x))).max() if len(x) > 1 else 0.0
-    shown = np.linalg.svd(jacobian * problem.scale(x), compute_uv=False)
+    shown = np.linalg.svd(
+        jacobian * Coordinates(problem.who, weighted=False).scale(problem.coordinates.parameters(x)), compute_uv=False
+    )
     rank = max(1, int((shown > _HIDDEN * shown[0]).sum()))
     known = deviations, float(correlation), rank
     return EffectFit(problem.who, problem.effects(x), best, settled, *known, records=problem.view.replays)
