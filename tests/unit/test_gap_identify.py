@@ -190,6 +190,17 @@ def test_third_record_refutes_what_does_not_close_the_gap_there(closure, p_remai
     assert seen.transfers(replace(rules, closure=rules.several)) == several
 
 
+def test_a_short_third_record_refutes_nothing_by_the_chance_of_its_noise():
+    """A gap of 1.1 falls to 1.03: of 1 200 numbers, that is a spread and a half beyond noise; of 120 000, sixteen."""
+    short, long = (Verification(1.1, 1.033, 0.44, {}, True, 0.1, chance=np.sqrt(2.0 / count)) for count in (1200, 120_000))
+    assert short.transfers()
+    assert not long.transfers()
+    assert short.at_best > 0.99
+    assert long.at_best == pytest.approx(0.46, abs=0.02)
+    # What leaves more than noise is refuted all the same.
+    assert not replace(short, p_remaining=0.001).transfers()
+
+
 def test_lost_samples_and_a_clock_that_drifts_hide_no_friction(axis):
     case, result = diagnosed(axis, ("clock_drift", "coulomb"), 20.0, lost=0.03)
     record = case.records["fit"]

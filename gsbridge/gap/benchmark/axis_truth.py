@@ -17,6 +17,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from gsbridge.gap.benchmark.axis_motion import march
+from gsbridge.gap.benchmark.hidden_parts import rest_of
 from gsbridge.gap.benchmark.trajectories import Course
 from gsbridge.geometry import Array
 
@@ -57,6 +58,8 @@ def run_axis(course: Course, duration: float, times: Array, hidden: Mapping[str,
     for name, size in hidden.items():
         if name in _PLACES:
             p[_PLACES[name]] = size
+    # A spring that rests elsewhere pulls by a constant more.
+    p[7] += p[8] * rest_of(0)
     if "patchy_friction" in hidden:
         p[2], p[20] = hidden["patchy_friction"], 1.0
     if "saturation" in hidden:

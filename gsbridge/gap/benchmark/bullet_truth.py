@@ -15,7 +15,7 @@ import pybullet
 from pybullet_utils.bullet_client import BulletClient
 
 from gsbridge.gap.benchmark.arm_loop import PERIOD, run_arm
-from gsbridge.gap.benchmark.hidden_parts import size_at
+from gsbridge.gap.benchmark.hidden_parts import PLACE, rest_of, size_at
 from gsbridge.gap.benchmark.trajectories import Course
 from gsbridge.gap.joints.mechanism.inertials import Inertial, Skeleton
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
@@ -23,9 +23,6 @@ from gsbridge.geometry import Array
 
 _EVERY = 8
 """Steps of the engine in a period of the controller."""
-
-_PLACE = np.array([0.0, 0.0, 0.08])
-"""Place of a payload in the frame of the last link, m."""
 
 
 class BulletTruth:
@@ -55,6 +52,7 @@ class _BulletArm:
         self._step, joints = PERIOD / _EVERY, system.joints
         self._gain = 1.0 + np.array([size_at(hidden, "torque_gain", name) for name in joints])
         self._spring = np.array([size_at(hidden, "spring", name) for name in joints])
+        self._rest = np.array([rest_of(k, name in system.sliding) for k, name in enumerate(joints)])
         self._rub = system.coulomb + np.array([size_at(hidden, "coulomb", name) for name in joints])
         lean, strength = hidden.get("base_tilt", 0.0), -system.gravity[2]
         self._gravity = [np.sin(lean) * strength, 0.0, -np.cos(lean) * strength]
@@ -123,7 +121,7 @@ class _BulletArm:
         forces = torque.tolist()
         for _ in range(steps):
             if self._sprung:
-                forces = (torque - self._spring * self.state()[0]).tolist()
+                forces = (torque - self._spring * (self.state()[0] - self._rest)).tolist()
             drive(self._body, self._columns, mode, forces=forces)
             if self._touched:
                 # PyBullet forgets forces after every step.
@@ -149,9 +147,9 @@ class _BulletArm:
 def _joined(body: Inertial, mass: float) -> Inertial:
     """A link with a small heavy ball stuck to it, by the parallel axes theorem about the common centre."""
     total = body.mass + mass
-    centre = (body.mass * body.centre + mass * _PLACE) / total
+    centre = (body.mass * body.centre + mass * PLACE) / total
     inertia = body.inertia.copy()
-    for part, place in ((body.mass, body.centre), (mass, _PLACE)):
+    for part, place in ((body.mass, body.centre), (mass, PLACE)):
         x, y, z = place - centre
         inertia += part * np.array(
             [[y * y + z * z, -x * y, -x * z], [-x * y, x * x + z * z, -y * z], [-x * z, -y * z, x * x + y * y]]

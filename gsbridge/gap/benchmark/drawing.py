@@ -292,7 +292,7 @@ def _parameters(site: MechanismSite, name: str, size: float) -> dict[str, float]
     """Parameters that a perfect diagnosis gives for what is hidden, where there are several; else its size is the one."""
     effect, _, joint = name.partition(":")
     number = site.plant.joints.index(joint) if joint else 0
-    return true_parameters(effect, size, number)
+    return true_parameters(effect, size, number, joint in site.system.sliding)
 
 
 def _common(order: PlannedCase, ordered: Ordered) -> dict[str, Any]:

@@ -21,6 +21,15 @@ PHASE = 0.9
 SKEW = 0.5
 """Difference of dry friction between both directions, as a share of its mean."""
 
+WHEEL = 0.1
+"""A joint that slides is sized like one that turns a wheel of this radius on a rack, m."""
+
+RESTS = (0.4, -0.7, 0.3, 0.9, -0.5, 0.6, -0.2)
+"""Angle at which a spring pulls nothing, by the joint's number, rad; most cables pull more one way than the other."""
+
+PLACE = np.array([0.03, -0.02, 0.08])
+"""Place of a payload in the frame of the last link, m."""
+
 _CREEP = 0.01
 """Speed below which the direction of a motion is not certain, rad/s."""
 
@@ -225,14 +234,22 @@ class Commands:
         return self._wanted
 
 
-def true_parameters(name: str, size: float, joint: int) -> dict[str, float]:
+def rest_of(joint: int, slides: bool = False) -> float:
+    """Where a spring at a joint of this number pulls nothing: an angle, rad, or a place, m, where the joint slides."""
+    return RESTS[joint % len(RESTS)] * (WHEEL if slides else 1.0)
+
+
+def true_parameters(name: str, size: float, joint: int, slides: bool = False) -> dict[str, float]:
     """Parameters that a perfect diagnosis gives for what is hidden, where the size is not the first of them.
 
     Args:
         name: Name of the effect, without its joint.
         size: Size of the effect, in its unit.
         joint: Number of the joint that it acts on.
+        slides: Whether that joint slides.
     """
+    if name == "spring":
+        return {"stiffness": size, "rest": rest_of(joint, slides)}
     if name == "coulomb_asym":
         return {"torque": abs(size), "skew": SKEW * size}
     if name == "eccentricity":
@@ -242,5 +259,5 @@ def true_parameters(name: str, size: float, joint: int) -> dict[str, float]:
     if name == "base_tilt":
         return {"about_x": 0.0, "about_y": size}
     if name == "payload":
-        return {"mass": size, "x": 0.0, "y": 0.0, "z": 0.08}
+        return {"mass": size, **dict(zip("xyz", PLACE.tolist(), strict=True))}
     return {}

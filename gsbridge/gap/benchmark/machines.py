@@ -12,11 +12,9 @@ import yaml
 
 from gsbridge.files import atomic_file
 from gsbridge.gap.benchmark.generate import BenchmarkMechanism
+from gsbridge.gap.benchmark.hidden_parts import WHEEL
 from gsbridge.gap.benchmark.mujoco_truth import MujocoTruth
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel, read_mechanism_model
-
-WHEEL = 0.1
-"""A joint that slides is sized like one that turns a wheel of this radius on a rack, m."""
 
 _SIGNED = {"torque_gain": 0.02, "effort_offset": 0.02, "link_mass": 0.02, "gain_p": 0.02, "gain_d": 0.02,
            "encoder_offset": 2e-3, "encoder_scale": 0.01, "coulomb_asym": 0.05, "warming": 0.03}  # fmt: skip

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from gsbridge.gap.benchmark.arm_loop import run_arm
-from gsbridge.gap.benchmark.hidden_parts import size_at
+from gsbridge.gap.benchmark.hidden_parts import PLACE, rest_of, size_at
 from gsbridge.gap.benchmark.trajectories import Course
 from gsbridge.gap.joints.mechanism.inertials import Skeleton
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
@@ -64,7 +64,7 @@ class MujocoTruth:
             spec.option.iterations = 50
             if "payload" in hidden:
                 link = spec.body(self._skeleton.child_of[system.joints[-1]])
-                load = link.add_body(pos=[0.0, 0.0, 0.08])
+                load = link.add_body(pos=PLACE.tolist())
                 load.add_geom(
                     type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.001, 0, 0], mass=hidden["payload"], contype=0, conaffinity=0
                 )
@@ -92,7 +92,7 @@ class MujocoTruth:
             model.dof_armature[column] = max(rotor, _LIGHTEST) if loose else rotor
             number = model.joint(name).id
             model.jnt_stiffness[number] = size_at(hidden, "spring", name)
-            model.qpos_spring[model.joint(name).qposadr[0]] = 0.0
+            model.qpos_spring[model.joint(name).qposadr[0]] = rest_of(k, name in system.sliding)
             body = model.body(self._skeleton.child_of[name]).id
             change = 1.0 + size_at(hidden, "link_mass", name)
             model.body_mass[body] *= change

@@ -284,6 +284,7 @@ class Verification:
         accepted: Whether the amended model is no worse.
         p_remaining: p-value of the hypothesis that they leave nothing but noise there; None where nothing tells.
         mostly: The closure at most times, where parts knock against each other at moments that no law tells.
+        chance: Spread of the square of `after` that noise alone makes, where sizes are in units of the noise.
     """
 
     before: float
@@ -293,6 +294,15 @@ class Verification:
     accepted: bool
     p_remaining: float | None = None
     mostly: float = -np.inf
+    chance: float = 0.0
+
+    @property
+    def at_best(self) -> float:
+        """The closure, if noise happened to add to what is left by two of its spreads: a short record tells it no better."""
+        if not self.chance or self.before <= 1.0:
+            return self.closure
+        left = max(self.after**2 - 1.0 - 2.0 * self.chance, 0.0)
+        return max(self.closure, 1.0 - float(np.sqrt(left / (self.before**2 - 1.0))))
 
     def transfers(self, rules: Rules | None = None) -> bool:
         """Whether `verify` does not refute the effects.
@@ -305,7 +315,7 @@ class Verification:
         rules = rules or Rules()
         if self.p_remaining is None:
             return self.closure >= TRANSFERS
-        if self.before >= _SLIGHT and self.closure < TRANSFERS:
+        if self.before >= _SLIGHT and self.at_best < TRANSFERS:
             return False
         return self.p_remaining >= rules.alarm or max(self.closure, self.mostly) >= rules.closure
 

@@ -46,7 +46,8 @@ def verify(
     if beside is not None and p_remaining < alarm:
         p_remaining = max(p_remaining, null.p_value(beside()))
     mostly = closed_beside_knocks(effects, plain, residual, null.share)
-    return Verification(before, after, float(1.0 - left / gap), channels, after <= before, p_remaining, mostly)
+    chance = float(np.sqrt(2.0 / view.freedom))
+    return Verification(before, after, float(1.0 - left / gap), channels, after <= before, p_remaining, mostly, chance)
 
 
 def named_by_third(finding: Finding, views: Sequence[JointResiduals], rules: Rules, floor: float, runs: int) -> Finding:
