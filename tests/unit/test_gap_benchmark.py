@@ -74,7 +74,7 @@ def test_truths_import_nothing_of_the_diagnosis(name):
         ({"coulomb": 0.05}, Applied("coulomb", "axis", {"torque": 0.05})),
         ({"link_mass": 0.1}, Applied("link_mass", "axis", {"change": 0.1})),
         ({"command_delay": 0.004}, Applied("command_delay", "", {"time": 0.004})),
-        ({"spring": 0.5}, Applied("spring", "axis", {"stiffness": 0.5, "rest": 0.0})),
+        ({"spring": 0.5}, Applied("spring", "axis", {"stiffness": 0.5, "rest": 0.4})),
     ],
 )
 def test_engines_agree_with_the_replay_on_what_an_effect_does(tmp_path, hidden, effect):
