@@ -47,7 +47,7 @@ def test_it_is_what_parameters_fitted_to_both_records_leave(axis):
 
     begin = [fitted.values[0]["torque"], fitted.values[1]["coefficient"]]
     best = least_squares(both, begin, x_scale=np.abs(begin), diff_step=1e-3).x
-    found = BesideParameterError(views["verify"], (views["fit"],))(fitted).ravel()
+    found = BesideParameterError(views["verify"], (views["fit"],), derivatives)(fitted).ravel()
     alone, together = residual(begin, "verify"), residual(best, "verify")
     assert np.linalg.norm(together - alone) > 0.3
     assert np.linalg.norm(found - together) < 0.1 * np.linalg.norm(together - alone)
@@ -70,7 +70,7 @@ def test_right_effects_are_seldom_refused_for_the_error_of_their_sizes(axis):
         who = (JointCandidate("gravcomp", ""),)
         views, fitted = fitted_case(axis, "gravcomp", 6.0, 100 + seed, who, ({"change": -0.01},))
         plain = verify(views["verify"], fitted.effects, np.random.default_rng(seed))
-        beside = BesideParameterError(views["verify"], (views["fit"],))
+        beside = BesideParameterError(views["verify"], (views["fit"],), derivatives)
         allowed = verify(views["verify"], fitted.effects, np.random.default_rng(seed), partial(beside, fitted), 0.05)
         before.append(plain.p_remaining)
         refused.append(allowed.p_remaining < 0.05)

@@ -31,6 +31,7 @@ from gsbridge.gap.joints.bank import signature_bank
 from gsbridge.gap.joints.between import other_way
 from gsbridge.gap.joints.candidates import candidates
 from gsbridge.gap.joints.effort_scale import effort_scale
+from gsbridge.gap.joints.fit import derivatives
 from gsbridge.gap.joints.identify import JointIdentification
 from gsbridge.gap.joints.integral_action import integral_action
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
@@ -310,7 +311,7 @@ def _second_look(
 
 def _verified(views: Sequence[JointResiduals], fit: EffectFit, rules: Rules, seed: int) -> Verification:
     """What the last record says of a fit to the first, or to the first two."""
-    beside = BesideParameterError(views[-1], views[:-1])
+    beside = BesideParameterError(views[-1], views[:-1], derivatives)
     return verify(views[-1], fit.effects, np.random.default_rng(seed), lambda: beside(fit), rules.alarm)
 
 

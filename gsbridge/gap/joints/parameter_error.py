@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from gsbridge.gap.diagnosis.results import EffectFit
-from gsbridge.gap.joints.fit import derivatives
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
 
@@ -42,10 +41,16 @@ class BesideParameterError:
     Args:
         view: The record: one that no fit has seen, or the second one, which only fits to two records have seen.
         seen: The records that fits have seen: all have seen the first one, those to two records the first two.
+        derivatives: Derivatives of a record's residuals by a fit's parameters.
     """
 
-    def __init__(self, view: JointResiduals, seen: Sequence[JointResiduals]) -> None:
-        self._view, self._seen = view, tuple(seen)
+    def __init__(
+        self,
+        view: JointResiduals,
+        seen: Sequence[JointResiduals],
+        derivatives: Callable[[JointResiduals, EffectFit], Array],
+    ) -> None:
+        self._view, self._seen, self._derivatives = view, tuple(seen), derivatives
         self._known: dict[int, tuple[EffectFit, Array]] = {}
 
     def __call__(self, fitted: EffectFit) -> Array:
@@ -54,8 +59,8 @@ class BesideParameterError:
         if any(self._view is view for view in seen):
             return self._view.residual(fitted.effects)
         if id(fitted) not in self._known:
-            there = np.concatenate([derivatives(view, fitted) for view in seen])
-            residual = beside_parameter_error(self._view.residual(fitted.effects), derivatives(self._view, fitted), there)
+            there = np.concatenate([self._derivatives(view, fitted) for view in seen])
+            residual = beside_parameter_error(self._view.residual(fitted.effects), self._derivatives(self._view, fitted), there)
             self._known[id(fitted)] = fitted, residual
         return self._known[id(fitted)][1]
 

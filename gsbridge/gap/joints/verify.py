@@ -12,6 +12,7 @@ from gsbridge.gap.diagnosis.results import Finding, Rules, Verification
 from gsbridge.gap.diagnosis.verdict import third_opinion
 from gsbridge.gap.joints.candidates import closed_beside_knocks
 from gsbridge.gap.joints.detect import joint_null
+from gsbridge.gap.joints.fit import derivatives
 from gsbridge.gap.joints.parameter_error import BesideParameterError
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.geometry import Array
@@ -66,7 +67,7 @@ def named_by_third(finding: Finding, views: Sequence[JointResiduals], rules: Rul
     named = third_opinion(finding, lambda trial: third.residual(trial.fit.effects), rules, floor)
     if named is finding:
         return finding
-    beside = BesideParameterError(third, views[:-1])
+    beside = BesideParameterError(third, views[:-1], derivatives)
     compared = [trial.fit for trial, _ in finding.rivals if " + ".join(trial.names) in finding.ambiguous]
     if sum(beside.runs(fitted) for fitted in compared) > runs:
         return finding
