@@ -61,6 +61,14 @@ def test_one_noise_is_taken_for_one_however_short_the_records(count):
     assert apart <= 1
 
 
+@pytest.mark.parametrize(("count", "ratio"), [(400, 1.5), (4000, 1.3)])
+def test_noises_are_taken_for_two_from_the_ratio_that_the_documentation_states(count, ratio):
+    """Docs state 1.5 for 400 samples; long records keep 1.3."""
+    for factor, same in ((ratio - 0.02, True), (ratio + 0.02, False)):
+        found = pooled([np.array([1.0]), np.array([factor])], [count, count])
+        assert (found[0] == found[1]).all() == same
+
+
 def test_twice_the_noise_is_not_taken_for_one():
     rng = np.random.default_rng(5)
     sizes = np.ones((3, 21))

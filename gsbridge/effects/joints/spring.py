@@ -22,5 +22,5 @@ class Spring(FigureEffect):
     tell_apart = "unplug or re-route the cable"
 
     def directions(self) -> tuple[dict[str, float], ...]:
-        """Springs that rest in the middle, and on either side of it: most of the last pull one way alone."""
+        """Springs that rest in the middle, and on either side of it: a spring that rests aside pulls mostly one way."""
         return tuple({"stiffness": 0.2, "rest": rest} for rest in (0.0, _APART, -_APART))

@@ -141,7 +141,7 @@ class Explanations:
         self.lost: set[str] = set()
         self._alone: list[Hypothesis] = []
         self._limited: set[frozenset[Candidate]] = set()
-        # Sets that could stand in the place of one for whose fits no simulations were left, by that one.
+        # For a set, those that might stand in its place but were not fitted, since no simulations were left.
         self.untried: dict[frozenset[Candidate], list[tuple[Candidate, ...]]] = {}
         self.fits = SetFits(first, second, self.screen)
         self._beside = BesideParameterError(second, (first, second), derivatives)
