@@ -294,7 +294,7 @@ class Explanations:
             trials += self._simpler([best], trials, CHECKED)
             best = min(trials, key=lambda trial: trial.score)
             kept = self._numbers(best.fit.who)  # what polishing the best takes
-            for one in stand_ins(self.first, self.screen, best, trials):
+            for one in stand_ins(self.first, self.screen, best, trials, self.rules.margin):
                 if self._affords(0, CHECKED + kept):
                     fitted = self.fits.fit(one.who, one.values, 1.3 * best.fit.chi2 + 100.0, self._limit(CHECKED + kept))
                     if fitted.converged:

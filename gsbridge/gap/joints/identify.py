@@ -138,8 +138,9 @@ class JointIdentification(Explanations):
     ) -> Finding:
         rules = self.rules
         first = decide(trials, rules, self.floor)
-        # The best and what comes near it are fitted once more, with derivatives of their own.
-        again, kept = {id(t) for t in (first.trials[0], *first.near[:2])}, []
+        # The best, what comes near it, and what does as well where it was fitted are fitted once more, with derivatives of
+        # their own: signatures alone lead some fits to an end that holds on no other record.
+        again, kept = {id(t) for t in (first.trials[0], *first.near[:2], *self._as_well(first)[:2])}, []
         for trial in first.trials:
             derivatives = sum(len(c.effect.parameters) for c in trial.fit.who) * trial.fit.records
             if id(trial) in again and self.first.mechanism.runs + derivatives < self._limit(CHECKED):
@@ -179,6 +180,16 @@ class JointIdentification(Explanations):
             float(np.sqrt(self.plain_chi2 / self.second.freedom)), float(np.sqrt(best.chi2 / self.second.freedom)),
             self._used(), unseen, lost=tuple(sorted(self.lost)),
         )  # fmt: skip
+
+    def _as_well(self, found: Decision) -> list[Hypothesis]:
+        """What leaves as little of `fit` as the best explanation does, and more of `select`."""
+        best = found.trials[0]
+
+        def behind(trial: Hypothesis) -> float:
+            return trial.fit.chi2 - best.fit.chi2 + 2.0 * (trial.parameters - best.parameters)
+
+        most, near = self.rules.margin * max(1.0, best.chi2 / self.floor), {id(trial) for trial in found.near}
+        return sorted((t for t in found.trials[1:] if id(t) not in near and behind(t) < most), key=behind)
 
     def _suffices(self, trial: Hypothesis, trials: Sequence[Hypothesis]) -> bool:
         """Whether a trial explains enough to be named although more than noise is left.

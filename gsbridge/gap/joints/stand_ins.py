@@ -34,8 +34,12 @@ class StandIn:
     behind: float
 
 
-def stand_ins(view: JointResiduals, screen: Screen, best: Hypothesis, known: Sequence[Hypothesis]) -> list[StandIn]:
-    """Sets in which the candidate that looks most like one of the effects of `best` stands in its place, the most alike first.
+def stand_ins(
+    view: JointResiduals, screen: Screen, best: Hypothesis, known: Sequence[Hypothesis], margin: float
+) -> list[StandIn]:
+    """Sets in which a candidate that looks like one of the effects of `best` stands in its place, the most alike first.
+
+    Of each effect, that is the candidate that looks most like it, and all whose signatures do not tell it from that effect.
 
     A set is grown from signatures, which tell near twins apart by little: a lag and a delay, each beside two other effects.
     Where only one of the two was tried, it would be named without having been compared with the other. Each effect takes one
@@ -46,6 +50,7 @@ def stand_ins(view: JointResiduals, screen: Screen, best: Hypothesis, known: Seq
         screen: Signatures on that record.
         best: The best explanation, of several effects.
         known: Explanations that were fitted; none of them is proposed again.
+        margin: Squared residual, in units of the noise, by which signatures must differ to tell two candidates apart.
     """
     who, fitted, out = best.fit.who, {frozenset(trial.fit.who) for trial in known}, list[StandIn]()
     for k, own in enumerate(who):
@@ -56,15 +61,13 @@ def stand_ins(view: JointResiduals, screen: Screen, best: Hypothesis, known: Seq
             continue
         matches = screen.matches(part)
         others = [m for m in matches if m.bound >= enough and m.candidate not in who and not _nested(own, m.candidate)]
-        if not others:
-            continue
-        other = max(others, key=lambda match: match.bound)
-        every = (*who[:k], other.candidate, *who[k + 1 :])
-        if frozenset(every) not in fitted:
-            # A signature of another size does not explain all of its own effect either.
-            mine = next((match.bound for match in matches if match.candidate == own), -np.inf)
-            starts = (*best.fit.values[:k], other.starts[0], *best.fit.values[k + 1 :])
-            out.append(StandIn(every, starts, mine - other.bound))
+        # A signature of another size does not explain all of its own effect either.
+        mine = next((match.bound for match in matches if match.candidate == own), -np.inf)
+        for number, other in enumerate(sorted(others, key=lambda match: -match.bound)):
+            every = (*who[:k], other.candidate, *who[k + 1 :])
+            if frozenset(every) not in fitted and (number == 0 or mine - other.bound < margin):
+                starts = (*best.fit.values[:k], other.starts[0], *best.fit.values[k + 1 :])
+                out.append(StandIn(every, starts, mine - other.bound))
     return sorted(out, key=lambda one: one.behind)
 
 
