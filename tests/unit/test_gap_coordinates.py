@@ -10,7 +10,7 @@ from gsbridge.gap.joints.bank import signature_bank
 from gsbridge.gap.joints.candidates import JointCandidate, candidates
 from gsbridge.gap.joints.coordinates import Coordinates
 from gsbridge.gap.joints.diagnose import views_of
-from gsbridge.gap.joints.fit import derivatives, fit
+from gsbridge.gap.joints.fit import derivatives, fit, polish
 from gsbridge.gap.joints.identify import JointIdentification
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 
@@ -58,6 +58,29 @@ def test_what_weighs_nothing_leaves_places_finite():
     assert np.isfinite(coordinates.slopes(vector)).all()
     far = coordinates.within(vector + 1.0)
     assert (np.abs(coordinates.parameters(far)[2:5]) <= 1.0).all()
+
+
+def test_an_amplitude_grows_where_a_place_would_lie_out_of_reach():
+    """Records tell the moment: a mass that is stepped down to nothing takes it along only as far as places may lie."""
+    coordinates = Coordinates(WHO)
+    vector = coordinates.of(np.array([0.0, 0.1, 0.5, -0.3, 0.0, 1.0, 0.0]))
+    vector[1] = -2.0
+    found = coordinates.within(vector)
+    np.testing.assert_allclose(found[2:5], vector[2:5])
+    np.testing.assert_allclose(coordinates.parameters(found)[1:5], [0.05, 1.0, -0.6, 0.0])
+    vector[2] = 1e3
+    np.testing.assert_allclose(coordinates.parameters(coordinates.within(vector))[1:3], [20.0, 1.0])
+
+
+@pytest.mark.parametrize("place", [(0.15, 0.0), (-0.15, 0.0), (0.0, 0.15), (0.3, 0.3)])
+def test_a_fit_finds_a_payload_from_wherever_it_begins(axis, place):
+    """A first step that takes the mass to nothing is too long, and no end."""
+    hidden = {"mass": 0.2, "x": 0.03, "y": 0.0, "z": 0.08}
+    view = views_of(Mechanism(axis[0]), simulated(axis, records_of(axis), (WHO[1].applied(hidden),)))["fit"]
+    best = float((view.residual((WHO[1].applied(hidden),)) ** 2).sum())
+    rough = fit(view, (WHO[1],), ({"mass": 0.05, "x": place[0], "y": 0.0, "z": place[1]},))
+    assert rough.chi2 < best + 20.0
+    assert polish(view, rough).chi2 < best + 1.0
 
 
 def diagnosed(axis, name, joint, values):

@@ -73,12 +73,20 @@ class Coordinates:
         return self._low * factors, self._high * factors
 
     def within(self, vector: Array) -> Array:
-        """The nearest coordinates whose parameters make sense. [P] -> [P]."""
-        return (
-            self.of(np.clip(self.parameters(vector), self._low, self._high))
-            if self._pairs
-            else np.clip(vector, self._low, self._high)
-        )
+        """The nearest coordinates whose parameters make sense. [P] -> [P].
+
+        A product is kept where its shape would lie out of bounds, since records tell products: its amplitude grows.
+        """
+        if not self._pairs:
+            return np.clip(vector, self._low, self._high)
+        kept = vector.copy()
+        for shape, amplitude in self._pairs:
+            most = self._high[shape] if vector[shape] > 0.0 else -self._low[shape]
+            kept[amplitude] = np.clip(kept[amplitude], self._low[amplitude], self._high[amplitude])
+            least = min(abs(vector[shape]) / max(most, 1e-300), self._high[amplitude])
+            if abs(kept[amplitude]) < least:
+                kept[amplitude] = np.copysign(least, kept[amplitude])
+        return self.of(np.clip(self.parameters(kept), self._low, self._high))
 
     def scale(self, vector: Array) -> Array:
         """Scales on which the coordinates move. [P]."""

@@ -302,6 +302,10 @@ def _descend(
     best, damping, settled, failures = float(r @ r), 1e-4, False, 0
     for _ in range(_ROUNDS):
         new, promise = problem.step(x, r, jacobian, damping)
+        if promise < -max(_SMALL, share * best) and failures < 3:
+            # Bounds turned a step that is too long into one that loses: no end, but a reason for a shorter one.
+            damping, failures = max(damping, 1e-3) * 20.0, failures + 1
+            continue
         if promise < max(_SMALL, share * best):
             # Derivatives that were carried along may see no way down where there is one: they are taken once more, unless
             # noise alone is left, or a rival is ahead for good.
