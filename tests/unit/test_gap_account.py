@@ -310,6 +310,19 @@ def test_effects_that_explain_nothing_are_in_no_account():
     assert _order(Parts(), effects) == [1, 0]
 
 
+def test_effects_that_explain_only_together_are_both_in_the_account():
+    """A stiffer servo and the friction that it overcomes: each alone leaves more than neither does."""
+
+    class Rows:
+        def residual(self, effects):
+            rows = {"friction": [1.0, 3.0], "servo": [1.0, -3.0], "idle": [0.0, 0.1]}
+            return np.array([2.0, 0.0]) - sum((np.array(rows[effect.name]) for effect in effects), np.zeros(2))
+
+    effects = tuple(Applied(name, "", {}) for name in ("idle", "friction", "servo"))
+    assert sorted(_order(Rows(), effects)) == [1, 2]
+    assert _order(Rows(), effects[:1]) == []
+
+
 def test_an_account_tells_effects_in_order_with_their_shares(told):
     _, found = told
     account = found["account"]

@@ -68,8 +68,19 @@ def test_an_amplitude_grows_where_a_place_would_lie_out_of_reach():
     found = coordinates.within(vector)
     np.testing.assert_allclose(found[2:5], vector[2:5])
     np.testing.assert_allclose(coordinates.parameters(found)[1:5], [0.05, 1.0, -0.6, 0.0])
+    # Where records say so, it is the product that gives way.
+    np.testing.assert_allclose(coordinates.within(vector, kept=False)[1:5], 0.0, atol=1e-4)
     vector[2] = 1e3
     np.testing.assert_allclose(coordinates.parameters(coordinates.within(vector))[1:3], [20.0, 1.0])
+
+
+def test_a_shape_at_its_bound_is_no_rounding_beyond_it():
+    """No model may hold what lies outside its range, and 3.0 * 0.4 / 0.4 is more than 3."""
+    coordinates = Coordinates(WHO)
+    for stiffness in np.linspace(0.1, 2.0, 96):
+        found = coordinates.parameters(coordinates.of(np.array([0.0, 0.1, 1.0, -1.0, 0.0, stiffness, 3.0])))
+        assert (np.abs(found[2:5]) <= 1.0).all()
+        assert found[6] == 3.0
 
 
 @pytest.mark.parametrize("place", [(0.15, 0.0), (-0.15, 0.0), (0.0, 0.15), (0.3, 0.3)])

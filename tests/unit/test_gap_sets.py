@@ -1,5 +1,6 @@
 """Sets of effects are compared with what could stand for a part of them."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,6 +19,7 @@ from gsbridge.gap.joints.identify import JointIdentification
 from gsbridge.gap.joints.mechanism.replay import Mechanism
 from gsbridge.gap.joints.residuals import JointResiduals
 from gsbridge.gap.joints.stand_ins import stand_ins
+from gsbridge.gap.joints.verify import stepped
 
 
 @pytest.fixture(scope="module")
@@ -73,6 +75,33 @@ def test_a_set_is_compared_with_all_whose_signatures_are_the_same(axis):
     # The one that looks most like the link's mass by a hair stands for itself alone.
     found = stand_ins(views[0], search.screen, best, [best], search.rules.margin)
     assert {one.who for one in found} >= {(friction, weak), (friction, load)}
+
+
+def test_what_was_fitted_and_left_far_more_is_not_among_the_names(axis):
+    """A payload's signature promises what a weaker weight explains; no payload weighs less than nothing."""
+    weak, heavy, load = JointCandidate("torque_gain", "axis"), JointCandidate("link_mass", "axis"), JointCandidate("payload")
+    logs, who = simulated(axis, records_of(axis), (heavy.applied({"change": -0.05}),)), [weak, heavy, load]
+    views = [JointResiduals.of(Mechanism(axis[0]), logs[role]) for role in ("fit", "select")]
+    finding = JointIdentification(*views, signature_bank(views[0], who, axis[2] / "bank"), who).run()
+    assert finding.verdict == "ambiguous"
+    assert set(finding.ambiguous) == {str(weak), str(heavy)}
+
+
+def test_near_twins_are_told_apart_by_no_less_than_the_step_of_time_changes(axis):
+    """A delay is simulated in steps; a clock's is not: what tells the two apart may be the step's error alone."""
+    late, clock = JointCandidate("command_delay"), JointCandidate("clock_offset")
+    fine = replace(axis[0], physics_rate=8 * axis[0].physics_rate)
+    logs = simulated((fine, *axis[1:]), records_of(axis), (late.applied({"time": 0.0095}),))
+    views = [JointResiduals.of(Mechanism(axis[0]), logs[role]) for role in ("fit", "select")]
+    search = JointIdentification(*views, signature_bank(views[0], [late, clock], axis[2] / "bank"), [late, clock])
+    rough = search.trial_of(fit(views[0], (late,), ({"time": 0.0095},)))
+    sound = stepped(rough, views)
+    exact = [JointResiduals.of(Mechanism(fine), logs[role]) for role in ("fit", "select")]
+    for before, after, view in ((rough.first, sound.first, exact[0]), (rough.residual, sound.residual, exact[1])):
+        truth = view.residual(rough.fit.effects)
+        assert np.linalg.norm(after - truth) < 0.5 * np.linalg.norm(before - truth)
+    assert sound.chi2 == pytest.approx(float((sound.residual**2).sum()))
+    assert sound.fit.chi2 == pytest.approx(float((sound.first**2).sum()))
 
 
 def test_a_set_that_was_not_compared_with_its_twin_is_not_named(axis):

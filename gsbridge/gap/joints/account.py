@@ -74,24 +74,31 @@ def _size(view: JointResiduals, effects: Sequence[Applied]) -> float:
 
 
 def _order(seen: PooledResiduals, effects: tuple[Applied, ...]) -> list[int]:
-    """Places of effects in the order in which they explain records, each beside those before it, without what adds nothing.
+    """Places of effects in the order in which they explain records, each beside those before it.
 
+    What adds nothing at the end is left out. Some explain only together: a stiffer servo beside the friction that it overcomes.
     An effect seldom explains more beside others than it did beside fewer, so that only those are looked at anew that could come
     next.
 
     Source: Minoux, Optimization Techniques, 1978.
     """
     out, left = list[int](), _squares(seen, ())
+    squares = [left]
     gains = dict.fromkeys(range(len(effects)), np.inf)
     while gains:
         fresh = set[int]()
         while (best := max(gains, key=lambda k: gains[k])) not in fresh:
             gains[best] = left - _squares(seen, [effects[k] for k in (*out, best)])
             fresh.add(best)
-        if gains[best] <= 0.0:
-            break
         left -= gains.pop(best)
         out.append(best)
+        squares.append(left)
+    out, left = out[: int(np.argmin(squares))], min(squares)
+    # What was taken before those that explain together, only since it did less harm, is left out again.
+    for k in [k for k, before, after in zip(out, squares, squares[1:], strict=False) if after >= before]:
+        rest = [other for other in out if other != k]
+        if (without := _squares(seen, [effects[other] for other in rest])) <= left:
+            out, left = rest, without
     return out
 
 

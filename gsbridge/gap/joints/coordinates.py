@@ -16,6 +16,9 @@ from gsbridge.geometry import Array
 _LEAST = 1e-3
 """Share of a typical amplitude below which it no longer weighs a shape, so that the shape stays finite."""
 
+_ROUNDING = 1e-12
+"""Share of a bound within which a parameter lies on it."""
+
 
 class Coordinates:
     """Parameters of several candidates as one vector, with bounds and scales, and the coordinates of their fit.
@@ -56,7 +59,11 @@ class Coordinates:
 
     def parameters(self, vector: Array) -> Array:
         """Parameters at some coordinates. [P] -> [P]."""
-        return vector / self.factors(vector)
+        out = vector / self.factors(vector)
+        # A product of a bound, divided, may lie a rounding beyond it, where no model may be.
+        for bound in (self._low, self._high) if self._pairs else ():
+            out = np.where(np.abs(out - bound) <= _ROUNDING * np.abs(bound), bound, out)
+        return out
 
     def slopes(self, vector: Array) -> Array:
         """Derivatives of the parameters by the coordinates. [P, P]."""
@@ -72,21 +79,23 @@ class Coordinates:
         factors = self.factors(vector)
         return self._low * factors, self._high * factors
 
-    def within(self, vector: Array) -> Array:
-        """The nearest coordinates whose parameters make sense. [P] -> [P].
+    def within(self, vector: Array, kept: bool = True) -> Array:
+        """Coordinates near to some whose parameters make sense. [P] -> [P].
 
-        A product is kept where its shape would lie out of bounds, since records tell products: its amplitude grows.
+        Args:
+            vector: Coordinates. [P].
+            kept: Whether a product is kept where its shape would lie out of bounds, and its amplitude grows, since records
+                mostly tell products; otherwise the product gives way.
         """
-        if not self._pairs:
-            return np.clip(vector, self._low, self._high)
-        kept = vector.copy()
-        for shape, amplitude in self._pairs:
+        out = vector.copy()
+        for shape, amplitude in self._pairs if kept else ():
             most = self._high[shape] if vector[shape] > 0.0 else -self._low[shape]
-            kept[amplitude] = np.clip(kept[amplitude], self._low[amplitude], self._high[amplitude])
-            least = min(abs(vector[shape]) / max(most, 1e-300), self._high[amplitude])
-            if abs(kept[amplitude]) < least:
-                kept[amplitude] = np.copysign(least, kept[amplitude])
-        return self.of(np.clip(self.parameters(kept), self._low, self._high))
+            if most <= 0.0:
+                continue
+            own = np.clip(out[amplitude], self._low[amplitude], self._high[amplitude])
+            least = min(abs(vector[shape]) / most, self._high[amplitude])
+            out[amplitude] = own if abs(own) >= least else least if own >= 0.0 else max(-least, self._low[amplitude])
+        return self.of(np.clip(self.parameters(out), self._low, self._high))
 
     def scale(self, vector: Array) -> Array:
         """Scales on which the coordinates move. [P]."""

@@ -13,7 +13,7 @@ from gsbridge.gap.diagnosis.results import Candidate, EffectFit, Hypothesis, Rul
 from gsbridge.gap.diagnosis.verdict import slim
 from gsbridge.gap.joints.candidates import special_cases, thresholds
 from gsbridge.gap.joints.detect import JointNull, joint_null
-from gsbridge.gap.joints.fit import derivatives, fit, nearer, ordered, polish
+from gsbridge.gap.joints.fit import derivatives, differ, fit, nearer, ordered, polish
 from gsbridge.gap.joints.limits import limits_beside, nothing_fitted, shown_by, shows_more
 from gsbridge.gap.joints.parameter_error import BesideParameterError
 from gsbridge.gap.joints.pooled import PooledResiduals
@@ -39,9 +39,6 @@ _PAIRS = 2
 
 _NEAR = 2.0
 """Multiple of the best squared residual up to which an explanation's special cases are fitted, too."""
-
-_APART = 0.25
-"""Relative difference of two starts in some parameter from which on a fit from the second is no repetition."""
 
 _MOST = 0.5
 """Share of a gap's squares that the best fit must explain for others to be looked for no further."""
@@ -138,7 +135,8 @@ class Explanations:
         self.start, self.plain = first.residual(), second.residual()
         self.floor, self.floor_first = self.null.share * self.plain.size, self.null_first.share * self.start.size
         self.plain_chi2 = float((self.plain**2).sum())
-        self.lost: set[str] = set()
+        # Fits that were given up, and what they left; zero where simulations ended.
+        self.lost: dict[str, float] = {}
         self._alone: list[Hypothesis] = []
         self._limited: set[frozenset[Candidate]] = set()
         # For a set, those that might stand in its place but were not fitted, since no simulations were left.
@@ -207,7 +205,7 @@ class Explanations:
             starts = ordered(self.first, match, self._affords)
             begin = nearer(self.first, match.candidate, starts[0], self._affords)
             fitted = fit(self.first, (match.candidate,), (begin,), bar, self.screen, self._limit())
-            for start in (other for other in starts[1:2] if _differ(other, begin)):
+            for start in (other for other in starts[1:2] if differ(other, begin)):
                 # A start in the wrong valley leaves more than a projection onto the signatures promised.
                 poor = chi2 - fitted.chi2 < 0.5 * match.bound
                 if (fitted.converged and not poor) or not self._affords(2 + len(match.candidate.effect.parameters)):
@@ -219,7 +217,7 @@ class Explanations:
                 out.append(self.trial_of(fitted))
                 reached = max(reached, chi2 - fitted.chi2)
             else:
-                self.lost.add(str(match.candidate))
+                self._given_up(match.candidate, fitted)
         out += self._thresholds(out)
         return out + self._simpler(out, out)
 
@@ -245,8 +243,11 @@ class Explanations:
             if found.converged:
                 out.append(self.trial_of(found))
             else:
-                self.lost.add(str(who))
+                self._given_up(who, found)
         return out
+
+    def _given_up(self, who: Candidate, fitted: EffectFit) -> None:
+        self.lost[str(who)] = fitted.chi2 if self.first.mechanism.runs < self._limit() else 0.0
 
     def _simpler(self, trials: Sequence[Hypothesis], known: Sequence[Hypothesis], reserve: int = _RESERVE) -> list[Hypothesis]:
         """Special cases of good explanations that were not fitted, or went astray, from where those ended."""
@@ -254,7 +255,7 @@ class Explanations:
         for every, starts in special_cases(trials, known, self.who, _NEAR):
             if self._affords(2 + sum(len(c.effect.parameters) for c in every), reserve):
                 out.append(self.trial_of(self.fits.fit(every, starts, np.inf, self._limit())))
-                self.lost -= {str(who) for who in every}
+                self.lost = {name: left for name, left in self.lost.items() if name not in map(str, every)}
         return out
 
     def _several(self, singles: list[Hypothesis], best: Hypothesis) -> list[Hypothesis]:
@@ -296,11 +297,14 @@ class Explanations:
             kept = self._numbers(best.fit.who)  # what polishing the best takes
             for one in stand_ins(self.first, self.screen, best, trials, self.rules.margin):
                 if self._affords(0, CHECKED + kept):
-                    fitted = self.fits.fit(one.who, one.values, 1.3 * best.fit.chi2 + 100.0, self._limit(CHECKED + kept))
+                    limit, reached = self._limit(CHECKED + kept), best.fit.chi2 + self.rules.margin
+                    fitted = self.fits.fit(one.who, one.values, 1.3 * best.fit.chi2 + 100.0, limit)
+                    if not fitted.converged and fitted.chi2 < reached:
+                        fitted = self.fits.polish(fitted, limit)
                     if fitted.converged:
                         trials.append(self.trial_of(fitted))
                         continue
-                    if self.first.mechanism.runs < self._limit(CHECKED + kept):
+                    if self.first.mechanism.runs < limit and fitted.chi2 >= reached:
                         continue
                 if one.behind < self.rules.margin:
                     self.untried.setdefault(frozenset(best.fit.who), []).append(one.who)
@@ -391,8 +395,3 @@ class Explanations:
 def without_one(items: Sequence[T], k: int) -> list[T]:
     """All items but one."""
     return [*items[:k], *items[k + 1 :]]
-
-
-def _differ(some: dict[str, float], others: dict[str, float]) -> bool:
-    """Whether two starts of a fit are worth a fit each."""
-    return any(abs(some[name] - others[name]) > _APART * max(abs(some[name]), abs(others[name])) for name in some)

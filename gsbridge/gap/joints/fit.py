@@ -36,12 +36,21 @@ _UNSURE = 0.2
 _REACH = 3.0
 """Longest step, in scales."""
 
+_MOST = 10
+"""Simulations that a fit from signatures may take, beside half as many again as it has parameters."""
+
+_SHORTENED = 3
+"""How often a step that bounds turn into a loss is made shorter."""
+
 _NOISY = 1.5
 """Squared residual of a number, in units of the noise, up to which a fit leaves noise alone."""
 
 _HIDDEN = 1e-2
 """Share of the strongest parameter's influence below which one does not show."""
 
+
+_APART = 0.25
+"""Relative difference of two starts in some parameter from which on a fit from the second is no repetition."""
 
 _OCTAVES = (0.5, 0.25, 0.125, 0.0625)
 """Steps, in doublings, by which the best size of what begins at a threshold is sought before it is fitted."""
@@ -145,9 +154,12 @@ class _Problem:
             # Those that hit a bound stay there while the others move on.
             free &= ~(out & ((vector <= low) | (vector >= high)))
             break
-        new = self.coordinates.within(vector + np.clip(move, -_REACH * scale, _REACH * scale))
-        moved = new - vector
-        return new, float(-(2 * gradient @ moved + moved @ curvature @ moved))
+        aimed, tried = vector + np.clip(move, -_REACH * scale, _REACH * scale), []
+        for kept in (True, False):
+            new = self.coordinates.within(aimed, kept)
+            moved = new - vector
+            tried.append((new, float(-(2 * gradient @ moved + moved @ curvature @ moved))))
+        return max(tried, key=lambda one: one[1])
 
 
 def fit(
@@ -172,6 +184,9 @@ def fit(
     """
     problem = _Problem(view, who)
     x = problem.at(start)
+    if screen is not None:
+        # One that creeps along would take what others need.
+        limit = min(limit, problem.runs + _MOST + 3 * len(x) // 2)
     r = problem.residual(x)
     if screen is None and known is None and not problem.derivatives_afforded(limit):
         return problem.untouched(x, r)
@@ -302,10 +317,12 @@ def _descend(
     best, damping, settled, failures = float(r @ r), 1e-4, False, 0
     for _ in range(_ROUNDS):
         new, promise = problem.step(x, r, jacobian, damping)
-        if promise < -max(_SMALL, share * best) and failures < 3:
+        for _ in range(_SHORTENED):
+            if promise >= -max(_SMALL, share * best):
+                break
             # Bounds turned a step that is too long into one that loses: no end, but a reason for a shorter one.
-            damping, failures = max(damping, 1e-3) * 20.0, failures + 1
-            continue
+            damping = max(damping, 1e-3) * 20.0
+            new, promise = problem.step(x, r, jacobian, damping)
         if promise < max(_SMALL, share * best):
             # Derivatives that were carried along may see no way down where there is one: they are taken once more, unless
             # noise alone is left, or a rival is ahead for good.
@@ -359,3 +376,8 @@ def _descend(
     rank = max(1, int((shown > _HIDDEN * shown[0]).sum()))
     known = deviations, float(correlation), rank
     return EffectFit(problem.who, problem.effects(x), best, settled, *known, records=problem.view.replays)
+
+
+def differ(some: dict[str, float], others: dict[str, float]) -> bool:
+    """Whether two starts of a fit are worth a fit each."""
+    return any(abs(some[name] - others[name]) > _APART * max(abs(some[name]), abs(others[name])) for name in some)

@@ -16,10 +16,17 @@ from gsbridge.gap.joints.explanations import CHECKED, Explanations, without_one
 from gsbridge.gap.joints.limits import nothing_fitted
 from gsbridge.gap.joints.motion import is_motion, vibrates
 from gsbridge.gap.joints.screen import SignatureMatch
+from gsbridge.gap.joints.verify import stepped
 
 _AS_LITTLE, _LITTLE = 5.0, 0.01
 """Multiple of what the best explanation leaves, and share of the gap, up to which others leave as little: the model's error
 decides between them."""
+
+_CLOSE, _TWINS = 6.0, 3
+"""How far behind the best explanation others are looked at with a finer step of time, in margins, and how many of them."""
+
+_FAR = 2.0
+"""Multiple of what the best explanation leaves of `fit` beyond which a fit that was given up is ruled out."""
 
 
 class JointIdentification(Explanations):
@@ -156,19 +163,25 @@ class JointIdentification(Explanations):
         if best.fit.stopped or best.fit.blurred or (remains and not self._suffices(best, trials)):
             verdict = "none_of_the_known"
             part = self._sure_part(found, trials)
-        elif found.near or found.chances[0] < rules.sure or frozenset(best.fit.who) in self.untried:
+        elif found.near or found.chances[0] < rules.sure or self._untried((best, *found.near), trials):
             verdict = "ambiguous"
-            names = tuple(dict.fromkeys(" + ".join(trial.names) for trial in (best, *found.near)))
-            untried = self.untried.get(frozenset(best.fit.who), [])
-            names += tuple(" + ".join(sorted(map(str, every))) for every in untried)
+            names = tuple(" + ".join(trial.names) for trial in (best, *found.near))
+            untried = self._untried((best, *found.near), trials)
+            names = tuple(dict.fromkeys((*names, *(" + ".join(sorted(map(str, every))) for every in untried))))
             if len(best.fit.who) == best.fit.records == 1:
-                # Candidates that were not fitted, but whose signatures explain as much, are not ruled out either.
+                # Candidates that were not fitted, but whose signatures explain as much, are not ruled out either; what was
+                # fitted and left far more when it was given up, is.
                 gained = float((self.start**2).sum()) - best.fit.chi2 - rules.margin
                 tried = {candidate for trial in trials for candidate in trial.fit.who}
-                as_good = (str(m.candidate) for m in matches if m.candidate not in tried and m.bound > gained)
+                ruled_out = {name for name, left in self.lost.items() if left > _FAR * best.fit.chi2 + rules.margin}
+                open_ = (m for m in matches if m.candidate not in tried and str(m.candidate) not in ruled_out)
+                as_good = (str(m.candidate) for m in open_ if m.bound > gained)
                 names += tuple(name for name in as_good if name not in names)
         else:
-            verdict = "named"
+            # Near twins may be told apart by no more than the step of time changes.
+            twins = self._twins_at_a_finer_step(found)
+            verdict = "ambiguous" if twins else "named"
+            names = tuple(" + ".join(trial.names) for trial in (best, *twins) if twins)
         if part is not None:
             # More effects than that mimic what is left; this one is in all that do.
             verdict, best, remains, p_remaining = "named", part, True, self._p_remaining(part)
@@ -180,6 +193,23 @@ class JointIdentification(Explanations):
             float(np.sqrt(self.plain_chi2 / self.second.freedom)), float(np.sqrt(best.chi2 / self.second.freedom)),
             self._used(), unseen, lost=tuple(sorted(self.lost)),
         )  # fmt: skip
+
+    def _twins_at_a_finer_step(self, found: Decision) -> list[Hypothesis]:
+        """Which of the explanations that come next cannot be told from the best once the error of the step is taken off."""
+        best, reach = found.trials[0], _CLOSE * self.rules.margin * max(1.0, found.trials[0].chi2 / self.floor)
+        close = [trial for trial in found.trials[1:] if trial.score - best.score < reach][:_TWINS]
+        if not close or self.first.mechanism.runs + 2 * (1 + len(close)) >= self._limit(CHECKED):
+            return []
+        fine = [stepped(trial, (self.first, self.second)) for trial in (best, *close)]
+        again = decide(fine, self.rules, self.floor)
+        alike = (again.trials[0], *again.near)
+        return [trial for trial, one in zip(close, fine[1:], strict=True) if any(one is other for other in alike)]
+
+    def _untried(self, near: Sequence[Hypothesis], trials: Sequence[Hypothesis]) -> list[tuple[Candidate, ...]]:
+        """Sets that might stand in the place of some explanations but were not fitted."""
+        fitted = {frozenset(trial.fit.who) for trial in trials}
+        sets = (every for trial in near for every in self.untried.get(frozenset(trial.fit.who), []))
+        return [every for every in sets if frozenset(every) not in fitted]
 
     def _as_well(self, found: Decision) -> list[Hypothesis]:
         """What leaves as little of `fit` as the best explanation does, and more of `select`."""

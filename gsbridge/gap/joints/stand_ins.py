@@ -14,6 +14,9 @@ from gsbridge.gap.joints.screen import Screen
 _ALIKE = 0.95
 """Share of what an effect explains that a candidate's signatures must explain to be tried in its place."""
 
+_TWINS = 3
+"""Candidates that are tried in the place of one effect, at most."""
+
 _SHOWN = 9.0
 """Squared residual, in units of the noise, that an effect must explain of a record to show there at all."""
 
@@ -63,9 +66,11 @@ def stand_ins(
         others = [m for m in matches if m.bound >= enough and m.candidate not in who and not _nested(own, m.candidate)]
         # A signature of another size does not explain all of its own effect either.
         mine = next((match.bound for match in matches if match.candidate == own), -np.inf)
-        for number, other in enumerate(sorted(others, key=lambda match: -match.bound)):
+        others.sort(key=lambda match: -match.bound)
+        for number, other in enumerate(others[:_TWINS]):
             every = (*who[:k], other.candidate, *who[k + 1 :])
-            if frozenset(every) not in fitted and (number == 0 or mine - other.bound < margin):
+            alike = max(mine, others[0].bound) - other.bound < margin
+            if frozenset(every) not in fitted and (number == 0 or alike):
                 starts = (*best.fit.values[:k], other.starts[0], *best.fit.values[k + 1 :])
                 out.append(StandIn(every, starts, mine - other.bound))
     return sorted(out, key=lambda one: one.behind)
