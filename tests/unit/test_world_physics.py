@@ -250,6 +250,19 @@ def test_mass_factor_acts():
     assert physics.model.body(OBJECT).mass[0] == pytest.approx(physics.body.mass)
 
 
+def test_physics_that_diverge_end_the_episode_and_leave_no_file(tmp_path, monkeypatch):
+    """MuJoCo itself would put everything back to the begin, write a file where it stands, and go on."""
+    monkeypatch.chdir(tmp_path)
+    physics = world()
+    physics.place(kinematics().rest, 0.1, np.zeros(3))
+    throw(physics, 0.1, (1e11, 0.0, 0.0))
+    with pytest.raises(InputError, match="diverged"):
+        physics.step()
+    assert list(tmp_path.iterdir()) == []
+    physics.place(kinematics().rest, 0.1)
+    physics.check_sound()
+
+
 def test_pieces_are_found_again_by_content_and_code(tmp_path, monkeypatch):
     mesh, _ = make_object("small_cube", 0, 6.0)
     bare = Mesh(mesh.vertices, mesh.faces)

@@ -70,6 +70,7 @@ class LoggedPhysics(MirrorPhysics):
             self._control(still, np.zeros_like(still))
             mujoco.mj_step(self.model, self.data)
             self._feel()
+        self.check_sound()
         waited, self._logged, self._sent = self._logged, [], None
         super().reset(np.asarray(object_pose), seed)
         self._grain = np.random.default_rng([seed, 2])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -21,6 +22,8 @@ from gsbridge.robot.kinematics import Kinematics
 from gsbridge.robot.reach import tool_down
 from gsbridge.tasks.state import State, clearance
 
+logger = logging.getLogger("gsbridge")
+
 CONTROL_HZ = 20
 """Commands per second."""
 
@@ -32,6 +35,9 @@ _PLATE_DETAIL = 2.0
 
 _SETTLE = 0.05
 """Time for the object to find its rest at the beginning of an episode, s."""
+
+_DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+"""Warnings behind which MuJoCo puts everything back to where it began, and goes on."""
 
 
 class MirrorPhysics:
@@ -58,6 +64,8 @@ class MirrorPhysics:
         hidden: Hidden,
         plate: list[Array] | None = None,
     ) -> None:
+        # Otherwise MuJoCo writes its warnings into a file in whatever folder one is.
+        mujoco.set_mju_user_warning(logger.warning)
         self.robot, self.stand, self.body, self.hidden = robot, stand, body, hidden
         self.commanded_from = stand.base_from_table
         self.dimensions = robot.dimensions
@@ -87,7 +95,11 @@ class MirrorPhysics:
         self.place(self.kinematics.rest, self.dimensions.stroke)
 
     def reset(self, object_pose: Array, seed: int) -> None:
-        """Begin an episode: see `World.reset`. The object is put at x, y, yaw [3] and settles before the first step."""
+        """Begin an episode: see `World.reset`. The object is put at x, y, yaw [3] and settles before the first step.
+
+        Raises:
+            InputError: The pose is no such pose, or the physics diverged.
+        """
         pose = np.asarray(object_pose, dtype=np.float64)
         if pose.shape != (3,) or not np.isfinite(pose).all():
             raise InputError("object pose", f"{object_pose} is no x, y, yaw", "Give three finite numbers")
@@ -96,6 +108,7 @@ class MirrorPhysics:
         self.place(self.kinematics.rest, self.dimensions.stroke, pose)
         for _ in range(round(_SETTLE / STEP)):
             mujoco.mj_step(self.model, self.data)
+        self.check_sound()
         mujoco.mj_forward(self.model, self.data)
         self._pull[:] = 0.0
         self._feel()
@@ -162,6 +175,9 @@ class MirrorPhysics:
 
         The gripper's starts at the fingers, and lies beyond them only on the side to which they are to go: pads that press on
         something let go when told to, not when a set point deep inside the object has come back out.
+
+        Raises:
+            InputError: The physics diverged.
         """
         seconds = self._period * STEP
         reach = _GRIP_SPEED * seconds
@@ -185,9 +201,21 @@ class MirrorPhysics:
             self._control(start + speed * max(gone, 0) * STEP, speed * (gone > 0))
             mujoco.mj_step(self.model, self.data)
             self._feel()
+        self.check_sound()
         self._pull /= self._period
         # Poses that belong to the positions just reached; a step leaves those of its begin.
         mujoco.mj_kinematics(self.model, self.data)
+
+    def check_sound(self) -> None:
+        """Refuse to go on from a state that MuJoCo made up.
+
+        Raises:
+            InputError: The physics diverged since everything was last put somewhere.
+        """
+        if any(self.data.warning[kind].number for kind in _DIVERGED):
+            raise InputError(
+                "the mirror", "its physics diverged", "Bring the world's hidden parameters nearer to those of an ordinary lab"
+            )
 
     def _lateness(self) -> int:
         """Physics steps by which this period's command comes late by chance."""
