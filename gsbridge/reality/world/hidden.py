@@ -154,6 +154,11 @@ class Hidden:
         for name in _SHARES:
             if getattr(self, name) > 1.0:
                 raise InputError("hidden parameters", f"'{name}' is {getattr(self, name)!r}", "Give a share of 1 at most")
+        for name in _COUNTS:
+            if getattr(self, name) > _MOST_THINGS or getattr(self, name) % 1.0:
+                raise InputError("hidden parameters", f"'{name}' is {getattr(self, name)!r}", f"Give 0 to {_MOST_THINGS} things")
+        if self.latency > _LATEST:
+            raise InputError("hidden parameters", f"'latency' is {self.latency!r}", f"Give {_LATEST:g} s at most")
         # A command belongs to one control period, and a picture to what has moved in it.
         if self.latency_jitter > 0.05 or self.exposure_time + self.readout > 0.05 or self.compression > 99:
             raise InputError(
@@ -249,6 +254,13 @@ _SHARES = (
     "lost_commands", "auto_exposure", "auto_balance", "dropped_frames", "late_frames", "lamp_dim", "gloss_object",
     "gloss_plate", "gloss_robot", "gloss_table",
 )  # fmt: skip
+_COUNTS = ("clutter", "cables", "decoys")
+_MOST_THINGS = 100
+"""Things of one kind that may lie about: each is a mesh of its own in every picture."""
+
+_LATEST = 1.0
+"""Longest latency of a command, s: what is on its way is kept step by step."""
+
 _MUST_BE_POSITIVE = (
     "mass", "contact_time", "stiffness", "inertia", "grip_force", "light_power", "full_well", "exposure",
 )  # fmt: skip
