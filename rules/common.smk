@@ -12,20 +12,16 @@ sys.path.insert(0, str(ROOT))
 searched = [str(ROOT), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
 os.environ.update(PYTHONPATH=os.pathsep.join(filter(None, dict.fromkeys(searched))))
 
+from gsbridge.configuration.bindings import BINDINGS
 from gsbridge.configuration.checks import check_asked, check_configuration
 from gsbridge.configuration.renderers import RENDERERS, SHADED
 from gsbridge.digests import code_digest, kernel_digest, script_digest
 from gsbridge.experiment.evidence import EvidencePlan
 from gsbridge.experiment.gap_benchmark import BenchmarkPlan
 from gsbridge.experiment.loops import JointLoop, PictureLoop, closed_loops
-from gsbridge.experiment.plan import BINDINGS, Experiment
-from gsbridge.experiment.policies import (
-    ANY,
-    policy_files,
-    training_memory,
-    training_minutes,
-    workspace_of,
-)
+from gsbridge.experiment.plan import Experiment
+from gsbridge.experiment.policies import ANY, policy_files, workspace_of
+from gsbridge.experiment.policies import training_memory, training_minutes
 from gsbridge.experiment.provenance import provenance, provenances
 from gsbridge.experiment.result_dates import restore_dates
 from gsbridge.experiment.severity_study import SeverityStudy

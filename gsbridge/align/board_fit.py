@@ -10,10 +10,8 @@ from scipy.optimize import least_squares
 
 from gsbridge.cameras import Camera
 from gsbridge.geometry import Array, Similarity, align_similarity
-from gsbridge.photogrammetry.board import Board
+from gsbridge.photogrammetry.board import MIN_TAGS, Board
 from gsbridge.photogrammetry.tags import Tags, corner_points, scale_standard_error
-
-MIN_TAGS = 3
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from gsbridge.tasks.episode import FORCES, Episode, write_episode
 from gsbridge.tasks.state import State
 from gsbridge.tasks.views import write_states
 
-RENDERERS = ("gs", "mesh", "mesh_vertex")
+SHOWN = ("gs", "mesh", "mesh_vertex")
 """What the recording shows side by side."""
 
 
@@ -123,7 +123,7 @@ def play_episode(
         InputError: A file is missing or of the wrong kind.
     """
     model, response, lens = read_model(files.model), camera_response(files), lens_of(files, settings)
-    eyes = {name: DrawnEye(build_renderer(files, replace(settings, renderer=name)), response, lens) for name in RENDERERS}
+    eyes = {name: DrawnEye(build_renderer(files, replace(settings, renderer=name)), response, lens) for name in SHOWN}
     environment = build_environment(files, replace(settings, renderer="mesh"))
     try:
         controller = build_controller(files.item, settings)
@@ -147,5 +147,5 @@ def play_episode(
         failure=failure,
         largest_force=dict(zip(FORCES, episode.forces.max(0), strict=True)),
         image_size=settings.image_size,
-        renderers=list(RENDERERS),
+        renderers=list(SHOWN),
     )

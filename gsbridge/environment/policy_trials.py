@@ -15,12 +15,12 @@ import numpy as np
 
 from gsbridge.environment.env import PickEnvironment, state_of
 from gsbridge.environment.trial_log import TrialPath, encode, read_trial_log, write_trial_log
-from gsbridge.environment.trials import POSES, Policy, TrialResult, spread
+from gsbridge.environment.trials import Policy, TrialResult, spread
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file, read_json, write_json, write_stage
 from gsbridge.geometry import Array
 from gsbridge.logs import ProgressLog
-from gsbridge.tasks.poses import StartRegion, sets_of, trial_seed
+from gsbridge.tasks.poses import POSES, StartRegion, sets_of, trial_seed
 from gsbridge.tasks.state import State
 
 logger = logging.getLogger("gsbridge")

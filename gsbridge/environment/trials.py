@@ -15,10 +15,8 @@ from gsbridge.errors import InputError
 from gsbridge.files import write_stage
 from gsbridge.geometry import Array
 from gsbridge.logs import ProgressLog
-from gsbridge.tasks.poses import PER_QUADRANT, QUADRANTS
+from gsbridge.tasks.poses import PER_QUADRANT, POSES, QUADRANTS
 from gsbridge.tasks.world import World
-
-POSES = PER_QUADRANT * len(QUADRANTS)
 
 Policy = Callable[[Mapping[str, Array], Mapping[str, Any]], Array]
 """Gives an action for an observation and its `info`; a policy that acts on the picture must not look into `info`."""

@@ -9,15 +9,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from gsbridge.configuration.bindings import BINDINGS
 from gsbridge.configuration.checks import check_capture
 from gsbridge.errors import InputError
 from gsbridge.experiment.capture_files import capture_files, content_digests
 from gsbridge.experiment.policies import PolicyFiles, workspace_of
 from gsbridge.given import read_given_json
 from gsbridge.reading import absent
-
-BINDINGS = ("games", "soft", "refined", "unbound", "games_vertices")
-"""Ways in which splats hold on to a mesh; recordings show the first three."""
 
 
 @dataclass(frozen=True)

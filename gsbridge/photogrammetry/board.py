@@ -21,6 +21,9 @@ from gsbridge.images import linear_from_srgb
 SHEETS_M = {"a4": (0.297, 0.210), "letter": (0.2794, 0.2159)}
 """Sheet sizes, landscape: width, height, m."""
 
+MIN_TAGS = 3
+"""Tags that a photo must show: with fewer, a flat target's pose is soft or ambiguous."""
+
 
 @dataclass(frozen=True)
 class Board:

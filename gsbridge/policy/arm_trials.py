@@ -18,11 +18,11 @@ from gsbridge.environment.policy_trials import path_row
 from gsbridge.environment.rendering import wrist_camera
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.environment.trial_log import TrialPath, encode
-from gsbridge.environment.trials import POSES, TrialResult, spread, write_trials
+from gsbridge.environment.trials import TrialResult, spread, write_trials
 from gsbridge.geometry import Array, quat_from_rotation
 from gsbridge.logs import ProgressLog
 from gsbridge.policy.episode_log import EpisodeLog
-from gsbridge.policy.format import ACTION_NAMES, CONTROL_HZ
+from gsbridge.policy.format import ACTION_NAMES
 from gsbridge.policy.interface import PolicyInterface
 from gsbridge.policy.runner import Policy, Setup, run_policy
 from gsbridge.policy.safety import End, Limits
@@ -31,7 +31,9 @@ from gsbridge.reality.world.mirror import MirrorWorld
 from gsbridge.reality.world.physics import MirrorPhysics
 from gsbridge.registration.result import Registration
 from gsbridge.robot.limits import Workspace
+from gsbridge.tasks.poses import POSES
 from gsbridge.tasks.poses import pose_set as poses_of
+from gsbridge.tasks.world import CONTROL_HZ
 
 
 class ArmTrials:

@@ -27,12 +27,12 @@ from gsbridge.environment.settings import IMAGE_SIZES
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file, read_json, versions, write_json
 from gsbridge.geometry import Array
-from gsbridge.policy.format import ACTION_NAMES, CONTROL_HZ, FORMAT, PROPRIO_NAMES, SPEC, WEIGHTS
+from gsbridge.policy.format import ACTION_NAMES, FORMAT, PROPRIO_NAMES, SPEC, WEIGHTS
 from gsbridge.policy.networks import CHANNELS, HIDDEN, Actor
 from gsbridge.policy.observation import PICTURE_OFFSET, PICTURE_SCALE, actor_input
 from gsbridge.reading import refusing, regular_file
 from gsbridge.sim.actions import SIZE, TETHER
-from gsbridge.tasks.world import World
+from gsbridge.tasks.world import CONTROL_HZ, World
 
 _AUXILIARY = "position."
 _HEADER = 2**20

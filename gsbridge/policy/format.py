@@ -9,5 +9,3 @@ PROPRIO_NAMES = (
 ACTION_NAMES = ("x", "y", "z", "yaw", "aperture")
 INPUTS, OUTPUTS = ("image", "proprio"), ("action",)
 """Names in `policy.onnx`."""
-
-CONTROL_HZ = 20

@@ -15,12 +15,13 @@ from gsbridge.environment.rendering import wrist_camera
 from gsbridge.environment.settings import EnvironmentSettings, Plate
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array, rotation_angle
-from gsbridge.policy.format import ACTION_NAMES, CONTROL_HZ, PROPRIO_NAMES, SPEC
+from gsbridge.policy.format import ACTION_NAMES, PROPRIO_NAMES, SPEC
 from gsbridge.reading import refusing
 from gsbridge.registration.result import Registration, pose_error
 from gsbridge.robot.assembly import check_reach, check_rigid
 from gsbridge.robot.limits import Workspace
 from gsbridge.sim.actions import TETHER, ToolTarget
+from gsbridge.tasks.world import CONTROL_HZ
 
 MOUNT_M, MOUNT_RAD = 0.010, np.deg2rad(2.0)
 """Largest change of the camera's mount since the training: what it shows has moved by some pixels of 64 then."""

@@ -23,7 +23,6 @@ from gsbridge.errors import InputError, StageError
 from gsbridge.files import atomic_file, write_stage
 from gsbridge.geometry import Array
 from gsbridge.policy.arm_trials import arm_setup, play_on_arm
-from gsbridge.policy.format import CONTROL_HZ
 from gsbridge.policy.interface import PolicyInterface
 from gsbridge.policy.worlds import MirrorDriver, world_seed
 from gsbridge.reality.world.driver_log import DriverLog, LoggedPhysics
@@ -32,6 +31,7 @@ from gsbridge.robot.limits import Workspace
 from gsbridge.tasks.outcome import Failure
 from gsbridge.tasks.poses import trial_seed
 from gsbridge.tasks.views import ROLES
+from gsbridge.tasks.world import CONTROL_HZ
 
 __all__ = ["ROLES", "Repeat", "choose_trials", "log_trials", "repeat_trial", "write_driver_log"]
 

@@ -20,7 +20,6 @@ from gsbridge.environment.rendering import wrist_camera
 from gsbridge.environment.settings import EnvironmentSettings
 from gsbridge.geometry import Array
 from gsbridge.policy.driver import Reading, tool_pose
-from gsbridge.policy.format import CONTROL_HZ
 from gsbridge.policy.robot_trials import Verdict
 from gsbridge.reality.mirror.backgrounds import PLATE_WELL_M
 from gsbridge.reality.world.camera import Setting
@@ -32,7 +31,7 @@ from gsbridge.robot.gripper import GripperDimensions
 from gsbridge.robot.kinematics import Kinematics
 from gsbridge.tasks.outcome import Progress
 from gsbridge.tasks.state import State
-from gsbridge.tasks.world import World
+from gsbridge.tasks.world import CONTROL_HZ, World
 
 
 class WorldDriver:

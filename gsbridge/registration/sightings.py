@@ -10,10 +10,7 @@ import numpy as np
 
 from gsbridge.cameras import Camera
 from gsbridge.geometry import Array
-from gsbridge.photogrammetry.board import Board
-
-MIN_TAGS = 3
-"""Tags that a photo must show: with fewer, a flat target's pose is soft or ambiguous."""
+from gsbridge.photogrammetry.board import MIN_TAGS, Board
 
 
 @dataclass(frozen=True)

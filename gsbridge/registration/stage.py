@@ -17,11 +17,11 @@ from gsbridge.errors import InputError, StageError
 from gsbridge.files import write_stage
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8
-from gsbridge.photogrammetry.board import Board, find_tags
+from gsbridge.photogrammetry.board import MIN_TAGS, Board, find_tags
 from gsbridge.registration.capture import ARM_CSV, CAMERA_JSON, BoardCapture, read_board_capture
 from gsbridge.registration.fit import LeftOut, RegistrationViews, consistent, leave_one_out, pose_rms
 from gsbridge.registration.handeye import start_hand_eye, turn_spread_deg
-from gsbridge.registration.sightings import MIN_TAGS, Sighting, sight_board
+from gsbridge.registration.sightings import Sighting, sight_board
 from gsbridge.registration.typed import typed_pose
 from gsbridge.robot.assembly import build_robot
 from gsbridge.robot.kinematics import Kinematics

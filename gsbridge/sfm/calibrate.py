@@ -15,13 +15,12 @@ from gsbridge.files import read_json, write_stage
 from gsbridge.geometry import Array
 from gsbridge.images import read_image_u8
 from gsbridge.logs import ProgressLog
-from gsbridge.photogrammetry.board import Board, find_tags
+from gsbridge.photogrammetry.board import MIN_TAGS, Board, find_tags
 
 logger = logging.getLogger("gsbridge")
 
 MIN_VIEWS = 6
 GOOD_VIEWS = 20
-MIN_TAGS = 3
 DOUBTFUL_RMS_PX, WORST_RMS_PX = 0.8, 3.0
 """Residuals at the board from which a camera is in doubt, and above which it is none: two lenses or zooms taken for one leave
 several px, corners by themselves 0.1 to 0.4."""

@@ -7,11 +7,11 @@ import pycolmap
 from gsbridge.configuration.sfm import SfmSettings
 from gsbridge.errors import StageError
 from gsbridge.geometry import Array
-from gsbridge.photogrammetry.board import Board
+from gsbridge.photogrammetry.board import MIN_TAGS, Board
 from gsbridge.photogrammetry.colmap import camera_from_colmap, pose_matrix
 from gsbridge.sfm.mapping import MappingOutcome
 from gsbridge.sfm.photos import Photos
-from gsbridge.sfm.tags import MAX_LAYOUT_ERROR, MIN_TAGS, Tags, corner_points, layout_error
+from gsbridge.sfm.tags import MAX_LAYOUT_ERROR, Tags, corner_points, layout_error
 from gsbridge.sfm.undistort import undistort_pixels
 
 

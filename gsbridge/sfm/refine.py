@@ -11,11 +11,11 @@ import numpy as np
 import pycolmap
 
 from gsbridge.geometry import Array, align_similarity
-from gsbridge.photogrammetry.board import Board
+from gsbridge.photogrammetry.board import MIN_TAGS, Board
 from gsbridge.photogrammetry.colmap import pose_matrix
 from gsbridge.photogrammetry.tags import scale_standard_error
 from gsbridge.sfm.gates import model_corners
-from gsbridge.sfm.tags import MIN_TAGS, Tags, layout_error
+from gsbridge.sfm.tags import Tags, layout_error
 
 logger = logging.getLogger("gsbridge")
 

@@ -9,10 +9,9 @@ import numpy as np
 from gsbridge.geometry import Array, align_similarity
 from gsbridge.images import read_image_u8
 from gsbridge.logs import track
-from gsbridge.photogrammetry.board import Board, find_tags
+from gsbridge.photogrammetry.board import MIN_TAGS, Board, find_tags
 from gsbridge.photogrammetry.tags import Tags, corner_points, triangulate
 
-MIN_TAGS = 3
 MAX_LAYOUT_ERROR = 0.02
 """Largest layout residual of a trusted model, as a share of the board's width: a wrong model is off by its own size."""
 
@@ -51,4 +50,4 @@ def layout_error(corners: dict[int, Array], board: Board) -> float | None:
     return float(np.sqrt(((fit.apply(source) - target) ** 2).sum(-1).mean()) / board.size[0])
 
 
-__all__ = ["MIN_TAGS", "Tags", "corner_points", "find_all", "layout_error", "triangulate"]
+__all__ = ["Tags", "corner_points", "find_all", "layout_error", "triangulate"]

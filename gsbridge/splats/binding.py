@@ -26,14 +26,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from gsbridge.configuration.bindings import BINDINGS
 from gsbridge.errors import InputError
 from gsbridge.files import atomic_file
 from gsbridge.geometry import Array, quat_from_rotation, rotation_from_quat
 from gsbridge.meshes import Mesh
 from gsbridge.splats.cloud import Cloud
 from gsbridge.splats.harmonics import TERMS, turned
-
-BINDINGS = ("games", "soft", "refined", "unbound", "games_vertices")
 
 START_OPACITY = 0.5
 """The paper starts at 0.1 and trains 15 times as long."""

@@ -12,11 +12,12 @@ import numpy as np
 import torch
 
 from gsbridge.cameras import Views
+from gsbridge.configuration.bindings import BINDINGS
 from gsbridge.configuration.splats import SplatSettings
 from gsbridge.errors import InputError, StageError
 from gsbridge.files import write_stage
 from gsbridge.meshes import Mesh, read_mesh
-from gsbridge.splats.binding import BINDINGS, Binding, create_binding, write_binding
+from gsbridge.splats.binding import Binding, create_binding, write_binding
 from gsbridge.splats.brightness import NOTICEABLE, brightness, spread
 from gsbridge.splats.budget import choose_splats
 from gsbridge.splats.detail import Focus, edge_sizes
@@ -69,7 +70,7 @@ def train_splats(
         mesh_path: Surface to bind to, table frame, m.
         out_ply, out_binding, out_views, out_json: `splats.ply`, `binding.npz`, the folder `views/`, `splats.json`.
         settings: Budget and step sizes.
-        binding: One of `gsbridge.splats.binding.BINDINGS`.
+        binding: One of `gsbridge.configuration.bindings.BINDINGS`.
         seed: Seed of places, order and colours.
         threads: Threads the job may use.
         state: Folder of the checkpoint; removed at the end.

@@ -16,6 +16,9 @@ from gsbridge.geometry import Array
 
 QUADRANTS = (1, 2, 3, 4)
 PER_QUADRANT = 8
+POSES = PER_QUADRANT * len(QUADRANTS)
+"""Start poses of a set."""
+
 POSE_SETS = ("fixed", "unseen", "outside")
 """Two sets inside the square of the training, and one beyond it, where the tool still reaches."""
 

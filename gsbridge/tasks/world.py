@@ -8,6 +8,9 @@ from typing import Protocol, runtime_checkable
 from gsbridge.geometry import Array
 from gsbridge.tasks.state import State
 
+CONTROL_HZ = 20
+"""Commands per second, on which policies, simulators and robots agree."""
+
 
 @runtime_checkable
 class World(Protocol):

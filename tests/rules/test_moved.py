@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from gsbridge.experiment.plan import BINDINGS
+from gsbridge.configuration.bindings import BINDINGS
 
 ROOT = Path(__file__).resolve().parents[2]
 PARTS = ["Snakefile", "config.yaml", "rules", "profiles", "models", "benchmarks", "envs", "gsbridge"]

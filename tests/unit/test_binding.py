@@ -5,10 +5,11 @@ import pytest
 import torch
 import trimesh
 
+from gsbridge.configuration.bindings import BINDINGS
 from gsbridge.errors import InputError
 from gsbridge.geometry import Similarity, rotation_from_quat
 from gsbridge.meshes import Mesh
-from gsbridge.splats.binding import BINDINGS, FLATNESS, create_binding, face_frames, moving_frames, read_binding, write_binding
+from gsbridge.splats.binding import FLATNESS, create_binding, face_frames, moving_frames, read_binding, write_binding
 from gsbridge.splats.remesh import remesh_isotropic
 
 BOUND = [kind for kind in BINDINGS if kind != "unbound"]

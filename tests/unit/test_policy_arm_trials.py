@@ -18,7 +18,6 @@ from gsbridge.environment.trial_log import read_trial_log
 from gsbridge.files import read_json
 from gsbridge.meshes import Mesh
 from gsbridge.policy.arm_trials import ArmTrials, arm_setup, try_controller_on_arm
-from gsbridge.policy.format import CONTROL_HZ
 from gsbridge.policy.interface import PolicyInterface
 from gsbridge.policy.joint_log import Repeat, repeat_trial
 from gsbridge.policy.runner import run_policy
@@ -40,6 +39,7 @@ from gsbridge.registration.result import Registration
 from gsbridge.robot import nominal
 from gsbridge.robot.limits import Workspace
 from gsbridge.tasks.poses import trial_seed
+from gsbridge.tasks.world import CONTROL_HZ
 
 SETTINGS = EnvironmentSettings(image_size=64, hold_steps=3)
 EDGE = 0.058

@@ -15,7 +15,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.images import read_image_u8, write_image
 from gsbridge.meshes import Mesh
-from gsbridge.report.figures.editing import BINDINGS, CONTROL, REST, edits, write_editing
+from gsbridge.report.figures.editing import COMPARED, CONTROL, REST, edits, write_editing
 from gsbridge.report.figures.editing_drawing import DETAIL, WHOLE, Column, detail_window, summary, write_editing_figure
 from gsbridge.scene.deform import deform, deformed_vertices
 from gsbridge.scene.edit_quality import EditQuality, divide, framed, measure_edit, window_of
@@ -134,7 +134,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
         views.append(View(f"{index:04d}.png", camera, pose, "held_out" if index % 3 == 1 else "train"))
         write_image(folder / "sfm" / "images" / views[-1].name, drawn.render(camera, pose, (0.6, 0.6, 0.6)))
     write_views(folder / "align" / "views.json", views)
-    for kind in BINDINGS:
+    for kind in COMPARED:
         write_binding(folder / "splats" / kind / "binding.npz", bound(kind, mesh, 1.25))
     return folder
 
@@ -149,7 +149,7 @@ def test_the_figure_and_its_record(scene: Path, tmp_path: Path) -> None:
     assert content["status"] == "pass"
     assert (content["scene"], content["views"]) == ("egg", ["0001.png", "0004.png", "0007.png"])
     assert content["shown"][0] == "0001.png"
-    assert set(content["edits"]) == {*BINDINGS, CONTROL}
+    assert set(content["edits"]) == {*COMPARED, CONTROL}
     soft, control = content["edits"]["soft"], content["edits"][CONTROL]
     assert soft[REST] == control[REST]
     for title in set(soft) - {REST}:
@@ -165,7 +165,7 @@ def test_splats_with_holes_are_degraded(scene: Path, tmp_path: Path) -> None:
         (folder / part).parent.mkdir(exist_ok=True)
         (folder / part).symlink_to(scene / part)
     mesh = ball(3)
-    for kind in BINDINGS:
+    for kind in COMPARED:
         # Small discs leave gaps, which an edit opens further.
         write_binding(folder / "splats" / kind / "binding.npz", bound(kind, mesh, 0.6))
     write_editing(folder, tmp_path / "edits.png", tmp_path / "edits.json", EditingSettings(size=96))

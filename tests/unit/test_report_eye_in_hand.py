@@ -7,7 +7,7 @@ import pytest
 
 from gsbridge.errors import InputError
 from gsbridge.images import write_image
-from gsbridge.report.figures.eye_in_hand import RENDERERS, Looked, write_eye_in_hand
+from gsbridge.report.figures.eye_in_hand import COMPARED, Looked, write_eye_in_hand
 from gsbridge.tasks.views import ViewState, read_states, write_states
 
 
@@ -28,13 +28,13 @@ def test_psnr_is_that_of_the_known_error(tmp_path):
     errors = {"gs": 0.1, "gs_unshaded": 0.15, "mesh_vertex_shaded": 0.18, "mesh_vertex": 0.2, "mesh_shaded": 0.3, "mesh": 0.4}
     for index in range(3):
         write_image(tmp_path / "photos" / f"{index:02d}.png", np.full((16, 16, 3), 0.2, np.float32))
-        for name in RENDERERS:
+        for name in COMPARED:
             write_image(tmp_path / "drawn" / f"{index:02d}_{name}.png", np.full((16, 16, 3), 0.2 + errors[name], np.float32))
     pair = Looked("cake", "plate", tmp_path / "drawn", tmp_path / "photos")
     write_eye_in_hand([pair], tmp_path / "figure.png", tmp_path / "rows.csv")
     assert (tmp_path / "figure.png").stat().st_size > 5_000
     rows = list(csv.DictReader((tmp_path / "rows.csv").open()))
-    assert [row["renderer"] for row in rows] == list(RENDERERS)
+    assert [row["renderer"] for row in rows] == list(COMPARED)
     for row in rows:
         assert (row["object"], row["background"], row["views"]) == ("cake", "plate", "3")
         # Eight bits move an error of 0.1 by up to 2 %.

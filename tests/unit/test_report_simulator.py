@@ -6,7 +6,7 @@ from test_report_score import FLOORS
 
 from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
-from gsbridge.report.figures.eye_in_hand import COLUMNS, RENDERERS
+from gsbridge.report.figures.eye_in_hand import COLUMNS, COMPARED
 from gsbridge.report.scores.measured_scenes import (
     environment_figures,
     eye_in_hand_figures,
@@ -93,7 +93,7 @@ def files(tmp_path):
         write_json(path, content)
     rows = [
         {"object": "cube", "background": "pad", "renderer": name, "views": 32, "psnr": 25.0, "psnr_min": 1.0, "psnr_max": 2.0}
-        for name in RENDERERS
+        for name in COMPARED
     ]
     write_rows(tmp_path / "rows.csv", COLUMNS, rows)
     paths = {name: path for name, (path, _) in made.items()}

@@ -18,8 +18,9 @@ from gsbridge.reality.world.camera import Setting
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.layout import true_base_from_table, true_robot
 from gsbridge.reality.world.model import STEP, Stand
-from gsbridge.reality.world.physics import CONTROL_HZ, MirrorPhysics
+from gsbridge.reality.world.physics import MirrorPhysics
 from gsbridge.reality.world.pieces import plate_pieces
+from gsbridge.tasks.world import CONTROL_HZ
 
 _PLATE_DETAIL = 2.0
 """Spacing of the plate's mesh behind its pieces, of that in films."""

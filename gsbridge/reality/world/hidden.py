@@ -156,7 +156,9 @@ class Hidden:
                 raise InputError("hidden parameters", f"'{name}' is {getattr(self, name)!r}", "Give a share of 1 at most")
         for name in _COUNTS:
             if getattr(self, name) > _MOST_THINGS or getattr(self, name) % 1.0:
-                raise InputError("hidden parameters", f"'{name}' is {getattr(self, name)!r}", f"Give 0 to {_MOST_THINGS} things")
+                raise InputError(
+                    "hidden parameters", f"'{name}' is {getattr(self, name)!r}", f"Give 0 to {_MOST_THINGS} things"
+                )
         if self.latency > _LATEST:
             raise InputError("hidden parameters", f"'latency' is {self.latency!r}", f"Give {_LATEST:g} s at most")
         # A command belongs to one control period, and a picture to what has moved in it.

@@ -17,10 +17,11 @@ from gsbridge.reality.world.electronics import Electronics
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.reality.world.layout import true_base_from_table, true_robot
 from gsbridge.reality.world.model import Stand
-from gsbridge.reality.world.physics import CONTROL_HZ, MirrorPhysics, build_physics
+from gsbridge.reality.world.physics import MirrorPhysics, build_physics
 from gsbridge.reality.world.shutter import moments
 from gsbridge.reality.world.surroundings import passer_pose, window_line
 from gsbridge.robot.assembly import RobotFiles
+from gsbridge.tasks.world import CONTROL_HZ
 
 TRIAL = Quality(samples=32, depth=2)
 """Quality of the pictures of trials, thousands of which are taken: direct light of lamp and sky with its shadows."""

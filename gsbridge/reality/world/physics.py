@@ -21,11 +21,9 @@ from gsbridge.robot.assembly import RobotFiles, check_rigid
 from gsbridge.robot.kinematics import Kinematics
 from gsbridge.robot.reach import tool_down
 from gsbridge.tasks.state import State, clearance
+from gsbridge.tasks.world import CONTROL_HZ
 
 logger = logging.getLogger("gsbridge")
-
-CONTROL_HZ = 20
-"""Commands per second."""
 
 _GRIP_SPEED = 0.15
 """Speed at which the pads are driven towards each other, m/s."""

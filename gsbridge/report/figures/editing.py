@@ -31,7 +31,7 @@ from gsbridge.splats.evaluate import render_cloud
 
 logger = logging.getLogger("gsbridge")
 
-BINDINGS = ("soft", "games", "refined")
+COMPARED = ("soft", "games", "refined")
 CONTROL = "soft, centres only"
 """See `gsbridge.scene.deform.shift_only`."""
 
@@ -88,7 +88,7 @@ def write_editing(scene: str | Path, figure: str | Path, record: str | Path, set
         InputError: A file is missing or damaged, or a camera is inside the object.
     """
     folder = Path(scene)
-    bindings = {name: read_binding(folder / "splats" / name / "binding.npz") for name in BINDINGS}
+    bindings = {name: read_binding(folder / "splats" / name / "binding.npz") for name in COMPARED}
     views = read_views(folder / "align" / "views.json", folder / "sfm" / "images")
     soft = bindings["soft"]
     middle = 0.5 * (soft.vertices.min(0) + soft.vertices.max(0))

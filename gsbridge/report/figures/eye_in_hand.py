@@ -19,7 +19,7 @@ from gsbridge.geometry import Array
 from gsbridge.images import psnr, read_image
 from gsbridge.report.tables.rows import write_rows
 
-RENDERERS = ("gs", "mesh_vertex_shaded", "mesh_shaded", "gs_unshaded", "mesh_vertex", "mesh")
+COMPARED = ("gs", "mesh_vertex_shaded", "mesh_shaded", "gs_unshaded", "mesh_vertex", "mesh")
 """Renderers with shadows, then without. Within each half they differ in the renderer alone."""
 TITLES = {
     "photo": "mirror",
@@ -57,7 +57,7 @@ class Looked:
         """
         out = []
         for path in sorted(self.photos.glob("*.png")):
-            pictures = {name: self.drawn / f"{path.stem}_{name}.png" for name in RENDERERS}
+            pictures = {name: self.drawn / f"{path.stem}_{name}.png" for name in COMPARED}
             out.append({"photo": read_image(path), **{name: read_image(file) for name, file in pictures.items()}})
         if not out:
             raise InputError(self.photos, "the folder holds no photo", "Photograph the states again")
@@ -80,14 +80,14 @@ def write_eye_in_hand(pairs: Sequence[Looked], figure: str | Path, rows: str | P
     table, blocks = [], []
     for pair in pairs:
         views = pair.views()
-        values = {name: np.array([psnr(view[name], view["photo"]) for view in views]) for name in RENDERERS}
+        values = {name: np.array([psnr(view[name], view["photo"]) for view in views]) for name in COMPARED}
         for name, found in values.items():
             figures = {"psnr": float(found.mean()), "psnr_min": float(found.min()), "psnr_max": float(found.max())}
             row = {"object": pair.item, "background": pair.background, "renderer": name, "views": len(views), **figures}
             table.append(row)
         chosen = [views[i] for i in np.unique(np.linspace(0, len(views) - 1, SHOWN).round().astype(int))]
         blocks.append((pair, chosen, {name: float(found.mean()) for name, found in values.items()}))
-    names = ("photo", *RENDERERS)
+    names = ("photo", *COMPARED)
     height = 0.95 * len(names) + 0.35
     page = plt.figure(figsize=(SHOWN * 0.95 + 1.5, height * len(blocks)), layout="constrained")
     for part, (pair, chosen, means) in zip(page.subfigures(len(blocks), 1, squeeze=False).flat, blocks, strict=True):

@@ -10,7 +10,7 @@ from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
 from gsbridge.registration.result import pose_error, read_registration
 
-POSES = ("base_from_table", "flange_from_camera")
+CALIBRATED = ("base_from_table", "flange_from_camera")
 
 
 def score_registration(registration: str | Path, truth: str | Path, out: str | Path) -> None:
@@ -26,7 +26,7 @@ def score_registration(registration: str | Path, truth: str | Path, out: str | P
     """
     found, content = read_registration(registration), read_json(truth)
     scores = {}
-    for name in POSES:
+    for name in CALIBRATED:
         try:
             true = np.array(content[name], dtype=np.float64).reshape(4, 4)
         except (KeyError, TypeError, ValueError) as error:

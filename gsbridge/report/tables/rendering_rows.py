@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from gsbridge.configuration.bindings import BINDINGS
 from gsbridge.errors import InputError
 from gsbridge.files import read_json
 from gsbridge.report.tables.paper import paper_values, scene_order
@@ -74,7 +75,6 @@ COLUMNS = (
 )
 """The columns that every reader may count on come first; `origin` and what follows explain them."""
 
-BINDINGS = ("games", "soft", "refined", "unbound", "games_vertices")
 SPLITS = ("held_out", "train")
 REGIONS = ("masked", "full")
 SURFACES = ("visual", "hull")

@@ -22,7 +22,7 @@ from gsbridge.report.tables.stages import degraded_reasons, read_records
 from gsbridge.report.tables.statistics import fisher_p, mean_interval, relative_change
 from gsbridge.statistics import Tally
 from gsbridge.tasks.outcome import Failure
-from gsbridge.tasks.poses import PER_QUADRANT, POSE_SETS, QUADRANTS
+from gsbridge.tasks.poses import PER_QUADRANT, POSE_SETS, POSES, QUADRANTS
 
 REQUIRED = ("pose_set", "index", "success")
 TRIAL_COLUMNS = (
@@ -31,7 +31,6 @@ TRIAL_COLUMNS = (
 )
 """Columns of a policy's table of trials; trials on a robot need the `REQUIRED` ones only."""
 
-POSES = PER_QUADRANT * len(QUADRANTS)
 STRICT_WORLD = "sim"
 """The world in which excess contact is a failure. Source: RL-GSBridge, experiments (pick and place)."""
 
