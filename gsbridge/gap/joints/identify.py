@@ -195,7 +195,10 @@ class JointIdentification(Explanations):
         )  # fmt: skip
 
     def _twins_at_a_finer_step(self, found: Decision) -> list[Hypothesis]:
-        """Which of the explanations that come next cannot be told from the best once the error of the step is taken off."""
+        """Which of the explanations that come next cannot be told from the best once the error of the step is taken off.
+
+        None where no simulations are left to look.
+        """
         best, reach = found.trials[0], _CLOSE * self.rules.margin * max(1.0, found.trials[0].chi2 / self.floor)
         close = [trial for trial in found.trials[1:] if trial.score - best.score < reach][:_TWINS]
         if not close or self.first.mechanism.runs + 2 * (1 + len(close)) >= self._limit(CHECKED):
