@@ -169,6 +169,12 @@ _OF_SOME_AREAS: Mapping[str, tuple[str, ...]] = {
 neither a mesh nor a policy. A user's own cases, `gap.cases`, may amend the model of a policy. A test holds this against the
 rules' files."""
 
+_LOGS = ("gap", "gap_rivals", "gap_bodies", "gap_real")
+"""Areas about motions that are drawn or were recorded: their rules see no scene, no policy and no world of the mirror."""
+
+_FOR_LOGS = ("gap", "preset", "presets", "seed")
+"""Sections of the settings that the rules behind `_LOGS` read. A test holds this against their file."""
+
 
 def _digest(value: Any) -> str:
     return hashlib.sha256(json.dumps(value, sort_keys=True, default=str).encode()).hexdigest()[:12]
@@ -201,6 +207,8 @@ def matters(area: str, setting: str) -> bool:
         area: The area.
         setting: `section` or `section.entry`.
     """
+    if area in _LOGS and setting.split(".")[0] not in _FOR_LOGS:
+        return False
     return area in _OF_SOME_AREAS.get(setting, (area,))
 
 

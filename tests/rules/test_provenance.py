@@ -56,6 +56,25 @@ def test_settings_of_the_gap_s_benchmark_count_where_they_are_read(config):
     assert not rules & {rule for area in AREAS if area not in GAP for rule in RULES[area]}
 
 
+def test_figures_about_logs_depend_on_no_scene(config):
+    whole = read_configuration(config)
+    logs = [area for area in AREAS if "film_scene" not in RULES[area]]
+    assert set(logs) == {"gap", "gap_rivals", "gap_bodies", "gap_real"}
+    for area in logs:
+        found = {name.split(".")[0] for name in provenance(area, whole)["settings"]}
+        assert found == {"gap", "preset", "presets", "seed"}, area
+        assert provenance(area, {**whole, "worlds": {}, "scenes": {}}) == provenance(area, whole)
+    changed = provenance("policies", {**whole, "worlds": {**whole["worlds"], "mirror": {"seed": 5}}})
+    assert changed != provenance("policies", whole)
+    # Their rules stand in one file, and what that file reads of the settings is named there: all else comes from the gap's.
+    text = (ROOT / "rules/gap_benchmark.smk").read_text()
+    rules = set(re.findall(r"(?m)^rule (\w+):", text))
+    assert all(set(RULES[area]) <= rules for area in logs)
+    assert set(re.findall(r'config\["(\w+)"\]', text)) == {"preset"}
+    capitals = set(re.findall(r"\b([A-Z]{3,}(?:_[A-Z]+)*)\b", text)) - {"GSBRIDGE_MEASURED", "GSBRIDGE_ROBOTS", "GSBRIDGE_SEAL"}
+    assert capitals == {"BENCHMARK", "GAP", "GAP_BANK", "SEAL", "SEED"}
+
+
 def test_the_page_tells_which_figures_are_of_this_tree(config):
     """After a change of code or settings, `make results-page` writes the states anew."""
     page = (ROOT / "benchmarks/RESULTS.md").read_text()
