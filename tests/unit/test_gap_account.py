@@ -7,6 +7,8 @@ import pandas as pd
 import pytest
 import yaml
 from axis_logs import SLOW, axis_in, records_of, simulated
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import lfilter
 
@@ -321,6 +323,42 @@ def test_effects_that_explain_only_together_are_both_in_the_account():
     effects = tuple(Applied(name, "", {}) for name in ("idle", "friction", "servo"))
     assert sorted(_order(Rows(), effects)) == [1, 2]
     assert _order(Rows(), effects[:1]) == []
+
+
+def test_effects_that_explain_only_together_come_as_soon_as_they_matter():
+    """Together they explain more than a third effect does, and each alone does harm."""
+
+    class Rows:
+        def residual(self, effects):
+            rows = {"friction": [1.5, 3.0, 0.0], "servo": [1.5, -3.0, 0.0], "lag": [0.0, 0.0, 1.0], "zero": [0.0, 0.0, 0.5]}
+            return np.array([3.0, 0.0, 1.5]) - sum((np.array(rows[effect.name]) for effect in effects), np.zeros(3))
+
+    effects = tuple(Applied(name, "", {}) for name in ("zero", "servo", "lag", "friction"))
+    order = _order(Rows(), effects)
+    assert set(order[:2]) == {1, 3}
+    assert order[2:] == [2, 0]
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_the_order_of_an_account_is_never_worse_than_adding_the_next_best(seed):
+    """Against plain greedy search, over random effects that help and harm each other."""
+    rng = np.random.default_rng(seed)
+    rows, gap = rng.normal(size=(5, 4)), 3 * rng.normal(size=4)
+
+    class Rows:
+        def residual(self, effects):
+            return gap - sum((rows[int(effect.name)] for effect in effects), np.zeros(4))
+
+    def left(who):
+        return float((Rows().residual([Applied(str(k), "", {}) for k in who]) ** 2).sum())
+
+    order = _order(Rows(), tuple(Applied(str(k), "", {}) for k in range(5)))
+    greedy = list[int]()
+    while len(greedy) < len(order):
+        greedy.append(min(set(order) - set(greedy), key=lambda k: left([*greedy, k])))
+    along = [sum(left(who[:count]) for count in range(len(order) + 1)) for who in (order, greedy)]
+    assert along[0] <= along[1]
+    assert all(left([k for k in order if k != gone]) > left(order) for gone in order)
 
 
 def test_an_account_tells_effects_in_order_with_their_shares(told):
