@@ -21,7 +21,7 @@ from gsbridge.gap.benchmark.bullet_truth import BulletTruth
 from gsbridge.gap.benchmark.campaign import case_keys, diagnose_cases
 from gsbridge.gap.benchmark.case_plan import BODIES, MACHINES, SPLITS, TIER_SIZE, TIERS, PlannedCase, plan_cases
 from gsbridge.gap.benchmark.drawing import _drawn, generate_cases
-from gsbridge.gap.benchmark.generate import BenchmarkMechanism, NotShownError, _joined, size_of_units
+from gsbridge.gap.benchmark.generate import BenchmarkMechanism, NotShownError, _joined, draw_case, size_of_units
 from gsbridge.gap.benchmark.images import draw_image_case
 from gsbridge.gap.benchmark.images import image_site as photo_site
 from gsbridge.gap.benchmark.mechanisms import MechanismSite, axis_plant, mechanism_site
@@ -118,6 +118,34 @@ def test_dry_friction_holds_in_the_engines_without_creeping(tmp_path):
     for truth in (MujocoTruth(system), BulletTruth(system)):
         held = truth(lambda time: np.array([0.3]), 1.0, times, {"coulomb": 0.2, "effort_offset": 0.05})
         assert np.abs(held["position"] - 0.3).max() < 1e-5
+
+
+def test_a_truth_that_runs_away_is_told_and_not_logged(tmp_path, monkeypatch):
+    """MuJoCo puts a mechanism that runs away back to where it began, and goes on; it also leaves a file where it ran."""
+    system, _ = axis_plant(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    truth, times = MujocoTruth(system), np.arange(100) / 100
+    lost = truth(lambda time: np.array([0.3 + time]), 1.0, times, {"viscous": -20.0})
+    begun = np.isfinite(lost["position"][:, 0])
+    assert begun[0]
+    assert not begun[-1]
+    # Once lost, it stays so.
+    assert (np.diff(begun.astype(int)) <= 0).all()
+    assert not list(tmp_path.glob("MUJOCO*"))
+    # A search for a size takes it for too large, and a case in which it runs away later is refused.
+    plant = plant_of({"odd": (1e-3, 1)}, lambda hidden: 10 * hidden["odd"] if hidden else 0.0)
+    selected = []
+
+    def wild(wanted, duration, times, hidden):
+        moved = plant.truth(wanted, duration, times, hidden)
+        if hidden:
+            selected.append(wanted(0.3))
+        # Sizes are found on `select`, which all goes well on.
+        return moved if not hidden or selected[0] == wanted(0.3) else {kind: values * np.nan for kind, values in moved.items()}
+
+    with pytest.raises(NotShownError, match="runs away") as caught:
+        draw_case(replace(plant, truth=wild), ("odd",), 5.0, 1, 2, duration=1.0, rate=20.0, kinds=("position",))
+    assert caught.value.name == "odd"
 
 
 def plant_of(sizes, shows):

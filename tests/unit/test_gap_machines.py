@@ -11,7 +11,8 @@ from gsbridge.effects.joints import JOINT_EFFECTS
 from gsbridge.effects.registry import Applied
 from gsbridge.errors import InputError
 from gsbridge.gap.benchmark import body_cases, machines
-from gsbridge.gap.benchmark.body_truth import ThrowScene, damping_ratio, throw_box
+from gsbridge.gap.benchmark.body_truth import RunawayError, ThrowScene, damping_ratio, throw_box
+from gsbridge.gap.benchmark.body_visibility import BodyVisibility
 from gsbridge.gap.benchmark.generate import NotShownError, _joined
 from gsbridge.gap.benchmark.hidden_parts import true_parameters
 from gsbridge.gap.benchmark.trajectories import course
@@ -115,6 +116,21 @@ def test_what_shows_at_no_size_is_not_hidden(monkeypatch):
     with pytest.raises(NotShownError) as caught:
         body_cases.draw_body_case(("object_mass",), 5.0, 2, count=1)
     assert caught.value.name == "object_mass"
+
+
+def test_throws_that_run_away_are_not_drawn(monkeypatch, tmp_path):
+    """Air that pushes a body on instead of slowing it down: MuJoCo would put it back to where it began, and go on."""
+    monkeypatch.chdir(tmp_path)
+    calm, wild = ThrowScene("ball", duration=0.4), ThrowScene("ball", linear=-400.0, duration=0.4)
+    with pytest.raises(RunawayError, match="throw 0 runs away"):
+        throw_box(wild, 2, 1)
+    seen = BodyVisibility(body_cases._model(calm), {body_cases.URDF: body_cases._ball(0.1, calm.mass)}, calm, 2, 3)
+    assert seen.units(wild) == np.inf
+    assert seen.units(calm) == 0.0
+    monkeypatch.setattr(body_cases, "_drawn_scene", lambda shape, names, rng: calm)
+    monkeypatch.setattr(body_cases, "throw_box", lambda *rest: throw_box(wild, 1, 1))
+    with pytest.raises(NotShownError, match="runs away"):
+        body_cases.draw_body_case(("gravity_scale",), 20.0, 3, count=1)
 
 
 @pytest.mark.parametrize("names", [("gravity_scale", "tracking_rate"), ("object_mass", "steady_force")])

@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 
 from gsbridge.errors import InputError
-from gsbridge.gap.benchmark.body_truth import STEP, ThrowScene, throw_box
+from gsbridge.gap.benchmark.body_truth import STEP, RunawayError, ThrowScene, throw_box
 from gsbridge.gap.benchmark.body_visibility import BodyVisibility
 from gsbridge.gap.benchmark.generate import NotShownError
 from gsbridge.gap.contact.throws import Throws, write_throws
@@ -277,7 +277,10 @@ def draw_body_case(names: tuple[str, ...], units: float, seed: int, count: int =
         parameters["linear_damping"] = {}
     if len(names) > 1 and seen.units(scene) < _TOGETHER * units:
         raise NotShownError(names[-1], f"{' and '.join(names)} hardly show together in a {bare.shape}")
-    throws = {role: throw_box(scene, count, number) for role, number in zip(ROLES, seeds[:3], strict=True)}
+    try:
+        throws = {role: throw_box(scene, count, number) for role, number in zip(ROLES, seeds[:3], strict=True)}
+    except RunawayError as error:
+        raise NotShownError(names[-1] if names else "nothing", f"{' and '.join(names) or 'nothing'}: {error}") from error
     settings = {"shape": bare.shape, "edges": list(bare.edges), "mass": bare.mass, "slowness": bare.slowness}
     return BodyCase(hidden, parameters, found, model, files, throws, settings)
 

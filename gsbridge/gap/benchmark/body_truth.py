@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 from scipy.optimize import brentq
 
+from gsbridge.gap.benchmark.mujoco_truth import has_diverged
 from gsbridge.gap.contact.starts import quat_from_turn
 from gsbridge.gap.contact.throws import Throw, Throws
 from gsbridge.geometry import Array, quat_multiply, rotation_from_quat
@@ -28,6 +29,10 @@ it: how much of its speed a ball got back would depend on the moment of a step a
 
 _SHAKEN = (7.0, 2 * np.pi)
 """Frequencies of a gust, rad/s: along x and along y."""
+
+
+class RunawayError(ValueError):
+    """MuJoCo cannot follow a throw."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +116,9 @@ def throw_box(scene: ThrowScene, count: int, seed: int, *, shaken: tuple[float, 
         count: Throws.
         seed: Seed of the throws and of the noise.
         shaken: Standard deviations by which start speeds are wrong, m/s and rad/s; the throws are otherwise the same.
+
+    Raises:
+        RunawayError: A throw runs away: its contacts are too stiff for the engine's step.
     """
     rng, other = np.random.default_rng(seed), np.random.default_rng([seed, 1])
     model = _compile(scene)
@@ -131,6 +139,8 @@ def throw_box(scene: ThrowScene, count: int, seed: int, *, shaken: tuple[float, 
         data.qvel[2] += 0.5 * _step(scene) * scene.gravity
         mujoco.mj_forward(model, data)
         items.append(_logged(scene, model, data, rng, str(number)))
+        if has_diverged(data):
+            raise RunawayError(f"throw {number} runs away")
     return Throws(tuple(items))
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from gsbridge.gap.benchmark.body_truth import ThrowScene, throw_box
+from gsbridge.gap.benchmark.body_truth import RunawayError, ThrowScene, throw_box
 from gsbridge.gap.contact.body import parse_body
 from gsbridge.gap.contact.null import expected_spread
 from gsbridge.gap.contact.replay import ThrowReplay, point_distances, touch_clocks
@@ -54,8 +54,15 @@ class BodyVisibility:
         self._limit = LIMIT * float(sizes.std(ddof=1)) / np.sqrt(count)
 
     def units(self, scene: ThrowScene) -> float:
-        """How much farther than usual throws of a scene are from their replay by the bare model, in units."""
-        return max(float(self._sizes(self._replay(scene)).mean()) - self._usual, 0.0) / self._limit
+        """How much farther than usual throws of a scene are from their replay by the bare model, in units.
+
+        Infinitely far where one runs away.
+        """
+        try:
+            thrown = self._replay(scene)
+        except RunawayError:
+            return np.inf
+        return max(float(self._sizes(thrown).mean()) - self._usual, 0.0) / self._limit
 
     def _replay(self, scene: ThrowScene) -> ThrowReplay:
         return ThrowReplay(self._body, throw_box(scene, _PROBES, self._seed), self._duration)

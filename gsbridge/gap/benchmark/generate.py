@@ -37,7 +37,7 @@ _PUSH, _PUSH_TIME = (10.0, 30.0), (0.2, 0.5)
 
 
 class NotShownError(ValueError):
-    """An effect has no size at which it shows as wanted.
+    """An effect has no size at which it shows as wanted, or the mechanism runs away with it.
 
     Args:
         name: Name of the effect, with its joint.
@@ -148,9 +148,11 @@ def draw_case(
     made, clean, kept = {}, {}, np.ones(len(times), bool)
     for role, wanted in courses.items():
         clean = plant.truth(wanted, duration, times, hidden) if hidden else effect_free(role)
+        moved = plant.truth(wanted, duration, times, {**hidden, **_touch(duration, rng)}) if touched else clean
+        if not all(np.isfinite(values[kind]).all() for values in (clean, moved) for kind in kinds):
+            raise NotShownError(names[-1] if names else "nothing", f"{' and '.join(names) or 'nothing'}: '{role}' runs away")
         if role != "verify" and _length(plant, clean, effect_free(role), kinds) < _SHARE * units * np.sqrt(UNIT):
             raise NotShownError(names[-1], f"{' and '.join(names)} hardly show on '{role}'")
-        moved = plant.truth(wanted, duration, times, {**hidden, **_touch(duration, rng)}) if touched else clean
         measured = {kind: spoiled(moved[kind], plant.noise[kind], spoil, rng) for kind in kinds}
         if lost:
             kept = rng.random(len(times)) >= lost

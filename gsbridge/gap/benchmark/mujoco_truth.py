@@ -6,6 +6,7 @@ Nothing here knows the effects of the diagnosis.
 
 from __future__ import annotations
 
+import logging
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,6 +20,8 @@ from gsbridge.gap.benchmark.trajectories import Course
 from gsbridge.gap.joints.mechanism.inertials import Skeleton
 from gsbridge.gap.joints.mechanism.mechanism_model import MechanismModel
 from gsbridge.geometry import Array
+
+logger = logging.getLogger(__name__)
 
 STEP = 6.25e-5
 """Step of MuJoCo, s; the controller acts every millisecond."""
@@ -37,6 +40,16 @@ _SPRUNG = 2e-4
 _HARD = 0.9999
 """Impedance of dry friction, the largest there is."""
 
+_DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+
+
+def has_diverged(data: mujoco.MjData) -> bool:
+    """Whether MuJoCo has put everything back to where it began since someone did so, because a step ran away.
+
+    It goes on from there without an error; what it logs afterwards is no motion of anything.
+    """
+    return any(data.warning[kind].number for kind in _DIVERGED)
+
 
 class MujocoTruth:
     """A mechanism under a sampled joint controller with gravity compensation.
@@ -49,6 +62,8 @@ class MujocoTruth:
         self.system = system
         self._skeleton = Skeleton.read(system.urdf, system.joints)
         self._brain = self._compile({})
+        # MuJoCo's own way is a file in the folder at hand.
+        mujoco.set_mju_user_warning(logger.debug)
 
     def _compile(self, hidden: Mapping[str, float]) -> mujoco.MjModel:
         """A model with what MuJoCo itself can hide."""
@@ -108,7 +123,7 @@ class MujocoTruth:
         return model
 
     def __call__(self, course: Course, duration: float, times: Array, hidden: Mapping[str, float]) -> dict[str, Array]:
-        """Log of the mechanism when something is hidden in it; see `generate.Truth`."""
+        """Log of the mechanism when something is hidden in it, not a number from where it runs away; see `generate.Truth`."""
         last = self._skeleton.child_of[self.system.joints[-1]]
         engine = _MujocoArm(self._compile(hidden), self._brain, self.system.joints, last)
         return run_arm(engine, self.system, course, duration, times, hidden)
@@ -155,11 +170,15 @@ class _MujocoArm:
         self._data.qpos[self._rows] = q
 
     def state(self) -> tuple[Array, Array]:
+        if has_diverged(self._data):
+            return np.full(len(self._rows), np.nan), np.full(len(self._dofs), np.nan)
         # MuJoCo moves positions with the speed at the end of a step: they are half a step ahead of speeds and torques.
         v = self._data.qvel[self._dofs]
         return self._data.qpos[self._rows] - 0.5 * STEP * v, v
 
     def advance(self, asked: Array, extra: Array, dry: Array | None, steps: int) -> None:
+        if has_diverged(self._data):
+            return
         self._data.ctrl[:] = asked
         self._data.qfrc_applied[self._dofs] = extra
         if dry is not None:
