@@ -11,10 +11,11 @@ from scipy.spatial import cKDTree
 from gsbridge.errors import InputError
 from gsbridge.images import linear_from_srgb
 from gsbridge.reality.mirror import path_tracer
+from gsbridge.reality.mirror.backgrounds import make_plate
 from gsbridge.reality.mirror.objects import make_object
 from gsbridge.reality.mirror.studio import SCENES
 from gsbridge.reality.world import camera as module
-from gsbridge.reality.world.bodies import body_mesh, shown_mesh
+from gsbridge.reality.world.bodies import body_mesh, repainted, shown_mesh
 from gsbridge.reality.world.camera import MirrorCamera, Quality, Setting, expose, wrist_camera
 from gsbridge.reality.world.hidden import Hidden
 from gsbridge.robot.nominal import base_from_table
@@ -253,3 +254,14 @@ def test_an_object_has_the_marks_that_it_had_in_its_film(name):
     assert difference.mean() < 0.5 * repainted.mean()
     # Where a mark ends between two vertices, the average differs from both.
     assert np.quantile(difference, 0.9) < 0.06
+
+
+def test_the_plate_has_the_paint_that_it_had_in_its_film():
+    """Its sprig and rim are painted at vertices, too; only the spacing of the mesh may differ."""
+    filmed, (coarse, _) = make_plate(1)[0], make_plate(1, module._DETAIL)
+    shown = repainted(coarse, filmed)
+    assert len(shown.faces) < 0.3 * len(filmed.faces)
+    distances, nearest = cKDTree(filmed.vertices).query(shown.vertices)
+    assert distances.max() < 1e-3
+    there = filmed.colours[nearest]
+    assert np.abs(shown.colours - there).mean() < 0.5 * np.abs(coarse.colours - there).mean()

@@ -78,13 +78,17 @@ def shown_mesh(name: str, seed: int, detail: float) -> tuple[Mesh, Array]:
         InputError: The name is unknown.
     """
     mesh, normals = body_mesh(name, seed, detail)
-    filmed, _ = body_mesh(name, seed, 1.0)
+    return repainted(mesh, body_mesh(name, seed, 1.0)[0]), normals
+
+
+def repainted(mesh: Mesh, filmed: Mesh) -> Mesh:
+    """A mesh in the colours of the film's, averaged round each vertex. Both lie in the same place."""
     distances, nearest = cKDTree(filmed.vertices).query(mesh.vertices, _NEIGHBOURS)
     weights = np.exp(-((distances / _REACH) ** 2)) + 1e-12
     weights /= weights.sum(1, keepdims=True)
-    assert filmed.colours is not None  # `body_mesh` colours all that it makes
+    assert filmed.colours is not None  # all that is made for the mirror is coloured
     colours = np.einsum("vk,vkc->vc", weights, filmed.colours[nearest])
-    return Mesh(mesh.vertices, mesh.faces, colours.astype(np.float32)), normals
+    return Mesh(mesh.vertices, mesh.faces, colours.astype(np.float32))
 
 
 def true_from_body(name: str, seed: int, body_from_table: Array) -> Array:

@@ -1,8 +1,9 @@
 """The wrist camera: path-traced pictures of the true object, table, plate and robot, through a sensor with noise.
 
 The scene is loaded once. Bodies that move are instances of shape groups, so that a frame changes transforms only, which takes
-much less time than new vertices for every shape. Most of what is left goes with the object's number of triangles; it is
-therefore meshed at twice the spacing of the films, which stays below one pixel of a wrist image.
+much less time than new vertices for every shape. Most of what is left goes with the number of all triangles, moving or not,
+since Mitsuba then sorts all of them anew; object and plate are therefore meshed at twice the spacing of the films, which stays
+below one pixel of a wrist image.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from gsbridge.photogrammetry.board import standard_board
 from gsbridge.reality.mirror import studio  # its private parts too: an edit there would make every film stale
 from gsbridge.reality.mirror.backgrounds import BACKGROUNDS, TABLE_CENTRE_M, TABLE_SIZE_M, make_plate, table_texture
 from gsbridge.reality.mirror.path_tracer import load_mitsuba, picture_maker
-from gsbridge.reality.world.bodies import shown_mesh
+from gsbridge.reality.world.bodies import repainted, shown_mesh
 from gsbridge.reality.world.coverage import shows
 from gsbridge.reality.world.electronics import Electronics, LensError
 from gsbridge.reality.world.hidden import Hidden
@@ -39,6 +40,7 @@ _REST = 1.0
 """Time between photos of what is at rest, s; what the camera adapts to it has adapted to in the first."""
 _SHEET_PIXELS_PER_M = 2000.0
 _DETAIL = 2.0
+"""Spacing of the meshes of object and plate, in those of the films."""
 _GLOSSY_SHARE = 0.6
 """Share of the camera's samples that are traced where there are highlights, since each of them sends a second ray."""
 _SAMPLERS = ("multijitter", "stratified", "independent")
@@ -339,7 +341,8 @@ def _room(mi: Any, setting: Setting, hidden: Hidden) -> dict[str, Any]:
         paper = studio._INK + (studio._PAPER - studio._INK) * sheet_reflectance(board, _SHEET_PIXELS_PER_M)
         content["sheet"] = studio._picture(mi, np.repeat(paper[..., None], 3, axis=2), (0.0, 0.0), board.size, 0.0)
     if setting.background == "plate":
-        plate, normals = make_plate(setting.seed)
+        plate, normals = make_plate(setting.seed, _DETAIL)
+        plate = repainted(plate, make_plate(setting.seed)[0])
         content["plate"] = painted(mi, "plate", *studio.placed(plate, normals, studio.PLATE_CENTRE_M, 0.0), hidden.gloss_plate)
     return content
 
