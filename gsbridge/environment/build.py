@@ -17,7 +17,8 @@ from gsbridge.environment.env import PickEnvironment
 from gsbridge.environment.gaussian_renderer import OBJECT, GaussianRenderer
 from gsbridge.environment.lens import WristLens
 from gsbridge.environment.light import LightFile
-from gsbridge.environment.mesh_renderer import MeshRenderer
+from gsbridge.environment.litter import Litter
+from gsbridge.environment.mesh_renderer import MeshRenderer, mean_mesh_colour
 from gsbridge.environment.photometry import Photometry, read_photometry
 from gsbridge.environment.rendering import Renderer, wrist_camera
 from gsbridge.environment.robot_splats import link_meshes, read_robot_splats
@@ -110,8 +111,13 @@ def build_renderer(files: StageFiles, settings: EnvironmentSettings) -> Renderer
     )
 
 
-def build_environment(files: StageFiles, settings: EnvironmentSettings) -> PickEnvironment:
+def build_environment(files: StageFiles, settings: EnvironmentSettings, *, litter: int = 0) -> PickEnvironment:
     """An environment in the simulated world.
+
+    Args:
+        files: What it is made of.
+        settings: Its settings.
+        litter: Largest number of flat things that lie about in an episode's pictures; see `Litter`.
 
     Raises:
         InputError: A file is missing, of the wrong kind or damaged; the object does not fit the gripper; the start region is
@@ -120,7 +126,18 @@ def build_environment(files: StageFiles, settings: EnvironmentSettings) -> PickE
     world = build_world(files)
     renderer = build_renderer(files, settings)
     stroke, response, lens = world.dimensions.stroke, camera_response(files), lens_of(files, settings)
-    return PickEnvironment(world, settings, renderer, stroke=stroke, response=response, lens=lens)
+    scattered = Litter(litter, _palette(files, settings), settings.start_centre, settings.region().side) if litter else None
+    return PickEnvironment(world, settings, renderer, stroke=stroke, response=response, lens=lens, litter=scattered)
+
+
+def _palette(files: StageFiles, settings: EnvironmentSettings) -> Array:
+    """Colours of the object as the renderer shows it. [N, 3]."""
+    mesh = _asset(files.item, "object").mesh()
+    if settings.renderer in ("mesh", "mesh_shaded"):
+        return np.array([mean_mesh_colour(mesh) if files.item_colour is None else files.item_colour])
+    if mesh.colours is None:
+        raise InputError(files.item, "the mesh has no vertex colours", "Build the asset again")
+    return np.asarray(mesh.colours, np.float64)
 
 
 def lens_of(files: StageFiles, settings: EnvironmentSettings) -> WristLens:
@@ -165,15 +182,18 @@ def plate_of(item: str | Path, background: str | Path) -> Plate | None:
     return Plate(relief.x, relief.y, relief.height, relief.radius + reach)
 
 
-def environment_makers(files: StageFiles, settings: EnvironmentSettings, count: int) -> Sequence[Callable[[], PickEnvironment]]:
+def environment_makers(
+    files: StageFiles, settings: EnvironmentSettings, count: int, *, litter: int = 0
+) -> Sequence[Callable[[], PickEnvironment]]:
     """Functions of which each builds one environment, as gymnasium's vector environments take them.
 
     Args:
         files: Files of the stages that the environment is made of.
         settings: Settings of every environment.
         count: How many environments there shall be, one per process.
+        litter: See `build_environment`.
     """
-    return [partial(build_environment, files, settings) for _ in range(count)]
+    return [partial(build_environment, files, settings, litter=litter) for _ in range(count)]
 
 
 def build_controller(

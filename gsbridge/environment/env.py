@@ -27,6 +27,7 @@ import numpy as np
 from gymnasium import spaces
 
 from gsbridge.environment.lens import WristLens
+from gsbridge.environment.litter import Litter
 from gsbridge.environment.proprioception import PROPRIO, PROPRIO_BOUND, Reached, begin, next_command, proprioception
 from gsbridge.environment.rendering import Renderer
 from gsbridge.environment.settings import EnvironmentSettings
@@ -42,6 +43,9 @@ from gsbridge.tasks.outcome import Outcome, Progress
 from gsbridge.tasks.poses import POSE_SETS, StartRegion, pose_set
 from gsbridge.tasks.state import NAMES, State
 from gsbridge.tasks.world import World
+
+_LITTER = 3
+"""Tells the stream of what lies about from the sensor's noise, by the episode's seed."""
 
 OPTIONS = ("pose", "pose_set", "index")
 
@@ -68,19 +72,31 @@ class DrawnEye:
         renderer: See `Renderer`.
         response: Response and noise of the sensor, from the simulation model; None leaves the picture as it was drawn.
         lens: What the model's effects change; None for none.
+        litter: What may lie about on the table, drawn anew for each episode; None for an empty table.
     """
 
-    def __init__(self, renderer: Renderer, response: CameraModel | None = None, lens: WristLens | None = None) -> None:
-        self.renderer, self.response, self.lens = renderer, response, lens
+    def __init__(
+        self,
+        renderer: Renderer,
+        response: CameraModel | None = None,
+        lens: WristLens | None = None,
+        litter: Litter | None = None,
+    ) -> None:
+        self.renderer, self.response, self.lens, self.litter = renderer, response, lens, litter
+        self._seed = 0
         self.size = renderer.camera.width if lens is None else lens.nominal.width
-        self._rng = np.random.default_rng(0)
+        self._rng, self._scattered = np.random.default_rng(0), False
 
     def begin(self, seed: int) -> None:
         """See `Eye`."""
-        self._rng = np.random.default_rng(seed)
+        self._rng, self._seed, self._scattered = np.random.default_rng(seed), seed, False
 
     def look(self, world: World) -> Array:
         """See `Eye`."""
+        if self.litter is not None and not self._scattered:
+            # A stream of its own, so that the sensor's noise stays what it is.
+            rng, self._scattered = np.random.default_rng([self._seed, _LITTER]), True
+            self.renderer.lying = self.litter.scattered(rng, world.body_poses()["object"][:2, 3])
         pose = world.camera_pose() if self.lens is None else self.lens.pose(world.camera_pose())
         if self.lens is None or self.lens.plain:
             image = self.renderer.render(world.body_poses(), pose)
@@ -138,10 +154,11 @@ class PickEnvironment(gymnasium.Env):
         workspace: Workspace | None = None,
         response: CameraModel | None = None,
         lens: WristLens | None = None,
+        litter: Litter | None = None,
     ) -> None:
         self.world, self.settings = world, settings
         self.workspace = workspace or getattr(world, "workspace", None) or Workspace.around()
-        self.eye = _eye(world, renderer, response, lens, settings.image_size)
+        self.eye = _eye(world, renderer, response, lens, settings.image_size, litter)
         self.rules, self.region = settings.rules(), settings.region()
         if not self._reaches(self.region.corners()).all():
             x, y = (f"{self.workspace.lower[k]:g} to {self.workspace.upper[k]:g}" for k in range(2))
@@ -312,7 +329,14 @@ def state_of(info: Mapping[str, Any]) -> State:
     return State(**values)
 
 
-def _eye(world: World, renderer: Renderer | None, response: CameraModel | None, lens: WristLens | None, size: int) -> Eye:
+def _eye(
+    world: World,
+    renderer: Renderer | None,
+    response: CameraModel | None,
+    lens: WristLens | None,
+    size: int,
+    litter: Litter | None,
+) -> Eye:
     """The eye that a world is seen with."""
     if renderer is None:
         if not hasattr(world, "image"):
@@ -325,4 +349,4 @@ def _eye(world: World, renderer: Renderer | None, response: CameraModel | None, 
             f"the renderer draws {renderer.camera.width} x {renderer.camera.height} px, the settings ask for {size}",
             "Make its camera with `wrist_camera(settings.image_size)`",
         )
-    return DrawnEye(renderer, response, lens)
+    return DrawnEye(renderer, response, lens, litter)

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from gsbridge.cameras import Camera
+from gsbridge.environment.litter import FlatThing, lay
 from gsbridge.environment.rendering import check_drawn
 from gsbridge.environment.robot_splats import mean_cloud_colour
 from gsbridge.geometry import Array
@@ -59,6 +60,7 @@ class GaussianRenderer:
         shadows: Shadows | None = None,
     ) -> None:
         self.camera, self.threads, self.shadows = camera, threads, shadows
+        self.lying: Sequence[FlatThing] = ()
         self._oversampling, self._fine = oversampling, camera.scaled(oversampling)
         colour = mean_cloud_colour(background) if backdrop is None else backdrop
         self.backdrop = np.array(colour, np.float32)
@@ -105,6 +107,8 @@ class GaussianRenderer:
         colours, alphas, depths = draw_seen(splats, seen, self._fine, self.backdrop, threads, antialiased=True)
         if self._oversampling > 1:
             colours, alphas, depths = pooled(colours, alphas, depths, self._oversampling)
+        if self.lying:
+            lay(self.lying, colours, depths, alphas, self.camera, cam_from_table)
         if self.shadows is not None:
             self.shadows.dim(colours, depths, alphas, self.camera, cam_from_table, body_poses)
         return colours, alphas, depths

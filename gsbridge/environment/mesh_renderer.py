@@ -8,6 +8,7 @@ import numpy as np
 
 from gsbridge.cameras import Camera
 from gsbridge.environment.gaussian_renderer import OBJECT
+from gsbridge.environment.litter import FlatThing, lay
 from gsbridge.environment.rendering import check_drawn
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
@@ -59,6 +60,7 @@ class MeshRenderer:
         shadows: Shadows | None = None,
     ) -> None:
         self.camera, self.shadows = camera, shadows
+        self.lying: Sequence[FlatThing] = ()
         ground = mean_mesh_colour(background) if background_colour is None else np.asarray(background_colour, np.float64)
         if not vertex_colours:
             item = uniform(item, mean_mesh_colour(item) if item_colour is None else np.asarray(item_colour, np.float64))
@@ -79,7 +81,7 @@ class MeshRenderer:
 
     def render(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Array:
         """The picture; see `Renderer`. [H, W, 3] uint8."""
-        if self.shadows is not None:
+        if self.shadows is not None or self.lying:
             return to_bytes(self.draw(body_poses, cam_from_table))
         self.pose(body_poses)
         return self.composition.render(self.camera, cam_from_table, self.backdrop)
@@ -88,6 +90,8 @@ class MeshRenderer:
         """The picture before it is rounded; see `Renderer`. [H, W, 3] float32."""
         self.pose(body_poses)
         colours, alphas, depths = self.composition.draw(self.camera, cam_from_table, self.backdrop)
+        if self.lying:
+            lay(self.lying, colours, depths, alphas, self.camera, cam_from_table)
         if self.shadows is not None:
             self.shadows.dim(colours, depths, alphas, self.camera, cam_from_table, body_poses)
         return colours

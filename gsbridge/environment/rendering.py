@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from gsbridge.cameras import Camera
+from gsbridge.environment.litter import FlatThing
 from gsbridge.errors import InputError
 from gsbridge.geometry import Array
 
@@ -38,6 +39,8 @@ class Renderer(Protocol):
     """Draws the wrist camera's picture of bodies at given poses."""
 
     camera: Camera
+    lying: Sequence[FlatThing]
+    """What lies flat on the table; whoever draws an episode says what."""
 
     def render(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Array:
         """The picture.
@@ -83,6 +86,7 @@ class BlankRenderer:
 
     def __init__(self, size: int) -> None:
         self.camera = wrist_camera(size)
+        self.lying: Sequence[FlatThing] = ()
         self._picture = np.zeros((size, size, 3), np.uint8)
 
     def render(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Array:

@@ -1,0 +1,134 @@
+"""Flat things that lie on the table in pictures of a training: what a policy must not take for its object.
+
+A policy that has only ever seen its object on an empty table goes for whatever has the object's colours. So episodes of a
+training may have cards, discs and strips lie about, some in colours of the object. They are painted on the table's plane where
+the picture shows it, beneath everything that stands on it and under its shadows, and have no body.
+"""
+
+from __future__ import annotations
+
+import colorsys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gsbridge.cameras import Camera
+from gsbridge.geometry import Array
+
+_LEVEL = 0.012
+"""What is seen lower than this over the table's plane, or above it less far below, belongs to the table, m."""
+
+_CLEAR = 0.03
+"""Least distance of a thing's edge from where the object starts, m."""
+
+_HALF, _FLAT = (0.008, 0.04), (0.25, 1.0)
+"""Smallest and largest half of a thing's length, m, and of its width as a share of that."""
+
+_OWN = 0.6
+"""Share of colours that are the object's."""
+
+_BRIGHTNESS = (0.6, 1.2)
+"""By what a colour of the object is darkened or brightened."""
+
+
+@dataclass(frozen=True)
+class FlatThing:
+    """Something flat on the table.
+
+    Args:
+        x, y: Its middle, table frame, m.
+        turn: Of its length against x, rad.
+        length, width: Half of each, m.
+        round: Whether it is an ellipse; a rectangle otherwise.
+        colours: Of both halves of its length, sRGB. [2, 3].
+    """
+
+    x: float
+    y: float
+    turn: float
+    length: float
+    width: float
+    round: bool
+    colours: Array
+
+
+@dataclass(frozen=True)
+class Litter:
+    """What may lie about.
+
+    Args:
+        most: Largest number of things in one episode; each number down to none is as likely.
+        palette: Colours of the object, sRGB. [N, 3].
+        centre: Middle of the square in which they lie, table frame, m.
+        side: Its edge, m.
+    """
+
+    most: int
+    palette: Array
+    centre: tuple[float, float]
+    side: float
+
+    def scattered(self, rng: np.random.Generator, object_xy: Array) -> tuple[FlatThing, ...]:
+        """Things of one episode.
+
+        Args:
+            rng: Generator of the episode.
+            object_xy: Where the object starts; none of them lies there. [2].
+        """
+        things = (self._thing(rng) for _ in range(int(rng.integers(self.most + 1))))
+        return tuple(
+            thing for thing in things if np.hypot(thing.x - object_xy[0], thing.y - object_xy[1]) > thing.length + _CLEAR
+        )
+
+    def _thing(self, rng: np.random.Generator) -> FlatThing:
+        x, y = np.array(self.centre) + self.side * rng.uniform(-0.5, 0.5, 2)
+        length = float(rng.uniform(*_HALF))
+        colours = np.array([self._colour(rng)] * 2)
+        if rng.random() < 0.5:
+            colours[1] = self._colour(rng)
+        return FlatThing(
+            float(x), float(y), float(rng.uniform(0.0, np.pi)), length, length * float(rng.uniform(*_FLAT)),
+            bool(rng.random() < 0.4), colours,
+        )  # fmt: skip
+
+    def _colour(self, rng: np.random.Generator) -> Array:
+        if rng.random() < _OWN:
+            return np.asarray(self.palette[rng.integers(len(self.palette))] * rng.uniform(*_BRIGHTNESS)).clip(0.0, 1.0)
+        return np.array(colorsys.hsv_to_rgb(rng.random(), rng.uniform(0.0, 1.0), rng.uniform(0.1, 1.0)))
+
+
+def lay(things: Sequence[FlatThing], image: Array, depths: Array, alphas: Array, camera: Camera, cam_from_table: Array) -> None:
+    """Paint things on the table where a picture shows it.
+
+    Args:
+        things: What lies there.
+        image: Encoded, changed in place. [H, W, 3] float32.
+        depths, alphas: Alpha-weighted sum of camera z, m, and alpha, as the rasteriser gives them. [H, W] float32.
+        camera: Pinhole.
+        cam_from_table: Pose of the camera. [4, 4].
+    """
+    table_from_cam = np.linalg.inv(cam_from_table)
+    fx, fy, cx, cy = camera.pinhole_numbers
+    across, down = (np.arange(camera.width) + 0.5 - cx) / fx, (np.arange(camera.height) + 0.5 - cy) / fy
+    turn, eye = table_from_cam[:3, :3], table_from_cam[:3, 3]
+    rays = turn[:, 0] * across[None, :, None] + turn[:, 1] * down[:, None, None] + turn[:, 2]
+    steep = np.minimum(rays[..., 2], -1e-6)
+    away = -eye[2] / steep
+    seen = eye[2] + depths / np.maximum(alphas, 1e-3) * rays[..., 2]
+    table = (rays[..., 2] < -1e-6) & (away > 0.0) & ((np.abs(seen) < _LEVEL) | (alphas < 0.5))
+    point = eye[:2] + away[..., None] * rays[..., :2]
+    # Edges are as soft as a pixel is wide there.
+    pixel = np.maximum(away / fx, 1e-6)
+    for thing in things:
+        cosine, sine = np.cos(thing.turn), np.sin(thing.turn)
+        apart = point - (thing.x, thing.y)
+        along = cosine * apart[..., 0] + sine * apart[..., 1]
+        aside = cosine * apart[..., 1] - sine * apart[..., 0]
+        if thing.round:
+            outside = (np.hypot(along / thing.length, aside / thing.width) - 1.0) * thing.width
+        else:
+            outside = np.maximum(np.abs(along) - thing.length, np.abs(aside) - thing.width)
+        cover = np.where(table, np.clip(0.5 - outside / pixel, 0.0, 1.0), 0.0)[..., None]
+        colour = np.where((along > 0.0)[..., None], thing.colours[1], thing.colours[0])
+        image += (cover * (colour - image)).astype(np.float32)
