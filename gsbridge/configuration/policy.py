@@ -66,7 +66,7 @@ class PolicySettings(Settings):
     """Vary the colours of the pictures that the actor learns from, and add noise."""
     jitter: Number = Field(default=1.0, ge=0, le=2.3)
     """Factor on how widely they are varied."""
-    litter: Whole = Field(default=3, ge=0, le=20)
+    litter: Whole = Field(default=6, ge=0, le=20)
     """Largest number of flat things that lie about in the pictures of an episode of the training; none without `augment`."""
     bounded_critic: Switch = False
     """Squash Q to 0..1 by a sigmoid, as RL-GSBridge's code does."""
