@@ -90,19 +90,21 @@ def test_things_lie_in_the_square_and_not_under_the_object(seed, x, y):
 def test_an_episode_has_its_own_litter_and_moves_as_without(files):  # noqa: F811
     stage, _ = files
     plain, littered = build_environment(stage, SETTINGS), build_environment(stage, SETTINGS, litter=4)
-    numbers = set()
+    numbers, painted = set(), 0
     for seed in range(6):
         bare, _ = plain.reset(seed=seed)
         shown, info = littered.reset(seed=seed)
         numbers.add(len(littered.eye.renderer.lying))
         changed = (bare["image"] != shown["image"]).any(axis=-1)
         assert changed.any() <= bool(littered.eye.renderer.lying)
+        painted += bool(changed.any())
         again, _ = littered.reset(seed=seed)
         np.testing.assert_array_equal(again["image"], shown["image"])
         moved = [environment.step(np.array([0.2, -0.1, -0.4, 0.1, 0.0]))[-1]["state"] for environment in (plain, littered)]
         np.testing.assert_array_equal(*[state["tool_position"] for state in moved])
         np.testing.assert_array_equal(info["start_pose"], plain.start_pose)
     assert len(numbers) > 1
+    assert painted > 1
     # Its colours in one colour are the object's one, or any.
     own = littered.eye.litter.palette
     assert own.shape == (1, 3)
