@@ -131,6 +131,7 @@ def test_a_truth_that_runs_away_is_told_and_not_logged(tmp_path, monkeypatch):
     assert not begun[-1]
     # Once lost, it stays so.
     assert (np.diff(begun.astype(int)) <= 0).all()
+    assert np.isfinite(lost["tool"][:, 0]).sum() <= begun.sum() + 1
     assert not list(tmp_path.glob("MUJOCO*"))
     # A search for a size takes it for too large, and a case in which it runs away later is refused.
     plant = plant_of({"odd": (1e-3, 1)}, lambda hidden: 10 * hidden["odd"] if hidden else 0.0)

@@ -126,6 +126,7 @@ def test_throws_that_run_away_are_not_drawn(monkeypatch, tmp_path):
         throw_box(wild, 2, 1)
     seen = BodyVisibility(body_cases._model(calm), {body_cases.URDF: body_cases._ball(0.1, calm.mass)}, calm, 2, 3)
     assert seen.units(wild) == np.inf
+    assert not list(tmp_path.glob("MUJOCO*"))
     assert seen.units(calm) == 0.0
     monkeypatch.setattr(body_cases, "_drawn_scene", lambda shape, names, rng: calm)
     monkeypatch.setattr(body_cases, "throw_box", lambda *rest: throw_box(wild, 1, 1))

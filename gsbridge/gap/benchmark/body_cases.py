@@ -280,7 +280,9 @@ def draw_body_case(names: tuple[str, ...], units: float, seed: int, count: int =
     try:
         throws = {role: throw_box(scene, count, number) for role, number in zip(ROLES, seeds[:3], strict=True)}
     except RunawayError as error:
-        raise NotShownError(names[-1] if names else "nothing", f"{' and '.join(names) or 'nothing'}: {error}") from error
+        if not names:
+            raise InputError("benchmark", f"with nothing hidden, {error}", "Take another seed") from error
+        raise NotShownError(names[-1], f"with {' and '.join(names)}, {error}") from error
     settings = {"shape": bare.shape, "edges": list(bare.edges), "mass": bare.mass, "slowness": bare.slowness}
     return BodyCase(hidden, parameters, found, model, files, throws, settings)
 

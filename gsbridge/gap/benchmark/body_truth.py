@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from scipy.optimize import brentq
 
-from gsbridge.gap.benchmark.mujoco_truth import has_diverged
+from gsbridge.gap.benchmark.mujoco_truth import has_diverged, without_log_file
 from gsbridge.gap.contact.starts import quat_from_turn
 from gsbridge.gap.contact.throws import Throw, Throws
 from gsbridge.geometry import Array, quat_multiply, rotation_from_quat
@@ -121,6 +121,7 @@ def throw_box(scene: ThrowScene, count: int, seed: int, *, shaken: tuple[float, 
         RunawayError: A throw runs away: its contacts are too stiff for the engine's step.
     """
     rng, other = np.random.default_rng(seed), np.random.default_rng([seed, 1])
+    without_log_file()
     model = _compile(scene)
     data = mujoco.MjData(model)
     items = []

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from gsbridge.errors import InputError
 from gsbridge.gap.benchmark.noises import spoiled
 from gsbridge.gap.benchmark.trajectories import KINDS, Course, course
 from gsbridge.gap.formats.records import Record
@@ -150,7 +151,9 @@ def draw_case(
         clean = plant.truth(wanted, duration, times, hidden) if hidden else effect_free(role)
         moved = plant.truth(wanted, duration, times, {**hidden, **_touch(duration, rng)}) if touched else clean
         if not all(np.isfinite(values[kind]).all() for values in (clean, moved) for kind in kinds):
-            raise NotShownError(names[-1] if names else "nothing", f"{' and '.join(names) or 'nothing'}: '{role}' runs away")
+            if not names:
+                raise InputError("benchmark", f"the mechanism runs away on '{role}' with nothing hidden", "Take other courses")
+            raise NotShownError(names[-1], f"'{role}' runs away with {' and '.join(names)}")
         if role != "verify" and _length(plant, clean, effect_free(role), kinds) < _SHARE * units * np.sqrt(UNIT):
             raise NotShownError(names[-1], f"{' and '.join(names)} hardly show on '{role}'")
         measured = {kind: spoiled(moved[kind], plant.noise[kind], spoil, rng) for kind in kinds}

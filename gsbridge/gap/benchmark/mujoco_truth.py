@@ -43,6 +43,11 @@ _HARD = 0.9999
 _DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
 
+def without_log_file() -> None:
+    """Take MuJoCo's warnings, which it otherwise writes to a file in the folder at hand. Whoever reads a model may undo it."""
+    mujoco.set_mju_user_warning(logger.debug)
+
+
 def has_diverged(data: mujoco.MjData) -> bool:
     """Whether MuJoCo has put everything back to where it began since someone did so, because a step ran away.
 
@@ -62,8 +67,6 @@ class MujocoTruth:
         self.system = system
         self._skeleton = Skeleton.read(system.urdf, system.joints)
         self._brain = self._compile({})
-        # MuJoCo's own way is a file in the folder at hand.
-        mujoco.set_mju_user_warning(logger.debug)
 
     def _compile(self, hidden: Mapping[str, float]) -> mujoco.MjModel:
         """A model with what MuJoCo itself can hide."""
@@ -124,6 +127,7 @@ class MujocoTruth:
 
     def __call__(self, course: Course, duration: float, times: Array, hidden: Mapping[str, float]) -> dict[str, Array]:
         """Log of the mechanism when something is hidden in it, not a number from where it runs away; see `generate.Truth`."""
+        without_log_file()
         last = self._skeleton.child_of[self.system.joints[-1]]
         engine = _MujocoArm(self._compile(hidden), self._brain, self.system.joints, last)
         return run_arm(engine, self.system, course, duration, times, hidden)
@@ -186,6 +190,8 @@ class _MujocoArm:
         mujoco.mj_step(self._model, self._data, nstep=steps)
 
     def place(self) -> Array:
+        if has_diverged(self._data):
+            return np.full(3, np.nan)
         self._shown.qpos[:] = self._data.qpos - 0.5 * STEP * self._data.qvel
         mujoco.mj_kinematics(self._model, self._shown)
         return self._shown.xpos[self._last].copy()
