@@ -67,7 +67,7 @@ class PolicySettings(Settings):
     jitter: Number = Field(default=1.0, ge=0, le=2.3)
     """Factor on how widely they are varied."""
     litter: Whole = Field(default=6, ge=0, le=20)
-    """Largest number of flat things that lie about in the pictures of an episode of the training; none without `augment`."""
+    """Largest number of flat things that lie about in the pictures of an episode of the training, its evaluations included."""
     bounded_critic: Switch = False
     """Squash Q to 0..1 by a sigmoid, as RL-GSBridge's code does."""
     bf16: Switch = False

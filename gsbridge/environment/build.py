@@ -126,13 +126,16 @@ def build_environment(files: StageFiles, settings: EnvironmentSettings, *, litte
     world = build_world(files)
     renderer = build_renderer(files, settings)
     stroke, response, lens = world.dimensions.stroke, camera_response(files), lens_of(files, settings)
-    scattered = Litter(litter, _palette(files, settings), settings.start_centre, settings.region().side) if litter else None
+    scattered = Litter(litter, _palette(files, settings), settings.region()) if litter else None
     return PickEnvironment(world, settings, renderer, stroke=stroke, response=response, lens=lens, litter=scattered)
 
 
 def _palette(files: StageFiles, settings: EnvironmentSettings) -> Array:
     """Colours of the object as the renderer shows it. [N, 3]."""
-    mesh = _asset(files.item, "object").mesh()
+    asset = _asset(files.item, "object")
+    if settings.renderer in SPLATS:
+        return np.asarray(asset.cloud().colours, np.float64).clip(0.0, 1.0)
+    mesh = asset.mesh()
     if settings.renderer in ("mesh", "mesh_shaded"):
         return np.array([mean_mesh_colour(mesh) if files.item_colour is None else files.item_colour])
     if mesh.colours is None:

@@ -61,6 +61,7 @@ class GaussianRenderer:
     ) -> None:
         self.camera, self.threads, self.shadows = camera, threads, shadows
         self.lying: Sequence[FlatThing] = ()
+        self._box = item.bounds()
         self._oversampling, self._fine = oversampling, camera.scaled(oversampling)
         colour = mean_cloud_colour(background) if backdrop is None else backdrop
         self.backdrop = np.array(colour, np.float32)
@@ -108,7 +109,7 @@ class GaussianRenderer:
         if self._oversampling > 1:
             colours, alphas, depths = pooled(colours, alphas, depths, self._oversampling)
         if self.lying:
-            lay(self.lying, colours, depths, alphas, self.camera, cam_from_table)
+            lay(self.lying, colours, depths, alphas, self.camera, cam_from_table, body_poses[OBJECT], self._box)
         if self.shadows is not None:
             self.shadows.dim(colours, depths, alphas, self.camera, cam_from_table, body_poses)
         return colours, alphas, depths

@@ -2,7 +2,8 @@
 
 A policy that has only ever seen its object on an empty table goes for whatever has the object's colours. So episodes of a
 training may have cards, discs and strips lie about, some in colours of the object. They are painted on the table's plane where
-the picture shows it, beneath everything that stands on it and under its shadows, and have no body.
+the picture shows it, under the shadows of what stands there, and have no body. Nothing is painted within the object's box, so
+that its foot stays whole wherever it is pushed.
 """
 
 from __future__ import annotations
@@ -15,12 +16,17 @@ import numpy as np
 
 from gsbridge.cameras import Camera
 from gsbridge.geometry import Array
+from gsbridge.tasks.poses import StartRegion
 
-_LEVEL = 0.012
-"""What is seen lower than this over the table's plane, or above it less far below, belongs to the table, m."""
+_LEVEL = 0.009
+"""What is seen less far than this above or below the table's plane belongs to the table, m. Fingertips stay farther away, and
+the depth of a background's splats errs by less nearly everywhere."""
 
 _CLEAR = 0.03
 """Least distance of a thing's edge from where the object starts, m."""
+
+_MARGIN = 0.002
+"""By what the object's box is widened: its splats reach beyond their centres, m."""
 
 _HALF, _FLAT = (0.008, 0.04), (0.25, 1.0)
 """Smallest and largest half of a thing's length, m, and of its width as a share of that."""
@@ -58,16 +64,14 @@ class Litter:
     """What may lie about.
 
     Args:
-        most: Largest number of things in one episode; each number down to none is as likely.
+        most: Largest number of things that are drawn for one episode; those that would lie in the way are left out.
         palette: Colours of the object, sRGB. [N, 3].
-        centre: Middle of the square in which they lie, table frame, m.
-        side: Its edge, m.
+        region: Where objects start; things lie there, too, and off the plate.
     """
 
     most: int
     palette: Array
-    centre: tuple[float, float]
-    side: float
+    region: StartRegion
 
     def scattered(self, rng: np.random.Generator, object_xy: Array) -> tuple[FlatThing, ...]:
         """Things of one episode.
@@ -78,11 +82,14 @@ class Litter:
         """
         things = (self._thing(rng) for _ in range(int(rng.integers(self.most + 1))))
         return tuple(
-            thing for thing in things if np.hypot(thing.x - object_xy[0], thing.y - object_xy[1]) > thing.length + _CLEAR
+            thing
+            for thing in things
+            if np.hypot(thing.x - object_xy[0], thing.y - object_xy[1]) > thing.length + _CLEAR
+            and self.region.free(np.array([thing.x, thing.y]))
         )
 
     def _thing(self, rng: np.random.Generator) -> FlatThing:
-        x, y = np.array(self.centre) + self.side * rng.uniform(-0.5, 0.5, 2)
+        x, y = np.array(self.region.centre) + self.region.side * rng.uniform(-0.5, 0.5, 2)
         length = float(rng.uniform(*_HALF))
         colours = np.array([self._colour(rng)] * 2)
         if rng.random() < 0.5:
@@ -98,7 +105,16 @@ class Litter:
         return np.array(colorsys.hsv_to_rgb(rng.random(), rng.uniform(0.0, 1.0), rng.uniform(0.1, 1.0)))
 
 
-def lay(things: Sequence[FlatThing], image: Array, depths: Array, alphas: Array, camera: Camera, cam_from_table: Array) -> None:
+def lay(
+    things: Sequence[FlatThing],
+    image: Array,
+    depths: Array,
+    alphas: Array,
+    camera: Camera,
+    cam_from_table: Array,
+    table_from_object: Array,
+    box: tuple[Array, Array],
+) -> None:
     """Paint things on the table where a picture shows it.
 
     Args:
@@ -107,6 +123,8 @@ def lay(things: Sequence[FlatThing], image: Array, depths: Array, alphas: Array,
         depths, alphas: Alpha-weighted sum of camera z, m, and alpha, as the rasteriser gives them. [H, W] float32.
         camera: Pinhole.
         cam_from_table: Pose of the camera. [4, 4].
+        table_from_object: Pose of the object. [4, 4].
+        box: Corners of the object's box, body frame, m. [3], [3].
     """
     table_from_cam = np.linalg.inv(cam_from_table)
     fx, fy, cx, cy = camera.pinhole_numbers
@@ -115,8 +133,10 @@ def lay(things: Sequence[FlatThing], image: Array, depths: Array, alphas: Array,
     rays = turn[:, 0] * across[None, :, None] + turn[:, 1] * down[:, None, None] + turn[:, 2]
     steep = np.minimum(rays[..., 2], -1e-6)
     away = -eye[2] / steep
-    seen = eye[2] + depths / np.maximum(alphas, 1e-3) * rays[..., 2]
-    table = (rays[..., 2] < -1e-6) & (away > 0.0) & ((np.abs(seen) < _LEVEL) | (alphas < 0.5))
+    seen = eye + (depths / np.maximum(alphas, 1e-3))[..., None] * rays
+    inside = (seen - table_from_object[:3, 3]) @ table_from_object[:3, :3]
+    own = ((inside > box[0] - _MARGIN) & (inside < box[1] + _MARGIN)).all(axis=-1) & (alphas > 0.5)
+    table = (rays[..., 2] < -1e-6) & (away > 0.0) & ((np.abs(seen[..., 2]) < _LEVEL) | (alphas < 0.5)) & ~own
     point = eye[:2] + away[..., None] * rays[..., :2]
     # Edges are as soft as a pixel is wide there.
     pixel = np.maximum(away / fx, 1e-6)

@@ -61,6 +61,7 @@ class MeshRenderer:
     ) -> None:
         self.camera, self.shadows = camera, shadows
         self.lying: Sequence[FlatThing] = ()
+        self._box = item.vertices.min(axis=0), item.vertices.max(axis=0)
         ground = mean_mesh_colour(background) if background_colour is None else np.asarray(background_colour, np.float64)
         if not vertex_colours:
             item = uniform(item, mean_mesh_colour(item) if item_colour is None else np.asarray(item_colour, np.float64))
@@ -91,7 +92,7 @@ class MeshRenderer:
         self.pose(body_poses)
         colours, alphas, depths = self.composition.draw(self.camera, cam_from_table, self.backdrop)
         if self.lying:
-            lay(self.lying, colours, depths, alphas, self.camera, cam_from_table)
+            lay(self.lying, colours, depths, alphas, self.camera, cam_from_table, body_poses[OBJECT], self._box)
         if self.shadows is not None:
             self.shadows.dim(colours, depths, alphas, self.camera, cam_from_table, body_poses)
         return colours

@@ -57,8 +57,7 @@ def train_policy(
     Raises:
         InputError: A file is missing, damaged or of the wrong kind; settings do not fit together.
     """
-    litter = settings.litter if settings.augment else 0
-    environment = build_environment(files, environment_settings, litter=litter)
+    environment = build_environment(files, environment_settings, litter=settings.litter)
     try:
         model = read_model(files.model)
         delay = 0.0 if unchanged_teacher else model.arm.delay * model.timing.control_hz
@@ -66,7 +65,7 @@ def train_policy(
         if any(controller_offset):
             controller = BiasedController(controller, controller_offset)
         key = {"files": files_digest(files), "controller_offset": list(controller_offset), "teacher": unchanged_teacher}
-        makers = environment_makers(files, environment_settings, settings.environments, litter=litter)
+        makers = environment_makers(files, environment_settings, settings.environments, litter=settings.litter)
         trainer = Trainer(environment, controller, settings, seed=seed, state=state, key=key, makers=makers)
         try:
             training = trainer.run(out)
