@@ -117,7 +117,7 @@ class MirrorCamera:
         self._mi = mi = load_mitsuba(threads)
         self._moved: dict[str, Array] = {}
         self._glossy = max(hidden.gloss_object, hidden.gloss_plate, hidden.gloss_robot, hidden.gloss_table) > 0.0
-        self._glossy = self._glossy or hidden.clutter > 0.0
+        self._glossy = self._glossy or hidden.clutter + hidden.decoys > 0.0
         self._lenses: dict[Camera, LensError] = {}
         content, colours = _room(mi, setting, hidden), None
         shapes = {name: [_link(mi, mesh, colour, hidden) for mesh, colour in items] for name, items in robot.visuals().items()}

@@ -1,7 +1,7 @@
 """What else is in the room: a window, things that lie about, and somebody who passes between lamp and table.
 
-Nothing of it has a body: clutter and cables lie where no object starts, decoys are flat. A hand that is open may still pass
-through the edge of a thing, where it takes an object from the rim of the area.
+Nothing of it has a body: clutter and cables lie where no object starts, decoys are crumpled paper, which anything presses flat.
+A hand that is open may still pass through the edge of a thing, where it takes an object from the rim of the area.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from gsbridge.geometry import Array
+from gsbridge.meshes import Mesh
 from gsbridge.reality.mirror.backgrounds import WORK_CENTRE_M
 from gsbridge.reality.world.hidden import Hidden
-from gsbridge.reality.world.surfaces import coated
+from gsbridge.reality.world.surfaces import coated, painted
 from gsbridge.robot.nominal import base_from_table
 
 WINDOW_SIZE, WINDOW_AWAY, WINDOW_HEIGHT = (1.2, 1.0), 1.4, 0.65
@@ -30,6 +31,12 @@ _FOOT = 0.18
 """Room for the foot of the robot, m."""
 
 _CABLE, _LINKS = 0.0035, 24
+_RINGS, _SECTORS, _PATCHES = 5, 28, 6
+"""Rings and sectors of a decoy, and patches of colour."""
+
+_CREASE = 0.006
+"""Height of a decoy's highest crease, m."""
+
 PASSING_SPEED, _PASSING_WAY = 0.8, 1.2
 """Speed of somebody who passes, m/s, and how far from the lamp's line they come and go, m."""
 
@@ -80,7 +87,7 @@ def lying_about(mi: Any, hidden: Hidden, colours: Array | None) -> dict[str, Any
             elif kind == "cable":
                 content.update({f"cable_{number}_{k}": part for k, part in enumerate(_cable(mi, rng))})
             elif colours is not None:
-                content.update({f"decoy_{number}_{k}": part for k, part in enumerate(_decoy(mi, rng, colours))})
+                content[f"decoy_{number}"] = _decoy(mi, f"decoy_{number}", rng, colours)
     return content
 
 
@@ -135,17 +142,28 @@ def _cable(mi: Any, rng: np.random.Generator) -> list[dict[str, Any]]:
     ]
 
 
-def _decoy(mi: Any, rng: np.random.Generator, colours: Array) -> list[dict[str, Any]]:
-    """A card of two of the object's colours, flat on the table inside the working area."""
-    x, y = np.array(WORK_CENTRE_M) + rng.uniform(-0.14, 0.14, 2)
-    half, turn = rng.uniform(0.018, 0.03), float(np.degrees(rng.uniform(0, np.pi)))
-    place = mi.ScalarTransform4f().translate([x, y, 0.0]).rotate([0, 0, 1], turn)
-    parts = []
-    for k, row in enumerate(rng.choice(len(colours), 2)):
-        to_world = place.translate([half * (k - 0.5), 0.0, 5e-4]).scale([half / 2, half, 5e-4])
-        surface = coated({"type": "rgb", "value": np.clip(colours[row], 0.0, 0.95).tolist()}, 0.0)
-        parts.append({"type": "cube", "to_world": to_world, "bsdf": surface})
-    return parts
+def _decoy(mi: Any, name: str, rng: np.random.Generator, colours: Array) -> Any:
+    """A crumpled wrapper in patches of the object's colours, on the table inside the working area."""
+    middle, half = np.array([*WORK_CENTRE_M, 0.0]), rng.uniform(0.025, 0.042)
+    middle[:2] += rng.uniform(-0.14, 0.14, 2)
+    across, around = np.meshgrid(np.linspace(0.0, 1.0, _RINGS), np.arange(_SECTORS) / _SECTORS * 2 * np.pi, indexing="ij")
+    edge = half * rng.uniform(0.6, 1.0, _SECTORS)
+    out = np.stack([np.cos(around), np.sin(around)], axis=-1) * (across * edge)[..., None]
+    # Its edge lies on the table, its middle is one corner, and creases rise between.
+    high = _CREASE * rng.uniform(0.2, 1.0, across.shape)
+    high[0], high[-1] = high[0, 0], 5e-4
+    points = np.c_[out.reshape(-1, 2), high.ravel()]
+    spots, inks = rng.uniform(-half, half, (_PATCHES, 2)), rng.choice(len(colours), _PATCHES)
+    nearest = np.linalg.norm(points[:, None, :2] - spots, axis=-1).argmin(axis=1)
+    ring, sector = np.meshgrid(np.arange(_RINGS - 1), np.arange(_SECTORS), indexing="ij")
+    a, b = ring * _SECTORS + sector, ring * _SECTORS + (sector + 1) % _SECTORS
+    outer, inner = np.stack([a, a + _SECTORS, b + _SECTORS], -1), np.stack([a, b + _SECTORS, b], -1)
+    # Sectors meet in the middle, where the inner triangles would have no area.
+    faces = np.concatenate([outer, inner[1:]]).reshape(-1, 3)
+    # Triangles of their own, each with its own normal: creases are sharp.
+    corners, paint = points[faces].reshape(-1, 3), np.clip(colours[inks[nearest]], 0.0, 0.95)[faces].reshape(-1, 3)
+    mesh = Mesh(corners + middle, np.arange(len(corners)).reshape(-1, 3), paint)
+    return painted(mi, name, mesh, np.repeat(mesh.normals(), 3, axis=0), float(rng.choice([0.0, 0.5, 0.8])))
 
 
 def passer_pose(hidden: Hidden, lamp: Array, aim: Array, seed: int, seconds: float, episode: float = 4.0) -> Array:
