@@ -47,7 +47,7 @@ def readme_block(records: Records, now: Mapping[str, Mapping[str, Mapping[str, s
     missed = [(area, score) for area, score in floors if not score["met"]]
     if missed:
         lines += [
-            f"Of {len(floors)} floors of the areas that are measured on this tree, {len(missed)} are missed:",
+            f"Floors that are missed, {len(missed)} of the {len(floors)} of areas that are measured on this tree:",
             "",
             *_table(missed),
             "",
