@@ -1,7 +1,7 @@
-"""gsbridge: a phone video in, a robot policy out, and an honest account of the gap between simulation and reality.
+"""gsbridge: a phone video in, a robot policy out, and an account of the gap between simulation and reality.
 
-What other programs use of the library can be imported from here, see docs/library.md; each name is loaded when it is first
-asked for, so that `import gsbridge` costs nothing.
+The names that other programs use can be imported from here (docs/library.md). Each is loaded when it is first used, so that
+`import gsbridge` costs nothing.
 """
 
 from importlib import import_module
@@ -29,7 +29,7 @@ _HOMES = {
     "splats.ply": ("read_ply", "write_ply"),
     "splats.rasterize": ("Rendering", "rasterize"),
 }
-"""Names by the module that defines them."""
+"""Public names by the module that defines them."""
 
 
 def __getattr__(name: str) -> object:

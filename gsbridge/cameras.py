@@ -19,11 +19,17 @@ from gsbridge.files import read_json, write_json
 from gsbridge.geometry import Array
 
 _FOCAL = (0.05, 100.0)
-"""Focal lengths that there are, in longer sides of the picture: from wider than any lens without fisheye to a telescope's."""
+"""Smallest and largest focal length that is accepted, as multiples of the picture's longer side.
+
+The lower limit is wider than any lens without fisheye, the upper one is a telescope's.
+"""
 _LARGEST_SIDE = 100_000
 _LARGEST_DISTORTION = 100.0
 _SKEW = 1e-2
-"""Largest deviation of a stated rotation from one. Files round to some five digits; scale and shear show in the first two."""
+"""Largest entry of `|R R^T - I|` for which a matrix R from a file passes as a rotation.
+
+Files round to about five digits; scale and shear show in the first two.
+"""
 
 
 @dataclass(frozen=True)
@@ -134,7 +140,7 @@ class Camera:
 
 
 def camera_problem(camera: Camera) -> str | None:
-    """What is wrong with a camera; None where nothing is."""
+    """What is wrong with a camera, in words; None if nothing is."""
     longer = max(camera.width, camera.height)
     if longer > _LARGEST_SIDE:
         return f"a picture with a side of more than {_LARGEST_SIDE} px"
@@ -152,7 +158,7 @@ def camera_problem(camera: Camera) -> str | None:
 
 
 def pose_problem(pose: Array) -> str | None:
-    """What is wrong with a view matrix, [4, 4] where it is one; None where nothing is."""
+    """What is wrong with a view matrix, in words; None if nothing is. Any shape is accepted, but only [4, 4] can be right."""
     if pose.shape != (4, 4):
         return "its pose is no 4x4 matrix"
     if not np.isfinite(pose).all():
@@ -169,15 +175,15 @@ def pose_problem(pose: Array) -> str | None:
 
 
 def given_camera(content: Any, source: str | Path, remedy: str) -> Camera:
-    """A camera as a file holds it, if there can be such a camera.
+    """Build a camera from the content of a file, and refuse one that cannot exist.
 
     Args:
         content: What `Camera.to_json` gives, or anything else.
-        source: File that it was read from, for the message.
+        source: File that the content was read from, for the message.
         remedy: What the user can do, for the message.
 
     Raises:
-        InputError: An entry is missing, no number, or out of every range.
+        InputError: An entry is missing, is not a number, or lies outside the accepted range.
     """
     try:
         camera = Camera.from_json(content)
@@ -223,11 +229,11 @@ def look_at(eye: Array, target: Array, up: Array = (0.0, 0.0, 1.0)) -> Array:  #
 
 HELD_OUT_EVERY = 8
 HELD_OUT_PHASE = 4
-"""Every 8th keyframe is held out, the 5th first: an inner view, never the first or last of a path."""
+"""Every 8th keyframe is held out, starting with the 5th, so that the first view of a path never is."""
 
 
 def split_of(keyframe: int) -> str:
-    """`held_out` or `train`, from the position of a frame among all keyframes (registered or not)."""
+    """`held_out` or `train`, from the position of a frame among all keyframes, counted from 0 (registered or not)."""
     return "held_out" if keyframe % HELD_OUT_EVERY == HELD_OUT_PHASE else "train"
 
 
@@ -283,7 +289,7 @@ class Views(Sequence[View]):
 
 
 def write_views(path: str | Path, views: Sequence[View]) -> None:
-    """Write `views.json`: cameras and poses in the table frame. The image folder is not stored: stages are given it."""
+    """Write `views.json`: cameras and poses in the table frame. The image folder is not stored; readers are given it."""
     write_json(
         path,
         {
@@ -329,7 +335,7 @@ def read_views(path: str | Path, images: str | Path) -> Views:
 
 
 def _view(item: Mapping[str, Any], path: str | Path, remedy: str) -> View:
-    """One view of `views.json`, if there can be such a camera in such a pose."""
+    """Build one view from its entry in `views.json`, and refuse a camera or pose that cannot exist."""
     view = View(
         str(item["name"]),
         given_camera(item["camera"], path, remedy),

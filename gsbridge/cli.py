@@ -1,4 +1,4 @@
-"""Command line: what is done by hand, outside the workflow."""
+"""The command line `gsbridge`: tools for work by hand, and commands that start the workflow and tell its status."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ exit code: 0 done; 1 something given cannot be used; 2 wrong arguments; 3 an epi
 
 
 def parser() -> argparse.ArgumentParser:
-    """What `gsbridge` understands."""
+    """The parser of the arguments of `gsbridge`."""
     out = argparse.ArgumentParser(prog="gsbridge", description="Tools beside the Snakemake workflow.")
     out.add_argument("--version", action="version", version=__version__)
     commands = out.add_subparsers(dest="command", required=True)
@@ -104,10 +104,10 @@ def _board(options: argparse.Namespace) -> int:
 
 @contextlib.contextmanager
 def _writing(path: Path) -> Iterator[None]:
-    """Name the file that was asked for where it cannot be written, and not the temporary one beside it.
+    """Report a failed write under the name that the user gave, not under that of the temporary file beside it.
 
     Raises:
-        InputError: It cannot be written.
+        InputError: The file cannot be written.
     """
     try:
         yield
@@ -153,15 +153,16 @@ def _masks(options: argparse.Namespace) -> int:
 
 
 def _add_workflow(commands: Any) -> None:
-    """The commands of `_WORKFLOW`, for the help; `main` takes their arguments as they are, which are snakemake's."""
+    """Add the commands of `_WORKFLOW` to the help only; `main` passes their arguments to snakemake without parsing them."""
     for name, text in (("run", _RUN), ("status", _STATUS)):
         commands.add_parser(name, help=text, add_help=False)
 
 
 def _helped(command: str, text: str, arguments: list[str]) -> bool:
-    """Print the help of a command whose arguments are snakemake's, if it is asked for.
+    """Print the help of a command that takes snakemake's arguments, if they ask for help; tell whether they did.
 
-    Snakemake's own help would be no plan, and a run without jobs a finished one.
+    Passed on, `--help` would make snakemake print its own help; `status` would take that for a plan without jobs, and so for
+    a finished run.
     """
     if not {"-h", "--help"}.intersection(arguments):
         return False
@@ -229,7 +230,8 @@ def _add_run_policy(commands: Any) -> None:
 
 
 def _run_policy(options: argparse.Namespace) -> int:
-    # More threads would only wait for each other in a network this small, and their imports must come after.
+    # One thread: more would only wait for each other in a network this small. Libraries read the limit when they are imported,
+    # so the imports come after it.
     start(1, None)
     from gsbridge.policy.deploy import Deployment, deploy
     from gsbridge.policy.safety import End
@@ -240,8 +242,8 @@ def _run_policy(options: argparse.Namespace) -> int:
         pieces=options.pieces, runtime=options.runtime, pose_set=options.pose_set, index=options.index, trials=options.trials,
         redo=options.redo, out=options.out, pictures=options.pictures, steps=options.steps, dry_run=options.dry_run,
     )  # fmt: skip
-    # Whoever ends the program from outside must stop the arm, too; also with Ctrl-C's signal, which a shell has programs ignore
-    # that it starts in the background.
+    # A signal that ends the program must stop the arm, too. SIGINT is handled explicitly because a shell makes programs that it
+    # starts in the background ignore it.
     before = {number: signal.signal(number, signal.default_int_handler) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         done = deploy(wanted, input)
@@ -258,10 +260,10 @@ def _run_policy(options: argparse.Namespace) -> int:
 
 
 def _options(pairs: list[str]) -> dict[str, Any]:
-    """Arguments of a driver; values are read as in YAML: 5 is a number, true a switch.
+    """Arguments of a driver, from pairs NAME=VALUE. Values are read as YAML: 5 is a number, true a boolean.
 
     Raises:
-        GsbridgeError: A pair has no name.
+        GsbridgeError: A pair is not NAME=VALUE, or a name is given twice.
     """
     out = {}
     for pair in pairs:
@@ -272,7 +274,7 @@ def _options(pairs: list[str]) -> dict[str, Any]:
             raise GsbridgeError(f"--option {name} is given twice. Leave one out")
         try:
             out[name] = yaml.safe_load(value)
-        # PyYAML says of a day that is none, and of brackets without end, what Python says.
+        # PyYAML lets two of Python's errors pass: ValueError for an impossible date, RecursionError for very deep brackets.
         except (yaml.YAMLError, ValueError, RecursionError):
             out[name] = value
     return out

@@ -1,9 +1,9 @@
 """Digests of code, so that an edit reruns exactly the jobs whose script reaches it.
 
 Snakemake watches the date of a rule's script only, and dates change with every clone. Each rule therefore carries, as a
-parameter, a digest over its script and the static import closure of that. Comments, docstrings and formatting do not count, nor
-do the modules `logs` and `errors`; the text of a message inside any other module does. Files beside the code, such as
-templates, belong to the package in whose folder they lie.
+parameter, a digest over its script and all modules that the script imports, directly or not. Comments, docstrings and
+formatting do not count, nor do the modules of `WITHOUT_EFFECT`; the text of a message inside any other module does. Files
+beside the code, such as templates, belong to the package in whose folder they lie.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ WITHOUT_EFFECT = frozenset(
 """Modules that cannot change a stage's result."""
 
 _NAMED = re.compile(rf"""["']({NAME}(?:\.\w+)+)["':]""")
-"""A module that is named by a text, as `importlib.import_module` and `importlib.resources.files` take it."""
+"""A module that is named in a string, as `importlib.import_module` and `importlib.resources.files` take it."""
 
 
 @functools.cache
@@ -45,7 +45,7 @@ def module_file(module: str) -> Path | None:
 
 
 def _statements(tree: ast.Module) -> Iterator[ast.AST]:
-    """The module and its statements at any depth, without their expressions, which are nearly all of a tree."""
+    """The module and its statements at any depth. Expressions, which are nearly all nodes of a tree, are skipped."""
     waiting: list[ast.AST] = [tree]
     while waiting:
         node = waiting.pop()
@@ -56,25 +56,25 @@ def _statements(tree: ast.Module) -> Iterator[ast.AST]:
 
 @functools.cache
 def _notebook() -> Notebook:
-    """What earlier processes read. Another Python has other syntax trees, and another edition of this module other facts."""
+    """Facts that earlier processes read, kept apart by Python version (syntax trees differ) and by the text of this module."""
     edition = hashlib.sha256(Path(__file__).read_bytes() + repr(sys.version_info[:2]).encode()).hexdigest()[:12]
     return Notebook(cache_root() / f"digests-{edition}.json")
 
 
 class _Facts(NamedTuple):
-    """What a module's text says: all that digests need of it."""
+    """Facts about a module's text that the digests need."""
 
     code: str
-    """Digest of what counts of it, in hexadecimal digits."""
+    """Digest of the module's code without comments, docstrings and formatting, in hexadecimal digits."""
     imports: list[str]
-    """Names that it may import. Which of them are modules is the checkout's matter, not the text's."""
+    """Names that the module may import. Which of them are modules depends on the checkout and is found out later."""
     relative: bool
-    """Whether it uses a relative import, which this reader does not follow."""
+    """Whether the module uses a relative import, which this reader does not follow."""
 
 
 @functools.cache
 def _facts(module: str) -> _Facts:
-    """Facts of a module, from the last process that read the same text where there was one."""
+    """Facts of a module. Its text is parsed only if no earlier process has read the same text."""
     path = module_file(module)
     if path is None:
         raise ValueError(f"there is no module {module}")
@@ -84,7 +84,7 @@ def _facts(module: str) -> _Facts:
 
 
 def _read(text: str) -> _Facts:
-    """Facts of a module's text, by its syntax tree."""
+    """Facts of a module's text, read from its syntax tree."""
     tree = _tree(text)
     found, relative = set(_NAMED.findall(text)), False
     for node in _statements(tree):
@@ -98,7 +98,7 @@ def _read(text: str) -> _Facts:
 
 
 def _tree(text: str) -> ast.Module:
-    """Syntax tree of a module without docstrings, also those below constants and settings."""
+    """Syntax tree of a module without its docstrings; those below constants and settings are left out, too."""
     tree = ast.parse(text)
     for node in _statements(tree):
         body = getattr(node, "body", None)
@@ -109,30 +109,30 @@ def _tree(text: str) -> ast.Module:
 
 
 def _dumped(tree: ast.Module) -> str:
-    """The tree as text, the same whichever Python reads it: results and records are not of another code for a new Python."""
+    """The tree as text, the same under every version of Python, so that a new Python does not make results look stale."""
     if sys.version_info < (3, 12):
         return ast.dump(tree)
     for node in ast.walk(tree):
         if vars(node).get("type_params") == []:
             del vars(node)["type_params"]
         if isinstance(node, ast.JoinedStr):
-            # Early releases of 3.12 end some with nothing.
+            # Early releases of 3.12 end some f-strings with an empty part.
             node.values = [part for part in node.values if not (isinstance(part, ast.Constant) and part.value == "")]
     return ast.dump(tree, show_empty=True) if sys.version_info >= (3, 13) else ast.dump(tree)
 
 
 def _is_text(node: ast.AST) -> bool:
-    """Whether a statement is nothing but a text."""
+    """Whether a statement is only a string, such as a docstring."""
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 
 def _code(module: str) -> bytes:
-    """Digest of what counts of a module."""
+    """Digest of a module's code without comments, docstrings and formatting."""
     return bytes.fromhex(_facts(module).code)
 
 
 def _data_files(folder: Path) -> Iterator[Path]:
-    """Files below a package's folder that are no code, without those of the packages inside it."""
+    """Files below a package's folder that are not code; packages inside it are skipped."""
     for entry in sorted(os.scandir(folder), key=lambda entry: entry.name):
         if entry.name.startswith(".") or entry.name == "__pycache__":
             continue
@@ -146,7 +146,7 @@ def _data_files(folder: Path) -> Iterator[Path]:
 
 @functools.cache
 def _data(module: str) -> bytes:
-    """Digest of the files that belong to a package, names and contents; that of nothing for a module that is none."""
+    """Digest of the names and contents of a package's data files; the digest of nothing for a module that is no package."""
     path, digest = module_file(module), hashlib.sha256()
     if path is not None and path.name == "__init__.py":
         for file in _data_files(path.parent):
@@ -163,10 +163,10 @@ def _parents(module: str) -> list[str]:
 
 @functools.cache
 def direct_imports(module: str) -> frozenset[str]:
-    """Modules of the checkout that a module imports, anywhere in its text, or names in a text of its own.
+    """Modules of the checkout that a module imports anywhere in its text, or names in a string, with the packages above them.
 
     Raises:
-        ValueError: A relative import: the package uses absolute ones, which this reader relies on.
+        ValueError: The module uses a relative import; this reader follows absolute ones only.
     """
     facts = _facts(module)
     if facts.relative:
@@ -176,7 +176,7 @@ def direct_imports(module: str) -> frozenset[str]:
 
 
 def import_closure(modules: Iterable[str]) -> frozenset[str]:
-    """All modules of the checkout that the given ones import, directly or not, with the given ones."""
+    """The given modules and all modules of the checkout that they import, directly or not, without `WITHOUT_EFFECT`."""
     return frozenset().union(*(_closure(module) for module in modules))
 
 
@@ -195,13 +195,13 @@ def _closure(root: str) -> frozenset[str]:
 
 
 def code_digest(*modules: str) -> str:
-    """Digest of the code behind the given modules and of the files that belong to it.
+    """Digest of the import closure of the given modules: its code and the data files that belong to its packages.
 
     Raises:
         ValueError: There is no such module.
     """
     digest = hashlib.sha256()
-    # What lies beside the library's packages, in none of them, could be read by any.
+    # Data files of the library's top folder belong to no single package, so any module could read them.
     digest.update(_data(NAME))
     for module in sorted(import_closure(modules)):
         digest.update(module.encode())
@@ -226,6 +226,6 @@ def kernel_modules() -> list[Path]:
 
 
 def kernel_digest() -> str:
-    """Digest of all kernel modules and of what they import: a constant from another module is compiled into a kernel."""
+    """Digest of all kernel modules and of their imports, since constants from other modules are compiled into a kernel."""
     names = (".".join([NAME, *path.relative_to(PACKAGE).with_suffix("").parts]) for path in kernel_modules())
     return code_digest(*(name.removesuffix(".__init__") for name in names))

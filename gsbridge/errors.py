@@ -14,10 +14,10 @@ class GsbridgeError(Exception):
 
 
 class _ToldError(GsbridgeError):
-    """An error of three parts, which goes whole from one process to another.
+    """An error of three parts that can be pickled, so that it passes whole from one process to another.
 
     Args:
-        place: Where it is, or an error of which to make another.
+        place: Where the fault is, or an error of this kind to copy.
         problem: What is wrong, in plain words.
         remedy: What the user can do about it.
     """
@@ -51,7 +51,7 @@ class InputError(_ToldError):
 
 
 class StageError(_ToldError):
-    """A stage ran, but its result is not good enough for the stages behind it.
+    """A stage ran, but its result is not good enough for the stages that follow.
 
     Args:
         stage: Name of the stage, with the scene where there is one.

@@ -27,7 +27,7 @@ LARGEST_JSON = 64 * 2**20
 
 @contextlib.contextmanager
 def _named(target: Path) -> Iterator[None]:
-    """Give an error of a full disk the name of the file that was being written; writing itself does not know it."""
+    """Add the name of the file that is being written to a full-disk error, which otherwise names no file."""
     try:
         yield
     except OSError as error:
@@ -37,7 +37,7 @@ def _named(target: Path) -> Iterator[None]:
 
 
 def _sweep(folder: Path, start: str, end: str) -> None:
-    """Remove what killed processes left of earlier attempts at the same file; those of running ones stay."""
+    """Remove temporary files of the same target, named `start`, process id, `end`, whose process no longer runs."""
     for left in folder.iterdir():
         if not (left.name.startswith(start) and left.name.endswith(end)):
             continue
@@ -95,7 +95,7 @@ def atomic_directory(path: str | Path) -> Iterator[Path]:
 
 
 def _plain(value: Any) -> Any:
-    """Turn numpy values and paths into JSON ones; not-a-number becomes null, which JSON can hold."""
+    """Turn numpy values and paths into JSON values; non-finite numbers, which JSON cannot hold, become null."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
@@ -118,7 +118,7 @@ def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
 
 
 def read_json(path: str | Path) -> dict[str, Any]:
-    """Read a JSON object that a stage wrote; `gsbridge.given.read_given_json` reads those that the user gives.
+    """Read a JSON object that a stage wrote; for files of the user's, see `gsbridge.given.read_given_json`.
 
     Raises:
         InputError: The file is missing, too large, or no JSON object.

@@ -81,7 +81,7 @@ def rotation_between(source: Array, target: Array) -> Array:
     axis = np.cross(a, b)
     cosine = float(a @ b)
     if cosine < -1.0 + 1e-12:
-        # Opposite directions: any axis across `a` does; take the one across its smallest component.
+        # Opposite directions: any axis perpendicular to `a` does; the axis of its smallest component is far from parallel.
         helper = np.eye(3)[np.argmin(np.abs(a))]
         across = np.cross(a, helper)
         across /= np.linalg.norm(across)

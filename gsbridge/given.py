@@ -1,4 +1,4 @@
-"""Files that the user gives and no stage makes: what is wrong with them is mended where they come from."""
+"""Files that the user gives: no stage can make them again, so the caller says what the user can do about a fault."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ def read_given_json(path: str | Path, remedy: str) -> dict[str, Any]:
 
     Args:
         path: The file.
-        remedy: What the user can do where it is missing or no JSON object.
+        remedy: What the user can do about a file that cannot be used.
 
     Raises:
-        InputError: It is.
+        InputError: The file is missing, too large, or no JSON object.
     """
     try:
         return read_json(path)

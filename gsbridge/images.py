@@ -1,7 +1,7 @@
 """Reading, writing, encoding and comparing images.
 
-Images are float32 RGB, H x W x 3, 0..1, sRGB-encoded as in the file; `linear_from_srgb` where light must add up. Values are
-clamped before any 8-bit store.
+Images are float32 RGB, H x W x 3, 0..1, sRGB-encoded as in the file; `linear_from_srgb` gives linear light, which can be added
+up. Values are clamped before any 8-bit store.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from gsbridge.reading import refusing, regular_file
 pi_heif.register_heif_opener()
 
 HEIF_SUFFIXES = (".heic", ".heif")
-"""Photos as phones of Apple make them, which OpenCV does not read."""
+"""Suffixes of the photos that Apple's phones take, which OpenCV does not read."""
 
 LARGEST_IMAGE_PIXELS = 204_000_000
-"""Most pixels of a picture that is read: those of a phone with 200 megapixels. At 3 bytes each they take 0.6 GB, and some steps
-hold two copies of them."""
+"""Largest number of pixels of a picture that is read: that of a phone's camera with 200 megapixels. At 3 bytes each they take
+0.6 GB, and some steps hold two copies of the picture."""
 LARGEST_IMAGE_BYTES = 1_000_000_000
-# Pillow's own limit lies below the pictures of phones; `_header` asks for ours.
+# Pillow's own limit is smaller than the pictures of some phones; `_header` checks this one.
 PIL.Image.MAX_IMAGE_PIXELS = LARGEST_IMAGE_PIXELS
 
 _READABLE = "Replace or remove it; JPEG, PNG and HEIC work"
@@ -40,7 +40,7 @@ _READABLE = "Replace or remove it; JPEG, PNG and HEIC work"
 _WIDTH, _LENGTH, _ORIENTATION = 0x0100, 0x0101, 0x0112
 """Numbers of EXIF tags."""
 _QUARTER_TURNS = (5, 6, 7, 8)
-"""Orientations by which width and height change places."""
+"""EXIF orientations that swap width and height."""
 
 SSIM_SIGMA = 1.5
 SSIM_RADIUS = 5
@@ -64,7 +64,7 @@ def read_image_u8(path: str | Path) -> Array:
     source = regular_file(path, "image", "Check the path", LARGEST_IMAGE_BYTES)
     with refusing(source, "this is not a readable image", _READABLE):
         data = source.read_bytes()
-        # What a picture is, its bytes say: apps and people rename files.
+        # The bytes decide the format, not the suffix: apps and people rename files.
         if _undamaged_kind(source, data) == "HEIF":
             return _read_heif(data)
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB)
@@ -74,7 +74,7 @@ def read_image_u8(path: str | Path) -> Array:
 
 
 def image_size(path: str | Path) -> tuple[int, int]:
-    """Width and height of an image as `read_image` gives it, turned as its EXIF data say; from the file's header alone.
+    """Width and height, px, of an image as `read_image` returns it, turned by its EXIF orientation. Only the header is read.
 
     Raises:
         InputError: The file is missing or no image.
@@ -82,13 +82,13 @@ def image_size(path: str | Path) -> tuple[int, int]:
     source = regular_file(path, "image", "Check the path", LARGEST_IMAGE_BYTES)
     with refusing(source, "this is not a readable image", _READABLE), _header(source, source) as image:
         exif = image.getexif()
-        # Of a TIFF, Pillow gives the size as turned already, and the tags the size as stored.
+        # For a TIFF, Pillow's size is already turned; the tags hold the size as stored.
         width, height = (exif[_WIDTH], exif[_LENGTH]) if image.format == "TIFF" else image.size
         return (height, width) if exif.get(_ORIENTATION, 1) in _QUARTER_TURNS else (width, height)
 
 
 def is_png(path: str | Path) -> bool:
-    """Whether a picture is a PNG, by its bytes, and lies as it is seen, not to be turned."""
+    """Whether a picture is a PNG, judged by its bytes, that its EXIF orientation does not turn."""
     source = regular_file(path, "image", "Check the path", LARGEST_IMAGE_BYTES)
     with refusing(source, "this is not a readable image", _READABLE), _header(source, source) as image:
         return image.format == "PNG" and image.getexif().get(_ORIENTATION, 1) == 1
@@ -96,10 +96,10 @@ def is_png(path: str | Path) -> bool:
 
 @contextlib.contextmanager
 def _header(source: Path, content: Path | io.BytesIO) -> Iterator[PIL.Image.Image]:
-    """A picture that is not decoded yet, and not of absurd size.
+    """Open a picture without decoding it, and refuse one of absurd size.
 
     Raises:
-        InputError: It has more than `LARGEST_IMAGE_PIXELS`, or is no picture.
+        InputError: The picture has more than `LARGEST_IMAGE_PIXELS`, or the content is no picture.
     """
     try:
         image = PIL.Image.open(content)
@@ -115,14 +115,16 @@ def _header(source: Path, content: Path | io.BytesIO) -> Iterator[PIL.Image.Imag
 
 
 def _undamaged_kind(source: Path, data: bytes) -> str | None:
-    """Format of a picture that is neither of absurd size nor cut off; of what is, OpenCV makes the rest grey.
+    """Return a picture's format, and refuse a picture that is too large or cut off.
+
+    OpenCV would decode a picture that is cut off, and fill the missing part with grey.
 
     Raises:
-        InputError: The picture is either.
+        InputError: The picture is too large, cut off, or no picture.
     """
     with _header(source, io.BytesIO(data)) as header:
         kind = header.format
-    # Within a JPEG's coded pixels the end marker cannot occur; before them it may end a thumbnail.
+    # A JPEG's end marker cannot occur within its coded pixels. Before them it may end a thumbnail, so the search skips headers.
     cut = (kind == "JPEG" and data.find(b"\xff\xd9", _start_of_pixels(data)) < 0) or (kind == "PNG" and b"IEND" not in data)
     if cut:
         raise InputError(source, "the image is cut off", "Copy it again, or remove it")
@@ -130,7 +132,7 @@ def _undamaged_kind(source: Path, data: bytes) -> str | None:
 
 
 def _start_of_pixels(jpeg: bytes) -> int:
-    """Place in a JPEG at which its first scan begins, behind all headers and thumbnails; the end of the data without one."""
+    """Byte at which a JPEG's first scan begins, behind all headers and thumbnails; the length of the data if there is none."""
     place = 2
     while place + 4 <= len(jpeg) and jpeg[place] == 0xFF:
         if jpeg[place + 1] == 0xDA:
@@ -140,7 +142,7 @@ def _start_of_pixels(jpeg: bytes) -> int:
 
 
 def _read_heif(data: bytes) -> Array:
-    """A phone's HEIF picture, turned as it was held. uint8 [H, W, 3]."""
+    """Decode a phone's HEIF picture and turn it by its EXIF orientation. uint8 [H, W, 3]."""
     with PIL.Image.open(io.BytesIO(data)) as picture:
         return np.ascontiguousarray(np.asarray(PIL.ImageOps.exif_transpose(picture).convert("RGB")))
 

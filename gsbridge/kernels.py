@@ -28,11 +28,11 @@ from numba import prange  # noqa: E402
 from numba.extending import intrinsic as numba_intrinsic  # noqa: E402
 
 options: Any = numba.config
-"""numba's settings: it makes their names at run time, which no checker sees."""
+"""numba's settings; of type Any, since numba creates their names at run time, where no type checker sees them."""
 options.CACHE_DIR = os.environ["NUMBA_CACHE_DIR"]
 
 Real: TypeAlias = float | np.floating[Any]
-"""A number as kernels take and give it: of Python or of numpy."""
+"""A number that a kernel takes or returns: Python's or numpy's."""
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _Arguments = ParamSpec("_Arguments")
@@ -43,7 +43,7 @@ def njit(function: _Function) -> _Function: ...
 @overload
 def njit(**kwargs: Any) -> Callable[[_Function], _Function]: ...
 def njit(*args: Any, **kwargs: Any) -> Any:
-    """`numba.njit` with caching on; the other options as in numba. The compiled function keeps the type of its source."""
+    """`numba.njit` with caching on; other options are numba's. For type checkers the compiled function keeps its type."""
     compiler = numba.njit(**{"cache": True, **kwargs})
     return compiler(*args) if args else compiler
 

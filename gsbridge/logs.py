@@ -28,7 +28,7 @@ _in_a_job = False
 
 
 def start(threads: int, log: str | Path | None) -> None:
-    """Prepare a job's process: thread limits of every library, logging, readable last words.
+    """Prepare a job's process: limit the threads of every library, start the log, and make fatal errors readable.
 
     Snakemake limits OMP and MKL only; numba, OpenCV, torch and Mitsuba each have their own switch. Call it before the
     heavy imports of the job: the environment variables are read when those libraries load.
@@ -65,7 +65,7 @@ def threads() -> int:
 
 @contextlib.contextmanager
 def limited(count: int) -> Iterator[None]:
-    """Let this process use no more than `count` threads for the time being, as `threads` tells."""
+    """Let `threads` return at most `count` inside the block; the limits of libraries stay as `start` set them."""
     global _threads
     before = _threads
     _threads = min(count, before)
@@ -87,7 +87,7 @@ def _limit_loaded_libraries(count: int) -> None:
 
 
 def _log_exception(kind: type[BaseException], value: BaseException, trace: TracebackType | None) -> None:
-    """Last words of a job: one line for a user's mistake, a traceback for ours."""
+    """Log the error that ends a job: in one line for a user's mistake, with a traceback for a fault of the code."""
     if issubclass(kind, KeyboardInterrupt):
         logger.error("interrupted; run the same command again to go on")
     elif issubclass(kind, GsbridgeError):
@@ -103,8 +103,8 @@ def _log_exception(kind: type[BaseException], value: BaseException, trace: Trace
 class ProgressLog:
     """Count of done items with a rate and the time left: one live line on a terminal, plain lines in a log.
 
-    A job of the workflow writes plain lines on a terminal, too: several jobs would overwrite each other. Rate
-    and time left count from the first report on, whose items may have waited for code to be compiled.
+    A job of the workflow writes plain lines on a terminal, too: several jobs would overwrite each other. Rate and time left are
+    measured from the first call of `update` on, since the items before it may have waited for code to be compiled.
 
     Args:
         total: Number of items.
@@ -142,13 +142,13 @@ class ProgressLog:
         sys.stderr.flush()
 
     def counted(self, items: Iterable[T]) -> Iterator[T]:
-        """Iterate over `items`, counting each once it was used."""
+        """Iterate over `items`, and count each once the caller is done with it."""
         for item in items:
             yield item
             self.update()
 
     def _pace(self, now: float) -> list[str]:
-        """Rate and time left, rounded up; at the end the time that it took, since other work may follow."""
+        """Rate and time left, rounded up to seconds; at the end the time that the items took, since other work may follow."""
         if self.done >= self.total:
             taken = now - self._begin
             return [f"{self.done / max(taken, 1e-9):.3g}/s", f"done in {taken:.0f} s"]
@@ -166,7 +166,7 @@ def track(items: Iterable[T], label: str, total: int | None = None) -> Iterator[
     Args:
         items: What to iterate over.
         label: Text in front of the progress line.
-        total: Number of items; their length when None, which an iterator does not have.
+        total: Number of items; `len(items)` when None. An iterator has no length and needs it.
     """
     count = total if total is not None else len(items)  # type: ignore[arg-type]
     yield from ProgressLog(count, label).counted(items)

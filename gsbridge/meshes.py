@@ -14,7 +14,7 @@ from gsbridge.geometry import Array
 from gsbridge.reading import refusing, regular_file
 
 if TYPE_CHECKING:
-    # Where it is used it is imported: it takes a second, which the reading of the workflow can do without.
+    # Functions import it where they use it: the import takes a second, which planning the workflow does not need to spend.
     import trimesh
 
 
@@ -67,7 +67,7 @@ class Mesh:
         return len(unique) == len(key) and bool(np.array_equal(unique, np.unique(reverse)))
 
     def trimesh(self) -> trimesh.Trimesh:
-        """This mesh as one of trimesh, its vertices left as they are."""
+        """This mesh as a `trimesh.Trimesh`; its vertices are neither merged nor reordered."""
         import trimesh
 
         return trimesh.Trimesh(self.vertices, self.faces, process=False)
@@ -90,7 +90,7 @@ def read_mesh(path: str | Path, remedy: str = "Delete it and run the mesh stage 
 
     Args:
         path: The file.
-        remedy: What the user can do where it is damaged.
+        remedy: What the user can do about a damaged file.
 
     Raises:
         InputError: The file is missing, too large, damaged or holds no triangle.

@@ -1,6 +1,6 @@
-"""Small facts that one process works out and later ones look up, kept in the user's cache folder under the key of their source.
+"""A small cache of facts in the user's cache folder: one process computes a fact, later ones look it up by a text key.
 
-A notebook is a convenience: without it everything is worked out again, so what cannot be read or written is passed over.
+The cache only saves time: without it every fact is computed again, so errors of reading and writing are ignored.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 MOST = 20_000
-"""Largest number of facts that a notebook keeps; one that holds more starts anew with those of the last process."""
+"""Largest number of facts that a notebook keeps; a process that would exceed it replaces the old facts by its own."""
 
 
 def cache_root() -> Path:
@@ -24,7 +24,7 @@ def cache_root() -> Path:
 
 
 class Notebook:
-    """Facts as JSON values by text keys; what is new is written once, when the process ends."""
+    """A file of JSON values by text keys; new values are written once, when the process ends."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -32,7 +32,7 @@ class Notebook:
 
     @functools.cached_property
     def _old(self) -> dict[str, Any]:
-        """What earlier processes wrote down; nothing where the file is absent or broken."""
+        """Facts that earlier processes wrote; none if the file is absent or broken."""
         try:
             found = json.loads(self.path.read_text(encoding="utf-8"))
         except (OSError, ValueError):
@@ -40,7 +40,7 @@ class Notebook:
         return found if isinstance(found, dict) else {}
 
     def look_up(self, key: str, work_out: Callable[[], Any]) -> Any:
-        """The fact with this key, from the notebook or worked out now."""
+        """Return the fact with this key: from the notebook if it is there, else as `work_out` computes it."""
         if key in self._old:
             return self._old[key]
         if key not in self._new:
@@ -50,7 +50,7 @@ class Notebook:
         return self._new[key]
 
     def save(self) -> None:
-        """Add what is new to the file, whole or not at all."""
+        """Add the new facts to the file, whole or not at all."""
         if not self._new:
             return
         facts = self._new if len(self._old) + len(self._new) > MOST else {**self._old, **self._new}

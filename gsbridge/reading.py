@@ -1,7 +1,7 @@
-"""Reading files that others made: within stated limits, and with one clear line for whatever is wrong with them.
+"""Reading of files that others made: limits on their size, and one clear line about whatever is wrong with a file.
 
-A reader asks `regular_file` first, so that devices, pipes and giants are refused before they are opened, and does its work
-inside `refusing`, which turns what any library raises about a broken file into an `InputError`.
+A reader calls `regular_file` first, so that devices, pipes and oversized files are refused before they are opened. It does its
+work inside `refusing`, which turns what any library raises about a broken file into an `InputError`.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ LARGEST_TEXT = 16 * 2**20
 """Largest size of a YAML file, bytes. The longest that gsbridge writes has some kilobytes."""
 
 MOST_YAML_NODES = 200_000
-"""Largest number of values of a YAML file with its aliases written out: some hundred bytes can stand for billions."""
+"""Largest number of values of a YAML file with its aliases expanded: some hundred bytes can expand to billions."""
 
 DEEPEST_YAML = 60
 MOST_FILES = 20_000
-"""Files and folders that are looked at below a folder that somebody names as data."""
+"""Largest number of files and folders below a folder that a user names as data."""
 
 YAML_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-"""libyaml's, ten times as fast, which PyYAML has wherever it came as a wheel."""
+"""Loader of YAML: libyaml's, which is ten times as fast and comes with every wheel of PyYAML, or else Python's."""
 
 
 def regular_file(path: str | Path, what: str, remedy: str, largest: int | None = None) -> Path:
-    """A file that may be read.
+    """Check that a path names a file that can be read, and return it.
 
     Args:
         path: The file.
-        what: What it is, for the message: `record`, `model`.
-        remedy: What the user can do.
+        what: What the file is, for the message: `record`, `model`.
+        remedy: What the user can do, for the message.
         largest: Size limit, bytes; None for no limit.
 
     Raises:
@@ -50,7 +50,7 @@ def regular_file(path: str | Path, what: str, remedy: str, largest: int | None =
             raise InputError(source, f"the {what} cannot be read: {why}", remedy)
         size = source.stat().st_size
     except (OSError, ValueError) as error:
-        # A name that is too long, or holds a zero byte.
+        # The name is too long, or holds a zero byte.
         raise InputError(str(path)[:200], f"the {what} cannot be read", remedy) from error
     if largest is not None and size > largest:
         raise InputError(source, f"the {what} has {size} bytes; at most {largest} are read", remedy)
@@ -59,7 +59,7 @@ def regular_file(path: str | Path, what: str, remedy: str, largest: int | None =
 
 @contextlib.contextmanager
 def refusing(source: str | Path, problem: str, remedy: str) -> Iterator[None]:
-    """Turn whatever goes wrong inside into one line about a file; errors that are ours pass, and so do those of a full disk.
+    """Turn whatever goes wrong inside into one line about a file; gsbridge's own errors pass, and so do those of a full disk.
 
     Args:
         source: The file.
@@ -67,21 +67,21 @@ def refusing(source: str | Path, problem: str, remedy: str) -> Iterator[None]:
         remedy: What the user can do.
 
     Raises:
-        InputError: Anything was raised inside.
+        InputError: Anything else was raised inside.
     """
     try:
         yield
     except GsbridgeError:
         raise
     except NameError as error:
-        # In code of ours a name that is not there is a slip, whatever the file; others' readers are led astray by one.
+        # In this package's code an unknown name is a bug; in a reader of others' a broken file can cause one.
         if _raised_here(error):
             raise
         raise InputError(source, f"{problem} ({_first_line(error)})", remedy) from error
     except PermissionError as error:
         raise InputError(source, "it may not be read", "Change its permissions") from error
     except RecursionError:
-        # Its own traceback has a thousand lines.
+        # `from None`, since the traceback of this error has a thousand lines.
         raise InputError(source, f"{problem} (it is nested too deeply)", remedy) from None
     except MemoryError as error:
         raise InputError(source, f"{problem} (it asks for more memory than there is)", remedy) from error
@@ -101,22 +101,22 @@ def _first_line(error: Exception) -> str:
 
 
 def absent(places: Sequence[str | Path]) -> str:
-    """What is wrong, in words, where a file or folder is in none of the places in which it is looked for."""
+    """What is wrong, in words, with a file or folder that is in none of the places in which it was looked for."""
     names = list(dict.fromkeys(str(place) for place in places))
     return f"there is neither {' nor '.join(names)}" if len(names) > 1 else f"there is no {names[0]}"
 
 
 def load_yaml(path: str | Path, what: str, remedy: str) -> Any:
-    """Content of a YAML file: plain values only, no tags of Python, and no more of them than a person writes.
+    """Read a YAML file: plain values only, no tags of Python, and within limits that no hand-written file reaches.
 
     Args:
         path: The file.
-        what: What it is, for the message: `case`, `model`.
-        remedy: What the user can do.
+        what: What the file is, for the message: `case`, `model`.
+        remedy: What the user can do, for the message.
 
     Raises:
-        InputError: The file cannot be read, is no YAML (with the line), is too large or too deep, refers to itself, or
-            a key stands twice in a block.
+        InputError: The file cannot be read, is no YAML (with the line), is too large or nested too deeply, refers to itself,
+            or a key stands twice in a block.
     """
     source = regular_file(path, what, remedy, LARGEST_TEXT)
     with refusing(source, "this is not valid YAML", remedy):
@@ -135,11 +135,11 @@ def load_yaml(path: str | Path, what: str, remedy: str) -> Any:
 
 
 def refuse_depth(text: str, source: Path, remedy: str) -> None:
-    """Refuse what is nested too deeply, at the first block that is: the parser's time grows with the square of the depth.
+    """Refuse YAML that is nested too deeply; stop at the first such block, since parsing time grows with the depth squared.
 
     Args:
         text: YAML.
-        source: File that it came from, for the message.
+        source: File that the text came from, for the message.
         remedy: What the user can do, for the message.
 
     Raises:
@@ -156,15 +156,15 @@ def refuse_depth(text: str, source: Path, remedy: str) -> None:
 
 
 def refuse_bombs(root: yaml.Node | None, source: Path, remedy: str) -> None:
-    """Refuse documents whose aliases multiply beyond measure or refer to themselves; counted without writing them out.
+    """Refuse documents whose aliases stand for too many values or for themselves; they are counted without expanding them.
 
     Args:
         root: Root of the composed document; None for an empty one.
-        source: File that it came from, for the message.
+        source: File that the document came from, for the message.
         remedy: What the user can do, for the message.
 
     Raises:
-        InputError: An alias refers to what it stands in, or the aliases stand for more than `MOST_YAML_NODES` values.
+        InputError: An alias refers to a block that contains it, or the aliases stand for more than `MOST_YAML_NODES` values.
     """
     sizes: dict[int, int] = {}
     open_nodes: set[int] = set()
@@ -188,15 +188,15 @@ def refuse_bombs(root: yaml.Node | None, source: Path, remedy: str) -> None:
 
 
 def refuse_duplicates(node: yaml.Node | None, source: Path, above: str = "") -> None:
-    """Refuse keys that stand twice in a block, of which YAML silently keeps the last.
+    """Refuse a key that stands twice in a block: YAML would silently keep the last one.
 
     Args:
-        node: Root of the composed document, without aliases that stand inside what they refer to.
-        source: File that it came from, for the message.
-        above: Keys above it, each with a point behind it, for the message.
+        node: Root of the composed document, in which no alias refers to a block that contains it (see `refuse_bombs`).
+        source: File that the document came from, for the message.
+        above: Keys of the blocks around the node, each followed by a dot, for the message.
 
     Raises:
-        InputError: A key stands twice; names both lines.
+        InputError: A key stands twice; the message names both lines.
     """
     if isinstance(node, yaml.SequenceNode):
         for item in node.value:
@@ -206,7 +206,7 @@ def refuse_duplicates(node: yaml.Node | None, source: Path, above: str = "") -> 
     lines: dict[tuple[str, str], int] = {}
     for key, value in node.value:
         name, line = str(key.value), key.start_mark.line + 1
-        # All that is merged counts.
+        # A block may have several merge keys (`<<`): YAML uses all of them.
         if (key.tag, name) in lines and key.tag != "tag:yaml.org,2002:merge":
             raise InputError(
                 source,
@@ -218,16 +218,16 @@ def refuse_duplicates(node: yaml.Node | None, source: Path, above: str = "") -> 
 
 
 def files_below(folder: Path, suffixes: tuple[str, ...], what: str, remedy: str) -> list[Path]:
-    """Files below a folder that end in one of some suffixes, sorted; links to folders are not followed.
+    """Files below a folder that end in one of the suffixes, sorted; links to folders are not followed.
 
     Args:
         folder: The folder.
-        suffixes: With their dots, small letters.
+        suffixes: Suffixes with their dots, in lower case.
         what: What the folder should be, for the message.
-        remedy: What the user can do.
+        remedy: What the user can do, for the message.
 
     Raises:
-        InputError: So much lies there that this is not the folder that was meant.
+        InputError: More than `MOST_FILES` files and folders lie there, so the folder cannot be the one that was meant.
     """
     found, seen = [], 0
     for where, folders, names in os.walk(folder):

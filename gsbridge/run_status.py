@@ -20,7 +20,7 @@ _JOB_COUNT = re.compile(r"^(\w+) +(\d+)$", re.MULTILINE)
 _REASON = re.compile(r"^ {4}(\w[^:\n]*):\n {8}(\w[\w, ]*)$", re.MULTILINE)
 _SENTENCE = re.compile(r"^ERROR (.+)$|^InputError in file .*:\n(.+)$|^ +InputError: (.+)$", re.MULTILINE)
 _NOT_STALE = ("output files have to be generated", "input files updated by another job")
-"""Why snakemake makes what is not there yet, and what follows from other jobs: for all else something has changed."""
+"""Snakemake's reasons for files that are missing or that follow from another job; any other means that something changed."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Remaining:
     Args:
         rule: Name of the rule.
         jobs: Number of its jobs that are left.
-        seconds: How long one takes, by the jobs of this rule that ran here before; None where none did.
+        seconds: Median wall time of one job, s, from jobs of this rule that ran here before; None if none did.
     """
 
     rule: str
@@ -39,7 +39,7 @@ class Remaining:
 
 
 def stage_records(results: Path) -> Iterator[tuple[Path, str, list[str]]]:
-    """Stages' records below a folder, each with its status and the reasons of that."""
+    """Paths of the stages' records below a folder, each with its status and the reasons for a degraded one."""
     for path in sorted(results.rglob("*.json")):
         if ".state" in path.parts or "truth" in path.parts:
             continue
@@ -89,13 +89,13 @@ def remaining_jobs(counts: Mapping[str, int], seconds: Mapping[str, float]) -> l
 
 
 def told_reason(out: str, error: str) -> str:
-    """Why snakemake could not plan a run, of all that it printed: the library's sentence, or else what ended the planning.
+    """Pick from all that snakemake printed why it could not plan a run: gsbridge's own sentence, or else the end of the text.
 
-    Snakemake prints errors of the Snakefile to its output and all others to the error stream, with what led there round them.
+    Snakemake prints errors of the Snakefile to its output and all others to the error stream, each amid lines of context.
 
     Args:
-        out: What it printed to its output.
-        error: What it printed to the error stream.
+        out: What snakemake printed to its output.
+        error: What snakemake printed to the error stream.
     """
     text = f"{error}\n{out}".strip()
     found = _SENTENCE.search(text)
@@ -103,7 +103,7 @@ def told_reason(out: str, error: str) -> str:
 
 
 def run_status(arguments: Sequence[str]) -> Iterator[str]:
-    """Lines that tell where the run stands that some arguments of snakemake name.
+    """Lines that tell the status of the run that the given arguments of snakemake describe.
 
     Args:
         arguments: Arguments as on snakemake's command line, targets and `--config` included.

@@ -1,4 +1,4 @@
-"""The interval of a rate that was counted: of one policy, or of several trainings with trials each."""
+"""Confidence intervals of counted success rates: of one policy, or of several trainings with trials each."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gsbridge.geometry import Array
 CONFIDENCE = 0.95
 
 REDRAWS = 4000
-"""Redraws of a bootstrap: its limits scatter by less than half a point."""
+"""Number of bootstrap samples; with so many, the limits of an interval scatter by less than half a percentage point."""
 
 Tally = tuple[int, int]
 """Successes and trials of one training."""
@@ -23,8 +23,8 @@ def wilson_interval(successes: int, trials: int, confidence: float = CONFIDENCE)
 
     Args:
         successes: 0 to `trials`.
-        trials: All trials, at least 1.
-        confidence: Two-sided, between 0 and 1.
+        trials: Number of all trials, at least 1.
+        confidence: Two-sided confidence level, between 0 and 1.
 
     Returns:
         Lower and upper limit, 0..1.
@@ -42,9 +42,9 @@ def wilson_interval(successes: int, trials: int, confidence: float = CONFIDENCE)
 
 
 def redrawn_rates(tallies: Sequence[Tally], seed: int = 0) -> Array:
-    """Success rates of a hierarchical bootstrap: trainings are drawn anew, then the starts of each. [REDRAWS].
+    """Success rates of a hierarchical bootstrap, which resamples trainings and then the trials of each. [REDRAWS].
 
-    Of starts that count alike only how many succeed matters, so that drawing them anew is a binomial draw.
+    All trials of a training count alike, so that resampling them is a binomial draw of the number of successes.
 
     Args:
         tallies: Successes and trials of each training. [T].
@@ -69,8 +69,9 @@ def redrawn_rates(tallies: Sequence[Tally], seed: int = 0) -> Array:
 def trainings_interval(tallies: Sequence[Tally]) -> tuple[float, float]:
     """95 % interval of the success rate of a way of learning.
 
-    Of one training it is Wilson's: it says nothing of other trainings. Of several it is that of a hierarchical bootstrap, and
-    Wilson's of all trials where that is wider: where every trial went alike nothing is left to redraw.
+    For one training it is Wilson's interval, which says nothing about other trainings. For several, each limit is the outer one
+    of two: the hierarchical bootstrap's, and Wilson's for all trials together. Where all trials ended alike, the bootstrap has
+    no spread.
 
     Args:
         tallies: Successes and trials of each training. [T].
@@ -89,13 +90,13 @@ def trainings_interval(tallies: Sequence[Tally]) -> tuple[float, float]:
 
 
 def limits(draws: Array) -> tuple[float, float]:
-    """Limits between which 95 % of draws lie. [N]."""
+    """Lower and upper limit of the central 95 % of draws, [N]."""
     low, high = np.quantile(draws, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     return float(low), float(high)
 
 
 def check_counts(successes: int, trials: int) -> None:
-    """Refuse counts that cannot be.
+    """Refuse impossible counts.
 
     Raises:
         ValueError: There is no trial, or there are more successes than trials.

@@ -1,4 +1,4 @@
-"""What the user can mend, told in one line before any job starts: snakemake would show its own way to it, too."""
+"""Errors that the user can mend, told in one line before any job starts, without snakemake's traceback."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from gsbridge.errors import GsbridgeError
 
 @contextlib.contextmanager
 def told() -> Iterator[None]:
-    """End the run with one line where something that the user gave cannot be used; a block, or the decorator of a function.
+    """End the run with one line if something that the user gave cannot be used. Serves as a `with` block or as a decorator.
 
     Raises:
-        SystemExit: Such an error was raised inside. Snakemake lets this one pass; all others it prints with a traceback.
+        SystemExit: A `GsbridgeError` was raised inside. Snakemake lets `SystemExit` pass; others it prints with a traceback.
     """
     try:
         yield

@@ -1,7 +1,7 @@
-"""What a run's command line says, looked at before snakemake reads it, which has words of its own for what is wrong.
+"""Checks of a run's command line before snakemake reads it, whose own messages about faults are hard to understand.
 
-It reads the files of `--configfile` before the Snakefile. It also evaluates the expressions of a file that says
-`__use_yte__: true`, which are Python: a configuration must not run code.
+Snakemake reads the files of `--configfile` before the Snakefile, so checks in the Snakefile would come too late. It also
+evaluates the expressions of a file that says `__use_yte__: true`. They are Python, and a configuration must not run code.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from gsbridge.reading import LARGEST_TEXT, load_yaml, regular_file
 _REMEDY = "Correct the path, or write KEY: VALUE in each line, as config.yaml does"
 _TEMPLATE = "__use_yte__"
 _QUIET = ("rules", "progress", "all", "host", "reason")
-"""Words of `--quiet`."""
+"""Values that snakemake's `--quiet` accepts."""
 
 
 def configuration_files(arguments: Sequence[str]) -> list[Path]:
@@ -34,7 +34,7 @@ def configuration_files(arguments: Sequence[str]) -> list[Path]:
 
 
 def _words_of(arguments: Sequence[str], *options: str) -> list[list[str]]:
-    """Words that an option takes, each time that it is given: all that follow, up to the next option."""
+    """Values of an option, one list for each time that it is given: all words that follow it, up to the next option."""
     found = []
     before = list(itertools.takewhile(lambda argument: argument != "--", arguments))
     for place, argument in enumerate(before):
@@ -46,13 +46,13 @@ def _words_of(arguments: Sequence[str], *options: str) -> list[list[str]]:
 
 
 def check_targets(arguments: Sequence[str]) -> None:
-    """Refuse a target that an option would take for a word of its own.
+    """Refuse a target that follows an option and would be taken for one of its values.
 
     Args:
         arguments: Arguments as on snakemake's command line.
 
     Raises:
-        InputError: `--config` is followed by what holds no `=`, or `--quiet` by what it does not know.
+        InputError: `--config` is followed by a word without `=`, or `--quiet` by a word that it does not know.
     """
     settings = itertools.chain.from_iterable(_words_of(arguments, "--config", "-C"))
     quiet = itertools.chain.from_iterable(_words_of(arguments, "--quiet", "-q"))
@@ -86,7 +86,7 @@ def check_configuration_files(paths: Iterable[str | Path]) -> None:
 
 def _content(path: str | Path) -> Any:
     try:
-        # Indented with tabs it is JSON and no YAML.
+        # JSON first: JSON that is indented with tabs is not valid YAML.
         return json.loads(Path(path).read_text(encoding="utf-8"))
     except ValueError:
         return load_yaml(path, "configuration", _REMEDY)

@@ -1,10 +1,10 @@
 """One run at a time in a working folder, and going on after a run that was killed.
 
 Snakemake locks its working folder with files, which stay when it is killed; the same command then ends with a request for
-`--unlock`. `start_workflow` holds a lock of the operating system besides, which goes with the process however it ends. Whoever
-gets that lock, and sees no other snakemake at work in the folder, may remove the files.
+`--unlock`. `start_workflow` also holds a lock of the operating system, which ends with the process, however that ends. A
+process that gets this lock, and sees no other snakemake at work in the folder, may remove the files.
 
-`end_when_asked` mends what keeps a run that is asked to end from ending.
+`end_when_asked` removes a deadlock in snakemake's handling of SIGTERM.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ _PASSIVE = frozenset(
 """Arguments with which snakemake runs no job and locks nothing."""
 
 _PATIENCE_S = 5.0
-"""How long a job may take to end when it is asked to, before it is killed."""
+"""Time that a job has to end after it is asked to, before it is killed, s."""
 
 
 def working_folder(arguments: Sequence[str]) -> Path:
-    """Folder in which snakemake works when it is given some arguments."""
+    """Working folder of snakemake for the given arguments."""
     for place, argument in enumerate(arguments):
         if argument in ("--directory", "-d") and place + 1 < len(arguments):
             return Path(arguments[place + 1]).resolve()
@@ -49,7 +49,7 @@ def working_folder(arguments: Sequence[str]) -> Path:
 
 
 def _at_work_in(folder: Path) -> Iterator[tuple[psutil.Process, bool]]:
-    """Snakemake's processes in a folder, this one aside, and whether each is only a job's script."""
+    """Snakemake's processes in a folder, without this one, and whether each is only a job's script."""
     for process in psutil.process_iter(["pid", "cmdline"]):
         words = process.info["cmdline"] or []
         job = any(f"{os.sep}.snakemake{os.sep}scripts{os.sep}" in word for word in words[:3])
@@ -59,20 +59,20 @@ def _at_work_in(folder: Path) -> Iterator[tuple[psutil.Process, bool]]:
             if Path(process.cwd()) == folder:
                 yield process, job
         except (psutil.Error, OSError):
-            # It ended meanwhile, or it is somebody else's: then its working folder is not ours either.
+            # The process has ended, or belongs to another user, whose working folder is not this one.
             continue
 
 
 def running_in(folder: Path) -> list[int]:
-    """Process ids of every snakemake at work in a folder, this process aside; jobs do not count."""
+    """Process ids of every snakemake at work in a folder, without this process; jobs do not count."""
     return [process.pid for process, job in _at_work_in(folder) if not job]
 
 
 def end_orphans(folder: Path) -> int:
-    """End the jobs of a snakemake that was killed, which work on without it, and whose files a new run would make again.
+    """End the jobs that still run after their snakemake was killed: a new run would make the same files beside them.
 
     Returns:
-        Their number.
+        The number of such jobs.
     """
     jobs = [process for process, job in _at_work_in(folder) if job]
     family = [*jobs, *(child for job in jobs for child in _children(job))]
@@ -110,7 +110,7 @@ def start_workflow(arguments: Sequence[str], say: Callable[[str], None]) -> NoRe
 
     Args:
         arguments: Arguments as on snakemake's command line.
-        say: Takes a sentence for the person who started it.
+        say: Is called with each sentence for the person who started the run.
 
     Raises:
         InputError: Another run works in the folder.
@@ -125,7 +125,7 @@ def start_workflow(arguments: Sequence[str], say: Callable[[str], None]) -> NoRe
     if not _PASSIVE.intersection(arguments):
         folder = working_folder(arguments)
         (folder / ".snakemake").mkdir(parents=True, exist_ok=True)
-        # Open until the process ends, and through `exec`, which closes what is not inheritable.
+        # The lock lasts while the file is open: until the process ends, also across `exec`, which closes non-inheritable files.
         held = os.open(folder / ".snakemake" / "run.lock", os.O_RDWR | os.O_CREAT, 0o644)
         os.set_inheritable(held, True)
         try:

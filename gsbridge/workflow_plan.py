@@ -1,4 +1,4 @@
-"""What a run will do, stage by stage, before snakemake's own tables and its list of hundreds of jobs."""
+"""A summary of a run by stage, shown before snakemake's own tables and its list of hundreds of jobs."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _HINT = "`--quiet rules` leaves out the list of jobs; `gsbridge status` tells ab
 
 
 class Rule(Protocol):
-    """What is needed of a rule of snakemake."""
+    """The attributes of snakemake's rules that are used here."""
 
     name: str
     snakefile: str
@@ -79,7 +79,7 @@ def is_dry(command: Sequence[str], parser: Callable[[], argparse.ArgumentParser]
 
     Args:
         command: The program and its arguments.
-        parser: Gives what reads snakemake's arguments.
+        parser: Returns the parser of snakemake's arguments.
     """
     program = Path(command[0])
     if "snakemake" not in (program.name, program.parent.name):
@@ -88,13 +88,13 @@ def is_dry(command: Sequence[str], parser: Callable[[], argparse.ArgumentParser]
 
 
 def summarize_plans(logger: logging.Logger, rules: Callable[[], Iterable[Rule]], dry: bool) -> None:
-    """Let snakemake begin its plan with a summary by stage, and end a dry run with it; then its own table comes only once.
+    """Put a summary by stage before snakemake's plan; a dry run also ends with it, in place of snakemake's second table.
 
-    A dry run also leaves out the lines about the machine, so that the summary is what one sees first.
+    A dry run also leaves out the lines about the machine, so that the summary comes first.
 
     Args:
-        logger: Snakemake's.
-        rules: Gives the rules of the workflow, once all are known.
+        logger: Snakemake's logger.
+        rules: Returns the rules of the workflow; called once all are known.
         dry: Whether the run only plans.
     """
     told: list[str] = []

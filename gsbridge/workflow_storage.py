@@ -1,4 +1,4 @@
-"""Results in object storage that other machines make."""
+"""Results that other machines write to object storage."""
 
 from __future__ import annotations
 

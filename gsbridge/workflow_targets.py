@@ -1,4 +1,4 @@
-"""Targets that no rule makes, told with the nearest name that one does: snakemake only says that there is no rule."""
+"""Errors about targets that no rule makes, with the nearest name that one makes: snakemake only says that there is no rule."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from typing import Protocol
 from gsbridge.errors import InputError
 
 _WILDCARD = re.compile(r"\{(\w+)(?:,((?:[^{}]|\{[\d,]+\})*))?\}")
-"""A wildcard in a file's pattern, `{scene}` or `{scene,mug|bowl}`: its name, and what it may stand for."""
+"""A wildcard in a file's pattern, `{scene}` or `{scene,mug|bowl}`: its name, and the constraint on its value."""
 
 _ALIKE = 0.5
-"""Least share of letters that a misspelt name has in common with the right one."""
+"""Smallest similarity (difflib's ratio, 0..1) at which a value passes for a misspelt one."""
 
 
 class Rule(Protocol):
-    """What is needed of a rule of snakemake."""
+    """The attributes of snakemake's rules that are used here."""
 
     name: str
     output: Iterable[object]
@@ -34,7 +34,7 @@ def targets_of(command: Sequence[str], parser: Callable[[], argparse.ArgumentPar
 
     Args:
         command: The program and its arguments.
-        parser: Gives what reads snakemake's arguments.
+        parser: Returns the parser of snakemake's arguments.
     """
     program = Path(command[0])
     if "snakemake" not in (program.name, program.parent.name):
@@ -50,7 +50,8 @@ def check_targets(asked: Iterable[str], rules: Iterable[Rule]) -> None:
         rules: All rules of the workflow.
 
     Raises:
-        InputError: One is neither a rule nor the file of one, with the nearest that is; or a rule's files have wildcards.
+        InputError: A target is neither a rule nor a file that a rule makes (the message names the nearest one), or it is a rule
+            whose files have wildcards.
     """
     known = list(rules)
     names = {rule.name: [_plain(str(file)) for file in rule.output] for rule in known}
@@ -69,7 +70,7 @@ def _is_made(path: str, rules: Iterable[Rule]) -> bool:
 
 
 def _advice(path: str, rules: Sequence[Rule]) -> str:
-    """What may have been meant, as a sentence with a space behind it; empty where nothing is near."""
+    """What may have been meant, as a sentence followed by a space; empty if no name is near."""
     inside = os.path.relpath(path)
     if os.path.isabs(path) and _is_made(inside, rules):
         return f"Name it from the folder of the run: {inside}. "
@@ -84,14 +85,14 @@ def _advice(path: str, rules: Sequence[Rule]) -> str:
 
 
 def _filled(pattern: str, path: str) -> str:
-    """A file's pattern with a misspelt path's values for its wildcards, or what is near them; braces where nothing is.
+    """Fill a pattern's wildcards with the values in a misspelt path, or the nearest allowed ones; else keep the braces.
 
     Args:
-        pattern: As `results/scenes/{scene,mug|bowl}/mesh/mesh.json`.
-        path: As `results/scenes/mugg/mesh.json`.
+        pattern: A rule's file pattern, such as `results/scenes/{scene,mug|bowl}/mesh/mesh.json`.
+        path: A misspelt path, such as `results/scenes/mugg/mesh.json`.
     """
     values: dict[str, str] = {}
-    # A constraint may hold slashes, which are none of the path's.
+    # A constraint may hold slashes, which separate no folders, so it is removed before the split.
     plain, allowed = _plain(pattern), dict(_WILDCARD.findall(pattern))
     for part, given in zip(plain.split("/"), path.split("/"), strict=False):
         found = re.fullmatch("".join(_loose(piece) for piece in re.split(r"(\{\w+\})", part)), given)
@@ -110,12 +111,12 @@ def _names(part: str) -> list[str]:
 
 
 def _loose(piece: str) -> str:
-    """Regular expression for a piece of a pattern, a wildcard being anything."""
+    """Regular expression for a piece of a pattern, in which a wildcard matches anything."""
     return "(.+?)" if _WILDCARD.fullmatch(piece) else re.escape(piece)
 
 
 def _allowed(value: str, name: str, allowed: Mapping[str, str]) -> str:
-    """A wildcard's value where its constraint allows it, or the nearest that it does; its name in braces where none is near."""
+    """A wildcard's value if its constraint allows it, else the nearest allowed value, else the wildcard in braces."""
     constraint = allowed.get(name) or ".+"
     if re.fullmatch(constraint, value):
         return value
