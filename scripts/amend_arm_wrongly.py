@@ -1,4 +1,4 @@
-"""Put an effect into the simulation's arm that was not named, but changes as much."""
+"""Make a control: put an effect into the simulation's arm that was not named, but changes the motion as much."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Put what changed between photos into the simulation's model."""
+"""Put the effects that were found between photos into the simulation's model."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Put what was found about a thrown object into the simulation's model."""
+"""Put the effects that were found for a thrown object into the simulation's model."""
 
 from typing import TYPE_CHECKING
 

@@ -21,7 +21,7 @@ write_tables(
     scene_pages=snakemake.input.pages,
     films=list(zip(snakemake.params.films, snakemake.input.films, strict=True)),
 )
-# One folder higher, the pages of the scenes are one folder nearer.
+# The copy lies one folder higher, so its links to the pages of the scenes lose one `../`.
 page = Path(snakemake.output.tables, "index.html").read_text(encoding="utf-8")
 with atomic_file(snakemake.output.page) as part:
     part.write_text(page.replace('href="../', 'href="'), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Bundle one scene for simulators."""
+"""Bundle one scene as an asset for simulators."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Calibrate the arm's model."""
+"""Calibrate the model of the simulated arm with the records of a case."""
 
 from typing import TYPE_CHECKING
 

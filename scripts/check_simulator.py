@@ -1,4 +1,4 @@
-"""Compare the simulated arm with another engine's, and an episode with its repetition."""
+"""Compare the simulated arm with that of another engine, and an episode with its repetition."""
 
 from typing import TYPE_CHECKING
 

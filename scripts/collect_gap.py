@@ -1,4 +1,4 @@
-"""Collect the findings of all cases."""
+"""Collect the findings of all cases of the gap."""
 
 from typing import TYPE_CHECKING
 

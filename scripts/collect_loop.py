@@ -1,4 +1,4 @@
-"""Collect the successes before and after, and the price."""
+"""Collect the success rates before and after the arm's model was amended, and what the finding cost."""
 
 from typing import TYPE_CHECKING
 

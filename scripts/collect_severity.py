@@ -1,4 +1,4 @@
-"""Compare successes at different severities."""
+"""Compare success rates at different severities."""
 
 from typing import TYPE_CHECKING
 

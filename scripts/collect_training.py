@@ -1,4 +1,4 @@
-"""Collect what the trainings took and reached."""
+"""Collect the time and the success of the trainings."""
 
 from typing import TYPE_CHECKING
 

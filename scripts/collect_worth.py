@@ -1,4 +1,4 @@
-"""Compare policies at different severities: what splats are worth, or how well simulation foretells graded ones."""
+"""Compare policies at different severities: splats with meshes, or graded policies in simulation and in the mirror."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Replay the records of a case through its model."""
+"""Replay the records of a case in its model, and compare."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Compile the kernels of training, before jobs run side by side."""
+"""Compile the kernels of training before jobs run side by side."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Describe the simulated arm as a mechanism of the gap."""
+"""Write the simulated arm's URDF and model for the diagnosis of the gap."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Describe the robot with its camera where the registration found it."""
+"""Write the robot's description, with the camera at the pose that the registration found."""
 
 from typing import TYPE_CHECKING
 

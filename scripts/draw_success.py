@@ -1,4 +1,4 @@
-"""Draw the success of every cell in both worlds."""
+"""Draw the success rate of every cell in both worlds."""
 
 from typing import TYPE_CHECKING
 

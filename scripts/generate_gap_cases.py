@@ -1,4 +1,4 @@
-"""Hide effects in the cases of one tier of the blind benchmark."""
+"""Generate the cases of one tier of the blind benchmark, with effects hidden in them."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Measure the longest side of one object, in units of its reconstruction, from a mesh at a provisional scale."""
+"""Measure the longest side of one object in the units of its reconstruction, from a mesh at a provisional scale."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING

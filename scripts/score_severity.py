@@ -1,4 +1,4 @@
-"""Compare the policies of the tables on worse days with their floors."""
+"""Compare the policies of the tables, in worlds of higher severity, with their floors."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Compare the study with its floors."""
+"""Compare the study of ways of learning with its floors."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Compare what splats are worth, and what simulation foretells, with the floors."""
+"""Compare the lead of splats over meshes, and how well simulation predicts graded policies, with the floors."""
 
 from typing import TYPE_CHECKING
 

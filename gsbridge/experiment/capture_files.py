@@ -16,11 +16,11 @@ _REMEDY = "Name the folder in which the photos lie"
 
 
 def capture_files(kind: str, path: Path) -> list[Path]:
-    """Files that the reader of a capture opens; where `path` is a file, it is not among them.
+    """Files that the reader of a capture opens; `path` itself is not among them if it is a file.
 
     Args:
         kind: Kind of the source: `images`, `colmap`, `nerfstudio`, `video`.
-        path: Its file or folder.
+        path: File or folder of the source.
 
     Raises:
         InputError: The folder holds so many files that it cannot be a capture.
@@ -31,7 +31,7 @@ def capture_files(kind: str, path: Path) -> list[Path]:
         return []
     files = files_below(path, ("",), "capture", _REMEDY)
     if kind == "colmap":
-        # As the reader looks for them, where they do not lie in the model's folder.
+        # The reader looks for photos in these places, too, if they do not lie in the model's folder.
         places = (place / "images" for place in (path, path.parent, path.parent.parent))
         photos = next((place for place in places if place.is_dir()), None)
         if photos is not None and photos.parent != path:
@@ -40,7 +40,7 @@ def capture_files(kind: str, path: Path) -> list[Path]:
 
 
 def _listed_photos(path: Path) -> list[Path]:
-    """Photos that a `transforms.json` names; none where it cannot be read, which its reader will say."""
+    """Photos that a `transforms.json` names; none if it cannot be read, which its reader reports later."""
     try:
         frames = json.loads(path.read_text(encoding="utf-8"))["frames"]
         names = [path.parent / str(frame["file_path"]) for frame in frames]
@@ -52,12 +52,12 @@ def _listed_photos(path: Path) -> list[Path]:
 
 
 def content_digests(files: Iterable[Path], folder: Path, store: Path) -> list[tuple[str, str]]:
-    """Names and digests of files, the contents read anew only of those whose size or date changed since the last time.
+    """Names and digests of files; only files whose size or date has changed since the last call are read again.
 
     Args:
         files: The files; hidden ones do not count.
-        folder: Folder that their names are relative to.
-        store: File that remembers sizes, dates and digests; without effect on what is returned.
+        folder: Folder that the names are relative to.
+        store: File that remembers sizes, dates and digests; it saves time and does not change the result.
     """
     try:
         known = json.loads(store.read_text(encoding="utf-8"))
@@ -72,7 +72,7 @@ def content_digests(files: Iterable[Path], folder: Path, store: Path) -> list[tu
         digest = seen[2] if seen and seen[:2] == [status.st_size, status.st_mtime_ns] else _digest(file)
         now[os.path.relpath(file, folder)] = [status.st_size, status.st_mtime_ns, digest]
     if now != known and store.parent.parent.is_dir():
-        # It only saves time: a folder that may not be written is no reason to stop.
+        # The store only saves time: a folder that may not be written is no reason to stop.
         with contextlib.suppress(OSError):
             write_json(store, now)
     return sorted((name, str(seen[2])) for name, seen in now.items())

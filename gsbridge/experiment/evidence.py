@@ -1,4 +1,4 @@
-"""Files that hold the raw rows behind the figures of each area: what `benchmarks/evidence` keeps of them."""
+"""Files whose rows lie behind the recorded figures of each area, and which `benchmarks/evidence` keeps."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class EvidencePlan:
     plan: Experiment
 
     def kinds(self, area: str) -> Kinds:
-        """Tables of an area with the files that fill them; an area without any has its figures alone."""
+        """Tables of an area with the files that fill them; empty for an area of which only the figures are kept."""
         found: Mapping[str, Callable[[], Kinds]] = {
             "real2sim": self._real2sim,
             "shapes": lambda: {"scenes": self._scene_scores(self.plan.shapes)},

@@ -1,4 +1,4 @@
-"""What the benchmark of the gap consists of: ways of naming, pictures on its tables, and the findings of each tier."""
+"""The benchmark of the gap: methods that name effects, pictures on the tables of its worlds, and the files of each tier."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ _PLACES = {"photos": "capture/frames", "renders": "splats/soft/views"}
 
 
 _OURS = "gsbridge"
-"""This package's own method, the first of all."""
+"""This package's own method, which comes first in all lists of methods."""
 
 _TIERS = {"gap": ("t0", "t1", "t2", "t7"), "gap_rivals": ("t1", "t2"), "gap_bodies": ("t5",), "gap_pictures": ("t4",)}
-"""Tiers of each area of recorded figures. An area is what can be measured anew in some hours of two cores: arms, thrown bodies
-and pictures share little, and other ways of naming simulate far more than this package does."""
+"""Tiers of each area of recorded figures. An area is small enough to be measured again in some hours on two cores: arms, thrown
+bodies and pictures share little, and rival methods run far more simulations than this package's own."""
 
 AREAS = (*_TIERS, "gap_real")
 """Areas of the figures about the gap."""
 
 _SEARCHES = ("cma_es", "cma_es_tenfold")
-"""Methods that need the package `cma`."""
+"""Methods that search with CMA-ES and need the package `cma`."""
 
 
 def methods_of(tier: str, methods: Sequence[str]) -> list[str]:
-    """Those of some ways of naming that can run in a tier.
+    """The given methods without those that cannot run in a tier.
 
-    In photos a search would draw every photo for every guess, and a lasso's signatures would fill the memory. Thrown bodies
-    have no other method than this package's own.
+    With photos (t4), a search would render every photo for every guess, and the signatures of a group lasso would fill the
+    memory. For thrown bodies (t5) there is only this package's own method.
     """
     without: tuple[str, ...] = () if importlib.util.find_spec("cma") else _SEARCHES
     if tier == "t4":
@@ -42,7 +42,7 @@ def methods_of(tier: str, methods: Sequence[str]) -> list[str]:
 
 
 MISMATCH = "results/benchmarks/gap_mismatch.json"
-"""Figures of tier T6, whose truths follow laws of their own."""
+"""Figures of tier T6, whose simulated truths follow laws that the diagnosis does not have."""
 
 
 def _scores(tier: str, scores: str) -> str:
@@ -65,7 +65,7 @@ class BenchmarkPlan:
         return self.plan.settings("gap")
 
     def methods(self, tier: str) -> list[str]:
-        """Ways of naming in one tier; the page says which were left out."""
+        """Methods that run in one tier; the benchmark's page says which were left out."""
         return methods_of(tier, self.settings["methods"])
 
     def contents(self, tier: str, kind: str) -> list[str]:
@@ -74,17 +74,17 @@ class BenchmarkPlan:
         return [f"results/scenes/{name}/{_PLACES[kind]}" for name in scenes if tier == "t4"]
 
     def scored(self, tier: str, scores: str) -> list[str]:
-        """Ways of naming that a file of scores holds: `scores` this package's own, `compared` all."""
+        """Methods in a file of scores: this package's own in `scores`, all in `compared`."""
         return self.methods(tier) if scores == "compared" else [_OURS]
 
     def findings(self, tier: str, scores: str) -> list[str]:
-        """Findings behind a file of scores of a tier, a folder per chunk: those of a way of naming lie side by side."""
+        """Folders of findings behind a tier's file of scores, one per method and chunk; the chunks of a method are adjacent."""
         folder, chunks = f"results/gap-benchmark/{tier}/findings", self.settings["chunks"]
         return [f"{folder}/{name}-{chunk}" for name in self.scored(tier, scores) for chunk in range(chunks)]
 
     @property
     def shown(self) -> list[str]:
-        """Scores of all tiers on the benchmark's page: with other ways of naming wherever any runs."""
+        """Files of scores of all tiers on the benchmark's page: `compared` wherever more than one method runs."""
         tiers = self.settings["benchmark"]
         return [_scores(tier, "compared" if len(self.methods(tier)) > 1 else "scores") for tier in tiers]
 
@@ -107,12 +107,12 @@ class BenchmarkPlan:
 
     @property
     def seal(self) -> int | None:
-        """Number that draws the cases, where GSBRIDGE_SEAL holds one."""
+        """Seed of the cases from GSBRIDGE_SEAL (see `gsbridge.experiment.seals`); None if it is not set."""
         return seal_of(os.environ)
 
     @property
     def real_logs(self) -> dict[str, str]:
-        """What is said about real logs, where GSBRIDGE_MEASURED names their folder, and GSBRIDGE_ROBOTS that of the arm."""
+        """Files of figures about real logs: `real` if GSBRIDGE_MEASURED is set, and `arm` if GSBRIDGE_ROBOTS is set, too."""
         named = [name for name in ("GSBRIDGE_MEASURED", "GSBRIDGE_ROBOTS") if os.environ.get(name)]
         found = {"real": "results/benchmarks/gap_measured.json"} if "GSBRIDGE_MEASURED" in named else {}
         return found | ({"arm": "results/benchmarks/gap_so101.json"} if len(named) == 2 else {})

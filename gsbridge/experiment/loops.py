@@ -32,7 +32,7 @@ class Loop(ABC):
     @property
     @abstractmethod
     def cell(self) -> dict[str, Any]:
-        """What the loop's rules put into the places of wildcards."""
+        """Values of the wildcards in the paths of the loop's rules."""
 
     @property
     @abstractmethod
@@ -46,23 +46,23 @@ class Loop(ABC):
         return range(first, first + int(self.settings["trainings"]))
 
     def policy(self, variant: str) -> PolicyFiles:
-        """The policy of the cell that learned in one way."""
+        """The cell's policy of one variant."""
         return PolicyFiles.of(self.cell, variant)
 
     @property
     def tables(self) -> list[str]:
-        """Trials of the table's rows, of one training after the other."""
+        """Files of the trials behind the table: row by row, and seed by seed within a row."""
         return [self.policy(row["variant"]).trials(row["world"], seed, "csv") for row in self.rows for seed in self.seeds]
 
     @property
     def trainings(self) -> list[str]:
-        """Records of the trainings of all policies in the table, of each policy with one seed after the other."""
+        """Records of the trainings of all policies in the table: policy by policy, and seed by seed within a policy."""
         variants = dict.fromkeys(row["variant"] for row in self.rows)
         return [self.policy(variant).file(seed, "training.json") for variant in variants for seed in self.seeds]
 
 
 class JointLoop(Loop):
-    """The loop that is closed by logs of the arm, on one cell."""
+    """The loop that is closed with logs of the arm, on one cell."""
 
     @property
     def settings(self) -> Mapping[str, Any]:
@@ -72,7 +72,7 @@ class JointLoop(Loop):
 
     @property
     def cell(self) -> dict[str, Any]:
-        """What its rules put into the places of wildcards."""
+        """Values of the wildcards in the paths of the loop's rules."""
         return {**self.settings["cell"], "renderer": "gs", "seed": self.plan.config["seed"]}
 
     @property
@@ -85,7 +85,7 @@ class JointLoop(Loop):
 
     @property
     def rows(self) -> list[dict[str, str]]:
-        """Variant and world of each row of the table."""
+        """Variant and world of each row of the table: the policies before and after, and the controls."""
         before, after, changed = "default", self.settings["variant"], self.settings["changed"]
         tried = [(before, "sim"), (before, self.settings["reference"]), (before, changed), (after, "sim"), (after, changed)]
         tried += [(control, changed) for control in self.settings["controls"]]
@@ -93,13 +93,13 @@ class JointLoop(Loop):
 
     @property
     def comparisons(self) -> list[dict[str, Any]]:
-        """What the diagnosis is to be worth something beyond: the changed world, who learned anew, and the controls."""
+        """Comparisons that show what the diagnosis is worth: changed world, variant that learned anew for it, and controls."""
         settings = self.settings
         return [{"world": settings["changed"], "variant": settings["variant"], "controls": list(settings["controls"])}]
 
     @property
     def is_closed(self) -> bool:
-        """Whether a variant learns with what was found."""
+        """Whether a variant is set that learns with what the diagnosis found."""
         return bool(self.settings["variant"] != "default")
 
     def trials(self, world: str, ending: str, variant: str = "default") -> str:
@@ -121,7 +121,7 @@ class JointLoop(Loop):
         return f"results/loop/arm/{self.cases[case]['model']}.yaml"
 
     def case(self, case: str) -> dict[str, Any]:
-        """World and model that a case is made of."""
+        """Files that a case is made from: the arm's model, its calibration if there is one, and the logs by role."""
         calibration = "results/loop/arm/calibration.json" if self.cases[case]["model"] == "calibrated" else []
         return {"model": self.model(case), **self.records(self.cases[case]["world"]), "calibration": calibration}
 
@@ -131,7 +131,7 @@ class JointLoop(Loop):
 
 
 class PictureLoop(Loop):
-    """The loop that is closed by photos of the wrist camera, on one cell."""
+    """The loop that is closed with photos of the wrist camera, on one cell."""
 
     @property
     def settings(self) -> Mapping[str, Any]:
@@ -141,20 +141,23 @@ class PictureLoop(Loop):
 
     @property
     def cell(self) -> dict[str, Any]:
-        """What its rules put into the places of wildcards."""
+        """Values of the wildcards in the paths of the loop's rules."""
         return {**self.plan.config["study"]["cell"], "renderer": "gs", "seed": self.plan.config["seed"]}
 
     @property
     def repeats(self) -> int:
-        """Photos of a posture in the reference: the one that is compared, further ones, and one that stands for a later day."""
+        """Number of photos of a posture in the reference world.
+
+        They are the one that is compared, as many repeats as are configured, and one that stands for a later day.
+        """
         return int(self.settings["repeats"]) + 2
 
     def shots(self, world: str) -> int:
-        """Photos of each posture in a world."""
+        """Number of photos of each posture in a world."""
         return self.repeats if world == self.settings["reference"] else 1
 
     def first_shot(self, world: str) -> int:
-        """Number of a world's first photo: those of the reference come before all others."""
+        """Index of a world's first photo; the photos of the reference world come before all others."""
         return 0 if world == self.settings["reference"] else self.repeats * int(self.settings["postures"])
 
     @property
@@ -164,7 +167,7 @@ class PictureLoop(Loop):
 
     @property
     def rows(self) -> list[dict[str, str]]:
-        """Variant and world of each row of the table: what was there before, and what learned anew."""
+        """Variant and world of each row of the table: the policies before, those that learned anew, and the controls."""
         before = [(variant, world) for variant in self.settings["variants"] for world in ("sim", *self.worlds)]
         amended = self.settings["amended"].items()
         after = [(variant, place) for world, variants in amended for variant in variants for place in ("sim", world)]
@@ -173,7 +176,7 @@ class PictureLoop(Loop):
 
     @property
     def comparisons(self) -> list[dict[str, Any]]:
-        """What the diagnosis is to be worth something beyond: each world, who learned anew for it, and the controls."""
+        """Comparisons that show what the diagnosis is worth: each world, the variant that learned anew for it, and controls."""
         settings = self.settings
         return [
             {"world": world, "variant": variants[0], "controls": list(settings["controls"].get(world, []))}
@@ -182,14 +185,14 @@ class PictureLoop(Loop):
         ]
 
     def same_but_model(self, variant: str) -> str:
-        """The variant of the table that differs from one which learned anew in its model alone; "" if none does."""
+        """The table's earlier variant that differs in its model alone from `variant`, which learned anew; "" if none does."""
         variants = self.plan.config["variants"]
         rest = {name: {key: value for key, value in plan.items() if key != "model"} for name, plan in variants.items()}
         return next((name for name in self.settings["variants"] if rest[name] == rest[variant]), "")
 
 
 def closed_loops(joints: JointLoop, pictures: PictureLoop) -> list[dict[str, str]]:
-    """Worlds that changed, with the policies before and after, and the table that they stand in."""
+    """One entry per changed world: its table, the reference world, and the variants of the policies before and after."""
     loops = []
     if joints.is_closed:
         worlds = {"reference": joints.settings["reference"], "world": joints.settings["changed"]}

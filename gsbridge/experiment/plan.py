@@ -43,7 +43,7 @@ class Experiment:
 
     @cached_property
     def project_files(self) -> set[str]:
-        """What jobs read of the project beside its code: the floors, the nominal model, and models that variants name."""
+        """Files of the project, beside its code, that jobs read: the floors, the nominal model, and models of variants."""
         models = {variant["model"] for variant in self.config["variants"].values()} - {None}
         given = {model for model in models if not model.startswith("results/") and not Path(model).is_absolute()}
         return {"benchmarks/floors.yaml", "models/nominal.yaml", *given}
@@ -61,7 +61,7 @@ class Experiment:
 
     @cached_property
     def in_mirror(self) -> list[str]:
-        """Names of those whose object or table stands in the mirror's world: another take of an object is no other object."""
+        """Names of the filmed scenes whose object or table stands in the mirror's world; further takes of an object do not."""
         return [name for name in self.films if self.config["scenes"][name].get("take") is None]
 
     def camera_of(self, scene: str) -> str:
@@ -122,7 +122,7 @@ class Experiment:
 
     @property
     def shapes(self) -> list[str]:
-        """Scenes of the area `shapes` whose truth the mirror knows: one that was given a capture of its own has none."""
+        """Scenes of the area `shapes` whose truth the mirror knows; a scene with a capture of the user's has none."""
         return [name for name in self.config["shapes"] if "film" in self.config["scenes"][name]["source"]]
 
     @property
@@ -149,7 +149,7 @@ class Experiment:
         return [f"results/rerun/{name}.rrd" for name in every]
 
     def page_records(self, scene: str) -> list[str]:
-        """Records of a scene that its page shows, whether the preset has it or not; an asset where it becomes a body."""
+        """Records that a scene's page shows, whether the preset runs it or not; with an asset if the scene becomes a body."""
         kept = self.config["scenes"][scene]
         stages = ["capture/keyframes", "sfm/sfm", "align/align", "mesh/mesh", "splats/soft/splats"]
         stages += ["masks/masks"] * (kept["kind"] == "object") + ["asset/asset"] * kept["require_scale"]
@@ -157,9 +157,9 @@ class Experiment:
 
     @property
     def workspace_light(self) -> dict[str, str]:
-        """What shows an object's shadow on the table of the work place, by name; nothing where no object was filmed there."""
+        """Files, by name, that show an object's shadow on the work place's table; empty if no object was filmed there."""
         item, background = self.config["workspace"]["light"], self.config["workspace"]["background"]
-        # The mirror's objects stand on the mirror's table, yours on yours.
+        # The mirror's objects stand on the mirror's table and the user's on the user's, so a mixed pair shares no light.
         if None in (item, background) or (item in self.films) != (background in self.films):
             return {}
         return {
@@ -192,8 +192,8 @@ class Experiment:
         """File or folder that a scene's keyframes are taken from.
 
         Raises:
-            InputError: A capture is not there, or its list of photos is damaged. With results in place snakemake would go
-                on with an earlier capture's frames.
+            InputError: A capture is not there, or its list of photos is damaged. Without this error, snakemake would go on with
+                the frames of an earlier capture if there are any.
         """
         kind, value = self.source(scene)
         if kind == "film":
@@ -208,7 +208,7 @@ class Experiment:
         """Folder of the photos of the board that register the workspace.
 
         Raises:
-            InputError: It is not there; snakemake would only say that an input is missing.
+            InputError: The folder is not there; snakemake would only say that an input is missing.
         """
         places = self.capture_places(path)
         if not any(place.is_dir() for place in places):
@@ -220,7 +220,7 @@ class Experiment:
         """Names and digests of the files of a capture that is more than one file: a folder's date changes with every copy.
 
         Raises:
-            InputError: So much lies there that this is no capture.
+            InputError: The folder holds so many files that it cannot be a capture.
         """
         kind, value = self.source(scene)
         if kind in ("film", "video"):
@@ -251,7 +251,7 @@ class Experiment:
         return [pair for pair in pairs if set(pair.split("+")) <= set(self.in_mirror)]
 
     def first_asset(self, kind: str) -> str:
-        """Asset of the first cell's object or background, on which the simulator as such is measured.
+        """Asset of the first cell's object or background, with which the simulator itself is measured.
 
         Raises:
             InputError: There is no cell.
@@ -261,14 +261,14 @@ class Experiment:
         return f"results/scenes/{self.cells[0][kind]}/asset/asset.json"
 
     def task_of(self, item: str, background: str) -> str:
-        """Task of the first cell with an object on a background; a pair without a cell is grasped."""
+        """Task of the first cell with an object on a background; `grasp` for a pair without a cell."""
         tasks = (cell["task"] for cell in self.cells if (cell["object"], cell["background"]) == (item, background))
         return next(tasks, "grasp")
 
     def controller_trials(self, world: str) -> list[str]:
         """Records of the baseline controllers' trials in one world; the mirror has its own scenes only.
 
-        A controller sees no picture: the first background is enough for each object and task.
+        A controller sees no picture, so the first background is enough for each object and task.
         """
         first = {(cell["task"], cell["object"]): PolicyFiles.of(cell) for cell in reversed(self.cells)}
         chosen = sorted(f"{policy.task}/{policy.pair}" for policy in first.values())
@@ -276,12 +276,12 @@ class Experiment:
         return [f"results/trials/{trial}/{world}.json" for trial in chosen if world == "sim" or trial.split("/")[1] in filmed]
 
     def severity(self, world: str) -> tuple[int, int]:
-        """Severity of look and of physics of a configured world; none of any other."""
+        """Severity of look and of physics of a configured world; (0, 0) for any other."""
         given = self.config["worlds"].get(world, {"severity": 0})["severity"]
         return (given["look"], given["physics"]) if isinstance(given, dict) else (given, given)
 
     def trial_registration(self, world: str, variant: str) -> str:
-        """File that says where trials believe arm and table to stand: as registered in the world itself, if it is severe."""
+        """Registration that trials use: that of the mirror's world in which they run if it is severe, else the variant's."""
         severe = self.severity(world) != (0, 0)
         if severe and "mirror" in self.config["workspace"]["source"]:
             return f"results/workspace/worlds/{world}/registration.json"
@@ -290,7 +290,7 @@ class Experiment:
     # Trainings of splats
 
     def comparison_runs(self, scene: str) -> list[str]:
-        """Names of the extra trainings of a scene: more seeds, and of a mirrored object the same on its visual hull."""
+        """Names of the extra trainings of a scene: further seeds, and for a mirrored object trainings on its visual hull."""
         plan, first = self.settings("comparison"), self.config["seed"]
         seeds = range(first, first + plan["seeds"])
         runs = [f"visual-{binding}-seed{seed}" for seed in seeds[1:] for binding in ("games", "soft", "games_vertices")]

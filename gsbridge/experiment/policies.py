@@ -11,13 +11,13 @@ from gsbridge.configuration.renderers import trained_on
 
 @dataclass(frozen=True)
 class PolicyFiles:
-    """A policy, of any seed.
+    """Names and paths of a policy, whatever the seed of its training.
 
     Args:
-        task: What it does.
+        task: What the policy does.
         object: Scene of the object that it handles.
-        background: Scene of the table under it.
-        renderer: What it saw while it learned.
+        background: Scene of the table under the object.
+        renderer: What drew its pictures while it learned.
         variant: Way of learning.
     """
 
@@ -49,7 +49,7 @@ class PolicyFiles:
 
     @property
     def item(self) -> str:
-        """Name in one word, for logs and recordings."""
+        """Name without slashes or blanks, for the names of logs and recordings."""
         return f"{self.task}-{self.pair}-{self.renderer}-{self.variant}"
 
     @property
@@ -67,17 +67,18 @@ class PolicyFiles:
 
         Args:
             world: Name of the world that the policy was tried in.
-            seed: Seed of its training.
+            seed: Seed of the policy's training.
             ending: Ending of the file's name, such as `csv` or `npz`.
         """
         return f"results/trials/{self.place}/{world}/seed{seed}.{ending}"
 
 
 def workspace_of(variant: Mapping[str, Any]) -> dict[str, str]:
-    """Files about the work place that a variant learns and is tried with, as inputs of rules are called.
+    """Files about the work place that a variant is trained and tried with, by the names of the rules' inputs.
 
     Args:
-        variant: An entry of `variants`. Where the work place was registered anew, its camera and colours go with it.
+        variant: An entry of `variants`. If it names a world in which the work place was registered anew, camera and colours
+            come from that world, too; colours come from `calibrated_in` if that is set.
     """
     again = variant["registered_in"], variant["calibrated_in"] or variant["registered_in"]
     placed, coloured = (f"results/workspace/worlds/{world}" if world else "" for world in again)
@@ -90,13 +91,13 @@ def workspace_of(variant: Mapping[str, Any]) -> dict[str, str]:
 
 
 def training_memory(settings: Mapping[str, Any]) -> int:
-    """Memory of a training, MB: libraries and pictures in use, the replay, and each further environment."""
+    """Memory of a training, MB: libraries and pictures in use, the replay buffer, and each further environment."""
     replay = 3e-6 * settings["replay_capacity"] * settings["image_size"] ** 2
     return round(2350 + replay + 400 * (settings["environments"] - 1))
 
 
 def training_minutes(settings: Mapping[str, Any]) -> int:
-    """Time limit of a training, minutes: with room for slow machines."""
+    """Time limit of a training, minutes, long enough for slow machines."""
     return max(60, round(settings["steps"] / 100))
 
 

@@ -1,6 +1,7 @@
-"""What stands behind the recorded figures of an area: the rules that made them, and the settings.
+"""Provenance of the recorded figures of an area: digests of the rules that made them and of the settings.
 
-`benchmarks/scores` outlives `results/`. Digests beside the figures tell whether the tree would still make the same ones.
+Figures in `benchmarks/scores` outlive `results/`. The digests beside them tell whether the tree would still make the same
+figures.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ _WORKSPACE = (
 _POLICIES = ("train_policy", "try_policy_in_sim")
 _BENCHMARK = ("generate_gap_cases", "diagnose_gap_cases", "score_gap_cases", "score_gap")
 _WORSE_DAYS = ("film_board_of_world", "register_world", "try_policy_in_mirror")
-"""Trials in worlds of some severity, in which the work place is registered anew."""
+"""Rules of trials in worlds of some severity, in which the work place is registered anew."""
 
 RULES: Mapping[str, tuple[str, ...]] = {
     "real2sim": (
@@ -138,7 +139,7 @@ RULES: Mapping[str, tuple[str, ...]] = {
         "score_loops",
     ),
 }
-"""Rules behind each area of `benchmarks/scores`, in the order of the work. A test holds them against the planned jobs."""
+"""Rules behind each area of `benchmarks/scores`, in the order of the work. A test compares them with the planned jobs."""
 
 _MODULES = {
     "benchmark_rasterizer": "benchmarks.rasterizer",
@@ -156,7 +157,7 @@ _MODULES = {
 """Modules of the rules that do not run the script of their own name."""
 
 _BESIDE = ("areas", "captures", "gap_case", "presets")
-"""Sections of the settings that change no recorded figure by themselves; of the presets, the one that ran counts."""
+"""Sections of the settings that change no recorded figure by themselves; of the presets, only the one that ran counts."""
 
 _BLIND = ("gap", "gap_rivals", "gap_bodies", "gap_pictures")
 
@@ -165,15 +166,15 @@ _OF_SOME_AREAS: Mapping[str, tuple[str, ...]] = {
     "gap.methods": ("gap_rivals",),
     "gap.contents": ("gap_pictures",),
 }
-"""Settings that some areas alone read: which cases the gap's benchmark draws, and which ways of naming it compares, changes
-neither a mesh nor a policy. A user's own cases, `gap.cases`, may amend the model of a policy. A test holds this against the
-rules' files."""
+"""Settings that only some areas read: the cases that the gap's benchmark draws and the methods that it compares change neither
+a mesh nor a policy. A user's own cases, `gap.cases`, are not listed: they may amend the model that a policy learns with. A
+test compares this with the rules' files."""
 
 _LOGS = ("gap", "gap_rivals", "gap_bodies", "gap_real")
-"""Areas about motions that are drawn or were recorded: their rules see no scene, no policy and no world of the mirror."""
+"""Areas about generated or recorded motions: their rules read no scene, no policy and no world of the mirror."""
 
 _FOR_LOGS = ("gap", "preset", "presets", "seed")
-"""Sections of the settings that the rules behind `_LOGS` read. A test holds this against their file."""
+"""Sections of the settings that the rules behind `_LOGS` read. A test compares this with the file of those rules."""
 
 
 def _digest(value: Any) -> str:
@@ -188,7 +189,7 @@ def code_behind(area: str) -> dict[str, str]:
 def settings_behind(config: Mapping[str, Any]) -> dict[str, str]:
     """Digest of each setting, {`section` or `section.entry`: digest}.
 
-    Entries of sections stand alone, so that a scene or a cell that is added later leaves the others as they were.
+    Each entry of a section has its own digest, so that a scene or a cell that is added later leaves the others as they were.
     """
     preset = config["preset"]
     sections = {name: value for name, value in config.items() if name not in _BESIDE}
@@ -213,7 +214,7 @@ def matters(area: str, setting: str) -> bool:
 
 
 def provenance(area: str, config: Mapping[str, Any]) -> dict[str, dict[str, str]]:
-    """What stands behind the figures of an area as the tree is now.
+    """Digests of the code and the settings behind the figures of an area, as the tree is now.
 
     Returns:
         {`code`: {rule: digest}, `settings`: {setting: digest}}.

@@ -1,4 +1,4 @@
-"""Dates of results, which a copy, an archive or a clock may change."""
+"""Dates of results, restored after a copy, an archive or a wrong clock has changed them."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def restore_dates(working: Path) -> list[str]:
         if not record.is_file():
             continue
         try:
-            # Long names are split over folders, which begin with a sign of their own.
+            # Snakemake splits a long name over folders, and marks these with a leading `@`.
             parts = record.relative_to(working / ".snakemake" / "metadata").parts
             name = base64.urlsafe_b64decode("".join(part.removeprefix("@") for part in parts)).decode()
             folder = (working / name).is_dir()
@@ -52,13 +52,13 @@ def restore_dates(working: Path) -> list[str]:
 
 
 def _wanted(date: float, end: float | None, now: float, folder: bool) -> float:
-    """Date that a result should have, s.
+    """Date that a result should have, s since 1970.
 
     Args:
-        date: The one that it has.
-        end: When its job ended, as the record says; None where it does not.
-        now: The present.
-        folder: Whether it is a folder, whose date nobody but a job changes.
+        date: Date that the result has, s.
+        end: When its job ended, s, as the record says; None if the record does not say.
+        now: The present, s.
+        folder: Whether the result is a folder; only a job changes the date of its stamp.
     """
     if end is None or end > now:
         return min(date, now)
@@ -66,7 +66,7 @@ def _wanted(date: float, end: float | None, now: float, folder: bool) -> float:
 
 
 def _date_measurements(working: Path, latest: float) -> None:
-    """Date benchmarks, which have no record, so late that they never are the oldest file of a job, which counts."""
+    """Give benchmarks, which have no record, the date at which the last job ended: a job is as old as its oldest output."""
     for path in (working / "results" / "benchmarks").rglob("*.jsonl"):
         try:
             if path.stat().st_mtime < latest:

@@ -1,4 +1,4 @@
-"""Seals: one number draws a scored split of its own, so that nobody has looked at it before it is scored."""
+"""Seals: a number that seeds a scored split of its own, whose cases nobody can have seen before they are scored."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from gsbridge.errors import InputError
 from gsbridge.files import read_json, write_json
 
 VARIABLE = "GSBRIDGE_SEAL"
-"""Variable of the environment that holds the seal. Those above 10 000 are for scoring, not used while code changes."""
+"""Environment variable that holds the seal. Seals above 10 000 are for scoring and are not used while code is developed."""
 
 
 def seal_of(environment: Mapping[str, str]) -> int | None:
-    """The seal; None where none is set.
+    """The seal; None if none is set.
 
     Raises:
-        InputError: It is no number.
+        InputError: The variable holds no whole number.
     """
     text = environment.get(VARIABLE, "").strip()
     if not text:
@@ -28,14 +28,14 @@ def seal_of(environment: Mapping[str, str]) -> int | None:
 
 
 def record_seal(folder: str | Path, seal: int, parts: Mapping[str, Mapping[str, Any]]) -> Path:
-    """Write down what a seal was scored with; what was scored before under the same seal stays as it was.
+    """Record what a seal was scored with; parts that were scored earlier under the same seal are not overwritten.
 
     Args:
         folder: Gets `{seal}.json`.
         seal: The seal.
-        parts: By part of the benchmark: `code` (digest of the code), `commit`, and `figures`. A `note`, written by hand, may
-            tell what became known about a score later, and `apart` how its cases differ from those of the benchmark today, with
-            which they are then not added up.
+        parts: By part of the benchmark: `code` (digest of the code), `commit`, and `figures`. Two entries may be written by
+            hand: `note` tells what became known about a score later; `apart` tells how its cases differ from those of today's
+            benchmark, so that the two are not added up.
 
     Returns:
         The file.
@@ -47,7 +47,7 @@ def record_seal(folder: str | Path, seal: int, parts: Mapping[str, Mapping[str, 
 
 
 def read_seals(folder: str | Path) -> list[dict[str, Any]]:
-    """All seals that were ever scored, in their order.
+    """All seals that were ever scored, in the order of their numbers.
 
     Raises:
         InputError: A file is damaged.

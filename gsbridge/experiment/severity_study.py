@@ -1,4 +1,4 @@
-"""Who is tried at which severity: controller and policies, in worlds that differ in how bad a day it is."""
+"""The severity study: which trials of the controller and of policies run in worlds of which severity."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ CONTROLLER, CELLS, WORTH, GRADED = "controller", "severity", "worth", "graded"
 SIM = "sim"
 
 JUDGED = (2, 3)
-"""Severities that the policies of the tables are judged at: an ordinary lab, and worse."""
+"""Severities at which the policies of the tables are judged: 2 is an ordinary lab, 3 is worse."""
 
 
 @dataclass(frozen=True)
@@ -73,14 +73,14 @@ class SeverityStudy:
         ]
 
     def seeds(self, who: str) -> list[int]:
-        """Seeds of the trainings of each policy; graded policies differ enough by themselves."""
+        """Seeds of the trainings of each policy; only one for graded policies, which differ enough by themselves."""
         if who == CELLS:
             return Tables(self.plan).seeds
         first: int = self.plan.config["seed"]
         return list(range(first, first + (1 if who == GRADED else self._settings["seeds"])))
 
     def worlds_of(self, who: str) -> list[str]:
-        """Names of the worlds that policies are tried in; simulation among them, but for `worth`."""
+        """Names of the worlds that policies are tried in; simulation is among them, except for `worth`."""
         if who == CELLS:
             return [SIM, *self.judged]
         return [SIM] * (who == GRADED) + list(self._settings["worlds"])
@@ -90,7 +90,7 @@ class SeverityStudy:
         return bool(self.policies(who)) and self.worlds_of(who) not in ([], [SIM])
 
     def trials(self, who: str, ending: str) -> list[str]:
-        """Paths of the files about trials, of all but `worth` in simulation, too.
+        """Paths of the files about trials; trials in simulation are among them, except for `worth`.
 
         Args:
             who: `severity`, `worth` or `graded`.

@@ -16,9 +16,9 @@ class TrialFiles:
     """The trials of one policy in one world.
 
     Args:
-        policy: Who is tried.
-        world: Where: `sim`, or a world of the mirror.
-        seed: Seed of the training.
+        policy: The policy that is tried.
+        world: World that it is tried in: `sim`, or a world of the mirror.
+        seed: Seed of its training.
     """
 
     policy: PolicyFiles
@@ -69,7 +69,7 @@ class Tables:
 
     @property
     def compared(self) -> list[TrialFiles]:
-        """Trials that behaviour is compared in: those of policies with a second world."""
+        """Trials in which behaviour is compared: those of policies with a second world."""
         both = (policy for policy in self.policies if len(self.pictured_worlds(policy)) > 1)
         return [trial for policy in both for trial in self.pictured(policy)]
 
@@ -98,7 +98,7 @@ class Tables:
     # Tables of successes
 
     def shown(self, table: str) -> list[PolicyFiles]:
-        """Policies that a table shows; those trained on a mesh stand beside the splats of the same cell."""
+        """Policies that a table shows: of `gs` only, except for `renderer_contrast`, which shows all renderers of a cell."""
         if table == "worlds":
             return [policy for policy in self.policies if policy.renderer == "gs"]
         if table == "picture_gap":
@@ -143,8 +143,8 @@ class Tables:
         """Paths of files about trials.
 
         Args:
-            policies: Who is tried.
-            worlds: Where; the mirrors have their own scenes only.
+            policies: The policies that are tried.
+            worlds: Worlds that they are tried in; worlds of the mirror have the mirror's own scenes only.
             ending: Ending of the file's name, such as `csv` or `npz`.
 
         Returns:
@@ -180,13 +180,13 @@ class Tables:
         return [f"results/scenes/{name}.json" for name in names]
 
     def robot_trials(self, policies: Sequence[PolicyFiles]) -> dict[str, str]:
-        """A user's own trials of policies on a robot: CSV file by the place of its policy."""
+        """A user's own trials of policies on a robot: CSV file by the policy's `place`."""
         measured = {PolicyFiles.of(cell).place: cell["robot_trials"] for cell in self.plan.cells if cell["robot_trials"]}
         places = [policy.place for policy in policies if policy.place in measured]
         return {place: self.plan.capture_path(measured[place]) for place in places}
 
     def table_robot_trials(self, table: str) -> dict[str, str]:
-        """Trials on robots that a table shows: only tables of successes in the usual worlds show any."""
+        """Trials on robots that a table shows; only the tables of `successes` show any."""
         return self.robot_trials(self.shown(table)) if table in self.successes else {}
 
     # The study of ways of learning

@@ -6,13 +6,13 @@ import os
 import re
 
 VARIABLE = "GSBRIDGE_SCENE_THREADS"
-"""Set by a person who has cores to spare."""
+"""Environment variable that a person sets who has cores to spare."""
 
 
 def scene_threads() -> int:
-    """Threads of each job of a scene: those that a person asks for, else one.
+    """Threads of each job of a scene: as many as the variable says, else one.
 
-    One thread gives the same bytes whenever a job is made again. On two, a toy's cameras came out with other last bits.
+    With one thread, a repeated job gives the same bytes. With two, the cameras of a toy run differed in their last bits.
     """
     given = os.environ.get(VARIABLE, "")
     return int(given) if re.fullmatch(r"[1-9]\d*", given) else 1
