@@ -1,7 +1,7 @@
 """Splats on a ball whose shading is known: `python -m benchmarks.ball` writes the tables of docs/splats.md, in a minute or so.
 
 Every figure is the masked PSNR of held-out photos, dB, after 400 steps. Photos and ball are those of the unit tests
-(`tests/unit/ball_scene.py`), which ask only for the order of some of these figures.
+(`tests/unit/ball_scene.py`), which only check in what order some of these figures stand.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def on_mesh(mesh: Mesh, kind: str) -> float:
 
 
 def bindings() -> str:
-    """Bindings on the exact ball and on one with bumps."""
+    """Table of the bindings on the exact ball and on one with bumps."""
     ball = trimesh.creation.icosphere(3, RADIUS)
     true, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
     bumpy = true * (1 + 0.05 * np.sin(40 * true[:, :1]) * np.sin(40 * true[:, 1:2]))
@@ -75,7 +75,7 @@ def bindings() -> str:
 
 
 def psnr(photos: list, **options: object) -> str:
-    """Figure of one training.
+    """Masked PSNR of held-out photos after one training, dB, as text.
 
     Args:
         photos: Photos of the ball, of both splits.
@@ -86,20 +86,20 @@ def psnr(photos: list, **options: object) -> str:
 
 
 def sheens() -> str:
-    """Degrees of the harmonics on balls of different sheen."""
+    """Table of degrees of the spherical harmonics on balls of different sheen."""
     photos = [targets(**sheen) for sheen in SHEENS.values()]
     rows = [[str(degree), *(psnr(of, degree=degree) for of in photos)] for degree in range(4)]
     return table(["degree", *SHEENS], rows)
 
 
 def drawn_gains() -> Array:
-    """Gains of a camera that re-exposes, and of its white balance, on linear light. [VIEWS, 3]."""
+    """Gains on linear light, per photo and channel, of a camera that changes exposure and white balance. [VIEWS, 3]."""
     rng = np.random.default_rng(0)
     return 0.8 * np.exp(rng.normal(0, 0.25, (VIEWS, 1)) + rng.normal(0, 0.06, (VIEWS, 3)))
 
 
 def exposures() -> str:
-    """A locked and a re-exposing film, without and with an exposure of each photo."""
+    """Table of a film with locked exposure and one without, trained without and with an exposure fitted per photo."""
     films = {"locked": np.full((VIEWS, 3), 0.8), "re-exposing": drawn_gains()}
     photos = {name: targets(0.0, gains=gains) for name, gains in films.items()}
     rows = [[name, *(psnr(of, per_photo=fit) for fit in (False, True))] for name, of in photos.items()]
@@ -107,7 +107,7 @@ def exposures() -> str:
 
 
 def main() -> None:
-    """Write the tables between their marks."""
+    """Write the tables between their marks on the page."""
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     text = PAGE.read_text(encoding="utf-8")
     for name, block in (("bindings", bindings), ("sheen", sheens), ("exposure", exposures)):

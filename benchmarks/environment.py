@@ -4,17 +4,18 @@
     python benchmarks/environment.py --skip-mirror
     python benchmarks/environment.py --item cake/asset.json --background plate/asset.json --robot-splats DIR --light FILE
 
-Without assets the scene is synthetic, with the splats of the desktop budget: a cube of 58 mm with 12,000, a table of 1 m with
-24,000, the robot with 8,000, none of them fitted, which changes no cost; shadows are those of a sky as bright everywhere, which
-is more to sum than under a lamp. Actions are the baseline controller's, so that the hand comes near the object and grips it,
-which is what costs; episodes begin at poses of the set `fixed`.
+Without assets the scene is synthetic, with as many splats as the desktop budget allows: 12,000 for a cube of 58 mm, 24,000 for
+a table of 1 m, 8,000 for the robot. They are not fitted, which does not change the cost. The shadows are those of an evenly
+bright sky, which costs more to sum than a lamp. The actions are the baseline controller's, so that the hand comes near the
+object and grips it, which is the costly part. Episodes begin at poses of the set `fixed`.
 
-A step is measured in CPU time of this process, which leaves out the waiting for other jobs; `wall` is told beside it. Other
-jobs still take caches and clock rate, and only ever add: of eight rounds, some half a second each, the fastest counts; the
-median and the slowest are told.
+A step is measured in CPU time of this process, which leaves out the waiting for other jobs; wall time is given beside it. Other
+jobs still share caches and slow the clock, which can only add time. So of eight rounds, about half a second each, the fastest
+counts; the median and the slowest are given, too.
 
-`mirror_64` is the stand-in for reality's wrist camera: small_cube on the foam pad under the robot, the arm swaying, at the
-samples of its default quality; `mirror_64_severity_2` the same in an ordinary lab, with a shutter's moments and highlights.
+`mirror_64` is the wrist camera of the mirror, which stands in for reality: small_cube on the foam pad under the robot, the arm
+swaying, with the samples of the default quality. `mirror_64_severity_2` is the same in an ordinary lab, with motion blur and
+highlights.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ class Stopwatch:
 
 
 def synthetic_item(folder: Path) -> Any:
-    """A cube as the asset stage writes it: a hull that Bullet's margin fills up to the cube, URDF, width."""
+    """A cube as the asset stage writes it, with URDF and width; Bullet's margin fills its inset hull up to the cube."""
     from gsbridge.asset.body import mass_properties
     from gsbridge.asset.bullet import COLLISION_MARGIN
     from gsbridge.asset.hulls import hull_mesh, inset
@@ -81,7 +82,7 @@ def synthetic_item(folder: Path) -> Any:
 
 
 def sheet(count: int, width: float, depth: float) -> tuple[Array, float]:
-    """About `count` points in a grid over a rectangle round the origin, and their spacing. [N, 3]."""
+    """About `count` points in a grid over a rectangle around the origin, m, [N, 3], and their spacing, m."""
     spacing = np.sqrt(width * depth / count)
     across, along = max(1, round(width / spacing)), max(1, round(depth / spacing))
     x, y = np.meshgrid((np.arange(across) + 0.5) / across - 0.5, (np.arange(along) + 0.5) / along - 0.5)
@@ -136,7 +137,7 @@ def shade(robot: Any, item: Any, options: argparse.Namespace, asset: Any) -> Any
 
 
 def one_round(env: Any, controller: Any, clocks: Mapping[str, Stopwatch], episodes: int) -> dict[str, Any]:
-    """Figures of some episodes of one environment."""
+    """Run some episodes in one environment, and return their figures."""
     from gsbridge.environment.env import state_of
 
     for clock in clocks.values():
@@ -160,7 +161,7 @@ def one_round(env: Any, controller: Any, clocks: Mapping[str, Stopwatch], episod
     count = len(coverage)
     seconds = {name: clock.seconds for name, clock in clocks.items()}
     whole = seconds.pop("step")
-    # Finding what is seen is part of rendering; it is told apart here.
+    # `render` calls `see`; the figures show the two apart.
     seconds["render"] -= seconds["see"]
     return {
         "steps_per_second": count / whole,
@@ -177,8 +178,8 @@ def one_round(env: Any, controller: Any, clocks: Mapping[str, Stopwatch], episod
 
 
 def measure(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
-    """All figures, by image size."""
-    # Here, because libraries read the thread limits that `main` sets when they load.
+    """Measure the environment, and return all figures by image size."""
+    # Imported here, because libraries read the thread limits when they load, and `main` sets these first.
     from gsbridge.asset.bundle import read_asset
     from gsbridge.environment.controllers import GraspController, grip_of
     from gsbridge.environment.env import PickEnvironment
@@ -222,7 +223,7 @@ def measure(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
 
 
 def measure_mirror(folder: Path, severity: int) -> dict[str, Any]:
-    """CPU time of the mirror's pictures in a world of some severity, one thread, while the arm sways."""
+    """CPU time of the mirror's pictures, s, in a world of the given severity, on one thread, while the arm sways."""
     from gsbridge.reality.mirror.path_tracer import variant
     from gsbridge.reality.world.camera import Setting
     from gsbridge.reality.world.hidden import Hidden
@@ -240,7 +241,7 @@ def measure_mirror(folder: Path, severity: int) -> dict[str, Any]:
         start = time.process_time()
         world.image(MIRROR_SIZE_PX)
         times.append(time.process_time() - start)
-    # The first pictures make sensors and kernels.
+    # The first pictures take longer: sensors are made and kernels compiled.
     settled = np.array(times[WARMING:])
     return {
         "seconds_min": float(settled.min()),

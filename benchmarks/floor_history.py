@@ -1,7 +1,7 @@
-"""Tell since when each floor stands, from which value it was moved, and what was measured when it was first missed.
+"""Tell for each floor since when it has its value, which values it had before, and what was measured when it was first missed.
 
 `python -m benchmarks.floor_history` reads the commits of `floors.yaml` and of `scores/` and writes `benchmarks/FLOORS.md`;
-`--check` only looks whether that page tells of the floors as they are.
+`--check` only checks that this page shows the present floors.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class FloorHistory:
 def is_missed(score: Mapping[str, Any]) -> bool:
     """Whether a recorded value is worse than the floor beside it.
 
-    One that was not measured is not, nor one of another preset than the floor is asked of.
+    A value that was not measured does not miss its floor, nor does one from another preset than the floor is for.
     """
     value, floor = score["value"], score["floor"]
     if value is None or floor is None or score["reason"].startswith("measured with preset"):
@@ -71,7 +71,7 @@ def floors_over_time(versions: Iterator[tuple[str, Mapping[str, Mapping[str, Any
     """Histories of the floors that the last version holds.
 
     Args:
-        versions: When, as the page shows it, and content of `floors.yaml`, {figure: floor}; oldest first.
+        versions: Date and commit, as the page shows them, and content of `floors.yaml`, {figure: floor}; oldest first.
     """
     found: dict[str, FloorHistory] = {}
     last: Mapping[str, Mapping[str, Any]] = {}
@@ -95,7 +95,7 @@ def commits(path: str) -> Iterator[tuple[str, str]]:
 
 
 def content(commit: str, path: str) -> str:
-    """A file as a commit has it."""
+    """Text of a file in a commit."""
     return subprocess.check_output(["git", "show", f"{commit}:{path}"], cwd=ROOT, text=True)
 
 
@@ -107,7 +107,7 @@ def floor_versions() -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def recorded_scores() -> Iterator[tuple[str, str, Mapping[str, Any]]]:
-    """All recorded scores, oldest first: when, the figure's name, and its score."""
+    """All recorded scores, oldest first: date and commit, the figure's name, and its score."""
     for commit, when in commits(SCORES):
         listing = ["git", "ls-tree", "-r", "--name-only", commit, SCORES]
         for path in subprocess.check_output(listing, cwd=ROOT, text=True).splitlines():
@@ -118,11 +118,11 @@ def recorded_scores() -> Iterator[tuple[str, str, Mapping[str, Any]]]:
 
 
 def page(histories: Mapping[str, FloorHistory], scores: Iterator[tuple[str, str, Mapping[str, Any]]]) -> str:
-    """The page.
+    """Text of the page.
 
     Args:
-        histories: Floors by figure.
-        scores: When a score was recorded, its figure and the score; oldest first.
+        histories: Histories of the floors by figure.
+        scores: Date and commit in which a score was recorded, its figure, and the score; oldest first.
     """
     for when, name, score in scores:
         told = histories.get(name)

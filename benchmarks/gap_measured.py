@@ -5,14 +5,14 @@
 
 The data stay where they are: the folder holds `cube_toss/` (DAIRLab/contact-nets at c3dc21c, 400 of its 570 tosses),
 `dfki_pendulum/` (torque_limited_simple_pendulum of the DFKI at ed17ea2, two controllers) and `staubli_tx40/` (figaroh-plus at
-c3b5172), each with its source and licence. Their SHA-256 are checked first. Everything is converted into the files that a user
-would bring, in a temporary folder, and goes the way of a user's case from there.
+c3b5172), each with its source and licence. Their SHA-256 are checked first. Everything is converted, in a temporary folder,
+into the files that a user would bring, and is then treated like a user's case.
 
-* `tosses`: the first 60 tosses are fitted, the next 100 choose, the other 240 judge. The model is a cube with friction 0.5 in
-  PyBullet. The authors' own value is 0.18.
-* `pendulum`: the record `ddp` is fitted and chosen on, `dircol` judges. The model is the rigid point mass by which the authors
-  planned, without any friction, driven by the torques that the motor reports.
-* `axis`: six motor currents of an arm without commands, times or a URDF: they must be refused in words.
+* `tosses`: effects are fitted to the first 60 tosses, chosen with the next 100, and judged with the other 240. The nominal
+  model is a cube with friction 0.5 in PyBullet. The authors' own value is 0.18.
+* `pendulum`: the record `ddp` serves to fit and to choose, `dircol` to judge. The nominal model is the rigid point mass with
+  which the authors planned, without any friction, driven by the torques that the motor reports.
+* `axis`: six motor currents of an arm without commands, times or a URDF: they must be refused with an error message.
 """
 
 from __future__ import annotations
@@ -54,16 +54,17 @@ TOSS_RATE = 148.0
 """Samples per second."""
 
 CUBE_MASS = 0.37
-"""kg."""
+"""Mass of the cube, kg."""
 
 TOSSES = {"fit": (0, 60), "select": (60, 160), "verify": (160, 400)}
-"""Numbers of the tosses of each role."""
+"""Numbers of the first toss of each role and of the first toss after it."""
 
 PENDULUM_MASS, PENDULUM_ARM = 0.6755, 0.5
-"""Mass (kg) and distance of its point from the pivot (m) by which the authors planned both motions.
+"""Mass (kg) of the point mass and its distance from the pivot (m) with which the authors planned both motions.
 
-Source: data/parameters/sp_parameters_trajectory.yaml of their repository. Their `authors_fit.txt` beside the logs has about a
-third of this weight; a regression of the logs themselves gives 0.34 kg m, as here, so that it belongs to another pendulum.
+Source: data/parameters/sp_parameters_trajectory.yaml of their repository. Their `authors_fit.txt` beside the logs gives about a
+third of this product of mass and distance, so it belongs to another pendulum: a regression on the logs gives 0.34 kg m, as
+here.
 """
 
 
@@ -76,10 +77,10 @@ def digest_of(folder: Path, pattern: str) -> str:
 
 
 def check_data(measured: Path, name: str) -> str:
-    """Digest of a data set.
+    """Check that a data set is the expected one, and return its digest.
 
     Raises:
-        InputError: The folder is missing, or holds something else.
+        InputError: The folder is missing, or holds other data.
     """
     folder = measured / name
     if not folder.is_dir():
@@ -91,7 +92,7 @@ def check_data(measured: Path, name: str) -> str:
 
 
 def read_toss(path: Path) -> Throw:
-    """One toss in SI units.
+    """Read one toss, in SI units.
 
     The file is a tensor 1 x T x 19: position (half edges), quaternion wxyz, velocity (half edges per second), angular velocity
     in the body frame, rad/s, and six zeros.
@@ -106,7 +107,7 @@ def read_toss(path: Path) -> Throw:
 
 
 def write_toss_case(measured: Path, folder: Path, roles: dict[str, tuple[int, int]], friction: float = 0.5) -> Path:
-    """The tosses as a user's case; returns its file."""
+    """Write the tosses as a user's case, and return the case's file."""
     for role, (first, last) in roles.items():
         source = measured / "cube_toss" / "data" / "tosses_processed"
         write_throws(folder / f"{role}.csv", Throws(tuple(read_toss(source / f"{k}.pt") for k in range(first, last))))
@@ -123,7 +124,7 @@ def write_toss_case(measured: Path, folder: Path, roles: dict[str, tuple[int, in
 
 
 def diagnose_tosses(measured: Path, folder: Path) -> dict[str, Any]:
-    """Figures of the tosses."""
+    """Diagnose the tosses, and return the figures."""
     from gsbridge.gap.workflow import run_case
 
     digest = check_data(measured, "cube_toss")
@@ -136,7 +137,7 @@ def diagnose_tosses(measured: Path, folder: Path) -> dict[str, Any]:
 
 
 def pendulum_urdf(mass: float, arm: float) -> str:
-    """A rigid rod without mass that hangs along -z at zero and turns about y, with a small ball at its end."""
+    """A rigid rod without mass that hangs along -z at angle zero and turns about y, with a small ball at its end."""
     own = 1e-4 * mass * arm**2
     return (
         '<robot name="pendulum"><link name="base"/><link name="rod"><inertial>'
@@ -147,7 +148,7 @@ def pendulum_urdf(mass: float, arm: float) -> str:
 
 
 def write_pendulum_case(measured: Path, folder: Path) -> Path:
-    """The pendulum as a user's case; returns its file."""
+    """Write the pendulum's logs as a user's case, and return the case's file."""
     source = measured / "dfki_pendulum"
     for name in ("ddp", "dircol"):
         log = pd.read_csv(source / f"{name}_measured.csv")
@@ -167,7 +168,7 @@ def write_pendulum_case(measured: Path, folder: Path) -> Path:
 
 
 def diagnose_pendulum(measured: Path, folder: Path) -> dict[str, Any]:
-    """Figures of the pendulum."""
+    """Diagnose the pendulum, and return the figures."""
     from gsbridge.gap.workflow import run_case
 
     digest = check_data(measured, "dfki_pendulum")
@@ -176,7 +177,7 @@ def diagnose_pendulum(measured: Path, folder: Path) -> dict[str, Any]:
 
 
 def diagnose_axis(measured: Path, folder: Path) -> dict[str, Any]:
-    """What is said about logs that no case can be made of: currents of an arm without a clock."""
+    """Verdict and message about logs that cannot become a case: currents of an arm without times."""
     from gsbridge.gap.formats.records import Layout, read_record
 
     digest = check_data(measured, "staubli_tx40")
@@ -188,7 +189,7 @@ def diagnose_axis(measured: Path, folder: Path) -> dict[str, Any]:
 
 
 def summary(findings: dict[str, Any]) -> dict[str, Any]:
-    """What the table of the benchmark needs of `findings.json`."""
+    """The entries of `findings.json` that the benchmark's table needs."""
     keys = (
         "verdict",
         "sentence",
@@ -216,7 +217,7 @@ MEASURES = {"tosses": diagnose_tosses, "pendulum": diagnose_pendulum, "axis": di
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the chosen ones; the exit status is 2 where data are missing or others."""
+    """Run the chosen diagnoses; the exit status is 2 if data are missing or are not the expected ones."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--measured", type=Path, default=os.environ.get(VARIABLE), help=f"folder of the data; else ${VARIABLE}")
     parser.add_argument("--only", choices=MEASURES, nargs="+", default=list(MEASURES), help="which of them")

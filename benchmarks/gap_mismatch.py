@@ -3,16 +3,17 @@
     python benchmarks/gap_mismatch.py --sizes 2 4 --output results/benchmarks/gap_mismatch.json
     GSBRIDGE_SEAL=4711 python benchmarks/gap_mismatch.py --output sealed.json
 
-The mechanism is an arm of three joints under a PD controller that carries no weight, with a description, inertias, courses and
-sensors of its own. Its truth runs in MuJoCo alone, with nothing of the diagnosis' own stepper:
+The mechanism is an arm of three joints under a PD controller without gravity compensation, with a description, inertias,
+motions and sensors of its own. Its truth is simulated by MuJoCo alone, without the integrator that the diagnosis uses:
 
-* `soft` is MuJoCo as it comes: steps of 0.25 ms, dry friction as soft as the engine's defaults have it.
-* `stiff` takes steps of 50 us, with dry friction as hard as the engine allows.
+* `soft` takes steps of 0.25 ms, with dry friction as soft as MuJoCo's defaults make it.
+* `stiff` takes steps of 50 us, with dry friction as hard as MuJoCo allows.
 
-Twelve kinds of effects of the catalogue are hidden in five sizes each (`KINDS`), pairs of them (`PAIRS`), and laws that no
-catalogue has, but that a person would call by a name that it has (`MISMATCHES`): friction after LuGre and Dahl, a delay that
-jitters. Effect-free cases (`FREE`) have filtered noise, coarse encoders or none of it. `GSBRIDGE_SEAL=NUMBER` draws joints,
-sizes, signs, courses and noise from that number alone; without it they come from `--seed`. Seals above 10000 are for scoring.
+The hidden effects are twelve kinds from the catalogue in five sizes each (`KINDS`), pairs of them (`PAIRS`), and laws that the
+catalogue lacks, though a person would call them by one of its names (`MISMATCHES`): LuGre and Dahl friction, very soft dry
+friction, a delay that jitters. Cases without an effect (`FREE`) have white noise, filtered noise or coarse encoders. With
+`GSBRIDGE_SEAL=NUMBER`, joints, sizes, signs, motions and noise are drawn from that number alone, else from `--seed`. Seals
+above 10000 are for scoring.
 """
 
 from __future__ import annotations
@@ -52,13 +53,13 @@ ROTORS, VISCOUS = (0.02, 0.02, 0.01), (0.3, 0.3, 0.15)
 """Known inertias of the rotors, kg m2, and viscous losses, N m s/rad."""
 
 LINKS = ((1.2, 0.05, 0.1, 0.004), (1.5, 0.15, 0.3, 0.012), (0.8, 0.12, 0.25, 0.005))
-"""Mass (kg), distance of its centre, length (m), and moment of inertia across (kg m2) of each link."""
+"""Of each link: mass (kg), distance of its centre from the joint (m), length (m), moment of inertia across it (kg m2)."""
 
 RATE, SECONDS, PERIOD = 200.0, 5.0, 1e-3
-"""Of the logs (Hz), their length (s), and the controller's period (s)."""
+"""Sampling rate of the logs (Hz), their length (s), and the controller's period (s)."""
 
 NOISE = {"position": 1e-4, "velocity": 4e-3, "effort": 0.02}
-"""Standard deviation of a sample: rad, rad/s, N m."""
+"""Standard deviation of the noise of a sample: rad, rad/s, N m."""
 
 KINDS: Mapping[str, tuple[float, float, tuple[str, ...]]] = {
     "coulomb": (0.06, 1.5, JOINTS), "viscous": (0.05, 1.2, JOINTS), "armature": (0.004, 0.1, JOINTS),
@@ -67,7 +68,7 @@ KINDS: Mapping[str, tuple[float, float, tuple[str, ...]]] = {
     "link_mass": (0.01, 0.3, ("shoulder",)), "payload": (0.01, 0.5, ("",)), "command_delay": (0.001, 0.04, ("",)),
     "lag": (0.002, 0.05, ("",)), "base_tilt": (0.002, 0.06, ("",)),
 }  # fmt: skip
-"""Smallest and largest size, SI units, and the joints that an effect may act on."""
+"""Of each effect: smallest and largest size, SI units, and the joints that it may act on."""
 
 PAIRS = (("coulomb:shoulder", "command_delay"), ("payload", "viscous:elbow"), ("backlash:yaw", "command_delay"))
 
@@ -75,20 +76,20 @@ MISMATCHES: Mapping[str, tuple[str, float, float]] = {
     "lugre": ("coulomb", 0.2, 1.2), "dahl": ("coulomb", 0.2, 1.2), "softest": ("coulomb", 0.2, 1.2),
     "jitter": ("command_delay", 0.008, 0.03),
 }  # fmt: skip
-"""Name in the catalogue that a person would give a law, and the range of its size."""
+"""Of each law that the catalogue lacks: the catalogue's name that a person would give it, and the range of its size (SI)."""
 
 FREE = ("white", "filtered", "coarse")
-"""Noises of cases in which nothing is hidden."""
+"""Kinds of noise of cases in which nothing is hidden."""
 
 DRAWS, FREE_DRAWS = 3, 10
-"""Cases of each law that no catalogue has and of each noise beside an effect, and of each noise alone."""
+"""Number of cases of each law in `MISMATCHES` and of each noise with an effect, and number of cases of each noise alone."""
 
 STEPS = {"soft": 2.5e-4, "stiff": 5e-5}
 
 
 @dataclass(frozen=True)
 class Order:
-    """A case: what is hidden, how large, and how the engine and the sensors are."""
+    """A case to generate: hidden effects with sizes, the names that are right for them, the engine, and the sensors' noise."""
 
     kind: str
     hidden: Mapping[str, float]
@@ -114,7 +115,7 @@ def urdf() -> str:
 
 
 def engine_model(hidden: Mapping[str, float], engine: str) -> mujoco.MjModel:
-    """The arm in MuJoCo with what the engine itself can hide; free play is a joint of its own behind the motor."""
+    """The arm in MuJoCo with the hidden effects that the engine can model; backlash is a joint of its own behind the motor."""
 
     def at(name: str, joint: str) -> float:
         return hidden.get(f"{name}:{joint}", 0.0)
@@ -184,7 +185,7 @@ def courses(rng: np.random.Generator) -> dict[str, Callable[[Array], Array]]:
 
 
 class _Rubbing:
-    """Torque of bristles: after Dahl, or with a bump at low speed after Canudas de Wit and others (LuGre)."""
+    """Friction torque of a bristle model: Dahl's, or that of Canudas de Wit and others (LuGre) with a bump at low speed."""
 
     def __init__(self, size: float, lugre: bool) -> None:
         self.size, self.lugre, self.bent = size, lugre, 0.0
@@ -192,7 +193,7 @@ class _Rubbing:
 
     def __call__(self, speed: float, step: float) -> float:
         level = self.size * (1.0 + 0.6 * np.exp(-((speed / 0.05) ** 2))) if self.lugre else self.size
-        # The exact answer to a constant speed: bristles this stiff leave an explicit step behind.
+        # The exact solution for constant speed, since an explicit step cannot follow bristles this stiff.
         rate = self.stiff * abs(speed) / level
         rest = np.sign(speed) * level / self.stiff
         before, self.bent = self.bent, rest + (self.bent - rest) * np.exp(-rate * step)
@@ -211,7 +212,7 @@ def simulate(order: Order, course: Callable[[Array], Array], rng: np.random.Gene
     sent = course(sent_at)
     dead = np.full(count, hidden.get("command_delay", 0.0) + hidden.get("jitter", 0.0))
     if "jitter" in hidden:
-        # A queue whose length wanders, longer more often than shorter.
+        # The delay wanders like the length of a queue: it strays further upwards than downwards.
         wander = lfilter([0.05], [1.0, -0.95], rng.standard_gamma(1.0, count) - 1.0)
         dead *= 1.0 + 0.25 * wander / max(float(wander.std()), 1e-9)
     when = np.maximum(grid - np.maximum(dead, 0.0), 0.0)
@@ -229,7 +230,7 @@ def simulate(order: Order, course: Callable[[Array], Array], rng: np.random.Gene
     data.qpos[rows] = wanted[0] - offset
     out = np.empty((3, count, 3))
     stiff, damp = np.array(STIFFNESS), np.array(DAMPING)
-    # It hangs in its controller before the log begins.
+    # The arm settles under its controller for 1.5 s before the log begins.
     for number in range(-round(1.5 / PERIOD), count):
         step = STEPS[order.engine]
         v = data.qvel[dofs]
@@ -254,7 +255,7 @@ def simulate(order: Order, course: Callable[[Array], Array], rng: np.random.Gene
 
 
 def noisy(kind: str, values: Array, how: str, rng: np.random.Generator) -> Array:
-    """Measurements. `filtered` noise has passed a low pass in the sensor; `coarse` encoders have steps of 1.5 mrad."""
+    """Measurements with noise: `filtered` noise has passed a low pass in the sensor; `coarse` encoders step by 1.5 mrad."""
     sigma, shape = NOISE[kind], values.shape
     if how == "filtered":
         return values + sigma * lfilter([np.sqrt(1 - 0.81)], [1, -0.9], rng.standard_normal((shape[0] + 60, 3)), axis=0)[60:]
@@ -264,7 +265,7 @@ def noisy(kind: str, values: Array, how: str, rng: np.random.Generator) -> Array
 
 
 def write_case(order: Order, folder: Path, course_seed: int) -> Path:
-    """The files that a user would bring; returns the case."""
+    """Write the files that a user would bring, and return the case's file."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "arm.urdf").write_text(urdf(), encoding="utf-8")
     model = {
@@ -289,7 +290,7 @@ def write_case(order: Order, folder: Path, course_seed: int) -> Path:
 
 
 def orders(seed: int, engines: Sequence[str], sizes: Sequence[int]) -> list[Order]:
-    """All cases of a draw. `sizes` are numbers from 1 to 5 on a scale of factors from the smallest size to the largest."""
+    """All cases of a draw. `sizes` are numbers from 1 to 5 on a logarithmic scale from the smallest size to the largest."""
     rng, out = np.random.default_rng([seed, 6]), list[Order]()
 
     def add(kind: str, hidden: Mapping[str, float], right: Sequence[str], engine: str, noise: str = "white") -> None:
@@ -322,13 +323,13 @@ def orders(seed: int, engines: Sequence[str], sizes: Sequence[int]) -> list[Orde
 
 
 def outcome(order: Order, findings: Mapping[str, Any]) -> str:
-    """What a finding amounts to."""
+    """Grade of a finding: how its names compare with what was hidden."""
     verdict, right = findings["verdict"], frozenset(order.right)
     named = frozenset(f"{e['name']}:{e['joint']}" if e.get("joint") else e["name"] for e in findings["effects"])
     if not order.right:
         return "quiet" if verdict in ("no_discrepancy", "not_enough_excitation") else "false_alarm"
     if verdict == "named":
-        # What is named is there, though not all of it was found.
+        # `part`: all that is named is there, but not all that is there is named.
         return "right" if named == right else "part" if named < right else "wrong"
     if verdict == "ambiguous":
         sets = [frozenset(item.split(" + ")) for item in findings["ambiguous"]]
@@ -337,16 +338,16 @@ def outcome(order: Order, findings: Mapping[str, Any]) -> str:
 
 
 def told(order: Order, entries: Sequence[Mapping[str, Any]]) -> str:
-    """What the account tells first as named or likely: the issue's floor is that it is right."""
+    """Grade of the account's first entry if it is named or likely, else `open`; a floor asks that such an entry is right."""
     if not entries or entries[0]["verdict"] not in (NAMED, LIKELY):
         return "open"
     return f"{'right' if entries[0]['label'] in order.right else 'wrong'}, {entries[0]['verdict']}"
 
 
 def held(order: Order, entries: Sequence[Mapping[str, Any]]) -> dict[str, bool]:
-    """Whether 90 % intervals of the account hold the truth, by effect, where an effect of one parameter is there as hidden."""
+    """Whether the account's 90 % interval holds the truth, by effect, for entries of one parameter about hidden effects."""
     out = {}
-    # A filter that takes the newest command for the whole period delays slow motion by a little less than its time constant.
+    # The lag's filter holds the newest command for a whole period, so it delays slow motion by less than its time constant.
     true = {name: PERIOD / np.expm1(PERIOD / value) if name == "lag" else value for name, value in order.hidden.items()}
     for entry in entries:
         rows = list(entry["parameters"].values())
@@ -357,7 +358,7 @@ def held(order: Order, entries: Sequence[Mapping[str, Any]]) -> dict[str, bool]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the cases; one line each."""
+    """Run the cases, and print one line for each and the counts of outcomes."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=1, help=f"of the draw, where {VARIABLE} is not set")
     parser.add_argument("--engines", nargs="+", choices=STEPS, default=["soft"])
@@ -380,7 +381,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _counted(rows: Sequence[Mapping[str, Any]], key: str) -> dict[str, dict[str, int]]:
-    """Cases of each engine and kind by what is said of them under a key."""
+    """Number of cases of each engine and kind, by the value that their rows have under a key."""
     counts: dict[str, dict[str, int]] = {}
     for row in rows:
         kind = counts.setdefault(f"{row['engine']} {row['kind']}", {})
@@ -389,14 +390,14 @@ def _counted(rows: Sequence[Mapping[str, Any]], key: str) -> dict[str, dict[str,
 
 
 def run(drawn: Sequence[Order], kinds: Sequence[str] | None, folder: Path, seed: int) -> list[dict[str, Any]]:
-    """Diagnose cases; one line each."""
+    """Diagnose the cases, and print one line for each."""
     from gsbridge.gap.workflow import run_case
 
     rows = []
     for order in drawn:
         if kinds and order.kind not in kinds:
             continue
-        # Named by all that it is, so that no other draw's files are taken for its own.
+        # The folder's name depends on all that defines the case, so that files of another draw are not taken for it.
         case = folder / f"{order.engine}-{hashlib.sha256(f'{seed}{order}'.encode()).hexdigest()[:12]}"
         file = case / "case.yaml"
         if not file.exists():

@@ -1,4 +1,4 @@
-"""Score one seal of the gap's benchmark, or a part of it, and write down its first score.
+"""Score one seal of the gap's benchmark, or a part of it, and record its first score.
 
     GSBRIDGE_SEAL=12345 python benchmarks/gap_seals.py --tiers t0 t1 --cases 10 --methods training_bic --folder work
 
@@ -6,11 +6,11 @@ The seal alone draws the cases (`gsbridge.experiment.seals`). What is scored is 
 later run of the same part changes nothing. Cases that were diagnosed before in the same folder are not diagnosed again, so a
 run that was stopped goes on.
 
-What the workflow has scored with a seal is written down with
+Scores that the workflow has made with a seal are recorded with
 
     python benchmarks/gap_seals.py --scored results/gap-benchmark/*/scores.json
 
-and, where other ways of naming were scored beside it, with `*/compared.json`.
+and, if other methods were scored beside this package's own, with `*/compared.json`.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ from gsbridge.report.scores.risk_coverage import answered, risk_at
 REGISTER = Path(__file__).parent / "seals"
 
 SHOWN = ("named_right", "named_or_covered", "named_wrong", "false_alarm", "unknown_wrong", "interval_coverage")
-"""Rates that are written down."""
+"""Rates that are recorded."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Draw, diagnose, score, write down."""
+    """Draw the cases, diagnose and score them, and record the scores."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tiers", nargs="+", choices=TIERS, default=list(TIERS))
     parser.add_argument("--cases", type=int, help="of each tier; all without it")
@@ -81,7 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _register(paths: Sequence[Path], register: Path) -> None:
-    """Write down the scores of tiers that a seal has drawn.
+    """Record the scores of tiers whose cases a seal has drawn.
 
     Raises:
         InputError: A file is damaged, or holds scores that no seal has drawn.
@@ -91,13 +91,13 @@ def _register(paths: Sequence[Path], register: Path) -> None:
         if not scores.get("seal"):
             raise InputError(path, "no seal has drawn these cases", f"Run the benchmark with {VARIABLE} set to a fresh number")
     for scores in found:
-        # This package's own names in a tier are scored, and written down, before any other way's.
+        # This package's own method is scored in a tier, and recorded, before any other.
         part = scores["tier"] if len(scores["methods"]) == 1 else f"{scores['tier']}, all ways of naming"
         record_seal(register, scores["seal"], {part: _told(scores)})
 
 
 def _told(scores: Mapping[str, Any]) -> dict[str, Any]:
-    """What the register says about a tier."""
+    """Entry of a tier in the register."""
     found = scores["methods"][campaign.METHODS[0]]
     figures = {key.replace("_", " "): _share(found[key]) for key in SHOWN if found[key]["n"]}
     lists = {method: content["list"] for method, content in scores["methods"].items()}

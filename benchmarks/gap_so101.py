@@ -7,16 +7,16 @@ The data stay where they are: `measured/so101/logs` (isaac-sim2real/sage at 4ffd
 (TheRobotStudio/SO-ARM100), both Apache-2.0. Each motion holds what was commanded and what six servos
 measured, 50 times a second. The servos are position controllers without an integral, whose gains nobody states in N m/rad.
 
-As a stranger would, this starts from the description and three motions:
+Like a user who does not know the arm, this starts from the description and three motions:
 
-1. Sign and zero of each joint: commanded less measured position is what the weight bends the servo's spring by. Signs and zeros
-   in quarter turns are tried; the description's own stay unless others explain clearly more.
-2. Stiffness of the servos: from the same bend.
-3. A case as any user's (`docs/gap.md`, Your own arm), diagnosed with one motion to fit, one to choose, one to verify.
-4. The account is replayed on all other motions. What counts is the deviation of the measured motion from the model as it was,
-   root mean square over joints and time, and what is left of it with the account in the model.
+1. Sign and zero of each joint: commanded minus measured position is the deflection of the servo's spring under the arm's
+   weight. Signs, and zeros in quarter turns, are tried; the description's own stay unless others explain clearly more.
+2. Stiffness of the servos: from the same deflection.
+3. A case like any user's (`docs/gap.md`, Your own arm), diagnosed with one motion to fit, one to choose, one to verify.
+4. The account is judged on all other motions: by the deviation of the measured motion from the original model, root mean square
+   over joints and time, and by what is left of it once the account is in the model.
 
-`--turns` exchanges the three motions, to see whether the account stays.
+`--turns` lets the three motions change their roles, to see whether the account stays the same.
 """
 
 from __future__ import annotations
@@ -50,26 +50,26 @@ Array = NDArray[np.float64]
 MEASURED, ROBOTS = "GSBRIDGE_MEASURED", "GSBRIDGE_ROBOTS"
 
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
-"""In the order of the logs. The jaw, their sixth column, is a share of its opening and no angle."""
+"""Joints in the order of the logs' columns. The sixth column, the jaw, is left out: it is a share of its opening, no angle."""
 
 ROLES = ("fit", "select", "verify")
 MOTIONS = ("boundary_exploration", "random_waypoints", "multisine")
-"""To fit, to choose and to verify: the whole workspace, waypoints, and many frequencies at once."""
+"""Motions to fit, to choose and to verify: the whole workspace, waypoints, and many frequencies at once."""
 
 LONGEST = 60.0
-"""Of a record that is diagnosed, s: what comes later is only judged."""
+"""Length of the part of a motion that a diagnosis uses, s; the rest of that motion is not used."""
 
 ROTOR = 0.02
 """Inertia of motor and gear of such a servo seen from the joint, kg m2."""
 
 DAMPED = 0.03
-"""Time by which a servo of this kind lags behind slow motion, s; its damping is the stiffness times that."""
+"""Time by which a servo of this kind lags behind slow motion, s; its damping is the stiffness times this time."""
 
 CLEAR = 0.8
-"""Share of what the description's own signs and zeros leave that others must leave to be taken."""
+"""Other signs and zeros are taken only if they leave less than this share of what the description's own leave unexplained."""
 
 TURN, SLOW = np.pi / 2, 0.01
-"""Zeros are tried in such steps, rad; a command slower than this stands still, rad/s."""
+"""Step in which zeros are tried, rad, and speed below which a command counts as standing still, rad/s."""
 
 
 @dataclass(frozen=True)
@@ -82,13 +82,13 @@ class Motion:
     position: Array
 
     def until(self, seconds: float) -> Motion:
-        """Its begin."""
+        """Its samples up to a time, s."""
         rows = self.time <= seconds
         return Motion(self.name, self.time[rows], self.command[rows], self.position[rows])
 
 
 def read_motion(folder: Path) -> Motion:
-    """A motion of the data set.
+    """Read a motion of the data set.
 
     Raises:
         InputError: A file is missing.
@@ -102,14 +102,14 @@ def read_motion(folder: Path) -> Motion:
             tables.append(pd.read_csv(stream))
     sent, seen = (np.array([json.loads(text) for text in table["positions"]])[:, : len(JOINTS)] for table in tables)
     time, sent_at = (table["timestamp"].to_numpy() * 1e-6 for table in reversed(tables))
-    # What was sent last before each measurement.
+    # The command that was sent last before each measurement.
     rows = (np.searchsorted(sent_at, time + 1e-6, side="right") - 1).clip(0)
     fresh = np.diff(time, prepend=-1.0) > 0
     return Motion(folder.name, (time - time[0])[fresh], sent[rows][fresh], seen[fresh])
 
 
 class Statics:
-    """What holds the arm in a posture, by its description."""
+    """Computes the torques that hold the arm in a posture, from its description."""
 
     def __init__(self, urdf: Path) -> None:
         skeleton = Skeleton.read(urdf, JOINTS)
@@ -117,7 +117,7 @@ class Statics:
         self._bodies = self._chain.bodies(skeleton.inertials)
 
     def __call__(self, postures: Array) -> Array:
-        """Torques. [K, N] -> [K, N]."""
+        """Holding torques, N m, of postures, rad. [K, N] -> [K, N]."""
         chain, count = self._chain, len(JOINTS)
         out = np.empty((len(postures), count))
         turn, origin, axis = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3))
@@ -132,7 +132,7 @@ class Statics:
 
 @dataclass(frozen=True)
 class Start:
-    """How the logs and the description go together: signs and zeros (rad) of the joints, stiffness (N m/rad). [N] each."""
+    """Map from logged angles to the description's: signs, zeros (rad); and the servos' stiffness (N m/rad). [N] each."""
 
     signs: Array
     zeros: Array
@@ -140,12 +140,12 @@ class Start:
     explained: dict[str, float]
 
     def to_urdf(self, values: Array) -> Array:
-        """Logged angles as the description counts them."""
+        """Logged angles in the description's signs and zeros, rad. [T, N] -> [T, N]."""
         return values * self.signs + self.zeros
 
 
 def find_start(motions: Sequence[Motion], urdf: Path) -> Start:
-    """Signs, zeros and stiffness from how the weight bends the arm."""
+    """Signs, zeros and stiffness from how far the servos give way under the arm's weight."""
     statics, rows = Statics(urdf), [_slow(motion) for motion in motions]
     q, bend, way, speed = (np.concatenate(parts) for parts in zip(*rows, strict=True))
     count = len(JOINTS)
@@ -159,7 +159,7 @@ def find_start(motions: Sequence[Motion], urdf: Path) -> Start:
             torque = statics(q * sign + zero) * sign
             left, softness = zip(*(_bend(torque[:, k], bend[:, k], way[:, k], speed[:, k]) for k in heavy), strict=True)
             if best is None:
-                # Those of the description come first.
+                # The first combination is the description's own.
                 own = sum(left)
             if best is None or sum(left) < min(best[0], CLEAR * own):
                 best = (sum(left), sign, zero, left, softness)
@@ -175,7 +175,10 @@ def find_start(motions: Sequence[Motion], urdf: Path) -> Start:
 
 
 def _slow(motion: Motion, count: int = 200) -> tuple[Array, Array, Array, Array]:
-    """Posture, commanded less measured, direction of the last motion and speed, at some times of a motion. [K, N] each."""
+    """Posture and deflection (rad), direction and speed (rad/s) of the command, at some times of a motion. [K, N] each.
+
+    The deflection is the commanded minus the measured position; the direction is that of the last motion (-1, 0, 1).
+    """
     speed = np.gradient(motion.command, motion.time, axis=0)
     way = np.where(np.abs(speed) > SLOW, np.sign(speed), np.nan)
     way = pd.DataFrame(way).ffill().fillna(0.0).to_numpy()
@@ -184,7 +187,14 @@ def _slow(motion: Motion, count: int = 200) -> tuple[Array, Array, Array, Array]
 
 
 def _bend(torque: Array, bend: Array, way: Array, speed: Array) -> tuple[float, float]:
-    """Share of a joint's bend that weight, friction and lag leave, and the softness of its servo, rad/(N m). [K] each."""
+    """Share of a joint's deflection that weight, friction and lag do not explain, and its servo's compliance, rad/(N m).
+
+    Args:
+        torque: Holding torque by the description, N m. [K].
+        bend: Deflection, rad. [K].
+        way: Direction of the last motion, which stands for friction. [K].
+        speed: Speed of the command, rad/s, which stands for lag. [K].
+    """
     others = np.stack([way, speed], axis=1)
     softness = max(float(np.linalg.lstsq(np.column_stack([torque, others]), bend, rcond=None)[0][0]), 0.0)
     rest = bend - softness * torque
@@ -193,7 +203,7 @@ def _bend(torque: Array, bend: Array, way: Array, speed: Array) -> tuple[float, 
 
 
 def write_case(motions: Mapping[str, Motion], start: Start, urdf: Path, folder: Path) -> Path:
-    """The motions as a user's case, in the description's angles; returns its file."""
+    """Write the motions as a user's case, in the description's angles, and return the case's file."""
     folder.mkdir(parents=True, exist_ok=True)
     for role, motion in motions.items():
         columns = {"time [s]": motion.time}
@@ -214,7 +224,7 @@ def write_case(motions: Mapping[str, Motion], start: Start, urdf: Path, folder: 
 
 
 def judge(motion: Motion, start: Start, model: Path, amended: Path, folder: Path) -> dict[str, Any]:
-    """Deviation of a motion from the model as it was and as amended, root mean square, rad."""
+    """Root mean square deviation of a motion from the original and from the amended model, rad."""
     from gsbridge.gap.formats.logs import read_log
     from gsbridge.gap.formats.records import Layout
     from gsbridge.gap.joints.mechanism.apply_effects import apply_effects
@@ -240,7 +250,7 @@ def judge(motion: Motion, start: Start, model: Path, amended: Path, folder: Path
 def diagnose(
     measured: Path, robots: Path, motions: Sequence[str], folder: Path, judged: Sequence[str] | None
 ) -> dict[str, Any]:
-    """One diagnosis, and what its account is worth on all motions that it has not seen."""
+    """Diagnose three motions, and judge the account on motions that the diagnosis has not seen."""
     from gsbridge.gap.workflow import run_case
 
     source, urdf = measured / "so101" / "logs", robots / "so101" / "so101.urdf"
@@ -272,7 +282,7 @@ def diagnose(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Diagnose, and judge on other motions; the exit status is 2 where data are missing."""
+    """Diagnose, and judge on other motions; the exit status is 2 if data are missing."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--measured", type=Path, default=os.environ.get(MEASURED), help=f"folder of the data; else ${MEASURED}")
     parser.add_argument("--robots", type=Path, default=os.environ.get(ROBOTS), help=f"folder of descriptions; else ${ROBOTS}")

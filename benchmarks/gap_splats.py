@@ -4,10 +4,10 @@
 
 `toy` is a folder in which `make toy` ran, or any other preset, with `--object` and `--background`: its splats, robot,
 registration and colours are what the simulation knows. Each world is a severity and a seed of the mirror (docs/mirror.md). In
-each, photos of 24 states from a day without a fault tell what the splats lack; photos of 24 other states, without a fault and
-with each fault of `gsbridge.gap.benchmark.mirror_photos.SIZES`, are diagnosed. Sizes, signs and places of faults come from the
-world's seed. A diagnosis is right if it names what was planted and nothing else, or nothing where nothing was; it is wrong if
-it names anything else. Seeds of worlds from 1000 on are for scoring.
+each world, photos of 24 states from a day without a fault show the error of the splats; photos of 24 other states, without a
+fault and with each fault of `gsbridge.gap.benchmark.mirror_photos.SIZES`, are diagnosed. Sizes, signs and places of faults come
+from the world's seed. A diagnosis is right if it names what was planted and nothing else, or names nothing if nothing was
+planted; it is wrong if it names anything else. Seeds of worlds from 1000 on are for scoring.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ from gsbridge.reality.world.world_variants import world_variant
 from gsbridge.tasks.views import read_states
 
 VIEWS = 24
-"""States on each of the two days."""
+"""Number of states on each of the two days."""
 
 POSTURES = 411
-"""Seed of the states; drawn once, for all worlds."""
+"""Seed of the states, which are drawn once for all worlds."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure and print."""
+    """Diagnose the cases of all worlds, print a summary, and write the figures."""
     given = _arguments(arguments)
     logs.start(1, None)
     results = Path(given.folder) / "results"
@@ -70,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def draw(results: Path, given: argparse.Namespace, views: Path, record: Path) -> None:
-    """Draw states of both days by the splats of a finished run."""
+    """Choose the states of both days, and render them with the splats of a finished run."""
     scenes = results / "scenes"
     item, background = (scenes / name / "asset" / "asset.json" for name in (given.object, given.background))
     files = StageFiles(
@@ -98,7 +98,7 @@ def measure(world: str, given: argparse.Namespace, results: Path, views: Path) -
     middle = np.mean([_middle(pose) for pose in poses], axis=0)
     names = given.names if given.names is not None else ["", *SIZES]
     faults = [PlantedFault.draw("" if name == "none" else name, seed, middle) for name in names]
-    # Moments of a grasp go by fours, so that both days have all of them.
+    # States come in groups of four, one for each moment of a grasp. The days take groups in turn, so both have all moments.
     early, late = ([n for n in range(2 * VIEWS) if n // 4 % 2 == day] for day in (0, 1))
     item = results / "scenes" / given.object / "asset" / "asset.json"
     setting = Setting(given.object, given.background, "a4", given.seed)
@@ -155,7 +155,7 @@ def measure(world: str, given: argparse.Namespace, results: Path, views: Path) -
 
 
 def _middle(pose: np.ndarray) -> np.ndarray:
-    """Where on the table the camera's axis points, m. [2]."""
+    """Point of the table plane at which the camera's axis points, m. [2]."""
     centre, axis = -pose[:3, :3].T @ pose[:3, 3], pose[2, :3]
     return np.asarray((centre - axis * centre[2] / min(axis[2], -1e-6))[:2])
 

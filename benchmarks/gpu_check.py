@@ -3,10 +3,10 @@
     python -m benchmarks.gpu_check --results toy/results
     python -m benchmarks.gpu_check --rehearse
 
-Parity of gsplat with the reference, forward and gradients; speed of training; one object with the budget of the `paper` preset,
-on the photos of an earlier `make toy`; a policy's updates on the device; COLMAP's dense stereo where pycolmap has it.
-`--rehearse` goes the same way on the CPU, with small numbers: it tests this program, not a GPU. Exit code 0 if every line that
-was measured keeps its limit, 1 otherwise or where there is no GPU.
+It checks that gsplat agrees with the reference, forward and in gradients; the speed of training; one object with the budget of
+the `paper` preset, on the photos of an earlier `make toy`; a policy's updates on the device; and COLMAP's dense stereo if
+pycolmap has it. `--rehearse` does the same on the CPU with small numbers: it tests this program, not a GPU. The exit code is 0
+if every line that was measured keeps its limit, and 1 otherwise or if there is no GPU.
 """
 
 from __future__ import annotations
@@ -32,17 +32,18 @@ from gsbridge.errors import GsbridgeError, InputError
 ROOT = Path(__file__).resolve().parents[1]
 SCENE = "small_cube"
 TOLERANCES = {
-    # A splat whose alpha is rounded across 1/255 changes a pixel by up to that; the mean hides no error of the formula.
+    # Limit of the mean over pixels. A splat whose alpha is rounded across the threshold of 1/255 changes single pixels by up to
+    # that much; an error of the formula would change the mean.
     "forward": 1e-3,
-    # As asked of our own rasteriser against float64; gsplat ends pixels one splat earlier.
+    # The limit of gsbridge's own rasteriser against float64; gsplat also stops blending a pixel one splat earlier.
     "gradients": 2e-2,
-    # float32 on both sides, another order of sums.
+    # Both sides compute in float32, but sum in different orders.
     "policy": 1e-3,
 }
 LEAST_PSNR_DB = 24.0
-"""Below it the stage itself calls splats degraded."""
+"""Smallest PSNR of held-out photos; below it the splats stage itself calls its result degraded."""
 STEREO_MM = 3.0
-"""Distance of dense points from the vertices of the mesh: half of their spacing, and the noise of the points."""
+"""Largest median distance of dense points from the mesh's nearest vertices, mm: half the vertices' spacing, and noise."""
 
 
 @dataclass(frozen=True)
@@ -50,10 +51,10 @@ class Line:
     """One line of the table.
 
     Args:
-        name: What was tried.
-        value: What was measured, in words; why not, where nothing was.
-        limit: What is asked, in words; empty where nothing is.
-        kept: Whether it was; None where nothing was measured or asked.
+        name: What was checked.
+        value: What was measured, in words, or why nothing was.
+        limit: Limit of the value, in words; empty if there is none.
+        kept: Whether the limit was kept; None if nothing was measured or there is no limit.
     """
 
     name: str
@@ -64,7 +65,7 @@ class Line:
 
 @dataclass
 class Check:
-    """A device and what earlier runs left.
+    """The checks of one device, and their results so far.
 
     Args:
         device: `cuda`, or `cpu` for a rehearsal.
@@ -78,21 +79,21 @@ class Check:
 
     @property
     def rehearsal(self) -> bool:
-        """Whether only this program is tried."""
+        """Whether this program is tested on the CPU, and no GPU is checked."""
         return self.device == "cpu"
 
     def run(self, name: str, part: Callable[[], list[Line]]) -> None:
-        """Add the lines of one part, or one that tells why there are none."""
+        """Add the lines of one part, or one line that tells why it gave none."""
         try:
             self.lines += part()
         except GsbridgeError as error:
             self.lines.append(Line(name, f"not measured: {error}"))
         except Exception as error:
-            # On a device that nobody here has seen anything may go wrong; the other lines are wanted all the same.
+            # Anything may go wrong on a device on which this has never run; the other lines are still wanted.
             self.lines.append(Line(name, f"failed: {type(error).__name__}: {error}", "", False))
 
     def parity(self) -> list[Line]:
-        """Pictures and gradients against the reference."""
+        """Compare pictures and gradients with the reference's."""
         from gsbridge.splats.rasterize import rasterize
 
         camera, pose = make_view(64)
@@ -120,13 +121,13 @@ class Check:
         return lines
 
     def speed(self) -> list[Line]:
-        """A view of 30,000 splats with gradients, as a training takes it."""
+        """Time a view of 30,000 splats with gradients, as a training computes it."""
         times = {name: measure("train_30k_256", name, False)["median_ms"] for name in dict.fromkeys(("cpu", self.device))}
         text = ", ".join(f"{name} {value:.1f} ms" for name, value in times.items())
         return [Line("training step, 30,000 splats, 256 px", text)]
 
     def paper_object(self) -> list[Line]:
-        """An object trained with the budget of the `paper` preset, on photos that are there."""
+        """Train an object with the budget of the `paper` preset, on the photos of an earlier run."""
         from gsbridge.cameras import read_views
         from gsbridge.configuration.splats import SplatSettings
         from gsbridge.configuration.whole import read_configuration
@@ -163,7 +164,7 @@ class Check:
         return [Line("object of the paper preset", text, f">= {LEAST_PSNR_DB:g} dB", kept)]
 
     def policy(self) -> list[Line]:
-        """Updates of a policy's networks: the same figures as on the CPU, and how fast."""
+        """Compare the losses of a policy's updates with the CPU's, and time the updates."""
         from gsbridge.configuration.policy import PolicySettings
         from gsbridge.policy.agent import Agent
 
@@ -189,7 +190,7 @@ class Check:
         ]
 
     def dense_stereo(self) -> list[Line]:
-        """COLMAP's dense stereo on the object's photos."""
+        """Run COLMAP's dense stereo on the object's photos, and compare its points with the mesh."""
         from gsbridge.mesh.backends import has_pycolmap_stereo
 
         if not has_pycolmap_stereo():
@@ -219,7 +220,7 @@ class Check:
         """Folder of the object's stages.
 
         Raises:
-            InputError: There is none.
+            InputError: No earlier run has finished the object's mesh.
         """
         scene = self.results / "scenes" / SCENE
         if not (scene / "mesh" / "mesh.json").is_file():
@@ -228,7 +229,7 @@ class Check:
 
 
 def _random_batch(count: int, size_px: int, rng: np.random.Generator) -> Any:
-    """Transitions of a replay buffer that mean nothing."""
+    """A batch of random transitions, as a replay buffer would give it."""
     from gsbridge.policy.observation import POSITION, PRIVILEGED, PROPRIO
     from gsbridge.policy.replay import Batch
     from gsbridge.sim.actions import SIZE

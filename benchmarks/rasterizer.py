@@ -5,8 +5,8 @@
 
 The scenes are synthetic: 40 % of the splats on a table plane, the others on a sphere, a box and a torus, flat discs at 0.8 of
 their spacing with log-normal spread, opacities from Beta(2.5, 1), nearly all in view. CPU time leaves out the waiting for other
-jobs on the machine, though not their use of its caches: the minimum of the repeats is the machine's figure, the median shows
-the disturbance.
+jobs on the machine, but not the effect of their use of its caches: the minimum of the repeats is the figure that counts, the
+median shows the disturbance.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from gsbridge.geometry import Array
 
 @dataclass(frozen=True)
 class Workload:
-    """One scene and what is done with it."""
+    """Size of one scene, and what is computed on it."""
 
     splats: int
     size_px: int

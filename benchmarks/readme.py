@@ -1,4 +1,5 @@
-"""Quote the recorded figures that are of this tree in README.md: `python -m benchmarks.readme`; `--check` only looks."""
+"""Quote in README.md the recorded figures that this tree would still make: `python -m benchmarks.readme` (`--check` to
+check)."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def main() -> None:
-    """Write or check the block."""
+    """Write or check the block of figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--check", action="store_true", help="write nothing; fail where the block is not as it should be")
     arguments = parser.parse_args()

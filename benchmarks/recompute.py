@@ -8,17 +8,17 @@ import pandas as pd
 
 HERE = Path(__file__).parent
 CELL = ["task", "pair", "renderer", "variant"]
-SIX = {"small_cube+foam_pad", "bear+foam_pad"}  # not among the six cells of the paper's mean drop
+SIX = {"small_cube+foam_pad", "bear+foam_pad"}  # left out: the paper's mean drop is over the six other cells
 
 
 def rows(area: str, kind: str) -> pd.DataFrame:
-    """Rows of one kind behind an area; none where nothing was recorded."""
+    """Rows of one kind behind an area; none if nothing was recorded."""
     path = HERE / "evidence" / area / f"{kind}.csv.gz"
     return pd.read_csv(path, low_memory=False) if path.is_file() else pd.DataFrame(columns=["file", "key", "value"])
 
 
 def success(area: str) -> dict[str, float]:
-    """Mean success and mean relative drop over cells, %: excess contact is a failure in simulation only."""
+    """Mean success and mean relative drop over cells, %. Excess contact counts as a failure in simulation only."""
     trials = rows(area, "trials")
     if trials.empty:
         return {}
@@ -45,7 +45,7 @@ def success(area: str) -> dict[str, float]:
 
 
 def graded_trials(area: str, kind: str) -> pd.DataFrame:
-    """Trials inside the training square and outside it, with the severity of their world; `sim` for simulation."""
+    """Trials, with the severity of their world (`sim` for simulation), and whether they start outside the training square."""
     trials, told = rows(area, kind), rows(area, "rows")
     if trials.empty:
         return trials
@@ -69,7 +69,7 @@ def severity() -> dict[str, float]:
 
 
 def worth() -> dict[str, float]:
-    """Success of splats, %, and what they lead meshes by, points; how well simulation foretells graded policies."""
+    """Success with splats, %, and their lead over meshes, percentage points; how well simulation predicts graded policies."""
     out = {}
     trials = graded_trials("worth", "worth")
     if not trials.empty:
@@ -100,7 +100,7 @@ def worth() -> dict[str, float]:
 
 
 def reconstruction() -> dict[str, float]:
-    """Errors of cameras, scale, masks and meshes over the scenes, and leads of bindings, dB."""
+    """Errors of cameras, scale and meshes over the scenes, and the lead of the binding `soft` over `games`, dB."""
     scenes, out = rows("real2sim", "scenes").pivot(index="file", columns="key", values="value"), {}
     wanted = {"camera_error": "camera_mm_median", "scale_error": "scale_percent", "chamfer_visual": "visual_chamfer_mm"}
     for name, key in wanted.items():
@@ -118,7 +118,7 @@ def reconstruction() -> dict[str, float]:
 
 
 def gap(area: str) -> dict[str, float]:
-    """Share of single effects of five units and more that were named rightly, and of false alarms among empty cases, %."""
+    """Shares, %: single effects of at least five units that were named rightly; false alarms among cases without an effect."""
     found = rows(area, "tiers")
     found = found[found.key.str.startswith("methods.gsbridge.list.")]
     if found.empty:
@@ -129,7 +129,7 @@ def gap(area: str) -> dict[str, float]:
     plain, empty = cases[(cases.kind == "single") & (pd.to_numeric(cases.units) >= 5)], cases[cases.hidden.isna()]
     out = {f"gap_named_right_{tier}": 100 * (of.outcome == "right").mean() for tier, of in plain.groupby("tier")}
     out |= {f"gap_false_alarm_{tier}": 100 * (of.outcome == "false_alarm").mean() for tier, of in empty.groupby("tier")}
-    # Alarms of all machines count the cases of other laws (T6), too.
+    # The share of false alarms over all tiers includes the cases of other laws (T6).
     other = other_laws(area)
     free = other[~other.hidden] if len(other) else other
     alarms = pd.concat([empty.outcome, free.outcome]) if len(free) else empty.outcome
@@ -137,7 +137,7 @@ def gap(area: str) -> dict[str, float]:
 
 
 def other_laws(area: str) -> pd.DataFrame:
-    """Cases of T6: whether something is hidden in them, their kind and what came out; none where the tier was not recorded."""
+    """Cases of T6: whether something is hidden in them, their kind and their outcome; none if the tier was not recorded."""
     found = rows(area, "mismatch")
     found = found[found.key.str.startswith("cases.")]
     if found.empty:

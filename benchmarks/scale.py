@@ -1,8 +1,8 @@
-"""What bounds a run of many scenes and cells: `python -m benchmarks.scale`, for 100 scenes and 50 cells.
+"""Estimate what limits the time of a run of 100 scenes and 50 cells: `python -m benchmarks.scale`.
 
-Snakemake plans the run, and every job takes what jobs of its rule took where they were measured. `--measured FOLDER` takes
-those times anew, from the folder of files that snakemake leaves (`toy/results/benchmarks`), and keeps them in
-`benchmarks/job_times.csv`. The table goes into docs/cluster.md, between two marks.
+Snakemake plans the run; the estimate gives every job the time that jobs of its rule took when they were measured.
+`--measured FOLDER` reads new times from the folder of benchmark files that snakemake leaves (`toy/results/benchmarks`), and
+keeps them in `benchmarks/job_times.csv`. The table goes into docs/cluster.md, between two marks.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ BEGIN, END = "<!-- scale: `python -m benchmarks.scale` writes this block -->", "
 CORES = (2, 16, 100, 1000)
 VIDEO = "film.mp4"
 HEAVIEST = 10
-"""Rules that have a row; the others stand in one."""
+"""Number of rules that have a row of their own; the others share one."""
 
 
 def measured_times(folder: Path) -> pd.DataFrame:
-    """Median wall time, s, and greatest memory, MB, of one job by rule, and of how many jobs.
+    """Median wall time, s, and greatest memory, MB, of one job by rule, and the number of jobs that were measured.
 
     Args:
         folder: Files that snakemake's `benchmark:` wrote, one folder per rule.
@@ -87,12 +87,12 @@ def planned_graph(config: dict[str, Any]) -> tuple[dict[str, str], list[tuple[st
 
 
 def longest_way(rules: dict[str, str], edges: list[tuple[str, str]], seconds: dict[str, float]) -> list[str]:
-    """Jobs of the longest chain, the first one first.
+    """Jobs of the chain that takes longest (the critical path), in the order in which they run.
 
     Args:
         rules: Rule of each job.
         edges: Which job comes before which.
-        seconds: Time of one job by rule, s; rules without one count as nothing.
+        seconds: Time of one job by rule, s; rules that are not listed count as 0 s.
     """
     before: dict[str, list[str]] = {job: [] for job in rules}
     for first, second in edges:
@@ -109,7 +109,7 @@ def longest_way(rules: dict[str, str], edges: list[tuple[str, str]], seconds: di
 
 
 def block(scenes: int, cells: int) -> str:
-    """The table and what it says."""
+    """The table, and the sentences about it."""
     times = pd.read_csv(TIMES).set_index("rule")
     seconds, memory = times.s.to_dict(), times.mb.to_dict()
     rules, edges = planned_graph(large_configuration(scenes, cells))
@@ -147,7 +147,7 @@ def block(scenes: int, cells: int) -> str:
 
 
 def main() -> None:
-    """Write the block, and the times before it where they are taken anew."""
+    """Write the block into the page; with `--measured`, update the times first."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--measured", type=Path, help="folder of benchmark files whose times are kept")
     parser.add_argument("--scenes", type=int, default=100)

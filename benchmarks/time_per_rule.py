@@ -1,7 +1,8 @@
 """CPU seconds of each rule before and after, as a table: `python -m benchmarks.time_per_rule BEFORE AFTER`.
 
-Both are a folder of the files that snakemake leaves (`results/benchmarks`), or what `record_timings` keeps of one
-(`timings.csv.gz`). Jobs that only one of the two has are left out: a run of other scenes would look fast.
+BEFORE and AFTER are each a folder of benchmark files that snakemake leaves (`results/benchmarks`), or the file that
+`record_timings` makes from one (`timings.csv.gz`). Jobs that only one of the two has are left out, since otherwise a run with
+fewer scenes would look fast.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from gsbridge.report.tables.timing import COLUMNS, timing_rows
 
 
 def jobs(source: Path) -> pd.Series:
-    """CPU seconds by rule and item."""
+    """CPU time of each job, s, by rule and item."""
     if source.is_dir():
         table = pd.DataFrame(timing_rows(sorted(source.rglob("*.jsonl"))), columns=COLUMNS)
     else:

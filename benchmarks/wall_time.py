@@ -31,7 +31,7 @@ def main() -> int:
     begin = time.monotonic()
     status = subprocess.run(arguments.command, check=False).returncode
     if status == 0:
-        # Read behind the run: it may have written to the folder itself.
+        # Read after the run, which may have written to the folder itself.
         times = read_json(arguments.output) if arguments.output.is_file() else {}
         cores = len(os.sched_getaffinity(0))
         times[arguments.name] = {"wall_s": round(time.monotonic() - begin, 1), "cores": cores}
