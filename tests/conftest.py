@@ -1,11 +1,11 @@
-"""One thread for each process of the tests, and reasons for which CI may skip one: others mean that something is missing."""
+"""One thread for each test process, and the reasons for which CI may skip a test: any other means that something is missing."""
 
 import os
 
 import pytest
 
-# As snakemake sets it for a job of one thread, before numpy is loaded: threads of OpenBLAS spin while they wait for each other.
-# On cores that are busy with other tests they spend many times what the work itself takes.
+# Set before numpy is loaded, as snakemake does for a job of one thread. Threads of OpenBLAS spin while they wait for each
+# other: on cores that are busy with other tests, the spinning costs many times the work itself.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 ALLOWED_SKIPS = {

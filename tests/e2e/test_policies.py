@@ -1,4 +1,4 @@
-"""Policies of the toy: trained, tried in both worlds, told in the tables."""
+"""Policies of the toy: trained, tried in both worlds, shown in the tables."""
 
 import csv
 import json

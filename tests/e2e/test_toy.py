@@ -32,7 +32,7 @@ def rendering(folder: Path, **fixed: str) -> list[dict[str, str]]:
 def test_cameras_are_metric_and_in_place(toy, scene):
     score = read(toy / f"results/scores/scenes/{scene}.json")
     assert score["registered_percent"] >= 95
-    # Smaller photos than the desktop's, so twice its limits; the poses are compared as they are, without a fit to truth.
+    # Photos are smaller than the desktop preset's, so the limits are twice as large; poses are not fitted to the truth first.
     assert score["camera_mm_median"] <= 2.5
     assert abs(score["scale_percent"]) <= 0.5
     assert score["tilt_deg"] <= 0.3
@@ -111,7 +111,7 @@ def test_the_report_of_snakemake_tells_scenes_policies_and_gap(toy, tmp_path):
     for path, result in results.items():
         assert set(result["labels"]) == {"result", "of"}
         assert "Good" in result["caption"]
-        # The file itself, not a name of one beside it.
+        # The page embeds the file itself, not its name.
         assert len(result["data_uri"]) > (toy / path).stat().st_size
     page = (toy / "results/tables.html").read_text()
     links = {link for link in re.findall(r'href="([^"#]+)"', page) if ":" not in link}
@@ -124,7 +124,8 @@ def test_hidden_effects_are_named_and_nothing_else_is(toy, tier, cases, named):
     score = read(toy / f"results/gap-benchmark/{tier}/scores.json")
     figures = score["methods"]["gsbridge"]
     assert (score["split"], score["cases"]) == ("development", cases)
-    # A dozen cases bound no rate: this is a guard. One axis alone cannot part all effects; the floors are the full benchmark's.
+    # A dozen cases say little about a rate, and one axis cannot separate all effects: this only guards against breakage. The
+    # floors are for the full benchmark.
     assert figures["named_right"]["n"] >= 1
     assert figures["named_right"]["value"] >= named
     assert figures["named_or_covered"]["value"] == 1.0
@@ -144,7 +145,7 @@ def test_second_run_does_nothing(toy):
 def test_keyframes_avoid_blur_and_follow_the_motion(toy):
     score = read(toy / "results/scores/keyframes.json")
     assert score["blurred_film_percent"] > 20
-    # Three frames share an arc, and in the fast parts one or two: some arcs have no sharp frame.
+    # There are three frames to an arc, in fast parts only one or two, so some arcs have no sharp frame.
     assert score["blurred_chosen_percent"] <= score["blurred_film_percent"] / 3
     assert score["motion_error_percent"] <= 25
     assert score["step_spread"] <= 0.6
@@ -270,12 +271,12 @@ def test_full_disk_ends_in_one_line_and_leaves_nothing_half_written(toy, scene, 
     """The kernel refuses to let a file grow, as a full disk does, while the real stage runs."""
     target = toy / "results/scenes" / scene / record
     target.unlink()
-    # Less than any output of these stages, more than the schema, which snakemake copies.
+    # The limit is smaller than any output of these stages, but larger than the schema, which snakemake copies.
     process = call_snakemake(toy, "--config", "preset=toy", "--", str(target.relative_to(toy)), file_limit=96 * 1024)
     assert process.returncode != 0
     words = process.stdout + process.stderr
     line = next(line for line in words.splitlines() if "no space left" in line)
-    # A file of this scene: the output itself, or the checkpoint on the way to it.
+    # The line names a file of this scene: the output itself, or a checkpoint of the work on it.
     assert scene in line
     log = (toy / f"results/logs/{script}/{scene}{suffix}.log").read_text()
     assert "no space left" in log

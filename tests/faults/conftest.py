@@ -1,4 +1,4 @@
-"""A small chain of the workflow's own scripts, which takes seconds, and the toy; what each makes when nobody disturbs it."""
+"""A small chain of the workflow's own scripts, which takes seconds, and the toy; each with results of an undisturbed run."""
 
 import abc
 import contextlib

@@ -21,7 +21,7 @@ KILLS = int(os.environ.get("GSBRIDGE_FAULTS", "3"))
 OVER_TOY = os.environ.get("GSBRIDGE_FAULTS_OVER") == "toy"
 LATE = "results/late.txt"
 WAYS = {
-    # Power loss; the out-of-memory killer, whose victim's jobs work on; a scheduler's time limit; Ctrl-C.
+    # Power loss; the out-of-memory killer, which kills snakemake but not its jobs; a scheduler's time limit; Ctrl-C.
     "power": (signal.SIGKILL, True),
     "memory": (signal.SIGKILL, False),
     "term": (signal.SIGTERM, False),
@@ -47,7 +47,7 @@ def kill_and_finish(runs: Runs, expected: dict[str, bytes], work: float) -> None
             until, pause = draw.uniform(0, runs.part * work), draw.uniform(0, 0.3)
             while process.poll() is None and worked(process) < until:
                 time.sleep(0.02)
-            # Jobs also wait, without any work.
+            # The pause lets some kills hit jobs that wait and do no work.
             time.sleep(pause)
             stop(runs, process, draw.choice(list(WAYS)))
             killed += 1
@@ -65,7 +65,7 @@ def test_a_run_killed_anywhere_goes_on_to_the_same_bytes(chain, undisturbed):
     kill_and_finish(chain, *undisturbed)
 
 
-# Not among the skips of every run of the tests: it is asked for, or it is not there.
+# Defined only on request, so that other runs of the tests do not count it as skipped.
 if OVER_TOY:
 
     def test_the_toy_killed_anywhere_goes_on_to_the_same_rows_tables_and_figures(toy):

@@ -1,4 +1,4 @@
-"""Models of thrown bodies, and their meshes, that are well formed and mean nothing."""
+"""Models of thrown bodies, and their meshes, that are well formed but make no sense."""
 
 import os
 from pathlib import Path

@@ -1,6 +1,7 @@
-"""Joint logs, cases and models that are well-formed and odd: each is refused in one line, or read rightly.
+"""Joint logs, cases and models that are well-formed but odd: each is refused in one line, or read rightly.
 
-What a reader accepts in silence becomes a wrong diagnosis: an endless noise leaves no gap, a command held for ever makes one.
+A value that a reader accepts silently leads to a wrong diagnosis: infinite noise hides every gap, a command that never changes
+makes one.
 """
 
 import json
@@ -220,7 +221,7 @@ def test_a_case_is_looked_at_before_it_is_planned(tmp_path, changes, said):
     check_records(changed_case(tmp_path, records={"fit": "results/later.csv"}), tmp_path / "results")
 
 
-# Angles that begin anew after a turn
+# Angles that wrap around after a turn
 
 
 def wrap(angles: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Files that are odd rather than broken: pipes, giants, other formats under a name, references, impossible names."""
+"""Files that are odd rather than broken: pipes, huge files, formats that belie the suffix, references, impossible names."""
 
 import io
 import json

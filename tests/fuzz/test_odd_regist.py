@@ -1,4 +1,4 @@
-"""What somebody with an arm gives: well-formed files that say what cannot be."""
+"""Files of a user with an arm that are well formed but say something impossible."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Descriptions of robots that are well formed and mean nothing, and files that are no text."""
+"""Descriptions of robots that are well formed but make no sense, and files that are no text."""
 
 import os
 from pathlib import Path

@@ -131,7 +131,7 @@ def test_broken_files_end_in_one_line(name, tmp_path, monkeypatch):
     reader.read(path)  # it is sound before it is broken
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
-    # The same cases in every run, others for each reader; what fails is cut down to the least that does.
+    # Every run tries the same cases, and every reader has its own; hypothesis shrinks a failing case to a minimal one.
     @seed(zlib.crc32(name.encode()))
     @settings(
         max_examples=max(CASES // len(READERS), 4),
@@ -148,7 +148,7 @@ def test_broken_files_end_in_one_line(name, tmp_path, monkeypatch):
         except Exception:
             raise
         except BaseException as error:
-            # A hang, or a panic of a library in Rust: not to be repeated.
+            # A hang, or a panic of a Rust library: it fails at once, since hypothesis must not repeat it.
             pytest.fail(f"{type(error).__name__} with {wrong}")
 
     read_broken()

@@ -1,6 +1,7 @@
-"""Snakemake in a process that has read its modules and the project's before: two thirds of a dry run's time are imports.
+"""Snakemake forked from a process that has already imported its modules: imports take two thirds of a dry run's time.
 
-Every call still is a process of its own, with its own folder, environment and output: a fork of one that only imported.
+Every call is still a process of its own, with its own folder, environment and output. The process that it is forked from has
+only done the imports.
 """
 
 import contextlib
@@ -26,7 +27,7 @@ class PreparedSnakemake:
     """Starts the process that forks, and asks it for runs, one after the other."""
 
     def __init__(self) -> None:
-        # As `python -m snakemake` in the project's root finds modules.
+        # Run in the project's root, so that modules are found as by `python -m snakemake` there.
         self.process = subprocess.Popen(
             [sys.executable, "-m", "tests.rules.prepared"], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
@@ -72,7 +73,7 @@ def _run(request: dict) -> None:
         code = 0
     except SystemExit as stop:
         if isinstance(stop.code, str):
-            # As Python does at the end of a program.
+            # Python itself prints the text of a SystemExit like this when a program ends.
             sys.stderr.write(f"{stop.code}\n")
         code = stop.code if isinstance(stop.code, int) else int(bool(stop.code))
     except BaseException:

@@ -1,4 +1,4 @@
-"""What the user can mend before any job starts is told in one line, without snakemake's way to it."""
+"""Errors that the user can mend are told in one line before any job starts, without snakemake's traceback."""
 
 import re
 

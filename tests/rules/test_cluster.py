@@ -73,7 +73,7 @@ def slurm(tmp_path_factory):
         CONFIGURATION.format(host=host, ports=free_ports(2), folder=folder, cpus=os.cpu_count() or 1)
     )
     environment = {**os.environ, "SLURM_CONF": str(folder / "slurm.conf"), "PATH": f"{folder}/bin:{os.environ['PATH']}"}
-    # The plugin takes the name of the configuration, which lies where no command looks by itself, away from jobs.
+    # The plugin removes SLURM_CONF from the environment of jobs, but this configuration lies where no command looks by default.
     (folder / "bin").mkdir()
     (folder / "bin/srun").write_text(f'#!/bin/sh\nSLURM_CONF={folder}/slurm.conf exec {shutil.which("srun")} "$@"\n')
     (folder / "bin/srun").chmod(0o755)
@@ -135,7 +135,7 @@ def kill_job(number, *, slurm_too=False):
         family[:] = [child for one in steps for child in one.children(recursive=True)]
         return family
 
-    # The log of its rule may be that of the job before, which writes until it is gone.
+    # The rule's log may still be the one of the lost job, which writes until it has ended.
     wait_for(works, 60)
     for one in [*(steps if slurm_too else []), *family]:
         with contextlib.suppress(psutil.NoSuchProcess):
@@ -146,7 +146,7 @@ def test_the_first_stages_run_there_and_jobs_that_are_lost_are_made_again(slurm,
     environment, lose_node = slurm
     target = "results/scenes/small_cube/capture/keyframes.json"
     command = [sys.executable, "-m", "snakemake", "--workflow-profile", str(ROOT / "profiles/slurm")]
-    # Of this SLURM, which is asked for two jobs, more often than one would ask that of others.
+    # This SLURM runs two jobs only, so it may be asked for their status more often than a shared one.
     command += ["--directory", str(tmp_path / "run"), "--seconds-between-status-checks", "3"]
     command += ["--slurm-init-seconds-before-status-checks", "2"]
     command += ["--config", SETTINGS, "--", target]
@@ -185,7 +185,7 @@ def test_the_first_stages_run_there_and_jobs_that_are_lost_are_made_again(slurm,
     finally:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
-    # What the rule states, and nothing of the machine on which the run was started.
+    # The job asks for what the rule states, not for what the machine has on which the run was started.
     assert "NumCPUs=1 " in asked
     assert "mem=2500M" in asked
     assert "TimeLimit=01:00:00" in asked

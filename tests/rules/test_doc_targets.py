@@ -1,4 +1,4 @@
-"""What the pages ask snakemake for can be made: every target of theirs is planned, with the scenes that they suppose."""
+"""Targets in the documentation can be made: snakemake plans every one of them, with the scenes that the page supposes."""
 
 import re
 import sys

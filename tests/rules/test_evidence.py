@@ -1,4 +1,4 @@
-"""`make evidence` measures what is recorded, in a clone that already holds the records, too."""
+"""`make evidence` measures all recorded figures again, even in a clone that already holds the records."""
 
 import json
 import re
@@ -25,7 +25,7 @@ def test_all_parts_of_the_evidence_are_measured_anew(snakemake, tmp_path):
     assert len(calls) == len(parts[1].split())
     (options,) = {tuple(call[: call.index("--")]) for call in calls}
     targets = [target for call in calls for target in call[call.index("--") + 1 :]]
-    # As a clone is: the records are there, the results are not.
+    # A clone holds the records, but not the results.
     shutil.copytree(ROOT / "benchmarks/scores", tmp_path / "benchmarks/scores")
     plan = snakemake(
         "--dry-run", "--quiet", "rules", "--directory", str(tmp_path), *options, "--", *targets, GSBRIDGE_SEAL="20001"

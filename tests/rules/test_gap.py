@@ -1,4 +1,4 @@
-"""Cases of the gap and their benchmark as users ask for them; bad input ends with one sentence and leaves nothing behind."""
+"""Cases of the gap and their benchmark, as users run them; bad input ends with one sentence and leaves nothing behind."""
 
 import re
 from pathlib import Path

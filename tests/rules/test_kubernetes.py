@@ -1,7 +1,7 @@
 """The first stages through snakemake's Kubernetes executor and S3-compatible storage, as `profiles/kubernetes` says.
 
 There is no cluster: a server on this machine answers the few requests that the executor makes, and runs each pod's command as a
-process in an empty folder. That tries the profile, the way of sources, keys and files, and nothing of Kubernetes itself.
+process in an empty folder. This tests the profile and how sources, keys and files reach a job, but not Kubernetes itself.
 """
 
 import base64
@@ -43,7 +43,7 @@ class Cluster(ThreadingHTTPServer):
         (container,) = job["spec"]["template"]["spec"]["containers"]
         references = {entry["name"]: entry["valueFrom"]["secretKeyRef"] for entry in container["env"]}
         values = {name: self.secrets[each["name"]]["data"][each["key"]] for name, each in references.items()}
-        # Of the image: Python with gsbridge and the storage plugin, and a home; nothing else of this environment.
+        # The image has Python with gsbridge and the storage plugin, and a home folder, but nothing else of this environment.
         image = {"PATH": f"{Path(sys.executable).parent}:/usr/bin:/bin", "PYTHONPATH": str(ROOT), "HOME": str(self.folder)}
         image["AWS_DEFAULT_REGION"] = "us-east-1"
         (self.folder / name).mkdir()
@@ -144,7 +144,7 @@ def test_pods_make_the_first_stages_in_the_bucket(cluster, storage, project):
     assert process.returncode == 0, process.stderr[-4000:] + logs[-4000:]
     names = {item["Key"].removeprefix(f"{PREFIX}/") for item in client.list_objects_v2(Bucket=BUCKET)["Contents"]}
     assert target in names
-    # Film and keyframes, and nothing of them on the machine that asked.
+    # There were two jobs, film and keyframes, and their results do not lie on the machine that started the run.
     assert len(server.jobs) == 2
     assert not (project / "results/scenes").exists()
     (container, *_) = next(iter(server.jobs.values()))["spec"]["template"]["spec"]["containers"]

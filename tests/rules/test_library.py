@@ -1,4 +1,4 @@
-"""The library's floors, and what may stand where."""
+"""The library's layers: a package imports only from layers below its own."""
 
 import ast
 import re
@@ -13,10 +13,10 @@ GROUND = "errors logs files given geometry cameras images meshes libraries kerne
 GROUND += "notebook run_status workflow_faults workflow_files workflow_lock workflow_plan workflow_storage workflow_targets "
 GROUND += "reading"
 FLOORS = [
-    # The ground floor has no packages; its modules may build on one another.
+    # The lowest layer has modules only, no packages; its modules may import one another.
     GROUND.split(),
     ["robot", "tasks", "effects", "experiment"],
-    # Real2Sim: what several stages measure with, the stages, and what bundles or places the stages' results.
+    # Real2Sim: first what several stages measure with, then the stages, then what bundles or places their results.
     ["photogrammetry"],
     ["capture", "sfm", "align", "masks", "mesh", "splats"],
     ["asset", "registration"],
@@ -58,7 +58,7 @@ def test_imports_go_down_only(path):
 def test_no_import_closes_a_circle():
     names = [module_name(path) for path in MODULES]
     waiting, seen = {name: set(digests.direct_imports(name)) & set(names) - {name} for name in names}, set()
-    # A package's __init__ is imported on the way to its modules; that is no dependency of its own.
+    # Importing a module also imports its package's __init__; that does not count as a dependency.
     for name, imports in waiting.items():
         waiting[name] = {other for other in imports if not name.startswith(other + ".") and not other.startswith(name + ".")}
     while waiting:

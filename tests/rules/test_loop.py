@@ -1,4 +1,4 @@
-"""Closing the loop: one target makes everything from the trials to the amended policy, and no rule but the worlds' is told."""
+"""Closing the loop: one target makes all from the trials to the amended policy, and only the worlds' rules know the truth."""
 
 import re
 

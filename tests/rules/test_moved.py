@@ -134,6 +134,6 @@ def test_what_was_changed_is_done_again_there(finished, tmp_path):
     jobs = planned(project)
     assert jobs["select_keyframes"] == len(SCENES)
     assert jobs["draw_success"] == 1
-    # Of the two scenes of the preset, only the one whose mesh is another.
+    # The preset has two scenes, and only the one whose mesh has changed is made again.
     assert (jobs["train_splats"], jobs["build_asset"]) == (len(BINDINGS), 1)
     assert not {"film_scene", "reconstruct_cameras", "align_scene", "mesh_object", "mesh_background"} & set(jobs)

@@ -1,4 +1,4 @@
-"""The gap of pictures: one target makes everything from the photos to the policies that learn with what they say."""
+"""The gap of pictures: one target makes everything from the photos to the policies that learn with the amended camera."""
 
 import re
 

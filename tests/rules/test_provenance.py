@@ -18,7 +18,7 @@ WITHOUT_FIGURES = {"compile_kernels", "copy_project_file"}
 @pytest.mark.parametrize("area", AREAS)
 def test_the_rules_behind_an_area_are_those_that_are_planned(snakemake, tmp_path, area):
     call = ["--dry-run", "--quiet", "host", "--directory", str(tmp_path), "--", f"results/scores/{area}.json"]
-    # Logs of real machines count where their folders are named.
+    # Logs of real machines are planned only if the variables name their folders.
     plan = snakemake(*call, GSBRIDGE_MEASURED="measured", GSBRIDGE_ROBOTS="robots").stdout
     planned = set(re.findall(r"(?m)^(\w+)\s+\d+$", plan)) - {"total"} - WITHOUT_FIGURES
     assert planned == set(RULES[area])
@@ -45,7 +45,7 @@ def test_settings_of_the_gap_s_benchmark_count_where_they_are_read(config):
     for area in AREAS:
         found = {name for name in provenance(area, whole)["settings"] if name.startswith("gap.")}
         assert found == {"gap.cases", *read.get(area, ())}, area
-    # Whoever reads one of them: the rules of the benchmark, which stand behind no other area, and checks before any job.
+    # Only these may read one of the settings: the benchmark's rules, which belong to no other area, and checks before any job.
     keys = "|".join(key.removeprefix("gap.") for key in alone)
     readers = {
         path.name for path in (ROOT / "rules").glob("*.smk") if re.search(rf'GAP\["({keys})"\]|\bBENCHMARK\.', path.read_text())
@@ -66,7 +66,7 @@ def test_figures_about_logs_depend_on_no_scene(config):
         assert provenance(area, {**whole, "worlds": {}, "scenes": {}}) == provenance(area, whole)
     changed = provenance("policies", {**whole, "worlds": {**whole["worlds"], "mirror": {"seed": 5}}})
     assert changed != provenance("policies", whole)
-    # Their rules stand in one file, and what that file reads of the settings is named there: all else comes from the gap's.
+    # Their rules stand in one file. All that it reads of the settings is named in `_FOR_LOGS`, apart from the gap's own.
     text = (ROOT / "rules/gap_benchmark.smk").read_text()
     rules = set(re.findall(r"(?m)^rule (\w+):", text))
     assert all(set(RULES[area]) <= rules for area in logs)

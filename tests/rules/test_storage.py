@@ -28,7 +28,7 @@ def storage(tmp_path):
 
     said = tmp_path / "server"
     with said.open("w") as output:
-        # Port 0: one that is free, which the server says.
+        # With port 0 the server chooses a free one and prints it.
         server = subprocess.Popen([sys.executable, "-m", "moto.server", "-p", "0"], stdout=output, stderr=output)
     try:
         until = time.monotonic() + 120
@@ -81,7 +81,7 @@ def test_the_first_stages_lie_in_the_bucket_and_are_found_there(storage, tmp_pat
     record = json.loads(client.get_object(Bucket=BUCKET, Key=f"{PREFIX}/{target}")["Body"].read())
     frames = [name for name in names if name.startswith("results/scenes/small_cube/capture/frames/") and name.endswith(".png")]
     assert len(frames) == len(record["frames"]) > 0
-    # Only there: a machine that starts with an empty folder, and the same address, has nothing left to do.
+    # The results lie in the storage only: a machine with an empty folder and the same address has nothing left to do.
     assert not (tmp_path / "run/results/scenes").exists()
     call[call.index("--directory") + 1] = str(tmp_path / "elsewhere")
     assert "Nothing to be done" in run("--dry-run")

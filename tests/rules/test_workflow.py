@@ -1,4 +1,4 @@
-"""The workflow as its users meet it: lint, dry runs, configuration."""
+"""The workflow as users see it: lint, dry runs, configuration."""
 
 import re
 import subprocess

@@ -1,4 +1,4 @@
-"""Logs of an axis, with what may be hidden in them."""
+"""Logs of a single axis, with effects hidden in them."""
 
 import numpy as np
 from scipy.signal import lfilter

@@ -1,6 +1,6 @@
-"""The same replay in PyBullet itself: a second opinion on the compiled kernel, and the engine's own share of the noise floor.
+"""The replay in PyBullet itself: a check of the compiled kernel, and the engine's own share of the noise floor.
 
-Nothing is left to the engine's defaults: its motors, dampings and shapes are off; losses are torques of the model.
+Nothing is left to the engine's defaults: its motors, dampings and shapes are off; losses are torques that the model computes.
 """
 
 from __future__ import annotations

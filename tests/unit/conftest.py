@@ -2,6 +2,6 @@
 
 from hypothesis import settings
 
-# Its limit of 200 ms is one of the clock: beside other tests a core may be busy for longer, whatever an example takes.
+# hypothesis limits an example to 200 ms of wall time; beside other tests, a core may be busy for longer than that.
 settings.register_profile("beside others", deadline=None)
 settings.load_profile("beside others")

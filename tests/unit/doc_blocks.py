@@ -1,4 +1,4 @@
-"""Blocks of code of the pages, and the commands in them."""
+"""Blocks of code on the documentation's pages, and the commands in them."""
 
 import re
 import shlex

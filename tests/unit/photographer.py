@@ -1,4 +1,4 @@
-"""Photos of splats taken one by one, each moment of an exposure drawn anew: what the gap's expectation is tested against."""
+"""Photos of splats rendered one by one, every moment of an exposure anew: the reference for the pictures the gap expects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a rerun recording holds, read back."""
+"""Content of a rerun recording, read back from its file."""
 
 from __future__ import annotations
 

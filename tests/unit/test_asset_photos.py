@@ -1,4 +1,4 @@
-"""The bundle's looks against photos made here from the splats themselves."""
+"""The look of the bundle against photos that are rendered here from the splats themselves."""
 
 import numpy as np
 import pytest

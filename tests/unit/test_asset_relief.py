@@ -1,4 +1,4 @@
-"""What stands up from a table, on height fields made here."""
+"""Objects that stand up from a table, found on height fields made here."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The asset stage on small scenes made here: bundle, rest in PyBullet, same bytes again, bad input."""
+"""The asset stage on small scenes made here: bundle, rest in PyBullet, the same bytes in a second run, bad input."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What a capture consists of, and when it counts as another one."""
+"""Which files a capture consists of, and which changes make it count as another capture."""
 
 import hashlib
 import json

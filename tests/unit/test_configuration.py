@@ -1,4 +1,4 @@
-"""What the schema lets pass and would fail hours later is refused at once."""
+"""Settings that the schema accepts, but that would fail hours later, are refused at once."""
 
 import copy
 from pathlib import Path

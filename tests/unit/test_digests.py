@@ -153,7 +153,7 @@ def edges():
     files |= {f"scripts.{name}": ROOT / "scripts" / f"{name}.py" for name in SCRIPTS}
     files |= {f"benchmarks.{name}": ROOT / "benchmarks" / f"{name}.py" for name in PROGRAMS}
     found = {name: imports_of(compile(path.read_text(encoding="utf-8"), name, "exec")) for name, path in files.items()}
-    # What the root package offers to other programs, it loads when it is asked; nothing of ours asks, as the next test says.
+    # The root package loads the names that it offers only when they are used, and no module of gsbridge uses them (next test).
     return {**found, "gsbridge": set()}
 
 
@@ -177,7 +177,7 @@ def test_every_edit_of_the_library_changes_exactly_the_rules_that_reach_it(edges
     for module in MODULES:
         expected = {name for name in roots if module in reached[name]} if module not in digests.WITHOUT_EFFECT else set()
         monkeypatch.setattr(digests, "_code", lambda name, module=module: plain(name) + b"1" * (name == module))
-        # A digest whose closure lacks the module cannot change; one of the first such rules is computed to say so.
+        # A digest whose closure lacks the module cannot change; computing one such digest checks this.
         others = [name for name in roots if name not in users[module]][:1]
         changed = {name for name in [*users[module], *others] if digests.code_digest(name) != before[name]}
         assert changed == expected, module
@@ -236,9 +236,9 @@ def test_editing_an_effect_reruns_its_users(module, place):
 
 def test_nothing_is_read_or_imported_by_a_way_that_imports_do_not_show():
     """Data of the library lies in its packages' folders, and modules of ours are imported by statements."""
-    # To find the checkout, to name the file of a line in a log, and to tell lines of a user's driver from others'.
+    # They may use `__file__`: to find the checkout, to name a log line's file, and to recognise lines of a user's driver.
     places = {"gsbridge/digests.py", "gsbridge/logs.py", "gsbridge/policy/driver.py"}
-    # Names for other programs, optional packages of others, and a user's own driver.
+    # They may import by name: for names of other programs, optional third-party packages, and a user's own driver.
     imports = {"gsbridge/__init__.py", "gsbridge/policy/driver.py", "gsbridge/gap/formats/mcap.py", "gsbridge/masks/sam2.py"}
     for path in ROOT.glob("gsbridge/**/*.py"):
         name, text = str(path.relative_to(ROOT)), path.read_text(encoding="utf-8")

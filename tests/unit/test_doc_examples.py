@@ -62,12 +62,12 @@ def test_commands_are_understood(words):
             assert not word.startswith("--") or word in helped.stdout, f"{words[1]} knows no {word}"
     elif name == "make":
         assert len(words) == 2
-        # What is there already would be made anew: where all is set up, nothing else is said.
+        # With `--always-make`, since make prints nothing about targets that are up to date.
         call = ["make", "--dry-run", "--always-make", words[1]]
         would = subprocess.run(call, capture_output=True, text=True, cwd=ROOT, check=True).stdout
         assert re.search(r"touch|snakemake|gsbridge run|pytest|ruff", would)
     else:
-        # Environments that are made and filled, and nothing else.
+        # All other commands only make an environment and install into it.
         assert name in (".", "pip", "python"), name
         assert name != "python" or words[1] in ("-m", "-c")
 

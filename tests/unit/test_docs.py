@@ -1,4 +1,4 @@
-"""What the pages point to is there: files, headings of other pages, modules and what they define."""
+"""Everything that the pages refer to exists: files, headings of other pages, modules and the names that they define."""
 
 import ast
 import re
@@ -59,7 +59,7 @@ def test_links_lead_somewhere(page):
 def test_files_and_modules_that_are_named_are_there(page):
     text = page.read_text(encoding="utf-8")
     for path in SOURCE.findall(text):
-        # Or a result, where a page names them without the folder in which all of them lie.
+        # The path may also be a result: some pages name results without the folder `results/`.
         assert (ROOT / path).exists() or f'"results/{path}"' in RULES, f"{page.name} names {path}"
     for name in DEFINED.findall(text):
         assert is_defined(name), f"{page.name} names {name}"

@@ -1,4 +1,4 @@
-"""What an arm knows of itself: one formula for states of worlds and poses of arms."""
+"""Proprioception of an arm: one formula serves for states of worlds and for poses of real arms."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Vessels are taken by their wall: where, and whether a hand that is told so lifts them in both worlds."""
+"""Vessels are gripped by their wall: where, and whether a hand that grips there lifts them in both worlds."""
 
 import cup_fixture as cups
 import numpy as np

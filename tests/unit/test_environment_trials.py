@@ -1,4 +1,4 @@
-"""Trials: every start once, counted by seed, and told what went wrong."""
+"""Trials: every start pose once, successes counted by seed, and the reason of each failure."""
 
 from dataclasses import replace
 

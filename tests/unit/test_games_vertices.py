@@ -31,7 +31,7 @@ def test_free_vertices_mend_a_poor_mesh(tmp_path: Path) -> None:
     moved, after = run("games_vertices")
     np.testing.assert_array_equal(frozen.vertices, mesh.vertices)
     assert after > before + 3
-    # The surface as a whole goes inwards, as blurred discs on it would stand out; its bumps go.
+    # Training removes the bumps. It also moves the whole surface inwards, since blurred discs would otherwise stand out.
     radii = [np.linalg.norm(vertices, axis=1) for vertices in (frozen.vertices, moved.vertices)]
     assert radii[1].std() < 0.5 * radii[0].std()
     assert 0.9 * RADIUS < radii[1].mean() < RADIUS

@@ -1,4 +1,4 @@
-"""What is said where a model errs by more than noise: a tolerance, a name beside what remains, and the account of a gap."""
+"""Diagnosis where the model errs by more than noise: a tolerance, a named effect beside a remainder, the account of a gap."""
 
 from dataclasses import replace
 
@@ -82,7 +82,7 @@ def test_a_tolerance_and_repeats_are_read_from_a_case(axis, tmp_path):
         return read_joint_case(tmp_path / "case.yaml").records
 
     assert read(tolerance={"position": 2e-4})["select"].tolerance["position"].tolist() == [2e-4]
-    # Two records that differ by d differ from their mean by d over the root of two each.
+    # For two records that differ by d, the standard deviation of a single one is d over the square root of two.
     found = read(repeats={"fit": ["again.csv"]})["verify"].tolerance["position"]
     assert found == pytest.approx(np.sqrt((shift**2).mean() / 2), rel=0.1)
     with pytest.raises(InputError, match="no such record"):
@@ -99,7 +99,7 @@ def test_fits_start_where_the_projection_leads(axis):
     view = JointResiduals.of(Mechanism(axis[0]), simulated(axis, records, (Applied("payload", "", true),))["fit"])
     screen = Screen(view, make_bank(view, [JointCandidate("payload")]))
     start = screen.matches(view.residual())[0].starts[0]
-    # One axis cannot part a mass from its lever: the start is right if it already explains most.
+    # A single axis cannot separate a mass from its lever arm, so the start is judged by how much it explains.
     left = (view.residual([JointCandidate("payload").applied(start)]) ** 2).sum()
     assert left < 0.05 * (view.residual() ** 2).sum()
     found = fit(view, [JointCandidate("payload")], [start], screen=screen)
@@ -406,7 +406,7 @@ def test_spreads_hold_errors_that_last(axis):
         views = tuple(JointResiduals.of(mechanism, records[role], (true,)) for role in ("fit", "select"))
         both = PooledResiduals(views)
         found = fit(both, [candidate], [{"time": 0.018}])
-        # Derivatives that are known spare differences, and change nothing.
+        # Known derivatives save the finite differences, and do not change the result.
         known = derivatives(both, found)
         again = fit(both, [candidate], [dict(found.values[0])], known=known)
         assert again.values[0]["time"] == pytest.approx(found.values[0]["time"], abs=0.1 * float(found.deviations[0]))

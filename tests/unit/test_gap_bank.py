@@ -1,4 +1,4 @@
-"""Signatures: kept on disk, told apart before any fit, and as first derivatives of fits that take few simulations."""
+"""Signatures: kept on disk, compared before any fit, and used as first derivatives in fits that need few simulations."""
 
 import numpy as np
 import pytest
@@ -96,7 +96,7 @@ def test_columns_are_derivatives(site):
     cosine = slope @ column / np.linalg.norm(slope) / np.linalg.norm(column)
     assert cosine > 0.98
     assert np.linalg.norm(column) == pytest.approx(np.linalg.norm(slope), rel=0.2)
-    # Nothing is said about shapes, nor about effects that begin at a threshold.
+    # Signatures give no derivative for parameters of shape, nor for effects that begin at a threshold.
     assert np.isnan(screen.columns(JointCandidate("stribeck", "axis"), {"torque": 0.1, "speed": 0.05})[:, 1]).all()
     assert np.isnan(screen.columns(JointCandidate("saturation", "axis"), {"weakness": 0.3})).all()
 

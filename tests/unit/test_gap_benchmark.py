@@ -1,4 +1,4 @@
-"""The blind benchmark: truths that know nothing of the diagnosis, hidden and sealed, and their scoring."""
+"""The blind benchmark: truths that share no code with the diagnosis, hidden and sealed, and their scoring."""
 
 import ast
 from dataclasses import replace
@@ -103,7 +103,7 @@ def test_a_lag_is_the_filters_exact_answer(tmp_path):
     grid = fine[::1000]
     ours = smoothed(np.interp(grid, fine, lines)[:, None], slow, 1e-3)[:, 0]
     assert np.abs(ours - exact[::1000]).max() < 1e-6
-    # And the truths of arms and of the axis, seen in the motion that they lead to.
+    # The same for the filters in the truths of arms and of the axis, judged by the motion that they cause.
     system, _ = axis_plant(tmp_path)
     moved = [truth(wanted, 1.0, times, {"lag": slow})["position"] for truth in (run_axis, MujocoTruth(system))]
     plain = [truth(wanted, 1.0, times, {})["position"] for truth in (run_axis, MujocoTruth(system))]
@@ -129,11 +129,11 @@ def test_a_truth_that_runs_away_is_told_and_not_logged(tmp_path, monkeypatch):
     begun = np.isfinite(lost["position"][:, 0])
     assert begun[0]
     assert not begun[-1]
-    # Once lost, it stays so.
+    # A motion that has run away never comes back.
     assert (np.diff(begun.astype(int)) <= 0).all()
     assert np.isfinite(lost["tool"][:, 0]).sum() <= begun.sum() + 1
     assert not list(tmp_path.glob("MUJOCO*"))
-    # A search for a size takes it for too large, and a case in which it runs away later is refused.
+    # The search for a size takes a motion that runs away for too large. A case whose motion runs away later is refused.
     plant = plant_of({"odd": (1e-3, 1)}, lambda hidden: 10 * hidden["odd"] if hidden else 0.0)
     selected = []
 
@@ -141,7 +141,7 @@ def test_a_truth_that_runs_away_is_told_and_not_logged(tmp_path, monkeypatch):
         moved = plant.truth(wanted, duration, times, hidden)
         if hidden:
             selected.append(wanted(0.3))
-        # Sizes are found on `select`, which all goes well on.
+        # Sizes are found on `select`, on which no motion runs away.
         return moved if not hidden or selected[0] == wanted(0.3) else {kind: values * np.nan for kind, values in moved.items()}
 
     with pytest.raises(NotShownError, match="runs away") as caught:
@@ -328,7 +328,7 @@ def test_outcomes():
     assert said("named", ["a"]).outcome == "right"
     assert said("named", ["b"]).outcome == "wrong"
     assert said("named", ["a", "b"]).outcome == "wrong"
-    # Who can call things ambiguous must; a method that always singles one out is right with what is the same equation.
+    # A method that can answer "ambiguous" must do so; one that always decides is right with any effect of the same equation.
     assert said("named", ["b"], twins=[["b"]]).outcome == "wrong"
     assert said("named", ["b"], twins=[["b"]], decides=True).outcome == "right"
     assert said("named", ["c"], twins=[["b"]], decides=True).outcome == "wrong"

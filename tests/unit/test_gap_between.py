@@ -1,4 +1,4 @@
-"""Commands that go on otherwise between two samples than the model says."""
+"""Commands that run differently between two samples than the model says."""
 
 from dataclasses import replace
 
@@ -59,13 +59,13 @@ def test_nothing_is_asked_where_commands_are_logged_as_often_as_they_are_used(ax
 
 def test_a_clock_is_not_blamed_for_commands_that_the_model_holds(axis, tmp_path):
     system, plant = axis
-    # Noise that hides the stairs of held commands, but not that they come late.
+    # This noise hides the steps of held commands, but not their delay.
     logs = records(plant, 4e-3, {})
     diagnosis = diagnose_joints(saying(system, "hold"), logs, tmp_path, names=("clock_offset",))
     found = JointAccount().findings_of(diagnosis, logs, seed=0)
     assert found["verdict"] == "none_of_the_known"
     assert "'between: line'" in found["warnings"][0]
-    # One that is late all the same is named.
+    # A clock that is late in spite of this is named.
     late = records(plant, 4e-3, {"clock_offset": 0.04})
     assert diagnose_joints(saying(system, "hold"), late, tmp_path, names=("clock_offset",)).finding.verdict == "named"
 

@@ -1,4 +1,4 @@
-"""What users get wrong in a case and in its model: each is refused in one line that says which key it is."""
+"""Mistakes of users in a case and in its model: each is refused in one line that names the key."""
 
 import pytest
 import yaml

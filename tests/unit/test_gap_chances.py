@@ -1,4 +1,4 @@
-"""Probabilities as pages tell them: with a size where it says something, and else as less than a bound."""
+"""Probabilities as pages show them: as a number where it is meaningful, else as less than a bound."""
 
 import pytest
 

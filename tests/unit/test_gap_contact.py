@@ -383,9 +383,9 @@ def test_an_engine_more_is_as_far_apart_as_six_engines_lead_one_to_expect():
         assert np.mean(np.array(odd) < level) <= 1.5 * level
     far = [ThrowNull(sets[:6], early, 1.0, np.ones_like).p_value(5.0 * sets[6], np.ones(30)) for sets in engines]
     assert np.mean(np.array(far) < 0.01) > 0.8
-    # Throws that no replicate has, and that chaos drives further apart, make no set odd.
+    # Throws that the replicates do not have must not make a set look odd, even if chaos drives them far apart.
     more = np.concatenate([engines[0, 6], np.full(60, 9.0)])
     null = ThrowNull(engines[0, :6], early, 1.0, np.ones_like)
     assert null.p_value(more, np.ones(90)) == null.p_value(engines[0, 6], np.ones(30))
-    # Before anything is touched no engine has a choice.
+    # Before the first touch all engines agree.
     assert ThrowNull(engines[0, :6], early, 1.0, np.ones_like).p_value(engines[0, 6], np.full(30, 3.0)) < 0.01

@@ -137,7 +137,7 @@ def test_a_figure_is_halved_on_its_way_to_nothing_and_raised_in_steps():
     left = [0.5 + point.parameters["friction"] for point in lowered]
     assert left == pytest.approx([0.45, 0.375, 0.25, 0.125, 0.0625, 0.0])
     assert [point.parameters["friction"] for point in raised] == pytest.approx([0.05, 0.125, 0.3, 0.6])
-    # Nothing can be taken away from what is nothing.
+    # Restitution is zero in the model, so nothing can be subtracted from it.
     assert all(len(way) == 3 for way in grid_ways(parse_body(MODEL, "."), "restitution"))
 
 

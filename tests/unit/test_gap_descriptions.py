@@ -57,7 +57,7 @@ def test_a_world_that_has_no_link_and_a_name_space(tmp_path):
     assert system.viscous == [0.1]
     skeleton = Skeleton.read(system.urdf, system.joints)
     assert skeleton.description.base == "world"
-    # What is written out again is whole: engines want every link.
+    # The URDF that is written again holds every link, as engines require.
     skeleton.write(tmp_path / "plain.urdf", skeleton.inertials)
     assert read_description(tmp_path / "plain.urdf").links == ("world", "base", "rod")
 

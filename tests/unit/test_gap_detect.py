@@ -1,4 +1,4 @@
-"""Alarms: calibrated on replicates, not raised by noise of another colour, and the noise's own size."""
+"""Alarms: calibrated on replicates, and not raised by coloured noise; and estimates of the noise's size."""
 
 from dataclasses import replace
 
@@ -115,7 +115,7 @@ def test_coloured_noise_is_no_motion(views):
 
 
 def test_what_was_computed_from_a_position_bears_no_witness(views):
-    # A speed by differences repeats the noise of its position; the effort of a controller that reads it does so, too.
+    # A speed from differences repeats the noise of the position; so does the effort of a controller that reads the position.
     pair = views[0]
     rng, system = np.random.default_rng(3), pair[0].mechanism.system
     for smooth in (0.0, 0.6):
@@ -225,7 +225,7 @@ def test_commands_that_ran_on_between_their_samples_raise_no_alarm(tmp_path):
     for seed in range(3):
         view = JointResiduals.of(mechanism, sparse(plant, 25.0, {}, seed))
         assert joint_null(view, rng).p_value(view.residual()) >= 0.01
-        # What the model lacks shows none the less.
+        # An effect that the model lacks still raises the alarm.
         view = JointResiduals.of(mechanism, sparse(plant, 25.0, {"coulomb": 0.5}, seed))
         assert joint_null(view, rng).p_value(view.residual()) < 0.01
     held = Mechanism(replace(system, controller=replace(system.controller, between="hold")))
@@ -236,7 +236,7 @@ def test_what_an_encoder_rounds_asks_for_no_explanation(tmp_path):
     system, plant = axis_plant(tmp_path)
     view = JointResiduals.of(Mechanism(system), sparse(plant, 50.0, {}, 0, rounding=2e-3))
     assert view.tolerance() == pytest.approx(2e-3 / np.sqrt(12) / view.sigma)
-    # Where noise exceeds the step it makes the rounding one more noise.
+    # Noise larger than the step turns the rounding into independent noise.
     record = view.record
     noisy = record.measured["position"] + np.random.default_rng(1).normal(0.0, 5e-3, record.measured["position"].shape)
     noisy = 2e-3 * np.round(noisy / 2e-3)

@@ -1,4 +1,4 @@
-"""Columns that cannot belong to a joint under feedback: a wrong sign, another order, one record twice."""
+"""Columns that cannot belong to a joint under feedback control: a wrong sign, another order, the same record twice."""
 
 from dataclasses import replace
 

@@ -199,7 +199,7 @@ def test_ros_messages_carry_their_units(tmp_path):
     record = read_log(f"{tmp_path / 'log.mcap'}#/joint_states,/joint_commands", Layout(JOINTS))
     np.testing.assert_allclose(record.measured["position"], motion(), atol=1e-12)
     np.testing.assert_allclose(record.commands["command"], motion() + 0.01, atol=1e-12)
-    # Of a joint that slides ROS means metres.
+    # For a sliding joint, ROS gives metres.
     slid = read_log(f"{tmp_path / 'log.mcap'}#/joint_states,/joint_commands", Layout(JOINTS, sliding=("elbow",)))
     np.testing.assert_array_equal(slid.measured["position"], record.measured["position"])
 

@@ -81,7 +81,7 @@ def test_noise_that_passed_a_filter_is_no_discrepancy_however_large_it_looks(axi
     result = diagnose_joints(axis[0], records, axis[2] / "bank", seed=1)
     assert result.finding.verdict == "no_discrepancy"
     assert result.finding.before > 5.0
-    # It is no clean bill of health.
+    # The findings are degraded all the same: this verdict does not prove that the model is right.
     findings = JointAccount().findings_of(result, records, seed=1)
     assert findings["status"] == "degraded"
     assert "'repeats'" in findings["reasons"][0]
@@ -197,7 +197,7 @@ def test_a_short_third_record_refutes_nothing_by_the_chance_of_its_noise():
     assert not long.transfers()
     assert short.at_best > 0.99
     assert long.at_best == pytest.approx(0.46, abs=0.02)
-    # What leaves more than noise is refuted all the same.
+    # An explanation that leaves more than noise is still refuted.
     assert not replace(short, p_remaining=0.001).transfers()
 
 
@@ -326,7 +326,7 @@ def test_case_from_files_writes_findings_and_a_model_that_can_be_read(axis, tmp_
     assert read_json(tmp_path / "out" / "findings.json")["verify"]["accepted"]
     amended = read_mechanism_model(tmp_path / "out" / "model.yaml")
     assert [effect.name for effect in amended.effects] == ["coulomb"]
-    # What was added is no longer missing.
+    # With the amended model, the same case shows no discrepancy.
     content["model"] = "out/model.yaml"
     (tmp_path / "again.yaml").write_text(yaml.safe_dump(content), encoding="utf-8")
     assert run_case(tmp_path / "again.yaml", tmp_path / "out2", tmp_path / "bank")["verdict"] == "no_discrepancy"

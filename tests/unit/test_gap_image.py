@@ -1,4 +1,4 @@
-"""What changed between photos of two days, on a small site of the benchmark, whose truths know nothing of our effects."""
+"""What changed between photos of two days, on a small site of the benchmark, whose truths share no code with the effects."""
 
 from dataclasses import replace
 
@@ -120,7 +120,7 @@ def test_photos_with_nothing_changed_are_rarely_odd_and_changed_ones_are(site):
         pairs = hidden_case(site, {}, seed=100 + seed)["fit"]
         view = ImageResiduals(pairs, learn_noise([pairs]))
         found.append(ImageNull.of(view, np.random.default_rng(seed), 99).p_value(view, view.residual()))
-    # Edges count less than their noise alone would have them, so that chance is rarely as odd as it might be.
+    # Edges weigh less than their noise alone would justify, so the p-values of unchanged photos are rarely small.
     assert min(found) > 0.02
     changed = ImageResiduals(hidden_case(site, {"exposure": 0.02}, seed=100)["fit"], view.noise)
     assert ImageNull.of(changed, np.random.default_rng(0), 99).p_value(changed, changed.residual()) < 1e-3
@@ -211,7 +211,7 @@ def test_exposure_is_named_with_its_size(site):
     assert effect.name == "exposure"
     assert effect.parameters["stops"] == pytest.approx(0.1, abs=0.01)
     assert diagnosis.verification.closure > 0.8
-    # Without time stamps flicker is no rival, and what only motion shows cannot be told.
+    # Without time stamps flicker is no candidate, and effects that only motion shows cannot be seen.
     assert {"flicker", "latency", "motion_blur", "rolling_shutter"} <= set(diagnosis.finding.unseen)
 
 

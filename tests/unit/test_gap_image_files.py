@@ -195,7 +195,7 @@ def test_nothing_is_found_in_photos_of_one_day_and_nothing_is_amended(folder, tm
     assert "agree" in files[2].read_text()
     with pytest.raises(StageError, match="named nothing"):
         amend_camera("models/nominal.yaml", files[0], files[3])
-    # As the reference of a later day it is what it should be; a finding there would stop everything.
+    # The photos of one day, as a reference, must not differ; a finding there stops the amendment.
     named = {**found, "verdict": "named", "amended": [{"name": "exposure", "parameters": {"stops": 0.3}}]}
     (tmp_path / "later.json").write_text(json.dumps(named))
     with pytest.raises(StageError, match="photos of one day differ"):
@@ -261,7 +261,7 @@ def test_a_case_of_pictures_goes_through_the_stages_as_logs_do(stages, folder, t
     assert about["records"]["fit"]["views"] == 5
     assert found["verdict"] == "named", found["sentence"]
     assert found["records"] == {role: item["digest"] for role, item in about["records"].items()}
-    # The stages say what the function for photos without a case says, but for the time that it took.
+    # The stages find the same as the function for photos without a case; only the time taken differs.
     write_image_findings(*parts(folder), tmp_path / "findings.json", tmp_path / "pictures.npz", seed=0, names=NAMES)
     direct = read_json(tmp_path / "findings.json")
     assert {**found, "seconds": 0} == {**direct, "seconds": 0}

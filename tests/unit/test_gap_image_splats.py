@@ -1,4 +1,4 @@
-"""Photos against drawn pictures of the same states: what these lack is learnt, and what exceeds it is named."""
+"""Photos against rendered pictures of the same states: the renderer's error is learnt, and effects beyond it are named."""
 
 import json
 import shutil
@@ -35,7 +35,7 @@ def test_parts_of_pictures_are_orthogonal_and_add_up():
     np.testing.assert_allclose(weighed(values, np.ones((LEVELS, 3))), values, atol=1e-5)
     whole = (values.astype(float) ** 2).sum(axis=(0, 1, 2))
     np.testing.assert_allclose(energies(values).sum(axis=0), whole, rtol=1e-5)
-    # Of white noise every part has as much as it has numbers, and a part that is left out is gone.
+    # Each part of white noise has energy in proportion to its number of coefficients; a part that is left out has none.
     assert numbers_of(45, 37).sum() == 45 * 37
     np.testing.assert_allclose((energies(values).sum(axis=1) / (6 * numbers_of(45, 37)))[:4], 1.0, rtol=0.4)
     weights = np.ones((LEVELS, 3))
@@ -55,10 +55,10 @@ def test_errors_that_are_alike_in_places_colours_and_views_become_white():
     spread = LayerSpread.learn([day(8) for _ in range(12)])
     white = [spread.whitened(day(8)) for _ in range(12)]
     assert np.mean([(table**2).mean() for table in white]) == pytest.approx(1.0, rel=0.1)
-    # A shift of all pixels was the largest error by far; it is as likely as any other now.
+    # A shift of all pixels was by far the largest error; after whitening, it is as likely as any other.
     shifts = np.array([table.sum() / np.sqrt(table.size) for table in white])
     assert 0.3 < shifts.std() < 2.0
-    # With fewer views what they share weighs less against what each has for itself.
+    # With fewer views, the error that they share weighs less against the error of each.
     assert abs(spread.whitened(np.ones((8, 48, 48, 3), np.float32), 4).mean()) > abs(
         spread.whitened(np.ones((8, 48, 48, 3), np.float32), 16).mean()
     )

@@ -1,4 +1,4 @@
-"""Limits that one record passes and another does not, and commands that a log lost."""
+"""Limits that one record reaches and another does not, and commands that are missing in a log."""
 
 from dataclasses import replace
 
@@ -211,7 +211,7 @@ def test_a_command_that_holds_does_not_swing_where_samples_were_lost():
     record = Record("stairs", time[kept], ("axis",), {"command": stairs[kept, None]}, {})
     _, commands = with_lost_commands(record)
     assert commands["command"][[37, 301], 0] == pytest.approx(stairs[[37, 301]], abs=1e-12)
-    # At a jump nobody knows; it stays between the two.
+    # A command lost at a jump cannot be known; the estimate stays between its neighbours.
     assert stairs[111] <= commands["command"][112, 0] <= stairs[113]
 
 

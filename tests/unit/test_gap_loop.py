@@ -106,7 +106,7 @@ def test_an_effect_on_a_joint_is_the_same_in_the_simulation_and_in_the_gap(tmp_p
     log, base_from_table = logged_simulation(32, (entry,))
     record, with_it = replayed(tmp_path, log, base_from_table, (entry,))
     _, without = replayed(tmp_path, log, base_from_table)
-    # The gap takes an eccentric encoder off the first state by its first order only; what that leaves has died out by then.
+    # The first state is corrected for an eccentric encoder to first order only; from sample 300 on, the error has decayed.
     later = slice(300, None)
     share = {
         kind: float(np.linalg.norm((seen - with_it[kind])[later]) / np.linalg.norm((seen - without[kind])[later]))
@@ -241,7 +241,7 @@ def test_findings_reach_the_simulation():
     assert found.arm.delay == pytest.approx(0.24)
     assert found.arm.stiffness[1] == pytest.approx(0.9 * nominal["arm"]["stiffness"][1])
     assert left == []
-    # What has no figure of its own joins the effects, beside those of object and camera.
+    # Effects for which the model has no parameter of its own join its list of effects, beside those of object and camera.
     dry = {"name": "coulomb", "joint": "lbr_iiwa_joint_3", "parameters": {"torque": 2.0}}
     dark = {"name": "exposure", "parameters": {"stops": -0.5}}
     content, _ = amended_content({**nominal, "effects": [dark]}, arm_with(gain, dry), "arm.yaml")
@@ -334,7 +334,7 @@ def test_arm_object_and_camera_may_be_amended_in_any_order(tmp_path):
     amended = models[0]
     assert [effect.name for effect in amended.effects] == ["coulomb", "steady_force", "exposure"]
     assert (amended.arm.delay, amended.contact.table.friction) == (0.1, 0.3)
-    # Amended once more, the arm's effects are replaced by those of its model, and the others stay.
+    # A second amendment replaces the arm's effects by those of its model, and keeps the others.
     again = amended_content(yaml.safe_load(path.read_text(encoding="utf-8")), arm_with(late, dry), "arm.yaml")[0]
     assert parse_model(again) == amended
     image = np.full((8, 8, 3), 128 / 255, np.float32)

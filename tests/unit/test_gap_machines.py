@@ -1,4 +1,4 @@
-"""Further machines and thrown bodies of the benchmark: what is hidden in them is what it is called."""
+"""Further machines and thrown bodies of the benchmark: each hidden effect acts as its name says."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Real logs, where the folder of measured data is named by GSBRIDGE_MEASURED."""
+"""Real logs, if GSBRIDGE_MEASURED names the folder of measured data."""
 
 import importlib.util
 import os
@@ -56,7 +56,7 @@ def test_tosses_convert_to_a_case_that_friction_explains(tmp_path):
     after = replay.errors([Applied("contact_friction", "", {"friction": 0.18 - 0.5})]).mean()
     assert before > 0.05
     assert after < 0.25 * before
-    # The cube rests on a face: 52.4 mm, measured 51.2 mm.
+    # The cube rests on a face, so its centre should lie 52.4 mm high; the data say 51.2 mm.
     assert np.median([throw.position[-1, 2] for throw in case.throws["fit"].items]) == pytest.approx(0.0512, abs=5e-4)
 
 

@@ -1,4 +1,4 @@
-"""Laws of MuJoCo that differ from ours, and what is made of them: play behind lossy motors, and friction that creeps."""
+"""Laws of MuJoCo that differ from gsbridge's, and their diagnosis: backlash behind lossy motors, and friction that creeps."""
 
 from dataclasses import replace
 
@@ -69,5 +69,5 @@ def test_much_play_is_found_though_no_signature_of_little_play_looks_like_it(tmp
     search.run()
     (play,) = search._thresholds([])
     assert play.fit.values[0]["gap"] == pytest.approx(0.011, rel=0.03)
-    # Where something else explains most, nobody looks for it.
+    # If another effect already explains most, the search for thresholds is skipped.
     assert search._thresholds([play]) == []

@@ -1,4 +1,4 @@
-"""Noise that remembers itself: its law against the process that made it, and findings beside it."""
+"""Autocorrelated noise: its estimated law against the process that made it, and findings in its presence."""
 
 from dataclasses import replace
 
@@ -63,9 +63,9 @@ def test_what_lasts_becomes_what_it_is_in_units_of_what_is_new_in_each_sample():
 
 @pytest.mark.parametrize(("memory", "size", "period", "told"), [
     (0.7, 1.8, 0.01, True),
-    # As large as neighbouring samples show: there is nothing to explain.
+    # The noise is as large as neighbouring samples show: there is nothing to explain.
     (0.7, 1.0, 0.01, False),
-    # An arm may move within the quarter of a second after which this is forgotten.
+    # This correlation lasts a quarter of a second, within which an arm may move, so it does not count as noise.
     (0.96, 4.0, 0.01, False),
     (0.96, 4.0, 0.001, True),
 ])  # fmt: skip

@@ -1,4 +1,4 @@
-"""What the error of a fit's parameters leaves on another record is no effect more."""
+"""The residual that errors of fitted parameters leave on another record does not count as a further effect."""
 
 from dataclasses import replace
 from functools import partial
@@ -74,7 +74,7 @@ def test_right_effects_are_seldom_refused_for_the_error_of_their_sizes(axis):
         allowed = verify(views["verify"], fitted.effects, np.random.default_rng(seed), partial(beside, fitted), 0.05)
         before.append(plain.p_remaining)
         refused.append(allowed.p_remaining < 0.05)
-        # It is asked where there is an alarm alone, and raises none.
+        # The correction is applied only if there is an alarm, and never raises one.
         assert allowed.p_remaining == plain.p_remaining or plain.p_remaining < min(0.05, allowed.p_remaining)
     assert sum(refused) < sum(p < 0.05 for p in before) <= 5
 
@@ -98,7 +98,7 @@ def test_the_error_of_a_parameter_rules_no_rival_out(axis):
     who, start = (JointCandidate("viscous", "axis"),), ({"coefficient": 0.02},)
     views, right = fitted_case(axis, "viscous", 20.0, 3, who, start)
     coulomb = polish(views["fit"], fit(views["fit"], (JointCandidate("coulomb", "axis"),), ({"torque": 0.01},)))
-    # Four standard deviations beside the best coefficient of all records, as noise may put a fit to one.
+    # Four standard deviations off the best coefficient of all records, as noise may shift a fit to a single record.
     off = right.values[0]["coefficient"] + 4.0 * float(right.deviations[0])
     rival = replace(right, effects=(who[0].applied({"coefficient": off}),))
     pair = replace(
@@ -110,6 +110,6 @@ def test_the_error_of_a_parameter_rules_no_rival_out(axis):
     third = views["verify"]
     assert (third.residual(rival.effects) ** 2).sum() > (third.residual(pair.effects) ** 2).sum() + 9.0
     assert opinion(views, pair, rival).verdict == "ambiguous"
-    # What another law leaves is no error of a parameter.
+    # The residual of a wrong law is not explained by an error of its parameter.
     assert opinion(views, right, coulomb).verdict == "named"
     assert opinion(views, right, coulomb, runs=3).verdict == "ambiguous"

@@ -51,7 +51,7 @@ def test_the_page_shows_floors_ways_and_wrong_names(tmp_path):
     # Three pictures for all tiers; a race and a matrix for each.
     assert text.count("<img") == 3 + 2 * 3
     assert 'src="http' not in text
-    # What no floor is asked of has not met one.
+    # A figure without a floor is shown as reported, not as met.
     coverage = text.split("in which this package names something", 1)[1].split("</tr>", 1)[0]
     assert ">reported<" in coverage
 
@@ -64,7 +64,7 @@ def test_one_tier_of_one_way_makes_a_page(tmp_path):
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "not the one that counts" in text
     assert "No wrong name" in text
-    # Of a run that was never asked to reach floors, none is said to be missed.
+    # A run that no floors are set for is not said to miss any.
     assert "No floor is judged here" in text
     assert "not measured" in text
     assert ">unmet<" not in text
@@ -90,7 +90,7 @@ def test_laws_that_are_not_ours_are_counted_as_the_floors_want_it():
         mismatched(held={"lag": True}),
         mismatched(outcome="wrong", first="clock_offset"),
         mismatched(outcome="mute", verdict="likely, not proven", held={"lag": False}),
-        # What may as well be another effect is no right first line.
+        # A first entry that may as well be another effect does not count as right.
         mismatched(outcome="covered", verdict="one of"),
         mismatched(right=()),
         {**mismatched(right=()), "outcome": "false_alarm"},
@@ -112,7 +112,7 @@ def test_machines_are_counted_without_bodies_and_photos_wherever_figures_are_gat
     names = ("gap_false_alarm", "gap_interval_coverage", "gap_simulations_most", "gap_bank_most")
     alone, together = gap_figures(tiers), gap_figures(tiers | others)
     assert [alone[name] for name in names] == [together[name] for name in names]
-    # Machines that move by laws of their own count with the others where nothing is hidden.
+    # Machines with laws of their own (T6) count with the others in the rate of false alarms.
     write_json(tmp_path / "laws.json", {"cases": [{**mismatched(right=()), "outcome": "false_alarm"}] * 3})
     files = [tmp_path / f"{tier}.json" for tier in tiers]
     for path, content in zip(files, tiers.values(), strict=True):
@@ -228,7 +228,7 @@ def test_a_killed_chunk_goes_on_where_it_was_and_leaves_no_half(drawn, tmp_path)
     chunks.diagnose_chunk(*arguments)
     assert asked == ["c0", "c1", "c2", "c3"]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["c0.json", "c1.json", "c2.json", "c3.json"]
-    # Other cases of the same names are diagnosed anew.
+    # Different cases with the same names are diagnosed again.
     (cases / "manifest.json").write_text('{"cases": [2]}')
     chunks.diagnose_chunk(*arguments)
     assert len(asked) == 8
@@ -283,11 +283,11 @@ def test_a_baseline_is_beaten_that_names_more_wrongly_and_no_more_rightly():
     assert found["gap_baselines_beaten"]["value"] == 1.0
     assert found["gap_baselines_wrong"]["value"] == 0.0
     assert found["gap_baselines_right"]["by_scene"]["bold"] == pytest.approx(95.0)
-    # What did not run in every tier is not judged, and nothing is said where nothing else ran.
+    # A method that did not run in every tier is not judged, and there are no figures if no other method ran.
     del tiers["t2"]["methods"]["worse"]
     assert "worse" not in baseline_figures(tiers)["gap_baselines_wrong"]["by_scene"]
     assert baseline_figures({"t1": {"methods": {"gsbridge": rates(0.9, 0.05)}}}) == {}
-    # Nor of a split without large effects.
+    # Nor are there any for a split without large effects.
     nothing = rates(None, 0.05, 0)
     assert baseline_figures({"t1": {"methods": {"gsbridge": nothing, "worse": nothing}}}) == {}
 
@@ -331,10 +331,11 @@ def test_at_equal_coverage_a_method_is_beaten_that_is_clearly_wrong_more_often()
     assert found["gap_risk_at_coverage"]["by_scene"] == pytest.approx(
         {"gsbridge": 0.0, "worse": 40.0, "lucky": 10.0, "sure": 0.0}
     )
-    # Two wrong of twenty may be chance; silence is no answer, and threshold with hindsight may be as good as ours.
+    # Only `worse` is beaten: two wrong of twenty may be chance, `mute` gives no answer, and `sure`, with a threshold set in
+    # hindsight, is as good as gsbridge's.
     assert found["gap_risks_beaten"]["value"] == 1.0
-    # Who answers less is compared where it answers most: one wrong of five, where we have none of five.
+    # A method that answers fewer cases is compared at its own largest coverage: one wrong of five, where gsbridge has none.
     assert figures(gsbridge=ours, shy=listed(4, 1, 35))["gap_risks_beaten"]["value"] == 0.0
     assert figures(gsbridge=ours, shy=listed(0, 5, 35))["gap_risks_beaten"]["value"] == 1.0
-    # Who says nothing has beaten nobody.
+    # If gsbridge's own method answers nothing, it has beaten no other.
     assert figures(gsbridge=listed(0, 0, 40), worse=listed(12, 20, 8))["gap_risks_beaten"]["value"] is None

@@ -1,4 +1,4 @@
-"""Friction that creeps where it rests: motion tells whether it is there, and what acts at rest alone is not hidden by that."""
+"""Friction that creeps at rest: only motion shows whether it is there, and it does not hide effects that act at rest alone."""
 
 import math
 from dataclasses import replace
@@ -154,7 +154,7 @@ def test_friction_is_named_from_motion_where_a_record_mostly_creeps(axis):
     assert view.rests(best.fit.effects, ["axis"])[0].mean() > 0.5
     assert diagnosis.finding.verdict == "named"
     assert best.names == ("coulomb:axis",)
-    # What is left at rest is told.
+    # The report says that something remains at rest.
     assert diagnosis.finding.something_remains
     assert best.fit.effects[0].parameters["torque"] == pytest.approx(1.2, rel=0.05)
 

@@ -1,4 +1,4 @@
-"""Risk against coverage, how sure methods are, and the baselines that choose among groups or search."""
+"""Risk against coverage, the confidence of methods, and the baselines that choose among groups or search."""
 
 import importlib.util
 
@@ -57,9 +57,9 @@ def test_the_curve_is_what_every_threshold_gives(cases):
 
 def test_between_two_points_wrong_answers_grow_by_a_straight_line():
     cases = [row(0.9, True), row(0.9, True), row(0.5, False), row(0.5, False)]
-    # Of three answered cases one is of the second pair, which is wrong.
+    # Three of the four cases are answered; one of them is from the second pair, which is wrong.
     assert risk_at(cases, 0.75) == pytest.approx(1 / 3)
-    # Nobody is asked to answer more than there is, or anything where nothing is asked.
+    # The coverage is limited to the cases with an answer; at a coverage of zero there is no risk.
     assert risk_at([*cases, row(None, False)], 1.0) == pytest.approx(0.5)
     assert risk_at(cases, 0.0) is None
     assert answered([row(0.9, True), row(0.3, True, "ambiguous")]) == 0.5
@@ -71,7 +71,7 @@ def test_a_method_is_judged_by_the_measure_that_serves_it_best():
     assert measures(cases) == ["gain", "rest"]
     assert best_measure(cases, 0.5) == "rest"
     assert risk_at(cases, 0.5) == 0.0
-    # A measure that some of its answers lack is none.
+    # A measure of confidence that some answers lack cannot be used.
     assert measures([*cases, row(1.0, True)]) == ["gain"]
     assert best_measure([row(None, False)], 0.5) is None
 
@@ -106,7 +106,7 @@ def test_how_sure_an_explanation_may_be():
     assert small["gain"] < large["gain"]
     assert small["rest"] > large["rest"]
     assert small["share"] == pytest.approx(1.0, abs=0.4)
-    # What makes a record worse is nothing to be sure of, whatever noise is left.
+    # An explanation that makes a record worse gives no confidence, whatever noise is left.
     nothing = said(0.0, 5.0 * beside)
     assert nothing["gain"] < 0
     assert nothing["share"] < 0

@@ -65,13 +65,13 @@ def test_first_scores_are_added_up_part_by_part():
     low, high = stats.binomtest(23, 24).proportion_ci(method="wilson")
     assert f"| t1 | 2 | 23 of 24 ({100 * low:.0f} to {100 * high:.0f}) | – |" in table
     assert "| t5 | 1 | 1 of 2 (9 to 91) | – |" in table
-    # Nor are cases that another benchmark has drawn.
+    # Cases from another version of the benchmark are not added up with these, either.
     old = seal(3, t1={"named right": "0 of 4"})
     old["parts"]["t1"]["apart"] = "old springs"
     page = seals_markdown([first, seal(2, t1={"named right": "15 of 16"}), old])
     assert "| t1 | 2 | 23 of 24" in page
     assert "| t1, old springs | 1 | 0 of 4" in page
-    # One score is no sum.
+    # With a single score there is no line of sums.
     assert "together" not in seals_markdown([first])
 
 
@@ -98,10 +98,10 @@ def test_what_the_workflow_has_scored_with_a_seal_is_written_down(tmp_path, monk
     ours = tier_scores("t0")["methods"]["gsbridge"]["named_right"]
     assert found["seal"] == 12001
     assert found["parts"]["t0"]["figures"]["named right"] == f"{round(ours['value'] * ours['n'])} of {ours['n']}"
-    # Beside other ways of naming, which are scored later, a tier is a part of its own.
+    # Scores of a tier together with other methods, which come later, are kept as a part of their own.
     beside = found["parts"]["t0, all ways of naming"]["figures"]
     assert {name for name in beside if name.startswith("wrong among")} == set(beside) - set(found["parts"]["t0"]["figures"])
-    # A split that is no seal's, or whose seal was forgotten, has no place there.
+    # Scores of cases that no seal has drawn are refused.
     other = tmp_path / "t1.json"
     other.write_text(json.dumps({**tier_scores("t1"), "seal": None}))
     with pytest.raises(InputError, match="no seal has drawn"):

@@ -1,4 +1,4 @@
-"""A servo as a stranger knows it, from data sheets: three things are wrong at once, and largely; the log was resampled."""
+"""A servo known from data sheets only: three parameters are far off at once, and the log was resampled."""
 
 import csv
 from pathlib import Path
@@ -75,6 +75,6 @@ def test_several_large_faults_of_a_servo_are_told_apart(tmp_path):
     assert {"gain_p", "load_friction"} <= set(found)
     assert found["gain_p"]["parameters"]["change"]["value"] == pytest.approx(STIFFNESS / STATED_STIFFNESS - 1.0, abs=0.08)
     assert found["load_friction"]["parameters"]["share"]["value"] == pytest.approx(SHARE, abs=0.1)
-    # Neither is proven alone, and none of the two is called a payload or a delay.
+    # Neither effect is proven on its own, but neither is mistaken for a payload or a delay.
     first = {entry["name"] for entry in account["entries"][:2]}
     assert first == {"gain_p", "load_friction"}

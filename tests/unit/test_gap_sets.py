@@ -1,4 +1,4 @@
-"""Sets of effects are compared with what could stand for a part of them."""
+"""Sets of effects are compared with sets in which another effect stands in for one of theirs."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -56,7 +56,7 @@ def test_a_set_is_compared_with_what_stands_for_one_of_its_effects(axis):
     assert found.who == (friction, lag)
     assert found.values[0] == best.fit.values[0]
     assert found.values[1]["time"] == pytest.approx(0.004, rel=0.2)
-    # What the delay changes, the lag explains nearly as well as the delay does.
+    # The lag explains the change that the delay makes nearly as well as the delay does.
     assert found.behind < 0.05 * float((views[0].residual() ** 2).sum())
     other = search.trial_of(fit(views[0], found.who, found.values))
     assert other.fit.chi2 < best.fit.chi2

@@ -1,4 +1,4 @@
-"""Something in an arm's way is told from what is left in the moments in which the arm leans on it."""
+"""An obstacle in an arm's way is recognised by the residual in the moments in which the arm leans on it."""
 
 import numpy as np
 import pytest

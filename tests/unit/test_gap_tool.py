@@ -1,4 +1,4 @@
-"""Records of an arm's tool alone: where it is, what an effect does to it, and what is named from that."""
+"""Records of an arm's tool pose alone: where the tool is, what an effect does to it, and which effects are named from it."""
 
 from dataclasses import replace
 
@@ -76,7 +76,7 @@ def test_replayed_tool_is_that_of_the_engines(model, engine):
     np.testing.assert_allclose(logged["tool"], own, atol=2e-6)
     # By the model's step of a millisecond.
     assert np.abs(out["tool"] - logged["tool"]).max() < 2e-4
-    # An encoder that errs moves the tool, and is not seen by itself.
+    # An encoder's error shows in the pose of the tool; without joint positions in the record, it shows nowhere else.
     off = [Applied("encoder_offset", system.joints[1], {"angle": 0.01})]
     moved = mechanism.run(record, apply_effects(mechanism, off), [(0, len(times))], [state])
     arm = np.linalg.norm(logged["tool"][0] - [0, 0, 0.34])

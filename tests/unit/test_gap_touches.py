@@ -1,4 +1,4 @@
-"""Moments in which something touches a mechanism: found, left out and told; one joint's own fault is none of them."""
+"""Moments in which something touches a mechanism: found, left out and reported; a fault of a single joint is no such moment."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def test_a_push_is_found_where_it_was(arm):
     found = touches(views(arm, case))
     assert set(found) == set(ROLES)
     record, noise = case.records["verify"], arm[1].noise["effort"]
-    # What the push changed, from the truth of the same motion without it.
+    # Samples that the push changed, by comparison with the true motion without it.
     pushed = (np.abs(record.measured["effort"] - case.clean["effort"]) > 6.0 * noise).any(axis=1)
     inside = np.zeros(len(pushed), bool)
     for first, last in found["verify"]:
@@ -108,7 +108,7 @@ def test_samples_that_do_not_count_count_nowhere(arm):
     assert residual[:50].any()
     assert view.freedom == whole - 70 * len(view.channels)
     assert (residual**2).sum() / view.freedom == pytest.approx(1.0, abs=0.15)
-    # What is there changes nothing, however large.
+    # Values in the moments that are left out change nothing, however large they are.
     moved = view.record.measured["position"].copy()
     moved[60:110] += 1.0
     other = JointResiduals.of(Mechanism(arm[0]), view.record.with_measured({**view.record.measured, "position": moved}))

@@ -1,4 +1,4 @@
-"""Probabilities of explanations and tails of p-values, against what they are by construction."""
+"""Probabilities of explanations and tails of p-values, against values that are known by construction."""
 
 import numpy as np
 import pytest
@@ -55,7 +55,7 @@ def test_coloured_noise_makes_less_sure():
         if found.chances[0] >= Rules().sure and not found.near:
             sure += 1
             wrong += found.trials[0].names != ("viscous:axis",)
-    # Taken for white noise, it would make 435 of them sure, and 78 of those wrong.
+    # If the noise were taken for white, 435 of the verdicts would be sure, and 78 of these wrong.
     assert sure > 0
     assert wrong <= 0.08 * sure
 
@@ -64,7 +64,7 @@ def test_a_simpler_explanation_stands_until_the_richer_one_has_earned_its_parame
     rng = np.random.default_rng(3)
     noises = rng.standard_normal((2, *SHAPE))
     for size, best in ((6.0, "coulomb:axis"), (40.0, "coulomb_asym:axis")):
-        # What the noise itself wins: the rival leaves less than noise by so much.
+        # The rival fits part of the noise, so it leaves less than the noise by `size`.
         closer = [noise - noise * 0.5 * size / (2 * (noise**2).sum()) for noise in noises]
         rivals = trial("coulomb", [0.1], *noises), trial("coulomb_asym", [0.1, 0.01], *closer)
         found = decide(rivals, Rules(), float(np.prod(SHAPE)))
@@ -100,7 +100,7 @@ def test_one_effect_more_must_be_as_sure_as_a_name():
                 earned = rivals[0].score - rivals[1].score > rules.earn
                 alone += earned
                 named += earned and single and not found.near
-    # By squares of residuals alone the further effect would have earned its place each time.
+    # By the sum of squares alone, the further effect would be accepted every time.
     assert alone > 30
     assert named > 0.7 * alone
     assert both > 95
@@ -114,7 +114,7 @@ def test_p_values_go_on_where_replicates_end():
         found.append([null.p_gain(value) for value in (0.0, 1.0, 2.0, 3.0)])
     middle = np.median(found, axis=0)
     np.testing.assert_allclose(middle[:3], norm.sf([0.0, 1.0, 2.0]), rtol=0.3)
-    # An exponential tail falls slower than a normal one: it errs towards chance, and not by much.
+    # An exponential tail falls more slowly than a normal one, so the p-value errs on the safe side, and not by much.
     assert norm.sf(3.0) <= middle[3] <= 6.0 * norm.sf(3.0)
     assert null.p_gain(1e9) == pytest.approx(1e-6)
     assert JointNull(np.zeros((3, 1)), np.zeros(0), 1.0).p_gain(5.0) == 1.0
@@ -165,7 +165,7 @@ def test_a_third_record_names_what_two_prefer():
     assert (named.verdict, named.ambiguous) == ("named", ())
     assert named.best.names == ("viscous:axis",)
     assert opinion(weak, 0.0 * strong).verdict == "ambiguous"
-    # What nobody fitted is not ruled out by any record.
+    # An effect that was never fitted is not ruled out by any record.
     assert opinion(weak, strong, ("viscous:axis", "coulomb:axis", "lag")).verdict == "ambiguous"
 
 

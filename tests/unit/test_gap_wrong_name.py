@@ -1,4 +1,4 @@
-"""Controls of the closed loops: amendments of equal size under another name, and what variants change beside their model."""
+"""Controls of the closed loops: amendments of equal size under a wrong name, and what variants change beside their model."""
 
 from pathlib import Path
 
@@ -110,7 +110,7 @@ def test_what_a_diagnosis_is_worth_is_told_beyond_its_best_control():
     assert "best of 2 controls (wider, trainings: 3)" in said
     assert "+34 points" in said
     low, high = (int(part) for part in said.split("95 %: ")[1].rstrip(").").split(" to "))
-    # Three trainings that differ as much tell little: Welch's interval, far wider than by counting trials.
+    # Three trainings that differ this much say little: Welch's interval is far wider than one from counted trials.
     welch = stats.ttest_ind(np.array([32, 30, 31]) / 32, np.array([20, 28, 12]) / 32, equal_var=False).confidence_interval()
     assert (low, high) == (round(100 * welch.low), round(100 * welch.high))
     assert low < 20 < 50 < high

@@ -1,4 +1,4 @@
-"""The check of a GPU: what it says where there is none, and that it goes its way on the CPU."""
+"""The check of a GPU: what it says where there is none, and that its rehearsal runs on the CPU."""
 
 import subprocess
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Image effects: each against a formulation that shares nothing with it, and all against what the catalogue promises."""
+"""Image effects: each against an independent formulation, and all against what the catalogue promises."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What a person says about pixels: in the prompt, in the masks, and on the sheet that they are read from."""
+"""A person's hints about pixels: in the prompt, in the masks, and on the sheet from which pixels are read."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Trials on an arm: what acts knows its arm by encoders and registration alone, and errors of both are felt."""
+"""Trials on an arm: the policy knows the arm by encoders and registration alone, so errors of both take effect."""
 
 from dataclasses import replace
 from functools import cache
@@ -111,7 +111,7 @@ def test_an_error_of_the_registration_shows_in_what_a_policy_is_told(shift, turn
     np.testing.assert_allclose(away, expected, atol=2e-4)
     if any(shift):
         assert away.min() > 2e-3
-    # Noise of the encoders is in it, and no more than that.
+    # The two differ by the noise of the encoders only.
     assert np.abs(script.tool() - believed).max() > 0
 
 

@@ -1,4 +1,4 @@
-"""What `policy.json` may not say: an arm is driven by it."""
+"""Values that `policy.json` must not hold, since an arm is driven by it."""
 
 import json
 

@@ -68,7 +68,7 @@ def test_killed_and_resumed_is_the_same_bit_for_bit(tmp_path, algo):
     chosen = settings(algo=algo, bf16=False)
     first = Trainer(environment(), CONTROLLER, chosen, seed=3).run(whole)
     deaths = 0
-    # In the second episode, while the second policy is evaluated, never.
+    # Killed in the second episode, killed while the second policy is evaluated, and not killed.
     for at in (115, 40, 10_000):
         try:
             second = Trainer(Killed(environment(), at), CONTROLLER, chosen, seed=3, state=parts / "state").run(parts)

@@ -84,7 +84,7 @@ def test_policies_of_the_tables_are_judged_at_each_severity(scores):
     assert found["severity_place_3"]["floor"] is None
     assert [found[f"severity_mesh_{level}"]["value"] for level in (2, 3)] == pytest.approx([50, 75])
     assert found["severity_grasp_outside_2"]["value"] == pytest.approx(25)
-    # Of a mean over cells of one training each, only starts scatter: less than if all cells had the same rate.
+    # With one training per cell only the starts scatter, less than if all cells had the same rate.
     low, high = found["severity_grasp_3"]["interval"]
     wilson = stats.binomtest(sum(at_3), 8 * 64).proportion_ci(method="wilson")
     np.testing.assert_allclose((low, high), (100 * wilson.low, 100 * wilson.high), atol=1e-6)
@@ -96,7 +96,7 @@ def test_worlds_of_one_severity_and_trainings_count_together(scores):
         for training, good in ((1, 64), (2, 48)):
             rows += both_sets(place, "gs", good, training=training, world=lab(2))
             rows += both_sets(place, "gs", good - 16, training=training, world=("other", 2, 2))
-        # Look and physics apart are no severity of a floor.
+        # Worlds whose severities of look and physics differ count for no floor.
         rows += both_sets(place, "gs", 1, world=("dim", 3, 1))
     found = scores("severity", rows)
     assert found["severity_grasp_2"]["value"] == pytest.approx(100 * (64 + 48 + 48 + 32) / (4 * 64))

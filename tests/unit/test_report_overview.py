@@ -1,4 +1,4 @@
-"""The whole way in one picture and one clip, from real files of a small scene: sizes, time, what is counted."""
+"""The overview picture and clip, from real files of a small scene: sizes, duration, what is counted."""
 
 from dataclasses import replace
 

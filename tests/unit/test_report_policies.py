@@ -294,7 +294,7 @@ def test_the_paper_itself_against_the_floors(run, tmp_path):
     # The paper's 96.1 and 92.97 stand on both sides of 96 and 93.
     assert scores["grasp_sim_unseen"]["met"]
     assert not scores["grasp_mirror_unseen"]["met"]
-    # The mean of cells of one training each scatters by their starts: 96.1 % of 256, and a little less than if all were alike.
+    # With one training per cell only the starts scatter: 96.1 % of 256, a little less than if all cells had the same rate.
     wide, wilson = 196 * np.sqrt(0.961 * 0.039 / 256), stats.binomtest(246, 256).proportion_ci(method="wilson")
     low, high = scores["grasp_sim_unseen"]["interval"]
     assert low == pytest.approx(100 * wilson.low)
@@ -382,7 +382,7 @@ def test_the_paper_s_values_stand_beside_no_starts_beyond_its_training(tmp_path)
     assert known == {"fixed": True, "unseen": True, "outside": False}
     tables = {pose_set: success_table(rows, pose_set, title="") for pose_set in known}
     assert {name: "paper's change" in table.columns for name, table in tables.items()} == known
-    # The headline tells the paper's protocol, not how little succeeds beyond it.
+    # The headline gives the rates of the paper's protocol, not the lower ones of starts outside it.
     text = " ".join(policy_headline({"grasping": rows}))
     assert "unseen start poses: 100.0 % of the trials succeed in simulation and 93.8 % in the mirror (the paper" in text
     assert "drops by 6.3 %" in text

@@ -37,7 +37,7 @@ def test_every_cell_stands_beside_simulation(tmp_path):
     rows = both_sets(CUBE, "gs", 64) + both_sets(CUBE, "gs", 60, world=lab(2)) + both_sets(CUBE, "gs", 48, world=lab(3))
     rows += both_sets(BEAR, "gs", 62) + both_sets(BEAR, "gs", 52, world=lab(2)) + both_sets(BEAR, "gs", 40, world=lab(3))
     rows += both_sets(CUBE, "mesh", 64) + both_sets(CUBE, "mesh", 20, world=lab(2))
-    # Of one cell there is no trial in simulation.
+    # One cell has no trial in simulation.
     rows += both_sets(CAKE, "gs", 50, world=lab(2))
     rows += [row(CUBE, "gs", 9, trials=16, pose_set="outside", world=world) for world in (SIM, lab(2))]
     page = page_of(tmp_path, rows)
@@ -82,7 +82,7 @@ def test_rows_of_trials_tell_simulation_from_the_rest(tmp_path):
     ]
     write_severity_rows(tmp_path / "rows.csv", files, {"lab_3": (3, 3), "lab_4": (4, 4)})
     found = [(one["world"], one["look"], one["successes"]) for one in read_rows(tmp_path / "rows.csv")]
-    # Excess contact is forgiven in the other world.
+    # Excess contact is a failure in simulation only.
     assert found == [("sim", "", "20"), ("sim", "", "30"), ("lab_3", "3", "22"), ("lab_3", "3", "32")]
     write_cells_page(tmp_path / "rows.csv", tmp_path / "page.md")
     assert line_of((tmp_path / "page.md").read_text(), "Grasp: small cube on foam pad") == [share(50, 64), share(54, 64)]

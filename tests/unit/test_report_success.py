@@ -163,7 +163,7 @@ def test_what_was_degraded_before_stays_degraded(tmp_path):
     write_json(record, {"status": "degraded", "reasons": ["no board"]})
     rows = success_rows(read_trial_files([good], records=[record]))
     assert [row["reasons"] for row in rows] == ["tablecloth: align: no board"]
-    # Another cell's reservations are not this one's.
+    # The reasons for another cell's degraded status do not apply to this one.
     other = write_trials(tmp_path, PLACE, "sim", trial_rows({"fixed": 32}))
     assert success_rows(read_trial_files([other], policies=[policy], records=[record]))[0]["status"] == "pass"
 

@@ -1,4 +1,4 @@
-"""The deciding table: rows, means, leads and their intervals against what was put in; graded policies."""
+"""The table of splats against meshes: rows, means, leads and their intervals against made-up input; graded policies."""
 
 from pathlib import Path
 

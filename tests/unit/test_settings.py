@@ -1,4 +1,4 @@
-"""What settings take, and what they say about what they do not take."""
+"""Values that settings accept, and the messages about values that they refuse."""
 
 import copy
 import json

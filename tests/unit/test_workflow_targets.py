@@ -1,4 +1,4 @@
-"""Misspelt targets are told with the nearest that there is."""
+"""Errors about misspelt targets name the nearest target that exists."""
 
 import re
 from dataclasses import dataclass

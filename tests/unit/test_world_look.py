@@ -1,4 +1,4 @@
-"""What severity does to pictures: shutter, lens, electronics, light, surfaces and what lies about."""
+"""What severity does to pictures: shutter, lens, electronics, light, surfaces and litter."""
 
 import numpy as np
 import pytest

@@ -59,7 +59,7 @@ def test_the_same_seed_goes_the_same_way_and_farther(line):
         steps = [distance(line, worsened(home, seed, Severity(level, level)), home) for level in LEVELS]
         for before, after in zip(steps[:-1], steps[1:], strict=True):
             assert (np.abs(after) >= np.abs(before) - 1e-15).all()
-            # In one direction: what was gained is kept.
+            # The deviation never changes its sign with severity.
             assert (after * before >= 0).all()
         if line.form != "least":
             assert np.abs(steps[-1]).max() > 0
