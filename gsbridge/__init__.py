@@ -1,4 +1,4 @@
-"""gsbridge: a phone video in, a robot policy out, and an account of the gap between simulation and reality.
+"""gsbridge: a phone video in, a robot policy out, and an honest account of the gap between simulation and reality.
 
 The names that other programs use can be imported from here (docs/library.md). Each is loaded when it is first used, so that
 `import gsbridge` costs nothing.
