@@ -1,1 +1,1 @@
-"""The tasks: where objects start, and what counts as reward, success and failure. Pure functions, blind to any simulator."""
+"""The tasks: where objects start, and what counts as reward, success and failure. Pure functions that know no simulator."""

@@ -1,4 +1,4 @@
-"""What happened in one episode, step by step, and its file: written by the world that played it, read by who looks at it.
+"""Record of one episode, step by step, and its file format.
 
 **File**, one `.npz` without pickles; table frame, SI. N states, the first before any action; B bodies; pictures of S px:
 
@@ -13,9 +13,9 @@
 | `forces` | [N, 4] | contact forces, see `FORCES`, means over the step that led here, N |
 | `clearance` | [N] | height of the object's lowest point over the table, m |
 | `proprio` | [N, P] | as observed, see `gsbridge.environment.env` |
-| `success`, `success_tolerant`, `failure` | [N] bool, bool, str | judgement, and the reason were the episode to end here |
-| `term_{name}` | [N] | what the judgement rests on |
-| `actions`, `rewards` | [N - 1, 5]; [N - 1] | what was done in state k, and the reward for it |
+| `success`, `success_tolerant`, `failure` | [N] bool, bool, str | judgement, and the reason for failure if it ended here |
+| `term_{name}` | [N] | quantities that the judgement rests on |
+| `actions`, `rewards` | [N - 1, 5]; [N - 1] | action in state k, and the reward for it |
 | `image_{renderer}` | uint8 [N, S, S, 3] | what the wrist camera sees, by renderer |
 """
 
@@ -50,12 +50,12 @@ _SHAPES: dict[str, tuple[int | None, ...]] = {
     "success_tolerant": (),
     "failure": (),
 }
-"""Shapes behind N; None for any."""
+"""Shape of each array after its first axis (N); None stands for any length."""
 
 
 @dataclass(frozen=True)
 class Episode:
-    """One episode; the module tells what the arrays hold.
+    """One episode; the module's docstring describes the arrays.
 
     Raises:
         ValueError: Arrays do not fit together, a pose is not finite, or there is no object.
@@ -98,7 +98,7 @@ class Episode:
                 raise ValueError(f"image_{name} has the type {image.dtype}")
         if count < 2 or OBJECT not in self.names:
             raise ValueError("it has no step, or no object")
-        # The last state of a world that broke down is none; everything drawn from these arrays must be.
+        # If the world broke down, its last state is not finite; pictures are drawn from these arrays, so they must be.
         for name in ("time", "joints", "aperture", "poses", "cam_from_table"):
             if not np.isfinite(getattr(self, name)).all():
                 raise ValueError(f"{name} is not finite")
@@ -118,7 +118,7 @@ class Episode:
         return self.poses[:, self.names.index(name)]
 
     def states(self) -> list[ViewState]:
-        """All that another world needs in order to show the same: arm, fingers and object."""
+        """Return the states of arm, gripper and object, from which another world can show the same episode."""
         return [
             ViewState(self.joints[k], float(self.aperture[k]), self.body(OBJECT)[k], self.start, k) for k in range(len(self))
         ]

@@ -52,9 +52,10 @@ def _judge(
     finite: Array, pad_forces: Array, positions: Array, clearances: Array, streak: Array, gripped: Array, lifted: Array,
     lift: float, hold_steps: int, grip_force: float, centre: tuple[float, float], radius: float,
 ) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array]:  # fmt: skip
-    """The new memory (streak, gripped, lifted), the terms (held, high, away), successes, and places in `REASONS`. [N] each.
+    """Return the new memory (streak, gripped, lifted), terms (held, high, away), successes, indices in `REASONS`. [N] each.
 
-    A kernel, since numpy's calls on single numbers cost several times as much between physics and pictures as by themselves.
+    This is a kernel because numpy is slow on single numbers: between physics and rendering, its calls take several times as
+    long as by themselves.
     """
     streak, gripped, lifted = streak.copy(), gripped.copy(), lifted.copy()
     count = len(streak)
@@ -73,7 +74,7 @@ def _judge(
         elif not finite[k]:
             codes[k] = _NOT_FINITE
         elif away[k] > radius and not held[k] and not lifted[k]:
-            # It left the working area without a hand on it.
+            # The object left the working area without ever having been lifted.
             codes[k] = _PUSHED_AWAY
         elif not gripped[k]:
             codes[k] = _NOT_GRASPED

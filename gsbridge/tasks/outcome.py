@@ -1,4 +1,4 @@
-"""What a task says about a state: reward, success, and the reason if the episode ended now."""
+"""Judgement of a state by a task: reward, success, and the reason for failure if the episode ended now."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gsbridge.geometry import Array
 
 
 class Failure(StrEnum):
-    """Why an episode is no success; `none` for a success. The words stand in the trials' tables."""
+    """Why an episode is no success; `none` for a success. The values are the words in the tables of trials."""
 
     NONE = "none"
     NOT_FINITE = "not_finite"
@@ -82,7 +82,7 @@ class Outcome:
         success: The task is done by all its rules. bool [N].
         success_tolerant: Success without the rule on excess contact; it ends the episode. bool [N].
         failure: `Failure` if the episode ended now. str [N].
-        terms: What the judgement rests on, for records and plots. Each [N].
+        terms: Quantities that the judgement rests on, for records and plots. Each [N].
     """
 
     reward: Array
@@ -97,5 +97,5 @@ _TEXTS = np.array([reason.value for reason in REASONS])
 
 
 def texts(codes: Array) -> Array:
-    """The reasons as text, from their places in `REASONS`. int [N] -> str [N]."""
+    """Return the reasons as text, for their indices in `REASONS`. int [N] -> str [N]."""
     return _TEXTS[codes]

@@ -1,8 +1,8 @@
 """Picking up and placing: the object lies released on the plate.
 
 Source: RL-GSBridge, "Success is considered when the cake is placed on the plate"; "In simulation, even minor excess contacts
-during the placement process are considered as task failures". That rule is kept, with its figures stated, and success is also
-told without it, because a real robot is not judged by it.
+during the placement process are considered as task failures". That rule is kept, with explicit thresholds. Success is also
+reported without it, because a real robot is not judged by it.
 """
 
 from __future__ import annotations
@@ -70,15 +70,15 @@ def _judge(
     rest: tuple[float, float], bounds: tuple[float, float, float], settle_steps: int,
     centre: tuple[float, float], radius: float,
 ) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array, Array, Array]:  # fmt: skip
-    """The new memory (four arrays), terms (held, on the plate, released, distance), both successes, places in `REASONS`.
+    """Return the new memory (four arrays), terms (held, on plate, released, distance), both successes, indices in `REASONS`.
 
     Args:
         finite, positions, velocities, clearances, tilts: State of the object in N worlds.
-        forces: Forces of the two pads, of the robot, and of the object on plate and table. [N, 4].
+        forces: Forces of the two pads, of the robot, and of the object on plate and table, N. [N, 4].
         memory: As in `Progress`.
-        levels: Forces: of a grip, of a touch, of excess.
-        plate, rest: Middle of the plate; height of the resting object, and how far from that it may lie.
-        bounds: Largest distance, tilt and speed of what lies on the plate.
+        levels: Forces that count as a grip, as a touch and as excess contact, N.
+        plate, rest: Middle of the plate; height of the resting object, and its largest deviation from that height; m.
+        bounds: Largest distance, m, tilt, rad, and speed, m/s, of an object that lies on the plate.
         settle_steps, centre, radius: As in `Place`.
     """
     streak, gripped, lifted, excess = memory[0].copy(), memory[1].copy(), memory[2].copy(), memory[3].copy()
@@ -90,7 +90,7 @@ def _judge(
         left, right, robot, load = forces[k, 0], forces[k, 1], forces[k, 2], forces[k, 3]
         pressed, carrying = left >= levels[0] and right >= levels[0], lifted[k]
         gripped[k] |= pressed
-        # The plate's rim is higher than that: what is dragged over it was never carried.
+        # The plate's rim is higher than OFF_TABLE: an object that is dragged over it does not count as lifted.
         lifted[k] |= pressed and clearances[k] >= OFF_TABLE and load < levels[1]
         held[k] = pressed and finite[k]
         released[k] = left < levels[1] and right < levels[1]
@@ -101,7 +101,7 @@ def _judge(
         seated = abs(clearances[k] - rest[0]) <= rest[1]
         on_plate[k] = distance[k] <= bounds[0] and seated and tilts[k] <= bounds[1] and finite[k]
         square = velocities[k, 0] ** 2 + velocities[k, 1] ** 2 + velocities[k, 2] ** 2
-        # Pushing the object onto the plate is no pick and place.
+        # Pushing the object onto the plate does not count: it must have been lifted.
         goal = on_plate[k] and released[k] and np.sqrt(square) <= bounds[2] and lifted[k]
         streak[k] = streak[k] + 1 if goal else 0
         tolerant[k] = streak[k] >= settle_steps

@@ -17,30 +17,30 @@ from gsbridge.geometry import Array
 QUADRANTS = (1, 2, 3, 4)
 PER_QUADRANT = 8
 POSES = PER_QUADRANT * len(QUADRANTS)
-"""Start poses of a set."""
+"""Number of start poses in a set."""
 
 POSE_SETS = ("fixed", "unseen", "outside")
-"""Two sets inside the square of the training, and one beyond it, where the tool still reaches."""
+"""Names of the sets: two inside the start square of the training, and one beyond it, where the tool still reaches."""
 
 REACH = 0.33
-"""Edge of the square that `outside` keeps to, m: 5 mm less on each side than the tool may go."""
+"""Edge of the square within which the poses of `outside` lie, m: 5 mm less on each side than the tool may go."""
 
 MARGIN = 0.005
-"""Distance of `outside` from the square of the training, m."""
+"""Smallest distance of the poses of `outside` from the start square of the training, m."""
 
 _SIGNS = {1: (1.0, -1.0), 2: (1.0, 1.0), 3: (-1.0, -1.0), 4: (-1.0, 1.0)}
 
 _CELLS = 4
-"""Cells along one side of a quadrant; the two sets take the black and the white ones of this chessboard, 8 each."""
+"""Cells along one side of a quadrant; `fixed` takes the 8 black cells of this chessboard, `unseen` the 8 white ones."""
 
 _BORDER = 0.08
 """Share of a cell left free on each side, so that poses of the two sets never come close."""
 
 _TRIES = 256
-"""Candidates for a place in a cell."""
+"""Number of candidate places that are drawn in a cell."""
 
 _DRAWS = 1024
-"""Draws in a quadrant until one must have been free: enough where a hundredth of it is."""
+"""Largest number of draws per pose; enough if at least a hundredth of the quadrant is free."""
 
 
 @dataclass(frozen=True)
@@ -97,9 +97,9 @@ class StartRegion:
         return np.where(offset[..., 0] >= 0, 1, 3) + (offset[..., 1] >= 0)
 
     def sample(self, rng: np.random.Generator, count: int) -> Array:
-        """Poses drawn uniformly from the free part of the region, from each quadrant equally often.
+        """Draw poses uniformly from the free part of each quadrant, and from all quadrants equally often.
 
-        The tests ask each quadrant equally often, too, also where a plate leaves little room in one.
+        The test sets, too, have equally many poses in each quadrant, even where a plate leaves little room in one.
 
         Args:
             rng: Random generator.
@@ -125,16 +125,16 @@ class StartRegion:
 
 
 def sets_of(region: StartRegion) -> tuple[str, ...]:
-    """Names of the sets that a region has: nothing lies outside one that takes all the tool's reach, or has a plate in it."""
+    """Return the names of a region's sets; no `outside` if the region fills the tool's reach or has a plate in it."""
     return POSE_SETS if region.side + 2 * MARGIN < REACH and not region.keep_out else POSE_SETS[:2]
 
 
 def trial_seed(name: str, index: int) -> int:
-    """Seed of the trial from a start pose of a set: the same wherever it is tried, however many others are.
+    """Return the seed of the trial from one start pose; it depends on neither the world nor the number of trials.
 
     Args:
         name: One of `POSE_SETS`.
-        index: Number of the start pose in it.
+        index: Number of the start pose in the set.
     """
     return 1000 * POSE_SETS.index(name) + index
 
@@ -144,11 +144,11 @@ def pose_set(name: str, region: StartRegion, seed: int = 0) -> Array:
 
     Every quadrant is a chessboard of 4 x 4 cells; `fixed` has one pose in each black cell, `unseen` in each white one, so that
     both cover each row and column of cells alike and no pose of one lies near a pose of the other. Yaws are stratified too:
-    every eighth of the range occurs once per quadrant. A cell that a disc covers gives its pose to the roomiest place among the
-    quadrant's other cells of its colour; where all of these are covered, the cells of the other colour take them.
+    every eighth of the range occurs once per quadrant. If a disc covers a cell, its pose moves to the roomiest free place in
+    the quadrant's other cells of the same colour, or of the other colour if all cells of the same colour are covered.
 
-    `outside` has its poses in the frame round the square, which is as long as it is narrow: each eighth of a quadrant's part of
-    it holds one.
+    `outside` has its poses in the narrow frame round the square: a quadrant's part of the frame is divided along its length
+    into eight pieces, each with one pose.
 
     Args:
         name: `fixed`, `unseen` or `outside`.
@@ -174,7 +174,7 @@ def pose_set(name: str, region: StartRegion, seed: int = 0) -> Array:
 
 
 def _places(region: StartRegion, quadrant: int, colour: int, rng: np.random.Generator) -> Array:
-    """Eight places in the cells of one colour of a quadrant, or in the other cells where these are covered whole. [8, 2]."""
+    """Choose eight places in a quadrant's cells of one colour, or of the other if all of these are covered. [8, 2]."""
     free, candidates = _free_places(region, quadrant, colour, rng)
     if not free.any():
         free, candidates = _free_places(region, quadrant, 1 - colour, rng)
@@ -193,7 +193,7 @@ def _places(region: StartRegion, quadrant: int, colour: int, rng: np.random.Gene
 def _framed(region: StartRegion, quadrant: int, rng: np.random.Generator) -> Array:
     """Eight places in a quadrant's part of the frame round the square. [8, 2]."""
     inner, outer = 0.5 * region.side + MARGIN, 0.5 * REACH
-    # Along the frame's part of a quadrant: up its one side, then back along the other.
+    # Position along a quadrant's part of the frame, 0 to 2: up one side, then back along the other.
     along = (np.arange(PER_QUADRANT) + _BORDER + (1.0 - 2.0 * _BORDER) * rng.uniform(size=PER_QUADRANT)) / PER_QUADRANT * 2.0
     away = inner + (outer - inner) * rng.uniform(size=PER_QUADRANT)
     beside = outer * np.where(along < 1.0, along, 2.0 - along)
@@ -202,10 +202,10 @@ def _framed(region: StartRegion, quadrant: int, rng: np.random.Generator) -> Arr
 
 
 def _free_places(region: StartRegion, quadrant: int, colour: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Places in each cell of one colour: which are free, bool [8, T], and where they are, [8, T, 2]."""
+    """Draw candidate places in each cell of one colour; return which are free, bool [8, T], and the places, [8, T, 2]."""
     edge = 0.5 * region.side / _CELLS
     cells = [(i, j) for i in range(_CELLS) for j in range(_CELLS) if (i + j) % 2 == colour]
-    # Every cell draws the same number of candidates, free or not: a disc in one cell moves no pose in another.
+    # Every cell draws the same number of candidates, free or not, so that a disc in one cell moves no pose in another.
     inside = _BORDER + (1.0 - 2.0 * _BORDER) * rng.uniform(size=(len(cells), _TRIES, 2))
     candidates = region.centre + edge * (np.array(cells)[:, None, :] + inside) * _SIGNS[quadrant]
     return region.free(candidates), candidates

@@ -1,4 +1,7 @@
-"""The rules of each task as settings, apart from the judges, whose kernels would load numba at every start of snakemake."""
+"""The rules of each task as settings.
+
+They stand apart from the judges because the judges' kernels would load numba at every start of snakemake.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +17,10 @@ class Grasp:
     """Rules of grasping.
 
     Args:
-        lift: Height of the object's lowest point over the table that counts, m.
-        hold_steps: Steps in a row for which it must be held there.
-        grip_force: Force of each pad from which the object counts as held, N.
-        area_centre: Middle of the area in which the robot can pick it up, table frame, m.
+        lift: Height over the table that the object's lowest point must reach, m.
+        hold_steps: Consecutive steps for which the object must be held at that height.
+        grip_force: Smallest force of each pad with which the object counts as held, N.
+        area_centre: Middle of the area in which the robot can pick the object up, table frame, m.
         area_radius: An object that lies on the table farther out than this has been pushed away, m.
     """
 
@@ -34,7 +37,7 @@ class Grasp:
 
 @dataclass(frozen=True)
 class Place:
-    """Rules of picking up and placing.
+    """Rules of picking up and placing; `tolerance`, `seat`, `tilt` and `speed` must hold for an object to count as placed.
 
     Args:
         plate_centre: Middle of the plate, table frame, m.
@@ -43,10 +46,10 @@ class Place:
         seat: Largest distance of the object's lowest point from the plate's surface, m.
         tilt: Largest tilt of the object, rad.
         speed: Largest speed of an object at rest, m/s.
-        settle_steps: Steps in a row for which it must lie there.
-        grip_force: Force of each pad from which the object counts as held, N.
-        touch_force: Force from which a touch counts at all, N: pad on released object, gripper on plate or table.
-        max_contact_force: Force with which the carried object may press on plate or table, N.
+        settle_steps: Consecutive steps for which the object must lie placed and released.
+        grip_force: Smallest force of each pad with which the object counts as held, N.
+        touch_force: Smallest force that counts as a touch, N: pad on the released object, gripper on plate or table.
+        max_contact_force: Largest force with which the carried object may press on plate or table, N.
         area_centre: Middle of the area in which the robot can work, table frame, m.
         area_radius: An object that lies farther out than this has been pushed away, m.
     """

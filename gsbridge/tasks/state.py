@@ -59,12 +59,12 @@ class State:
             wanted = (count, _WIDTHS[name]) if name in _WIDTHS else (count,)
             if value.shape != wanted:
                 raise ValueError(f"State.{name} has the shape {value.shape}, expected {wanted}")
-            # One memory order, since kernels are compiled for each that they meet.
+            # Always the same memory order, since numba compiles a kernel anew for each order.
             object.__setattr__(self, name, np.ascontiguousarray(value))
 
     @classmethod
     def of_row(cls, row: Array) -> State:
-        """One world, from all numbers in the order of the fields. [`ROW`]."""
+        """Build the state of one world from a row of all its numbers, in the order of the fields. [`ROW`]."""
         return cls(**{name: row[columns] if name not in _WIDTHS else row[None, columns] for name, columns in COLUMNS.items()})
 
     def __len__(self) -> int:
@@ -76,7 +76,7 @@ class State:
         return np.asarray(np.all(self.pad_forces >= force, axis=1))
 
     def finite(self) -> Array:
-        """Worlds without a NaN or an infinity, looked up once. bool [N]."""
+        """Whether all numbers of each world are finite; computed only once. bool [N]."""
         return self._finite
 
     @cached_property
@@ -97,15 +97,15 @@ class State:
 NAMES = tuple(item.name for item in fields(State))
 _ENDS = np.cumsum([_WIDTHS.get(name, 1) for name in NAMES]).tolist()
 COLUMNS = {name: slice(end - _WIDTHS.get(name, 1), end) for name, end in zip(NAMES, _ENDS, strict=True)}
-"""Place of each field in a row of all numbers of one world."""
+"""Columns of each field in the row that holds all numbers of one world."""
 
 ROW: int = _ENDS[-1]
-"""Numbers of one world."""
+"""How many numbers describe one world."""
 
 
 @njit(nogil=True)
 def _spoilt(value: Array, k: int) -> float:
-    """0 where a row holds finite numbers only, NaN otherwise. [N, D]."""
+    """Return 0 if all numbers in row `k` of `value` [N, D] are finite, NaN otherwise."""
     out = 0.0
     for i in range(value.shape[1]):
         out += value[k, i] * 0.0

@@ -1,4 +1,4 @@
-"""Chosen states of arm and object at which several cameras look: what one world did, another can show."""
+"""Chosen states of arm and object from one world, which the cameras of other worlds can show, too."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from gsbridge.files import read_json, write_json
 from gsbridge.geometry import Array
 
 ROLES = ("fit", "select", "verify")
-"""What records of a diagnosis are for: to fit, to choose among fits, to judge the choice."""
+"""Roles of the records in a diagnosis: to fit candidates, to select among the fits, to verify the selected one."""
 
 VIEWS, DEPTHS = "views.json", "depths.npz"
-"""Files of views that are photographed: camera, names, roles and poses; camera z of every pixel."""
+"""Files of the views to photograph: the first holds camera, names, roles and poses, the second the camera z of each pixel."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class ViewState:
         aperture: Distance of the pads, m.
         object_pose: x, y, yaw of the body frame of an object that stands on the table, [3], or its `table_from_object`, [4, 4].
         start: Index of the start pose that the episode began with.
-        step: Steps since then.
+        step: Control steps since the start.
     """
 
     q: Array
@@ -39,7 +39,7 @@ class ViewState:
 
 
 def whole_pose(pose: Array) -> Array:
-    """`table_from_object` of x, y, yaw on the table, or itself. [3] or [4, 4] -> [4, 4]."""
+    """Return `table_from_object` of a pose given as x, y, yaw on the table, or already as a matrix. [3] or [4, 4] -> [4, 4]."""
     if pose.shape == (4, 4):
         return pose
     x, y, yaw = pose
@@ -97,7 +97,7 @@ def read_states(path: str | Path) -> list[ViewState]:
 
 
 def _pose(values: list) -> Array:
-    """Pose of an object. [3] or [4, 4]."""
+    """Read the pose of an object and check its shape. [3] or [4, 4]."""
     pose = np.array(values, dtype=np.float64)
     if pose.shape not in ((3,), (4, 4)):
         raise ValueError(f"a pose has the shape {pose.shape}")

@@ -1,4 +1,4 @@
-"""What an environment asks of a world, whichever simulator or robot stands behind it."""
+"""The interface of a world to an environment, whichever simulator or robot stands behind it."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class World(Protocol):
 
 @runtime_checkable
 class SeeingWorld(World, Protocol):
-    """A world with a camera of its own; images of the others are drawn from `body_poses`."""
+    """A world with a camera of its own; for other worlds, a renderer draws the pictures from `body_poses`."""
 
     def image(self, size: int) -> Array:
         """Picture of the wrist camera now. uint8 [size, size, 3]."""
