@@ -1,1 +1,1 @@
-"""The simulated world: PyBullet physics driven by torque, described whole by one model file."""
+"""The simulated world: PyBullet physics driven by torque, described completely by one model file."""

@@ -16,7 +16,7 @@ SIZE = 5
 
 
 TETHER = 1.5
-"""Actions of 1 by which the command may be ahead of the arm. With more, an arm with latency overshoots and may run into the
+"""How far the command may be ahead of the arm, in actions of 1. With more, an arm with latency overshoots and may run into the
 object. Episodes do not take longer because of the bound."""
 
 
@@ -63,11 +63,11 @@ class ToolTarget:
     Args:
         stroke: Largest opening of the gripper, m.
         scale: What an entry of 1 means.
-        counted: Workspace that cuts positions and yaws, and counts.
+        counted: Workspace that positions and yaws are cut to, with counts of the commands and of those cut.
         position: Tool point, table frame, m. [3].
         yaw: Turn of the tool about the vertical, rad.
         aperture: Opening, m.
-        saturated: Actions with an entry outside -1..1, which was cut.
+        saturated: Number of actions with an entry outside -1..1, which was cut.
     """
 
     stroke: float
@@ -103,12 +103,13 @@ class ToolTarget:
     def tether(self, position: Array, yaw: float, aperture: float) -> None:
         """Hold the command back to within `TETHER` actions of the arm and of the fingers.
 
-        An arm that joint speeds, a latency or an obstacle hold back would otherwise be led on by a command it can no longer be
-        steered by, and overshoot. Fingers that press on something go on pressing, and open at the second action that says so.
+        Without this bound, the command of an arm that is slowed down by joint speed limits, latency or an obstacle would run
+        ahead; the arm would overshoot, and new actions would not steer it. Fingers that press on something go on pressing, and
+        open at the second action that opens them.
 
         Args:
             position: Measured tool point, table frame, m. [3].
-            yaw: Measured, rad.
+            yaw: Measured yaw, rad.
             aperture: Measured opening, m.
         """
         point = position.tolist()
@@ -137,7 +138,7 @@ class ToolTarget:
         values = checked_action(action)
         *step, turn, opening = cut = [min(max(value, -1.0), 1.0) for value in values]
         self.saturated += cut != values
-        # The cube of three equal steps, as in the paper: a diagonal action moves farther than one along an axis.
+        # Each axis is scaled by itself (a cube, not a ball), as in the paper: a diagonal action moves farther than others.
         position = [at + self.scale.position * part for at, part in zip(self.position.tolist(), step, strict=True)]
         self.position, self.yaw = self.counted.clip(np.array(position), self.yaw + self.scale.yaw * turn)
         self.aperture = min(max(self.aperture + self.scale.aperture * opening, 0.0), self.stroke)

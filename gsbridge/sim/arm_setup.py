@@ -1,7 +1,7 @@
-"""Effects of a model in the simulated arm: figures that they change before the simulation, and the kernels that play them.
+"""Effects of a model on the simulated arm: parameters that they change beforehand, and kernels that simulate them.
 
-The arm is a `gsbridge.effects.joints.base.MechanismSetup`, so that an effect that was found in logs is the same one here. Where
-nothing is changed, no kernel of this module runs.
+The arm is a `gsbridge.effects.joints.base.MechanismSetup`, so that an effect means the same here as in the logs where it was
+found. If no effect acts, no kernel of this module runs.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from gsbridge.robot.links import Inertia, joined_inertia
 from gsbridge.sim.model import Model
 
 PLAIN = ("stiffness", "damping", "armature", "viscous", "torque_limit", "gravity_share")
-"""Figures of the law that every arm has, in the order in which the torque kernel takes them."""
+"""Parameters of the torque law that every arm has, in the order in which the torque kernel takes them."""
 
 (
     _DRY, _SKEW, _STRIBECK, _STRIBECK_SPEED, _LOAD, _QUADRATIC, _GAIN, _OFFSET, _LAG, _DELAY, _SINE, _COSINE, _WAVES,
@@ -37,13 +37,14 @@ _FIGURES = MappingProxyType(
         "eccentric_cosine": _ECC_COSINE, "spring": _SPRING, "spring_rest": _SPRING_REST,
     }
 )  # fmt: skip
-"""Figures that only effects change: zero where nothing of the kind acts (shapes: one)."""
+"""Rows of the parameters that only effects change. Without such an effect they are zero, but for `stribeck_speed` and
+`ripple_waves`, which are one."""
 
 _FILTERS = 4
-"""Filters that commands may pass one after the other."""
+"""Largest number of filters in series on the commands."""
 
 _SLOTS = 256
-"""Physics steps for which a drive may keep a torque back; one size for all, since kernels are compiled for the size."""
+"""Length of the buffer that delays torques, physics steps; the same for all models, since a kernel is compiled per size."""
 
 
 class ArmSetup:
@@ -52,19 +53,19 @@ class ArmSetup:
     Args:
         model: The simulation model.
         joints: Names of the arm's joints.
-        torque_limit: Largest torque of each, N m. [N].
-        gravity: Acceleration in the base frame that the controller believes in, m/s2. [3].
+        torque_limit: Largest torque of each joint, N m. [N].
+        gravity: Gravitational acceleration in the base frame that the controller assumes, m/s2. [3].
 
     Attributes:
-        law: Figures of the joints. [N] each.
-        gravity: Gravity as it acts, m/s2. [3].
+        law: Parameters of the joints, by name. [N] each.
+        gravity: Gravity that really acts, base frame, m/s2. [3].
         delay: Dead time of commands, s.
         filters: Time constants of filters on commands, s.
         slowness: One over the largest speed of each joint's command, s/rad; zero where there is no limit. [N].
         loads: Changes of the mass properties of the link that each joint moves, by joint.
 
     Raises:
-        InputError: An effect names a joint that the arm does not have, or has no room in the kernels.
+        InputError: An effect names a joint that the arm does not have, or exceeds what the kernels have room for.
     """
 
     def __init__(self, model: Model, joints: tuple[str, ...], torque_limit: Array, gravity: Array) -> None:
@@ -89,7 +90,7 @@ class ArmSetup:
         self._nominal_gravity = np.array(gravity, dtype=np.float64)
 
     def delay_commands(self, seconds: float) -> None:
-        """Let commands reach the controller some time later; those of the gripper, too."""
+        """Delay the commands to arm and gripper by some more seconds."""
         self.delay += seconds
 
     def smooth_commands(self, seconds: float) -> None:
@@ -128,7 +129,7 @@ class ArmSetup:
         raise InputError("model", "the simulated arm keeps no log whose time stamps could err", "Leave the effect out")
 
     def rows(self) -> Array:
-        """Figures of every arm as the torque kernel takes them. [6, N]."""
+        """Return the parameters of `PLAIN`, as the torque kernel takes them. [6, N]."""
         return np.stack([self.law[name] for name in PLAIN])
 
     def record(self) -> dict[str, Array]:
@@ -162,7 +163,7 @@ class ArmSetup:
 
 @njit(nogil=True)
 def sense(a: np.record, measured: Array) -> None:
-    """Angles and speeds as the encoders report the true ones. measured [2, N + 1] -> a.seen [2, N + 1]."""
+    """Compute the angles and speeds that the encoders report from the true ones. measured [2, N + 1] -> a.seen [2, N + 1]."""
     figures, seen = a.figures, a.seen
     for i in range(figures.shape[1]):
         angle, rate = measured[0, i], measured[1, i]
@@ -175,7 +176,7 @@ def sense(a: np.record, measured: Array) -> None:
 
 @njit(nogil=True)
 def shape_commands(a: np.record, step: float) -> None:
-    """Pass the arm's set points through filters and limits of rate. a.shaped [2, N + 1] is changed; step in s."""
+    """Pass the arm's set points through filters and rate limits. a.shaped [2, N + 1] is changed; step in s."""
     shaped, filters, filtered, followed = a.shaped, a.filters, a.filtered, a.followed
     count = a.figures.shape[1]
     first = a.started[0] == 0
@@ -187,7 +188,7 @@ def shape_commands(a: np.record, step: float) -> None:
                 if filters[k] > 0.0:
                     if first:
                         filtered[k, 0, kind, i] = filtered[k, 1, kind, i] = value
-                    # Exact for a straight line between the set points, as in `gsbridge.gap.joints.mechanism.setup.smoothed`.
+                    # Exact if commands are linear between set points, as in `gsbridge.gap.joints.mechanism.setup.smoothed`.
                     keep = math.exp(-step / filters[k])
                     old = filters[k] / step * (1.0 - keep)
                     new = keep * filtered[k, 1, kind, i] + (1.0 - old) * value + (old - keep) * filtered[k, 0, kind, i]
@@ -203,7 +204,7 @@ def shape_commands(a: np.record, step: float) -> None:
 
 @njit(nogil=True)
 def play_drives(a: np.record, measured: Array, step: float, out: Array) -> bool:
-    """Turn the torques that the controller asks for into those that act on the joints, but for dry friction and armature.
+    """Turn the torques that the controller asks for into those that act on the joints, without dry friction and armature.
 
     Args:
         a: Record of the arm, as `gsbridge.sim.dynamics.joint_torques` has it; `rubs`, the largest dry friction, is filled.
@@ -242,7 +243,7 @@ def play_drives(a: np.record, measured: Array, step: float, out: Array) -> bool:
         out[0, i] -= figures[_SPRING, i] * (angle - figures[_SPRING_REST, i])
     turn, move, mass, moment, tilt = a.turn, a.move, a.mass, a.moment, a.tilt
     for j in range(figures.shape[1]):
-        # What a base that stands askew adds to the weight that the engine's gravity makes.
+        # Add the weight that a tilted base causes; the engine's gravity does not include the tilt.
         h = moment[j]
         out[0, j] += turn[j, 0] * (h[1] * tilt[2] - h[2] * tilt[1])
         out[0, j] += turn[j, 1] * (h[2] * tilt[0] - h[0] * tilt[2]) + turn[j, 2] * (h[0] * tilt[1] - h[1] * tilt[0])
@@ -253,10 +254,11 @@ def play_drives(a: np.record, measured: Array, step: float, out: Array) -> bool:
 
 @njit(nogil=True)
 def rub_joints(a: np.record, measured: Array, step: float, out: Array) -> None:
-    """Dry friction of one step, and armature with it: torques that make the engine move as both would.
+    """Set the torques of one step by which the engine moves as if it had dry friction and armature.
 
     Args:
-        a: Record of the arm; `columns` holds what moves the joints and the unit matrix, `matrix` the inertia with armature.
+        a: Record of the arm; `columns` [N, N + 1] holds the joints' accelerations without dry friction and, after them, the
+            inverse of the joint-space inertia with armature.
         measured: True angles and speeds. [2, N + 1].
         step: Step of time, s.
         out: Row 0: torques for the engine, updated. [2, N + 1].

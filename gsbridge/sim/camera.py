@@ -29,7 +29,7 @@ class CameraResponse:
     black_level: float = 0.0
 
     def after(self, model: CameraModel) -> CameraModel:
-        """The model's camera with this response in it; what the model changes comes on top."""
+        """Combine this response with the model's camera; the model's changes come on top."""
         return replace(
             model,
             gain=model.gain * self.gain,
@@ -50,7 +50,7 @@ class CameraResponse:
 
     def apply(self, encoded: Array) -> Array:
         """Encoded value that the wrist camera delivers for an encoded value of the splats. [..., 3]."""
-        # A fit needs a slope in the dark, too.
+        # Light is never quite 0, so that a fit has a slope (in gamma) in the dark, too.
         return self.encode(np.maximum(linear_from_srgb(np.asarray(encoded, np.float64)) * self.gains, 1e-6))
 
     def undo(self, encoded: Array) -> Array:
@@ -64,9 +64,9 @@ def respond(image: Array, camera: CameraModel, rng: np.random.Generator) -> Arra
 
     Args:
         image: Rendered image, sRGB. uint8 [H, W, 3].
-        camera: Response of the camera. With a noise of zero the answer is a table look-up, with neutral values the image
+        camera: Response of the camera. Without noise the result is a table look-up; with neutral values it is the image
             itself.
-        rng: Source of the noise; left alone where there is none.
+        rng: Source of the noise; not used if there is no noise.
 
     Returns:
         uint8 [H, W, 3].
@@ -81,7 +81,7 @@ def respond(image: Array, camera: CameraModel, rng: np.random.Generator) -> Arra
 
 @lru_cache(maxsize=16)
 def _tables(camera: CameraModel) -> tuple[Array, Array, bool]:
-    """Light, and without noise the delivered byte, for every byte of a picture, [256, 3] each; whether it is the same byte."""
+    """Tabulate light and the byte delivered without noise for every byte, [256, 3] each; tell whether all bytes are kept."""
     linear = linear_from_srgb(np.arange(256) / 255.0)[:, None] * _of(camera).gains
     table = _encode(linear, camera)
     return linear, table, bool((table == np.arange(256)[:, None]).all())
@@ -93,5 +93,5 @@ def _encode(linear: Array, camera: CameraModel) -> Array:
 
 
 def _of(camera: CameraModel) -> CameraResponse:
-    """The response in a model's camera, its noise aside."""
+    """Return the response of a model's camera without its noise."""
     return CameraResponse(camera.gain, camera.red_gain, camera.blue_gain, camera.gamma, camera.black_level)

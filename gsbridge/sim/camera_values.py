@@ -1,6 +1,6 @@
-"""Response of the simulated wrist camera in float32, for pictures to which more happens before they are rounded.
+"""Response of the simulated wrist camera in float32, for pictures that are processed further before they are rounded.
 
-`gsbridge.sim.camera.respond` takes and gives bytes.
+The function for bytes is `gsbridge.sim.camera.respond`.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from gsbridge.sim.model import CameraModel
 
 def clamped(image: Array) -> Array:
     """Clamp to 0..1; NaN becomes 0. [...] -> [...] of the same type."""
-    # `fmax` takes the number where one of two is NaN.
+    # `fmax` returns the number if one of its two arguments is NaN.
     x = np.asarray(image)
     return np.asarray(np.minimum(np.fmax(x, x.dtype.type(0)), x.dtype.type(1)))
 
 
 def respond_unrounded(values: Array, camera: CameraModel, rng: np.random.Generator) -> Array:
-    """Apply the camera's response to values that nothing has rounded, and leave the rounding to what comes after.
+    """Apply the camera's response to values that are not rounded, and do not round the result either.
 
     Args:
         values: Rendered image, sRGB, clamped to 0..1 before anything else; NaN counts as black. float32 [H, W, 3].
         camera: Response of the camera. With neutral values and without noise the answer is the clamped image.
-        rng: Source of the noise, from which `respond` would draw the same; left alone where there is none.
+        rng: Source of the noise, with the same draws as in `respond`; not used if there is no noise.
 
     Returns:
         Encoded values that the camera delivers, 0..1. float32 [H, W, 3].

@@ -41,11 +41,12 @@ def read_bodies(urdf: str | Path, links: tuple[str, ...]) -> Array:
 
 
 class Controller:
-    """Holds what the controller and the drives remember; knows no physics engine.
+    """Joint controller and drives with their state; independent of the physics engine.
 
-    A goal is a posture of the arm and an opening of the gripper. Every control period the command moves towards the goal, all
-    joints in proportion, as far as the fastest may. The set point is the mean of that broken line over the last period: its
-    speed, which is fed forward, has no steps that would jerk the arm, at the price of lagging half a period.
+    A goal is a posture of the arm and an opening of the gripper. In every control period the command moves towards the goal,
+    all arm joints in proportion, as far as the speed limit of every joint allows. The set point is this piecewise linear
+    command, averaged over the last period. Its speed, which is fed forward, therefore has no jumps that would jerk the arm;
+    the price is a lag of half a period.
 
     Args:
         robot: The robot's files.
@@ -90,9 +91,9 @@ class Controller:
             **work_space(len(tree.links), len(arm)),
             **setup.record(),
         )
-        # Enough for the full force, and for what a set point is ahead of moving fingers.
+        # Largest lead of the opening's set point over the fingers: enough for the full force, and for moving fingers.
         self._pressing = g.force / g.stiffness + g.speed * (model.period + setup.delay)
-        # By itself, since its length is the delay's: every other one would have to be compiled anew.
+        # Not in the record, since its length depends on the delay: the kernels would be compiled anew for every other delay.
         self._ring = np.zeros((round(setup.delay / model.time_step) + 1, 2, width))
         self._plan, self._substeps = self._arm["plan"][0], model.substeps
         self.torques = np.zeros((2, width))
@@ -106,7 +107,7 @@ class Controller:
         return arm.index(joint.name) if joint.name in arm else len(arm)
 
     def reset(self, q: Array, aperture: float) -> None:
-        """Hold a posture and an opening, with nothing on its way from before. q [N]."""
+        """Hold a posture and an opening, with no earlier command still on its way. q [N]."""
         self.point = np.append(q, aperture)
         self.goal = self.point.copy()
         self._ring[:] = 0.0
@@ -122,8 +123,8 @@ class Controller:
     def begin_period(self, opening: float) -> None:
         """Choose where the command stands at the end of the coming control period.
 
-        A gripper's motion starts where the fingers are. Otherwise fingers that press on a wide object would let go only when
-        the set point had come back from 0, many steps after they were told to open.
+        The gripper's command starts from the measured opening. Otherwise fingers that press on a wide object would let go only
+        when the set point had come back from 0, many steps after the command to open.
 
         Args:
             opening: Measured distance of the pads, m.
@@ -144,7 +145,7 @@ class Controller:
         return self.torques
 
     def sense(self, measured: Array) -> Array:
-        """Angles and speeds as the encoders tell them, for true ones. [2, N + 1] -> [2, N + 1]."""
+        """Return the angles and speeds that the encoders report for the true ones. [2, N + 1] -> [2, N + 1]."""
         if not self._arm["plays"][0, 0]:
             return measured
         self._arm["seen"][0] = measured

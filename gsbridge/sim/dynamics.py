@@ -1,7 +1,7 @@
 """Kernels of the arm's controller: gravity torques, joint-space inertia and the torque law, once per physics step.
 
-The chain is that of `gsbridge.robot.chain`: nodes with parents first. Every node belongs to the last arm joint above it; what
-the hand's fingers do moves its mass, not the number of coordinates.
+The chain is that of `gsbridge.robot.chain`: nodes with parents first. Every node belongs to the last arm joint above it. The
+motion of the fingers changes where the hand's mass is, but adds no coordinates.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def cross(x: float, y: float, z: float, b: Array, out: Array) -> None:
 
 @cache
 def _record_type(fields: tuple[tuple[str, np.dtype[Any], tuple[int, ...]], ...]) -> np.dtype[Any]:
-    """One dtype object per list of fields: numba knows it at sight, and would compare all fields of one that is only equal."""
+    """Return one and the same dtype object for equal fields: numba recognises it at once, instead of comparing all fields."""
     return np.dtype(list(fields), align=True)
 
 
@@ -115,7 +115,7 @@ def packed(**arrays: Array) -> Array:
 
 
 def work_space(nodes: int, joints: int) -> dict[str, Array]:
-    """Fields of `joint_torques`' record that it writes before it reads them: cheaper there than new arrays in every call."""
+    """Return scratch fields for the record of `joint_torques`, which are cheaper than new arrays in every call."""
     shapes: dict[str, tuple[int, ...]] = {
         **{"values": (nodes,), "poses": (nodes, 4, 4), "inertia": (joints, joints), "weight": (joints,)},
         **{"mass": (joints,), "moment": (joints, 3), "about": (joints, 3, 3), "turn": (joints, 3), "move": (joints, 3)},
@@ -139,7 +139,7 @@ def plan_period(arm: Array, goal: Array, point: Array, opening: float, pressing:
         speed: Largest speed of the opening, m/s.
     """
     plan, period, last = arm[0].plan, arm[0].grip[6], len(point) - 1
-    # Beyond the fingers the set point may only lie on the side to which they are to go: it presses, or is ahead of them.
+    # The set point may lie beyond the fingers only on the side to which they are to move, where it presses or leads.
     low = opening - pressing if goal[last] < opening else opening
     high = opening + pressing if goal[last] > opening else opening
     point[last] = min(max(point[last], low), high)
@@ -199,7 +199,7 @@ def joint_torques(arm: Array, ring: Array, share: float, measured: Array, out: A
         grip: Rest half gap, bar length, stiffness, damping, largest force, time step, control period. [7].
         plan: Set point of this control period: rows position and speed at its start, change of speed until its end; the last
             column is the opening, m. [3, N + 1].
-        slot: Place of the next one in the ring. Updated. [1] int.
+        slot: Index in the ring at which the next set point is stored. Updated. [1] int.
         memory: Rows: speeds and engine torques of the step before; [0, N] is 0 at the start, then 1. Updated. [2, N + 1].
         known_inertia: Joint-space inertia of the step before. Updated. [N, N].
         plays and so on: Effects of the model, see `gsbridge.sim.arm_setup.ArmSetup.record`.
@@ -238,8 +238,9 @@ def joint_torques(arm: Array, ring: Array, share: float, measured: Array, out: A
     if plays:
         rough = play_drives(a, measured, step, out)
     if heavy or rough:
-        # The engine knows no armature. What all other torques were in the step before follows from how the arm moved; from
-        # that, how it would accelerate with armature now, and the torque that makes the engine do so. This feels contacts, too.
+        # The engine has no armature. The sum of all other torques in the step before, contacts included, follows from how the
+        # arm moved. From that sum follow the acceleration that armature allows now, and the torque that makes the engine
+        # accelerate so.
         matrix, load = a.matrix, a.load
         for i in range(count):
             others = weight[i]
@@ -266,7 +267,7 @@ def joint_torques(arm: Array, ring: Array, share: float, measured: Array, out: A
         memory[0, i], memory[1, i] = measured[1, i], out[0, i]
     memory[0, count] = 1.0
     known_inertia[:] = inertia
-    # The gripper's force acts between the pads; the driver feels it over the linkage's lever.
+    # The gripper's force acts between the pads; the linkage's lever turns it into a torque of the driver.
     angle = measured[0, count]
     opening, lever = 2.0 * (grip[0] + grip[1] * np.sin(angle)), 2.0 * grip[1] * np.cos(angle)
     force = grip[2] * (wanted[0, count] - opening) + grip[3] * (wanted[1, count] - lever * measured[1, count])

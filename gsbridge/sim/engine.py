@@ -27,13 +27,13 @@ TABLE_SIZE = (0.90, 1.20, 0.05)
 """Size of the table's slab, x, y, thickness, m; its top is z = 0."""
 
 SOLVER_ITERATIONS = 30
-"""Largest number of solver iterations. Free motion converges in a few; a gripped object never does, since Bullet starts every
-step from nothing. A step takes time in proportion. What is left over lets it creep, which the anchors of `Engine._set_contacts`
-bring back: without them an object slips in the hand while it is lifted, and with 20 iterations a cube whose faces are not quite
-parallel slips in spite of them."""
+"""Largest number of solver iterations. Free motion converges in a few; a gripped object never does, since Bullet does not
+start a step from the last one's solution. The time of a step grows in proportion. The residual that is left lets a gripped
+object creep; the friction anchors of `Engine._set_contacts` bring it back. Without them an object slips in the hand while it is
+lifted, and with 20 iterations a cube whose faces are not quite parallel slips in spite of them."""
 
 _FIXED, _MOVING = (2, ~2), (1, -1)
-"""Bullet's own collision groups, and those that each meets: what does not move meets only what does."""
+"""Bullet's own collision groups and their masks: bodies that do not move collide only with bodies that do."""
 
 _RIGID = 1e18
 """Stiffness of a rigid body, N/m: Bullet's own for bodies without a stated stiffness."""
@@ -70,13 +70,13 @@ class Item:
 
 
 class Engine:
-    """Bodies and constraints, loaded once. An episode begins with `rewind`, `place` and, as the last, `forget`.
+    """Bodies and constraints, loaded once. An episode begins with `rewind`, `place` and, last of all, `forget`.
 
     Args:
         robot: The robot's files.
         item: The object.
         model: The simulation model.
-        table_from_base: Where the robot stands. [4, 4].
+        table_from_base: Pose of the robot's base in the table frame. [4, 4].
         centre: Middle of the table's slab, m. [2].
         plate: URDF of a static background, or None.
         table_from_plate: Pose of the plate. [4, 4].
@@ -115,7 +115,7 @@ class Engine:
             numSolverIterations=SOLVER_ITERATIONS,
             deterministicOverlappingPairs=1,
             restitutionVelocityThreshold=0.05,
-            # Square of what a row still changes per iteration: 1 mm/s, 1 mrad/s.
+            # Square of the change per iteration below which a row counts as converged: 1 mm/s, 1 mrad/s.
             solverResidualThreshold=1e-6,
         )
         length, width, thickness = TABLE_SIZE
@@ -130,9 +130,9 @@ class Engine:
         )
         self.plate = None if plate is None else load_body(client, plate, table_from_plate, static=True)
         self._load_robot(robot, table_from_base, q, loads)
-        # A single body needs none of the joints' algebra, and its contacts with the table cost a fraction of those with it.
+        # As a single body the object needs no multibody algebra, and its contacts with the table cost a fraction.
         self.item = self._load_item(item, setup)
-        # It was loaded at the origin, so that its pose is the frame of inertia, in which Bullet tells all later ones.
+        # The object was loaded at the origin, so this is the pose of its inertial frame, in which Bullet reports poses.
         self.body_from_inertial = matrix_from_bullet(*client.getBasePositionAndOrientation(self.item))
         self.inertial_from_body = np.linalg.inv(self.body_from_inertial)
         self._touching = [(self.table, -1, True)]
@@ -150,7 +150,7 @@ class Engine:
         self.client.disconnect()
 
     def _load_item(self, item: Item, setup: ItemSetup) -> int:
-        """The object, as a body for itself."""
+        """Load the object as a single body, with its centre of mass where the setup has it."""
         description = setup.description(item.urdf)
         if description is None:
             return load_body(self.client, item.urdf, single=True)
@@ -160,14 +160,14 @@ class Engine:
             return load_body(self.client, path, single=True)
 
     def _push_and_advance(self, setup: ItemSetup, step: float, advance: Callable[[], None]) -> None:
-        """One physics step with a steady force and losses in the air, which Bullet has no figures for."""
+        """Play one physics step with a steady force and losses in the air, for which Bullet has no parameters."""
         velocity, spin = (np.array(row) for row in self._item_velocity(self.item))
         pushed = setup.pushed(velocity, spin, self.item_mass, step)
         self.client.resetBaseVelocity(self.item, *(row.tolist() for row in pushed))
         advance()
 
     def _load_robot(self, robot: RobotFiles, table_from_base: Array, q: Array, loads: Mapping[str, Sequence[Load]]) -> None:
-        """Robot with all motors and losses of the engine switched off and the fingers coupled."""
+        """Load the robot, switch off all motors and losses of the engine, and couple the fingers."""
         client, record = self.client, robot.record
         try:
             with TemporaryDirectory() as folder:
@@ -206,18 +206,18 @@ class Engine:
         self.pads = tuple(self.links[name] for name in record["gripper"]["pads"])
 
     def _set_contacts(self, model: Model, setup: ItemSetup) -> None:
-        """Coefficients of every pair. Bullet multiplies friction and restitution of two bodies, so the object carries ones."""
+        """Set all coefficients. Bullet multiplies friction and restitution of two bodies, so the object's are 1."""
         client = self.client
         table, f = setup.table(model), setup.figures
-        # Between two single bodies Bullet brakes a spin only where something brakes rolling, too.
+        # Between two single bodies Bullet applies spinning friction only if rolling friction is positive.
         self._set_surface(self.table, -1, replace(table, rolling_friction=max(table.rolling_friction, 1e-9)))
         if self.plate is not None:
             self._set_surface(self.plate, -1, model.contact.plate)
         for link in (-1, *self.links.values()):
             self._set_surface(self.robot, link, model.contact.gripper)
         for pad in self.pads:
-            # A contact that sticks is held where it began, as far as Coulomb's cone allows; without, the solver's remainder
-            # adds up to slip. Only here: what slides on the table is not to be held.
+            # The anchor pulls a sticking contact back to where it began, within Coulomb's cone; without it, the solver's
+            # residuals add up to slip. Only the pads have it: an object that slides on the table must not be held.
             client.changeDynamics(self.robot, pad, frictionAnchor=True)
         if setup.soft:
             self._soften_table(model, setup)
@@ -229,13 +229,13 @@ class Engine:
             -1,
             mass=self.item_mass,
             localInertiaDiagonal=[f["mass"] * f["inertia"] * value for value in inertia],
-            # Bullet takes the share of the speed that a second takes away.
+            # Bullet's damping is the share of the speed that is lost in a second.
             linearDamping=-np.expm1(-model.object.linear_damping),
             angularDamping=-np.expm1(-model.object.angular_damping),
             contactStiffness=model.contact.stiffness,
             contactDamping=0.0 if setup.soft else model.contact.damping,
-            # By default Bullet brakes a body before it touches, by an amount that depends on where the last step ended:
-            # restitution would act by chance.
+            # By default Bullet brakes a body before it touches, by an amount that depends on where the last step ended, which
+            # would make restitution a matter of chance.
             contactProcessingThreshold=0.0,
             activationState=client.ACTIVATION_STATE_DISABLE_SLEEPING,
         )
@@ -243,12 +243,13 @@ class Engine:
     def _soften_table(self, model: Model, setup: ItemSetup) -> None:
         """Give the table a compliance and a damping of its own.
 
-        Bullet adds up compliances and dampings of two bodies. A damper that is stiff against the table's would hold up its
-        giving way, so the object hands its own over to all others that it touches, and the table has what both make in a row.
+        Bullet adds up the compliances and the dampings of two bodies in contact. The object's damper, stiff beside the
+        table's, would keep the table from giving way. So the object's damping moves to all other bodies that it touches, and
+        the table gets the damping of both contacts in series.
         """
         own, soft = 1.0 / model.contact.stiffness, setup.figures["compliance"]
         damping = (model.contact.damping * own**2 + setup.figures["contact_damping"] * soft**2) / (own + soft) ** 2
-        # Bullet takes the spring's force where a step ends, which damps by the stiffness times the step: that much is left out.
+        # Bullet takes the spring's force at the end of a step, which damps by stiffness times step; this is subtracted.
         damping = max(damping - model.time_step / (own + soft), 0.0)
         others = [] if self.plate is None else [(self.plate, -1)]
         for body, link in [*others, *((self.robot, link) for link in (-1, *self.links.values()))]:
@@ -256,7 +257,7 @@ class Engine:
         self.client.changeDynamics(self.table, -1, contactStiffness=1.0 / soft, contactDamping=damping)
 
     def _set_surface(self, body: int, link: int, surface: Surface) -> None:
-        """Coefficients of one link. A pair rolls and spins in Bullet with each one's value times the other's friction."""
+        """Set the coefficients of one link. Bullet multiplies rolling and spinning friction by the other body's friction."""
         self.client.changeDynamics(
             body,
             link,
@@ -269,7 +270,7 @@ class Engine:
     def _bind(self) -> None:
         """Look up the calls of the control loop once: the client's own look-up costs as much as the call."""
         client = self.client
-        # Of the module itself, which takes the client's number faster by position than by name.
+        # The module's own functions take the client's number by position, which is faster than by name.
         self._number = client._client
         self._joint_states = partial(pybullet.getJointStates, self.robot, self.measured_joints, self._number)
         self.measured = np.zeros((2, len(self.measured_joints)))
@@ -281,22 +282,22 @@ class Engine:
         self._torque_mode = client.TORQUE_CONTROL
 
     def rewind(self) -> None:
-        """The robot in its rest posture, at rest."""
+        """Put the robot in its rest posture, at rest."""
         for joint, angle in self._home.items():
             self.client.resetJointState(self.robot, joint, angle)
 
     def forget(self) -> None:
-        """Forget whom every body touched, and how, once all are where they are to begin.
+        """Clear the contacts of all bodies, once all of them are at their start poses.
 
-        Bullet keeps pairs, their contacts and boxes wider than the bodies from step to step; `restoreState` clears none of it.
+        Bullet keeps pairs, their contacts and enlarged bounding boxes from step to step; `restoreState` clears none of this.
         An object that starts close to where it was, or in the hand, would fall differently than in a new world.
         """
-        # Setting a filter, even to what it is, makes a body known anew.
+        # Setting a collision filter, even to its present value, makes Bullet register the body anew.
         for body, link, fixed in self._touching:
             self.client.setCollisionFilterGroupMask(body, link, *(_FIXED if fixed else _MOVING))
 
     def place(self, table_from_item: Array) -> None:
-        """Put the object, at rest, at a pose of its body frame; what it touched is remembered until `forget`. [4, 4]."""
+        """Put the object, at rest, at a pose of its body frame; its old contacts stay until `forget`. [4, 4]."""
         pose = table_from_item @ self.body_from_inertial
         quat = np.roll(quat_from_rotation(pose[:3, :3]), -1)
         self.client.resetBasePositionAndOrientation(self.item, pose[:3, 3].tolist(), quat.tolist())
@@ -313,7 +314,7 @@ class Engine:
 
     def measure(self) -> None:
         """Bring `measured` up to date."""
-        # One by one, and written by `struct`: this runs in every physics step, and loops over tuples take longer, numpy most.
+        # Unpacked one by one and written by `struct`: this runs in every physics step; a loop is slower, and numpy slowest.
         (
             (a, va, _, _),
             (b, vb, _, _),
@@ -327,7 +328,7 @@ class Engine:
         self._write(a, b, c, d, e, f, g, h, va, vb, vc, vd, ve, vf, vg, vh)
 
     def drive(self, torques: Array) -> None:
-        """Torques of the arm and the gripper's driver, shared evenly between the knuckles. [8]."""
+        """Apply the torques of the arm, and that of the gripper's driver, shared evenly between the knuckles, N m. [8]."""
         forces = torques.tolist()
         forces += [forces.pop() / self.knuckles] * self.knuckles
         mode, number = self._torque_mode, self._number

@@ -1,4 +1,4 @@
-"""Effects of a model on the handled object: figures of body, contact and surface that they change before the simulation."""
+"""Effects of a model on the object: parameters of body, contact and surface that they change before the simulation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _BOUNDS = MappingProxyType(
         "gravity": (0.0, 100.0), "linear_damping": (0.0, 100.0), "angular_damping": (0.0, 100.0),
     }
 )  # fmt: skip
-"""Figures that stay within bounds."""
+"""Bounds within which effects can change a parameter."""
 
 
 class ItemSetup:
@@ -32,7 +32,7 @@ class ItemSetup:
         model: The simulation model.
 
     Attributes:
-        figures: Figures by the names of `gsbridge.gap.contact.setup.BOUNDS`: contact with the table; mass and inertia as
+        figures: Parameters by the names of `gsbridge.gap.contact.setup.BOUNDS`: contact with the table; mass and inertia as
             factors on the asset's; compliance (m/N) and damping (N s/m) of the table; by how much the centre of mass is moved,
             m; height (m) and tilt (rad) of the table; a steady force, N; d of losses `v' = -d v`, 1/s; gravity, m/s2.
     """
@@ -50,11 +50,11 @@ class ItemSetup:
             BODY_EFFECTS[applied.name].apply(self, applied.parameters)
 
     def add(self, figure: str, change: float) -> None:
-        """Change a figure, within its bounds."""
+        """Add to a parameter, within its bounds."""
         self._put(figure, self.figures[figure] + change)
 
     def multiply(self, figure: str, change: float) -> None:
-        """Change a figure by a share of itself, within its bounds."""
+        """Change a parameter by a share of itself, within its bounds."""
         self._put(figure, self.figures[figure] * (1.0 + change))
 
     def _put(self, figure: str, value: float) -> None:
@@ -99,7 +99,7 @@ class ItemSetup:
         return kept * velocity + step * force / mass, turning * spin
 
     def description(self, urdf: Path) -> str | None:
-        """The object's URDF with its centre of mass moved, meshes named by absolute paths; None where it stays."""
+        """The object's URDF with its centre of mass moved, meshes named by absolute paths; None if it stays."""
         moved = np.array([self.figures[f"com_{axis}"] for axis in "xyz"])
         if not moved.any():
             return None

@@ -1,4 +1,4 @@
-"""The simulation model: every figure of simulated physics and camera, read strictly from one YAML file.
+"""The simulation model: every parameter of simulated physics and camera, read strictly from one YAML file.
 
 Nothing has a default in code. A key that is missing, unknown or out of range is refused, so a model file always says in full
 what was simulated. PyBullet's own defaults (link damping 0.04, joint damping 0.5) never act: each has a key here or
@@ -20,7 +20,7 @@ from gsbridge.errors import InputError
 from gsbridge.reading import load_yaml, refusing
 
 EFFECTS = (JOINT_EFFECTS, BODY_EFFECTS, IMAGE_EFFECTS)
-"""Effects that a model may hold, except those that state a reason why it may not."""
+"""Registries of effects. A model may hold all of them, except those that state a `reason` why it may not."""
 
 ARM = 7
 """Joints of the arm."""
@@ -60,7 +60,7 @@ class Arm:
         armature: Inertia of rotor and gear about the joint, kg m2.
         viscous_friction: Torque lost per speed, N m s/rad. The engine's joint damping is zero, this takes its place.
         gravity_compensation: Share of the arm's own weight that the controller carries.
-        delay: From a command to the joint controller, s; also for the gripper.
+        delay: Time that a command takes to the joint controller, s; also to the gripper's.
     """
 
     stiffness: Annotated[Seven, Range("N m/rad", 0, 50_000, ARM)]
@@ -131,8 +131,8 @@ class Object:
 
     Args:
         mass: Factor on the asset's mass and inertia.
-        linear_damping: d of the loss `v' = -d v`. Bullet's default of 0.04 is wrong for a solid in air.
-        angular_damping: d of the same loss for the spin.
+        linear_damping: d of the loss `v' = -d v`, 1/s. Bullet's default of 0.04 is wrong for a solid in air.
+        angular_damping: d of the same loss for the spin, 1/s.
     """
 
     mass: Annotated[float, Range("", 0.01, 100)]

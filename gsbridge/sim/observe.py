@@ -1,4 +1,4 @@
-"""Kernels that turn what the engine reports into what a state holds, in one call each per control step."""
+"""Kernels that turn the engine's reports into the content of a state; each is called once per control step."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def object_state(motion: Array, inertial_from_body: Array, points: Array, pose: 
     Args:
         motion: Position (3, m) and quaternion xyzw (4) of the inertial frame, velocity (3, m/s) of the centre of mass, angular
             velocity (3, rad/s). [13].
-        inertial_from_body: Constant of the body. [4, 4].
+        inertial_from_body: Fixed pose of the body frame in the inertial frame. [4, 4].
         points: Vertices of its hull, body frame, m. [P, 3].
         pose: Result, `table_from_body`. [4, 4].
         velocity: Result: velocity of the body's origin, m/s. [3].
@@ -76,7 +76,7 @@ def object_state(motion: Array, inertial_from_body: Array, points: Array, pose: 
         height = pose[2, 3]
         for j in range(3):
             height += pose[2, j] * points[k, j]
-        if not height >= lowest:  # also takes a not-a-number over
+        if not height >= lowest:  # written so that a NaN is kept
             lowest = height
     return lowest
 

@@ -1,7 +1,7 @@
 """A twin of the simulated arm in MuJoCo: same description, gains, losses and commands, other engine, other code for torques.
 
-It serves checks only: what both engines do alike is no accident of either. Armature is MuJoCo's own here, while the simulated
-world makes it by the torque law; commands become set points by brute force.
+It serves checks only: if two independent engines agree, an error in either is unlikely. Armature is MuJoCo's own here, while
+the simulated world emulates it in the torque law; set points are computed by plainly averaging the commands.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ class Deviation:
 
     Args:
         tool: Largest distance of the tool points, m.
-        joints: Largest difference of the joints but the last, rad. The last, all but massless without armature, may wander by
-            a hundredth of a radian about the tool's own axis.
-        travel: Extent of the motion, m. [3].
+        joints: Largest difference of all joints except the last, rad. The last joint has hardly any inertia besides its
+            armature and may wander by a hundredth of a radian about the tool's own axis.
+        travel: Extent of the tool's motion along x, y and z, m. [3].
         speed: Largest change of a joint in one control period, rad.
     """
 
@@ -57,14 +57,14 @@ def twin(robot: RobotFiles, model: Model) -> mujoco.MjModel:
 
 
 def swing(number: int) -> tuple[Array, float]:
-    """Command of one control period of the compared motion, which uses speed, turn and height: tool point [3] m, yaw rad."""
+    """Return the command of one period of the compared motion, in which position, height and yaw vary: [3] m, rad."""
     share = np.sin(2 * np.pi * (number + 1) / PERIODS)
     rise = np.sin(4 * number / (PERIODS - 1))
     return np.array([0.10 * share, 0.265 + 0.10 * rise, 0.28 - 0.05 * share]), 0.8 * share
 
 
 def set_points(goals: Array, substeps: int) -> Array:
-    """Set points of the joints in each physics step: the commands' broken line, averaged over one control period.
+    """Set points of the joints in each physics step: the piecewise linear commands, averaged over one control period.
 
     Args:
         goals: Joint goals, the start first. [P + 1, N].
@@ -77,7 +77,7 @@ def set_points(goals: Array, substeps: int) -> Array:
     shares = (np.arange(substeps) + 1.0)[:, None] / substeps
     for start, end in zip(goals[:-1], goals[1:], strict=True):
         line = np.concatenate([line, start + shares * (end - start)])
-    # The mean of a line over one period, by the trapezoidal rule, exact as its corners lie on the grid.
+    # The mean over one period by the trapezoidal rule, which is exact, since the corners of the commands lie on the grid.
     weights = np.r_[0.5, np.ones(substeps - 1), 0.5] / substeps
     return np.stack([np.convolve(column, weights, mode="valid") for column in line.T], axis=1)
 

@@ -1,4 +1,4 @@
-"""Compiling the kernels of the simulated world once, so that jobs side by side find them in the cache."""
+"""Compilation of the simulated world's kernels in advance, so that parallel jobs find them in the cache."""
 
 from __future__ import annotations
 

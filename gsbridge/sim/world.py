@@ -1,4 +1,4 @@
-"""The simulated world: robot, table, plate and one object, a control period at a time: a `gsbridge.tasks.world.World`."""
+"""The simulated world, a `gsbridge.tasks.world.World`: robot, table, plate and one object, stepped by control periods."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ SETTLE_SECONDS = 0.2
 
 
 class SimWorld:
-    """PyBullet world. Table frame; see `gsbridge.tasks.world.World` for the calls that both worlds share.
+    """PyBullet world. Table frame; see `gsbridge.tasks.world.World` for the calls that all worlds share.
 
     Args:
         robot: The robot's files.
         item: The object.
         model: The simulation model.
-        base_from_table: Where the table stands, from the registration; None for the nominal place. [4, 4].
-        workspace: Room in which the tool may be commanded; its reach is checked here.
+        base_from_table: Pose of the table in the base frame, from the registration; None for the nominal one. [4, 4].
+        workspace: Room in which the tool may be commanded, None for the default; the arm must reach all of it.
         plate: URDF of the static background with the plate, or None for the bare table.
         table_from_plate: Pose of the plate; None for the identity. [4, 4].
 
@@ -105,7 +105,7 @@ class SimWorld:
         placed[:2, 3] = pose[:2]
         self.engine.rewind()
         self.engine.place(placed)
-        # On a plate or an uneven background the object starts where it just touches.
+        # On a plate or an uneven background, raise the object until it just touches.
         for _ in range(4):
             depth = self.engine.overlap()
             if depth <= 0.0:
@@ -158,7 +158,7 @@ class SimWorld:
         controller.begin_period(float(self.dimensions.aperture(measured[0, -1])))
         forces = [0.0] * 4
         samples = 0
-        # Looked up once: the loop's own overhead counts among some 20 microseconds per step.
+        # Looked up once: a step takes only some 20 microseconds, so that the loop's own overhead counts.
         measure, law, drive, advance = engine.measure, controller.substep, engine.drive, engine.advance
         torques = controller.torques[0]
         for number in range(substeps):
@@ -173,7 +173,7 @@ class SimWorld:
         self._look()
 
     def _look(self) -> None:
-        """Poses at the end of a control period."""
+        """Update poses, and the object's velocity, at the end of a control period."""
         self._poses = self.controller.place_links(self._measured, self.table_from_base)
         motion = self.engine.item_motion()
         self._object, self._velocity, self._spin = np.empty((4, 4)), np.empty(3), motion[10:]
