@@ -1,4 +1,4 @@
-"""A baseline controller that is wrong on purpose: what a policy learns from it shows what reinforcement adds to imitation."""
+"""A baseline controller that is wrong on purpose: policies taught by it show what reinforcement adds to imitation."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from gsbridge.tasks.state import State
 
 @dataclass(frozen=True)
 class BiasedController:
-    """Takes the object for one that stands elsewhere.
+    """Controller that acts as if the object stood elsewhere.
 
     Args:
         controller: From states of N worlds to actions [N, 5].
-        offset: Where it believes the object to be, from where it is: along x, y and z of the table, m, and turned about the
-            vertical, rad. [4].
+        offset: Assumed minus true pose of the object: along x, y and z of the table, m, and turn about the vertical, rad.
+            [4].
     """
 
     controller: Callable[[State], Array]
     offset: tuple[float, float, float, float]
 
     def __call__(self, state: State) -> Array:
-        """Actions [N, 5]."""
+        """Return the actions for N worlds. [N, 5]."""
         *shift, turn = self.offset
         believed = replace(state, object_position=state.object_position + np.array(shift))
         if turn:
@@ -35,7 +35,7 @@ class BiasedController:
 
 
 def teacher_name(offset: Sequence[float]) -> str:
-    """What pages call a controller with an offset: `exact`, `y 30 mm`, `yaw 0.20 rad`.
+    """Return the name of a controller with an offset on report pages: `exact`, `y 30 mm`, `yaw 0.20 rad`.
 
     Args:
         offset: The offset of `BiasedController`: x, y, z, m, and yaw, rad. [4].

@@ -1,4 +1,4 @@
-"""Builds an environment from the files that a rule has. Builders can be pickled: every process builds its own environment."""
+"""Builders of environments from the files of a rule. They can be pickled, since every process builds its own environment."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from gsbridge.splats.ply import read_ply
 from gsbridge.tasks.rules import Place
 
 OPTIONAL = ("robot_splats", "registration", "photometry", "light", "item_splats", "background_splats")
-"""Files of an environment that some do without."""
+"""Files that not every environment has."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +53,8 @@ class StageFiles:
         photometry: Response of the wrist camera and colours of the hand (`gsbridge.environment.photometry`); None for a camera
             that sees what the phone saw, and a robot in its description's colours.
         light: Light over the table (`gsbridge.environment.light`), for shadows in the pictures of `SHADED` renderers; None for
-            none.
-        item_splats, background_splats: Splats of another binding, table frame of their films, for `gs_soft`.
+            no shadows.
+        item_splats, background_splats: Splats of the soft binding, table frames of their films; only `gs_soft` uses them.
         item_colour, background_colour: Mean colours of the photos inside their masks, sRGB 0..1; only `mesh` uses them; None
             for the meshes' means. [3].
     """
@@ -144,17 +144,17 @@ def _palette(files: StageFiles, settings: EnvironmentSettings) -> Array:
 
 
 def lens_of(files: StageFiles, settings: EnvironmentSettings) -> WristLens:
-    """Effects of the model on the pictures, as a lens."""
+    """Return the lens that applies the model's image effects to the pictures."""
     return WristLens(read_model(files.model).effects_on("camera"), wrist_camera(settings.image_size))
 
 
 def camera_response(files: StageFiles) -> CameraModel:
-    """What the wrist camera makes of a rendered picture: as it was calibrated, and the model's changes on top."""
+    """Return the wrist camera's response to a rendered picture: the calibrated one with the model's changes on top."""
     return _photometry(files).response.after(read_model(files.model).camera)
 
 
 def build_world(files: StageFiles) -> SimWorld:
-    """The simulated world without its looks.
+    """Build the simulated world, without a renderer.
 
     Raises:
         InputError: As `build_environment`.
@@ -169,7 +169,7 @@ def build_world(files: StageFiles) -> SimWorld:
 
 
 def plate_of(item: str | Path, background: str | Path) -> Plate | None:
-    """The plate of a background, with room for the object beside it; None for a flat background.
+    """Return the plate of a background, with room for the object beside it; None for a flat background.
 
     Args:
         item: `asset.json` of the object.
@@ -188,12 +188,12 @@ def plate_of(item: str | Path, background: str | Path) -> Plate | None:
 def environment_makers(
     files: StageFiles, settings: EnvironmentSettings, count: int, *, litter: int = 0
 ) -> Sequence[Callable[[], PickEnvironment]]:
-    """Functions of which each builds one environment, as gymnasium's vector environments take them.
+    """Return functions that build one environment each, as gymnasium's vector environments take them.
 
     Args:
         files: Files of the stages that the environment is made of.
         settings: Settings of every environment.
-        count: How many environments there shall be, one per process.
+        count: Number of environments, one per process.
         litter: See `build_environment`.
     """
     return [partial(build_environment, files, settings, litter=litter) for _ in range(count)]
@@ -230,7 +230,7 @@ def _asset(path: str | Path, kind: str) -> Asset:
 
 
 def _other_splats(asset: Asset, splats: str | Path | None) -> Cloud:
-    """Splats of another binding in an asset's body frame."""
+    """Read splats of the soft binding into an asset's body frame."""
     if splats is None:
         raise InputError("soft splats", "the renderer 'gs_soft' draws them", "Give those of object and background")
     return read_ply(splats).transformed(Similarity.from_matrix(asset.body_from_table))
@@ -241,7 +241,7 @@ def _photometry(files: StageFiles) -> Photometry:
 
 
 def _base_from_table(registration: str | Path | None) -> Array | None:
-    """Where the table stands. [4, 4] or None."""
+    """Read `base_from_table` from the registration, if there is one. [4, 4] or None."""
     if registration is None:
         return None
     try:

@@ -17,19 +17,19 @@ from gsbridge.robot.assembly import RobotFiles
 from gsbridge.sim.twin import compare_with_twin
 
 MOST_APART = 0.003
-"""Largest distance of the tool points of two engines in free motion, m."""
+"""Largest permitted distance between the tool points of the two engines in free motion, m."""
 
 
 HELD = 1.0
-"""Force of both pads above which an object is in the hand, N."""
+"""Force of each pad above which the object counts as held, N."""
 
 
 def trajectory(environment: PickEnvironment, controller: GraspController, seed: int, *, until_held: bool = False) -> Array:
-    """Everything that moves in an episode of the baseline controller.
+    """Record everything that moves in an episode of the baseline controller.
 
     Args:
         environment: World to run the episode in; it is reset.
-        controller: What acts.
+        controller: The controller that acts.
         seed: Seed of the episode.
         until_held: Whether to stop once both pads hold the object, instead of at the episode's end.
 
@@ -49,9 +49,11 @@ def trajectory(environment: PickEnvironment, controller: GraspController, seed: 
 
 
 def repetitions(files: StageFiles, seed: int) -> list[Array]:
-    """Play one episode several times: first, at once again, after it was broken off, after another one, and in a new world.
+    """Play the same episode several times, in a used world and in a new one.
 
-    Bullet remembers whom a body touched: the worst is an object that starts where it was, or is still in the hand.
+    The first world plays it twice in a row, then after an episode that broke off with the object in the hand, then after
+    another episode; a new world plays it once more. Bullet keeps contacts from step to step. The hardest cases are an object
+    that starts where it already is, and one that is still in the hand.
     """
     settings = EnvironmentSettings(image_size=64, plate=plate_of(files.item, files.background))
     controller, out = build_controller(files.item, settings), []

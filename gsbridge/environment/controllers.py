@@ -1,11 +1,11 @@
 """Baseline controllers: pure functions of the privileged state, for N worlds at once, without memory.
 
-They are the teachers of the policies, which label states in any order, so that an action may depend on nothing but the state.
-What a phase-based program would remember is read off the state instead: an object that both pads press is held; open pads low
+They are the policies' teachers and label states in any order; therefore an action may depend on nothing but the state. What a
+phase-based program would remember is inferred from the state instead: an object that both pads press is held; open pads low
 around the object are about to close; pads that closed on nothing go up and open again.
 
-Commands are integrated by the environment, and the arm follows with a lag of up to three steps. Errors are therefore
-answered by `GAIN` per step, which is stable for that lag, see `stable_gain`; where commands take longer, by less.
+Commands are integrated by the environment, and the arm follows with a lag of up to three steps. A step therefore corrects only
+the share `GAIN` of an error, which is stable for that lag (see `stable_gain`), and less if commands are delayed further.
 
 Source: the idea of a light controller from RL-GSBridge (SACwB); its hidden counters are not copied.
 """
@@ -25,16 +25,16 @@ from gsbridge.tasks.rules import Grasp, Place
 from gsbridge.tasks.state import State
 
 GAIN = 0.3
-"""Share of an error that one step answers, of an arm without delay."""
+"""Share of an error that one step corrects, for an arm without delay."""
 
 LAG = 3.0
 """Control steps by which an arm without delay lags behind its command."""
 
 DESCENT = 2.0 / 3.0
-"""Share of `GAIN` used while going down on the object: with a lag of three steps the whole of it overshoots."""
+"""Share of `GAIN` used while going down on the object: with a lag of three steps the full gain overshoots."""
 
 APERTURE_GAIN = 0.15
-"""Share of an error of the opening that one step answers: the command must not run away from fingers of 7.5 mm per step."""
+"""Share of an error of the opening that one step corrects, so that fingers of 7.5 mm per step can follow the command."""
 
 HALF_PAD = 0.0325
 """Distance from the tool point down to the fingertips, m."""
@@ -43,18 +43,18 @@ LOWEST_GRIP = 0.043
 """Lowest height of the tool point over the object's foot, m: fingertips 10 mm over the table, or over the plate."""
 
 RIM_OPENING = 0.025
-"""Opening beyond the thickness of a vessel's wall while approaching it, m: `gsbridge.asset.rim` looks for room for it."""
+"""Opening beyond the thickness of a vessel's wall while approaching it, m; `gsbridge.asset.rim` seeks places with this room."""
 
 SINKING = 0.15
-"""Least share of a step by which a carried object goes down over the plate. Slower, a copy cannot tell it from rest: policies
-taught at 0.03 hung 8 to 15 mm above the height of release until time was out."""
+"""Smallest action by which a carried object goes down over the plate, as a share of 1. A policy that imitates the controller
+cannot tell smaller ones from rest: policies taught with 0.03 hung 8 to 15 mm above the height of release until the time-out."""
 
 
 def gain_limit(lag: float) -> float:
-    """Largest share of an error that may be answered per step, if the error is seen `lag` steps late.
+    """Return the largest share of an error that a step may correct, if the error is seen `lag` steps late.
 
-    Above it `e[t + 1] = e[t] - k e[t - lag]` swings up; at it a root `exp(i w)` of its characteristic equation lies on the unit
-    circle, with `w = pi / (2 lag + 1)`.
+    With a larger share k, `e[t + 1] = e[t] - k e[t - lag]` oscillates with growing amplitude; at the limit a root `exp(i w)` of
+    its characteristic equation lies on the unit circle, with `w = pi / (2 lag + 1)`.
 
     Source: Levin and May, A note on difference-delay equations, Theoretical Population Biology 9 (1976).
     """
@@ -62,7 +62,7 @@ def gain_limit(lag: float) -> float:
 
 
 def stable_gain(delay: float) -> float:
-    """`GAIN`, or less where commands are late: as far below the limit as `GAIN` is without delay.
+    """Return the gain for delayed commands: the same share of the stability limit as `GAIN` is without delay.
 
     Args:
         delay: Delay of commands, control periods.
@@ -72,18 +72,18 @@ def stable_gain(delay: float) -> float:
 
 @dataclass(frozen=True)
 class Grip:
-    """The grip by which an object is taken.
+    """How an object is gripped.
 
     Args:
         centre: Middle of the grip, body frame, m. [3]; z is the tool point's height over the object's foot.
         axes: Directions in the body's x-y plane along which the fingers may close, rad; each also means its opposite.
-        width: Extent of what is taken along the first of them, m.
+        width: Extent of the gripped part along the first of the axes, m.
         top: Height of the object, m.
         opening: Opening beyond that width while approaching, m.
         least: Fingers closer together than this share of the width have closed on nothing.
-        hover: Fingertips over the object's top while moving sideways, m.
-        others: Further places that do as well: x, y, and the axis there; the one nearest to the middle of the table's working
-            area is taken.
+        hover: Height of the fingertips over the object's top while moving sideways, m.
+        others: Alternative places: x, y, body frame, m, and the axis there, rad. Of all places, the one nearest to the middle
+            of the working area is taken.
     """
 
     centre: tuple[float, float, float]
@@ -107,7 +107,7 @@ def grip_of(points: Array, centre: Array | Sequence[float] | None = None, *, tol
         points: Vertices of its hulls, body frame, m. [P, 3].
         centre: Point x, y in the body frame to take it at, m, best its centre of mass; None for the middle of its extent along
             the grip. [2].
-        tolerance: Directions in which it is wider than the narrowest by up to this factor do as well.
+        tolerance: Largest ratio of the width along an axis of the grip to the smallest width.
 
     Returns:
         The grip; z halfway up, but not below `LOWEST_GRIP`.
@@ -117,7 +117,7 @@ def grip_of(points: Array, centre: Array | Sequence[float] | None = None, *, tol
     along = points[:, :2] @ np.stack([np.cos(angles), np.sin(angles)])
     widths = np.ptp(along, axis=0)
     narrow = widths <= tolerance * widths.min()
-    # The middle of every run of good directions, runs across 180 degrees joined; a round object is good all round.
+    # The narrowest direction of every run of good ones, runs across 180 degrees joined; a round object is good all round.
     axes: list[float] = []
     if narrow.all():
         axes = list(angles[::30])
@@ -140,7 +140,8 @@ def grip_of(points: Array, centre: Array | Sequence[float] | None = None, *, tol
 def rim_grip(rim: Rim, top: float) -> Grip:
     """Take a vessel by its wall, one finger inside.
 
-    Inside there is little room, so the fingers open less; and how thick a wall is photos tell to a millimetre or two only.
+    There is little room inside, so the fingers open less. `least` is small, because photos tell the thickness of a wall only to
+    a millimetre or two.
 
     Args:
         rim: Places on the rim at which the wall can be taken.
@@ -148,7 +149,7 @@ def rim_grip(rim: Rim, top: float) -> Grip:
     """
     height = max(rim.height - rim.depth + HALF_PAD, LOWEST_GRIP)
     (x, y, angle), others = rim.places[0], rim.places[1:]
-    # A fingertip that comes down too early hits the rim: the arm goes on for a step or two.
+    # `hover` is larger, since the arm goes on for a step or two, and a fingertip that comes down too early hits the rim.
     return Grip((x, y, height), (angle,), rim.thickness, top, RIM_OPENING, least=0.3, hover=0.030, others=others)
 
 
@@ -157,9 +158,9 @@ class ReachController:
     """Relation of tool and object in N worlds; the common part of both controllers.
 
     Args:
-        offset: From the tool point to the grip's, horizontal, m. [N, 2].
-        turn: From the tool's yaw to the nearest that closes along one of the grip's axes, rad. [N].
-        height: Tool point over the grip's height, m. [N].
+        offset: Horizontal vector from the tool point to the grip's centre, table frame, m. [N, 2].
+        turn: Turn from the tool's yaw to the nearest yaw in which the fingers close along an axis of the grip, rad. [N].
+        height: Height of the tool point over the grip's centre, m. [N].
         held: Whether both pads press. bool [N].
     """
 
@@ -176,14 +177,14 @@ class GraspController:
     Args:
         grip: Height, axes and opening with which the object is taken.
         scale: Motion that an action of 1 stands for.
-        lift: Clearance to which the object is lifted, m. Twice what success asks for: with little more a policy's imperfect
-            copy slows down just below the mark and hangs there until time is out.
+        lift: Clearance to which the object is lifted, m. It is twice what success asks for: with a smaller margin, a policy
+            that imitates the controller imperfectly slows down just below the mark and hangs there until the time-out.
         stroke: Largest opening, m.
         middle: Middle of the area in which the robot works, table frame, m.
-        aligned: Horizontal error at which it may go down, m.
-        turned: Error in yaw at which it may go down, rad.
-        firm: Force of each pad from which the object counts as held, N.
-        gain: Share of an error that one step answers.
+        aligned: Largest horizontal error with which the tool may go down, m.
+        turned: Largest error in yaw with which the tool may go down, rad.
+        firm: Smallest force of each pad with which the object counts as held, N.
+        gain: Share of an error that one step corrects.
     """
 
     grip: Grip
@@ -225,9 +226,9 @@ class GraspController:
         )
 
     def _place(self, position: Array, turn: Array) -> tuple[Array, Array]:
-        """Where the object is taken, table frame [N, 3], and the axes there, body frame [N, A] or [A].
+        """Return where the object is taken, table frame, m [N, 3], and the axes there, body frame, rad [N, A] or [A].
 
-        Of several places the one nearest to the middle: from its far side, fingers would leave the working area.
+        Of several places, the one nearest to `middle` is taken: at the far side, fingers would leave the working area.
         """
         first = np.array([*self.grip.centre[:2], 0.0])
         if not self.grip.others:
@@ -239,7 +240,7 @@ class GraspController:
         return np.take_along_axis(points, best[:, None, None], axis=1)[:, 0], angles[best][:, None]
 
     def _approach(self, state: State, reach: ReachController) -> tuple[Array, Array]:
-        """Motion [N, 4] and opening [N] while nothing is held: over the object, down, close; up again from an empty grip."""
+        """Return motion [N, 4] and opening [N] while nothing is held: over the object, down, close; up after an empty grip."""
         free = min(self.grip.width + self.grip.opening, self.stroke)
         distance = np.hypot(*reach.offset.T)
         hover = max(self.grip.top + HALF_PAD + self.grip.hover - self.grip.centre[2], 0.04)
@@ -264,7 +265,7 @@ class GraspController:
         return motion, np.where(closing, -1.0, opening)
 
     def _towards(self, error: Array, step: float) -> Array:
-        """Action that answers an error by a share of it. Any shape."""
+        """Return the action that corrects a share of an error. Any shape."""
         return np.clip(self.gain * np.asarray(error) / step, -1.0, 1.0)
 
 
@@ -275,9 +276,9 @@ class PlaceController(GraspController):
     Args:
         task: Rules of the task: where the plate is.
         carry: Clearance of the object while it is carried, m.
-        drop: Clearance over the plate at which it is let go, m. It must not be pressed down, by a policy's imperfect copy of
-            this controller either, nor may the fingers come near the plate's rim.
-        near: Horizontal distance from the plate's middle at which it goes down, m. Half of what success asks for.
+        drop: Clearance over the plate at which the object is released, m. It is high enough that even a policy that imitates
+            the controller imperfectly does not press the object down or bring the fingers near the plate's rim.
+        near: Horizontal distance from the plate's middle within which the object goes down, m; half of what success asks for.
         retreat: How far the tool goes up afterwards, m.
     """
 
@@ -294,8 +295,8 @@ class PlaceController(GraspController):
         distance = np.hypot(*away.T)
         above = state.object_clearance - self.task.plate_height
         over = distance < self.near
-        # Carrying: up first, then over, then down; slower near the plate, for the arm goes on for a step or two. It aims at the
-        # plate, not at the height of release: a way down that fades out short of it is one that a copy hangs in.
+        # Carrying: up first, then over, then down; slower near the plate, since the arm goes on for a step or two. The way down
+        # aims at the plate, not at the height of release: if it faded out there, a policy that imitates it would hang above.
         goal = np.where(over | ((distance < 1.5 * self.near) & (above < 0.5 * self.carry)), 0.0, self.carry)
         carried = np.zeros((len(state), 4))
         free_to_go = above > 0.7 * self.carry
@@ -307,13 +308,13 @@ class PlaceController(GraspController):
         carried[:, 2] = np.where(lowering, np.maximum(carried[:, 2], -slow), carried[:, 2])
         release = reach.held & lowering & (above < self.drop)
 
-        # The pads let go while it still has to fall: it is not to be caught again.
+        # The pads release the object while it still has to fall; it must not be gripped again.
         seated = (distance < self.task.tolerance) & (above < self.drop + self.task.seat) & ~reach.held
         motion, opening = self._approach(state, reach)
         motion = np.where(reach.held[:, None], carried, motion)
         opening = np.where(reach.held, -1.0, opening)
         motion[release] = 0.0
-        # Let go: up only when the pads are clear of the object.
+        # After the release, go up only when the pads are clear of the object.
         clear = state.aperture > np.minimum(self.grip.width + 0.015, 0.95 * self.stroke)
         back = np.zeros_like(motion)
         back[:, 2] = np.where(clear, self._towards(self.retreat - reach.height, self.scale.position), 0.0)
@@ -323,5 +324,5 @@ class PlaceController(GraspController):
 
 
 def _packed(motion: Array, opening: Array) -> Array:
-    """Actions from motion [N, 4] and opening [N]; a world that broke down gets none. float32 [N, 5]."""
+    """Join motion [N, 4] and opening [N] to actions, zero where a world broke down. float32 [N, 5]."""
     return np.nan_to_num(np.clip(np.c_[motion, opening], -1.0, 1.0)).astype(np.float32)

@@ -4,7 +4,7 @@
 an action is added, the command is held to within one and a half actions of the arm, so that it leads by two and a half at most
 (`gsbridge.sim.actions`).
 
-| entry | meaning | of 1 |
+| entry | meaning | for an action of 1 |
 |---|---|---|
 | 0, 1, 2 | tool point along x, y, z of the table | 24 mm |
 | 3 | turn of the tool about the vertical | 0.15 rad |
@@ -14,7 +14,7 @@ an action is added, the command is held to within one and a half actions of the 
 [12] (`gsbridge.environment.proprioception` has the table).
 
 **Reward** 1 in the step of success, else 0. **Terminated** on success, and when the world is no longer finite; **truncated** at
-time-out. Where the object is and what touches it is told in `info` only.
+time-out. The object's pose and its contacts are in `info` only.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from gsbridge.tasks.state import NAMES, State
 from gsbridge.tasks.world import World
 
 _LITTER = 3
-"""Tells the stream of what lies about from the sensor's noise, by the episode's seed."""
+"""Separates the random stream of the litter from that of the sensor's noise; both use the episode's seed."""
 
 OPTIONS = ("pose", "pose_set", "index")
 
@@ -56,23 +56,23 @@ class Eye(Protocol):
     size: int
 
     def begin(self, seed: int) -> None:
-        """Begin an episode; `seed` of what is random in its pictures."""
+        """Begin an episode; `seed` seeds what is random in its pictures."""
 
     def look(self, world: World) -> Array:
         """Picture of the wrist camera. uint8 [size, size, 3]."""
 
 
 class DrawnEye:
-    """Pictures drawn by a renderer and passed through the simulated camera's response and what the model's effects change.
+    """Pictures drawn by a renderer and passed through the simulated camera's response and the model's image effects.
 
-    With effects the picture stays in float32 until all is done to it, and is rounded to 8 bits once. Without any, the response
-    is a table over the bytes of the drawn picture.
+    With effects, the picture stays in float32 until all of them are applied, and is rounded to 8 bits once. Without any, the
+    response is a look-up table over the bytes of the drawn picture.
 
     Args:
         renderer: See `Renderer`.
         response: Response and noise of the sensor, from the simulation model; None leaves the picture as it was drawn.
-        lens: What the model's effects change; None for none.
-        litter: What may lie about on the table, drawn anew for each episode; None for an empty table.
+        lens: Applies the model's image effects; None for no effects.
+        litter: Flat things that may lie on the table, drawn anew for each episode; None for an empty table.
     """
 
     def __init__(
@@ -94,7 +94,7 @@ class DrawnEye:
     def look(self, world: World) -> Array:
         """See `Eye`."""
         if self.litter is not None and not self._scattered:
-            # A stream of its own, so that the sensor's noise stays what it is.
+            # A random stream of its own, so that litter does not change the sensor's noise.
             rng, self._scattered = np.random.default_rng([self._seed, _LITTER]), True
             self.renderer.lying = self.litter.scattered(rng, world.body_poses()["object"][:2, 3])
         pose = world.camera_pose() if self.lens is None else self.lens.pose(world.camera_pose())
@@ -118,7 +118,7 @@ class OwnEye:
         self.size = size
 
     def begin(self, seed: int) -> None:
-        """The world has its seed already."""
+        """Do nothing: the world has its seed already."""
 
     def look(self, world: World) -> Array:
         """See `Eye`."""
@@ -130,16 +130,17 @@ class PickEnvironment(gymnasium.Env):
 
     Args:
         world: Any world.
-        settings: What an episode is.
+        settings: Task, pictures, actions, start poses and end of an episode.
         renderer: Draws the pictures; None for a world with a camera of its own.
         stroke: Largest opening of the gripper, m.
         workspace: Room in which the tool may be commanded; None for the world's own, or the nominal one.
         response: Response of the simulated camera.
-        lens: What the simulation model's effects change in its pictures.
+        lens: Applies the image effects of the simulation model to the pictures.
+        litter: Flat things that may lie on the table in the pictures; None for an empty table.
 
     Raises:
-        InputError: Neither renderer nor camera, a renderer of another size than the settings', or a start region that goes
-            beyond the workspace.
+        InputError: There is neither a renderer nor a camera, the renderer's pictures have another size than the settings', or
+            the start region goes beyond the workspace.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012  (gymnasium's own attribute)
@@ -193,7 +194,7 @@ class PickEnvironment(gymnasium.Env):
                 for one of a set; without them the pose is drawn.
 
         Raises:
-            InputError: An option is unknown, or makes no pose or one where the tool may not go.
+            InputError: An option is unknown, gives no valid pose, or gives one where the tool may not go.
         """
         super().reset(seed=seed)
         # Drawn in any case, so that naming one pose does not shift the random ones after it.
@@ -301,7 +302,7 @@ class PickEnvironment(gymnasium.Env):
 
 
 def draw_episode(rng: np.random.Generator, region: StartRegion) -> tuple[Array, int]:
-    """Start pose, [3], and seed of what is random in an episode."""
+    """Draw the start pose of an episode, [3], and the seed of what is random in it."""
     return region.sample(rng, 1)[0], int(rng.integers(2**31))
 
 
@@ -310,7 +311,7 @@ def judge(state: State, progress: Progress, rules: grasp.Grasp | place.Place) ->
 
     Args:
         state: State of the worlds.
-        progress: What happened before, from the last call or the episode's start.
+        progress: Memory of the steps before, from the last call or the episode's start.
         rules: Thresholds of the task.
 
     Returns:
@@ -337,7 +338,7 @@ def _eye(
     size: int,
     litter: Litter | None,
 ) -> Eye:
-    """The eye that a world is seen with."""
+    """Make the eye of an environment: a renderer's, or the world's own camera."""
     if renderer is None:
         if not hasattr(world, "image"):
             raise InputError("environment", "the world has no camera of its own", "Give a renderer")

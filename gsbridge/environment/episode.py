@@ -1,4 +1,4 @@
-"""One episode of the baseline controller in the simulated world, kept step by step: see `gsbridge.tasks.episode`."""
+"""One episode of the baseline controller in the simulated world, recorded step by step: see `gsbridge.tasks.episode`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from gsbridge.tasks.state import State
 from gsbridge.tasks.views import write_states
 
 SHOWN = ("gs", "mesh", "mesh_vertex")
-"""What the recording shows side by side."""
+"""Renderers whose pictures the recording shows side by side."""
 
 
 def play(
@@ -42,9 +42,9 @@ def play(
     """Let a controller act until the episode ends.
 
     Args:
-        environment: Any.
-        controller: From the privileged state of N worlds to actions [N, 5].
-        eyes: What takes the pictures, by name; they look at the environment's world beside its own eye.
+        environment: Environment in any world.
+        controller: Maps the privileged states of N worlds to actions [N, 5].
+        eyes: Eyes that take the recorded pictures, by name; they look at the environment's world in addition to its own eye.
         period: Length of one step, s.
         pose_set: Name of a set of start poses.
         index: Start pose in it, and seed of the episode.
@@ -79,7 +79,7 @@ def play(
 def _row(
     environment: PickEnvironment, observation: Mapping[str, Array], info: Mapping[str, Any], eyes: Mapping[str, Eye]
 ) -> dict[str, Any]:
-    """One state: fields of `Episode` without their first axis."""
+    """Return the fields of `Episode` for one state, without their first axis."""
     world, state = environment.world, state_of(info)
     return {
         "joints": world.joints()[0][:7].copy(),
@@ -113,8 +113,8 @@ def play_episode(
         files: What the environment is made of.
         settings: Settings of the environment; its renderer is replaced by each in turn.
         out: The episode, `.npz`, with pictures of all renderers.
-        states: File of the states without anything that only the simulated world knows, for cameras of other worlds
-            (`gsbridge.tasks.views`).
+        states: File of the states, without anything that only the simulated world knows, so that cameras of other worlds can
+            show them (`gsbridge.tasks.views`).
         record: Record of the stage; degraded when the controller did not succeed.
         pose_set: Name of a set of start poses.
         index: Start pose in it.

@@ -35,9 +35,9 @@ class GaussianRenderer:
         robot: Splats of the links, link frames.
         camera: Pinhole.
         backdrop: Colour where there is no splat at all, sRGB 0..1; None for the background's mean colour. [3].
-        threads: Threads; environments run side by side, so one each.
+        threads: Threads of the rasteriser; one by default, since environments run in parallel.
         oversampling: Pixels to draw along each edge of one of the picture's.
-        shadows: What dims the picture where robot and object stand in the light; None for the light of the films alone.
+        shadows: Shadows of robot and object, which dim the picture; None for the light of the films alone.
 
     The rasteriser widens each splat to about a pixel, which draws an object of ten pixels half as large again. A policy that
     learns from such pictures takes real objects for farther away. So the picture is drawn with more pixels and averaged, and a
@@ -102,7 +102,7 @@ class GaussianRenderer:
         return self.shot(body_poses, cam_from_table).coverage
 
     def _drawn(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> tuple[Array, Array, Array]:
-        """Colours, alpha and summed depth of the bodies at their poses, in their shadows."""
+        """Draw the bodies at their poses, with litter and shadows; return colours, alpha and alpha-weighted sums of depth."""
         seen = self.see(body_poses, cam_from_table)
         splats, threads = self.composition.splats, self.threads
         colours, alphas, depths = draw_seen(splats, seen, self._fine, self.backdrop, threads, antialiased=True)

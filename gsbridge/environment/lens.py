@@ -1,8 +1,8 @@
-"""Image effects of a model in the pictures that a policy learns from: what the gap of pictures named, drawn.
+"""A model's image effects, applied to the pictures that a policy learns from.
 
-An effect is told against the wrist camera as it was calibrated, so it comes after the camera's response, whose gamma, black
-level and clipping act on encoded values. Between the two the picture is therefore encoded once and decoded again, in float32;
-it is rounded to 8 bits at the end, and nowhere before.
+Effects are defined relative to the calibrated wrist camera, so they come after the camera's response. That response's gamma,
+black level and clipping act on encoded values, while effects act on light; the picture is therefore encoded and decoded again
+in between, in float32. It is rounded to 8 bits only at the end.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class WristLens:
 
     Args:
         effects: Effects of the model on pictures; without any, pictures stay as they are.
-        camera: Pinhole of the pictures, as it is thought to be.
+        camera: Nominal pinhole of the pictures.
 
     Attributes:
         plain: Whether there is no effect, so that a picture needs no lens.
@@ -47,13 +47,13 @@ class WristLens:
         return self.how.mount @ cam_from_table
 
     def photo(self, values: Array, cam_from_table: Array, rng: np.random.Generator) -> Array:
-        """Apply the effects to a picture of the camera without them, and round it. uint8 [H, W, 3].
+        """Apply the effects to a picture that was drawn without them, and round it. uint8 [H, W, 3].
 
         Args:
-            values: sRGB, not rounded; clamped to 0..1 before anything else, and NaN counts as black. Drawn with `camera`, which
-                is wider than the photo where the lens bends. [H', W', 3] float32.
-            cam_from_table: Where the camera really sits. [4, 4].
-            rng: Random numbers for the noise; none are drawn where there is no noise.
+            values: sRGB, not rounded; clamped to 0..1 before anything else, and NaN counts as black. They are drawn with the
+                attribute `camera`, which is wider than the photo if the lens distorts. [H', W', 3] float32.
+            cam_from_table: Pose that `pose` returned, with the effects on the mount. [4, 4].
+            rng: Random numbers for the noise; none are drawn if there is no noise.
         """
         values = clamped(values)
         if self._develops:
@@ -65,7 +65,7 @@ class WristLens:
         return to_bytes(with_noise(values, self.how, rng) if self._noisy else values)
 
     def _table_depths(self, cam_from_table: Array) -> Array:
-        """Camera z at which each pixel sees the table, m: shadows lie there. What stands on it is thin for them. [H, W]."""
+        """Return camera z at which each pixel sees the table's plane, m; shadow effects ignore what stands on it. [H, W]."""
         rays = self.nominal.pixel_rays()
         down = rays @ cam_from_table[:3, 2]
         height = float(cam_from_table[:3, 3] @ cam_from_table[:3, 2])

@@ -1,4 +1,4 @@
-"""How the light falls on the work table, from the film of an object on it: the table round the object, with and without it."""
+"""Calibration of the light over the work table: the table round a filmed object is compared with the table without it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from gsbridge.scene.underlay import with_underlay
 from gsbridge.scene.view import shoot
 
 PICTURE_WIDTH = 320
-"""Photos are shrunk to this many pixels: finer detail than the splats hold would only scatter."""
+"""Photos are shrunk to this many pixels: finer detail than the splats hold would only add scatter."""
 
 REACH = 0.25
 """Distance from the object, m, up to which its shadow is looked for."""
@@ -37,13 +37,14 @@ OBJECT_SPHERES, PART_SPHERES = 40, 8
 _EVERY_VIEW, _EVERY_PIXEL = 2, 7
 _MASK_BORDER = 5
 _LIT = 0.3
-"""Share of the places, the least shaded ones, that tell how the two films differ in colour."""
+"""Share of the places, the least shaded ones, from which the difference in colour between the two films is fitted."""
 
 _SHADED = 0.9
 _EXPLAINED = 0.9
 _SCATTER = 0.15
-"""Where a place sees less of the sky than `_SHADED`, the light must leave less than `_EXPLAINED` of the error; all places may
-scatter by `_SCATTER`, of 1: the mirror's films scatter by 0.05, and by 0.26 round the splats of another table."""
+"""Limits of a good fit. Over the places that see less of the sky than `_SHADED`, the fitted light must leave less than
+`_EXPLAINED` of the median error. Over all places, the ratios may scatter by `_SCATTER`: the mirror's films scatter by 0.05,
+and by 0.26 if the splats are those of another table."""
 
 _DARK = 0.03
 """Linear value below which a ratio would be noise."""
@@ -78,12 +79,12 @@ class FilmedShadow:
 
 
 def calibrate_light(record: str | Path, *, robot: str | Path, shown: FilmedShadow | None) -> None:
-    """Find the light over the table, and what of the robot can stand in it.
+    """Calibrate the light over the table, and approximate the robot by spheres that shade it.
 
     Args:
         record: Record of the stage; `LightFile` reads it.
         robot: Folder of the robot's description.
-        shown: A shadow; None for no light and a degraded result.
+        shown: Film of an object's shadow; None for no light and a degraded result.
 
     Raises:
         InputError: A file is missing or damaged, or the photos show too little of the table.
@@ -138,7 +139,7 @@ def _places(item: Asset, views: Views, masks: Path, background: Asset) -> tuple[
         progress.update()
     before, after = np.concatenate(drawn), np.concatenate(seen)
     transmitted = transmittances(np.concatenate(points), spheres, directions(), WIDTH)
-    # The two films differ in exposure and white balance; that much shows where no shadow is.
+    # The two films differ in exposure and white balance; this difference is fitted where there is no shadow.
     open_sky = transmitted.mean(1)
     response = fit_response(*(values[open_sky >= np.quantile(open_sky, 1.0 - _LIT)] for values in (before, after)))
     light = linear_from_srgb(before).mean(1)
@@ -148,7 +149,7 @@ def _places(item: Asset, views: Views, masks: Path, background: Asset) -> tuple[
 
 
 def _compared(view: View, path: Path, masks: Path, floor: Composition, middle: Array) -> tuple[Array, Array, Array]:
-    """Colours of the table as the splats have it and as a photo shows it round the object, [N, 3] each, and where. [N, 3]."""
+    """Return the table's colours round the object in splats and photo, [N, 3] each, and the places, table frame, m. [N, 3]."""
     small = view.camera.scaled(PICTURE_WIDTH / view.camera.width)
     size = (small.width, small.height)
     light = linear_from_srgb(read_image(path).astype(np.float64)).astype(np.float32)
@@ -194,7 +195,7 @@ class LightFile:
         return cls(None if light is None else SkyLight.of(light, str(path)), robot)
 
     def shadows(self, name: str, item: Asset) -> Shadows | None:
-        """What dims pictures with an object, or None without a light."""
+        """Return the shadows of the robot and of an object called `name`; None without a light."""
         if self.light is None:
             return None
         return Shadows(self.light, self.robot, (name, spheres_in(item.mesh(), OBJECT_SPHERES)))

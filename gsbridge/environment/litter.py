@@ -1,9 +1,9 @@
 """Flat things that lie on the table in pictures of a training: what a policy must not take for its object.
 
-A policy that has only ever seen its object on an empty table goes for whatever has the object's colours. So episodes of a
-training may have cards, discs and strips lie about, some in colours of the object. They are painted on the table's plane where
-the picture shows it, under the shadows of what stands there, and have no body. Nothing is painted within the object's box, so
-that its foot stays whole wherever it is pushed.
+A policy that has only ever seen its object on an empty table goes for whatever has the object's colours. So in episodes of a
+training, cards, discs and strips may lie about, some in colours of the object. They have no body: they are painted on the
+table's plane where the picture shows it, under the shadows of what stands there. Nothing is painted within the object's
+bounding box, so that the object's foot stays whole wherever it is pushed.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from gsbridge.geometry import Array
 from gsbridge.tasks.poses import StartRegion
 
 _LEVEL = 0.009
-"""What is seen less far than this above or below the table's plane belongs to the table, m. Fingertips stay farther away, and
-the depth of a background's splats errs by less nearly everywhere."""
+"""Points that are seen less than this above or below the table's plane count as table, m. Fingertips stay farther away, and the
+depth errors of a background's splats are smaller nearly everywhere."""
 
 _CLEAR = 0.03
 """Least distance of a thing's edge from where the object starts, m."""
 
 _MARGIN = 0.002
-"""By what the object's box is widened: its splats reach beyond their centres, m."""
+"""Margin round the object's box, since its splats reach beyond their centres, m."""
 
 _HALF, _FLAT = (0.008, 0.04), (0.25, 1.0)
-"""Smallest and largest half of a thing's length, m, and of its width as a share of that."""
+"""Range of a thing's half length, m, and range of its width as a share of the length."""
 
 _OWN = 0.6
-"""Share of colours that are the object's."""
+"""Probability that a colour is taken from the object's palette."""
 
 _BRIGHTNESS = (0.6, 1.2)
-"""By what a colour of the object is darkened or brightened."""
+"""Range of the factor by which a colour of the object is darkened or brightened."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +43,11 @@ class FlatThing:
     """Something flat on the table.
 
     Args:
-        x, y: Its middle, table frame, m.
-        turn: Of its length against x, rad.
-        length, width: Half of each, m.
-        round: Whether it is an ellipse; a rectangle otherwise.
-        colours: Of both halves of its length, sRGB. [2, 3].
+        x, y: Middle, table frame, m.
+        turn: Angle of its length against the table's x, rad.
+        length, width: Half length and half width, m.
+        round: Whether it is an ellipse; otherwise it is a rectangle.
+        colours: Colours of the two halves along its length, sRGB. [2, 3].
     """
 
     x: float
@@ -61,12 +61,12 @@ class FlatThing:
 
 @dataclass(frozen=True)
 class Litter:
-    """What may lie about.
+    """Distribution of the flat things that may lie on the table.
 
     Args:
         most: Largest number of things that are drawn for one episode; those that would lie in the way are left out.
         palette: Colours of the object, sRGB. [N, 3].
-        region: Where objects start; things lie there, too, and off the plate.
+        region: Where objects start; things lie there, too, but not on the plate.
     """
 
     most: int
@@ -74,11 +74,11 @@ class Litter:
     region: StartRegion
 
     def scattered(self, rng: np.random.Generator, object_xy: Array) -> tuple[FlatThing, ...]:
-        """Things of one episode.
+        """Draw the things of one episode.
 
         Args:
             rng: Generator of the episode.
-            object_xy: Where the object starts; none of them lies there. [2].
+            object_xy: Where the object starts, table frame, m; things keep clear of it. [2].
         """
         things = (self._thing(rng) for _ in range(int(rng.integers(self.most + 1))))
         return tuple(
@@ -115,11 +115,11 @@ def lay(
     table_from_object: Array,
     box: tuple[Array, Array],
 ) -> None:
-    """Paint things on the table where a picture shows it.
+    """Paint things on the table, where a picture shows the table.
 
     Args:
-        things: What lies there.
-        image: Encoded, changed in place. [H, W, 3] float32.
+        things: The things to paint.
+        image: The picture, encoded sRGB, changed in place. [H, W, 3] float32.
         depths, alphas: Alpha-weighted sum of camera z, m, and alpha, as the rasteriser gives them. [H, W] float32.
         camera: Pinhole.
         cam_from_table: Pose of the camera. [4, 4].
@@ -138,7 +138,7 @@ def lay(
     own = ((inside > box[0] - _MARGIN) & (inside < box[1] + _MARGIN)).all(axis=-1) & (alphas > 0.5)
     table = (rays[..., 2] < -1e-6) & (away > 0.0) & ((np.abs(seen[..., 2]) < _LEVEL) | (alphas < 0.5)) & ~own
     point = eye[:2] + away[..., None] * rays[..., :2]
-    # Edges are as soft as a pixel is wide there.
+    # Edges are blurred over the width of a pixel on the table, m.
     pixel = np.maximum(away / fx, 1e-6)
     for thing in things:
         cosine, sine = np.cos(thing.turn), np.sin(thing.turn)

@@ -1,4 +1,4 @@
-"""The control without Gaussians (RL-sim): the same camera and poses, meshes in one colour each or with vertex colours."""
+"""Renderer of the control without Gaussians (RL-sim): same camera and poses, meshes in one or in vertex colours."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gsbridge.scene.view import to_bytes
 
 
 def mean_mesh_colour(mesh: Mesh) -> Array:
-    """Mean sRGB colour of a mesh by area, averaged as light: stands in where no photo and mask are at hand. [3].
+    """Return the mean sRGB colour of a mesh by area, averaged as light; a substitute if there are no photos and masks. [3].
 
     Raises:
         InputError: The mesh has no colours.
@@ -41,10 +41,10 @@ class MeshRenderer:
         robot: Coloured meshes of the links, link frames.
         camera: Pinhole.
         vertex_colours: Draw object and background with their vertex colours; otherwise in one colour each.
-        item_colour: That colour of the object, sRGB 0..1: the mean of its photos inside the mask
+        item_colour: The object's one colour, sRGB 0..1: the mean of its photos inside the mask
             (`gsbridge.scene.meshes.mean_colour`); None for the mesh's mean. [3].
-        background_colour: Colour of the background's mesh. [3].
-        shadows: What dims the picture where robot and object stand in the light, as for splats; None for none, as in RL-sim.
+        background_colour: The background's one colour, sRGB 0..1; None for the mesh's mean. [3].
+        shadows: Shadows of robot and object, which dim the picture, as for splats; None for none, as in RL-sim.
     """
 
     def __init__(
@@ -98,6 +98,6 @@ class MeshRenderer:
         return colours
 
     def coverage(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> float:
-        """Share of a view that meshes fill, with bodies and camera at their poses. [4, 4] each."""
+        """Return the share of a view that meshes fill, with bodies and camera at their poses. [4, 4] each."""
         self.pose(body_poses)
         return float(self.composition.coverage(self.camera, cam_from_table).mean())

@@ -1,4 +1,4 @@
-"""Trials seen from beside the table: arm, object and table as splats, placed anew from what a trial's log tells."""
+"""Pictures of trials from beside the table: arm, object and table as splats, posed as a trial's log says."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from gsbridge.scene.shadows import Shadows
 from gsbridge.scene.view import Shot
 
 EYE, TARGET = (1.15, -1.2, 0.85), (-0.23, 0.0, 0.36)
-"""Where the onlooker stands and looks, table frame, m: on the far side of the table from the arm, a step to its left."""
+"""Where the onlooker stands and looks at, table frame, m: on the far side of the table from the arm, a step to its left."""
 
 FOCAL_SHARE = 1.05
 """Focal length in widths of the picture: a view of some 50 degrees, as of a phone's main camera turned sideways."""
@@ -88,12 +88,12 @@ class OnlookerView:
     def pictures(self, path: TrialPath, every: int = 1) -> list[Array]:
         """Pictures of a trial, its last state included. uint8 [H, W, 3] each.
 
-        The log holds the tool's pose and the opening. Arm joints follow from them by inverse kinematics, each from those before
-        it, so that the elbow may stand a little otherwise than it did; the hand stands where it stood.
+        The log holds the tool's pose and the opening. Inverse kinematics gives the arm's joints, starting from the solution of
+        the state before. The hand is therefore where it was in the trial, but the elbow may differ a little.
 
         Args:
             path: The trial.
-            every: States per picture.
+            every: Draw one picture per this many states.
         """
         joints: Array | None = None
         out = []
@@ -115,7 +115,7 @@ class OnlookerView:
         return out
 
     def _shaded(self, shot: Shot, poses: Mapping[str, Array]) -> Array:
-        """The picture with shadows on the table alone: they are made for level surfaces, seen from above. 0..255 [H, W, 3]."""
+        """Return the picture with shadows on the table only, since they are modelled for level surfaces. 0..255 [H, W, 3]."""
         if self.shadows is None:
             return shot.pixels
         camera = self.renderer.camera
@@ -126,14 +126,14 @@ class OnlookerView:
         return np.where((heights < TABLE_HEIGHT)[..., None], 255.0 * dim, shot.pixels)
 
     def _beyond(self) -> Array:
-        """What stands where nothing was filmed, drawn plainly: level ground, and a stand below the arm. 0..255 [H, W, 3]."""
+        """Draw plainly what was not filmed: level ground, and a stand below the arm. 0..255 [H, W, 3]."""
         camera = self.renderer.camera
         out = np.empty((camera.height, camera.width, 3), np.float32)
         out[:] = 255.0 * np.array(PAPER)
         turns = np.linspace(0.0, 2.0 * np.pi, 90, endpoint=False)
         ground = REACH * np.c_[np.cos(turns), np.sin(turns), 0.0 * turns]
         faces: list[tuple[Array, ArrayLike]] = [(ground, 0.55 * np.array(PAPER) + 0.45 * self.tone)]
-        # Of the stand's four corners, the arm's own axes: front right, front left, back left, back right.
+        # The stand's four corners along the axes of the arm's base: front right, front left, back left, back right.
         half, foot = STAND_EDGE / 2, self.table_from_base[2, 3]
         corners = np.array([[half, -half, 0.0], [half, half, 0.0], [-half, half, 0.0], [-half, -half, 0.0]])
         top = corners @ self.table_from_base[:3, :3].T + self.table_from_base[:3, 3]

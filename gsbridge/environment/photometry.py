@@ -36,11 +36,11 @@ from gsbridge.scene.view import shoot
 from gsbridge.sim.camera import CameraResponse
 
 WIDTH = 160
-"""Photos are shrunk to this many pixels: finer detail than the splats hold would only scatter."""
+"""Photos are shrunk to this many pixels: finer detail than the splats hold would only add scatter."""
 
 OPAQUE = 0.99
 HAND_BORDER = 2
-"""Pixels round the robot that count as neither robot nor table: the poses are good to a fraction of one."""
+"""Width of the border round the robot that counts as neither robot nor table, px; poses are a fraction of a pixel off."""
 
 FEWEST_PIXELS = 500
 FEWEST_OF_LINK = 60
@@ -116,7 +116,7 @@ def calibrate_wrist_camera(
         registration: `registration.json`.
         robot: Folder of the robot's description.
         capture: Folder of the board capture; None where the workspace was typed.
-        background: `asset.json` of the table as it was when the board was photographed; None if that is none of the scenes.
+        background: `asset.json` of the table as it was when the board was photographed; None if no scene shows that table.
             Without capture or background the response is neutral, the colours are the description's, and the result degraded.
 
     Raises:
@@ -155,7 +155,7 @@ def _write(record: str | Path, found: Photometry, reasons: list[str], **figures:
 
 @dataclass(frozen=True)
 class _Samples:
-    """Colours of the table as drawn and as seen [N, 3] each, and colours seen on each link [K, 3]."""
+    """Colours of the table as drawn and as seen in photos, [N, 3] each, and colours seen on each link, [K, 3]."""
 
     drawn: Array
     seen: Array
@@ -207,7 +207,7 @@ class _Hand:
         self._composition = MeshComposition(painted, uniform(table, [0.0] * 3))
 
     def labels(self, poses: Mapping[str, Array], camera: Camera, cam_from_table: Array) -> Array:
-        """Number of the link, from 1, or 0. [H, W] uint8."""
+        """Return the number of the link that each pixel shows, from 1; 0 for the table. [H, W] uint8."""
         self._composition.pose({name: poses[name] for name in self.names})
         return self._composition.render(camera, cam_from_table, samples=1)[..., 0]
 

@@ -1,5 +1,7 @@
-"""Trials of a policy: all sets of start poses in one world, as a table with one row per trial, a log of paths and pictures
-(`gsbridge.environment.trial_log`) and a record. Finished trials are kept aside, so that a killed job goes on with the next.
+"""Trials of a policy in one world, from all sets of start poses.
+
+They result in a table with one row per trial, a log of paths and pictures (`gsbridge.environment.trial_log`) and a record.
+Finished trials are saved one by one, so that a killed job resumes with the next.
 """
 
 from __future__ import annotations
@@ -32,8 +34,8 @@ COLUMNS = (
 
 
 Play = Callable[[str, int, int], tuple[TrialResult, TrialPath]]
-"""Function that plays one trial: from the name of a pose set, the index of a pose in it and the trial's number, which is its
-seed, to outcome and path."""
+"""Function that plays one trial: it takes the name of a pose set, the index of a pose in it and the trial's seed, and returns
+outcome and path."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class TrialPlace:
         table: CSV, one row per trial.
         log: See `gsbridge.environment.trial_log`.
         record: Record of the stage.
-        state: Folder that keeps finished trials until all are done; another key of the job must find another folder.
+        state: Folder that keeps finished trials until all are done; jobs of different keys need different folders.
     """
 
     table: str | Path
@@ -70,9 +72,9 @@ def try_policy(
         policy: Gives an action for an observation.
         place: Files that the outcome is written to.
         name: The world's name, for the record.
-        poses: Poses of each set inside the square of the training, evenly over the quadrants.
-        outside: Poses of the set `outside`, likewise; the square of some tasks leaves none.
-        reasons: Why the outcome is degraded before any trial: the policy itself is.
+        poses: Number of poses of each set inside the start square of the training, evenly over the quadrants.
+        outside: Number of poses of the set `outside`, likewise; ignored if the task's square leaves no room for that set.
+        reasons: Reasons that degrade the outcome before any trial, such as a degraded policy.
 
     Returns:
         Name of the set and outcome, by trial.
@@ -89,12 +91,12 @@ def try_policy(
 
 
 def pose_counts(region: StartRegion, poses: int, outside: int) -> dict[str, int]:
-    """How many start poses of each set are tried.
+    """Return how many start poses of each set are tried.
 
     Args:
         region: Where objects start.
-        poses: Start poses of each set inside the square of the training.
-        outside: Start poses of the set beyond that square, where the region has one.
+        poses: Number of start poses of each set inside the start square of the training.
+        outside: Number of start poses of the set beyond that square, if the region has one.
     """
     counts = {name: outside if name == "outside" else poses for name in sets_of(region)}
     return {name: count for name, count in counts.items() if count}
@@ -110,14 +112,14 @@ def run_trials(
     reasons: Sequence[str] = (),
     facts: Callable[[], Mapping[str, Any]] | None = None,
 ) -> list[tuple[str, TrialResult]]:
-    """Play one episode from every start pose of all sets, and write what came of it.
+    """Play one episode from every start pose of all sets, and write the outcome.
 
     Args:
         play: Plays an episode.
         task: `grasp` or `pick_and_place`.
         place, name, reasons: See `try_policy`.
         counts: Start poses of each set, evenly over the quadrants (`pose_counts`).
-        facts: More for the record; asked for when all trials are done.
+        facts: Gives further entries of the record; called when all trials are done.
 
     Returns:
         Name of the set and outcome, by trial.
@@ -150,7 +152,7 @@ def run_trials(
         counts={pose_set: _counts([trial for found, trial in done if found == pose_set]) for pose_set in counts},
         **(facts() if facts is not None else {}),
     )
-    # The outcome stands: what a killed job would have gone on from is not needed any more.
+    # All results are written, so the trials saved for a killed job are not needed any more.
     for file in state.glob("*"):
         file.unlink()
     return done
@@ -161,7 +163,7 @@ def follow(environment: PickEnvironment, policy: Policy, pose_set: str, index: i
 
     Args:
         environment: Environment in any world.
-        policy: What acts.
+        policy: The policy that acts.
         pose_set: Name of a set of start poses.
         index: Start pose in it.
         seed: Seed of what is random in the episode.
@@ -189,7 +191,8 @@ def follow(environment: PickEnvironment, policy: Policy, pose_set: str, index: i
         int(info["refused"]),
         int(info["clipped"]),
     )
-    return trial, TrialPath(pose_set, index, *columns, jpegs=tuple(jpegs))  # type: ignore[misc,arg-type]  # one column for each field between
+    # The columns are the fields between `index` and `jpegs`.
+    return trial, TrialPath(pose_set, index, *columns, jpegs=tuple(jpegs))  # type: ignore[misc,arg-type]
 
 
 def write_table(path: str | Path, trials: Sequence[tuple[str, TrialResult]]) -> None:
@@ -204,7 +207,7 @@ def write_table(path: str | Path, trials: Sequence[tuple[str, TrialResult]]) -> 
 
 
 def path_row(state: State) -> tuple[Array, ...]:
-    """Columns of a log at one state of one world, without the action."""
+    """Return the columns of a log for one state of one world, without the action."""
     forces = np.array([*state.pad_forces[0], state.robot_contact[0], state.object_contact[0]])
     return (
         state.tool_position[0],
@@ -231,14 +234,14 @@ def _word(value: bool) -> str:
 
 
 def _keep(state: Path, trial: TrialResult, path: TrialPath) -> None:
-    """Keep a finished trial; the outcome comes last and makes it count."""
+    """Save a finished trial; the outcome is written last and marks the trial as complete."""
     stem = state / f"{path.pose_set}-{path.index:02d}"
     write_trial_log(stem.with_suffix(".npz"), [path])
     write_json(stem.with_suffix(".json"), {**trial.__dict__})
 
 
 def _kept(state: Path, pose_set: str, index: int) -> tuple[TrialResult, TrialPath] | None:
-    """A trial that an earlier job finished."""
+    """Read a trial that an earlier job finished; None if none did."""
     stem = state / f"{pose_set}-{index:02d}"
     if not stem.with_suffix(".json").is_file():
         return None

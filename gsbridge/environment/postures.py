@@ -1,4 +1,4 @@
-"""Postures of the arm over an object from which the wrist camera is photographed, and what the splats say of them.
+"""Postures of the arm over an object at which the wrist camera takes photos, and the pictures that splats predict there.
 
 For each posture: joint angles, the object's place, the camera's pose, and the depth of every pixel. A robot takes photos from
 these postures while all is well, and again when a policy fails (`gsbridge.gap.image`).
@@ -40,8 +40,8 @@ def draw_postures(
             view), `depths.npz` (`depths`, [N, H, W] float32, camera z, m, 0 where unknown), and the drawn pictures
             `{view}.png`.
         record: Record of the stage.
-        count: Postures.
-        seed: Seed of the start poses; they are in neither of the sets that policies are judged by.
+        count: Number of postures.
+        seed: Seed of the start poses; they are in none of the sets that policies are judged by.
 
     Raises:
         InputError: A file is missing or of the wrong kind.
@@ -49,7 +49,7 @@ def draw_postures(
     """
     renderer = cast(GaussianRenderer, build_renderer(files, settings))
     environment, controller = build_environment(files, settings), build_controller(files.item, settings)
-    # As the camera was calibrated; its noise is no part of what the simulation says.
+    # The camera as it was calibrated, but without noise, which is no part of the prediction.
     response, rng = replace(camera_response(files), shot_noise=0.0, read_noise=0.0), np.random.default_rng(0)
     progress, states, views, depths, held = ProgressLog(count, "postures"), [], [], [], 0
     with atomic_directory(out) as folder:

@@ -1,4 +1,4 @@
-"""What an arm knows of itself, and what it is commanded next: one code for training, trials and robots.
+"""Proprioception of an arm, and its next command: the same code for training, trials and robots.
 
 `proprio` of the observation, float32, cut to +-`PROPRIO_BOUND`:
 
@@ -12,8 +12,9 @@
 | 10 | commanded minus measured opening; stays below zero on a gripped object | an action of 1 |
 | 11 | change of the measured opening since the observation before; 0 in the first | 10 mm |
 
-Fingers that were told to close and stand still hold something. Without the last entry a policy can only tell by the opening
-itself, to the millimetre of the reconstructed object, and waits for ever beside a real one that is 1 mm wider.
+Fingers that are commanded to close but stand still hold something. Without the last entry a policy can tell this only from the
+opening itself: it learns the reconstructed object's width to the millimetre, and waits for ever at a real object that is 1 mm
+wider.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ class Reached:
         position: Tool point, table frame, m. [3].
         yaw: Turn of the tool about the vertical, rad; see `gsbridge.robot.reach.tool_down`.
         aperture: Distance of the pads, m.
-        travel: Change of that since the control step before, m.
+        travel: Change of the aperture since the control step before, m.
     """
 
     position: Array
@@ -57,13 +58,13 @@ class Reached:
     def of_state(cls, state: State) -> Reached:
         """Pose and opening in the state of one world."""
         w, x, y, z = state.tool_quat[0].tolist()
-        # As `State.tool_yaw`, of which numpy would make a dozen calls for one number.
+        # The formula of `State.tool_yaw`, which would take a dozen numpy calls for one number.
         yaw = math.atan2(2.0 * (x * y + w * z), w * w + x * x - y * y - z * z)
         return cls(state.tool_position[0].copy(), yaw, float(state.aperture[0]))
 
     @classmethod
     def of_pose(cls, table_from_tool: Array, aperture: float) -> Reached:
-        """Pose and opening as an arm measures them: pose of the tool, [4, 4], and opening, m."""
+        """Pose and opening as an arm measures them: pose of the tool in the table frame, [4, 4], and opening, m."""
         return cls(np.array(table_from_tool[:3, 3], dtype=np.float64), _yaw(np.asarray(table_from_tool)), float(aperture))
 
     def after(self, before: Reached | None) -> Reached:
@@ -78,11 +79,11 @@ def begin(target: ToolTarget, reached: Reached) -> None:
 
 
 def next_command(target: ToolTarget, reached: Reached, action: Array) -> tuple[Array, float, float]:
-    """The command that an action makes: the last one, held back to the arm, and one step further.
+    """Return the command after an action: the last command, held back to near the arm (`ToolTarget.tether`), and one step more.
 
     Args:
         target: The last command; it is changed.
-        reached: Where the tool is.
+        reached: Measured pose of the tool and opening.
         action: See `gsbridge.sim.actions`. [5].
 
     Returns:
@@ -113,7 +114,7 @@ def proprioception(target: ToolTarget, reached: Reached) -> Array:
         (target.aperture - reached.aperture) / scale.aperture,
         reached.travel / _TRAVEL_M,
     ]
-    # A world that broke down ends its episode; its last observation must still be one, without a NaN.
+    # A world that broke down ends its episode; its last observation must still be valid, without a NaN.
     return np.array(
         [0.0 if math.isnan(value) else min(max(value, -PROPRIO_BOUND), PROPRIO_BOUND) for value in values],
         dtype=np.float32,

@@ -40,13 +40,13 @@ class Renderer(Protocol):
 
     camera: Camera
     lying: Sequence[FlatThing]
-    """What lies flat on the table; whoever draws an episode says what."""
+    """Flat things on the table; whoever draws an episode sets them."""
 
     def render(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Array:
         """The picture.
 
         Args:
-            body_poses: `table_from_body` by name; bodies without a look of their own (frames) are passed over. [4, 4] each.
+            body_poses: `table_from_body` by name; bodies that nothing is drawn for (frames) are ignored. [4, 4] each.
             cam_from_table: OpenCV axes. [4, 4].
 
         Returns:
@@ -54,7 +54,7 @@ class Renderer(Protocol):
         """
 
     def draw(self, body_poses: Mapping[str, Array], cam_from_table: Array) -> Array:
-        """The picture before `render` rounds it, for what changes it further.
+        """The picture before `render` rounds it, for further processing.
 
         Args:
             body_poses, cam_from_table: As in `render`. [4, 4] each.
@@ -65,7 +65,7 @@ class Renderer(Protocol):
 
 
 def check_drawn(names: tuple[str, ...], body_poses: Mapping[str, Array]) -> None:
-    """Make sure that everything that is drawn has a pose. [4, 4] each.
+    """Check that every drawn body has a pose. [4, 4] each.
 
     Raises:
         InputError: A body is missing: the splats or meshes belong to another robot.

@@ -25,7 +25,7 @@ TOTAL = 8000
 """Splats of the whole robot: the desktop budget."""
 
 HAND_SHARE = 0.85
-"""Share of them on the links behind the flange: the wrist camera sees these near and the arm hardly ever."""
+"""Share of the splats on links beyond the flange: the wrist camera sees these links close by, and the arm hardly ever."""
 
 FEWEST = 24
 RECORD = "robot_splats.json"
@@ -36,7 +36,7 @@ def link_meshes(robot: RobotFiles, colours: Mapping[str, Colour] | None = None) 
 
     Args:
         robot: The robot's files.
-        colours: sRGB by link that replaces the description's.
+        colours: sRGB by link, which replaces the description's.
 
     Raises:
         InputError: A colour is given for a link that is not drawn.

@@ -23,8 +23,8 @@ DEFAULT_STEPS = {"grasp": 80, "pick_and_place": 120}
 """Steps until time-out: about twice what the baseline controllers take. (RL-GSBridge's code: 115 for both.)"""
 
 START_SIDES = {"grasp": 0.30, "pick_and_place": 0.33}
-"""Edge of the square in which objects start, m. The plate takes the middle of it, so that the second needs all the room there
-is: the workspace, less 5 mm on each side."""
+"""Edge of the square in which objects start, m. In `pick_and_place` the plate takes the middle, so the square fills the
+workspace, less 5 mm on each side."""
 
 
 @dataclass(frozen=True)
@@ -55,14 +55,14 @@ class EnvironmentSettings:
         task: `grasp` (lift by 10 cm and hold) or `pick_and_place` (set down on the plate and let go).
         image_size: Edge of the square image, px: 64 or 128.
         renderer: `gs` (splats), `gs_soft` (splats of the soft binding), `mesh` (meshes in one colour each) or `mesh_vertex`
-            (meshes with vertex colours), both also as `…_shaded`, in shadows as splats are; worlds with a camera of their
-            own do not use it.
+            (meshes with vertex colours). Both mesh renderers exist as `…_shaded`, too, with the shadows that splats get. Worlds
+            with a camera of their own do not use it.
         max_steps: Steps until time-out; None for `DEFAULT_STEPS`.
         position_step: Step of the tool for an action of 1, m; at most `MAX_POSITION_STEP`.
         yaw_step: Turn for an action of 1, rad.
         aperture_step: Change of the opening for an action of 1, m.
-        max_contact_force: Force with which a carried object may press on plate or table, N.
-        hold_steps: Steps in a row for which a grasped object must be held up.
+        max_contact_force: Largest force with which a carried object may press on plate or table, N.
+        hold_steps: Consecutive steps for which a grasped object must be held up.
         start_centre: Middle of the square in which objects start, table frame, m.
         start_side: Edge of the region where objects start, m; None for `START_SIDES`.
         start_yaw: Smallest and largest yaw of the object at the start, rad.

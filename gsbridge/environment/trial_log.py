@@ -10,7 +10,7 @@ before any action:
 | `tool`, `tool_yaw`, `aperture` | [N, 3]; [N]; [N] | measured tool point, turn about the vertical, opening |
 | `object_position`, `object_quat` | [N, 3]; [N, 4] | pose of the object, wxyz |
 | `forces` | [N, 4] | `gsbridge.tasks.episode.FORCES` |
-| `actions` | [N, 5] | what was done in this state; zeros in a trial's last |
+| `actions` | [N, 5] | action in this state; zeros in a trial's last |
 | `picture_first`, `pictures` | [N + 1]; [B] uint8 | JPEG of the picture in state k: bytes `picture_first[k]` to `[k + 1]` |
 """
 
@@ -48,7 +48,7 @@ _PATHS = {
 
 @dataclass(frozen=True)
 class TrialPath:
-    """One trial; the module tells what the arrays hold, N states.
+    """One trial of N states; the module's docstring describes the arrays.
 
     Raises:
         ValueError: Arrays do not fit together.

@@ -55,7 +55,7 @@ class TrialResult:
 
 
 def spread(count: int) -> list[int]:
-    """`count` of the 32 poses of a set, evenly over the quadrants.
+    """Choose `count` of the 32 poses of a set, evenly over the quadrants.
 
     Raises:
         InputError: The set has fewer poses.
@@ -70,7 +70,7 @@ def run_trial(environment: PickEnvironment, policy: Policy, pose_set: str, index
 
     Args:
         environment: World to run the episode in; it is reset.
-        policy: What acts.
+        policy: The policy or controller that acts.
         pose_set: Name of the set of start poses.
         index: Number of the start pose in the set.
     """
@@ -140,7 +140,7 @@ def write_trials(
 
     Args:
         record: Record of the stage, with every trial.
-        trials: Outcome of the trials, as many of each seed.
+        trials: Outcomes of the trials, equally many of each seed.
         task: `grasp` or `pick_and_place`.
         name: The world's name.
         pose_set: `fixed` or `unseen`.

@@ -64,7 +64,7 @@ def draw_views(
     renderers[UNSHADED] = build_renderer(replace(files, light=None), replace(settings, renderer="gs"))
     environment = build_environment(files, replace(settings, renderer="mesh"))
     controller = build_controller(files.item, settings)
-    # As the camera was calibrated; the model's noise would only blur the comparison.
+    # The camera as it was calibrated, but without the model's noise, which would only blur the comparison.
     response, rng = replace(camera_response(files), shot_noise=0.0, read_noise=0.0), np.random.default_rng(0)
     progress = ProgressLog(count, "views")
     states: list[ViewState] = []
@@ -109,12 +109,12 @@ def draw_views(
 def moment_of(
     environment: PickEnvironment, info: Mapping[str, Any], start: int
 ) -> tuple[ViewState, Mapping[str, Array], Array]:
-    """State, body poses and camera pose at this moment of an episode.
+    """Return the state, body poses and camera pose at this moment of an episode.
 
     Args:
         environment: World that the episode runs in.
         info: What its last step or reset returned.
-        start: Number of the start pose, which the state carries on.
+        start: Number of the start pose, which is stored in the state.
 
     Returns:
         State; pose of each body in the table frame, by its name; `cam_from_table` [4, 4].
